@@ -1,30 +1,35 @@
-"""Whether a motion looks like one: jerk, sliding feet, floor, bones. Pure functions on joints (..., T, J, 3), y up.
+"""Physical plausibility: jerk, sliding feet, floor, bones. Pure functions of joints (..., T, J, 3), y up.
 
-Lengths are the joints' own unit (metres for HumanML3D); arrays go to float64. A real motion is not 0 in any of these,
-so print the real data's number beside.
+Lengths are in the joints' own unit (metres for HumanML3D). Real motion is not 0 in any of these, so print the number of
+real data beside. numpy arrays are computed in float64. jax arrays keep their type and work inside jit, vmap and grad,
+so a measure can be a loss; gradients are finite where a foot stands still, too. `skating_ratio` counts frames: its
+gradient is 0, and `foot_speed` and `planted_speed` are the measures of skating to minimise.
 """
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Num
-from scipy.ndimage import uniform_filter1d
 
+from motion_jax.motion import rotations as rot
+from motion_jax.motion.rotations import A
 from motion_jax.motion.skeleton import HUMANML3D, Skeleton, facing
+from motion_jax.motion.smoothing import moving_average
 from motion_jax.shapes import Array
 
 # Mean jerk of real transitions, the level that AUJ is measured from (FlowMDM's; docs/papers/cmdm.md#long-horizon).
 REAL_JERK = {"humanml3d": 0.033031363, "babel": 0.016383045}
 
 
-def jerk(joints: Num[Array, "*lead t j 3"]) -> Float[np.ndarray, "*lead t-3"]:
+def jerk(joints: Num[A, "*lead t j 3"]) -> Float[A, "*lead t-3"]:
   """Jerk per frame, (..., T - 3): third difference, L1 norm over x, y, z, the largest over joints; no division by time.
   """
-  return np.abs(_differences(joints, 3)).sum(-1).max(-1)
+  return abs(_differences(joints, 3)).sum(-1).max(-1)
 
 
-def jerk_curve(transitions: Num[Array, "n w j 3"]) -> Float[np.ndarray, " w-3"]:
+def jerk_curve(transitions: Num[A, "n w j 3"]) -> Float[A, " w-3"]:
   """Mean jerk at each place of transitions (N, W, J, 3), the same frames around each border -> (W - 3,)."""
-  transitions = np.asarray(transitions)
+  transitions = rot.namespace(transitions).asarray(transitions)
   if transitions.ndim != 4 or not len(transitions):
     raise ValueError(f"got transitions of shape {transitions.shape}, expected (N, frames, joints, 3)")
   return jerk(transitions).mean(0)
@@ -53,21 +58,22 @@ def cut_transitions(motion: Num[Array, " t *frame"], borders: Sequence[int] | np
   return np.stack([motion[border - half:border + width - half] for border in borders])
 
 
-def transition_distance(joints: Num[Array, "t j 3"], borders: Sequence[int] | np.ndarray, skeleton: Skeleton = HUMANML3D
-                        ) -> Float[np.ndarray, " n"]:
+def transition_distance(joints: Num[A, "t j 3"], borders: Sequence[int] | np.ndarray, skeleton: Skeleton = HUMANML3D
+                        ) -> Float[A, " n"]:
   """Mean joint step into each border of joints (T, J, 3), path and heading taken out (STMC's) -> (N,)."""
-  joints, borders = np.asarray(joints, np.float64), np.asarray(borders)
+  joints, borders = _differences(joints, 0), np.asarray(borders)
   if len(borders) and not (0 < borders.min() and borders.max() < len(joints)):
     raise ValueError(f"got borders {borders.tolist()} in a motion of {len(joints)} frames, expected 1 to the last")
   ahead = facing(joints, skeleton)
   local = joints - joints[:, :1]
   x, z = ahead[:, None, 0], ahead[:, None, 2]
-  turned = np.stack([local[..., 0] * z - local[..., 2] * x, local[..., 1], local[..., 0] * x + local[..., 2] * z], -1)
-  return np.linalg.norm(turned[borders] - turned[borders - 1], axis=-1).mean(-1)
+  turned = rot.namespace(joints).stack(
+      [local[..., 0] * z - local[..., 2] * x, local[..., 1], local[..., 0] * x + local[..., 2] * z], -1)
+  return rot.length(turned[borders] - turned[borders - 1]).mean(-1)
 
 
-def foot_speed(joints: Num[Array, "*lead t j 3"], fps: float = 20.0, skeleton: Skeleton = HUMANML3D, low: float = 0.05,
-               window: int = 5) -> Float[np.ndarray, "*lead t-1 2"]:
+def foot_speed(joints: Num[A, "*lead t j 3"], fps: float = 20.0, skeleton: Skeleton = HUMANML3D, low: float = 0.05,
+               window: int = 5) -> Float[A, "*lead t-1 2"]:
   """Speed of each foot's toes over the ground while they are low, else 0: (..., T - 1, 2), left and right.
 
   Low is under `low` metres in both frames of a step; the speed is a mean over `window` steps, zeros outside the clip.
@@ -76,57 +82,57 @@ def foot_speed(joints: Num[Array, "*lead t j 3"], fps: float = 20.0, skeleton: S
   return contact * mean
 
 
-def skating_ratio(joints: Num[Array, "*lead t j 3"], fps: float = 20.0, skeleton: Skeleton = HUMANML3D,
-                  low: float = 0.05, fast: float = 0.5, window: int = 5) -> Float[np.ndarray | np.floating, "*lead"]:
+def skating_ratio(joints: Num[A, "*lead t j 3"], fps: float = 20.0, skeleton: Skeleton = HUMANML3D,
+                  low: float = 0.05, fast: float = 0.5, window: int = 5) -> Float[Array | np.floating, "*lead"]:
   """Share of steps (...,) in which a low foot slides: over `fast` m/s in the step and in the mean of `window`."""
   speed, contact, mean = _foot_steps(joints, fps, skeleton, low, window)
   return (contact & (speed > fast) & (mean > fast)).any(-1).mean(-1)
 
 
-def planted_speed(joints: Num[Array, "*lead t j 3"], fps: float = 20.0, skeleton: Skeleton = HUMANML3D,
-                  low: float = 0.04) -> Float[np.ndarray | np.floating, "*lead"]:
+def planted_speed(joints: Num[A, "*lead t j 3"], fps: float = 20.0, skeleton: Skeleton = HUMANML3D,
+                  low: float = 0.04) -> Float[Array | np.floating, "*lead"]:
   """Mean speed (...,) over the ground of the slowest of both feet's ankles and toes while a foot is down.
 
-  Somebody who stands or walks has always a point at rest: this is how fast a body slides that should not. A foot is
+  A body that stands or walks always has a point at rest: this is how fast it slides when it should not. A foot is
   down while the lower toes are under `low` metres over the height that feet usually go down to; 0 where none ever is.
   """
   joints = _of(skeleton, joints)
+  xp: Any = rot.namespace(joints)
   feet = joints[..., list(skeleton.left_feet + skeleton.right_feet), :]
   toes = joints[..., [skeleton.left_feet[-1], skeleton.right_feet[-1]], 1].min(-1)
-  speed = np.linalg.norm(_differences(feet, 1)[..., [0, 2]], axis=-1).min(-1) * fps
-  down = toes[..., 1:] < np.percentile(feet[..., 1].min(-1), 5, axis=-1)[..., None] + low
-  return (speed * down).sum(-1) / np.maximum(down.sum(-1), 1)
+  speed = rot.length(_differences(feet, 1)[..., [0, 2]]).min(-1) * fps
+  down = toes[..., 1:] < xp.percentile(feet[..., 1].min(-1), 5, axis=-1)[..., None] + low
+  return (speed * down).sum(-1) / xp.maximum(down.sum(-1), 1)
 
 
-def foot_height(joints: Num[Array, "*lead t j 3"], skeleton: Skeleton = HUMANML3D) -> Float[np.ndarray, "*lead t"]:
+def foot_height(joints: Num[A, "*lead t j 3"], skeleton: Skeleton = HUMANML3D) -> Float[A, "*lead t"]:
   """Height of the lowest foot joint above the floor y = 0 in each frame, (..., T); below 0 it has sunk in."""
   return _of(skeleton, joints)[..., list(skeleton.left_feet + skeleton.right_feet), 1].min(-1)
 
 
-def floating(joints: Num[Array, "*lead t j 3"], skeleton: Skeleton = HUMANML3D
-             ) -> Float[np.ndarray | np.floating, "*lead"]:
+def floating(joints: Num[A, "*lead t j 3"], skeleton: Skeleton = HUMANML3D) -> Float[Array | np.floating, "*lead"]:
   """Mean height (...,) of the lowest foot joint above the floor; a jump counts too, so compare with real motion."""
-  return np.maximum(foot_height(joints, skeleton), 0).mean(-1)
+  height = foot_height(joints, skeleton)
+  return rot.namespace(height).maximum(height, 0).mean(-1)
 
 
-def penetration(joints: Num[Array, "*lead t j 3"]) -> Float[np.ndarray | np.floating, "*lead"]:
+def penetration(joints: Num[A, "*lead t j 3"]) -> Float[Array | np.floating, "*lead"]:
   """Mean depth (...,) of the lowest joint below the floor y = 0."""
   joints = _differences(joints, 0)
-  return np.maximum(-joints[..., 1].min(-1), 0).mean(-1)
+  return rot.namespace(joints).maximum(-joints[..., 1].min(-1), 0).mean(-1)
 
 
-def bone_drift(joints: Num[Array, "*lead t j 3"], skeleton: Skeleton = HUMANML3D
-               ) -> Float[np.ndarray | np.floating, "*lead"]:
+def bone_drift(joints: Num[A, "*lead t j 3"], skeleton: Skeleton = HUMANML3D) -> Float[Array | np.floating, "*lead"]:
   """Mean over frames and bones (...,) of how far a bone is from its mean length in the clip."""
   joints = _of(skeleton, joints)
   child = [j for j, parent in enumerate(skeleton.parents) if parent >= 0]
-  lengths = np.linalg.norm(joints[..., child, :] - joints[..., [skeleton.parents[j] for j in child], :], axis=-1)
-  return np.abs(lengths - lengths.mean(-2, keepdims=True)).mean((-2, -1))
+  lengths = rot.length(joints[..., child, :] - joints[..., [skeleton.parents[j] for j in child], :])
+  return abs(lengths - lengths.mean(-2, keepdims=True)).mean((-2, -1))
 
 
-def acceleration(joints: Num[Array, "*lead t j 3"], fps: float = 20.0) -> Float[np.ndarray | np.floating, "*lead"]:
+def acceleration(joints: Num[A, "*lead t j 3"], fps: float = 20.0) -> Float[Array | np.floating, "*lead"]:
   """Mean acceleration of joints (...,), in their unit per second squared."""
-  return (np.linalg.norm(_differences(joints, 2), axis=-1) * fps**2).mean((-2, -1))
+  return (rot.length(_differences(joints, 2)) * fps**2).mean((-2, -1))
 
 
 # Which of them rows of an evaluation have: {name there: name in `summary`}.
@@ -148,7 +154,7 @@ def summary(joints: Num[Array, "t j 3"], fps: float = 20.0, skeleton: Skeleton =
 
 
 def _of(skeleton, joints):
-  """Joints in float64, after a look at whether they are this skeleton's."""
+  """Joints in float64 (jax arrays in their own type), checked to be this skeleton's."""
   joints = _differences(joints, 0)
   if joints.shape[-2] != skeleton.num_joints:
     raise ValueError(f"got {joints.shape[-2]} joints, skeleton {skeleton.name!r} has {skeleton.num_joints}; name the "
@@ -157,17 +163,18 @@ def _of(skeleton, joints):
 
 
 def _differences(joints, order):
-  joints = np.asarray(joints, np.float64)
+  xp = rot.namespace(joints)
+  joints = xp.asarray(joints, np.float64 if xp is np else None)
   if joints.ndim < 3 or joints.shape[-3] <= order or joints.shape[-1] != 3:
     raise ValueError(f"got joints of shape {joints.shape}, expected (..., frames, joints, 3) with {order + 1} frames "
                      "or more")
-  return np.diff(joints, n=order, axis=-3)
+  return xp.diff(joints, n=order, axis=-3)
 
 
 def _foot_steps(joints, fps, skeleton, low, window):
   """Toes, left and right: speed of each step, whether they are low at both its ends, and the mean speed around it."""
   joints = _of(skeleton, joints)
   toes = joints[..., [skeleton.left_feet[-1], skeleton.right_feet[-1]], :]
-  speed = np.linalg.norm(_differences(toes, 1)[..., [0, 2]], axis=-1) * fps
+  speed = rot.length(_differences(toes, 1)[..., [0, 2]]) * fps
   down = toes[..., 1] < low
-  return speed, down[..., :-1, :] & down[..., 1:, :], uniform_filter1d(speed, window, axis=-2, mode="constant")
+  return speed, down[..., :-1, :] & down[..., 1:, :], moving_average(speed, window)

@@ -5,58 +5,76 @@ best, or that of the body where they lie on one line; any other turns as little 
 chooses turns as a body would, from a T-pose of its own.)
 """
 import dataclasses
+from typing import Any
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
 from motion_jax.motion import rotations as rot
+from motion_jax.motion.rotations import A
 from motion_jax.motion.skeleton import THIN, Skeleton, body_axes, bone_lengths, from_nearest
 
 
-def world_rotations(joints: Float[np.ndarray, "t j 3"], skeleton: Skeleton) -> Float[np.ndarray, "t j 4"]:
-  """World rotations, quaternions (T, J, 4), that bring the skeleton's bones at rest onto those of joints (T, J, 3)."""
+def world_rotations(joints: Float[A, "*lead t j 3"], skeleton: Skeleton) -> Float[A, "*lead t j 4"]:
+  """World rotations, quaternions (..., T, J, 4), that bring the skeleton's bones at rest onto those of joints
+  (..., T, J, 3)."""
+  xp: Any = rot.namespace(joints)
   parents, offsets = skeleton.parents, skeleton.offsets
-  bones = joints - joints[:, np.maximum(parents, 0)]
+  bones = joints - joints[..., np.maximum(parents, 0), :]
   length = np.linalg.norm(offsets, axis=-1)
   # A joint in its parent's place (SnapMoGen's pelvis) turns with it, and its bones count as the parent's.
   holder = [j if j == 0 or length[j] > 1e-6 else parents[j] for j in range(skeleton.num_joints)]
   members = [[k for k in range(1, skeleton.num_joints) if length[k] > 1e-6 and holder[parents[k]] == j]
              for j in range(skeleton.num_joints)]
+  none = xp.broadcast_to(xp.asarray([1.0, 0, 0, 0], joints.dtype), joints.shape[:-2] + (4,))
   turned: list = [None] * skeleton.num_joints
-  for joint in order(skeleton):
-    above = turned[parents[joint]] if joint else np.tile([1.0, 0, 0, 0], (len(joints), 1))
-    below = members[joint]
-    if holder[joint] != joint or not below:
-      turned[joint] = above
-    elif len(below) == 1:
-      now, bone = rot.rotate(above, skeleton.rest_directions[below[0]]), bones[:, below[0]]
-      size = np.linalg.norm(bone, axis=-1, keepdims=True)
-      bone = np.where(size > 1e-9, bone / np.maximum(size, 1e-9), now)  # a bone of no length turns with its parent
-      turned[joint] = rot.multiply(rot.between(now, bone), above)
-    else:
-      turned[joint] = rot.from_matrix(_fit(joints, bones[:, below], offsets[below], joint, skeleton))
-  return rot.unit(np.stack(turned, axis=1))
+  for level in levels(skeleton):
+    single = [joint for joint in level if holder[joint] == joint and len(members[joint]) == 1]
+    for joint in set(level) - set(single):
+      fits = holder[joint] == joint and members[joint]
+      turned[joint] = turned[parents[joint]] if joint else none
+      if fits:
+        bend = bones[..., members[joint], :]
+        turned[joint] = rot.from_matrix(_fit(joints, bend, offsets[members[joint]], joint, skeleton))
+    if single:
+      children = [members[joint][0] for joint in single]
+      above = xp.stack([turned[parents[joint]] if joint else none for joint in single], axis=-2)
+      now = rot.rotate(above, xp.asarray(skeleton.rest_directions[children], joints.dtype))
+      bone = bones[..., children, :]
+      size = rot.length(bone)[..., None]
+      bone = xp.where(size > 1e-9, bone / xp.maximum(size, 1e-9), now)  # a bone of no length turns with its parent
+      for index, q in enumerate(xp.moveaxis(rot.multiply(rot.between(now, bone), above), -2, 0)):
+        turned[single[index]] = q
+  return rot.unit(xp.stack(turned, axis=-2))
 
 
-def _fit(joints: Float[np.ndarray, "t j 3"], bones: Float[np.ndarray, "t n 3"], shape: Float[np.ndarray, "n 3"],
-         joint: int, skeleton: Skeleton) -> Float[np.ndarray, "t 3 3"]:
-  """The turns (T, 3, 3) of a joint by the bones below it; by the body's axes where these do not span a plane."""
-  thin = THIN * np.median(bone_lengths(joints, skeleton)[:, list(skeleton.leg_bones)].sum(-1))
-  spread = np.linalg.svd(bones, compute_uv=False)[:, 1]
-  if np.median(spread) > thin:
+def _fit(joints: Float[A, "*lead t j 3"], bones: Float[A, "*lead t n 3"], shape: Float[np.ndarray, "n 3"],
+         joint: int, skeleton: Skeleton) -> Float[A, "*lead t 3 3"]:
+  """The turns (..., T, 3, 3) of a joint by the bones below it; by the body's axes where these do not span a plane."""
+  xp: Any = rot.namespace(joints)
+  thin = THIN * xp.median(bone_lengths(joints, skeleton)[..., list(skeleton.leg_bones)].sum(-1), axis=-1)
+  spread = xp.linalg.svd(jax.lax.stop_gradient(bones) if xp is jnp else bones, compute_uv=False)[..., 1]
+  by_bones = xp.median(spread, axis=-1) > thin
+  if xp is np and by_bones.all():
     return from_nearest(rot.best_turn(bones, shape), spread > 1e-6 * thin)
   rest = np.zeros((1, skeleton.num_joints, 3))
   for child in order(skeleton)[1:]:
     rest[:, child] = rest[:, skeleton.parents[child]] + skeleton.offsets[child]
   part = int(joint == skeleton.chains[3][0])
-  return body_axes(joints, skeleton)[part] @ body_axes(rest, skeleton)[part][0].T
+  by_body = body_axes(joints, skeleton)[part] @ xp.asarray(body_axes(rest, skeleton)[part][0].T, joints.dtype)
+  if xp is np:
+    return by_body
+  fitted = from_nearest(rot.best_turn(bones, shape), spread > 1e-6 * thin[..., None])
+  return jnp.where(by_bones[..., None, None, None], fitted, by_body)
 
 
-def relative(turned: Float[np.ndarray, "t j 4"], skeleton: Skeleton) -> Float[np.ndarray, "t j 4"]:
-  """World rotations (T, J, 4) to rotations relative to the parents; the root's stays."""
+def relative(turned: Float[A, "*lead j 4"], skeleton: Skeleton) -> Float[A, "*lead j 4"]:
+  """World rotations (..., J, 4) to rotations relative to the parents; the root's stays."""
   parents = np.maximum(skeleton.parents, 0)
-  local = rot.multiply(rot.conjugate(turned[:, parents]), turned)
-  return np.concatenate([turned[:, :1], local[:, 1:]], axis=1)
+  local = rot.multiply(rot.conjugate(turned[..., parents, :]), turned)
+  return rot.namespace(turned).concatenate([turned[..., :1, :], local[..., 1:, :]], axis=-2)
 
 
 def forward(root: Float[np.ndarray, "t 3"], turned: Float[np.ndarray, "t j 4"], skeleton: Skeleton
@@ -77,9 +95,14 @@ def with_rest(skeleton: Skeleton, offsets: Float[np.ndarray, "j 3"]) -> Skeleton
   return dataclasses.replace(skeleton, rest_directions=directions, bone_lengths=lengths)
 
 
+def levels(skeleton: Skeleton) -> list[list[int]]:
+  """Joints by their number of ancestors: the root, its children, theirs."""
+  found = [[0]]
+  while below := [k for k, parent in enumerate(skeleton.parents) if parent in found[-1]]:
+    found.append(below)
+  return found
+
+
 def order(skeleton: Skeleton) -> list[int]:
   """Joints, parents before children."""
-  found = [0]
-  for joint in found:
-    found += [k for k, parent in enumerate(skeleton.parents) if parent == joint]
-  return found
+  return [joint for level in levels(skeleton) for joint in level]

@@ -4,11 +4,14 @@
 letting the feet slide; `mirror` swaps left and right. numpy, float64, whole clips at once.
 """
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Num
 
+from motion_jax.motion import rotations as rot
 from motion_jax.motion.pose import t_pose
+from motion_jax.motion.rotations import A
 from motion_jax.motion.skeleton import HUMANML3D, Skeleton, body_axes
 from motion_jax.shapes import Array
 
@@ -89,28 +92,29 @@ def bend(start: Float[np.ndarray, "t 3"], end: Float[np.ndarray, "t 3"], side: F
   return start + upper * (cosine * line / np.maximum(distance, 1e-9) + sine * side)
 
 
-def with_lengths(source: Float[np.ndarray, "t j 3"], skeleton: Skeleton) -> Float[np.ndarray, "t j 3"]:
+def with_lengths(source: Float[A, "*lead t j 3"], skeleton: Skeleton) -> Float[A, "*lead t j 3"]:
   """The source's bone directions with the skeleton's lengths, from the source's root.
 
   A bone of no length goes straight on from the one before; the first of a limb, as it does in a T-pose of the body.
   """
-  result = source.copy()
-  least = _NO_LENGTH * skeleton.bone_lengths[list(skeleton.leg_bones)].sum()
+  xp: Any = rot.namespace(source)
+  bones = source - source[..., np.maximum(skeleton.parents, 0), :]
+  lengths = rot.length(bones)[..., None]
+  known = lengths > _NO_LENGTH * skeleton.bone_lengths[list(skeleton.leg_bones)].sum()
+  directions = bones / xp.maximum(lengths, 1e-9)
+  joints = {skeleton.chains[0][0]: source[..., skeleton.chains[0][0], :]}
   axes = None
   for chain in skeleton.chains:
-    direction = None
+    direction = xp.zeros_like(bones[..., 0, :])
+    first = chain[1]
+    if skeleton.bone_lengths[first] > 0 and (xp is not np or not known[..., first, :].all()):
+      axes = axes or body_axes(source, skeleton)
+      rest = t_pose(skeleton)[first] / skeleton.bone_lengths[first]
+      direction = axes[int(chain[0] == skeleton.chains[3][0])] @ xp.asarray(rest, bones.dtype)
     for parent, joint in zip(chain[:-1], chain[1:]):
-      bone = source[:, joint] - source[:, parent]
-      length = np.linalg.norm(bone, axis=-1, keepdims=True)
-      if direction is None:
-        direction = np.zeros_like(bone)
-        if (length <= least).any() and skeleton.bone_lengths[joint] > 0:
-          axes = axes or body_axes(source, skeleton)
-          rest = t_pose(skeleton)[joint] / skeleton.bone_lengths[joint]
-          direction = axes[int(chain[0] == skeleton.chains[3][0])] @ rest
-      direction = np.where(length > least, bone / np.maximum(length, 1e-9), direction)
-      result[:, joint] = result[:, parent] + direction * skeleton.bone_lengths[joint]
-  return result
+      direction = xp.where(known[..., joint, :], directions[..., joint, :], direction)
+      joints[joint] = (joints[parent] + direction * skeleton.bone_lengths[joint]).astype(source.dtype)
+  return xp.stack([joints[joint] for joint in range(skeleton.num_joints)], axis=-2)
 
 
 def _foot_move(source: Float[np.ndarray, "t j 3"], result: Float[np.ndarray, "t j 3"], leg: Sequence[int], unit: float

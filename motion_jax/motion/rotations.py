@@ -1,7 +1,8 @@
 """Rotations in one convention: quaternions (w, x, y, z), Hamilton product, matrices act on column vectors.
 
 `multiply(p, q)` turns by q first. Every function takes numpy or jax arrays of any leading shape and returns the same
-kind; what it computes is float64 if the input is.
+kind; what it computes is float64 if the input is. On jax arrays each is differentiable everywhere: where a direction is
+undefined (a vector of no length) the result is finite and its gradient 0.
 """
 from typing import Any, TypeVar
 
@@ -9,6 +10,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Num
+
+from motion_jax.shapes import Array
 
 A = TypeVar("A", jax.Array, np.ndarray)  # numpy in, numpy out
 
@@ -18,11 +21,33 @@ def namespace(*arrays: Any) -> Any:
   return jnp if any(isinstance(a, jax.Array) for a in arrays) else np
 
 
+def sqrt(x: Num[A, "*lead"]) -> Float[A, "*lead"]:
+  """Square root whose gradient at 0 is 0, not infinite."""
+  if namespace(x) is np:
+    return np.sqrt(x)
+  return jnp.where(x == 0, 0, jnp.sqrt(jnp.where(x == 0, 1, x)))
+
+
+def length(v: Num[A, "*lead k"]) -> Float[A, "*lead"]:
+  """Euclidean length of vectors (..., K); its gradient at 0 is 0."""
+  if namespace(v) is np:
+    return np.linalg.norm(v, axis=-1)
+  return sqrt((v * v).sum(-1))
+
+
+def arctan2(y: Num[A, "*lead"], x: Num[A, "*lead"]) -> Float[A, "*lead"]:
+  """Angle in radians of the point (x, y); its gradient at (0, 0) is 0."""
+  if namespace(y, x) is np:
+    return np.arctan2(y, x)
+  return jnp.arctan2(y, jnp.where((x == 0) & (y == 0), 1, x))
+
+
 def unit(v: Float[A, "*lead k"], eps: float = 0.0) -> Float[A, "*lead k"]:
-  """Scales vectors (..., K) to length 1. With eps > 0 a zero vector stays zero."""
-  xp = namespace(v)
-  length = xp.sqrt((v * v).sum(-1, keepdims=True))
-  return v / (xp.maximum(length, eps) if eps else length)
+  """Scales vectors (..., K) to length 1. With eps > 0, or on jax arrays, a zero vector stays zero."""
+  size = sqrt((v * v).sum(-1, keepdims=True))
+  if eps:
+    return v / namespace(v).maximum(size, eps)
+  return v / (size if namespace(v) is np else jnp.where(size == 0, 1, size))
 
 
 def multiply(p: Float[A, "*#lead 4"], q: Float[A, "*#lead 4"]) -> Float[A, "*lead 4"]:
@@ -57,14 +82,17 @@ def between(a: Float[A, "*#lead 3"], b: Float[A, "*#lead 3"]) -> Float[A, "*lead
   """
   # Parity: the reference divides 0 by 0 where directions are exactly opposite.
   xp = namespace(a, b)
-  size = xp.sqrt((a * a).sum(-1, keepdims=True) * (b * b).sum(-1, keepdims=True))
+  size = sqrt((a * a).sum(-1, keepdims=True) * (b * b).sum(-1, keepdims=True))
   w, axis = size + (a * b).sum(-1, keepdims=True), xp.cross(a, b)
   tiny = 64 * xp.finfo(axis.dtype).eps * size  # below it the cross product is rounding
   opposite = (w < tiny) & ((axis * axis).sum(-1, keepdims=True) <= tiny * tiny)
   upright = (a * a)[..., ::2].sum(-1, keepdims=True) > 1e-6 * (a * a).sum(-1, keepdims=True)
   guide = xp.where(upright, xp.asarray((0, 1, 0), axis.dtype), xp.asarray((1, 0, 0), axis.dtype))
   across = guide * (a * a).sum(-1, keepdims=True) - a * (guide * a).sum(-1, keepdims=True)
-  return unit(xp.concatenate([xp.where(opposite, 0, w), xp.where(opposite, across, axis)], axis=-1))
+  w = xp.where(opposite, 0, w)
+  if xp is jnp:
+    w = jnp.where(size == 0, 1, w)  # a vector of no length: no rotation
+  return unit(xp.concatenate([w, xp.where(opposite, across, axis)], axis=-1))
 
 
 def about_axis(angle: float | Float[A, "*lead"], axis: str) -> Float[A, "*lead 4"]:
@@ -79,27 +107,61 @@ def about_axis(angle: float | Float[A, "*lead"], axis: str) -> Float[A, "*lead 4
 def from_vector(v: Float[A, "*lead 3"]) -> Float[A, "*lead 4"]:
   """Rotation vectors (..., 3), axis times angle in radians as SMPL's poses are, to quaternions (..., 4)."""
   xp = namespace(v)
-  angle = xp.sqrt((v * v).sum(-1, keepdims=True))
-  small = angle < 1e-6
-  scale = xp.where(small, 0.5, xp.sin(angle / 2) / xp.where(small, 1.0, angle))
-  return xp.concatenate([xp.cos(angle / 2), v * scale], axis=-1)
+  size = sqrt((v * v).sum(-1, keepdims=True))
+  small = size < 1e-6
+  scale = xp.where(small, 0.5, xp.sin(size / 2) / xp.where(small, 1.0, size))
+  return xp.concatenate([xp.cos(size / 2), v * scale], axis=-1)
 
 
 def to_vector(q: Float[A, "*lead 4"]) -> Float[A, "*lead 3"]:
   """Quaternions (..., 4) to rotation vectors (..., 3), their angles 0 to pi."""
   xp = namespace(q)
   q = xp.where(q[..., :1] < 0, -q, q)
-  sine = xp.sqrt((q[..., 1:] ** 2).sum(-1, keepdims=True))
-  angle = 2 * xp.arctan2(sine, q[..., :1])
-  return q[..., 1:] * xp.where(sine < 1e-9, 2.0, angle / xp.where(sine < 1e-9, 1.0, sine))
+  sine = sqrt((q[..., 1:] ** 2).sum(-1, keepdims=True))
+  turn = 2 * arctan2(sine, q[..., :1])
+  return q[..., 1:] * xp.where(sine < 1e-9, 2.0, turn / xp.where(sine < 1e-9, 1.0, sine))
 
 
-def best_turn(bones: Float[np.ndarray, "t n 3"], shape: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "t 3 3"]:
-  """Rotation matrices (T, 3, 3) that bring vectors shape (N, 3) nearest to bones (T, N, 3): least squares (Kabsch)."""
-  u, _, vt = np.linalg.svd(np.einsum("tni,nj->tij", bones, shape))
-  flip = np.ones((len(bones), 3))
-  flip[:, 2] = np.linalg.det(u @ vt)
-  return (u * flip[:, None]) @ vt
+def best_turn(bones: Float[A, "*lead n 3"], shape: Float[Array, "n 3"]) -> Float[A, "*lead 3 3"]:
+  """Rotation matrices (..., 3, 3) that bring vectors shape (N, 3) nearest to bones (..., N, 3): least squares (Kabsch).
+  """
+  xp = namespace(bones)
+  products = xp.einsum("...ni,nj->...ij", bones, shape)
+  return _nearest_rotation(products) if xp is jnp else _kabsch(products)
+
+
+def _kabsch(m):
+  """The rotation matrices nearest to m (..., 3, 3)."""
+  xp = namespace(m)
+  u, _, vt = xp.linalg.svd(m)
+  flip = xp.linalg.det(u @ vt)[..., None, None]
+  return xp.concatenate([u[..., :2], u[..., 2:] * flip], axis=-1) @ vt
+
+
+@jax.custom_jvp
+def _nearest_rotation(m):
+  with jax.default_matmul_precision("highest"):
+    return _kabsch(m)
+
+
+@_nearest_rotation.defjvp
+def _nearest_rotation_jvp(primals, tangents):
+  """With m = R S, S symmetric, and dR = R [w]x: (tr(S) I - S) w is the axial vector of R^T dm.
+
+  Unlike the derivative of an SVD this is finite where singular values are equal; where the rotation is undefined (all
+  bones on one line) the least-squares solution is taken, which leaves the turn about that line alone.
+  """
+  (m,), (dm,) = primals, tangents
+  with jax.default_matmul_precision("highest"):
+    turn = _nearest_rotation(m)
+    inverse = jnp.swapaxes(turn, -1, -2)
+    stretch, change = inverse @ m, inverse @ dm
+    trace = jnp.trace(stretch, axis1=-2, axis2=-1)[..., None, None]
+    axial = jnp.stack([change[..., 2, 1] - change[..., 1, 2], change[..., 0, 2] - change[..., 2, 0],
+                       change[..., 1, 0] - change[..., 0, 1]], -1)
+    w = (jnp.linalg.pinv(trace * jnp.eye(3, dtype=m.dtype) - stretch, hermitian=True) @ axial[..., None])[..., 0]
+    skew = jnp.cross(w[..., None, :], jnp.eye(3, dtype=m.dtype))  # rows: w x e_i, the columns of [w]x
+    return turn, turn @ jnp.swapaxes(skew, -1, -2)
 
 
 def to_matrix(q: Float[A, "*lead 4"]) -> Float[A, "*lead 3 3"]:

@@ -10,6 +10,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Num
 
 from motion_jax.motion import rotations as rot
+from motion_jax.motion.rotations import A
+from motion_jax.motion.smoothing import gaussian
 from motion_jax.shapes import Array
 
 THIN = 0.02  # of the legs' length: joints less far apart show no direction
@@ -153,10 +155,9 @@ SNAPMOGEN_BVH = ("ROOT",) + tuple(f"{name}_bind_JNT" for name in (
 SKELETONS = {skeleton.name: skeleton for skeleton in (HUMANML3D, KIT, SMPL, SNAPMOGEN)}
 
 
-def bone_lengths(joints: Num[Array, "t j 3"], skeleton: Skeleton) -> Float[np.ndarray, "t j"]:
-  """Lengths (T, J) of the bones that end at each joint; the root's is 0."""
-  parents = np.maximum(skeleton.parents, 0)
-  return np.linalg.norm(joints - joints[:, parents], axis=-1)
+def bone_lengths(joints: Num[A, "*lead j 3"], skeleton: Skeleton) -> Float[A, "*lead j"]:
+  """Lengths (..., J) of the bones that end at each joint; the root's is 0."""
+  return rot.length(joints - joints[..., np.maximum(skeleton.parents, 0), :])
 
 
 def with_own_lengths(joints: Num[Array, "t j 3"], skeleton: Skeleton) -> Skeleton:
@@ -164,66 +165,82 @@ def with_own_lengths(joints: Num[Array, "t j 3"], skeleton: Skeleton) -> Skeleto
   return dataclasses.replace(skeleton, bone_lengths=np.median(bone_lengths(joints, skeleton), axis=0))
 
 
-def facing(joints: Num[np.ndarray, "t j 3"], skeleton: Skeleton = HUMANML3D, smooth: float = 0.0,
-           benchmark_sign: bool = False) -> Float[np.ndarray, "t 3"]:
-  """Where the body faces: unit vectors (T, 3) in the ground plane, from the lines through hips and shoulders.
+def facing(joints: Num[A, "*lead t j 3"], skeleton: Skeleton = HUMANML3D, smooth: float = 0.0,
+           benchmark_sign: bool = False) -> Float[A, "*lead t 3"]:
+  """Where the body faces: unit vectors (..., T, 3) in the ground plane, from the lines through hips and shoulders.
 
   smooth is the sigma in frames of a Gaussian over time. benchmark_sign takes the hips with the wrong sign.
   """
-  from scipy.ndimage import gaussian_filter1d
   (right_hip, left_hip), (right_shoulder, left_shoulder) = skeleton.hips, skeleton.shoulders
-  across_hips = joints[:, right_hip] - joints[:, left_hip]
-  across = (-across_hips if benchmark_sign else across_hips) + joints[:, right_shoulder] - joints[:, left_shoulder]
-  ahead = np.cross([0.0, 1.0, 0.0], rot.unit(across))
+  across_hips = joints[..., right_hip, :] - joints[..., left_hip, :]
+  across = (-across_hips if benchmark_sign else across_hips) + joints[..., right_shoulder, :]
+  across = across - joints[..., left_shoulder, :]
+  xp: Any = rot.namespace(joints)
+  up = np.array([0.0, 1.0, 0.0])
+  ahead = xp.cross(up if xp is np else xp.asarray(up, across.dtype), rot.unit(across))
   if smooth:
-    ahead = gaussian_filter1d(ahead, smooth, axis=0, mode="nearest")
+    ahead = gaussian(ahead, smooth)
   return rot.unit(ahead)
 
 
-def body_axes(joints: Num[np.ndarray, "t j 3"], skeleton: Skeleton = HUMANML3D
-              ) -> tuple[Float[np.ndarray, "t 3 3"], Float[np.ndarray, "t 3 3"]]:
-  """How pelvis and chest are turned: matrices (T, 3, 3) whose columns point to the left, up and ahead.
+def body_axes(joints: Num[A, "*lead t j 3"], skeleton: Skeleton = HUMANML3D
+              ) -> tuple[Float[A, "*lead t 3 3"], Float[A, "*lead t 3 3"]]:
+  """How pelvis and chest are turned: matrices (..., T, 3, 3) whose columns point to the left, up and ahead.
 
   Left is along the line through the hips, or the shoulders; up is from between the hips to the first joint of the
   trunk that lies apart from there, and from the chest to the neck, or what lies apart behind it. Where one of the two
   has no width (its joints lie in one point), it takes the other's: nothing here depends on the axes of the world.
   """
-  joints = np.asarray(joints, np.float64)
+  xp: Any = rot.namespace(joints)
+  joints = xp.asarray(joints, np.float64 if xp is np else None)
   back, chest = skeleton.chains[2], skeleton.chains[3][0]
   neck = back.index(chest) + 1
-  thin = THIN * np.median(bone_lengths(joints, skeleton)[:, list(skeleton.leg_bones)].sum(-1))
+  thin = THIN * xp.median(bone_lengths(joints, skeleton)[..., list(skeleton.leg_bones)].sum(-1), axis=-1)
   left = [joint for joint, name in enumerate(skeleton.joints) if name.startswith("left")]
-  across = lambda pair: joints[:, pair[1]] - joints[:, pair[0]]
+  across = lambda pair: joints[..., pair[1], :] - joints[..., pair[0], :]
   hips, shoulders = across(skeleton.hips), across(skeleton.shoulders)
-  sides = (joints[:, left] - joints[:, [skeleton.mirror[joint] for joint in left]]).mean(1)
-  low = joints[:, list(skeleton.hips)].mean(1)
-  trunk = [joints[:, joint] - low for joint in back[1:]]
-  collar = [joints[:, joint] - joints[:, chest] for joint in back[neck:]]
-  spine = [joints[:, chest] - joints[:, joint] for joint in reversed(back[:neck - 1])]
+  sides = (joints[..., left, :] - joints[..., [skeleton.mirror[joint] for joint in left], :]).mean(-2)
+  low = joints[..., list(skeleton.hips), :].mean(-2)
+  trunk = [joints[..., joint, :] - low for joint in back[1:]]
+  collar = [joints[..., joint, :] - joints[..., chest, :] for joint in back[neck:]]
+  spine = [joints[..., chest, :] - joints[..., joint, :] for joint in reversed(back[:neck - 1])]
   return _axes((hips, shoulders, sides), trunk, thin), _axes((shoulders, hips, sides), collar + spine, thin)
 
 
-def _axes(lefts: Sequence[np.ndarray], ups: Sequence[np.ndarray], thin: float) -> np.ndarray:
-  """Matrices (T, 3, 3) from the first of the vectors up, and the first of those to the left, that are not thin."""
-  size = lambda v: np.median(np.linalg.norm(v, axis=-1))
-  up = unit_or_nearest(next((v for v in ups if size(v) > thin), ups[0]))
-  flat = [v - up * (v * up).sum(-1, keepdims=True) for v in lefts]
-  chosen = next((i for i, v in enumerate(flat) if size(v) > thin), len(flat) - 1)
-  left = unit_or_nearest(flat[chosen] if chosen else lefts[0])  # a part's own line is kept, another part's made level
-  ahead = unit_or_nearest(np.cross(left, up))
-  return np.stack([left, np.cross(ahead, left), ahead], axis=-1)
+def _axes(lefts: Sequence[Any], ups: Sequence[Any], thin: Any) -> Any:
+  """Matrices (..., T, 3, 3) from the first of the vectors up, and the first of those to the left, that are not thin."""
+  xp: Any = rot.namespace(*lefts)
+  up = unit_or_nearest(_first_not_thin(xp.stack(ups), xp.stack(ups), thin, otherwise=0))
+  flat = xp.stack([v - up * (v * up).sum(-1, keepdims=True) for v in lefts])
+  # A part's own line is kept, another part's made level.
+  left = unit_or_nearest(_first_not_thin(flat, xp.concatenate([lefts[0][None], flat[1:]]), thin, otherwise=-1))
+  ahead = unit_or_nearest(xp.cross(left, up))
+  return xp.stack([left, xp.cross(ahead, left), ahead], axis=-1)
 
 
-def unit_or_nearest(v: Float[np.ndarray, "t 3"]) -> Float[np.ndarray, "t 3"]:
-  """Unit vectors (T, 3); one of no length takes that of the nearest frame before, else behind, that has one."""
-  length = np.linalg.norm(v, axis=-1, keepdims=True)
-  return from_nearest(v / np.maximum(length, 1e-12), length[:, 0] > 1e-9)
+def _first_not_thin(vectors: Float[A, "n *lead t 3"], values: Float[A, "n *lead t 3"], thin: Any, otherwise: int
+                    ) -> Float[A, "*lead t 3"]:
+  """Of each motion the value (..., T, 3) that belongs to its first vectors (..., T, 3) longer than thin (...)."""
+  xp: Any = rot.namespace(vectors)
+  thick = xp.median(rot.length(vectors), axis=-1) > thin
+  first = xp.where(thick.any(0), thick.argmax(0), otherwise % len(vectors))
+  return xp.take_along_axis(values, first[None, ..., None, None], axis=0)[0]
 
 
-def from_nearest(values: Float[np.ndarray, "t *lead k"], good: Bool[np.ndarray, " t"]
-                 ) -> Float[np.ndarray, "t *lead k"]:
-  """Values (T, ..., K); frames that are not good take those of the last good one before, else of the first."""
-  if good.all() or not good.any():
+def unit_or_nearest(v: Float[A, "*lead t 3"]) -> Float[A, "*lead t 3"]:
+  """Unit vectors (..., T, 3); one of no length takes that of the nearest frame before, else behind, that has one."""
+  length = rot.length(v)[..., None]
+  good = length > 1e-9
+  return from_nearest(v / rot.namespace(v).where(good, length, 1), good[..., 0])
+
+
+def from_nearest(values: Float[A, "*values"], good: Bool[A, "*lead t"]) -> Float[A, "*values"]:
+  """Values (..., T, ...); frames that are not good take those of the last good one before, else of the first."""
+  xp: Any = rot.namespace(values, good)
+  if xp is np and (good.all() or not good.any()):
     return values
-  last = np.maximum.accumulate(np.where(good, np.arange(len(good)), -1))
-  return values[np.where(last < 0, good.argmax(), last)]
+  frame = xp.arange(good.shape[-1])
+  last = xp.maximum.accumulate(xp.where(good, frame, -1), axis=-1)
+  source = xp.where(last < 0, good.argmax(-1)[..., None], last)
+  source = xp.where(good.any(-1, keepdims=True), source, frame)
+  return xp.take_along_axis(values, source.reshape(source.shape + (1,) * (values.ndim - good.ndim)), good.ndim - 1)

@@ -1,4 +1,6 @@
 """Jerk, feet, floor and bones of motions whose answer is known."""
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -115,3 +117,52 @@ def test_joints_of_another_skeleton_are_told(measure, as_users_run):
     measure(np.zeros((10, 24, 3)))
   with pytest.raises(ValueError, match=r"got joints of shape \(10, 66\)"):
     measure(np.zeros((10, 66)))
+
+
+MEASURES = {"jerk": physics.jerk, "foot_speed": physics.foot_speed, "skating_ratio": physics.skating_ratio,
+            "planted_speed": physics.planted_speed, "foot_height": physics.foot_height, "floating": physics.floating,
+            "penetration": physics.penetration, "bone_drift": physics.bone_drift, "acceleration": physics.acceleration,
+            "transition_distance": lambda joints: physics.transition_distance(joints, [10, 20])}
+
+
+def moving_bodies(frames=40):
+  """A standing body, a walk, and the walk with sliding feet, sunk in and shaken: joints (3, T, 22, 3), float64."""
+  walk = synthetic.synthetic_clips(num=2, num_frames=frames)[1].joints[:frames].astype(np.float64)
+  rough = walk + np.random.default_rng(0).normal(0, 0.01, walk.shape) - [0, 0.02, 0]
+  return np.stack([still(frames), walk, rough + np.linspace(0, 1, frames)[:, None, None] * [1, 0, 0]])
+
+
+@pytest.mark.parametrize("name", MEASURES)
+def test_jax_arrays_give_the_numbers_of_numpy(name):
+  """Inside jit, a batch at once, in float64 to 1e-9; the type of the joints is kept."""
+  measure, joints = MEASURES[name], moving_bodies()
+  if name == "transition_distance":  # of one motion
+    expected, run = np.stack([measure(one) for one in joints]), jax.jit(jax.vmap(measure))
+  else:
+    expected, run = measure(joints), jax.jit(measure)
+  with jax.enable_x64(True):
+    made = run(jnp.asarray(joints))
+    assert made.dtype == jnp.float64 or name == "skating_ratio"
+  np.testing.assert_allclose(made, expected, atol=1e-9)
+  np.testing.assert_allclose(run(jnp.asarray(joints, jnp.float32)), expected, atol=2e-4, rtol=1e-3)
+
+
+@pytest.mark.parametrize("name", MEASURES)
+def test_gradients_are_finite_where_nothing_moves(name):
+  grad = jax.jit(jax.grad(lambda joints: MEASURES[name](joints).sum()))
+  for joints in moving_bodies():
+    assert np.isfinite(grad(jnp.asarray(joints, jnp.float32))).all()
+  assert np.isfinite(grad(jnp.zeros((40, 22, 3)))).all()
+
+
+def test_gradient_descent_takes_the_slide_out_of_a_motion():
+  """The measure of skating as a loss, held to the motion by the distance to it."""
+  sliding = jnp.asarray(moving_bodies()[0] + np.linspace(0, 1.5, 40)[:, None, None] * [1, 0, 0], jnp.float32)
+  loss = lambda joints: jnp.square(physics.foot_speed(joints)).mean() + 0.1 * jnp.square(joints - sliding).mean()
+  run = jax.jit(jax.value_and_grad(loss))
+  joints = sliding
+  for _ in range(200):
+    joints = joints - 0.1 * run(joints)[1]
+  before, after = (np.asarray(x, np.float64) for x in (sliding, joints))
+  assert physics.foot_speed(after).mean() < 0.5 * physics.foot_speed(before).mean()
+  assert physics.skating_ratio(after) < 0.5 * physics.skating_ratio(before)

@@ -15,7 +15,6 @@ The last three hold rotations that joints do not tell: what is made here from jo
 A further representation is a file with a subclass of `Representation` and an entry of `LAYOUTS`. It is asked for by
 name: `get_layout("full").to_joints(features)`, or `to_joints(features, "full")`.
 """
-import numpy as np
 from jaxtyping import Float, Num
 
 from motion_jax.motion.representations.babel import BABEL
@@ -52,11 +51,12 @@ def layout_for(num_features: int) -> Representation:
   raise ValueError(f"got {num_features} features per frame; known sizes are {known}")
 
 
-def to_features(joints: Num[Array, "t j 3"], layout: Representation | str = "full", mode: str = "benchmark"
-                ) -> Float[np.ndarray, "_ f"]:
+def to_features(joints: Num[A, "*lead t j 3"], layout: Representation | str = "full", mode: str = "benchmark"
+                ) -> Float[A, "*lead _ f"]:
   """Joints (T, J, 3) to features (T - 1, F), float32, of a layout: `Representation.from_joints`.
 
-  "motionstreamer" and "babel" make T rows, not T - 1.
+  "motionstreamer" and "babel" make T rows, not T - 1. jax arrays, also with leading axes, give jax arrays of their own
+  type: differentiable, and inside jit and vmap as well.
   """
   return get_layout(layout).from_joints(joints, mode)
 

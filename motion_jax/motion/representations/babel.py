@@ -20,7 +20,7 @@ from jaxtyping import Float, Num
 
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.inverse import relative, world_rotations
-from motion_jax.motion.representations.base import ROTATION, Block, Representation
+from motion_jax.motion.representations.base import ROTATION, Block, Representation, join_rows
 from motion_jax.motion.representations.motionstreamer import matrix_from_rows, smpl_joints, to_rows
 from motion_jax.motion.rotations import A
 from motion_jax.motion.skeleton import SMPL
@@ -32,7 +32,7 @@ _TO_OURS = np.array([[0.0, -1, 0], [0, 0, 1], [-1, 0, 0]])
 
 class Babel(Representation):
 
-  def extract(self, joints: Float[np.ndarray, "t 22 3"], mode: str) -> Float[np.ndarray, "t 135"]:
+  def extract(self, joints: Float[A, "*lead t 22 3"], mode: str) -> Float[A, "*lead _ 135"]:
     """With the plainest rotations that these joints allow; `from_rotations` takes SMPL's own."""
     return from_rotations(*from_ours(joints, world_rotations(joints, SMPL)), mode)
 
@@ -64,30 +64,33 @@ class Babel(Representation):
     return smpl_joints(root, xp.asarray(_TO_OURS, root.dtype) @ local[..., 0, :, :], local, offsets)
 
 
-def from_rotations(rotations: Float[np.ndarray, "t 22 4"], translation: Float[np.ndarray, "t 3"],
-                   mode: str = "benchmark") -> Float[np.ndarray, "t 135"]:
-  """Features (T, 135), float64, of SMPL's rotations relative to the parents, quaternions (T, 22, 4), and its
-  translation (T, 3), metres, z up as in AMASS files."""
-  root = rot.conjugate(rot.about_axis(_yaw(rotations[0, 0], mode) + np.pi / 2, "z"))
-  step = rot.rotate(root, np.diff(translation, axis=0))[:, :2]
-  step = np.concatenate([np.zeros((1, 2)), step])
-  turned = np.concatenate([rot.multiply(root, rotations[:, 0])[:, None], rotations[:, 1:]], axis=1)
-  return np.concatenate([translation[:, 2:], step, to_rows(turned).reshape(len(step), -1)], axis=1)
+def from_rotations(rotations: Float[A, "*lead t 22 4"], translation: Float[A, "*lead t 3"], mode: str = "benchmark"
+                   ) -> Float[A, "*lead t 135"]:
+  """Features (..., T, 135) of SMPL's rotations relative to the parents, quaternions (..., T, 22, 4), and its
+  translation (..., T, 3), metres, z up as in AMASS files; numpy gives float64."""
+  xp = rot.namespace(rotations, translation)
+  root = rot.conjugate(rot.about_axis(_yaw(rotations[..., 0, 0, :], mode) + np.pi / 2, "z"))[..., None, :]
+  step = rot.rotate(root, xp.diff(translation, axis=-2))[..., :2]
+  step = xp.concatenate([xp.zeros_like(translation[..., :1, :2]), step], axis=-2)
+  turned = xp.concatenate([rot.multiply(root, rotations[..., 0, :])[..., None, :], rotations[..., 1:, :]], axis=-2)
+  return join_rows((translation[..., 2:], step, to_rows(turned)), translation[..., 2])
 
 
 def _yaw(root, mode):
-  """The heading of a root rotation (4,): 0 where the body faces -y."""
+  """The heading of root rotations (..., 4): 0 where the body faces -y."""
   if mode == "corrected":
-    ahead = rot.rotate(root, np.array([0.0, 0, 1]))
-    return np.arctan2(ahead[0], -ahead[1])
-  return rot.to_vector(root)[2]
+    ahead = rot.rotate(root, np.array([0.0, 0, 1]).astype(root.dtype))[..., None, :]
+    return rot.arctan2(ahead[..., 0], -ahead[..., 1])[..., 0]
+  return rot.to_vector(root)[..., 2]
 
 
-def from_ours(joints: Float[np.ndarray, "t 22 3"], turned: Float[np.ndarray, "t 22 4"]
-              ) -> tuple[Float[np.ndarray, "t 22 4"], Float[np.ndarray, "t 3"]]:
-  """SMPL's rotations (T, 22, 4) and translation (T, 3), z up, of joints (T, 22, 3) and world rotations, y up."""
-  upright = rot.from_matrix(_TO_OURS.T)
-  return relative(rot.multiply(upright, turned), SMPL), rot.rotate(upright, joints[:, 0])
+def from_ours(joints: Float[A, "*lead t 22 3"], turned: Float[A, "*lead t 22 4"]
+              ) -> tuple[Float[A, "*lead t 22 4"], Float[A, "*lead t 3"]]:
+  """SMPL's rotations (..., T, 22, 4) and translation (..., T, 3), z up, of joints (..., T, 22, 3) and world rotations,
+  y up."""
+  upright = rot.namespace(joints, turned).asarray(rot.from_matrix(_TO_OURS.T), turned.dtype)
+  return relative(rot.multiply(upright, turned), SMPL), rot.rotate(upright, joints[..., 0, :])
+
 
 # Here left is -y: a mirror turns y of the world and, of the body before its rotation, x.
 BABEL = Babel("babel", SMPL, {

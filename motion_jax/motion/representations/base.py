@@ -1,8 +1,11 @@
 """What a representation of motion is: named blocks of numbers a frame, made of joints and turned back into them."""
 import dataclasses
 import functools
-from typing import ClassVar, NamedTuple
+from collections.abc import Sequence
+from typing import Any, ClassVar, NamedTuple
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Num
 
@@ -84,14 +87,19 @@ class Representation:
 
   # --- joints and features ---------------------------------------------------------------------------------------
 
-  def from_joints(self, joints: Num[Array, "t j 3"], mode: str = "benchmark") -> Float[np.ndarray, "_ f"]:
+  def from_joints(self, joints: Num[A, "*lead t j 3"], mode: str = "benchmark") -> Float[A, "*lead _ f"]:
     """Joints (T, J, 3) in the skeleton's unit to features (T - 1 or T, F), float32; a row that looks ahead needs a
     frame more.
 
-    Raises ValueError for a wrong shape, numbers that are not finite, or a body without a direction: bones of no length,
-    hips and shoulders in one point or on a vertical.
+    jax arrays (..., T, J, 3) give jax arrays (..., T - 1 or T, F) of the same type, differentiable and inside jit as
+    well; their numbers are not checked, and a bone of no length takes the direction of the rest pose.
+
+    Raises ValueError for a wrong shape and, of numpy arrays, for numbers that are not finite, or a body without a
+    direction: bones of no length, hips and shoulders in one point or on a vertical.
     """
     joints = check_joints(joints, self.skeleton, mode)
+    if isinstance(joints, jax.Array):
+      return self.extract(joints, mode)[..., :self.dim]
     with np.errstate(invalid="ignore", divide="ignore"):
       features = self.extract(joints, mode).astype(np.float32)
     if not np.isfinite(features).all():
@@ -100,12 +108,13 @@ class Representation:
                        "away")
     return features[:, :self.dim]
 
-  def from_joints_in_place(self, joints: Num[Array, "t j 3"], mode: str = "benchmark") -> Float[np.ndarray, "t f"]:
-    """Features (T, F), float32, a row for every frame, of joints (T, J, 3) that begin at the origin, facing +z.
+  def from_joints_in_place(self, joints: Num[A, "*lead t j 3"], mode: str = "benchmark") -> Float[A, "*lead t f"]:
+    """Features (..., T, F), a row for every frame, of joints (..., T, J, 3) that begin at the origin, facing +z; numpy
+    gives float32.
 
-    The body is taken to go on as it does for one frame more. Bones and place stay where a representation allows it.
+    One more frame is added that repeats the last step. Bones and place stay where a representation allows it.
     """
-    return self.from_joints(one_ahead(joints), mode)[:len(joints)]
+    return self.from_joints(one_ahead(joints), mode)[..., :joints.shape[-3], :]
 
   def to_joints(self, features: Num[A, "*lead t f"]) -> Num[A, "*lead t j 3"]:
     """Features (..., T, F) to joints (..., T, J, 3). numpy gives float32; jax arrays and tracers stay jax."""
@@ -128,8 +137,9 @@ class Representation:
     """
     raise NotImplementedError(f"{type(self).__name__} does not tell its root's path")
 
-  def extract(self, joints: Float[np.ndarray, "t j 3"], mode: str) -> Float[np.ndarray, "_ f"]:
-    """Joints (T, J, 3), finite, float64, to features (T - 1 or T, F); columns beyond `dim` are cut off."""
+  def extract(self, joints: Float[A, "*lead t j 3"], mode: str) -> Float[A, "*lead _ f"]:
+    """Joints (..., T, J, 3) to features (..., T - 1 or T, F); columns beyond `dim` are cut off. numpy arrays are
+    finite, float64 and without leading axes."""
     raise NotImplementedError(f"{type(self).__name__} makes no features of joints")
 
   def of_joints(self, joints: Num[A, "*lead t j 3"]) -> Num[A, "*lead t f"]:
@@ -202,14 +212,21 @@ class Representation:
     return other.from_joints_in_place(self.to_joints(features), mode)
 
 
-def check_joints(joints: Num[Array, "t j 3"], skeleton: Skeleton, mode: str = "benchmark"
-                 ) -> Float[np.ndarray, "t j 3"]:
-  """Joints (T, J, 3) as float64. Raises ValueError for another shape, less than 2 frames, or what is not finite."""
+def check_joints(joints: Num[A, "*shape"], skeleton: Skeleton, mode: str = "benchmark") -> Float[A, "*shape"]:
+  """Joints (T, J, 3) as float64, jax arrays (..., T, J, 3) in their own type.
+
+  Raises ValueError for another shape, less than 2 frames, or numpy arrays that are not finite.
+  """
   check_mode(mode)
-  joints = np.asarray(joints, np.float64)
-  if joints.ndim != 3 or joints.shape[1:] != (skeleton.num_joints, 3) or len(joints) < 2:
+  is_jax = isinstance(joints, jax.Array)
+  if is_jax:
+    joints = joints if jnp.issubdtype(joints.dtype, jnp.floating) else joints.astype(float)
+  else:
+    joints = np.asarray(joints, np.float64)
+  if (joints.ndim != 3 and not (is_jax and joints.ndim > 3) or joints.shape[-2:] != (skeleton.num_joints, 3)
+      or joints.shape[-3] < 2):
     raise ValueError(f"got joints of shape {joints.shape}, expected (at least 2 frames, {skeleton.num_joints}, 3)")
-  if not np.isfinite(joints).all():
+  if not is_jax and not np.isfinite(joints).all():
     raise ValueError(f"joints hold NaN or infinity, first in frame {np.argwhere(~np.isfinite(joints))[0, 0]}")
   return joints
 
@@ -219,7 +236,18 @@ def check_mode(mode: str) -> None:
     raise ValueError(f"got mode {mode!r}, expected one of {', '.join(MODES)}")
 
 
-def one_ahead(joints: Num[Array, "t j 3"]) -> Float[np.ndarray, "t+1 j 3"]:
-  """Joints (T, J, 3) with one more frame, float64: the body goes on as in its last step."""
-  joints = np.asarray(joints, np.float64)
-  return np.concatenate([joints, 2 * joints[-1:] - joints[-2:-1]])
+def one_ahead(joints: Num[A, "*lead t j 3"]) -> Float[A, "*lead t+1 j 3"]:
+  """Joints (..., T, J, 3) with one more frame that repeats the last step; numpy gives float64."""
+  xp = rot.namespace(joints)
+  joints = xp.asarray(joints, np.float64 if xp is np else None)
+  return xp.concatenate([joints, 2 * joints[..., -1:, :, :] - joints[..., -2:-1, :, :]], axis=-3)
+
+
+def join_rows(blocks: Sequence[Any], like: Float[A, "*lead t"]) -> Float[A, "*lead t f"]:
+  """The columns of blocks side by side: each (..., T), (..., T, n) or (..., T, n, k), of the frames of `like` (..., T).
+
+  jax arrays get the type of `like`, numpy arrays are float64.
+  """
+  xp = rot.namespace(*blocks)
+  dtype = np.float64 if xp is np else like.dtype
+  return xp.concatenate([xp.reshape(block, like.shape + (-1,)).astype(dtype) for block in blocks], axis=-1)

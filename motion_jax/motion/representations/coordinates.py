@@ -5,6 +5,7 @@ facing +z, a row less than frames. Each frame stands for itself.
 """
 import dataclasses
 
+import jax
 import numpy as np
 from jaxtyping import Float, Num
 
@@ -12,7 +13,6 @@ from motion_jax.motion import rotations as rot
 from motion_jax.motion.representations.base import VECTOR, Block, Representation
 from motion_jax.motion.representations.humanml3d import FULL, FULL_KIT, HumanML3D
 from motion_jax.motion.rotations import A
-from motion_jax.shapes import Array
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -25,10 +25,12 @@ class Coordinates(Representation):
   std_by_block = False
   has_fixed_bones = True
 
-  def extract(self, joints: Float[np.ndarray, "t j 3"], mode: str) -> Float[np.ndarray, "t-1 f"]:
+  def extract(self, joints: Float[A, "*lead t j 3"], mode: str) -> Float[A, "*lead _ f"]:
     return self.of_joints(self.full.to_joints(self.full.from_joints(joints, mode)))
 
-  def from_joints_in_place(self, joints: Num[Array, "t j 3"], mode: str = "benchmark") -> Float[np.ndarray, "t f"]:
+  def from_joints_in_place(self, joints: Num[A, "*lead t j 3"], mode: str = "benchmark") -> Float[A, "*lead t f"]:
+    if isinstance(joints, jax.Array):
+      return self.of_joints(joints)
     return self.of_joints(np.asarray(joints)).astype(np.float32)
 
   def of_joints(self, joints: Num[A, "*lead t j 3"]) -> Num[A, "*lead t f"]:
@@ -43,7 +45,7 @@ class Coordinates(Representation):
     (right_hip, left_hip), (right_shoulder, left_shoulder) = self.skeleton.hips, self.skeleton.shoulders
     left = joints[..., left_hip, :] - joints[..., right_hip, :] + (
         joints[..., left_shoulder, :] - joints[..., right_shoulder, :])
-    return rot.about_axis(xp.arctan2(left[..., 2], left[..., 0]), "y"), joints[..., 0, :]
+    return rot.about_axis(rot.arctan2(left[..., 2], left[..., 0]), "y"), joints[..., 0, :]
 
 
 COORDINATES, COORDINATES_KIT = (

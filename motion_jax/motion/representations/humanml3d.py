@@ -23,6 +23,8 @@ Two modes make full features from joints:
 - "corrected" is right: equal signs, frame 0 turned to +z by its smoothed heading (so nothing needs overwriting), turns
   by the wrapped angle, an arm's first rotation relative to the spine. Joints come back exactly.
 """
+import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Num
 
@@ -41,11 +43,12 @@ class HumanML3D(base.Representation):
   """Full features, or the essential ones, their first blocks."""
   has_fixed_bones = True
 
-  def extract(self, joints: Float[np.ndarray, "t j 3"], mode: str) -> Float[np.ndarray, "t-1 f"]:
+  def extract(self, joints: Float[A, "*lead t j 3"], mode: str) -> Float[A, "*lead _ f"]:
     return extract(canonicalize(joints, self.skeleton, mode), self.skeleton, mode)
 
-  def from_joints_in_place(self, joints: Num[Array, "t j 3"], mode: str = "benchmark") -> Float[np.ndarray, "t f"]:
-    return extract(base.one_ahead(joints), self.skeleton, mode)[:, :self.dim].astype(np.float32)
+  def from_joints_in_place(self, joints: Num[A, "*lead t j 3"], mode: str = "benchmark") -> Float[A, "*lead t f"]:
+    features = extract(base.one_ahead(joints), self.skeleton, mode)[..., :self.dim]
+    return features.astype(np.float32) if isinstance(features, np.ndarray) else features
 
   def root_path(self, features: Num[A, "*lead t f"]) -> tuple[Float[A, "*lead t 4"], Float[A, "*lead t 3"]]:
     xp = rot.namespace(features)
@@ -89,81 +92,93 @@ class HumanML3D(base.Representation):
 
 
 def _heading(joints, skeleton, mode, smooth):
-  """Quaternions (T, 4) that turn the facing direction of each frame to +z."""
+  """Quaternions (..., T, 4) that turn the facing direction of each frame to +z."""
+  xp = rot.namespace(joints)
   ahead = facing(joints, skeleton, 20.0 if smooth else 0.0, benchmark_sign=mode == "benchmark")
   if mode == "corrected":
-    return rot.about_axis(-np.unwrap(np.arctan2(ahead[:, 0], ahead[:, 2])), "y")
-  heading = rot.between(ahead, np.broadcast_to(_AHEAD, ahead.shape))
-  heading[0] = (1, 0, 0, 0)  # Parity: the reference overwrites the first frame
-  return heading
+    return rot.about_axis(-xp.unwrap(rot.arctan2(ahead[..., 0], ahead[..., 2])), "y")
+  heading = rot.between(ahead, xp.broadcast_to(xp.asarray(_AHEAD, ahead.dtype), ahead.shape))
+  # Parity: the reference overwrites the first frame.
+  first = xp.broadcast_to(xp.asarray([1.0, 0, 0, 0], heading.dtype), heading[..., :1, :].shape)
+  return xp.concatenate([first, heading[..., 1:, :]], axis=-2)
 
 
 def _inverse_kinematics(joints, heading, skeleton, mode):
-  """Local rotations (T, J, 4): each bone's turn from its rest direction, relative to the bone before it."""
-  turned = {0: heading}
-  local = np.zeros(joints.shape[:2] + (4,))
-  local[:, 0] = heading
-  for chain in skeleton.chains:
+  """Local rotations (..., T, J, 4): each bone's turn from its rest direction, relative to the bone before it."""
+  xp = rot.namespace(joints)
+  bones = rot.unit(joints[..., 1:, :] - joints[..., skeleton.parents[1:], :])
+  turned = rot.between(xp.broadcast_to(xp.asarray(skeleton.rest_directions[1:], bones.dtype), bones.shape), bones)
+  turned = xp.concatenate([heading[..., None, :], turned], axis=-2)
+  before = np.array(skeleton.parents)
+  if mode == "benchmark":
     # Parity: in the reference also the arm chains, which begin at the spine, start from the root's rotation.
-    before = heading if mode == "benchmark" else turned[chain[0]]
-    for parent, joint in zip(chain[:-1], chain[1:]):
-      bone = rot.unit(joints[:, joint] - joints[:, parent])
-      turned[joint] = rot.between(np.broadcast_to(skeleton.rest_directions[joint], bone.shape), bone)
-      local[:, joint] = rot.multiply(rot.conjugate(before), turned[joint])
-      before = turned[joint]
-  return local
+    before[[chain[1] for chain in skeleton.chains]] = 0
+  local = rot.multiply(rot.conjugate(turned[..., before[1:], :]), turned[..., 1:, :])
+  return xp.concatenate([heading[..., None, :], local], axis=-2)
 
 
-def canonicalize(joints: Num[Array, "t j 3"], skeleton: Skeleton = HUMANML3D, mode: str = "benchmark"
-                 ) -> Float[np.ndarray, "t j 3"]:
-  """Joints (T, J, 3) onto the skeleton's bone lengths, on the floor, starting at the origin and facing +z. float64.
+def canonicalize(joints: Num[A, "*lead t j 3"], skeleton: Skeleton = HUMANML3D, mode: str = "benchmark"
+                 ) -> Float[A, "*lead t j 3"]:
+  """Joints (T, J, 3) onto the skeleton's bone lengths, on the floor, starting at the origin and facing +z.
 
   Benchmark mode keeps bone directions, scales the root path by the length of one leg in frame 0, and puts the lowest
   point of the clip on the floor. Corrected mode leaves bones to `retarget`, which also keeps feet where they stood and
   finds the floor under them, and faces +z with the smoothed heading; a body that has the skeleton's bones already
   (to 2 mm) keeps its height, so that a piece cut out of a leap stays in the air.
+
+  numpy gives float64. jax arrays (..., T, J, 3) keep their type, and in corrected mode their bones: `retarget` is not
+  differentiable, so call it first where the proportions differ.
   """
   placed = base.check_joints(joints, skeleton, mode)
+  xp = rot.namespace(placed)
   if mode == "benchmark":
     placed = _keep_directions(placed, skeleton)
-    placed[..., 1] -= placed[..., 1].min()
-  elif np.abs(bone_lengths(placed, skeleton) - skeleton.bone_lengths).max() * skeleton.unit > 2e-3:
+    height = placed[..., 1] - placed[..., 1].min((-2, -1), keepdims=True)
+    placed = xp.stack([placed[..., 0], height, placed[..., 2]], axis=-1)
+  elif xp is np and np.abs(bone_lengths(placed, skeleton) - skeleton.bone_lengths).max() * skeleton.unit > 2e-3:
     placed = retarget(placed, skeleton)
-  placed = placed - placed[0, 0] * [1, 0, 1]
-  ahead = facing(placed, skeleton, 20.0 if mode == "corrected" else 0.0)[:1]
-  return rot.rotate(rot.between(ahead, _AHEAD[None])[:, None], placed)
+  placed = placed - placed[..., :1, :1, :] * xp.asarray([1, 0, 1], placed.dtype)
+  ahead = facing(placed, skeleton, 20.0 if mode == "corrected" else 0.0)[..., :1, :]
+  turn = rot.between(ahead, xp.broadcast_to(xp.asarray(_AHEAD, ahead.dtype), ahead.shape))
+  return rot.rotate(turn[..., None, :], placed)
 
 
 def _keep_directions(joints, skeleton):
   legs = list(skeleton.leg_bones)
-  scale = skeleton.bone_lengths[legs].sum() / bone_lengths(joints[:1], skeleton)[0, legs].sum()
-  return with_lengths(joints * scale, skeleton)
+  own = bone_lengths(joints[..., :1, :, :], skeleton)[..., legs].sum(-1)[..., None, None]
+  if isinstance(own, jax.Array):
+    own = jnp.where(own > 0, own, 1)
+  return with_lengths(joints * (skeleton.bone_lengths[legs].sum() / own), skeleton)
 
 
-def extract(joints: Num[Array, "t j 3"], skeleton: Skeleton = HUMANML3D, mode: str = "benchmark"
-            ) -> Float[np.ndarray, "t-1 f"]:
-  """Full features (T - 1, 12 J - 1), float64, of joints that are canonical already; row t looks at frames t, t + 1.
+def extract(joints: Num[A, "*lead t j 3"], skeleton: Skeleton = HUMANML3D, mode: str = "benchmark"
+            ) -> Float[A, "*lead t-1 f"]:
+  """Full features (..., T - 1, 12 J - 1) of joints that are canonical already; row t looks at frames t, t + 1.
 
-  Corrected features lose the absolute heading; `canonicalize` makes it 0.
+  Corrected features lose the absolute heading; `canonicalize` makes it 0. numpy gives float64.
   """
   base.check_mode(mode)
-  joints = np.asarray(joints, np.float64)
+  xp = rot.namespace(joints)
+  joints = xp.asarray(joints, np.float64 if xp is np else None)
   heading = _heading(joints, skeleton, mode, smooth=True)
   local = _inverse_kinematics(joints, heading, skeleton, mode)
-  now, step = heading[:-1], np.diff(joints, axis=0)
-  turn = rot.multiply(heading[1:], rot.conjugate(now))
-  if mode == "benchmark":
-    half_turn = np.arcsin(np.clip(turn[:, 2], -1, 1))
-  else:
-    half_turn = np.arctan2(turn[:, 2] * np.sign(turn[:, 0]), np.abs(turn[:, 0]))
-  root_step = rot.rotate(heading[1:], step[:, 0])[:, [0, 2]]
-  centred = joints[:-1, 1:] - joints[:-1, :1] * [1, 0, 1]
-  positions = rot.rotate(now[:, None], centred)
-  velocities = rot.rotate(now[:, None], step)
+  now, step = heading[..., :-1, :], xp.diff(joints, axis=-3)
+  turn = rot.multiply(heading[..., 1:, :], rot.conjugate(now))
+  if mode == "corrected":
+    half_turn = xp.arctan2(turn[..., 2] * xp.where(turn[..., 0] < 0, -1, 1), abs(turn[..., 0]))
+  elif xp is np:
+    half_turn = np.arcsin(np.clip(turn[..., 2], -1, 1))
+  else:  # the same angle, with a gradient at half a turn as well
+    half_turn = jnp.arctan2(turn[..., 2], abs(turn[..., 0]))
+  root_step = rot.rotate(heading[..., 1:, :], step[..., 0, :])[..., [0, 2]]
+  placed = joints[..., :-1, :, :]
+  below = placed[..., :1, :] * xp.asarray([1, 0, 1], placed.dtype)
+  positions = rot.rotate(now[..., None, :], placed[..., 1:, :] - below)
+  velocities = rot.rotate(now[..., None, :], step)
   feet = list(skeleton.left_feet + skeleton.right_feet)
-  contacts = (step[:, feet] ** 2).sum(-1) < skeleton.contact_threshold
-  rows = (half_turn, root_step, joints[:-1, 0, 1], positions, rot.to_6d(local[:-1, 1:]), velocities, contacts)
-  return np.concatenate([np.reshape(row, (len(step), -1)) for row in rows], axis=1)
+  contacts = (step[..., feet, :] ** 2).sum(-1) < skeleton.contact_threshold
+  rows = (half_turn, root_step, placed[..., 0, 1], positions, rot.to_6d(local[..., :-1, 1:, :]), velocities, contacts)
+  return base.join_rows(rows, half_turn)
 
 
 def _parts(skeleton, full):

@@ -19,7 +19,7 @@ from jaxtyping import Float, Num
 
 from motion_jax.motion import inverse
 from motion_jax.motion import rotations as rot
-from motion_jax.motion.representations.base import GROUND, ROTATION, VECTOR, Block, Representation
+from motion_jax.motion.representations.base import GROUND, ROTATION, VECTOR, Block, Representation, join_rows
 from motion_jax.motion.rotations import A
 from motion_jax.motion.skeleton import SMPL
 from motion_jax.shapes import Array
@@ -27,7 +27,7 @@ from motion_jax.shapes import Array
 
 class MotionStreamer(Representation):
 
-  def extract(self, joints: Float[np.ndarray, "t 22 3"], mode: str) -> Float[np.ndarray, "t 272"]:
+  def extract(self, joints: Float[A, "*lead t 22 3"], mode: str) -> Float[A, "*lead _ 272"]:
     """With the plainest rotations that these joints allow; `from_rotations` takes those of a file."""
     return from_rotations(joints, inverse.relative(inverse.world_rotations(joints, SMPL), SMPL))
 
@@ -59,21 +59,26 @@ class MotionStreamer(Representation):
     return smpl_joints(root, base, local, offsets)
 
 
-def from_rotations(joints: Num[np.ndarray, "t 22 3"], rotations: Float[np.ndarray, "t 22 4"]
-                   ) -> Float[np.ndarray, "t 272"]:
-  """Features (T, 272), float64, of joints (T, 22, 3) in metres, y up, and rotations relative to the parents,
-  quaternions (T, 22, 4), the root's in the world. Neither place nor heading of the first frame matters."""
-  root = rot.to_matrix(rotations[:, 0])
-  heading = rot.about_axis(-np.arctan2(root[:, 0, 2], root[:, 2, 2]), "y")
-  joints = joints - [0, joints[..., 1].min(), 0]
-  positions = rot.rotate(heading[:, None], joints - joints[:, :1] * [1, 0, 1])
-  from_before = lambda rows: np.concatenate([np.zeros_like(rows[:1]), rows])
-  step = from_before(rot.rotate(heading[:-1], np.diff(joints[:, 0], axis=0)))[:, [0, 2]]
-  turn = np.concatenate([[[1.0, 0, 0, 0]], rot.multiply(heading[1:], rot.conjugate(heading[:-1]))])
-  velocities = from_before(np.diff(positions, axis=0))
-  upright = np.concatenate([rot.multiply(heading, rotations[:, 0])[:, None], rotations[:, 1:]], axis=1)
-  rows = (step, to_rows(turn), positions, velocities, to_rows(upright))
-  return np.concatenate([np.reshape(row, (len(joints), -1)) for row in rows], axis=1)
+def from_rotations(joints: Num[A, "*lead t 22 3"], rotations: Float[A, "*lead t 22 4"]) -> Float[A, "*lead t 272"]:
+  """Features (..., T, 272) of joints (..., T, 22, 3) in metres, y up, and rotations relative to the parents,
+  quaternions (..., T, 22, 4), the root's in the world; numpy gives float64. Neither place nor heading of the first
+  frame matters."""
+  xp = rot.namespace(joints, rotations)
+  root = rot.to_matrix(rotations[..., 0, :])
+  heading = rot.about_axis(-rot.arctan2(root[..., 0, 2], root[..., 2, 2]), "y")
+  low = joints[..., 1].min((-2, -1), keepdims=True)
+  joints = joints.astype(np.float64) if xp is np else joints
+  joints = xp.stack([joints[..., 0], joints[..., 1] - low, joints[..., 2]], axis=-1)
+  positions = rot.rotate(heading[..., None, :], joints - joints[..., :1, :] * xp.asarray([1, 0, 1], joints.dtype))
+  from_before = lambda rows: xp.concatenate([xp.zeros_like(rows[..., :1, :, :]), rows], axis=-3)
+  step = from_before(rot.rotate(heading[..., :-1, :], xp.diff(joints[..., 0, :], axis=-2))[..., None, :])
+  turn = rot.multiply(heading[..., 1:, :], rot.conjugate(heading[..., :-1, :]))
+  none = xp.broadcast_to(xp.asarray([1.0, 0, 0, 0], turn.dtype), heading[..., :1, :].shape)
+  velocities = from_before(xp.diff(positions, axis=-3))
+  upright = rot.multiply(heading, rotations[..., 0, :])
+  local = xp.concatenate([upright[..., None, :], rotations[..., 1:, :]], axis=-2)
+  rows = (step[..., 0, [0, 2]], to_rows(xp.concatenate([none, turn], axis=-2)), positions, velocities, to_rows(local))
+  return join_rows(rows, joints[..., 0, 1])
 
 
 def to_rows(q: Float[A, "*lead 4"]) -> Float[A, "*lead 6"]:

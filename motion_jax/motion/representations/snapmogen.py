@@ -22,9 +22,10 @@ from jaxtyping import Float, Num
 
 from motion_jax.motion import inverse
 from motion_jax.motion import rotations as rot
-from motion_jax.motion.representations.base import GROUND, ROTATION, VECTOR, Block, Representation
+from motion_jax.motion.representations.base import GROUND, ROTATION, VECTOR, Block, Representation, join_rows
 from motion_jax.motion.rotations import A
 from motion_jax.motion.skeleton import SNAPMOGEN
+from motion_jax.motion.smoothing import gaussian
 from motion_jax.shapes import Array
 
 _SMOOTH = 5.0                       # sigma of the heading, frames
@@ -34,7 +35,7 @@ _STAND_HEIGHT = np.array([9.0, 4.0])  # centimetres under which ankle and toes c
 class SnapMoGen(Representation):
   """All 296 columns, or the evaluator's 148."""
 
-  def extract(self, joints: Float[np.ndarray, "t 24 3"], mode: str) -> Float[np.ndarray, "t-1 296"]:
+  def extract(self, joints: Float[A, "*lead t 24 3"], mode: str) -> Float[A, "*lead _ 296"]:
     """With the plainest rotations that these joints allow; `from_rotations` takes those of a file."""
     return from_rotations(joints, inverse.world_rotations(joints, SNAPMOGEN), mode)
 
@@ -83,47 +84,55 @@ class SnapMoGen(Representation):
     return rot.multiply(rot.conjugate(heading)[..., None, :], rot.from_matrix(turned))
 
 
-def from_rotations(joints: Num[np.ndarray, "t 24 3"], turned: Float[np.ndarray, "t 24 4"], mode: str = "benchmark"
-                   ) -> Float[np.ndarray, "t-1 296"]:
-  """Features (T - 1, 296), float64, of joints (T, 24, 3) in centimetres and their world rotations, quaternions
-  (T, 24, 4). Neither place nor heading of the first frame matters."""
+def from_rotations(joints: Num[A, "*lead t 24 3"], turned: Float[A, "*lead t 24 4"], mode: str = "benchmark"
+                   ) -> Float[A, "*lead t-1 296"]:
+  """Features (..., T - 1, 296) of joints (..., T, 24, 3) in centimetres and their world rotations, quaternions
+  (..., T, 24, 4); numpy gives float64. Neither place nor heading of the first frame matters."""
+  xp = rot.namespace(joints, turned)
   feet = list(SNAPMOGEN.left_feet + SNAPMOGEN.right_feet)
-  joints = joints - [0, floor(joints[:, feet, 1]), 0]
+  ground = floor(joints[..., feet, 1])
+  joints = joints.astype(np.float64) if xp is np else joints
+  joints = xp.stack([joints[..., 0], joints[..., 1] - ground[..., None, None], joints[..., 2]], axis=-1)
   heading = _heading(joints, mode)
-  now = heading[:, None]
-  local = rot.rotate(now, joints - joints[:, :1] * [1, 0, 1])
-  turn = rot.multiply(heading[1:], rot.conjugate(heading[:-1]))
-  turn = 2 * np.arctan2(turn[:, 2], turn[:, 0])
+  now = heading[..., :, None, :]
+  local = rot.rotate(now, joints - joints[..., :1, :] * xp.asarray([1, 0, 1], joints.dtype))
+  turn = rot.multiply(heading[..., 1:, :], rot.conjugate(heading[..., :-1, :]))
+  turn = 2 * xp.arctan2(turn[..., 2], turn[..., 0])
   if mode == "corrected":
     turn = (turn + np.pi) % (2 * np.pi) - np.pi
   # Parity: here the step is turned by the heading it begins with, in HumanML3D's features by that it ends with.
-  step = rot.rotate(heading[:-1], np.diff(joints[:, 0], axis=0))[:, [0, 2]]
-  still = (np.diff(joints[:, feet], axis=0) ** 2).sum(-1) < SNAPMOGEN.contact_threshold
-  contacts = still & (joints[:-1, feet, 1] < np.tile(_STAND_HEIGHT, 2))
-  rows = (turn, step, local[:-1, 0, 1], rot.to_6d(rot.multiply(now, turned))[:-1], local[:-1], np.diff(local, axis=0),
-          contacts)
-  return np.concatenate([np.reshape(row, (len(step), -1)) for row in rows], axis=1)
+  step = rot.rotate(heading[..., :-1, :], xp.diff(joints[..., 0, :], axis=-2))[..., [0, 2]]
+  still = (xp.diff(joints[..., feet, :], axis=-3) ** 2).sum(-1) < SNAPMOGEN.contact_threshold
+  contacts = still & (joints[..., :-1, feet, 1] < np.tile(_STAND_HEIGHT, 2))
+  rotations = rot.to_6d(rot.multiply(now, turned))[..., :-1, :, :]
+  rows = (turn, step, local[..., :-1, 0, 1], rotations, local[..., :-1, :, :], xp.diff(local, axis=-3), contacts)
+  return join_rows(rows, turn)
 
 
-def floor(heights: Num[np.ndarray, "t 4"]) -> float:
-  """Where the floor is under feet of these heights (T, 4): the mean of their lowest tenth."""
-  lowest = np.sort(heights.ravel())
-  return lowest[:max(1, int(len(lowest) * 0.1))].mean()
+def floor(heights: Num[A, "*lead t 4"]) -> Num[Array | np.floating, "*lead"]:
+  """Where the floor is under feet of these heights (..., T, 4): the mean of their lowest tenth."""
+  lowest = rot.namespace(heights).sort(heights.reshape(heights.shape[:-2] + (-1,)), axis=-1)
+  return lowest[..., :max(1, int(lowest.shape[-1] * 0.1))].mean(-1)
 
 
 def _heading(joints, mode):
-  """Quaternions (T, 4) that turn the facing direction of each frame to +z."""
-  from scipy.ndimage import gaussian_filter1d
+  """Quaternions (..., T, 4) that turn the facing direction of each frame to +z."""
+  xp = rot.namespace(joints)
   (right_hip, left_hip), (right_shoulder, left_shoulder) = SNAPMOGEN.hips, SNAPMOGEN.shoulders
-  across = joints[:, left_shoulder] - joints[:, right_shoulder] + joints[:, left_hip] - joints[:, right_hip]
+  across = joints[..., left_shoulder, :] - joints[..., right_shoulder, :] + joints[..., left_hip, :]
+  across = across - joints[..., right_hip, :]
   # Parity: the reference divides by the sum of absolute components, not by the length: frames then weigh differently in
   # the smoothing, by where they face in the world.
-  across = rot.unit(across) if mode == "corrected" else across / np.abs(across).sum(-1, keepdims=True)
-  ahead = np.cross(across, [0.0, 1.0, 0.0])
-  ahead = rot.unit(gaussian_filter1d(ahead, _SMOOTH, axis=0, mode="nearest"))
   if mode == "corrected":
-    return rot.about_axis(-np.arctan2(ahead[:, 0], ahead[:, 2]), "y")
-  return rot.between(ahead, np.broadcast_to([0.0, 0.0, 1.0], ahead.shape))
+    across = rot.unit(across)
+  else:
+    size = abs(across).sum(-1, keepdims=True)
+    across = across / (size if xp is np else xp.where(size == 0, 1, size))
+  ahead = xp.cross(across, xp.asarray([0.0, 1.0, 0.0], across.dtype))
+  ahead = rot.unit(gaussian(ahead, _SMOOTH))
+  if mode == "corrected":
+    return rot.about_axis(-rot.arctan2(ahead[..., 0], ahead[..., 2]), "y")
+  return rot.between(ahead, xp.broadcast_to(xp.asarray([0.0, 0.0, 1.0], ahead.dtype), ahead.shape))
 
 
 def _place(local, heading, root):

@@ -1,0 +1,169 @@
+"""Joints to features on jax arrays: numpy's numbers, inside jit, vmap and grad, finite at degenerate poses."""
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from motion_jax.data.datasets.synthetic import synthetic_clips
+from motion_jax.motion import inverse
+from motion_jax.motion import representations as F
+from motion_jax.motion import rotations as rot
+from motion_jax.motion.skeleton import HUMANML3D, SKELETONS, SMPL, body_axes, facing
+from motion_jax.motion.smoothing import gaussian, moving_average
+
+STAND, WALK, CURVE, TURN = 0, 1, 3, 5
+# Every way to make features; the others are columns of these, or joints recovered from them. XLA compiles one in 5 to
+# 15 s, so all but one are of the slow suite.
+OTHERS = [("full", "corrected"), ("full_kit", "benchmark"), ("steps", "benchmark"), ("snapmogen", "benchmark"),
+          ("snapmogen", "corrected"), ("motionstreamer", "corrected"), ("babel", "benchmark"), ("babel", "corrected")]
+CASES = [("full", "benchmark"), *(pytest.param(*case, marks=pytest.mark.slow) for case in OTHERS)]
+
+
+@functools.cache
+def clip(name, number, frames=40):
+  """Joints (T, J, 3), float64, made once: read only."""
+  return synthetic_clips(0, 6, skeleton=F.get_layout(name).skeleton)[number].joints[:frames].astype(np.float64)
+
+
+def largest(a, b):
+  return np.abs(np.asarray(a, np.float64) - np.asarray(b, np.float64)).max()
+
+
+@pytest.mark.parametrize("name, mode", CASES)
+def test_a_jitted_batch_has_the_numbers_of_numpy(name, mode):
+  """In float64 to 1e-6 of a unit (a metre, a centimetre), the rounding of numpy's result to float32. KIT's millimetres
+  are numbers in the thousands: there to float32's last digits."""
+  layout = F.get_layout(name)
+  joints = np.stack([clip(name, number, 28) for number in (STAND, WALK, CURVE, TURN)])
+  with jax.enable_x64(True):
+    made = jax.jit(layout.from_joints, static_argnums=1)(jnp.asarray(joints)[None], mode)[0]
+    assert made.dtype == jnp.float64
+  expected = np.stack([layout.from_joints(one, mode) for one in joints])
+  np.testing.assert_allclose(made, expected, rtol=2e-7, atol=1e-6 if layout.skeleton.unit > 0.001 else 1e-3)
+
+
+def test_float32_is_near_and_rows_in_place_are_numpys():
+  """float32 within 2e-4 of float64, but for rotations of bones that lie against their rest direction."""
+  layout = F.get_layout("essential")
+  joints = clip("full", CURVE)
+  made = jax.jit(layout.from_joints)(jnp.asarray(joints, jnp.float32))
+  assert made.dtype == jnp.float32 and largest(made, layout.from_joints(joints)) < 2e-4
+  canonical = F.canonicalize(joints, mode="corrected")
+  in_place = jax.jit(functools.partial(layout.from_joints_in_place, mode="corrected"))(jnp.asarray(canonical))
+  assert in_place.shape == (40, 67)
+  assert largest(in_place, layout.from_joints_in_place(canonical, "corrected")) < 2e-4
+
+
+def degenerate(skeleton):
+  """{name: joints (T, J, 3)}: directions that are undefined, roots and arc cosines with an infinite derivative."""
+  joints = synthetic_clips(0, 2, skeleton=skeleton)[WALK].joints[:12].astype(np.float64)
+  still = np.repeat(joints[:1], 12, axis=0)
+  no_bone = joints.copy()
+  for joint in (skeleton.leg_bones[1], skeleton.chains[3][2]):
+    no_bone[:, joint] = no_bone[:, skeleton.parents[joint]]
+  no_width = joints.copy()
+  for pair in (skeleton.hips, skeleton.shoulders):
+    no_width[:, pair[0]] = no_width[:, pair[1]]
+  half_turn = joints.copy()
+  half_turn[6:] *= [-1, 1, -1]
+  rest, opposite = still.copy(), still.copy()
+  for joint in inverse.order(skeleton)[1:]:
+    parent = skeleton.parents[joint]
+    rest[:, joint] = rest[:, parent] + skeleton.offsets[joint]
+    opposite[:, joint] = opposite[:, parent] - skeleton.offsets[joint]
+  line = still.copy()
+  line[..., [0, 2]] = 0
+  return {"still": still, "no bone": no_bone, "no width": no_width, "half turn": half_turn, "rest": rest,
+          "opposite": opposite, "a line": line, "a point": still * 0}
+
+
+@pytest.mark.parametrize("name, mode", CASES)
+def test_gradients_are_those_of_finite_differences_and_finite_at_degenerate_poses(name, mode):
+  """Through rotations too, least-squares fits of pelvis and chest among them."""
+  layout = F.get_layout(name)
+  rng = np.random.default_rng(0)
+  with jax.enable_x64(True):
+    weights = rng.normal(size=layout.dim)
+    if "contacts" in layout.blocks:
+      weights[layout["contacts"]] = 0
+    run = jax.jit(jax.value_and_grad(lambda joints: (layout.from_joints(joints, mode) * weights).sum()))
+    unit = layout.skeleton.unit
+    joints = clip(name, CURVE, 12) + rng.normal(0, 0.01 / unit, (12, layout.skeleton.num_joints, 3))
+    grad = np.asarray(run(joints + jnp.zeros(()))[1])
+    for _ in range(3):
+      way = rng.normal(size=joints.shape)
+      size = 1e-6 / unit
+      expected = (run(jnp.asarray(joints + size * way))[0] - run(jnp.asarray(joints - size * way))[0]) / (2 * size)
+      np.testing.assert_allclose((grad * way).sum(), expected, rtol=1e-4, atol=1e-4)
+    for what, joints in degenerate(layout.skeleton).items():
+      value, grad = run(jnp.asarray(joints))
+      assert np.isfinite(value) and np.isfinite(grad).all(), what
+
+
+@pytest.mark.parametrize("name", ["full", *(pytest.param(name, marks=pytest.mark.slow) for name in
+                                            ("full_kit", "snapmogen", "snapmogen_148", "motionstreamer", "babel"))])
+def test_recovery_has_gradients_too(name):
+  """Back from features, of zeros as well, by positions and by rotations."""
+  layout = F.get_layout(name)
+  features = jnp.asarray(layout.from_joints(clip(name, CURVE, 12), "corrected"))
+  grad = jax.jit(jax.grad(lambda f: (layout.to_joints(f) ** 2).sum() + (layout.rotations_to_joints(f) ** 2).sum()))
+  for case in (features, jnp.zeros_like(features)):
+    assert np.isfinite(grad(case)).all()
+  assert np.abs(grad(features)).max() > 0
+
+
+def test_there_and_back_inside_jit():
+  joints = clip("full", CURVE)
+  back = jax.jit(lambda x: F.to_joints(F.to_features(x, mode="corrected")))(jnp.asarray(joints))
+  assert largest(back, F.canonicalize(joints, mode="corrected")[:-1]) < 1e-3
+
+
+@pytest.mark.slow
+def test_a_few_steps_bring_joints_to_given_features():
+  """What a researcher does with it: move joints until their features are the ones wanted."""
+  goal = F.to_features(clip("full", WALK), mode="corrected")
+  columns = np.r_[F.get_layout("full")["positions"], F.get_layout("full")["rotations"]]
+  loss = lambda joints: ((F.to_features(joints, mode="corrected") - goal)[:, columns] ** 2).mean()
+  joints = jnp.asarray(clip("full", WALK) + np.random.default_rng(1).normal(0, 0.02, (40, 22, 3)), jnp.float32)
+  run = jax.jit(jax.value_and_grad(loss))
+  before = run(joints)[0]
+  for _ in range(30):
+    joints = joints - 1.0 * run(joints)[1]
+  assert run(joints)[0] < 0.5 * before
+
+
+@pytest.mark.parametrize("skeleton", SKELETONS.values(), ids=SKELETONS)
+def test_axes_and_facing_are_those_of_numpy(skeleton):
+  """Also where hips or shoulders have no width, in all frames or in some."""
+  joints = synthetic_clips(0, 4, skeleton=skeleton)[CURVE].joints[:28].astype(np.float64)
+  thin, late = joints.copy(), joints.copy()
+  thin[:, skeleton.hips[0]] = thin[:, skeleton.hips[1]]
+  late[:3, skeleton.hips[0]] = late[:3, skeleton.hips[1]]
+  cases = np.stack([joints, thin, late])
+  with jax.enable_x64(True):
+    for part, made in enumerate(jax.jit(body_axes, static_argnums=1)(jnp.asarray(cases), skeleton)):
+      assert largest(made, np.stack([body_axes(case, skeleton)[part] for case in cases])) < 1e-9
+    assert largest(facing(jnp.asarray(joints), skeleton, 5.0), facing(joints, skeleton, 5.0)) < 1e-9
+    if skeleton is SMPL:
+      made = jax.jit(inverse.world_rotations, static_argnums=1)(jnp.asarray(cases), skeleton)
+      expected = np.stack([inverse.world_rotations(case, skeleton) for case in cases])
+      assert largest(rot.to_matrix(made), rot.to_matrix(expected)) < 1e-6
+
+
+@pytest.mark.parametrize("window", [1, 4, 5])
+def test_filters_are_those_of_scipy(window):
+  values = np.random.default_rng(0).normal(size=(2, 9, 3))
+  with jax.enable_x64(True):
+    assert largest(gaussian(jnp.asarray(values), float(window)), gaussian(values, float(window))) < 1e-12
+    assert largest(moving_average(jnp.asarray(values), window), moving_average(values, window)) < 1e-12
+
+
+def test_shapes_are_checked_and_numbers_are_not():
+  with pytest.raises(ValueError, match=r"got joints of shape \(10, 21, 3\)"):
+    F.to_features(jnp.zeros((10, 21, 3)))
+  with pytest.raises(ValueError, match="at least 2 frames"):
+    F.to_features(jnp.zeros((4, 1, 22, 3)))
+  batch = jax.eval_shape(F.to_features, jax.ShapeDtypeStruct((2, 4, 5, HUMANML3D.num_joints, 3), jnp.float32))
+  assert batch.shape == (2, 4, 4, 263)
