@@ -7,7 +7,7 @@ if TYPE_CHECKING:
   from motion_jax.motion import representations, rotations
   from motion_jax.motion.cleanup import Cleaner, clean_up
   from motion_jax.motion.contacts import feet_stand
-  from motion_jax.motion.pose import Pose, pose_to_joints, t_pose, to_pose
+  from motion_jax.motion.pose import Pose, pose_to_joints, to_pose
   from motion_jax.motion.representations import (
     LAYOUTS,
     Representation,
@@ -19,7 +19,17 @@ if TYPE_CHECKING:
     to_joints,
   )
   from motion_jax.motion.retarget import mirror, with_lengths
-  from motion_jax.motion.skeleton import HUMANML3D, KIT, SKELETONS, SMPL, SNAPMOGEN, Skeleton, bone_lengths, facing
+  from motion_jax.motion.skeleton import (
+    HUMANML3D,
+    KIT,
+    SKELETONS,
+    SMPL,
+    SNAPMOGEN,
+    Skeleton,
+    bone_lengths,
+    facing,
+    t_pose,
+  )
   from motion_jax.motion.stats import Stats, compute_stats, load_stats, save_stats
 
 __all__ = ["Cleaner", "HUMANML3D", "KIT", "LAYOUTS", "Pose", "Representation", "SKELETONS", "SMPL", "SNAPMOGEN",

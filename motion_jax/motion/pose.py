@@ -12,17 +12,20 @@ import numpy as np
 from jaxtyping import Float, Num
 
 from motion_jax.motion import rotations as rot
-from motion_jax.motion.skeleton import HUMANML3D, THIN, Skeleton, body_axes, from_nearest, unit_or_nearest
+from motion_jax.motion.skeleton import (
+  HUMANML3D,
+  THIN,
+  Skeleton,
+  body_axes,
+  from_nearest,
+  side_and_kind,
+  t_pose,
+  unit_or_nearest,
+)
 from motion_jax.shapes import Array
 
 Tree = list[list[int]]  # the children of each joint
 
-# Where each kind of bone points in the T-pose; x is for the left side and is mirrored for the right.
-_REST = {
-    "hip": (0.74, -0.67, 0), "knee": (0, -1, 0), "ankle": (0, -1, 0), "heel": (0, -0.8, -0.6), "foot": (0, -0.45, 0.9),
-    "spine1": (0, 1, 0), "spine2": (0, 1, 0), "spine3": (0, 1, 0), "torso_low": (0, 1, 0), "torso_high": (0, 1, 0),
-    "neck": (0, 1, 0), "neck2": (0, 1, 0), "pelvis": (0, -1, 0), "head": (0, 0.95, 0.3),
-    "collar": (0.65, 0.755, -0.085), "shoulder": (1, 0, 0), "elbow": (1, 0, 0), "wrist": (1, 0, 0)}
 # An easy pose of the bone below the joint, opposite to which no limb can point: the turn from there is never ambiguous.
 _EASY = {"shoulder": (0.45, -0.55, 0.7), "hip": (0.1, -0.85, 0.5)}
 _HINGES = {"shoulder": (0, -1, 0), "hip": (1, 0, 0)}  # axis of elbow and knee in the T-pose, again for the left side
@@ -95,7 +98,7 @@ def to_pose(joints: Num[Array, "t j 3"], skeleton: Skeleton = HUMANML3D, fps: fl
       turned[joint] = above  # nothing below shows how an end of a limb is turned
       continue
     child = children[joint][0]
-    side, kind = _kind(skeleton.joints[joint])
+    side, kind = side_and_kind(skeleton.joints[joint])
     ahead = _next_branch(joint, children)
     if kind in _HINGES:
       turned[joint] = _hinge_turn(joint, bones, offsets, above, children, skeleton, fps)
@@ -124,16 +127,6 @@ def pose_to_joints(pose: Pose, skeleton: Skeleton = HUMANML3D) -> Float[np.ndarr
   return joints
 
 
-def t_pose(skeleton: Skeleton = HUMANML3D, lengths: Float[np.ndarray, " j"] | None = None) -> Float[np.ndarray, "j 3"]:
-  """Offsets (J, 3) from the parent in a T-pose: facing +z, arms along x, legs down. lengths (J,): the skeleton's."""
-  lengths = skeleton.bone_lengths if lengths is None else lengths
-  offsets = np.zeros((skeleton.num_joints, 3))
-  for joint, name in enumerate(skeleton.joints[1:], 1):
-    side, kind = _kind(name)
-    offsets[joint] = rot.unit(np.array(_REST[kind], np.float64) * [side, 1, 1]) * lengths[joint]
-  return offsets
-
-
 def turn_ends(pose: Pose, joints: Float[np.ndarray, "t j 3"], skeleton: Skeleton = HUMANML3D) -> Pose:
   """The pose with toes that stay on the ground while the foot rolls over them, and hands that lie on it.
 
@@ -145,7 +138,7 @@ def turn_ends(pose: Pose, joints: Float[np.ndarray, "t j 3"], skeleton: Skeleton
   level = np.percentile(joints[:, feet, 1].min(1), 5)
   local, world = pose.rotations.copy(), pose.turned.copy()
   for joint, name in enumerate(skeleton.joints):
-    side, kind = _kind(name)
+    side, kind = side_and_kind(name)
     if kind not in _BENDS:
       continue
     axis, most = np.array(_BENDS[kind][0], np.float64) * (side if kind == "wrist" else 1), np.radians(_BENDS[kind][1])
@@ -160,12 +153,6 @@ def turn_ends(pose: Pose, joints: Float[np.ndarray, "t j 3"], skeleton: Skeleton
     turn = np.concatenate([np.cos(half), np.sin(half) * axis], axis=-1)
     local[:, joint], world[:, joint] = rot.multiply(local[:, joint], turn), rot.multiply(world[:, joint], turn)
   return pose._replace(rotations=rot.continuous(local), turned=rot.continuous(world))
-
-
-def _kind(name: str) -> tuple[int, str]:
-  """+1 for left, -1 for right, 1 otherwise, and the name without its side."""
-  side, _, rest = name.partition("_")
-  return {"left": (1, rest), "right": (-1, rest)}.get(side, (1, name))
 
 
 def _children(skeleton: Skeleton) -> Tree:
@@ -201,7 +188,8 @@ def _fit(joints: Float[np.ndarray, "t j 3"], bones: Float[np.ndarray, "t j 3"], 
   frame, then the turn that fits the shape best in each frame (Kabsch). Children in one point or on one line do not show
   a turn: then hips, shoulders and trunk do (`skeleton.body_axes`).
   """
-  sides = [_kind(skeleton.joints[j])[0] if skeleton.joints[j].startswith(("left", "right")) else 0 for j in members]
+  names = [skeleton.joints[j] for j in members]
+  sides = [side_and_kind(name)[0] if name.startswith(("left", "right")) else 0 for name in names]
   left, right, middle = (members[sides.index(side)] for side in (1, -1, 0))
   group = bones[:, members]
   up = bones[:, middle] - (bones[:, left] + bones[:, right]) * (0.5 if skeleton.joints[middle] != "neck" else 0)
@@ -237,7 +225,7 @@ def _hinge_turn(joint: int, bones: Float[np.ndarray, "t j 3"], offsets: Float[np
                 above: Float[np.ndarray, "t 4"], children: Tree, skeleton: Skeleton, fps: float
                 ) -> Float[np.ndarray, "t 4"]:
   """The turn (T, 4) of a shoulder or hip: its bone exact, the axis of elbow or knee where bending shows it."""
-  side, kind = _kind(skeleton.joints[joint])
+  side, kind = side_and_kind(skeleton.joints[joint])
   child = children[joint][0]
   mirror = np.array([side, 1, 1])
   axis = np.array(_HINGES[kind], np.float64) * (side if kind == "shoulder" else 1)

@@ -10,9 +10,8 @@ import numpy as np
 from jaxtyping import Float, Num
 
 from motion_jax.motion import rotations as rot
-from motion_jax.motion.pose import t_pose
 from motion_jax.motion.rotations import A
-from motion_jax.motion.skeleton import HUMANML3D, Skeleton, body_axes
+from motion_jax.motion.skeleton import HUMANML3D, Skeleton, body_axes, t_pose
 from motion_jax.shapes import Array
 
 _FLOOR_PERCENTILE = 5     # of the lower foot's height over the clip: a tracking spike does not lift the clip

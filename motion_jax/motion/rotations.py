@@ -130,7 +130,7 @@ def best_turn(bones: Float[A, "*lead n 3"], shape: Float[Array, "n 3"]) -> Float
   return _nearest_rotation(products) if xp is jnp else _kabsch(products)
 
 
-def _kabsch(m):
+def _kabsch(m: Float[A, "*lead 3 3"]) -> Float[A, "*lead 3 3"]:
   """The rotation matrices nearest to m (..., 3, 3)."""
   xp = namespace(m)
   u, _, vt = xp.linalg.svd(m)
@@ -139,13 +139,13 @@ def _kabsch(m):
 
 
 @jax.custom_jvp
-def _nearest_rotation(m):
+def _nearest_rotation(m: Float[jax.Array, "*lead 3 3"]) -> Float[jax.Array, "*lead 3 3"]:
   with jax.default_matmul_precision("highest"):
     return _kabsch(m)
 
 
 @_nearest_rotation.defjvp
-def _nearest_rotation_jvp(primals, tangents):
+def _nearest_rotation_jvp(primals: tuple[Any], tangents: tuple[Any]) -> tuple[Any, Any]:
   """With m = R S, S symmetric, and dR = R [w]x: (tr(S) I - S) w is the axial vector of R^T dm.
 
   Unlike the derivative of an SVD this is finite where singular values are equal; where the rotation is undefined (all

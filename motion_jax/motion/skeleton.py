@@ -14,6 +14,12 @@ from motion_jax.motion.rotations import A
 from motion_jax.motion.smoothing import gaussian
 from motion_jax.shapes import Array
 
+# Where each kind of bone points in the T-pose; x is for the left side and is mirrored for the right.
+_REST = {
+    "hip": (0.74, -0.67, 0), "knee": (0, -1, 0), "ankle": (0, -1, 0), "heel": (0, -0.8, -0.6), "foot": (0, -0.45, 0.9),
+    "spine1": (0, 1, 0), "spine2": (0, 1, 0), "spine3": (0, 1, 0), "torso_low": (0, 1, 0), "torso_high": (0, 1, 0),
+    "neck": (0, 1, 0), "neck2": (0, 1, 0), "pelvis": (0, -1, 0), "head": (0, 0.95, 0.3),
+    "collar": (0.65, 0.755, -0.085), "shoulder": (1, 0, 0), "elbow": (1, 0, 0), "wrist": (1, 0, 0)}
 THIN = 0.02  # of the legs' length: joints less far apart show no direction
 
 
@@ -163,6 +169,22 @@ def bone_lengths(joints: Num[A, "*lead j 3"], skeleton: Skeleton) -> Float[A, "*
 def with_own_lengths(joints: Num[Array, "t j 3"], skeleton: Skeleton) -> Skeleton:
   """The skeleton with the bone lengths of joints (T, J, 3), medians over the frames."""
   return dataclasses.replace(skeleton, bone_lengths=np.median(bone_lengths(joints, skeleton), axis=0))
+
+
+def t_pose(skeleton: Skeleton = HUMANML3D, lengths: Float[np.ndarray, " j"] | None = None) -> Float[np.ndarray, "j 3"]:
+  """Offsets (J, 3) from the parent in a T-pose: facing +z, arms along x, legs down. lengths (J,): the skeleton's."""
+  lengths = skeleton.bone_lengths if lengths is None else lengths
+  offsets = np.zeros((skeleton.num_joints, 3))
+  for joint, name in enumerate(skeleton.joints[1:], 1):
+    side, kind = side_and_kind(name)
+    offsets[joint] = rot.unit(np.array(_REST[kind], np.float64) * [side, 1, 1]) * lengths[joint]
+  return offsets
+
+
+def side_and_kind(name: str) -> tuple[int, str]:
+  """+1 for left, -1 for right, 1 otherwise, and the name without its side."""
+  side, _, rest = name.partition("_")
+  return {"left": (1, rest), "right": (-1, rest)}.get(side, (1, name))
 
 
 def facing(joints: Num[A, "*lead t j 3"], skeleton: Skeleton = HUMANML3D, smooth: float = 0.0,
