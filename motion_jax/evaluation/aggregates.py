@@ -1,4 +1,4 @@
-"""Replications put together: means, intervals, curves, and what JSON can hold of them."""
+"""Aggregates over replications: means, intervals and curves, as values that JSON can hold."""
 import dataclasses
 import math
 
@@ -9,8 +9,9 @@ from motion_jax.evaluation import differences
 
 
 def collect(found, population=True):
-  """({row: {metric: {"mean", "interval", "values"}}}, {row: [curve of each replication]}) of what a task found in each
-  replication, [`tasks.base.Found`]."""
+  """({row: {metric: {"mean", "interval", "values"}}}, {row: [curve of each replication]}) from the results of a task in
+  each replication, [`tasks.base.Found`].
+  """
   values, curves = {}, {}
   for one in found:
     for row, numbers in one.rows.items():
@@ -23,10 +24,10 @@ def collect(found, population=True):
 
 
 def interval(values, population=True) -> dict:
-  """Mean and half width of the 95 % interval over R replications, None of a single one.
+  """Mean and half width of the 95 % interval over R replications; None for a single one.
 
-  population: 1.96 std / sqrt(R), std of the numbers themselves, as the papers have it for R of 10 and 20; else
-  Student's t of R - 1 degrees takes the place of 1.96, which is honest for few replications, too.
+  population: 1.96 std / sqrt(R) with the population std, as the papers do for R = 10 and 20; otherwise Student's t with
+  R - 1 degrees of freedom takes the place of 1.96, which also holds for few replications.
   """
   values = np.asarray(values, np.float64)
   half, count = None, len(values)
@@ -37,13 +38,14 @@ def interval(values, population=True) -> dict:
 
 
 def spread(row) -> dict:
-  """{metric: std over replications} of a row, where it has several."""
+  """{metric: standard deviation over replications} of a row with several replications."""
   return {metric: float(np.std(one["values"], ddof=1)) for metric, one in row.items() if len(one["values"]) > 1}
 
 
 def compared(made, by_motion, seed) -> list[dict]:
-  """Each row less the first one of its part, on the same captions. made: {row: (candidate, part)}, by_motion: {row:
-  [`ByMotion` of each replication]}."""
+  """The difference of each row to the first row of its part, on the same captions. made: {row: (candidate, part)},
+  by_motion: {row: [`ByMotion` of each replication]}.
+  """
   found, first = [], {}
   for row, (_, part) in made.items():
     if row not in by_motion:
@@ -56,15 +58,15 @@ def compared(made, by_motion, seed) -> list[dict]:
 
 
 def uncertain(harness, made, by_motion, compared) -> list[str]:
-  """Of few test clips: by how much other ones would move the numbers of the first row, as sentences."""
+  """For a small test set: sentences on how much the numbers of the first row would vary with other test clips."""
   row = next((row for row in made if row in by_motion), None)
   if harness.count > harness.evaluator.dim or row is None:
     return []
   found = differences.over_clips(by_motion[row], seed=harness.seed)
-  told = ", ".join(f"{label} ± {found[metric]['interval']:.2g}" for metric, label in (
+  amounts = ", ".join(f"{label} ± {found[metric]['interval']:.2g}" for metric, label in (
       ("top1", "R@1"), ("top3", "R@3"), ("fid", "FID"), ("matching", "MM-Dist"), ("clip_score", "CLIP-score"))
       if metric in found)
-  return [f"Of {harness.count} test clips: on others like them the numbers of {row} would differ by {told} (95 %, "
+  return [f"Of {harness.count} test clips: on others like them the numbers of {row} would differ by {amounts} (95 %, "
           "bootstrap over clips)" + (": compare rows by their differences below" if compared else "")]
 
 
@@ -73,7 +75,7 @@ def row_name(name, part):
 
 
 def guidance_curves(rows, candidates):
-  """FID and R-precision against guidance where several scales were asked for."""
+  """FID and R-precision against the guidance scale, where there are several scales."""
   curves = {}
   for name in dict.fromkeys(one.name.partition(", guidance")[0] for one in candidates):
     own = [one for one in candidates
@@ -89,7 +91,7 @@ def guidance_curves(rows, candidates):
 
 
 def transition_curves(curves, population):
-  """Jerk across transitions, mean over replications, of the rows whose task measures it; curves as of `collect`."""
+  """Mean jerk across transitions of the rows whose task measures it; curves as of `collect`."""
   drawn = {}
   for name, replications in curves.items():
     found = [interval(values, population) for values in np.transpose(replications)]
@@ -101,7 +103,7 @@ def transition_curves(curves, population):
 
 
 def json_ready(value):
-  """Only what JSON knows: numbers that are not finite are null."""
+  """The value with types that JSON has; numbers that are not finite become null."""
   if isinstance(value, dict):
     return {str(key): json_ready(one) for key, one in value.items()}
   if isinstance(value, list | tuple):

@@ -1,4 +1,4 @@
-"""Models that are judged, with the choices by which they are sampled and the place where their samples are kept."""
+"""Candidates: the models of an evaluation, each with its sampling choices and the folder of its samples."""
 import dataclasses
 import hashlib
 import itertools
@@ -19,10 +19,10 @@ _PARTS = (checkpoint.CONFIG, checkpoint.FROZEN, "Mean.npy", "Std.npy")
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Candidate:
-  """A model as it is sampled for one row.
+  """A model with the sampling choices of one row.
 
-  name: of its row. hash: of its weights, statistics and config. guidance_scale None: the config's own. options:
-  what else goes to `generate`. folder: of its samples.
+  name: of the row. hash: of weights, statistics and config. guidance_scale None: the config's own. options: further
+  arguments of `generate`. folder: of its samples.
   """
   name: str
   model: Any
@@ -37,12 +37,12 @@ class Candidate:
 
   @property
   def reader(self):
-    """What `test_set.read_test_set` needs to make features of clips as the model knows them."""
+    """The representation in which `test_set.read_test_set` has to give real clips to the model."""
     return Reader(self.name, self.model.stats.layout, self.model.config.data.mode)
 
   @property
   def about(self) -> dict:
-    """What the provenance says of it."""
+    """The entry of provenance."""
     sampled = self.model.can("generate")
     scale = self.model.sampling(guidance_scale=self.guidance_scale).guidance_scale if sampled else None
     taught = self.model.config.get("alignment_teacher")
@@ -52,36 +52,36 @@ class Candidate:
                 statistics=self.model.stats.fingerprint, **({"alignment_teacher": taught.to_dict()} if taught else {}))
 
   def parts(self, names, some=True):
-    """Of names {folder of samples: part of a task} those that it has: all."""
+    """The given {folder of samples: part of a task}: a model has all parts."""
     return names
 
   def store(self, harness, kind="generation") -> samples.Store:
-    """Where its samples for a harness are kept."""
+    """The store of its samples for a harness."""
     draw = {name: getattr(harness.protocol, name) for name in (
         "pool", "min_frames", "past_frames", "max_frames", "unit_length", "random_caption", "coin", "random_crop",
         "shuffle", "sort_by_caption", "multimodality_shared", "sequences", "segments")}
     text = self.model.encoder.fingerprint if self.model.can("generate") else None
     return samples.Store(self.folder, dict(
         kind=kind, model=self.hash, text=text, guidance_scale=self.about["guidance_scale"],
-        sampling=self._asked, seed=harness.seed, limit=harness.limit, draw=draw, items=harness.test_set.words_hash,
-        batch=samples.BATCH), provenance.maker(self.devices))
+        sampling=self._changed_options, seed=harness.seed, limit=harness.limit, draw=draw,
+        items=harness.test_set.words_hash, batch=samples.BATCH), provenance.maker(self.devices))
 
   @property
   def sampled_by(self) -> list[dict]:
-    """What made the motions that it was given; see `provenance.maker`."""
+    """Code and devices that generated its motions; see `provenance.maker`."""
     found = []
     for store in self._stores:
       found += [one for one in store.makers if one not in found]
     return found
 
   @property
-  def _asked(self):
-    """The options that are not what the model does anyway: the same samples, whether that was said or not."""
+  def _changed_options(self):
+    """The options that differ from the model's defaults: naming a default does not change the samples."""
     usual = dataclasses.asdict(self.model.sampling()) if self.model.can("generate") else {}
     return {name: value for name, value in self.options.items() if value is not None and usual.get(name) != value}
 
   def sample(self, make: Callable, store, name, jobs, what, batch=None):
-    """`samples.sample` with a bar, on this candidate's devices."""
+    """`samples.sample` with a progress bar, on this candidate's devices."""
     if all(store.folder != one.folder for one in self._stores):
       self._stores.append(store)
     with samples.progress(len(jobs.captions), f"{self.name}, {what}", self.show) as bar:
@@ -107,8 +107,9 @@ class Reader:
 
 @dataclasses.dataclass(frozen=True)
 class Choices:
-  """How models are sampled, a row for each pair: guidance scales (none: the model's own), and what else `generate`
-  takes: shared by all rows, and varied, changes of it. more: options that a task has beside those of the method."""
+  """Sampling choices, one row for each combination: guidance scales (none: the model's own) and further arguments of
+  `generate`: shared by all rows, and `varied`, changes of them. more: options of the task, beside those of the method.
+  """
   guidance: tuple[float, ...] = ()
   shared: dict = dataclasses.field(default_factory=dict)
   varied: tuple[dict, ...] = ({},)
@@ -116,21 +117,22 @@ class Choices:
 
   @property
   def named(self) -> set[str]:
-    """Options that differ between rows, and so are part of their names."""
+    """Options that differ between rows, and are therefore part of row names."""
     rows = [self.shared | one for one in self.varied]
     return {key for one in rows for key in one if any(other.get(key) != one[key] for other in rows)}
 
 
 class Loaded(NamedTuple):
-  """Candidates, a row each, and sentences about variations that a model does not know and has no row of."""
+  """Candidates, one per row, and sentences on variations that a model does not have."""
   candidates: list[Candidate]
   left_out: list[str]
 
 
 def load_candidates(runs, load, choices: Choices, out, samples_folder=None, devices=(), only_read=False, show=True
                     ) -> Loaded:
-  """The models of runs, by load(run), with each choice of sampling that they know. out: where samples of a model that
-  ships are kept, unless in samples_folder. Raises ValueError for a choice that no model knows."""
+  """Loads the models of runs by load(run), with each sampling choice that they have. out: keeps the samples of shipped
+  models, unless there is a samples_folder. Raises ValueError for a choice that no model has.
+  """
   models = dict(zip(row_names(runs), map(load, runs)))
   varied, left_out = _varied_of(models, choices)
   candidates, named = [], choices.named
@@ -147,8 +149,9 @@ def load_candidates(runs, load, choices: Choices, out, samples_folder=None, devi
 
 
 def _varied_of(models, choices):
-  """({model: the variations that it knows}, sentences about the others). Models of two methods have different
-  choices: one is left out where another model knows it."""
+  """({model: the variations that it has}, sentences about the others). Models of two methods have different choices:
+  one is left out where another model has it.
+  """
   varied, wrong = {name: [] for name in models}, {}
   for one in choices.varied:
     for name, loaded in models.items():
@@ -168,15 +171,16 @@ def _varied_of(models, choices):
 
 
 def row_names(runs):
-  """The last part of each run's path, or the path where that is another's too or means something else in a result."""
+  """The last part of each run's path, or the whole path where names coincide or have another meaning in a result."""
   names = [resolve_run(run).resolve().name for run in runs]
   return [name if names.count(name) == 1 and name not in ("real", "shuffled") else str(run)
           for name, run in zip(names, runs)]
 
 
 def check_options(name, loaded, guidance, options, more=()):
-  """Raises ValueError where a model cannot be sampled by guidance scales and options, before anything is done; more:
-  options that a task has beside those of the method."""
+  """Raises ValueError if a model cannot be sampled with these guidance scales and options. more: options of the task,
+  beside those of the method.
+  """
   if not loaded.can("generate"):
     if guidance or options:
       raise ValueError(f"{name} is not sampled, so guidance and choices of sampling mean nothing to it; leave them out")
@@ -191,7 +195,7 @@ def check_options(name, loaded, guidance, options, more=()):
 
 
 def load_able(run, ability, raw=False):
-  """The model of a run that has an ability of `models.base.ABILITIES`. Raises ValueError for another one."""
+  """The model of a run, which must have an ability of `models.base.ABILITIES`. Raises ValueError for another model."""
   loaded = loading.load(run, raw=raw)
   if not loaded.can(ability):
     raise ValueError(f"{run} holds a model that has no {ability!r} ({ABILITIES[ability]}); this protocol needs the run "
@@ -200,7 +204,7 @@ def load_able(run, ability, raw=False):
 
 
 def hash_of(loaded) -> str:
-  """sha256 of what decides the motions of a model that was loaded from a run folder."""
+  """sha256 of the files that determine the motions of a loaded model."""
   folder, params = loaded.folder, getattr(loaded, "params_file", checkpoint.PARAMS)
   digest = hashlib.sha256()
   for name in (*_PARTS, params):

@@ -1,7 +1,7 @@
-"""How far numbers would move on other test clips, by the bootstrap: of a row, and of the difference of two.
+"""Bootstrap over test clips: how far a row, or the difference of two rows, would vary with other clips.
 
-Replications draw other captions, cuts and noise of the same clips, so their interval says nothing of other clips. Here
-clips are resampled with replacement; two rows are compared on the same draws, for they are of the same captions.
+Replications draw other captions, cuts and noise of the same clips, so their interval does not cover other clips. Here
+clips are resampled with replacement; two rows are compared on the same draws, because they have the same captions.
 """
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -12,8 +12,9 @@ DRAWS, FID_DRAWS = 1_000, 60
 
 
 class ByMotion(NamedTuple):
-  """What a replication's row is of: item (N,) of the test set of each motion, values {metric: (N,)} that the row has
-  the means of, and the vectors (N, E) that FID is taken of, of the real motions and of the row's."""
+  """The values of each motion of a row in one replication: item (N,) of the test set, values {metric: (N,)} whose means
+  the row shows, and the vectors (N, E) of FID, of the real motions and of the row's.
+  """
   item: np.ndarray
   values: dict[str, np.ndarray]
   real: np.ndarray
@@ -21,7 +22,7 @@ class ByMotion(NamedTuple):
 
 
 def over_clips(own: Sequence[ByMotion], other: Sequence[ByMotion] | None = None, seed: int = 0) -> dict[str, dict]:
-  """{metric: {"mean", "interval"}} of a row, or of the row less another; both a `ByMotion` for each replication.
+  """{metric: {"mean", "interval"}} of a row, or of the row minus another; both are a `ByMotion` for each replication.
 
   interval: half of the 95 % interval, 1.96 standard deviations of the bootstrap draws. A draw of FID is of one
   replication.
@@ -51,7 +52,7 @@ def _interval(mean, draws):
 
 
 def _fid(own, other, replication, chosen):
-  """FID of a row's motions, less that of another's, on the chosen ones."""
+  """FID of a row's motions at the chosen indices, minus that of another row."""
   real = _gaussian(own[replication].real[chosen])
   fid = _frechet(real, _gaussian(own[replication].made[chosen]))
   return fid - _frechet(real, _gaussian(other[replication].made[chosen])) if other else fid
@@ -65,7 +66,7 @@ def _gaussian(x):
 
 
 def _frechet(a, b):
-  """`scores.frechet_distance` by factors, with no root of a matrix: hundreds of draws take seconds."""
+  """`scores.frechet_distance` from factors, without a matrix square root: hundreds of draws take seconds."""
   (mean_a, factor_a), (mean_b, factor_b) = a, b
   shared = np.linalg.svd(factor_a @ factor_b.T, compute_uv=False).sum()
   return float(((mean_a - mean_b) ** 2).sum() + (factor_a**2).sum() + (factor_b**2).sum() - 2 * shared)

@@ -1,4 +1,5 @@
-"""Evaluators over a test set: embeddings of texts, real motions and made ones, and the scores of a replication."""
+"""Evaluators applied to a test set: embeddings of texts, real and generated motions, and the scores of a replication.
+"""
 import dataclasses
 from typing import NamedTuple
 
@@ -20,9 +21,10 @@ WIDER = 16   # rows by which they grow where they have to, so that few sizes are
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Embedded:
-  """What a replication draws, and embeddings (N, E) of it; again: of other cuts of the same items' real motions.
+  """The draw of a replication and its embeddings (N, E); `again`: real motions of the same items, cut differently.
 
-  real_for_fid, again_for_fid: what FID is taken of where that is another vector."""
+  real_for_fid, again_for_fid: the vectors of FID, where the evaluator has separate ones.
+  """
   drawn: samples.Draw
   text: np.ndarray
   real: np.ndarray
@@ -36,14 +38,15 @@ class Embedded:
 
 
 class Judged(NamedTuple):
-  """A row, {metric: number}, and what it is of, motion by motion."""
+  """A row {metric: number}, and the values of each motion that it is the mean of."""
   row: dict[str, float]
   by_motion: ByMotion
 
 
 class Harness:
-  """Evaluators over the test set of a protocol: `drawn` says what a replication draws, `embedded` what evaluators make
-  of its real side, `scores` the numbers of motions that were made for it. Nothing is written into it from outside."""
+  """Evaluators and the test set of a protocol. `drawn` is the draw of a replication, `embedded` its real side, `scores`
+  a row of generated motions. It is never changed from outside.
+  """
 
   def __init__(self, protocol, evaluator, clip_evaluator, test_set, seed, limit=None):
     # The evaluator is of CLIP's type itself (docs/papers/cmdm.md#snapmogen).
@@ -61,7 +64,7 @@ class Harness:
     return np.random.default_rng((self.seed, replication, stream))
 
   def drawn(self, replication) -> samples.Draw:
-    """The items that a replication draws, in its order."""
+    """The items that a replication draws, in order."""
     return samples.draw_replication(self.test_set, self.protocol, self.seed, replication, self.limit)
 
   def embedded(self, replication) -> Embedded:
@@ -91,7 +94,7 @@ class Harness:
     return self.embed_captions(evaluator, drawn.captions_of(self.test_set), drawn.tokens_of(self.test_set))
 
   def embed_captions(self, evaluator, captions, tokens):
-    """Embeddings (N, E) of captions, each different one read once; tokens as data hold them, None by rule."""
+    """Embeddings (N, E) of captions; equal captions are embedded once. tokens: as the data has them, None: by rule."""
     known, pairs = self._texts.setdefault(id(evaluator), {}), list(zip(captions, tokens))
     new = [pair for pair in dict.fromkeys(pairs) if pair not in known]
     if new:
@@ -101,13 +104,14 @@ class Harness:
     return np.stack([known[pair] for pair in pairs])
 
   def embed(self, evaluator, motions, frames, embed=None):
-    """Embeddings (N, E) of motions, a list of (rows, F) as the evaluator reads them, told to have `frames` (N,).
+    """Embeddings (N, E) of motions [(rows, F)] in the evaluator's features; the evaluator receives the lengths `frames`
+    (N,).
 
-    Rows behind frames are kept where the protocol keeps them, up to its longest motion; the rest is zeros. embed: one
+    Rows after `frames` are kept where the protocol keeps them, up to its longest motion; the rest is zeros. embed: one
     of the evaluator's functions, embed_motion by default.
     """
     embed = embed or evaluator.embed_motion
-    told = protocol_lib.evaluator_frames(frames, self.protocol)
+    lengths = protocol_lib.evaluator_frames(frames, self.protocol)
     # Pieces of long motions end on the model's own grid, some frames behind the longest clip.
     width = self.protocol.max_frames
     width += -(-max(int(np.max(frames)) - width, 0) // WIDER) * WIDER
@@ -119,26 +123,26 @@ class Harness:
         evaluator.layout.check(motion)
         kept = motion[:width if self.protocol.made_padding == "decoded" else count]
         row[:len(kept)] = evaluator.stats.normalize(kept)
-      parts.append(embed(x, told[some]))
+      parts.append(embed(x, lengths[some]))
     made = np.concatenate(parts)
     if not np.isfinite(made).all():
       raise FloatingPointError(f"evaluator {evaluator.name!r} made NaN or infinity; check its weights and statistics")
     return made
 
   def embed_apart_for_fid(self, motions, frames):
-    """What FID, diversity and multimodality are taken of where that is another vector than `embed` gives, else None."""
+    """The vectors of FID, diversity and multimodality, where the evaluator has separate ones for them; else None."""
     one = self.evaluator
     return None if one.motion_for_fid is None else self.embed(one, motions, frames, one.embed_for_fid)
 
   def embed_for_fid(self, motions, frames):
-    """Those, whichever way they are made."""
+    """The vectors of FID, diversity and multimodality: separate ones, or those of `embed`."""
     return self.embed(self.evaluator, motions, frames, self.evaluator.embed_for_fid)
 
   def converted(self, evaluator, motions, layout, frames):
-    """Motions [(rows, F)] of a layout as an evaluator reads them [(rows, F')].
+    """Converts motions [(rows, F)] of a layout to the evaluator's features [(rows, F')].
 
-    Features look around themselves (headings are smoothed over seconds), so those of the `frames` (N,) are made of
-    these alone: what a decoder put behind them is noise.
+    Features depend on neighbouring frames (headings are smoothed over seconds), so they are computed from the first
+    `frames` (N,) rows alone: rows that a decoder adds after them are noise.
     """
     convert = lambda motion: layout.convert(motion, evaluator.layout, evaluator.mode)
     if layout.narrows_to(evaluator.layout):  # each frame stands for itself
@@ -150,7 +154,7 @@ class Harness:
             for made, motion, count in zip(converted, motions, frames)]
 
   def batches(self, embedded, made, clip_made=None, made_for_fid=None, text=None, clip_text=None):
-    """Rows as `metrics.protocol` takes them, dealt in pools."""
+    """The rows in pools, as `metrics.protocol` takes them."""
     text = embedded.text if text is None else text
     clip_text = embedded.clip_text if clip_text is None else clip_text
     parts = protocol_lib.Batch(text, embedded.real, made, clip_text if clip_made is not None else None, clip_made, None,
@@ -160,11 +164,11 @@ class Harness:
             for i in range(0, len(made), pool)]
 
   def scores(self, replication, motions, layout) -> dict[str, float]:
-    """The row of motions [(rows, F)] in a model's layout, one for each item of the replication's draw, in its order."""
+    """The row of motions [(rows, F)] in a model's layout, one motion for each item of the draw, in order."""
     return self.judged(replication, motions, layout).row
 
   def judged(self, replication, motions, layout) -> Judged:
-    """The same row, with what it is of."""
+    """The same row, with the values of each motion."""
     embedded = self.embedded(replication)
     converted = self.converted(self.evaluator, motions, layout, embedded.drawn.frames)
     made = self.embed(self.evaluator, converted, embedded.drawn.frames)
@@ -192,7 +196,7 @@ class Harness:
     return own | between | embedded.physics
 
   def shuffled_scores(self, replication) -> dict[str, float]:
-    """The real motions with the captions of their pool in any order: what an evaluator that knows nothing would say."""
+    """The real motions with captions shuffled within their pool: the scores of an evaluator that knows nothing."""
     embedded, pool = self.embedded(replication), self.protocol.pool
     rng = self.rng(replication, SHUFFLE)
     order = np.concatenate([first + rng.permutation(pool) for first in range(0, self.count, pool)])
@@ -204,17 +208,18 @@ class Harness:
     return {name: row[name] for name in row if name.startswith("top") or name in ("matching", "clip_score")}
 
   def share_of_nearer_shuffles(self, replication, draws=400) -> float:
-    """Share of random orders of the captions in which real motions lie as near to their captions as in the right one,
-    whichever pool they are of: 0.5 by an evaluator that knows nothing."""
+    """Share of random orders of the captions that fit the real motions as well as the right order; 0.5 for an evaluator
+    that knows nothing. Captions are shuffled across pools.
+    """
     embedded, rng = self.embedded(replication), self.rng(replication, SHUFFLE)
     away = scores.distances(embedded.text, embedded.real)
     rows, right = np.arange(self.count), np.trace(away)
     return float(np.mean([away[rows, rng.permutation(self.count)].sum() <= right for _ in range(draws)]))
 
   def fid_of_halves(self, replication, draws=10) -> float:
-    """FID between two halves of the real motions that share none, the mean of some draws: how far apart two samples of
-    half the size lie that differ by nothing but luck. A model that is given the real captions and lengths may lie
-    nearer."""
+    """FID between two disjoint halves of the real motions, the mean of some draws: the distance of two samples of half
+    the size that differ only by chance. A model that is given the real captions and lengths may score lower.
+    """
     embedded, rng = self.embedded(replication), self.rng(replication, HALVES)
     real, half = embedded.real if embedded.real_for_fid is None else embedded.real_for_fid, self.count // 2
     if half < 2:
@@ -223,17 +228,17 @@ class Harness:
     return float(np.mean([scores.fid(real[order[:half]], real[order[half:2 * half]]) for order in orders]))
 
   def multimodality(self, replication, generations, layout):
-    """generations: a list of captions' lists of motions [(rows, F)], with frames of the first items of the draw."""
+    """generations: for each caption a list of motions [(rows, F)], with the lengths of the first items of the draw."""
     frames = self.embedded(replication).drawn.frames
     flat = [motion for motions in generations for motion in motions]
-    told = np.repeat(frames[:len(generations)], len(generations[0]))
-    made = self.embed_for_fid(self.converted(self.evaluator, flat, layout, told), told)
+    lengths = np.repeat(frames[:len(generations)], len(generations[0]))
+    made = self.embed_for_fid(self.converted(self.evaluator, flat, layout, lengths), lengths)
     pairs = protocol_lib.draw_multimodality_pairs(self.rng(replication, MULTIMODALITY), self.protocol)
     return scores.multimodality(made.reshape(len(generations), -1, made.shape[-1]), *pairs)
 
 
 def physics_by_motion(motions, frames, layout):
-  """What `metrics.physics` says of each of motions [(rows, F)], {metric: (N,)}, lengths in metres."""
+  """The metrics of `metrics.physics` for motions [(rows, F)]: {metric: (N,)}, lengths in metres."""
   found = [physics.summary(to_joints(motion[:count], layout), layout.skeleton.fps, layout.skeleton)
            for motion, count in zip(motions, frames)]
   each = lambda key: np.array([one[key] for one in found]) / (1000 if key.endswith("_mm") else 1)

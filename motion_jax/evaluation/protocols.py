@@ -13,7 +13,7 @@
   snapmogen-long   SnapMoGen                148                  recordings' own motions in a row, CMDM Table 3
   babel            BABEL                    135                  prompts in a row, CMDM Table 5
   mtt              timelines and clips      any, kind "tmr"      timelines, CMDM Table 7
-  control          archives or HumanML3D    any                  joints where they are asked to be, OmniControl's
+  control          archives or HumanML3D    any                  joints at given positions, OmniControl's
   editing          any of the first four    any                  four editing tasks, CDAMD Table III
   reconstruction   any of the first four    any                  a tokenizer there and back, CMDM Table 8
 
@@ -30,8 +30,8 @@ class Benchmark(Protocol):
   """A named protocol. Fields of `metrics.protocol.Protocol` are those of the scores; these are the rest.
 
   Items: clips of min_frames <= rows < past_frames of a split, each time tag by itself, cut to max_frames. For each item
-  a replication draws a caption, a coin by which a unit less is kept one time in three, and where the cut begins; items
-  are shuffled and dealt in batches of `pool`, the last partial one left out.
+  a replication draws a caption, whether to shorten it by one unit (one time in three), and the start of the cut; items
+  are shuffled and dealt in batches of `pool`, without the last partial one.
   """
   name: str = ""
   title: str = ""
@@ -75,7 +75,7 @@ class Benchmark(Protocol):
   transition_frames: int = 60
   timelines: str | None = None           # a file of them, or of sequences of prompts
   released_slips: bool = True            # Parity: of STMC's script, see `metrics.timeline_scores.Mtt`
-  recorded: int = 0                      # prompts of recordings that show more than so many motions in a row
+  recorded: int = 0                      # at most this many prompts, from recordings with more motions than that
   joints_layout: str = ""                # where real joints are of other features than the evaluator's
   jerk_unit: float = 1.0                 # of jerk, in metres: 0.01 is centimetres
   real_jerk: str | None = "humanml3d"    # level of AUJ, a key of physics.REAL_JERK; None: of the real clips given
@@ -85,8 +85,9 @@ class Benchmark(Protocol):
   note: str = ""                         # what has to be said under the table
 
   def on(self, data_format):
-    """The protocol for data of a format: archives hold shorter clips, of up to 200 frames, have evaluators that ship,
-    and compare with no paper."""
+    """The protocol for a data format: archives have shorter clips of up to 200 frames and shipped evaluators, and are
+    not comparable with any paper.
+    """
     if data_format != "archive":
       return self
     ships = "part-tmr-small" if "tmr" in self.kinds else "evaluator-small"
@@ -99,7 +100,7 @@ class Benchmark(Protocol):
     return dataclasses.replace(self, **changes)
 
   def of_few(self, count):
-    """The protocol for so many items: fewer candidates at a time where one's own data has no 32 test clips."""
+    """The protocol for a small test set: fewer candidates per pool where custom data has fewer than 32 test clips."""
     if self.name != "own-66" or count >= self.pool:
       return self
     if count <= self.top_k:
@@ -110,7 +111,7 @@ class Benchmark(Protocol):
 
   @property
   def num_multimodality(self) -> int:
-    """Captions that are generated many times."""
+    """Number of captions that are generated many times."""
     return self.multimodality_captions or self.multimodality_batches * self.pool
 
   def has_multimodality(self, replication) -> bool:
@@ -140,7 +141,7 @@ _RECORDINGS = ("What motions in a row are is our reading of \"over five continuo
                "second lies between two; the real side is the recordings themselves, R-precision is of one recording's "
                "own captions, jerk is in centimetres")
 _CONTROLLED = ("Rows of a joint are the mean of 1, 2 and 5 controlled frames, a quarter of them and all; in the row "
-               "\"unconstrained\" the same model is asked for nothing, and its distances are those of the pelvis")
+               "\"unconstrained\" is the same model without constraints, and its distances are those of the pelvis")
 _ANY_GENERATION = ("archive", "humanml3d")
 
 PROTOCOLS = {protocol.name: protocol for protocol in (
@@ -204,7 +205,7 @@ PROTOCOLS = {protocol.name: protocol for protocol in (
         formats=_ANY_GENERATION, kinds=("tmr",), seed=3407, lost_frames=0, replications=1, max_frames=400,
         past_frames=401, sequences=10**9, paper=("cmdm", "7", "CMDM")),
     dataclasses.replace(
-        _CDAMD, name="control", title="Control of joints, and paths nobody walked",
+        _CDAMD, name="control", title="Control of joints, and paths that no clip has",
         source="docs/evaluation.md#control (neu-vi/OmniControl@76336a6: one repeat, the mean of five densities)",
         task="control", formats=_ANY_GENERATION, layouts=(), replications=1, multimodality_batches=0,
         paper=("control", "263-pelvis", "OmniControl"), note=_CONTROLLED),
@@ -221,7 +222,7 @@ PROTOCOLS = {protocol.name: protocol for protocol in (
 
 
 def get_protocol(name) -> Benchmark:
-  """A benchmark by name; one passes through. Raises ValueError for a name that is none."""
+  """A protocol by name; a `Benchmark` is returned as it is. Raises ValueError for an unknown name."""
   if isinstance(name, Benchmark):
     return name
   if name not in PROTOCOLS:

@@ -1,4 +1,5 @@
-"""What lets anyone repeat a number: what was judged, by what, with which draws, on which code."""
+"""Provenance: what was evaluated, by which evaluators, with which draws and code, so that anyone can repeat a number.
+"""
 import dataclasses
 import hashlib
 import importlib.metadata
@@ -13,7 +14,7 @@ _PACKAGES = ("jax", "jaxlib", "flax", "numpy", "scipy", "safetensors", "tokenize
 
 
 def describe(harness, folders, candidates, replications, devices) -> dict:
-  """A JSON object, "provenance" in results.json; nothing in it depends on when or how fast an evaluation ran."""
+  """The JSON object "provenance" of results.json; it does not depend on when or how fast an evaluation ran."""
   protocol, test_set = harness.protocol, harness.test_set
   words = sorted({caption for captions in test_set.captions for caption in captions})
   timelines = protocol.timelines and hashlib.sha256(pathlib.Path(protocol.timelines).read_bytes()).hexdigest()
@@ -30,7 +31,9 @@ def describe(harness, folders, candidates, replications, devices) -> dict:
 
 
 def question(harness, candidates) -> dict:
-  """What numbers are about: other answers to it are other results, however many replications there are."""
+  """What identifies an evaluation, apart from the number of replications: results of another one must not be
+  overwritten.
+  """
   return dict(protocol=harness.protocol.name, seed=harness.seed, limit=harness.limit, split=harness.test_set.hash,
               sizes=[harness.protocol.sequences, harness.protocol.segments],
               evaluators=[one.hash for one in (harness.evaluator, harness.clip_evaluator) if one],
@@ -39,7 +42,7 @@ def question(harness, candidates) -> dict:
 
 
 def maker(devices) -> dict:
-  """What motions are made by, beside model and choices: kept with samples."""
+  """Code and device that generate motions, stored with the samples."""
   return dict(code=commit(), jax=importlib.metadata.version("jax"), device=devices[0].device_kind if devices else None)
 
 
@@ -50,7 +53,7 @@ def _evaluator(evaluator):
 
 
 def _unknown(model, captions):
-  """Words of the captions that a model never met in training; none of one that reads no words."""
+  """Words of the captions that a model did not see in training; empty for a model without text."""
   return sorted({word for caption in captions for word in model.captions.unknown_words(caption)}) if model.can(
       "generate") else []
 

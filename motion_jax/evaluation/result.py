@@ -1,6 +1,6 @@
-"""The result of an evaluation: what results.json holds, as a record whose fields are known.
+"""The result of an evaluation: the fields of results.json.
 
-Whatever lies inside the fields is JSON already: names in it are those of the file, which stay as they are.
+The values are plain JSON; names in the file are those of the fields.
 """
 import dataclasses
 import json
@@ -21,7 +21,7 @@ class Number(TypedDict):
 
 
 class Paper(TypedDict):
-  """Which printed rows stand beside; see `report.tables.compare`."""
+  """The rows of the papers that are shown beside ours; see `report.tables.compare`."""
   system: str
   table: str
   row: str | dict[str, Any]
@@ -30,14 +30,14 @@ class Paper(TypedDict):
 
 
 class Differences(TypedDict):
-  """A row less another, on the same captions; interval: over test clips (`evaluation.differences`)."""
+  """A row minus another, on the same captions; interval: over test clips (`evaluation.differences`)."""
   row: str
   against: str
   metrics: dict[str, dict[str, float]]
 
 
 class Sanity(TypedDict):
-  """What evaluators say of real motions, of wrong captions and of noise; see `checks.sanity.look`."""
+  """Scores of real motions, shuffled captions and noise; see `checks.sanity.check`."""
   real: dict[str, float]
   shuffled: dict[str, float]
   fid_noise: float
@@ -47,7 +47,7 @@ class Sanity(TypedDict):
 
 
 class Expectation(TypedDict):
-  """What one metric does under one control; see `checks.controls.check`."""
+  """The behaviour of one metric under one control; see `checks.controls.check`."""
   control: str
   metric: str
   direction: str
@@ -58,7 +58,7 @@ class Expectation(TypedDict):
 
 
 class Controls(TypedDict):
-  """Rows of damaged motions, and whether every metric noticed."""
+  """Rows of damaged motions, and whether every metric reacted."""
   rows: dict[str, dict[str, float]]
   levels: NotRequired[list[float]]
   expected: list[Expectation]
@@ -66,7 +66,7 @@ class Controls(TypedDict):
 
 
 class Curve(TypedDict):
-  """A line to draw."""
+  """A line of a chart."""
   x: list[float]
   y: list[float]
   interval: list[float] | None
@@ -75,7 +75,9 @@ class Curve(TypedDict):
 
 
 class Shown(TypedDict):
-  """A motion of the gallery beside the real one, files relative to the result's folder; kind "grid" or "failure"."""
+  """A generated motion of the gallery beside the real one, files relative to the result's folder; kind "grid" or
+  "failure".
+  """
   caption: str
   kind: str
   score: float
@@ -86,10 +88,10 @@ class Shown(TypedDict):
 
 @dataclasses.dataclass(frozen=True)
 class Result:
-  """Rows of metrics by a protocol, what stands beside them, and what they came from.
+  """Rows of metrics by a protocol, with what is shown beside them and their provenance.
 
-  rows: {row: {metric: number}}, row_order those that tables show; metrics: of their columns. provenance: data, models,
-  evaluators, seeds and code (`evaluation.provenance`). folder: where it lies, no part of it.
+  rows: {row: {metric: number}}, row_order: the rows of tables, metrics: their columns. provenance: data, models,
+  evaluators, seeds and code (`evaluation.provenance`). folder: of the result, not part of it.
   """
   protocol: str
   title: str
@@ -111,7 +113,7 @@ class Result:
 
   @classmethod
   def from_json(cls, data: dict[str, Any], folder: pathlib.Path | None = None) -> Self:
-    """Raises ValueError for what is no result."""
+    """Raises ValueError for JSON that is not a result."""
     missing = [name for name in _REQUIRED if name not in data]
     if missing:
       raise ValueError(f"{folder or 'this'} holds no result of motion-jax evaluate: it has no {', '.join(missing)}")
@@ -120,15 +122,15 @@ class Result:
     return cls(**{"title": data["protocol"]} | known, folder=folder)
 
   def write(self, folder) -> Self:
-    """results.json in a folder; returns the result that knows of it."""
+    """Writes results.json in a folder; returns the result with its folder."""
     with atomic_path(pathlib.Path(folder) / FILE) as path:
       path.write_text(json.dumps(self.as_json(), indent=1, allow_nan=False) + "\n", encoding="utf-8")
     return dataclasses.replace(self, folder=pathlib.Path(folder))
 
   @classmethod
   def read(cls, folder) -> Self:
-    """The result that `motion-jax evaluate` wrote in a folder. Raises FileNotFoundError or ValueError for one
-    without."""
+    """The result that `motion-jax evaluate` wrote in a folder. Raises FileNotFoundError or ValueError if there is none.
+    """
     folder = pathlib.Path(folder)
     if not (folder / FILE).is_file():
       raise FileNotFoundError(f"{folder}: no {FILE} there; expected the --out folder of motion-jax evaluate")

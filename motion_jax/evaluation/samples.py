@@ -1,13 +1,13 @@
-"""The motions of a replication: which items it draws, and what a model makes of their captions, kept on disk.
+"""Generated motions of a replication: which items it draws, what a model generates from their captions, and their
+files.
 
-Every draw is a function of (seed, replication), a motion's noise of (seed, replication, item, copy): the same numbers
-come out alone or in a batch, on one device or several, at once or after a kill.
+Every draw is a function of (seed, replication), a motion's noise of (seed, replication, item, copy): the results are
+the same alone or in a batch, on one device or several, at once or after a kill.
 
-A folder of samples: samples.json says what decides them and which code made them, and rNNN_bNNN.npz hold a batch each:
-features (rows, F), float32, of all its motions one behind the other, in physical units, start (B + 1,) offsets,
-frames (B,), seeds (B,).
-Behind its frames a motion has up to TAIL rows more, what the decoder made there. Joints follow from features
-(`motion.representations.to_joints`).
+A folder of samples holds samples.json, which names everything that determines them and the code that generated them,
+and a file rNNN_bNNN.npz per batch: features (rows, F), float32, of all its motions concatenated, in physical units,
+start (B + 1,) offsets, frames (B,), seeds (B,). After its frames a motion may have up to TAIL more rows of the decoder.
+Joints follow from features (`motion.representations.to_joints`).
 """
 import concurrent.futures
 import hashlib
@@ -30,7 +30,7 @@ TAIL = 4    # rows kept behind a motion's end: as far as an evaluator's last tok
 
 
 class Draw(NamedTuple):
-  """What a replication draws of the test set: item, caption of it, first row and rows of the cut, (N,) each."""
+  """A draw from the test set: item, index of its caption, first row and number of rows of the cut, (N,) each."""
   item: np.ndarray
   caption: np.ndarray
   start: np.ndarray
@@ -46,12 +46,12 @@ class Draw(NamedTuple):
     return [test_set.tokens[i][c] for i, c in zip(self.item, self.caption)]
 
   def cut(self, features):
-    """The rows [(frames, F)] that are drawn of features, a list for all items."""
+    """The drawn rows [(frames, F)] of features, which are a list for all items."""
     return [features[i][s:s + m] for i, s, m in zip(self.item, self.start, self.frames)]
 
 
 class Jobs(NamedTuple):
-  """Motions to make: lists of one length of captions, frames, seeds, and places in the draw."""
+  """Motions to generate: lists of equal length of captions, frames, seeds, and places in the draw."""
   captions: list[str]
   frames: list[int]
   seeds: list[int]
@@ -59,10 +59,10 @@ class Jobs(NamedTuple):
 
 
 def draw_replication(test_set, protocol, seed, replication, limit=None, stream=0, order=None) -> Draw:
-  """What a replication draws: whole batches of protocol.pool items.
+  """The draw of a replication: whole batches of protocol.pool items.
 
-  limit: no more items than that, for a trial. stream 1 is another draw; order: of these items (N,), as they come.
-  Raises ValueError for fewer items than a pool.
+  limit: at most this many items, for a trial. stream: 1 gives another draw. order: items (N,) to take in this order.
+  Raises ValueError if there are fewer items than one pool.
   """
   rows, pool = test_set.rows, protocol.pool
   rng = np.random.default_rng((seed, replication, stream))
@@ -97,22 +97,22 @@ def draw_replication(test_set, protocol, seed, replication, limit=None, stream=0
 
 
 def seed_of(seed, replication, item, copy=0) -> int:
-  """The seed of one motion's noise."""
+  """The seed of the noise of one motion."""
   return int(np.random.SeedSequence((seed, replication, item, copy)).generate_state(1)[0] >> 1)
 
 
 def jobs_of(test_set, drawn, seed, replication, copy=None) -> Jobs:
-  """What is to be generated for a draw; copy (N,): which of several generations of an item, the first by default."""
+  """The jobs of a draw; copy (N,): which of several generations of an item, by default the first."""
   copy = np.zeros(len(drawn), int) if copy is None else copy
   seeds = [seed_of(seed, replication, int(i), int(c)) for i, c in zip(drawn.item, copy)]
   return Jobs(drawn.captions_of(test_set), drawn.frames.tolist(), seeds, list(range(len(seeds))))
 
 
 class Store:
-  """A folder of samples of one model and choice of sampling.
+  """A folder of samples of one model with one choice of sampling.
 
-  about: what decides the samples; its hash names the folder, so that nothing is ever read that was made otherwise.
-  maker: code and machine, which should decide nothing; all that had a part in a folder are told in its samples.json.
+  about: everything that determines the samples; its hash names the folder, so that other samples are never read. maker:
+  code and machine, which should not change the samples; samples.json lists all that contributed.
   """
 
   def __init__(self, folder, about, maker=None):
@@ -124,7 +124,7 @@ class Store:
     return self.folder / f"{name}_b{batch:03d}.npz"
 
   def read(self, name, batch, jobs):
-    """[(rows, F)] of a batch, or None where it is not there or not whole."""
+    """[(rows, F)] of a batch, or None if it is missing or incomplete."""
     keys = ("features", "start", "frames", "seeds")
     try:
       file = load_npz(self.path(name, batch), keys, required=keys)
@@ -136,7 +136,7 @@ class Store:
 
   @property
   def makers(self) -> list[dict]:
-    """Who made what is there; [{}] where that was not kept."""
+    """Code and machines that generated the samples; [{}] where that was not recorded."""
     path = self.folder / "samples.json"
     return checkpoint.load_json(self.folder, path.name).get("made_by", [{}]) if path.is_file() else []
 
@@ -153,12 +153,12 @@ class Store:
 
 
 def sample(make, store, name, jobs, *, batch=None, devices=None, only_read=False, bar=None) -> list[np.ndarray]:
-  """Features [(rows, F)] of all jobs, from the store or made and put there, batch by batch.
+  """Features [(rows, F)] of all jobs, read from the store or generated and stored, batch by batch.
 
-  make(jobs) -> list of (rows, F), for `batch` motions at a time: jobs go by length, so that short ones are not made at
-  the size of the longest, and the last batch is filled up. Devices take whole batches in turn, so that
-  their number changes nothing. name: of the files, such as "r000". only_read: raise ValueError instead of making.
-  bar: a tqdm bar to move on by each motion.
+  make(jobs) -> list of (rows, F), for `batch` motions at a time. Jobs are sorted by length, so that short motions are
+  not computed at the size of the longest, and the last batch is filled up. Devices take whole batches in turn, so their
+  number does not change the results. name: of the files, such as "r000". only_read: raise ValueError instead of
+  generating. bar: a tqdm bar, advanced by each motion.
   """
   size = batch or BATCH
   order = np.argsort(np.array(jobs.frames), kind="stable")
@@ -170,16 +170,16 @@ def sample(make, store, name, jobs, *, batch=None, devices=None, only_read=False
     motions = store.read(name, number, some)
     if motions is None:
       if only_read:
-        raise ValueError(f"{store.path(name, number)} is not there: these samples were never made, or another model, "
-                         "sampling or protocol is asked for; leave --recompute out to make them")
+        raise ValueError(f"{store.path(name, number)} does not exist: these samples were never generated, or another "
+                         "model, sampling or protocol is requested; leave --recompute out to generate them")
       fill = size - len(some.captions)
       full = Jobs(*(part + part[-1:] * fill for part in some))
       with jax.default_device(devices[number % len(devices)]):
         motions = [np.asarray(x, np.float32) for x in make(full)[:len(some.captions)]]
       for x, caption, seed in zip(motions, some.captions, some.seeds):
         if not np.isfinite(x).all():
-          raise FloatingPointError(f"the model made NaN or infinity of {caption!r} (seed {seed}); check the run's "
-                                   "loss, or sample with less guidance")
+          raise FloatingPointError(f"the model generated NaN or infinity for {caption!r} (seed {seed}); check the "
+                                   "run's loss, or sample with less guidance")
       store.write(name, number, some, motions)
     if bar is not None:
       bar.update(len(motions))
@@ -213,10 +213,10 @@ def contrast_of(model):
 
 
 def generator_of(model, guidance_scale=None, sampling=None):
-  """make(jobs) of `sample` for a model that was loaded."""
+  """make(jobs) of `sample` for a loaded model: one pass of the network."""
   choices = dict(guidance_scale=guidance_scale) | contrast_of(model) | (sampling or {})
 
   def make(jobs):
-    made = model.generate(jobs.captions, jobs.frames, seeds=jobs.seeds, cleanup=False, **choices)
+    made = model.generate(jobs.captions, jobs.frames, seeds=jobs.seeds, **choices)
     return [x[:count + TAIL] for x, count in zip(made.decoded, jobs.frames)]
   return make

@@ -1,6 +1,6 @@
-"""The test items of a data folder as evaluators read them, with what was left out, and whether train has them too.
+"""The test items of data folders in the features of the evaluators, with clips that were excluded or are in train, too.
 
-How items are read, and by what clips are known again, is told by the data set that the folder is of.
+The data set of the folder defines how items are read and which clips count as the same.
 """
 import dataclasses
 import hashlib
@@ -15,9 +15,9 @@ from motion_jax.motion.representations import get_layout
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class TestSet:
-  """The items of a split: ids, captions and their tokens (None: by rule), features of each layout that is asked for.
+  """The items of a split: ids, captions with their tokens (None: by rule), features in each required layout.
 
-  marks: a hash of each motion as the data hold it. features: {(layout's name, mode): [(T_i, F)]}, in physical units.
+  marks: a hash of each motion as the data holds it. features: {(layout's name, mode): [(T_i, F)]}, in physical units.
   excluded: [(id, why)] of clips that cannot be used. shared: ids that train has, too, where that was allowed.
   """
   format: str
@@ -38,18 +38,18 @@ class TestSet:
     return np.array([len(x) for x in next(iter(self.features.values()))])
 
   def of(self, evaluator):
-    """The features that an evaluator reads."""
+    """The features for an evaluator or another reader."""
     return self.features[key_of(evaluator)]
 
   @property
   def words_hash(self) -> str:
-    """sha256 of ids, captions and lengths: all that a model is told of them."""
+    """sha256 of ids, captions and lengths: the whole input of a text-to-motion model."""
     rows = [f"{name}\t{count}\t" + "\t".join(said) for name, count, said in zip(self.ids, self.rows, self.captions)]
     return hashlib.sha256("\n".join(rows).encode()).hexdigest()
 
   @property
   def hash(self) -> str:
-    """sha256 of ids, captions and motions as they are stored: the split that a number is about, by any evaluator."""
+    """sha256 of ids, captions and motions as they are stored: identifies the split, whichever evaluator is used."""
     rows = ["\t".join([name, mark, *said]) for name, mark, said in zip(self.ids, self.marks, self.captions)]
     return hashlib.sha256("\n".join(rows).encode()).hexdigest()
 
@@ -59,7 +59,7 @@ def key_of(evaluator):
 
 
 def dataset_of_all(folders) -> Dataset:
-  """The data set of all folders. Raises FileNotFoundError for a folder of none, ValueError for several kinds."""
+  """The data set of all folders. Raises FileNotFoundError for a folder without one, ValueError for several kinds."""
   found = {str(folder): dataset_of(folder) for folder in folders}
   if len(set(found.values())) != 1:
     formats = {folder: dataset.name for folder, dataset in found.items()}
@@ -69,12 +69,12 @@ def dataset_of_all(folders) -> Dataset:
 
 
 def read_test_set(folders, protocol, evaluators, allow_shared=False) -> TestSet:
-  """The items of a protocol's split in all folders, for every evaluator.
+  """Reads the items of a protocol's split from all folders, in the features of every reader.
 
-  Clips that hold NaN, miss a file or make no features are left out and named in `excluded`; those out of the
-  protocol's range of lengths are no items. Raises ValueError where clips of the split are in train, too (allow_shared
-  keeps them and names them in `shared`), or an evaluator reads a representation that the data or the protocol does not
-  have.
+  Clips that hold NaN, lack a file or give no features are excluded and listed in `excluded`; clips outside the
+  protocol's range of lengths are not items. Raises ValueError if clips of the split are in train, too (allow_shared
+  keeps them and lists them in `shared`), or if an evaluator needs a representation that the data or the protocol does
+  not have.
   """
   dataset = dataset_of_all(folders)
   if dataset.judged_as not in protocol.formats:
@@ -109,9 +109,9 @@ def _mark(motion):
 
 
 def check_split(folders, dataset, split, allow=False) -> list[str]:
-  """The clips of a split that are in train as well: by name, mirrored or not, by motion, or rows of one recording.
+  """The clips of a split that are in train as well: by name, mirrored or not, by motion, or by recording.
 
-  Raises ValueError where there are some and that is not allowed.
+  Raises ValueError for any, unless that is allowed.
   """
   tested, trained, both = {}, {}, set()
   for folder in map(pathlib.Path, folders):

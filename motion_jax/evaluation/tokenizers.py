@@ -1,4 +1,4 @@
-"""Tokenizers of any kind of run, alone or inside a generator's: motion there and back."""
+"""Tokenizers of any run, alone or inside a generator's: motion to latents and back."""
 import dataclasses
 import pathlib
 from functools import partial
@@ -24,7 +24,7 @@ STAGES = ("cmdm.tokenizer", "cmdm.denoiser", "cdamd.autoencoder", "cdamd.rvq", "
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Tokenizer(Able):
-  """Made by `load_tokenizer`; what an evaluation asks of a model, less words."""
+  """A tokenizer as an evaluation uses a model, without text. Created by `load_tokenizer`."""
   folder: pathlib.Path
   config: Any
   stats: Stats
@@ -34,16 +34,17 @@ class Tokenizer(Able):
   abilities: ClassVar = ("round_trip",)
 
   def round_trip(self, x, num_frames, seeds=None):
-    """Normalized features x (B, T, F), padded with zeros, there and back. seeds (B,): of latents that are drawn; None
-    takes their means."""
+    """Encodes and decodes normalized features x (B, T, F), padded with zeros. seeds (B,): of drawn latents; None takes
+    their means.
+    """
     keys = None if seeds is None else jnp.stack([jax.random.key(seed) for seed in seeds])
     return np.asarray(self._run(jnp.asarray(x), jnp.asarray(num_frames), keys))
 
 
 def load_tokenizer(run, raw=False) -> Tokenizer:
-  """The tokenizer of a run folder, or of a model that ships. raw: as `model.load`, where the run is a tokenizer's own.
+  """The tokenizer of a run folder or of a shipped model. raw: the last weights, if the run is a tokenizer's own.
 
-  Raises ValueError for a run that has none.
+  Raises ValueError for a run without a tokenizer.
   """
   run = runs.load_run(run, STAGES, raw)
   config, stage = run.config, run.stage

@@ -185,7 +185,7 @@ def _random_params(init, seed):
 
 
 def _assemble(name, folder, config, stats, params, reader):
-  """reader() gives what the network's `text` makes words into numbers with; it is asked for at the first sentence."""
+  """reader() returns the text encoder or vocabulary of the network; it is called at the first caption."""
   kind = KINDS[config.stage]
   if "features" in config.model and config.model.features > config.model.get("columns", stats.layout.dim):
     matching.check_columns(config.model, stats.layout, name)

@@ -1,9 +1,10 @@
-"""The benchmarks' frozen networks, which put motions and sentences into one space.
+"""The benchmarks' frozen networks, which embed motions and captions in one space.
 
 Source: docs/papers/cmdm.md#evaluators, docs/papers/cdamd.md#matching-evaluator, #clip-evaluator.
 
 `T2MEvaluator` (Guo et al.): movement tokens, recurrent encoders; its embeddings give R-precision, matching, FID and
-diversity. `ClipEvaluator` (MARDM): transformers; it gives the CLIP score. Pair embeddings of one kind only.
+diversity. `ClipEvaluator` (MARDM): transformers; it gives the CLIP score. Embeddings of different kinds are not
+comparable.
 """
 import math
 from typing import Any
@@ -55,9 +56,9 @@ class MovementDecoder(nn.Module):
 
 
 class GRU(nn.Module):
-  """One direction of a recurrent net: x (B, L, W), real_mask (B, L), h (B, H) -> the state after the last real step.
+  """A GRU in one direction: x (B, L, W), real_mask (B, L), h (B, H) -> the state after the last real step.
 
-  Gates stand in the order reset, update, new; the reset gate acts after the hidden bias.
+  Gates are in the order reset, update, new; the reset gate acts after the hidden bias.
   """
   width: int
   reverse: bool = False
@@ -83,7 +84,7 @@ class GRU(nn.Module):
 
 
 class SequenceEncoder(nn.Module):
-  """A sequence to one vector: x (B, L, W), lengths (B,) -> (B, dim); what lies beyond a length is not seen.
+  """A sequence to one vector: x (B, L, W), lengths (B,) -> (B, dim); steps beyond a length have no influence.
 
   Two GRUs run over the real steps in both directions from a learned first state; their last states are read.
   """
@@ -117,10 +118,10 @@ class TextEncoder(nn.Module):
 
 
 class T2MEvaluator(nn.Module):
-  """Motion features and words into one Euclidean space of `dim` numbers.
+  """Embeds motion features and captions in one Euclidean space of `dim` numbers.
 
-  It reads the first `features` of `columns` numbers per frame: 259 of 263 (the contacts are left out), 67 of 67, 66 of
-  66. Motions are normalized with the evaluator's own statistics.
+  It reads the first `features` of `columns` numbers per frame: 259 of 263 (without contacts), 67 of 67, 66 of 66.
+  Motions are normalized with the evaluator's own statistics.
   """
   features: int = 259
   columns: int = 263
@@ -153,10 +154,10 @@ class T2MEvaluator(nn.Module):
 
 
 class ClipEvaluator(nn.Module):
-  """Motion features and CLIP tokens into one space of directions.
+  """Embeds motion features and CLIP tokens in one space of directions.
 
   It reads the first `features` of `columns` numbers per frame. Text starts from CLIP's own token and position tables,
-  which stay as they are: no gradient reaches them.
+  which are frozen: no gradient reaches them.
   """
   features: int = 67
   columns: int = 67
@@ -208,7 +209,7 @@ class ClipEvaluator(nn.Module):
     return self.text_out(self.text_norm(end))
 
   def scale(self):
-    """What cosines are multiplied by in training: the inverse temperature."""
+    """The factor of cosines in training: the inverse temperature."""
     return jnp.exp(self.logit_scale.astype(self.dtype))
 
   def __call__(self, tokens, motion, num_frames):

@@ -1,4 +1,4 @@
-"""Training set-ups of the evaluators: how the networks that benchmarks measure with are trained."""
+"""Training set-ups of the evaluators, whose networks the benchmarks measure with."""
 import functools
 
 import jax
@@ -41,7 +41,8 @@ def movement(config) -> TrainingSetup:
 
 
 def match(config) -> TrainingSetup:
-  """Motion and sentence encoders on a trained movement encoder; words of a GloVe vocabulary or of our own encoder."""
+  """Motion and caption encoders on top of a trained movement encoder; words of a GloVe vocabulary or of a text encoder.
+  """
   encoder, stats = load_movement(config)
   data = sources.load_features(config.data, stats=stats)
   words, files = load_vocabulary(config)
@@ -70,7 +71,7 @@ def match(config) -> TrainingSetup:
 
 
 def clip(config) -> TrainingSetup:
-  """The CLIP-type evaluator; its tables of word pieces are those of the text encoder that config.frozen.text names."""
+  """The CLIP-type evaluator; its tables of word pieces are those of the text encoder config.frozen.text."""
   encoder = load_text_encoder(config.frozen.text)
   tokens, positions = matching.piece_tables(encoder)
   fields = config.model
@@ -92,7 +93,7 @@ def clip(config) -> TrainingSetup:
 
 
 def gaussian(config) -> TrainingSetup:
-  """SnapMoGen's evaluator, on hidden states of the frozen text encoder that config.frozen.text names."""
+  """SnapMoGen's evaluator, on hidden states of the frozen text encoder config.frozen.text."""
   encoder = load_text_encoder(config.frozen.text)
   data = sources.load_features(config.data)
 
@@ -105,9 +106,9 @@ def gaussian(config) -> TrainingSetup:
 
 
 def _captioned_setup(config, stage, data, read, files, nearness, loss=None):
-  """What matching and CLIP-type training share: clips with captions, and validation by loss and retrieval.
+  """The common part of matching and CLIP-type training: clips with captions, validation by loss and retrieval.
 
-  read(batch, data) puts the sentences into the batch as the network reads them. nearness(text, motion) (N, N).
+  read(batch, data) adds the captions to the batch as the network reads them. nearness(text, motion) (N, N).
   """
   train, val = _Items(config, data), _Items(config, held_out(config, data.stats, captioned=True))
   single = one_clip_per_caption(val.data, config.data.max_frames)
@@ -135,9 +136,10 @@ def _captioned_setup(config, stage, data, read, files, nearness, loss=None):
 
 
 class _Items:
-  """Clips with captions and, in `meaning`, numbers by which a contrast knows what is no counter-example.
+  """Clips with captions and, in `meaning`, numbers that are equal where a pair is not a counter-example.
 
-  config.data.same: "" all are, "caption" not those of the same words, "meaning" not those that clips link either.
+  config.data.same: "" every pair is one, "caption" not those with the same words, "meaning" nor captions that share a
+  clip.
   """
 
   def __init__(self, config, data):
@@ -163,7 +165,7 @@ def _tagged(caption):
 
 
 def load_movement(config):
-  """(movement encoder's parameters, statistics) of a trained autoencoder; (None, None) of "random-init"."""
+  """(parameters of the movement encoder, statistics) of a trained autoencoder; (None, None) for "random-init"."""
   folder = config.frozen.movement
   if folder == "random-init":
     return None, None
@@ -180,7 +182,7 @@ def load_movement(config):
 
 
 def load_vocabulary(config):
-  """(words, files of the run folder): GloVe's of config.frozen.glove if it is given, else of our own text encoder."""
+  """(words, files of the run folder): GloVe's of config.frozen.glove if given, else of a text encoder."""
   if config.frozen.glove:
     words = load_words(config.frozen.glove)
     return words, {CONVERTED: words.to_bytes()}
@@ -189,7 +191,7 @@ def load_vocabulary(config):
 
 
 def _checked(setup):
-  """A set-up whose config is checked before any data are read."""
+  """A set-up whose config is checked before any data is read."""
   def checked(config):
     matching.check_columns(config.model, get_layout(config.data.layout))
     return setup(config)

@@ -1,9 +1,9 @@
-"""SnapMoGen's evaluator: a Gaussian per motion and per sentence in one space of directions.
+"""SnapMoGen's evaluator: a Gaussian per motion and per caption in one space of directions.
 
 Source: docs/papers/cmdm.md#snapmogen.
 
-Motions are the first 148 of 296 features, sentences the hidden states of a frozen text encoder (T5 v1.1 base). Pairs
-are compared by the cosine of their means; FID looks at what stands before the last linear layer.
+Motions are the first 148 of 296 features, captions the hidden states of a frozen text encoder (T5 v1.1 base). Pairs are
+compared by the cosine of their means; FID uses the activations before the last linear layer.
 """
 from typing import Any
 
@@ -94,11 +94,11 @@ class SnapEvaluator(nn.Module):
     return self.text_encoder(text_emb, text_mask, deterministic)
 
   def motion(self, motion, num_frames):
-    """-> (B, D), whose cosine with `text` is what counts."""
+    """-> (B, D), compared with `text` by the cosine."""
     return self.motion_gaussian(motion, num_frames)[1]
 
   def motion_for_fid(self, motion, num_frames):
-    """-> (B, D), what FID and diversity are taken of."""
+    """-> (B, D), the vectors of FID and diversity."""
     return self.motion_gaussian(motion, num_frames)[0]
 
   def text(self, text_emb, text_mask):

@@ -1,9 +1,8 @@
-"""Evaluators and how they learn: motions and sentences by contrast, so that benchmarks can measure in their space.
+"""Training of the evaluators, as pure functions: motions and captions by contrast, so that distances can be measured.
 
-Four trainings on one page (docs/papers/cdamd.md#matching-evaluator, #clip-evaluator, docs/papers/cmdm.md#snapmogen):
-the movement autoencoder, whose encoder is then held still; motion and sentence encoders that are matched on top of it;
-the CLIP-type pair of transformers; SnapMoGen's Gaussians.
-Networks: `evaluators.networks`, `evaluators.snapmogen_network`.
+Four trainings (docs/papers/cdamd.md#matching-evaluator, #clip-evaluator, docs/papers/cmdm.md#snapmogen): the movement
+autoencoder, whose encoder is frozen afterwards; motion and caption encoders that are matched on top of it; the
+CLIP-type pair of transformers; SnapMoGen's Gaussians. Networks: `evaluators.networks`, `evaluators.snapmogen_network`.
 """
 import jax
 import jax.numpy as jnp
@@ -21,7 +20,7 @@ _EPS = 1e-6  # Parity: PyTorch's pairwise distance adds it to each difference
 
 
 def check_columns(model, layout, name="the config"):
-  """Raises ValueError unless model.columns are the numbers a frame of a layout, and model.features of them are read."""
+  """Raises ValueError unless model.columns is the size of a frame of the layout, and model.features at most that."""
   features, columns = model.get("features", layout.dim), model.get("columns", layout.dim)
   if columns != layout.dim or not 0 < features <= columns:
     exchanged = "; the two are exchanged" if features == layout.dim > columns > 0 else ""
@@ -50,7 +49,7 @@ def init_movement(fields, rng):
 def movement_stage(config) -> Stage:
   """Trains the movement encoder as half of an autoencoder. Batch: features (B, W, columns), index (B,).
 
-  L1 of what the first `features` columns become again, plus small weights that keep tokens small and slow.
+  L1 of the reconstruction of the first `features` columns, plus small weights that keep tokens small and slow.
   """
   encoder, decoder = movement_networks(config.model)
   used = slice(0, config.model.features)
@@ -75,10 +74,10 @@ def movement_stage(config) -> Stage:
 
 
 def contrast(text, motion, shift, margin=10.0, same=None):
-  """Right pairs together, wrong ones `margin` apart: {"loss", "positive", "negative"} of text and motion (B, E).
+  """Contrastive loss: {"loss", "positive", "negative"} of text and motion (B, E).
 
-  mean(d+^2) + mean(max(0, margin - d-)^2), Euclidean; a text's wrong motion stands `shift` rows further on. same (B, B)
-  says which pairs mean the same and are no wrong ones; the original has no such filter.
+  mean(d+^2) + mean(max(0, margin - d-)^2), Euclidean; the wrong motion of a text is `shift` rows further on. same (B,
+  B): pairs of equal meaning, which are not wrong ones; the original has no such filter.
   """
   rows = jnp.arange(len(text))
   other = (rows + shift) % len(text)
@@ -91,36 +90,37 @@ def contrast(text, motion, shift, margin=10.0, same=None):
 
 
 def by_length(num_frames, *arrays):
-  """Rows by falling length. Parity: the original rotates the motions in this order, so that the wrong motion of a small
-  shift is of a like length; ties stand as they came, there as numpy's sort leaves them."""
+  """Rows by decreasing length. Parity: the original rotates the motions in this order, so that the wrong motion of a
+  small shift is of similar length; ties stay in order here, in the original as numpy's sort leaves them.
+  """
   order = jnp.argsort(-num_frames)
   return [jnp.asarray(array)[order] for array in arrays]
 
 
 def same_meaning(numbers):
-  """(B, B): which rows carry the same number."""
+  """(B, B): which rows have the same number."""
   return numbers[:, None] == numbers[None]
 
 
 def t2m_shapes(net, word_dim):
-  """Shapes of a T2M evaluator's parameters, on words of so many numbers."""
+  """Shapes of a T2M evaluator's parameters, for word vectors of the given dimension."""
   return jax.eval_shape(lambda: init_t2m(net, word_dim, jax.random.key(0)))
 
 
 def init_t2m(net, word_dim, rng):
-  """Random parameters of a `T2MEvaluator` on words of so many numbers."""
+  """Random parameters of a `T2MEvaluator`, for word vectors of the given dimension."""
   one = jnp.ones(1, jnp.int32)
   words, classes = jnp.zeros((1, 4, word_dim)), jnp.zeros((1, 4, len(CLASSES)))
   return net.init(rng, words, classes, one, jnp.zeros((1, 8, net.columns)), 8 * one)
 
 
 def matching_stage(config, axis_name=DEVICES) -> Stage:
-  """Trains motion and sentence encoders of a `T2MEvaluator`; its movement encoder, in evaluation mode, is held still.
+  """Trains motion and caption encoders of a `T2MEvaluator`; its movement encoder is frozen, in evaluation mode.
 
   Batch: features (B, T, columns), num_frames (B,), words (B, S, W), classes (B, S, 15), lengths (B,), meaning (B,),
-  index (B,). The contrast is over the whole batch, what lies on other devices too; axis_name None: outside of a map.
-  loss.first_shift: the wrong motions stand first_shift .. B - 2 + first_shift rows on. Parity: 0, as in the original,
-  which one time in B - 1 pushes the right pairs apart.
+  index (B,). The contrast is over the whole batch on all devices; axis_name None: outside of a map. loss.first_shift:
+  the wrong motions are first_shift .. B - 2 + first_shift rows further on. Parity: 0, as in the original, which one
+  time in B - 1 pushes the right pairs apart.
   """
   net = T2MEvaluator(**config.model)
   whole = _gather(axis_name)
@@ -205,7 +205,7 @@ def gaussian_networks(fields):
 
 
 def init_gaussian(fields, word_dim, rng):
-  """Random parameters {"params": the evaluator's, "decoder": ...} on words of so many numbers."""
+  """Random parameters {"params": the evaluator's, "decoder": ...}, for word vectors of the given dimension."""
   net, decoder = gaussian_networks(fields)
   net_rng, decoder_rng = jax.random.split(rng)
   real_mask, frames = jnp.ones((1, 8), bool), jnp.full(1, 8, jnp.int32)
@@ -215,8 +215,8 @@ def init_gaussian(fields, word_dim, rng):
 
 
 def gaussian_stage(config, axis_name=DEVICES) -> Stage:
-  """Trains a `SnapEvaluator` as TMR is trained: either latent becomes the motion again, Gaussians of a pair are alike
-  and like the unit one, and latents of pairs stand out of the batch by their cosines.
+  """Trains a `SnapEvaluator` as TMR is trained: both latents decode to the motion, the Gaussians of a pair are alike
+  and close to the unit one, and a contrast separates pairs by their cosines.
 
   Batch: features (B, T, columns), num_frames (B,), text_emb (B, S, W), text_mask (B, S), meaning (B,), index (B,).
   SnapMoGen's weights of the losses are TMR's (docs/papers/cmdm.md#snapmogen). Parity: padded frames count in the
@@ -277,7 +277,7 @@ def piece_tables(encoder):
 
 
 def piece_ids(encoder, captions, max_words):
-  """Sentences to word pieces (B, max_words): begin, words, end (the largest id), zeros. Longer ones are cut."""
+  """Captions as word pieces (B, max_words): begin, words, end (the largest id), zeros. Longer ones are cut."""
   end, rows = _end(encoder), len(encoder.params["words"]["embedding"])
   out = np.zeros((len(captions), max_words), np.int32)
   for row, caption in zip(out, captions):
@@ -291,9 +291,9 @@ def _end(encoder):
 
 
 def hidden_states(encoder, captions, max_words):
-  """What a text encoder says of the words of sentences: (B, max_words, W) and their mask (B, max_words).
+  """Hidden states of a text encoder for captions, (B, max_words, W), and their mask (B, max_words).
 
-  Parity: SnapMoGen's cuts the sentence before it is encoded, here its hidden states are cut.
+  Parity: SnapMoGen cuts the caption before it is encoded, here its hidden states are cut.
   """
   text_emb, text_mask = encoder(captions)
   size = min(text_mask.shape[1], max_words)

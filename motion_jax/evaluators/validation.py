@@ -1,4 +1,4 @@
-"""By what trained stages are chosen: numbers of held-out motions by an evaluator."""
+"""Validation by an evaluator: FID of held-out motions after a tokenizer, by which its weights are chosen."""
 import jax
 import numpy as np
 
@@ -6,7 +6,7 @@ from motion_jax.evaluators.evaluator import load_evaluator
 from motion_jax.metrics import scores
 from motion_jax.training.setup import held_out
 
-# Frames of a clip; those that an evaluator is not told of (docs/papers/cmdm.md#protocol); clips at a time.
+# Frames of a clip; frames that are left out of its length (docs/papers/cmdm.md#protocol); clips at a time.
 LENGTH, LOST, CHUNK = 192, 1, 64
 
 
@@ -27,11 +27,11 @@ def with_fid(setup, config):
 
 
 def reconstruction_fid(evaluator, features, stats):
-  """fid(reconstruct) of held-out clips, normalized features [(T, F)], against themselves: reconstruct(x (1, LENGTH, F),
-  i) gives clip i back.
+  """fid(reconstruct) of held-out clips, normalized features [(T, F)], against themselves; reconstruct(x (1, LENGTH, F),
+  i) reconstructs clip i.
 
-  evaluator: a folder or a name that ships. Clips are cut to LENGTH frames and to whole groups of four, padded with
-  zeros (docs/papers/cmdm.md#reconstruction). Raises ValueError where the evaluator judges another body.
+  evaluator: a folder or a shipped name. Clips are cut to LENGTH frames and to whole groups of four, padded with zeros
+  (docs/papers/cmdm.md#reconstruction). Raises ValueError if the evaluator is of another skeleton.
   """
   network = load_evaluator(evaluator)
   clips = [clip[:min(len(clip), LENGTH) // 4 * 4] for clip in features]

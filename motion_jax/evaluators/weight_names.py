@@ -20,7 +20,7 @@ CLIP_EVALUATOR_IGNORED = ("motion_encoder.sequence_pos_encoder.pe",)  # a sine t
 
 
 def clip_evaluator_names(depth=8):
-  """MARDM's CLIP-type evaluator: what lies under contrast_model/ in its file."""
+  """MARDM's CLIP-type evaluator: the tensors below contrast_model/ in its file."""
   table = {"positional_embedding": ("positions", "array"), "logit_scale": ("logit_scale", "array"),
            "motion_encoder.query_token": ("query", "array"), "motion_encoder.embed_motion": ("embed", "dense"),
            "motion_encoder.out_ln": ("motion_norm", "norm"), "motion_encoder.out": ("motion_out", "dense"),

@@ -1,4 +1,4 @@
-"""The benchmarks' frozen evaluators, as their authors release them.
+"""Conversion of the benchmarks' released evaluators.
 
 Source: docs/papers/cmdm.md#checkpoint-names, docs/papers/cdamd.md#evaluation.
 """
@@ -19,7 +19,7 @@ T2M = ("movement_encoder", "motion_encoder", "text_encoder")
 
 
 def evaluator(path, num_heads=None) -> Network:
-  """A released evaluator: T2M's (259 or 67 numbers per frame) or MARDM's CLIP-type one, told by what the file holds."""
+  """A released evaluator, recognized by its tensors: T2M's (259 or 67 numbers per frame) or MARDM's CLIP-type one."""
   names = load_state(path)
   if any(name.startswith("contrast_model/") or name == "token_embedding.weight" for name in names):
     return _clip_evaluator(path, num_heads)
@@ -58,11 +58,12 @@ def _clip_evaluator(path, num_heads):
 
 
 def write_evaluator(out, file, stats, num_heads=None, glove=None, text=None):
-  """The folder of a released evaluator -> the Networks. stats: its own statistics, not those of the training data.
+  """Writes the folder of a released evaluator -> the Networks. stats: its own statistics, not those of the training
+  data.
 
-  What its sentences are read with: glove, the benchmark's folder of word vectors, which is written beside the weights;
-  text, the folder of the CLIP that a CLIP-type evaluator was trained on, which is named in the config. Without them
-  `load_evaluator` has to be told.
+  Text input: glove, the benchmark's folder of word vectors, which is written beside the weights; text, the folder of
+  the CLIP that a CLIP-type evaluator was trained on, which the config names. Without them `load_evaluator` needs
+  `text`.
   """
   check_free(out)
   made = evaluator(file, num_heads)

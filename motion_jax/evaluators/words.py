@@ -1,8 +1,8 @@
-"""What the classic evaluators read of a sentence: a vector and a class for each of its words.
+"""Text input of the classic evaluators: a vector and a class for each word.
 
-Source: docs/papers/cdamd.md#words. A token is "lemma/POS", as the benchmarks' text files hold them. The vectors come
-from the usual glove/our_vab_* files, two of which are pickles: they are read once, with a reader that knows lists,
-dicts, words and numbers only, and kept as an .npz file beside them.
+Source: docs/papers/cdamd.md#words. A token is "lemma/POS", as in the benchmarks' text files. The vectors come from the
+usual glove/our_vab_* files, two of which are pickles: they are read once, with a reader that accepts only lists, dicts,
+words and numbers, and stored as an .npz file beside them.
 """
 import hashlib
 import io
@@ -52,7 +52,7 @@ class WordVectors:
     return hashlib.sha256("\n".join(self.rows).encode() + self.vectors.tobytes()).hexdigest()
 
   def __call__(self, sentences, max_words=MAX_WORDS):
-    """Evaluator input for sentences, each a list of tokens "lemma/POS" or a line of them.
+    """Evaluator input for captions, each a list of tokens "lemma/POS" or a line of them.
 
     -> words (B, max_words + 2, D), classes one-hot (B, max_words + 2, 15), lengths (B,), which count sos and eos.
     """
@@ -74,9 +74,9 @@ class WordVectors:
 
 
 class WordFeatures:
-  """Words of our own text encoder in the place of a vocabulary, for data without GloVe files: called as `WordVectors`.
+  """Words of a text encoder instead of a vocabulary, for data without GloVe files: called as `WordVectors`.
 
-  A word's vector is what the encoder says of it alone, at a length of sqrt(D); no word is unknown. encoder: a
+  A word's vector is the encoder's output for it alone, scaled to length sqrt(D); no word is unknown. encoder: a
   `text.encoder.TextEncoder`.
   """
 
@@ -168,7 +168,7 @@ def _read_glove(folder):
 
 
 class _PlainUnpickler(pickle.Unpickler):
-  """Reads lists, dicts, words and numbers, for which a pickle needs no class; anything that names one is refused."""
+  """Reads lists, dicts, words and numbers, for which a pickle needs no class; refuses anything that names a class."""
 
   def find_class(self, module, name):
     raise pickle.UnpicklingError(f"it asks for {module}.{name}")

@@ -1,7 +1,7 @@
-"""Negative controls: real motions, damaged on purpose; every metric must move the way that says so.
+"""Negative controls: real motions, damaged on purpose; every metric must move in the direction of the damage.
 
-reversed runs backwards from the origin; frozen keeps the first pose; noise is added to every joint and frame, three
-levels of it; sliding moves the frozen pose over the ground, lifted and sunk move the motion off the floor.
+reversed runs backwards from the origin; frozen keeps the first pose; noise is added to every joint and frame, at three
+levels; sliding moves the frozen pose over the ground, lifted and sunk move the motion off the floor.
 """
 import numpy as np
 
@@ -88,7 +88,7 @@ def _damages(skeleton, mode):
 
 
 def _multimodality(harness, replication, joints, size):
-  """Of a few real motions, each with noise drawn anew many times."""
+  """Multimodality of a few real motions, each with many draws of noise."""
   rng, count = harness.rng(replication, NOISE + 1), harness.protocol.multimodality_motions
   layout, mode = harness.evaluator.layout, harness.evaluator.mode
   made = [[layout.from_joints_in_place(x + size * rng.normal(size=x.shape), mode) for _ in range(count)]
@@ -97,14 +97,14 @@ def _multimodality(harness, replication, joints, size):
 
 
 def _moves(real, values, direction, spread=0.0):
-  """Whether the last value lies beyond the real one, and no step on the way goes back by more than nothing."""
+  """Whether the last value lies beyond the real one, and no step on the way goes back by more than the tolerance."""
   steps = direction * np.diff([real, *values])
   total = steps.sum()
   return bool(total > 0 and steps.min() >= -max(SLACK * total, spread))
 
 
 def _noticed(real, values, direction, spread=0.0):
-  """The least level from which on all values lie beyond the real one by more than nothing."""
+  """The smallest level from which on all values lie beyond the real one by more than the tolerance."""
   away = direction * (np.array(values) - real)
   far = away > max(SLACK * away[-1], spread)
   return next((level for i, level in enumerate(LEVELS) if far[i:].all()), None)

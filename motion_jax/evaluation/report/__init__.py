@@ -1,1 +1,1 @@
-"""What a result looks like: tables beside the papers' numbers, charts, a page."""
+"""Presentation of results: tables beside the papers' numbers, charts, a page."""

@@ -1,4 +1,4 @@
-"""Motions to look at: some of a replication beside the real ones, and those that match their words worst."""
+"""Example motions: some of a replication beside the real ones, and those that match their captions worst."""
 import pathlib
 
 import numpy as np
@@ -13,7 +13,9 @@ COUNT = 6  # of either kind
 
 
 def write(task: Generation, candidate, out, replication=0) -> list[Shown]:
-  """gallery/*.npz in `out` -> [{"caption", "kind", "score", "row", "real", "made"}]; score: from words to motion."""
+  """Writes gallery/*.npz in `out` -> [{"caption", "kind", "score", "row", "real", "made"}]; score: distance of caption
+  and motion.
+  """
   harness, layout = task.harness, candidate.model.stats.layout
   embedded, motions = harness.embedded(replication), task.sampled(candidate, replication)
   drawn = embedded.drawn
@@ -39,7 +41,7 @@ def write(task: Generation, candidate, out, replication=0) -> list[Shown]:
 
 
 def _different(order, captions):
-  """The first few of an order, no caption twice."""
+  """The first few of an order, without repeated captions."""
   found = {}
   for i in order:
     found.setdefault(captions[i], i)

@@ -1,4 +1,4 @@
-"""What has to be said under a table of results: of how many repeats, and what did not look right."""
+"""Notes under a table of results: the number of replications, and what did not look right."""
 import collections
 
 from motion_jax.evaluation.result import Result

@@ -54,18 +54,19 @@ def _as_sampled(rows, config, options, guidance_scale):
   """The rows of a config as it is sampled by options and a guidance scale: other ones, or none, where that is another
   way than its own."""
   own = paper_tables.sampling_choices(config)
-  asked = paper_tables.sampling_choices(config, options | dict(guidance_scale=guidance_scale))
+  chosen = paper_tables.sampling_choices(config, options | dict(guidance_scale=guidance_scale))
   others = {name: options.get(name) for name in ("context", "temperature") if options.get(name) is not None}
   shared = options.get("shared_noise")
   shared = config.get("sampler", {}).get("shared_noise") if shared is None else shared  # tokenizers have no sampler
   others |= {"shared_noise": shared} if shared else {}
-  if asked == own and not others and options.get("solver") in (None, *_SOLVERS.get(config.get("stage"), ())):
+  if chosen == own and not others and options.get("solver") in (None, *_SOLVERS.get(config.get("stage"), ())):
     return rows
   # Only how many steps, and how far apart blocks begin, may differ: as the papers' own models were tried.
   free = ("schedule", "num_steps", "lag")
-  if others or any(asked[name] != own[name] for name in asked if name not in free) or asked.get("schedule") == "full":
+  fixed = [name for name in chosen if name not in free]
+  if others or any(chosen[name] != own[name] for name in fixed) or chosen.get("schedule") == "full":
     return {}
-  key = asked.get("num_steps"), asked.get("lag")
+  key = chosen.get("num_steps"), chosen.get("lag")
   found = {table: _RESAMPLED.get(row, {}).get(key) for table, row in rows.items()}
   return {table: row for table, row in found.items() if row and row in tables.paper_table(*table.split(" ", 1)).rows}
 

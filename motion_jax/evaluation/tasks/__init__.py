@@ -1,1 +1,1 @@
-"""What a protocol asks of a model: generation, reconstruction, editing, long horizon, timelines, control."""
+"""Tasks of the protocols: generation, reconstruction, editing, long motions, timelines, control."""

@@ -1,4 +1,4 @@
-"""What every task of an evaluation offers: rows of real motions, rows of a candidate's, and controls of its own."""
+"""The interface of a task: rows of real motions, rows of a candidate's, and controls of its own metrics."""
 import dataclasses
 from collections.abc import Iterable, Mapping
 from typing import Any, ClassVar, NamedTuple
@@ -17,11 +17,11 @@ Row = dict[str, float]  # {metric: number}
 
 @dataclasses.dataclass(frozen=True)
 class Found:
-  """What a task found in one replication.
+  """The results of a task in one replication.
 
-  rows: {part: {metric: number}}; a candidate's only row is of part "". curves: {part: mean jerk (width,) of each frame
-  around a transition}, where a task measures it. by_motion: what rows are of, motion by motion, {part: ..}, where a
-  task's motions are those of the draw.
+  rows: {part: {metric: number}}; a candidate with a single row has part "". curves: {part: mean jerk (width,) of each
+  frame around a transition}, where a task measures it. by_motion: the values of each motion, {part: ..}, where a task's
+  motions are those of the draw.
   """
   rows: Mapping[str, Row]
   curves: Mapping[str, np.ndarray] = dataclasses.field(default_factory=dict)
@@ -30,17 +30,18 @@ class Found:
 
 @dataclasses.dataclass(frozen=True)
 class Damaged:
-  """Rows of motions that were damaged on purpose, {control: {metric: number}}, "real" among them, and which way each
-  metric has to go, {control: {metric: 1 up, -1 down}}."""
+  """Rows of motions that were damaged on purpose, {control: {metric: number}}, "real" among them, and the direction in
+  which each metric has to move, {control: {metric: 1 up, -1 down}}.
+  """
   rows: Mapping[str, Row] = dataclasses.field(default_factory=dict)
   expected: Mapping[str, Mapping[str, int]] = dataclasses.field(default_factory=dict)
 
 
 class Wanted(NamedTuple):
-  """Motions that a replication wants another program to make (`evaluation.external`).
+  """Motions that another program has to generate for a replication (`evaluation.external`).
 
-  name: of the folder of their files. about: what a line of prompts.jsonl says of each motion beside its file, caption,
-  frames, rate and seed. given: joints (T, J, 3) of the real motion that each is made of, if it is.
+  name: of the folder of their files. about: further fields of each line of prompts.jsonl, beside file, caption, frames,
+  rate and seed. given: joints (T, J, 3) of the real motion that each is based on, if any.
   """
   name: str
   jobs: samples.Jobs
@@ -49,7 +50,7 @@ class Wanted(NamedTuple):
 
 
 class Task:
-  """What a protocol asks of a model, over the test set of a harness. What it makes only once, it keeps itself."""
+  """What a protocol measures, over the test set of a harness. A task caches what it computes only once."""
   METRICS: ClassVar[tuple[str, ...]]        # that its rows may have, in the order of the tables
   OPTIONS: ClassVar[tuple[str, ...]] = ()   # choices of --sampling that it has beside those of the method
   TEXT_TO_MOTION: ClassVar[bool] = False    # captions and lengths are all that a motion is made of
@@ -60,8 +61,9 @@ class Task:
 
   @staticmethod
   def load(run, raw=False) -> Any:
-    """The model of a run that can do what is asked. raw: of the last weights, not their average. Raises ValueError for
-    another model."""
+    """The model of a run, which must be able to do the task. raw: the last weights, not their average. Raises
+    ValueError for another model.
+    """
     raise NotImplementedError("a task of evaluation has a `load` of its own (docs/adding.md)")
 
   def real(self, replication: int) -> Found:
@@ -69,7 +71,7 @@ class Task:
     raise NotImplementedError(f"{type(self).__name__} has no `real` (docs/adding.md)")
 
   def wanted(self, replication: int, reader) -> Iterable[Wanted]:
-    """What a replication wants another program to make; reader: of the real motions that are given."""
+    """The motions that another program has to generate; reader: of the real motions that it is given."""
     raise NotImplementedError(f"{type(self).__name__} has no `wanted` (docs/adding.md)")
 
   def found(self, candidate: Candidate, replication: int) -> Found:
@@ -82,12 +84,12 @@ class Task:
 
   @property
   def notes(self) -> tuple[str, ...]:
-    """What has to be said under the table beside the protocol's own note."""
+    """Notes under the table, beside the protocol's own."""
     return ()
 
 
 class ClipTask(Task):
-  """Motions as long as the items of the test set, judged whole."""
+  """A task whose motions are as long as the items of the test set, and evaluated as a whole."""
   METRICS = ("top1", "top2", "top3", "fid", "matching", "diversity", "multimodality", "clip_score", *IN_ROWS)
 
   def ids(self, replication):
@@ -95,7 +97,7 @@ class ClipTask(Task):
     return [{"id": self.test_set.ids[item]} for item in self.harness.drawn(replication).item]
 
   def joints(self, replication, reader):
-    """Joints [(T, J, 3)] of the real motions of a draw, where they are in their clips."""
+    """Joints [(T, J, 3)] of the real motions of a draw, at their place in the clip."""
     real = self.harness.drawn(replication).cut(self.test_set.of(reader))
     return [np.asarray(to_joints(features, reader.layout), np.float32) for features in real]
 

@@ -1,11 +1,11 @@
-"""Control: joints are asked to be where they are in real motions, at some frames, and a path where nobody walked.
+"""Control: joints have to be where they are in real motions, at some frames, and the pelvis on paths that no clip has.
 
 OmniControl's protocol (neu-vi/OmniControl@76336a6:eval/eval_humanml.py, utils/metrics.py): one joint a run, at 1, 2 or
-5 frames, a quarter of them or all; a row is the mean of the five densities. Motions are made with the captions and
-lengths of text to motion, each with the targets of the real motion that its caption is of.
+5 frames, a quarter of them or all; a row is the mean of the five densities. Motions are generated with the captions and
+lengths of text to motion, each with targets from the real motion of its caption.
 
-Motions that are brought to what is asked (exact) are joints: how far they are off is told of those, and the metrics of
-features made of them anew, as those of real motion are. So are those of a second unconstrained row then.
+Motions that are projected onto their constraints (exact) are joints: distances are measured on them, other metrics on
+features computed from them, as for real motion. A second unconstrained row is then treated in the same way.
 """
 import dataclasses
 
@@ -35,7 +35,8 @@ WALKS, COPIES = ("a person walks", "a person walks forward"), 2  # captions of w
 
 class Control(Generation):
   """Rows of a candidate: "unconstrained" (where exact, also "unconstrained, from joints"), one of each joint, "all
-  joints", their mean, and one of each curve."""
+  joints", their mean, and one of each curve.
+  """
   METRICS = (*NAMES, "top_speed", *ClipTask.METRICS)
   FILES = ("a motion of each caption alone, one for each `control`, positions (metres, null: free) of a joint at some "
            "frames, and one for each path of the pelvis, none moved nor turned afterwards; a joint or path without "
@@ -53,13 +54,13 @@ class Control(Generation):
     return loaded
 
   def real(self, replication):
-    """The real motions, which are where they are asked to be."""
+    """The real motions, which meet their own constraints."""
     return Found({"real": self.harness.real_scores(replication) | dict.fromkeys(NAMES, 0.0)})
 
   def found(self, candidate, replication):
     options = dict(candidate.options)
-    asked = str(options.get("joints", "all"))
-    names = JOINTS if asked == "all" else tuple(asked.split("+"))
+    chosen = str(options.get("joints", "all"))
+    names = JOINTS if chosen == "all" else tuple(chosen.split("+"))
     if wrong := [name for name in names if name not in JOINTS]:
       raise ValueError(f"got the joint {wrong[0]!r}, expected all, or some of {', '.join(JOINTS)} with + between")
     real, layout = self._real_joints(candidate.reader, replication), candidate.model.stats.layout
@@ -109,7 +110,7 @@ class Control(Generation):
     return self.harness.scores(replication, motions, layout) | control_scores(errors) | _speed(joints, layout.fps)
 
   def _plain(self, candidate):
-    """The candidate as it is sampled where nothing is asked for."""
+    """The candidate without constraints."""
     return dataclasses.replace(candidate, options={
         name: value for name, value in candidate.options.items() if name not in self.OPTIONS})
 
@@ -134,7 +135,7 @@ class Control(Generation):
             for motion, joints in zip(motions, real)]
 
   def _made(self, candidate, jobs, signal, name, what):
-    """(motions [(rows, F)], their joints [(rows, 22, 3)]) that are asked for signal, one of each job."""
+    """(motions [(rows, F)], their joints [(rows, 22, 3)]) constrained by signal, one for each job."""
     given = {option: int(candidate.options[option]) for option in ("control_steps", "refinements")
              if candidate.options.get(option) is not None}
     exact = bool(candidate.options.get("exact"))
@@ -147,8 +148,9 @@ class Control(Generation):
             [motion[:, -3 * NUM_JOINTS:].reshape(len(motion), NUM_JOINTS, 3) for motion in made])
 
   def _paths(self, candidate, replication):
-    """A row of each curve: how far the pelvis is from it, and how the body moves on it. All motions are as long as the
-    longest curve, so that one program makes them, and looked at as long as they are asked for something."""
+    """A row of each curve: distance of the pelvis from it, and physics of the body on it. All motions are as long as
+    the longest curve, so that one compiled program generates them, and are evaluated as long as their curve lasts.
+    """
     model, rows, layout = candidate.model, {}, candidate.model.stats.layout
     longest = int(min(model.max_seconds, 60) * layout.fps) if model.can("generate") else self.protocol.max_frames
     jobs, places = self._walks(replication, longest, layout.fps)
@@ -205,7 +207,7 @@ def _targets(joints, frames, joint, axes=(0, 1, 2)):
 
 
 def _distances(motion, signal):
-  """Distances (N,) of joints (rows, 22, 3) from what is asked of them, at each joint and frame that is given."""
+  """Distances (N,) of joints (rows, 22, 3) from their targets, at each constrained joint and frame."""
   joints = np.asarray(motion[:signal.given.shape[1]], np.float64)
   given = signal.given[0, :len(joints)]
   off = np.where(given, joints - signal.positions[0, :len(joints)], 0.0)
@@ -219,22 +221,22 @@ def _speed(motions, fps):
 
 
 def controlled_generator(candidate, signal, given, exact):
-  """make(jobs) of `samples.sample`: motions of the jobs' captions, guided by signal[place] each.
+  """make(jobs) of `samples.sample`: motions of the jobs' captions, each guided by signal[place].
 
   given: control_steps and refinements of sampling; exact: projected onto the signal afterwards, and each row of
-  features is followed by its joints, which features keep to some millimetres only, and not where they began.
+  features is followed by its joints, since features keep joints only to some millimetres, and not where they began.
   """
   def make(jobs):
     chosen = samples.contrast_of(candidate.model) | dict(
         guidance_scale=candidate.guidance_scale, **candidate.options, **given)
     rows = [signal[i].slice_frames(0, max(jobs.frames)) for i in jobs.places]
-    asked, model = signals.stack(rows), candidate.model
+    constraints, model = signals.stack(rows), candidate.model
     if exact:
-      made = model.generate(jobs.captions, jobs.frames, seeds=jobs.seeds, control=asked, **chosen)
+      made = model.generate(jobs.captions, jobs.frames, seeds=jobs.seeds, control=constraints, **chosen)
       joints = [project(motion.joints, row.slice_frames(0, motion.num_frames), model.fps, warn=True).astype(np.float32)
                 for motion, row in zip(made, rows)]
       return [np.concatenate([features_of(model, one), one.reshape(len(one), -1)], axis=1) for one in joints]
     keys, seeds = keys_of(None, jobs.seeds, len(jobs.seeds))
-    made = model.sample(jobs.captions, jobs.frames, keys, seeds, False, chosen, asked)
+    made = model.sample(jobs.captions, jobs.frames, keys, seeds, False, chosen, constraints)
     return [motion.features for motion in made]
   return make

@@ -1,7 +1,7 @@
-"""Editing: parts of real motions are remade from their captions, four tasks (docs/papers/cdamd.md#editing).
+"""Editing: parts of real motions are regenerated from their captions, four tasks (docs/papers/cdamd.md#editing).
 
-By the paper's method, `CdamdModel.edits`, on the features of the test set as they are, all frames as decoded; or, with
-the option cleanup=true, finished by `models.pasting`: kept frames put back and new ones joined to them.
+By the paper's method, `CdamdModel.edits`, on the features of the test set, all frames as decoded; or, with the option
+cleanup=true, finished by `models.pasting`: kept frames are put back and new ones joined to them.
 """
 import numpy as np
 

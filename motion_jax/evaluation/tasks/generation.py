@@ -1,4 +1,4 @@
-"""Text to motion: a model makes each item of a replication anew, of its caption and at its length."""
+"""Text to motion: a model generates a motion for each item of a draw, from its caption and at its length."""
 import numpy as np
 
 from motion_jax import loading
@@ -12,7 +12,7 @@ class Generation(ClipTask):
 
   @staticmethod
   def load(run, raw=False):
-    """The model of a run folder or of a name that ships."""
+    """The model of a run folder or a shipped one."""
     return loading.load(run, raw=raw)
 
   def found(self, candidate, replication):
@@ -49,7 +49,7 @@ class Generation(ClipTask):
     return Wanted(f"r{replication:03d}_many", jobs, [{"id": self.test_set.ids[item]} for item in some.item])
 
   def _pairs(self, replication):
-    """(place in the draw, generation of it) of those."""
+    """(place in the draw, number of the generation) of each."""
     have = self._copies(replication)
     return [(i, copy) for i in range(self._num_captions) for copy in range(self.protocol.multimodality_motions)
             if copy != have[i]]
@@ -59,7 +59,7 @@ class Generation(ClipTask):
     return min(self.protocol.num_multimodality, self.harness.count)
 
   def _copies(self, replication):
-    """Which generation of each item the scores are of: the first, or the last where a protocol makes many of it."""
+    """The generation of each item that is scored: the first, or the last where a protocol generates many."""
     protocol, count = self.protocol, self.harness.count
     last = protocol.multimodality_motions - 1
     many = np.arange(count) < protocol.num_multimodality
@@ -67,8 +67,7 @@ class Generation(ClipTask):
     return np.where(many, last, 0) if shared else np.zeros(count, int)
 
   def _generations(self, candidate, replication, motions):
-    """Lists of protocol.multimodality_motions generations of the first captions; `motions` holds one of each
-    already."""
+    """Lists of protocol.multimodality_motions generations of the first captions, one of which is in `motions`."""
     have, wanted = self._copies(replication), self._many(replication)
     made = iter(candidate.sample(candidate.generator(), candidate.store(self.harness), wanted.name, wanted.jobs,
                                  f"multimodality {replication + 1}"))

@@ -1,9 +1,9 @@
-"""Long motions: many captions in a row, judged piece by piece and at the borders (docs/papers/cmdm.md#long-horizon).
+"""Long motions of many prompts, evaluated segment by segment and at the borders (docs/papers/cmdm.md#long-horizon).
 
-Which captions, and for how long, comes from a file of prompt sequences (FlowMDM's own list is one, given out apart from
-its code), or else from the test set: `sequences` lists of `segments` items each, drawn once by the seed, the same in
-all replications. Of SnapMoGen's recordings (`Benchmark.recorded`) it is what they show, one motion after the other; a
-replication draws one of each motion's captions, and real transitions are those at the recordings' own borders.
+Captions and lengths come from a file of prompt sequences (such as FlowMDM's list, which is distributed apart from its
+code), or else from the test set: `sequences` lists of `segments` items each, drawn once by the seed, the same in all
+replications. For SnapMoGen (`Benchmark.recorded`) they are the motions of whole recordings, in order; a replication
+draws one of each motion's captions, and real transitions are those at the recordings' own borders.
 """
 import dataclasses
 import functools
@@ -25,7 +25,7 @@ SEQUENCES, REFERENCE, SCORES, SPLICES = 11, 12, 13, 14  # streams of random numb
 
 
 class PromptSequence(NamedTuple):
-  """The captions of a long motion, their tokens (None: by rule), and the frames that each is asked for (N,)."""
+  """The captions of a long motion, their tokens (None: by rule), and the requested frames of each (N,)."""
   captions: list[str]
   tokens: list
   frames: np.ndarray
@@ -43,11 +43,11 @@ class LongHorizon(Task):
 
   @staticmethod
   def load(run, raw=False):
-    """A model that makes motions of several prompts. Raises ValueError for another one."""
+    """A model that generates motions of several prompts. Raises ValueError for another one."""
     return load_able(run, "multi_prompt", raw)
 
   def real(self, replication):
-    """The real clips, random crops of them in the place of transitions; of recordings their own transitions."""
+    """The real clips, with random crops in place of transitions; for recordings their own transitions."""
     test_set, evaluator = self.test_set, self.harness.evaluator
     if self.protocol.recorded:
       rules = dataclasses.replace(self._rules, unit_length=1)
@@ -92,7 +92,7 @@ class LongHorizon(Task):
                         list(range(len(prompts))))
 
   def _pieces(self, made, prompts, frames, layout):
-    """`metrics.long_horizon.Sequence`s of motions [(rows, F)] that a model made, one at a time."""
+    """The `metrics.long_horizon.Sequence`s of generated motions [(rows, F)], one at a time."""
     evaluator = self.harness.evaluator
     for motion, one, counts in zip(made, prompts, frames):
       motion = motion[:sum(counts)]
@@ -103,7 +103,7 @@ class LongHorizon(Task):
           self.harness.embed_captions(evaluator, one.captions, one.tokens))
 
   def damaged(self, replication, joints):
-    """Transitions: real ones, and "spliced", halves of two clips with nothing between them."""
+    """Transitions: real ones, and "spliced", halves of two clips without anything between them."""
     evaluator, rules, rng = self.harness.evaluator, self._rules, self.harness.rng(replication, SPLICES)
     layout, (_, real) = evaluator.layout, self._real
     skeleton = layout.skeleton
@@ -126,7 +126,7 @@ class LongHorizon(Task):
   # --- prompts -----------------------------------------------------------------------------------------------------
 
   def sequences(self, replication=0) -> list[PromptSequence]:
-    """What is asked of a model, lengths cut to whole units."""
+    """The prompt sequences of a replication, with lengths cut to whole units."""
     test_set, protocol = self.test_set, self.protocol
     whole = lambda frames: frames // protocol.unit_length * protocol.unit_length
     if protocol.recorded:
@@ -145,14 +145,14 @@ class LongHorizon(Task):
     return found
 
   def _captioned(self, at, drawn, whole):
-    """The items `at` (N,) of a recording with a caption each, drawn (N,) by numbers from 0 to 1."""
+    """The items `at` (N,) of a recording with one caption each, chosen by numbers drawn (N,) from 0 to 1."""
     captions = [self.test_set.captions[i] for i in at]
     return PromptSequence([some[int(share * len(some))] for some, share in zip(captions, drawn)], [None] * len(at),
                           whole(self.test_set.rows[at]))
 
   @functools.cached_property
   def _recordings(self) -> list[np.ndarray]:
-    """[items of a recording, in its order] of all recordings."""
+    """The items of each recording, in order."""
     found = {}
     for i, name in enumerate(self.test_set.ids):
       found.setdefault(name.rsplit("#", 2)[0], []).append(i)
@@ -160,13 +160,13 @@ class LongHorizon(Task):
 
   @functools.cached_property
   def _chosen(self) -> list[np.ndarray]:
-    """Those recordings whose prompts are asked for: all, or as many as wanted, by the seed."""
+    """The recordings that are used: all, or as many as the protocol wants, chosen by the seed."""
     order = self.harness.rng(0, SEQUENCES).permutation(len(self._recordings))[:self.protocol.sequences]
     return [self._recordings[i] for i in sorted(order)]
 
   @functools.cached_property
   def _file_hash(self):
-    """What keeps samples of a file's prompts apart from others."""
+    """Separates samples of a prompt file from others."""
     path = self.protocol.timelines
     return f" of {hashlib.sha256(pathlib.Path(path).read_bytes()).hexdigest()}" if path else ""
 
@@ -184,7 +184,7 @@ class LongHorizon(Task):
 
   @property
   def _real(self):
-    """Real motions as the evaluator reads them, pieces of joints where those are coordinates, and their joints."""
+    """Real motions in the evaluator's features (as joints, where those are coordinates), and their joints."""
     layout = self.harness.evaluator.layout
     features = self.test_set.of(self.harness.evaluator)
     joints = [np.asarray(to_joints(x, layout), np.float64) for x in features]
@@ -202,14 +202,15 @@ class LongHorizon(Task):
     return self._references[key]
 
   def _scoring(self, replication, rules):
-    """Arguments of `metrics.long_horizon.score` beside motions and their reference."""
+    """Further arguments of `metrics.long_horizon.score`."""
     evaluator = self.harness.evaluator
     return (self._embed(for_fid=True), self.harness.rng(replication, SCORES), rules, evaluator.layout.skeleton,
             None if evaluator.motion_for_fid is None else self._embed())
 
   def _embed(self, for_fid=False):
-    """embed(motions) of `metrics.long_horizon`: joints are put at the origin first, features begin there anyway.
-    for_fid: what FID and diversity are taken of, where that is another vector."""
+    """embed(motions) of `metrics.long_horizon`: joints are moved to the origin first, features begin there anyway.
+    for_fid: the vectors of FID and diversity, where the evaluator has separate ones.
+    """
     evaluator = self.harness.evaluator
 
     def embed(motions):
@@ -234,7 +235,8 @@ class LongHorizon(Task):
 
 def multi_prompt_generator(candidate, sequences, options):
   """make(jobs) of `samples.sample`: motions of the [(prompt, seconds)] at the jobs' places; options: of
-  `multi_prompts`. What is cleaned up or eased afterwards are joints, so the features are made of those."""
+  `multi_prompts`. Cleanup and easing change joints, so the features are then computed from those.
+  """
   options = samples.contrast_of(candidate.model) | {"cleanup": False} | dict(options)
   of_joints = options["cleanup"] or options.get("ease", False)
   def in_place(joints):  # bones that drift and feet in the floor are what is to be judged: nothing mends them here

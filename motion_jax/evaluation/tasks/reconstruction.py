@@ -1,4 +1,4 @@
-"""Reconstruction: the items of a draw through a tokenizer, judged like generated motions, and joint by joint."""
+"""Reconstruction: the items of a draw through a tokenizer, evaluated like generated motions, and by joint errors."""
 import numpy as np
 
 from motion_jax.evaluation import samples
@@ -10,13 +10,14 @@ from motion_jax.metrics import scores
 
 class Reconstruction(ClipTask):
   """mpjpe in millimetres, of poses without heading; mpjpe_heading of the whole motion; released_mpjpe as the released
-  code prints."""
+  code prints.
+  """
   FILES = "the motion of `motion` (joints of a real one) after your encoder and decoder, in the place where it is"
   METRICS = (*ClipTask.METRICS, "mpjpe", "mpjpe_heading", "released_mpjpe")
 
   @staticmethod
   def load(run, raw=False):
-    """The tokenizer of a run, or inside a generator's. Raises ValueError for a run that has none."""
+    """The tokenizer of a run, or inside a generator's. Raises ValueError for a run without one."""
     return load_tokenizer(run, raw)
 
   def found(self, candidate, replication):
@@ -44,7 +45,7 @@ class Reconstruction(ClipTask):
     return [Wanted(f"r{replication:03d}", jobs, self.ids(replication), self.joints(replication, reader))]
 
   def damaged(self, replication, joints):
-    """Joint errors of real motions against themselves with noise on every joint."""
+    """Joint errors of real motions against the same with noise on every joint."""
     mm = 1000 * self.harness.evaluator.layout.skeleton.unit
     errors = {name: [scores.joint_errors(a, b) for a, b in zip(joints["real"], noisy)]
               for name, noisy in joints.items()}
@@ -68,7 +69,7 @@ class Reconstruction(ClipTask):
 
 
 def padded(motions, stats, length):
-  """Motions [(T_i, F)] normalized, zeros behind them: (B, length, F)."""
+  """Motions [(T_i, F)] normalized and padded with zeros: (B, length, F)."""
   x = np.zeros((len(motions), length, stats.layout.dim), np.float32)
   for row, motion in zip(x, motions):
     row[:len(motion)] = stats.normalize(motion)

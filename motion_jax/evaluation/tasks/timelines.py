@@ -1,6 +1,6 @@
-"""Timelines: one motion for each, of prompts that follow each other, judged interval by interval (STMC's MTT).
+"""Timelines: one motion for each, of consecutive prompts, evaluated interval by interval (STMC's MTT).
 
-Data: a file of timelines (`data.timelines`) and folders with a real clip for each of its texts, whose caption it is.
+Data: a file of timelines (`data.timelines`) and folders with a real clip for each of its texts, which is its caption.
 """
 import functools
 from typing import NamedTuple
@@ -32,7 +32,7 @@ class Timelines(Task):
   load = LongHorizon.load
 
   def real(self, replication):
-    """The real motions of the texts, looked at in their quarters."""
+    """The real motions of the texts, evaluated in quarters."""
     real, evaluator = self._real, self.harness.evaluator
     features = self.test_set.of(evaluator)
     joints = [_metres(features[i], evaluator.layout) for i in real.items]

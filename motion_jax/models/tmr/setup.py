@@ -112,12 +112,12 @@ def imagenet(folder: str | pathlib.Path, net: MotionPatches) -> tuple[Any, dict[
     raise ValueError(f"{path} is a vision transformer of width {width} on patches of "
                      f"{params['patch_embed']['kernel'].shape[0]} numbers, config.model has width {net.width} on "
                      f"{patch}; set model.width, depth, num_heads and mlp_width to those of the file")
-  said = {"weights": "file", "file": f"{path.parent.name}/{path.name}", "left_out": left,
+  found = {"weights": "file", "file": f"{path.parent.name}/{path.name}", "left_out": left,
           "sha256": hashlib.sha256(path.read_bytes()).hexdigest()}
   if (path.parent / "config.json").is_file():
-    told = read_json(path.parent / "config.json")
-    said["architecture"] = str(told.get("architecture") or told.get("model_type") or "")
-  return params, said
+    fields = read_json(path.parent / "config.json")
+    found["architecture"] = str(fields.get("architecture") or fields.get("model_type") or "")
+  return params, found
 
 
 def origin(config: ConfigDict, net: Teacher) -> tuple[dict[str, Any], dict[str, Any]]:
