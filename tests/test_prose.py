@@ -13,7 +13,8 @@ BANNED = re.compile(r"\b(told|asked|anew|led|whoever|nobody|so many|goes on|of i
                     r"who (is|are|has|sits|walks|does|asks|wants|stays|gets))\b", re.IGNORECASE)
 CLEAN = ("motion_jax/nets", "motion_jax/quant", "motion_jax/diffusion", "motion_jax/metrics", "motion_jax/convert",
          "motion_jax/control", "motion_jax/latents.py", "motion_jax/shapes.py", "motion_jax/utils/lazy.py",
-         "tools/reference.py", "examples")
+         "motion_jax/evaluation", "motion_jax/evaluators", "motion_jax/models/tmr", "motion_jax/runs.py",
+         "motion_jax/paper_tables.py", "tools/reference.py", "examples")
 UNFINISHED = ("docs/command-line.md", "docs/evaluation.md", "docs/sentences.md", "docs/studio.md",
               "docs/benchmark", "docs/reference")
 PAGES = [path for path in sorted({*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"),

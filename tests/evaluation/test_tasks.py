@@ -170,7 +170,7 @@ def test_long_motions_may_be_judged_as_they_are_shown(options, shown):
       config=types.SimpleNamespace(data=types.SimpleNamespace(mode="corrected")))
   make = long_horizon.multi_prompt_generator(types.SimpleNamespace(model=model, guidance_scale=2.0), [["a"]], options)
   (made,) = make(types.SimpleNamespace(places=[0], seeds=[7]))
-  assert asked == [dict(cleanup=False, guidance_scale=2.0, seeds=[7]) | options]
+  assert asked == [dict(guidance_scale=2.0, seeds=[7]) | options]
   assert made is None if not shown else made.shape == (40, 263)
   if shown:
     np.testing.assert_allclose(to_joints(made, "full")[:, :, 1], joints[:, :, 1] - joints[..., 1].min(), atol=0.05)

@@ -237,8 +237,8 @@ def multi_prompt_generator(candidate, sequences, options):
   """make(jobs) of `samples.sample`: motions of the [(prompt, seconds)] at the jobs' places; options: of
   `multi_prompts`. Cleanup and easing change joints, so the features are then computed from those.
   """
-  options = samples.contrast_of(candidate.model) | {"cleanup": False} | dict(options)
-  of_joints = options["cleanup"] or options.get("ease", False)
+  options = samples.contrast_of(candidate.model) | dict(options)
+  of_joints = options.get("cleanup", False) or options.get("ease", False)
   def in_place(joints):  # bones that drift and feet in the floor are what is to be judged: nothing mends them here
     layout, mode = candidate.model.stats.layout, candidate.model.config.data.mode
     return layout.from_joints_in_place(long_horizon.placed(np.asarray(joints, np.float64), layout.skeleton), mode)
