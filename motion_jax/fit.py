@@ -1,6 +1,12 @@
-"""From a config to a trained run folder: a training set-up, the loop and the folder. What `motion-jax train` calls."""
+"""From a config to a trained run folder: what `motion-jax train` calls, and training from Python.
+
+    from motion_jax import fit
+    from motion_jax.utils import config_files
+    fit.run(config_files.load("cmdm_denoiser:tiny"), "runs/tiny")
+"""
 import contextlib
 import pathlib
+import time
 
 import flax
 import jax
@@ -12,8 +18,9 @@ from motion_jax.evaluators import validation
 from motion_jax.latents import TOKENIZER
 from motion_jax.models import registry
 from motion_jax.motion import stats as stats_lib
-from motion_jax.training import checkpoint, distributed, loop, metrics, progress
+from motion_jax.training import checkpoint, combine, distributed, loop, metrics, progress
 from motion_jax.training import resume as resuming
+from motion_jax.training.combine import TOKENIZERS
 from motion_jax.training.optimizers import is_schedule_free
 from motion_jax.utils import atomic, config_files, lock
 from motion_jax.utils.errors import InputError
@@ -25,8 +32,6 @@ def setups() -> dict:
   return registry.setups() | evaluators.SETUPS
 
 
-# Of a generator's run: the stage whose parameters are frozen in it as its tokenizer.
-_HOLDS = {"cmdm.denoiser": "cmdm.tokenizer", "cdamd.generator": "cdamd.autoencoder"}
 DTYPES = ("float32", "bfloat16")  # that networks may compute in
 # Files of a run folder that are written before the first step, beside those that a stage gives it.
 FILES = (checkpoint.CONFIG, checkpoint.DATA, checkpoint.FROZEN, "Mean.npy", "Std.npy")
@@ -34,11 +39,15 @@ FILES = (checkpoint.CONFIG, checkpoint.DATA, checkpoint.FROZEN, "Mean.npy", "Std
 
 def run(config, workdir, resume=False, max_seconds=None, stop=None, allow_changes=False,
         profile_steps=None):
-  """Trains the stage that config.stage names in the folder workdir. Raises ValueError for a config that cannot run.
+  """Trains the stage that config.stage names in the folder workdir; returns the last TrainState.
 
-  resume: True goes on with the run in the folder; "auto" does if there is one, and starts one if not. allow_changes: a
-  run goes on with another config, or other data, than it began with. profile_steps: (first, last) are traced.
+  A config with passes (configs/shipped) trains each of them in a folder of its own below workdir, see `run_passes`.
+  resume: True continues the run in the folder; "auto" does if there is one, and starts one otherwise. max_seconds,
+  stop: save and end early (`training.loop.train`). allow_changes: continue with another config or other data than
+  before. profile_steps: (first, last) are traced. Raises ValueError for a config that cannot run.
   """
+  if "passes" in config:
+    return run_passes(config, workdir, resume, max_seconds, stop, allow_changes)
   known = setups()
   if config.stage not in known:
     raise ValueError(f"got stage {config.stage!r}, expected one of {', '.join(known)}"
@@ -100,6 +109,59 @@ def run(config, workdir, resume=False, max_seconds=None, stop=None, allow_change
   return state
 
 
+def run_passes(config, workdir, resume=False, max_seconds=None, stop=None, allow_changes=False):
+  """Trains the passes of a recipe one after the other, each in workdir/NAME; returns the last TrainState, if any.
+
+  config.passes: dicts with a "name" and either "config", NAME:SIZE of a stage, with "fields" {SECTION.FIELD: value}, or
+  "combine", a function of `training.combine`, with "runs", the folders that it takes. "{NAME}" in a value stands for
+  the folder of an earlier pass. Resuming skips passes that are finished and continues in the one that is not.
+  """
+  began, workdir, state = time.monotonic(), pathlib.Path(workdir), None
+  folder_of = {one["name"]: workdir / one["name"] for one in config.passes}
+  if not resume and (found := next((folder for folder in folder_of.values() if folder.exists()), None)):
+    raise ValueError(f"{found} is there already; --resume continues the recipe, or choose another folder")
+  for number, one in enumerate(config.passes, 1):
+    folder = folder_of[one["name"]]
+    print(f"pass {number} of {len(config.passes)}: {one['name']}", flush=True)
+    if "combine" in one:
+      if not folder.exists():
+        if distributed.is_first():
+          made_of = [name.format(**folder_of) for name in one["runs"]]
+          combine.COMBINATIONS[one["combine"]](*made_of, folder)
+        distributed.wait_for_all(f"{folder} is written")
+      continue
+    if _is_finished(folder):
+      print(f"{folder} is finished", flush=True)
+      continue
+    left = max_seconds and max(max_seconds - (time.monotonic() - began), 1e-3)
+    one = config_of_pass(one, folder_of, config.archives)
+    state = run(one, folder, "auto" if resume else False, left, stop, allow_changes)
+    if not _is_finished(folder):
+      break
+  return state
+
+
+def config_of_pass(one, folder_of, archives=""):
+  """The config of a pass that trains a stage. folder_of: {NAME: folder} of the passes; archives: the folder that holds
+  the archives that the pass names."""
+  config = config_files.load(one["config"])
+  folders = tuple(str(pathlib.Path(archives) / name) for name in one.get("archives", ()))
+  filled = lambda value: value.format(**folder_of) if isinstance(value, str) else value
+  with config.unlocked():
+    if folders:
+      config.data.update(folder=folders[0] if len(folders) == 1 else "", folders=folders if len(folders) > 1 else ())
+    config.update_from_flattened_dict({field: filled(value) for field, value in one.get("fields", {}).items()})
+  return config
+
+
+def _is_finished(folder):
+  """Whether the run in a folder has its last state, with the evaluation that follows it."""
+  if checkpoint.is_fresh(folder) or not (folder / checkpoint.CONFIG).is_file():
+    return False
+  num_steps = checkpoint.load_config(folder).train.num_steps
+  return (folder / "checkpoints" / str(num_steps)).is_dir() and (folder / "loss.png").is_file()
+
+
 def encode(config, folder) -> str:
   """Writes in a folder the store of what a config trains on, for data.store; returns what to tell of it."""
   known = registry.stores()
@@ -130,7 +192,7 @@ def _started_from(stage, config):
   have begins at random. A tokenizer is also found inside a generator's run."""
   folder = config.train.start
   run = runs.load_run(folder)
-  inside = run.stage != config.stage and _HOLDS.get(run.stage) == config.stage
+  inside = run.stage != config.stage and TOKENIZERS.get(run.stage) == config.stage
   start = flax.traverse_util.flatten_dict(run.frozen()[TOKENIZER] if inside else run.params())
   for name in config.train.freeze:
     if not any(name in path for path in start):

@@ -19,6 +19,12 @@ def names() -> list[str]:
       ("__init__", "common"))]
 
 
+def recipes() -> list[str]:
+  """The recipes that ship, such as shipped/cmdm_small: configs of several passes, each of which trains a stage."""
+  return [path.relative_to(FOLDER).with_suffix("").as_posix() for path in sorted(FOLDER.glob("shipped/*.py"))
+          if path.stem not in ("__init__", "recipe")]
+
+
 def load(name):
   """The config that NAME[:SIZE] or FILE.py[:SIZE] names. Raises InputError or FileNotFoundError that say what is wrong.
   """
@@ -42,11 +48,12 @@ def _path_of(file):
   path, own = pathlib.Path(file), file.removeprefix("configs/").removesuffix(".py")
   if path.is_file():
     return path
-  if own in names():
+  if own in [*names(), *recipes()]:
     return FOLDER / f"{own}.py"
-  near = difflib.get_close_matches(path.stem, [pathlib.PurePath(name).name for name in names()], 1, 0.5)
-  hint = next(f"; did you mean {name}?" for name in names() if name.endswith(near[0])) if near else (
-      f"; it is the path of a Python file, or one of {', '.join(names())}")
+  known = [*names(), *recipes()]
+  near = difflib.get_close_matches(path.stem, [pathlib.PurePath(name).name for name in known], 1, 0.5)
+  hint = next(f"; did you mean {name}?" for name in known if name.endswith(near[0])) if near else (
+      f"; it is the path of a Python file, or one of {', '.join(known)}")
   raise FileNotFoundError(f"there is no config {file!r}{hint}")
 
 

@@ -1,0 +1,98 @@
+"""Recipes of the shipped models: their passes fit one another, train end to end, and continue where they stopped."""
+import json
+import pathlib
+import string
+
+import jax
+import numpy as np
+import pytest
+
+from motion_jax import fit, runs
+from motion_jax.training import checkpoint, combine
+from motion_jax.utils import config_files, stopping
+from motion_jax.utils.errors import InputError
+from tests.conftest import light_training
+
+RECIPES = config_files.recipes()
+
+
+def _references(one):
+  """The names of the passes that a pass refers to."""
+  texts = [value for value in one.get("fields", {}).values() if isinstance(value, str)] + list(one.get("runs", ()))
+  return {name for text in texts for _, name, *_ in string.Formatter().parse(text) if name}
+
+
+def test_each_shipped_model_has_a_recipe():
+  assert {pathlib.PurePath(name).name.replace("_", "-") for name in RECIPES} == set(runs.shipped_names())
+
+
+@pytest.mark.parametrize("name", RECIPES)
+@pytest.mark.parametrize("size", ["small", "tiny"])
+def test_passes_name_earlier_ones_and_fields_that_exist(name, size):
+  config, before = config_files.load(f"{name}:{size}"), []
+  for one in config.passes:
+    assert _references(one) <= set(before) and one["name"] not in before
+    if "combine" in one:
+      assert one["combine"] in combine.COMBINATIONS
+    else:
+      found = fit.config_of_pass(one, {earlier: f"runs/{earlier}" for earlier in before}, "archives")
+      assert list(found.data.folders) == [f"archives/{archive}" for archive in one["archives"]]
+    before.append(one["name"])
+
+
+@pytest.mark.parametrize("name", [recipe for recipe in RECIPES if "cmdm_small" in recipe or "cdamd" in recipe
+                                  or "open" in recipe])
+def test_the_last_pass_is_the_config_that_ships(name):
+  """Of the generator and its optimizer and data, for what the card's commands said."""
+  shipped = json.loads((runs.PRETRAINED / name.rpartition("/")[2].replace("_", "-") / "config.json").read_text())
+  passes = [one for one in config_files.load(name).passes if one.get("config", "").startswith(
+      ("cmdm_denoiser", "cmdm_student", "cdamd_generator")) and "adapters" not in one["name"]]
+  found = fit.config_of_pass(passes[-1], dict.fromkeys((one["name"] for one in config_files.load(name).passes), ""))
+  told = found.to_dict()
+  for section in ("optimizer", "loss"):
+    for field, value in shipped[section].items():
+      assert told[section][field] == value or list(told[section][field]) == value, (section, field)
+  for field in ("augment", "balance", "batch_size", "kinematic_captions", "vary_subject"):
+    expected = shipped["data"][field]
+    assert (told["data"]["augment"] | expected == told["data"]["augment"]) if field == "augment" else (
+        told["data"][field] == expected), field
+  assert told["train"]["num_steps"] == shipped["train"]["num_steps"] and told["seed"] == shipped["seed"]
+
+
+@pytest.mark.parametrize("name", [pytest.param(name, marks=[] if name == "shipped/clip_evaluator_small"
+                                               else pytest.mark.slow) for name in RECIPES])
+def test_the_tiny_recipe_trains_end_to_end(name, tmp_path, capsys):
+  config = config_files.load(f"{name}:tiny")
+  with light_training(judged=True):
+    fit.run(config, tmp_path / "run")
+    for one in config.passes:
+      assert (tmp_path / "run" / one["name"] / checkpoint.PARAMS).is_file(), one["name"]
+    capsys.readouterr()
+    fit.run(config, tmp_path / "run", resume=True)  # nothing is left to do
+  said = capsys.readouterr().out
+  assert said.count(" is finished") == sum("config" in one for one in config.passes) and "step 1 of" not in said
+
+
+def test_a_recipe_continues_in_the_pass_that_was_stopped(tmp_path, capsys):
+  """Stopped in the first of two passes; a folder with passes in it is not begun again."""
+  config = config_files.load("shipped/evaluator_small:tiny")
+  with light_training(judged=True):
+    fit.run(config, tmp_path / "run", max_seconds=1e-6, stop=stopping.Stop())
+    assert not (tmp_path / "run" / "evaluator").exists()
+    assert checkpoint.load_config(tmp_path / "run" / "movement").train.num_steps == 2
+    with pytest.raises(ValueError, match="is there already; --resume continues the recipe"):
+      fit.run(config, tmp_path / "run")
+    capsys.readouterr()
+    fit.run(config, tmp_path / "run", resume=True)
+  assert "starting" not in capsys.readouterr().out.partition("pass 2")[0]
+  assert (tmp_path / "run" / "evaluator" / checkpoint.PARAMS).is_file()
+
+
+def test_the_mean_of_two_runs(tmp_path):
+  run = runs.load_run("cmdm-small-fast")
+  combine.average("cmdm-small-fast", "cmdm-small", tmp_path / "mean")
+  mean, one, other = (runs.load_run(name).params() for name in (tmp_path / "mean", "cmdm-small-fast", "cmdm-small"))
+  jax.tree.map(lambda m, a, b: np.testing.assert_allclose(m, (a + b) / 2, rtol=1e-6), mean, one, other)
+  assert runs.load_run(tmp_path / "mean").stage == run.stage
+  with pytest.raises(InputError, match="is there already"):
+    combine.average("cmdm-small-fast", "cmdm-small", tmp_path / "mean")
