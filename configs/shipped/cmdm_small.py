@@ -8,8 +8,8 @@ The teacher is `part-tmr-small` (shipped/part_tmr_small.py). Times and measureme
 docs/lab/cmdm-small.md, motion_jax/pretrained/cmdm-small/README.md.
 
 What cannot be recovered, so that this recipe makes a model like the shipped one and not its bytes:
-- The text encoder of den1, den3 and den5 was trained by tools/distill_words.py between the passes, with captions and
-  pairs of sentences that are not recorded; here it is the shipped one from den1 on.
+- The text encoder of den1, den3 and den5 was trained between the passes (docs/lab/words.md),
+  with captions and pairs of sentences that are not recorded; here it is the shipped one from den1 on.
 - Two runs between den3 and den5, of 1,500 and 1,250 steps with constraints at the network's beginning, were given up.
 - Decoder passes and adapters began from the model that shipped at the time, in float16; here from the runs themselves.
 - `sampler.side_guidance` 1 was set in the exported config by hand.

@@ -66,6 +66,9 @@ def config_of(args):
   """The config that the flags of `add_config` name."""
   from motion_jax.utils import config_files, overrides
   config = config_files.load(args.config)
+  if args.data and "passes" in config:
+    raise InputError(f"got --data with the recipe {args.config!r}, whose passes name their archives; give the "
+                     "folder that holds these by --config.archives=FOLDER")
   if args.data:
     if overrides.names_any(args.overrides, "data.folder", "data.folders"):
       raise InputError("got --data and --config.data.folder; give one of them")

@@ -14,7 +14,8 @@ def add_to(commands):
       "train", help="train a stage from a config",
       description="Trains one stage. --config.SECTION.FIELD=VALUE sets any field of the config, such as "
                   "--config.data.batch_size=32.",
-      epilog=f"Shipped configs: {', '.join(config_files.names())}. Sizes: tiny (two steps), mini, laptop, small; "
+      epilog=f"Shipped configs: {', '.join(config_files.names())}; recipes of the shipped models: "
+             f"{', '.join(config_files.recipes())}. Sizes: tiny (two steps), mini, laptop, small; "
              "default: the paper's. docs/configs.md lists them all.")
   add = train.add_argument
   shared.add_config(train, required=False)
