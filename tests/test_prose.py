@@ -15,7 +15,7 @@ CLEAN = ("motion_jax/nets", "motion_jax/quant", "motion_jax/diffusion", "motion_
          "motion_jax/control", "motion_jax/latents.py", "motion_jax/shapes.py", "motion_jax/utils/lazy.py",
          "motion_jax/evaluation", "motion_jax/evaluators", "motion_jax/models/tmr", "motion_jax/runs.py",
          "motion_jax/paper_tables.py", "tools/reference.py", "examples")
-UNFINISHED = ("docs/command-line.md", "docs/evaluation.md", "docs/sentences.md", "docs/studio.md",
+UNFINISHED = ("docs/evaluation.md", "docs/sentences.md", "docs/studio.md",
               "docs/benchmark", "docs/reference")
 PAGES = [path for path in sorted({*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"),
                                   *(ROOT / "motion_jax" / "pretrained").glob("*/README.md")})
