@@ -7,8 +7,7 @@ import numpy as np
 
 from motion_jax.analysis.event_words import QUICKLY, SLOWLY, USUAL
 from motion_jax.analysis.signals import Body, course_of, turning_points
-from motion_studio.language import parse
-from motion_studio.language.path_shapes import BENT, KINDS, PACES, PathShape, is_gait, with_a_side  # noqa: F401
+from motion_studio.language.path_shapes import PACES, PathShape
 
 _MOVING, _MOVING_SLOWLY = 0.3, 0.12  # metres per second from which on a body goes somewhere, and of a slow walk
 _CIRCLE = 300.0     # degrees of a circle at least, as in `analysis.events`
@@ -17,11 +16,6 @@ _ZIGZAG_TURNS, _ZIGZAG_ANGLE = 4, 25.0  # turns of a zigzag, and degrees of each
 _STRAIGHT = 45.0    # degrees by which a straight path bends at most
 _TURNED_BACK = 30.0  # degrees by which a circle may turn the other way
 _WORST = 0.9        # violation of a path that goes somewhere but has another shape; 1 for one that does not
-
-
-def least_seconds(text: str) -> float:
-  """Former way to `parse(text).min_duration`."""
-  return parse(text).min_duration
 
 
 def path_violation(body: Body, shape: PathShape) -> float:

@@ -1,5 +1,4 @@
-"""What a person should know of a prompt before a motion is made of it: what the model has not learned, what it makes
-instead, what it can do, and that there is one body only."""
+"""Notes on prompts before sampling: words and actions that the model has not learned, and what it can do instead."""
 import re
 from collections.abc import Iterable
 from typing import Any
@@ -8,7 +7,7 @@ from motion_jax.text.morphology import possible_bases
 from motion_jax.text.vocabulary import closest_word
 from motion_studio.language import Plan
 
-_NAMED = 5  # words of a prompt, and prompts of a call, that are named
+_NAMED = 5  # words of a prompt, and notes of a call, at most
 _PEOPLE = r"(?:people|persons|men|women|boys|girls|guys|kids|children|friends|dancers|fighters|boxers|figures|players)"
 _SEVERAL = re.compile(
     rf"\b(?:two|three|four|five|six|ten|several|some|many|both|a (?:couple|group|pair|crowd) of) (?:\w+ )?{_PEOPLE}\b|"
@@ -18,8 +17,7 @@ _SEVERAL = re.compile(
 
 
 def notes_of(planner: Any, prompts: Iterable[str | Plan]) -> list[str]:
-  """Notes about prompts that a model may not do as they are meant; a plan is judged action by action, a prompt as a
-  whole."""
+  """Notes on prompts that a model may not do as intended; a plan is judged action by action, a string as a whole."""
   notes: dict[str, None] = {}
   named: set[str] = set()
   for one in prompts:
@@ -29,8 +27,9 @@ def notes_of(planner: Any, prompts: Iterable[str | Plan]) -> list[str]:
     for part in [prompt] if isinstance(one, str) else one.prompts:
       words = [word for word in planner.model.captions.unknown_words(part) if word.lower() not in named]  # each once
       named.update(map(str.lower, words))
-      if note := _of_words(planner, part, words) if words else "" if isinstance(one, str) else _of_phrase(
-          planner, part):
+      if words:
+        notes[_of_words(planner, part, words)] = None
+      elif not isinstance(one, str) and (note := _of_phrase(planner, one if one.is_plain else part)):
         notes[note] = None
   more = len(notes) - _NAMED
   return [*notes] if more <= 0 else [
@@ -38,7 +37,7 @@ def notes_of(planner: Any, prompts: Iterable[str | Plan]) -> list[str]:
 
 
 def _of_words(planner, prompt, words):
-  """A note on words that stand in no training caption."""
+  """A note on words of no training caption."""
   found = ", ".join(with_suggestion(planner.model, word) for word in words[:_NAMED]) + " ..." * (len(words) > _NAMED)
   nearest = planner.nearest_captions(prompt)
   instead = (f"no caption that {planner.model.folder.name} learned from says so; the nearest of them is "
@@ -46,11 +45,12 @@ def _of_words(planner, prompt, words):
   return f"the model does not know {found} in {shortened(prompt)}: {instead}{_can_do(planner, prompt)}"
 
 
-def _of_phrase(planner, prompt):
-  """A note on an action with known words in an unknown combination; "" for one that the model knows."""
+def _of_phrase(planner, action):
+  """A note on an action, a plan or a prompt, with known words in an unknown combination; "" for one that is known."""
+  prompt = action if isinstance(action, str) else action.text
   if planner.repertoire is None or planner.model.captions.knows(prompt):
     return ""
-  found = planner.repertoire.judge(prompt)
+  found = planner.repertoire.judge(action)
   if found.known and not found.few or not found.nearest:
     return ""
   learned = "learned little like" if found.known else "not learned"
@@ -65,7 +65,7 @@ def _can_do(planner, prompt):
 
 
 def with_suggestion(model: Any, word: str) -> str:
-  """The word in quotes, and what was meant where it is misspelled: no word of the encoder's, but like a known one."""
+  """The word in quotes, with the closest known word where it is misspelled and no word of the encoder's."""
   known = sorted(model.encoder.known_words)
   if model.captions:
     vocabulary = model.captions.vocabulary

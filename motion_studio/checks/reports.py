@@ -1,4 +1,4 @@
-"""What the prompt checks of `looking` find missing in a motion, in words: "no kick with the right leg seen"."""
+"""Violations of requirements in words: "no kick with the right leg seen"."""
 import functools
 import warnings
 from collections.abc import Sequence
@@ -8,9 +8,9 @@ from jaxtyping import Num
 
 from motion_jax.analysis.events import find_events
 from motion_jax.analysis.signals import Body
-from motion_studio.checks import path_shapes as ways
-from motion_studio.checks import requirements as looking
-from motion_studio.checks.requirements import Requirement
+from motion_studio.checks.requirements import events_of, number_of, violation
+from motion_studio.language.path_shapes import KINDS
+from motion_studio.language.requirements import Requirement
 
 _LIMB = {"kick": "leg", "punch": "hand", "wave": "hand"}
 _NOUNS = {"wave": "waving", "walk": "walk backward", "step": "step backward"}
@@ -27,19 +27,18 @@ _NAMED = 5  # motions of a call that a warning names
 
 def unmet_requirements(joints: Num[np.ndarray, "t 22 3"], requirements: Sequence[Requirement], fps: float = 20.0
                        ) -> list[str]:
-  """What joints (T, 22, 3), of a motion or of any span of one, do not show of what is required; [] where they show all.
-  """
+  """The requirements that joints (T, 22, 3) violate, each in words; of a motion or of any span of one."""
   if not requirements:
     return []
   body = Body(np.asarray(joints, np.float64), fps)
   events = functools.cache(lambda: find_events(joints, fps))
-  missing = [one for one in requirements if looking.violation(body, events, one)]
+  missing = [one for one in requirements if violation(body, events, one)]
   never_sat = any(one.kind == "sit" for one in missing)
   return [_described(one, events) for one in missing if not (never_sat and one.kind == "seated")]
 
 
 def report(prompts: Sequence[str], unmet: Sequence[Sequence[str]], attempts: int) -> None:
-  """Warns of motions that violate requirements after all attempts at them."""
+  """Warns of motions that still violate requirements after all attempts."""
   failed = [(prompt, missing) for prompt, missing in zip(prompts, unmet) if missing]
   for prompt, missing in failed[:_NAMED]:
     warnings.warn(note_of(attempts, missing, prompt), stacklevel=2)
@@ -49,7 +48,7 @@ def report(prompts: Sequence[str], unmet: Sequence[Sequence[str]], attempts: int
 
 
 def note_of(attempts: int, missing: Sequence[str], prompt: str) -> str:
-  """One sentence for a person: "4 attempts, no kick with the right leg seen ..."."""
+  """The warning about one motion: "4 attempts, no kick with the right leg seen ..."."""
   shown = prompt if len(prompt) <= 80 else prompt[:79] + "…"
   return f"{attempts} attempts, {', '.join(missing)} (prompt: {shown!r}); another seed may show it"
 
@@ -58,12 +57,12 @@ def _described(requirement, events):
   kind, side, times, counted, degrees = requirement
   if kind in _STATES:
     return _STATES[kind].format(side)
-  if kind in ways.KINDS:
+  if kind in KINDS:
     return f"no {'full ' if kind == 'circle' else ''}{kind}{f' to the {side}' if side else ''} seen"
   noun = _NOUNS.get(kind, kind)
   where = {"": "", "backward": ""}.get(side, f" with the {side} {_LIMB[kind]}" if kind in _LIMB else f" to the {side}")
-  own = looking.events_of(events(), requirement)
-  seen = looking.number_of(own, kind)
+  own = events_of(events(), requirement)
+  seen = number_of(own, kind)
   if not seen:
     return f"no {noun}{where} seen"
   if seen < times or counted and seen > times:

@@ -2,7 +2,7 @@
 
 Samples with a violation are resampled (best of n). `analysis.events` detects kicks, punches, jumps, hops, squats, bows,
 waves, turns and walks backward, with side and number; sitting, standing still, dancing in place and the speed of a run
-are measured here, shape and pace of a path in `checks.path_shapes`. The rules of events are not certain near their
+are measured here, shape and pace of a path in `path_shapes`. The rules of events are not certain near their
 limits, so a motion with a violation may still be a good one. Every function takes joints of any span: those of one
 action, or of the frames that an edit has made. `reports.unmet_requirements` says violations in words.
 """
@@ -14,10 +14,9 @@ from jaxtyping import Num
 
 from motion_jax.analysis.events import PUNCH, Event, feet_up, find_events, punch_speed
 from motion_jax.analysis.signals import Body
-from motion_studio.checks import path_shapes as paths
-from motion_studio.language import parse
-from motion_studio.language import requirements as needs
-from motion_studio.language.requirements import COUNTED, Requirement, once  # noqa: F401
+from motion_studio.checks.path_shapes import path_violation
+from motion_studio.language.path_shapes import KINDS, PathShape
+from motion_studio.language.requirements import COUNTED, Requirement
 
 # Limits. Speeds are metres per second, heights relative to that of the standing pelvis.
 _FASTEST_RUN = 4.7  # of the fastest second; of 330 captured runs the fastest has 4.5
@@ -32,16 +31,6 @@ _HOLD_SECONDS = 0.5  # of sitting, and of standing after getting up
 _HEIGHT_PER_LEG = 1.1  # height of the standing pelvis in lengths of a leg, at least; median of CMU 1.14, of Bandai 1.18
 _CLIMB = 0.25  # metres up or down on stairs
 _WEAK_KICK = 0.4  # of a violation: a foot that goes up and is no kick, where kicks are counted
-
-
-def requirements_of(text: str) -> list[Requirement]:
-  """Former way to `parse(text).requirements`."""
-  return parse(text).requirements
-
-
-def is_counted(prompt: str) -> bool:
-  """Former way to `requirements.is_counted(parse(prompt).requirements)`."""
-  return needs.is_counted(parse(prompt).requirements)
 
 
 def violation_score(joints: Num[np.ndarray, "t 22 3"], requirements: Sequence[Requirement], fps: float = 20.0
@@ -66,7 +55,7 @@ def violations(joints: Num[np.ndarray, "t 22 3"], requirements: Sequence[Require
 
 def violation(body: Body, events: Callable[[], Sequence[Event]], requirement: Requirement) -> float:
   """How far a body is from one requirement. events: finds the events of the body, called only where needed."""
-  if requirement.kind in paths.KINDS:
+  if requirement.kind in KINDS:
     return _of_path(body, requirement)
   if requirement.kind in _MEASURES:
     return float(_MEASURES[requirement.kind](body))
@@ -74,7 +63,7 @@ def violation(body: Body, events: Callable[[], Sequence[Event]], requirement: Re
 
 
 def _of_path(body, requirement):
-  return paths.path_violation(body, paths.PathShape(requirement.kind, requirement.side))
+  return path_violation(body, PathShape(requirement.kind, requirement.side))
 
 
 def events_of(events: Sequence[Event], requirement: Requirement) -> list[Event]:

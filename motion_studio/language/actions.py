@@ -1,22 +1,12 @@
 """What is known of an action by its verb and words: its body part, its sides, whether it ends by itself."""
-import re
 from collections.abc import Sequence
 
 from motion_jax.text.lexicon import VERBS
 from motion_jax.text.morphology import base_form
 from motion_studio.language import lexicon
-from motion_studio.language.lexicon import LOW
 
 # Of simultaneous actions the one whose part comes first here is the base of the motion: of walking and waving the walk.
 PARTS = ("legs", "body", "torso", "arms", "head")
-
-_ONE = r"(?:someone|somebody|he|she|(?:a|an|the|one)(?: (?!and |then |while )[\w'-]+){1,3})"
-# Somebody walks, and no word says where.
-_NOWHERE = re.compile(rf"(?:{_ONE} (?:(?:walk|run|jog)s|is (?:walking|running|jogging))|(?:they )?(?:walk|run|jog))",
-                      re.IGNORECASE)
-# Somebody punches, and no word says with which hand.
-_PUNCHES = re.compile(rf"({_ONE}) (?:punches(?: forwards?| (?:straight )?ahead| (?:in |into |at )?the air)?|"
-                      r"(?:strikes|hits) with (?:the|a|one|his|her|their) fist(?: forwards?| ahead)?)", re.IGNORECASE)
 
 
 def part_of(verb: str, words: Sequence[str]) -> str:
@@ -64,7 +54,7 @@ def is_counted_one_by_one(verb: str) -> bool:
 
 def held_pose(verb: str, part: str) -> str | None:
   """The pose of an action that holding it means: the "low" one, raised "arms", the lifted "leg"; None: its last one."""
-  return "low" if verb in LOW | {"squat"} else "leg" if verb in ("kick", "balance") else (
+  return "low" if verb in lexicon.LOW | {"squat"} else "leg" if verb in ("kick", "balance") else (
       "arms" if part == "arms" else None)
 
 
@@ -79,23 +69,3 @@ def sides_of(words: Sequence[str]) -> tuple[str, ...]:
            if word == side and base_form(thing, lexicon.SIDED_ARM_PARTS)]
   both = "both" in words or any(word in ("hands", "arms", "fists", "elbows") for word in words)
   return ("left", "right") if both else tuple(dict.fromkeys(named))
-
-
-def going_forward(prompt: str) -> str:
-  """The prompt, with "forward" behind it where it says no more than that somebody walks, runs or jogs.
-
-  Captions by kinematics (`data.describe`) say of all who go forward that they do, and "walks" of those of whom the
-  rules could not tell; whoever writes "a person walks" means forward.
-  """
-  bare = prompt.strip().rstrip(" .!")
-  return f"{bare} forward" if _NOWHERE.fullmatch(" ".join(bare.split())) else prompt
-
-
-def with_one_hand(prompt: str) -> str:
-  """The prompt, "a person punches with the left hand" where it says no more than that somebody punches.
-
-  Captions by kinematics (`data.describe`) say of every single punch with which hand; told of none, a network that
-  learned them lifts both halfway. The left hand is the one that jabs.
-  """
-  found = _PUNCHES.fullmatch(" ".join(prompt.strip().rstrip(" .!").split()))
-  return f"{found[1]} punches with the left hand" if found else prompt

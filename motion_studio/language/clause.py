@@ -1,4 +1,4 @@
-"""One clause: who does what, with which words, how often and for how long."""
+"""One clause: its subject, its verb and the other words, how often and for how long."""
 import re
 from typing import NamedTuple
 

@@ -54,10 +54,10 @@ def _with_words(previous, words):
 
 # --- continuations ----------------------------------------------------------------------------------------------------
 
-def _going_on(done, kind, tokens):
+def _continuing(done, kind, tokens):
   gait = next((one for one in reversed(done) if one.verb in lexicon.GAITS), None)
-  goes_on = gait is not None and _CONTINUE.fullmatch(" ".join(lower(tokens)))
-  return gait._replace(before=[], subject=[]) if goes_on else None
+  continues = gait is not None and _CONTINUE.fullmatch(" ".join(lower(tokens)))
+  return gait._replace(before=[], subject=[]) if continues else None
 
 
 def _change_of_pace(done, kind, tokens):
@@ -141,9 +141,9 @@ def _other_limb(previous, tokens, words):
 
 
 CONTINUATIONS = (
-    Rule("Going on", "The last walk or run goes on.", {
-        "he walks a bit, waits for 3 seconds and goes on": "walks a bit | stands still [3] | walks a bit",
-        "a person walks forward, stops, then continues": "walks forward | stands still | walks forward"}, _going_on),
+    Rule("Continuing", "The last walk or run continues.", {
+        "he walks a bit, waits for 3 seconds and keeps going": "walks a bit | stands still [3] | walks a bit",
+        "a person walks forward, stops, then continues": "walks forward | stands still | walks forward"}, _continuing),
     Rule("Change of pace", "The same walk or run quickly, slowly, or in another gait.", {
         "a person walks, speeds up, then slows down again": "walks | walks quickly | walks slowly",
         "a person runs, then slows down to a walk": "runs | walks"}, _change_of_pace),

@@ -1,5 +1,4 @@
-"""The shape and pace of a path, as a sentence describes them: `checks.path_shapes` measures how far joints are from it.
-"""
+"""The shape and pace of a path, as a sentence describes them: `checks.path_shapes` measures it on joints."""
 import re
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple

@@ -38,19 +38,6 @@ class Action(NamedTuple):
     """Whether the action ends by itself in a relaxed stance, as a bow does and a raised hand does not."""
     return actions.leaves_at_ease(self.verb)
 
-  @property
-  def requirements(self) -> list[Requirement]:
-    """What a motion of this action alone, done once, has to show."""
-    return requirements_of((self._replace(times=1, is_pose=False, counts_steps=False),), self.prompt)
-
-  @property
-  def min_duration(self) -> float:
-    """Seconds that the action takes at least, where it follows a circle; 0 otherwise."""
-    return min_duration((self,), self.prompt)
-
-  counted = prompt_with_count
-  held, brief = property(lambda self: self.is_pose), property(lambda self: self.counts_steps)
-
 
 class Segment(NamedTuple):
   """The actions of one span of time: one of the whole body, and simultaneous ones of body parts."""
@@ -85,8 +72,6 @@ class Segment(NamedTuple):
     """The actions that a model samples: all but standing still and keeping a pose."""
     return self.simultaneous if self.is_pause else (self.action, *self.simultaneous)
 
-  also, rests, holds, made = (property(lambda self: self.simultaneous), is_pause, hold_pose, sampled)
-
 
 @dataclasses.dataclass(frozen=True)
 class Plan:
@@ -102,11 +87,16 @@ class Plan:
   split: tuple[Segment, ...] = ()  # the segments where no action is kept together because a model has learned it
 
   @property
+  def sampled(self) -> tuple[Action, ...]:
+    """The actions that a model samples, in order; a pause only where it is all there is."""
+    first, *others = self.segments
+    return tuple(one for part in self.segments for one in part.sampled) if others else (
+        first.action, *first.simultaneous)
+
+  @property
   def prompts(self) -> list[str]:
     """The prompts that a model gets, one per sampled action, without duplicates."""
-    several = len(self.segments) > 1
-    return list(dict.fromkeys(one.prompt for part in self.segments
-                              for one in (part.sampled if several else (part.action, *part.simultaneous))))
+    return list(dict.fromkeys(one.prompt for one in self.sampled))
 
   @property
   def summary(self) -> str:

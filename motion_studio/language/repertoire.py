@@ -1,7 +1,7 @@
-"""What a model can do, by the captions that it learned from: phrases of one action each, and how near a prompt is.
+"""The repertoire of a model: the phrases of its training captions, and how close a prompt is to them.
 
-A single known word says little ("stretches" stands in a caption about a zombie's arms), so a prompt is judged as a
-whole phrase: by the sentence vectors of the text encoder, and by the verbs of the phrases that come nearest.
+Known words alone mean little ("stretches" occurs in a caption about a zombie's arms), so a prompt is judged as a whole
+phrase: by its sentence vector, and by the verbs of the nearest phrases.
 """
 import functools
 import re
@@ -16,11 +16,12 @@ from motion_jax.text.tagger import tag_words
 from motion_jax.utils import cache
 from motion_studio.language import lexicon
 from motion_studio.language.parser import parse
+from motion_studio.language.plan import Plan
 
-# Cosine from which on a phrase means the same as a known one. Of the phrases of the models that ship, each compared
-# with all others of its own model, 1.5 to 1.7 % have none so near; captions by people: docs/sentences.md.
+# Cosine from which a phrase has the meaning of a known one. Of the phrases of a shipped model, each compared with all
+# others, 1.5 to 1.7 % have none as near; prompts by people: docs/sentences.md.
 NEAR = 0.75
-_FEW, _EXACT = 2, 0.9  # a phrase with fewer near ones and no equal (cosine) counts as hardly learned
+_FEW, _EQUAL = 2, 0.9  # a phrase with at most so many near ones, none of them at this cosine, is hardly learned
 _SUBJECT = re.compile(r"^(?:(?:a|an|the|one) (?:[\w'-]+ ){0,3}?(?:person|man|woman|figure|human|dancer|character)|"
                       r"someone|somebody|he|she|they) ")
 _SEVERAL = re.compile(r"\b(?:then|after that|followed by)\b")
@@ -35,20 +36,20 @@ _WALKS = {"walk", "stroll", "go", "move", "step", "stride"}
 
 
 class Judgement(NamedTuple):
-  """How a phrase stands to what a model learned: whether it is known, known from few phrases alone, and the nearest."""
+  """Whether a model knows a phrase."""
   known: bool
-  few: bool
+  few: bool  # known from few phrases
   nearest: list[tuple[float, str]]  # (cosine, phrase), the nearest first
 
 
 def phrase_of(sentence: str) -> str:
-  """What a sentence says is done, without who does it, how fast and how often."""
+  """A sentence without its subject, pace and repetitions: "a man walks slowly twice" -> "walks"."""
   words = _MANNER.sub("", _SUBJECT.sub("", without_subject(sentence) + " ").strip())
   return " ".join(words.replace(" ,", ",").split()).strip(" ,.")
 
 
 class Repertoire:
-  """The phrases of one action each that a model's captions say, and their sentence vectors."""
+  """The phrases of a model's training captions of one action, and their sentence vectors."""
 
   def __init__(self, captions: Iterable[str], encoder: Any) -> None:
     self._encoder = encoder
@@ -66,24 +67,26 @@ class Repertoire:
     return frozenset(form for phrase in self.phrases for word in phrase.split() for form in possible_bases(word))
 
   def nearest(self, sentence: str, num: int) -> list[tuple[float, str]]:
-    """[(cosine, phrase)] of the phrases that mean nearly the same, the nearest first."""
+    """[(cosine, phrase)] of the phrases closest in meaning, the nearest first."""
     if not self.phrases:
       return []
     nearness = self._vectors @ self._encoder.sentence([f"a person {phrase_of(sentence)}"])[0]
     return [(float(nearness[row]), self.phrases[row]) for row in np.argsort(-nearness, kind="stable")[:num]]
 
-  def judge(self, sentence: str) -> Judgement:
-    """How a sentence of one action stands to the phrases."""
+  def judge(self, action: str | Plan) -> Judgement:
+    """Whether one action is known: a plan of one action, or the prompt of an action."""
+    plan = parse(action) if isinstance(action, str) else action
+    sentence = plan.text
     nearest = self.nearest(sentence, 40)
     near = [phrase for cosine, phrase in nearest if cosine >= NEAR]
-    own = _verbs(sentence)
-    same = not own or any(own & _verbs(f"a person {phrase}") for phrase in near)
-    things = _things(phrase_of(sentence)) & self._words  # what no caption names is told as an unknown word
+    own = _kinds(plan.actions)
+    same = not own or any(own & _verbs_of(phrase) for phrase in near)
+    things = _things(phrase_of(sentence)) & self._words  # words of no caption have a note of their own
     alike = [phrase for phrase in near if things <= _things(phrase)]
-    return Judgement(bool(near) and same, bool(near) and len(alike) <= _FEW and nearest[0][0] < _EXACT, nearest)
+    return Judgement(bool(near) and same, bool(near) and len(alike) <= _FEW and nearest[0][0] < _EQUAL, nearest)
 
   def suggestions(self, sentence: str, num: int = 3) -> list[str]:
-    """The nearest phrases with different verbs, behind the very nearest: what the model can do instead."""
+    """The nearest phrases with different verbs, after the first: what the model can do instead."""
     found: dict[str, str] = {}
     for _, phrase in self.nearest(sentence, 200)[1:]:
       verb = phrase.split()[0] if not phrase.startswith("is ") else phrase.split()[1]
@@ -96,13 +99,18 @@ class Repertoire:
 
 @functools.lru_cache(maxsize=1 << 12)
 def _things(phrase):
-  """The nouns of a phrase in base form, no parts of the body among them: what is kicked, climbed, opened."""
+  """The nouns of a phrase in base form, without body parts: things that are kicked, climbed, opened."""
   tagged = tag_words(phrase.split())
   return frozenset(word for word, tag in tagged if tag == "NOUN" and not verb_of(word) and word not in _NO_THINGS)
 
 
 @functools.lru_cache(maxsize=1 << 12)
-def _verbs(sentence):
-  """The verbs of a sentence in base form; of walks and of runs one each."""
-  verbs = {action.verb for action in parse(sentence).actions} - {"", *lexicon.LIGHT_VERBS}
+def _verbs_of(phrase):
+  """The kinds of verbs of a training caption's phrase."""
+  return _kinds(parse(f"a person {phrase}").actions)
+
+
+def _kinds(actions):
+  """The verbs of actions without light ones; all kinds of walking count as one verb, and all kinds of running."""
+  verbs = {action.verb for action in actions} - {"", *lexicon.LIGHT_VERBS}
   return frozenset("walk" if verb in _WALKS else "run" if verb in lexicon.RUNNING_VERBS else verb for verb in verbs)

@@ -1,4 +1,4 @@
-"""What a sentence requires of a motion, as far as it can be measured on joints: `checks.requirements` measures it."""
+"""What actions require of a motion, as far as it can be measured on joints: `checks.requirements` measures it."""
 import re
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
@@ -23,7 +23,7 @@ class Requirement(NamedTuple):
   kind: str      # "kick", "seated", "circle", "slowly", ...
   side: str      # "left", "right", "backward" for walks, "walk" or "run" for paces; "" for any
   times: int     # repetitions
-  counted: bool  # exactly so many of them, otherwise so many or more
+  counted: bool  # exactly this number of them, otherwise at least
   degrees: tuple[float, float] | None = None  # least and most degrees of a turn in all
 
 

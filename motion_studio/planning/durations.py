@@ -8,7 +8,8 @@ from motion_jax.analysis.event_words import TIMES
 from motion_jax.utils.errors import InputError
 from motion_jax.utils.numerals import as_float, demand_numbers
 from motion_studio.language import Action, Plan, Segment, parse, pause
-from motion_studio.language.actions import LOW, cycle_of, is_counted_one_by_one
+from motion_studio.language.actions import cycle_of, is_counted_one_by_one
+from motion_studio.language.lexicon import LOW
 from motion_studio.language.path_shapes import min_duration
 
 LONGEST = 3600     # seconds of a plan

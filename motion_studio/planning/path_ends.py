@@ -10,7 +10,7 @@ from motion_jax.control import paths
 from motion_jax.control.constraints import Constraint, RootPath
 from motion_jax.models.results import Motion
 from motion_studio.language import Plan
-from motion_studio.language.actions import LOW
+from motion_studio.language.lexicon import LOW
 from motion_studio.language.path_shapes import is_gait
 from motion_studio.planning import durations
 

@@ -22,8 +22,8 @@ from motion_jax.motion.retarget import bend, mirror
 from motion_jax.motion.skeleton import HUMANML3D
 from motion_jax.utils.errors import InputError
 from motion_studio import cli
-from motion_studio.checks.requirements import Requirement
 from motion_studio.checks.requirements import violation_score as score
+from motion_studio.language.requirements import Requirement
 
 J = {name: number for number, name in enumerate(HUMANML3D.joints)}
 

@@ -13,7 +13,8 @@ from motion_studio.language.repertoire import Repertoire, phrase_of
 
 
 class Model(TextToMotionModel):
-  """The words of a model that ships, without its network."""
+  """The captions of a shipped model, without its network."""
+  abilities = ("sample_segments",)
 
   def __init__(self, name):
     run = runs.load_run(name)
