@@ -21,7 +21,7 @@ from motion_studio.language.plan import Plan
 # Cosine from which a phrase has the meaning of a known one. Of the phrases of a shipped model, each compared with all
 # others, 1.5 to 1.7 % have none as near; prompts by people: docs/sentences.md.
 NEAR = 0.75
-_FEW, _EQUAL = 2, 0.9  # a phrase with at most so many near ones, none of them at this cosine, is hardly learned
+_FEW, _EQUAL = 2, 0.9  # near phrases of a hardly learned one at most, none of them at this cosine
 _SUBJECT = re.compile(r"^(?:(?:a|an|the|one) (?:[\w'-]+ ){0,3}?(?:person|man|woman|figure|human|dancer|character)|"
                       r"someone|somebody|he|she|they) ")
 _SEVERAL = re.compile(r"\b(?:then|after that|followed by)\b")
