@@ -32,7 +32,7 @@ PRETRAINED = pathlib.Path(__file__).parent / "pretrained"
 class Run:
   """A run folder with its complete config; statistics and weights are read on first use.
 
-  raw: its last weights, where others (an average, or those that validation chose) are kept beside them.
+  raw: read the weights of the last step, where an average or validated weights are stored beside them.
   """
   folder: pathlib.Path
   config: ml_collections.FrozenConfigDict
@@ -48,28 +48,28 @@ class Run:
 
   @functools.cached_property
   def stats(self) -> Stats:
-    """Mean and std of the features that it was trained on."""
+    """Mean and std of the features in training."""
     return load_stats(self.folder, self.config.data.layout)
 
   @functools.cached_property
   def fingerprint(self) -> str | None:
-    """That of the text encoder which it was trained on; None where the folder does not say."""
+    """Fingerprint of the text encoder in training; None if the folder does not have it."""
     return checkpoint.load_fingerprint(self.folder)
 
   @property
   def text(self) -> str | pathlib.Path:
-    """The text encoder that it was trained on: the copy that it carries, or what its config names."""
+    """The text encoder of training: the copy in the folder, or the name in the config."""
     carried = self.folder / checkpoint.ENCODER
     return carried if carried.is_dir() else self.config.frozen.text
 
   def params(self, like: Any = None) -> Any:
-    """Its weights; with `like` (arrays or shapes) every name and shape must agree."""
+    """The weights; with `like` (arrays or shapes) every name and shape must agree."""
     return checkpoint.load_params(self.folder, like, self.params_file)
 
   def frozen(self, like: Any = None) -> dict[str, Any]:
-    """What it was trained on top of; with `like` only the parts that stand in it, in these very shapes.
+    """The frozen parts that it was trained with; `like` selects some of them and checks their shapes.
 
-    A model that ships may share these with another that does, which its config names as its tokenizer.
+    A shipped model may share these with another, which its config names as its tokenizer.
     """
     folder, other = self.folder, str(self.config.frozen.get("tokenizer", ""))
     if not (folder / checkpoint.FROZEN).is_file() and other in shipped_names(self.stage):
@@ -81,7 +81,7 @@ class Run:
     return parts
 
   def check_encoder(self, encoder: "TextEncoder") -> None:
-    """Raises InputError for a text encoder whose features are not those that the run was trained on."""
+    """Raises InputError if the text encoder is another than that of training."""
     if self.fingerprint not in (None, encoder.fingerprint):
       raise InputError(f"{self.folder} was trained on another version of the text encoder "
                        f"{self.config.frozen.get('text', encoder.name)!r} than {encoder.name!r} is; pass the folder "
@@ -89,9 +89,9 @@ class Run:
 
 
 def resolve_run(name: str | os.PathLike, stage: str | Sequence[str] | None = None) -> pathlib.Path:
-  """The folder of a run: `name` itself, or where the run of that name lies that ships with this package.
+  """The folder of a run: `name` itself, or the shipped run of that name.
 
-  stage: of those that are named where there is none, see `load_run`. Raises TypeError or FileNotFoundError.
+  stage: limits the names in the error text, see `load_run`. Raises TypeError or FileNotFoundError.
   """
   if not isinstance(name, str | os.PathLike):
     raise TypeError(f"got {name!r} ({type(name).__name__}) to load, expected a run folder or the name of one that "
@@ -105,9 +105,9 @@ def resolve_run(name: str | os.PathLike, stage: str | Sequence[str] | None = Non
 
 
 def load_run(name: str | os.PathLike, stage: str | Sequence[str] | None = None, raw: bool = False) -> Run:
-  """The run of a folder, or of a name that ships. stage: the one, or those, that its config may name.
+  """The run in a folder, or the shipped run of that name. stage: the stage, or those, that its config may have.
 
-  Raises FileNotFoundError where there is no run, InputError for one of another stage or with a damaged config.
+  Raises FileNotFoundError if there is no run, InputError for one of another stage or with a damaged config.
   """
   folder = resolve_run(name, stage)
   config = checkpoint.load_config(folder)
@@ -189,7 +189,7 @@ def with_defaults(config: ml_collections.ConfigDict) -> ml_collections.ConfigDic
 
 
 def shipped_names(stage: str | Sequence[str] | None = None) -> list[str]:
-  """Names of the runs that ship, those of these stages if any are given."""
+  """Names of the shipped runs, of these stages if any are given."""
   names = sorted(path.parent.name for path in PRETRAINED.glob("*/config.json")
                  if (path.parent / "Mean.npy").is_file())  # less the tables of words
   wanted = _stages(stage)
@@ -197,13 +197,14 @@ def shipped_names(stage: str | Sequence[str] | None = None) -> list[str]:
 
 
 def about(name: str) -> dict[str, str]:
-  """What a model that ships is for and does, its licence and how fast it is: its about.json."""
+  """The about.json of a shipped model: purpose, abilities, licence and speed."""
   return read_json(PRETRAINED / name / "about.json")
 
 
 def num_params(folder: str | os.PathLike) -> int:
-  """Parameters of the run in a folder: of its network, and of the tokenizer inside a generator's, the text encoder left
-  out. From the headers of its files, as `Model.num_params` counts them; nothing is loaded."""
+  """Number of parameters of the run in a folder: its network and the tokenizer in it, without the text encoder. Counted
+  from the headers of its files, as by `Model.num_params`, without loading them.
+  """
   folder = resolve_run(folder)
   config = checkpoint.load_config(folder)
   tokenizer = folder / checkpoint.FROZEN

@@ -1,12 +1,12 @@
-"""An evaluator ready to use: frozen networks that put motions and sentences into one space, by name or folder.
+"""Evaluators: frozen networks that embed motions and captions in one space, loaded by name or folder.
 
   "t2m"        classic networks on tokens with their parts of speech: R-precision, matching, FID, diversity
   "clip"       transformers on word pieces: the CLIP score
   "tmr"        a motion-language teacher (`retrieval`): the timeline benchmark
-  "snapmogen"  SnapMoGen's Gaussians on its 148 numbers: its R-precision is by cosine, its FID of another vector
+  "snapmogen"  SnapMoGen's Gaussians on its 148 numbers: R-precision by cosine, FID of separate vectors
 
-Folders: runs of the configs evaluator_matching, evaluator_clip, evaluator_snapmogen and part_tmr, and what
-`motion-jax convert evaluator` makes of released weights. Source: docs/papers/cmdm.md#evaluators, #snapmogen,
+Folders: runs of the configs evaluator_matching, evaluator_clip, evaluator_snapmogen and part_tmr, and released weights
+converted by `motion-jax convert evaluator`. Source: docs/papers/cmdm.md#evaluators, #snapmogen,
 docs/papers/cdamd.md#matching-evaluator, #clip-evaluator.
 """
 import dataclasses
@@ -44,9 +44,9 @@ MAX_FRAMES = 196  # what released evaluators were trained on
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Evaluator:
-  """Motions and sentences in, vectors of one space out. Made by `load_evaluator`.
+  """Embeds motions and captions as vectors of one space. Created by `load_evaluator`.
 
-  kind: see above; embeddings of two evaluators do not compare. hash: sha256 of parameters and statistics. dim: numbers
+  kind: see above; embeddings of two evaluators are not comparable. hash: sha256 of parameters and statistics. dim: size
   of an embedding; frames_per_token: of its motion encoder; max_frames: the length that motions are padded to.
   """
   name: str
@@ -68,10 +68,10 @@ class Evaluator:
     return self.stats.layout
 
   def features_of(self, motion):
-    """The features (T, F) that this evaluator reads, not normalized, of a Clip or of joints (T, J, 3).
+    """The evaluator's features (T, F), not normalized, of a Clip or of joints (T, J, 3).
 
-    Joints become features as those of its training did: on the skeleton's bones, from the origin, facing +z. Such
-    features have a row less than joints, in most layouts.
+    Joints are converted as in its training: on the skeleton's bones, from the origin, facing +z. In most layouts
+    features have one row less than joints.
     """
     if isinstance(motion, Clip):
       if motion.features is not None and motion.features.shape[-1] == self.layout.dim:
@@ -82,14 +82,14 @@ class Evaluator:
   def embed_motion(self, x, num_frames):
     """Motions x (B, T, F), normalized by `stats` and padded with zeros, num_frames (B,) -> (B, E) float32.
 
-    Rows are padded on to max_frames, so a row does not depend on its batch-mates. Parity: the references pad generated
-    motions to the longest of their batch only; the last token of the longest sees the edge where others see zeros.
-    Raises ValueError for features of another representation, or a motion under `frames_per_token` frames.
+    Rows are padded further to max_frames, so that a row does not depend on the batch. Parity: the references pad
+    generated motions to the longest of their batch only; the last token of the longest sees the edge where others see
+    zeros. Raises ValueError for features of another representation, or a motion under `frames_per_token` frames.
     """
     return self._embed(self.motion, x, num_frames)
 
   def embed_for_fid(self, x, num_frames):
-    """What FID and diversity are taken of: `embed_motion`, but for SnapMoGen's what stands before its last layer."""
+    """The vectors of FID and diversity: those of `embed_motion`, or SnapMoGen's activations before the last layer."""
     return self._embed(self.motion_for_fid or self.motion, x, num_frames)
 
   def _embed(self, apply, x, num_frames):
@@ -108,8 +108,9 @@ class Evaluator:
     return in_batches(apply, x, num_frames.astype(np.int32))
 
   def embed_text(self, captions, tokens=None):
-    """Sentences to (N, E) float32. tokens: their "lemma/POS" lines, as HumanML3D's text files hold them (kind "t2m";
-    without them they are made by `text.tagger`)."""
+    """Captions to (N, E) float32. tokens: their "lemma/POS" lines, as in HumanML3D's text files (kind "t2m"; by default
+    they are computed by `text.tagger`).
+    """
     captions = list(captions)
     if not captions or not all(isinstance(caption, str) for caption in captions):
       raise ValueError(f"got captions {captions[:2]!r}, expected a list of sentences")
@@ -127,10 +128,10 @@ def in_batches(apply, *arrays):
 
 
 def load_evaluator(name="evaluator-small", text=None) -> Evaluator:
-  """The evaluator of that name that ships, or of a folder: a run, or converted weights.
+  """The shipped evaluator of that name, or that of a folder: a run, or converted weights.
 
-  text: where a converted one finds its words: the benchmark's glove folder or a vocabulary made of it (kind "t2m"), a
-  CLIP folder (kind "clip"); for a run, another folder of its text encoder. Raises FileNotFoundError or ValueError for a
+  text: text input of a converted one: the benchmark's glove folder or a vocabulary made from it (kind "t2m"), a CLIP
+  folder (kind "clip"); for a run, another folder of its text encoder. Raises FileNotFoundError or ValueError for a
   folder that is no evaluator, lacks statistics or has those of another representation.
   """
   run = runs.load_run(name, tuple(KINDS))
@@ -141,12 +142,12 @@ def load_evaluator(name="evaluator-small", text=None) -> Evaluator:
 
 
 def shipped_names():
-  """Names of the evaluators that ship."""
+  """Names of the shipped evaluators."""
   return runs.shipped_names(tuple(KINDS))
 
 
 def fresh_evaluator(kind="t2m", layout="coordinates", seed=0) -> Evaluator:
-  """A tiny one with random weights, to try things out and for tests: a seed gives the same on every machine."""
+  """A tiny evaluator with random weights, for trials and tests: a seed gives the same on every machine."""
   layout, encoder = get_layout(layout), load_text_encoder("random-init")
   config = dict(data=dict(layout=layout.name, max_frames=MAX_FRAMES, max_words=64, mode="corrected"))
   columns = dict(features=layout.dim, columns=layout.dim)
@@ -172,7 +173,7 @@ def fresh_evaluator(kind="t2m", layout="coordinates", seed=0) -> Evaluator:
 
 
 def _random_params(init, seed):
-  """Parameters of the right size to pass signals on; drawn by numpy, which needs no compilation."""
+  """Random parameters that preserve the scale of signals; drawn by numpy, which needs no compilation."""
   rng = np.random.default_rng(seed)
 
   def draw(path, leaf):
@@ -205,7 +206,7 @@ def _assemble(name, folder, config, stats, params, reader):
 
 
 def _word_dim(kind, params):
-  """Numbers of a word that the weights were trained on, where a text encoder or vocabulary makes them."""
+  """Dimension of the word vectors that the weights were trained on, where a text encoder or vocabulary gives them."""
   encoder = params["params"].get("text_encoder", {}) if "params" in params else {}
   name = {"t2m": "classes", "snapmogen": "embed"}.get(kind)
   if name is None:
@@ -289,7 +290,7 @@ _NETWORKS = {"t2m": _t2m, "clip": _clip, "tmr": _tmr, "snapmogen": _snapmogen}
 
 
 def _reader(run, text):
-  """What makes words into the network's input: a vocabulary, or a text encoder."""
+  """The text input of the network: a vocabulary, or a text encoder."""
   kind, folder, named = KINDS[run.stage], run.folder, run.text
   given = pathlib.Path(text) if text else None
   if kind == "t2m":

@@ -277,6 +277,7 @@ def test_eased_long_motions_are_judged_as_they_are_shown():
   made = types.SimpleNamespace(joints=joints.astype(np.float32), features=None)
   model = types.SimpleNamespace(
       stats=types.SimpleNamespace(layout=get_layout("full")), multi_prompts=lambda *_, **__: [made],
+      more_choices=(),
       config=types.SimpleNamespace(data=types.SimpleNamespace(mode="corrected")))
   candidate = types.SimpleNamespace(model=model, guidance_scale=2.0)
   make = long_horizon.multi_prompt_generator(candidate, [[("a person walks", 3.0)]], {"ease": True})

@@ -1,8 +1,7 @@
-"""One page that shows evaluations: tables beside the paper's, curves, motions next to the real ones, provenance.
+"""The HTML page of evaluations: tables beside the paper's, curves, motions beside the real ones, provenance.
 
-`write(results, folder)` makes index.html, which loads nothing from anywhere, and motions/*.html, where the pairs play.
-What the page says is gathered here, how it looks is assets/report.html, a template that escapes all text, and its
-style sheet.
+`write(results, folder)` creates index.html, which loads nothing from elsewhere, and motions/*.html, where the pairs
+play. The content is collected here; assets/report.html is its template, which escapes all text, with a style sheet.
 """
 import base64
 import dataclasses
@@ -34,9 +33,8 @@ _TITLES = {"grid": ("Motions", "Real next to generated, same caption."),
 def write(results, out, folders=None) -> pathlib.Path:
   """Writes out/index.html (and out/motions/) from results (`evaluation.result`); returns the page's path.
 
-  folders: where each result's gallery files lie, to which their paths are relative; None: in out. A result that came
-  without all of them has no pictures, and the page says so. Raises ValueError for no result, FileNotFoundError for a
-  gallery of which a part is missing.
+  folders: the folder of each result's gallery files; None: out. For a result without any of them the page says that it
+  has no pictures. Raises ValueError for no results, FileNotFoundError for an incomplete gallery.
   """
   results = [results] if isinstance(results, Result) else list(results)
   if not results:
@@ -58,9 +56,9 @@ def write(results, out, folders=None) -> pathlib.Path:
 
 
 def write_folders(folders, out) -> pathlib.Path:
-  """`write` of the results that `motion-jax evaluate` wrote in folders.
+  """`write` for the results that `motion-jax evaluate` wrote in folders.
 
-  Raises FileNotFoundError or ValueError for one without.
+  Raises FileNotFoundError or ValueError for a folder without one.
   """
   folders = [pathlib.Path(folder) for folder in folders]
   results = [Result.read(folder) for folder in folders]
@@ -71,7 +69,7 @@ def write_folders(folders, out) -> pathlib.Path:
 
 
 def _apart(folders):
-  """The last parts of paths, as many as tell all of them apart."""
+  """The last parts of paths, as many as needed to distinguish them."""
   parts = [folder.resolve().parts for folder in folders]
   for count in range(1, max(map(len, parts)) + 1):
     names = ["/".join(part[-count:]) for part in parts]
@@ -88,7 +86,7 @@ def _template():
 
 
 def _section(name, result, folder, pages):
-  """What the page says of a result; pages: a folder that gets a page for each pair of motions."""
+  """The section of a result; pages: a folder for the page of each pair of motions."""
   found = tables.compare(result)
   physics = [metric for metric in found.metrics if metric in IN_ROWS]
   metrics = [metric for metric in found.metrics if metric not in physics]
@@ -113,7 +111,7 @@ def _title(result):
 
 
 def _about(result):
-  """What to say of a result in a line: protocol, data, evaluator, repeats."""
+  """A result in one line: protocol, data, evaluator, replications."""
   provenance = result.provenance
   data, evaluators = provenance.get("data") or {}, provenance.get("evaluators") or []
   facts = [f"protocol {result.protocol}"]
@@ -130,8 +128,9 @@ def _about(result):
 
 
 def _tiles(found):
-  """The first row of ours at a glance, with the real motions' and the paper's number under each; its name where there
-  are others."""
+  """Key numbers of our first row, with those of the real motions and the paper under each, and its name if there are
+  others.
+  """
   rows, several = {}, sum(line.kind == "ours" for line in found.lines) > 1
   for line in found.lines:
     rows.setdefault(line.kind, line)
@@ -147,7 +146,7 @@ def _tiles(found):
 
 
 def _scores(found, metrics):
-  """The table of some metrics, less the paper's rows that have none of them."""
+  """The table of some metrics, without rows of the paper that have none of them."""
   best = _best(found)
   rows = []
   for line in found.lines:
@@ -160,7 +159,7 @@ def _scores(found, metrics):
 
 
 def _differences(found):
-  """A table of differences, none of which is best."""
+  """A table of differences, without a best number."""
   return {"title": found.title, "notes": found.notes, "metrics": found.metrics,
           "rows": [{"kind": line.kind, "name": line.name, "cells": [(cell, False) for cell in line.cells]}
                    for line in found.lines]}
@@ -193,7 +192,7 @@ def _best(found):
 
 
 def _sanity(found):
-  """Real motions with their own and with shuffled captions: the evaluators have to tell them apart."""
+  """Scores of real motions with their own and with shuffled captions, which the evaluators have to separate."""
   if not found:
     return None
   real, shuffled = found.get("real") or {}, found.get("shuffled") or {}
@@ -203,7 +202,7 @@ def _sanity(found):
 
 
 def _controls(found):
-  """Damaged real motions: the way each number has to go, and whether it did."""
+  """Damaged real motions: the direction in which each number has to move, and whether it did."""
   if not found:
     return None
   rows = {}
@@ -232,7 +231,7 @@ def _curves(curves):
 
 
 def _legend(series):
-  """[(name, colour's class)] of several lines; nothing for a single one or for nameless ones."""
+  """[(name, colour's class)] of several lines; empty for a single line or for lines without names."""
   if len(series) < 2 or not any(one.name for one in series):
     return []
   return [(one.name, kind) for one, kind in zip(series, charts.kinds(series))]
@@ -261,7 +260,7 @@ def _load(folder, name):
 
 
 def _strip(clips):
-  """Moments of clips, a row each, as a picture inside the page."""
+  """Moments of clips, a row each, as a picture embedded in the page."""
   with tempfile.TemporaryDirectory() as scratch:
     path = export.strip(clips, pathlib.Path(scratch) / "strip.png", caption="", **_STRIP)
     with Image.open(path) as image, io.BytesIO() as out:
@@ -273,7 +272,7 @@ def _strip(clips):
 
 
 def _provenance(provenance):
-  """What lets anyone repeat it: the facts that matter most, and all of it as JSON."""
+  """The most important facts of the provenance, and all of it as JSON."""
   if not provenance:
     return None
   facts = []

@@ -1,4 +1,4 @@
-"""Tables with the papers' numbers beside ours: every number of both papers as data, and Markdown, LaTeX and CSV.
+"""Tables with the papers' numbers beside ours: all numbers of both papers as data; output as Markdown, LaTeX and CSV.
 
 `paper_tables/` holds a JSON file for each printed table: `"0.588 ± 0.004"` is a mean and its 95 % interval as printed,
 null a number that is not given. A number of ours that differs from the paper's by more than either interval is marked.
@@ -18,7 +18,7 @@ REAL = "GT"  # the papers' name for the row of real motions
 
 
 class Metric(NamedTuple):
-  """How a number is shown: better is "up", "down", "real" (near the real motions' number) or "" (no judgement)."""
+  """Presentation of a number; better: "up", "down", "real" (close to the real motions' number) or "" (neither)."""
   label: str
   better: str
   digits: int = 3
@@ -54,10 +54,9 @@ _LATEX_ARROWS = {"up": r"$\uparrow$", "down": r"$\downarrow$", "real": r"$\right
 class PaperTable:
   """One printed table; rows: {row name: {metric: {"mean", "interval" or None, "digits" as printed}}}, None unprinted.
 
-  own names the paper's own models among the rows, groups the kinds of the others. protocols: {benchmark whose numbers
-  the table prints: {metric there: metric here}}, none where no benchmark of ours measures them. Numbers are in our
-  units: where the paper prints percent or centimetres, `unit` says so. source tells the table and the lines of its
-  text.
+  own: the paper's own models among the rows, groups: the kinds of the others. protocols: {benchmark whose numbers the
+  table prints: {metric there: metric here}}, empty if no benchmark of ours measures them. Numbers are in our units:
+  where the paper prints percent or centimetres, `unit` says so. source: the table and the lines of its text.
   """
   system: str
   table: str
@@ -77,11 +76,11 @@ class PaperTable:
 
   @property
   def judged(self) -> bool:
-    """Whether a benchmark of ours measures what it prints."""
+    """Whether a benchmark of ours measures the table's numbers."""
     return bool(self.protocols)
 
   def row_for(self, row, protocol) -> dict[str, dict]:
-    """The numbers of a row that a protocol gives, too, {metric there: number}; of another protocol all of them."""
+    """The numbers of a row that a protocol measures, {metric there: number}; for another protocol all of them."""
     names = self.protocols.get(protocol) or {metric: metric for metric in self.metrics}
     return {there: self.rows[row][here] for there, here in names.items() if self.rows[row][here] is not None}
 
@@ -147,21 +146,21 @@ def _number(printed, scale):
 
 
 class Cell(NamedTuple):
-  """A number as it is shown: text of mean and interval (either may be ""), and whether it is marked."""
+  """A number as shown: text of mean and interval (either may be ""), and whether it is marked."""
   mean: str
   interval: str = ""
   marked: bool = False
 
 
 class Line(NamedTuple):
-  """A row as it is shown; kind: "real", "ours", "paper" or "paper real"."""
+  """A row as shown; kind: "real", "ours", "paper" or "paper real"."""
   name: str
   kind: str
   cells: list[Cell]
 
 
 class Comparison(NamedTuple):
-  """A result beside the paper's: the same lines whatever they are printed as."""
+  """A result beside the paper's rows, independent of the output format."""
   title: str
   metrics: list[str]
   lines: list[Line]
@@ -172,9 +171,9 @@ def compare(result: Result) -> Comparison:
   """The rows of a result, then the paper's.
 
   result.paper names the printed rows: {"system", "table", "row", "also", "unmarked"}. row: a name, or {row of ours:
-  name or [{"system", "table", "row"}, ..]}; what is shown besides is under "also", names of that table or [system,
-  table, name]. Rows of ours under "unmarked" are shown beside theirs and not held against them. Where the table has
-  several rows of a name, as "suffix: CDAMD", a row "suffix: .." of ours goes with it. None: the numbers stand alone.
+  name or [{"system", "table", "row"}, ..]}; "also" lists further rows to show, names of that table or [system, table,
+  name]. Rows of ours under "unmarked" are shown beside theirs without marks. Where the table has several rows of a
+  name, as "suffix: CDAMD", a row "suffix: .." of ours is compared with it. None: no rows of a paper.
   """
   metrics, paper = list(result.metrics), result.paper
   against, printed, notes = ({}, {}, []) if paper is None else _printed(result, paper)
@@ -193,7 +192,7 @@ def compare(result: Result) -> Comparison:
 
 
 def printed_table(system, table) -> Comparison:
-  """A whole table of a paper, to be shown as `markdown(printed_table("cmdm", "1"))`."""
+  """A whole table of a paper, for `markdown(printed_table("cmdm", "1"))`."""
   found = paper_table(system, table)
   lines = [Line(name, "paper real" if name == REAL else "paper", [_paper_cell(row[metric]) for metric in found.metrics])
            for name, row in found.rows.items()]
@@ -204,8 +203,9 @@ def printed_table(system, table) -> Comparison:
 
 
 def _printed(result, paper):
-  """({row of ours: numbers of the paper that it is held against}, the paper's rows to show, {name: row}, the real one
-  last, and what to say of them)."""
+  """({row of ours: the paper's numbers that it is compared with}, the paper's rows to show, {name: row}, the real one
+  last, and notes on them).
+  """
   own = paper["system"], str(paper["table"])
   partners, unmarked = _partners(result, paper["row"], paper_table(*own)), set(paper.get("unmarked", ()))
   also = [(*own, one) if isinstance(one, str) else tuple(one) for one in paper.get("also", ())]
@@ -249,7 +249,7 @@ def _table_name(key, own=("", "")):
 
 
 def _said_of(table):
-  """How a table's rows are introduced."""
+  """The introduction of a table's rows."""
   repeats = f"mean ± 95 % interval of {table.repeats} repeats" if table.repeats else "as printed"
   name = _table_name((table.system, table.table), (table.system,))
   return [f"Rows of the paper: {table.system.upper()}, {name} ({table.title}); {repeats}.",
@@ -264,7 +264,7 @@ def _in_words(key):
 
 
 def _repeats(numbers, others):
-  """Whether numbers are all among others, but for intervals that only one of them gives."""
+  """Whether all numbers occur among others, ignoring intervals that only one of them has."""
   return all(metric in others and value["mean"] == others[metric]["mean"] and (
       None in (value["interval"], others[metric]["interval"]) or value["interval"] == others[metric]["interval"])
              for metric, value in numbers.items())
@@ -284,7 +284,7 @@ def _partners(result, row, table) -> dict[str, list]:
 
 
 def differs(ours, paper) -> bool:
-  """Whether two numbers {"mean", "interval"} lie outside both intervals: further apart than the wider one.
+  """Whether two numbers {"mean", "interval"} are further apart than the wider of both intervals.
 
   A printed number is known to half a unit of its last digit only, so that much always counts as agreement.
   """
@@ -316,7 +316,7 @@ def label(metric) -> str:
 
 
 def arrow(metric, arrows=ARROWS) -> str:
-  """Which way is better: "↑", "↓", "→" (nearer to the real motions), or ""."""
+  """The direction that is better: "↑", "↓", "→" (closer to the real motions), or ""."""
   return arrows[METRICS[metric].better if metric in METRICS else ""]
 
 

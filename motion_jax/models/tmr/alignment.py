@@ -1,4 +1,4 @@
-"""How a trained teacher guides a tokenizer: a feature of every frame, in the layout and statistics that it reads.
+"""A trained teacher as a guide for a tokenizer: its feature of every frame, in its own layout and statistics.
 
 Source: docs/papers/cmdm.md#teacher-features.
 """
@@ -17,7 +17,7 @@ from motion_jax.shapes import Array, Net
 
 
 def check_readable(layout: Representation | str, own_layout: Representation | str) -> None:
-  """Raises ValueError where windows in `layout` do not hold what a teacher of own_layout reads."""
+  """Raises ValueError if windows in `layout` lack features that a teacher of own_layout reads."""
   ours, theirs = get_layout(layout), get_layout(own_layout)
   if not ours.narrows_to(theirs):
     raise ValueError(f"a teacher of layout {theirs.name!r} cannot read windows of layout {ours.name!r}, only those of "
@@ -27,7 +27,7 @@ def check_readable(layout: Representation | str, own_layout: Representation | st
 
 def as_seen(x: Float[Array, "b t f"], view: Mapping[str, Array], layout: Representation | str,
             own_layout: Representation | str) -> Float[Array, "b t g"]:
-  """Windows (B, T, F) of a tokenizer as its teacher reads them (B, T, G), in its own layout and statistics.
+  """Converts windows (B, T, F) of a tokenizer to the layout and statistics of its teacher (B, T, G).
 
   view: "mean" and "std" of x, "own_mean" and "own_std" of the teacher. A window is a clip of its own: its joints start
   at the origin, facing +z.
@@ -38,24 +38,22 @@ def as_seen(x: Float[Array, "b t f"], view: Mapping[str, Array], layout: Represe
 
 
 def motion_side(teacher: Teacher, params: Any) -> Any:
-  """What of a teacher's parameters gives frame features: of a TMR neither its text encoder nor its decoder."""
+  """The teacher's parameters that frame features need: for a TMR neither its text encoder nor its decoder."""
   motion = params["motion"]
   return {"motion_encoder": motion["motion_encoder"]} if isinstance(teacher, TMR) else motion
 
 
 def frame_features(teacher: Net, params: Any, x: Float[Array, "b t f"]) -> Float[Array, "b t e"]:
-  """The frozen teacher's feature of every frame (B, T, E) of windows without padding.
-
-  Source: docs/papers/cmdm.md#teacher-features.
-  """
+  """The frozen teacher's feature of every frame (B, T, E) of windows without padding."""
   return teacher.apply({"params": params}, x, method="frames")
 
 
 def view_of(stats: Stats, own_stats: Stats, folder: str | pathlib.Path) -> dict[str, np.ndarray] | None:
-  """Both statistics, by which `as_seen` turns windows into what a teacher reads; None if they are the same.
+  """The statistics of both, with which `as_seen` converts windows; None if they are the same.
 
-  Raises ValueError if the teacher, of that folder, reads other features, or, of the same layout, was trained on other
-  data. One with a std for each column is of the same data if its means, and its stds averaged over blocks, are near.
+  Raises ValueError if the teacher of that folder reads other features, or, in the same layout, was trained on other
+  data. Statistics with a std for each column count as of the same data if the means, and the stds averaged over blocks,
+  are close.
   """
   layout = stats.layout
   check_readable(layout.name, own_stats.layout.name)
@@ -81,6 +79,6 @@ def _by_block(stats):
 
 
 def plain_stats(layout: Representation | str) -> Stats:
-  """Mean 0 and std 1, for a teacher that was never trained."""
+  """Mean 0 and std 1, for a teacher with random weights."""
   layout = get_layout(layout)
   return Stats(np.zeros(layout.dim, np.float32), np.ones(layout.dim, np.float32), layout)

@@ -1,4 +1,4 @@
-"""Losses by which a motion and its caption come to lie near each other (docs/papers/cmdm.md#tmr, #part-tmr).
+"""Losses that bring a motion and its caption close together (docs/papers/cmdm.md#tmr, #part-tmr).
 
 info_nce    contrast: a caption has to find its motion among those of the batch, and the motion its caption
 tmr_terms   TMR: the same contrast, and Gaussians of both sides that are alike, close to the unit one, and decode to the
@@ -33,8 +33,8 @@ def info_nce(text: Float[Array, "b e"], motion: Float[Array, "b e"], scale: Any,
              ) -> tuple[Float[Array, ""], Float[Array, "b b"]]:
   """Symmetric contrast: the mean of two cross-entropies over text (B, E) and motion (B, E), both of unit length.
 
-  same (B, B): pairs that say the same and are no counter-examples; the code has no such filter (Parity).
-  Returns (loss, logits (B, B), rows are texts).
+  same (B, B): pairs of the same meaning, which are not counter-examples; the code has no such filter (Parity). Returns
+  (loss, logits (B, B), rows are texts).
   """
   shapes.check(text=(text, "BE"), motion=(motion, "BE"))
   logits = scale * text @ motion.T
@@ -54,8 +54,9 @@ def divergence(a: Gaussian, b: Gaussian) -> Float[Array, ""]:
 
 
 def near_texts(sentence: Float[Array, "b e"], threshold: float) -> Bool[Array, "b b"]:
-  """Which pairs are left out of the contrast, (B, B): different rows whose sentence vectors (B, E), of unit length,
-  have a cosine over 2 * threshold - 1."""
+  """Pairs that the contrast leaves out, (B, B): different rows whose sentence vectors (B, E), of unit length, have a
+  cosine over 2 * threshold - 1.
+  """
   # Parity: a threshold of 0.8 is a cosine of 0.6, for TMR counts similarity in 0..1.
   return (sentence @ sentence.T > 2 * threshold - 1) & ~jnp.eye(len(sentence), dtype=bool)
 
@@ -70,12 +71,12 @@ def tmr_terms(net: Net, params: Any, batch: Mapping[str, Array], noise: tuple[Ar
               weights: Mapping[str, float], temperature: float = 0.1, threshold: float = 0.8,
               deterministic: bool = True, rngs: Callable[[int], Any] | None = None,
               whole: Callable[[Array], Array] = lambda a: a) -> dict[str, Array]:
-  """Loss terms of a batch, a dict with recons, kl, latent, contrastive and their sum by `weights`, loss.
+  """Loss terms of a batch: recons, kl, latent, contrastive and, as loss, their sum by `weights`.
 
   batch: features (B, T, F), num_frames (B,), text_emb (B, S, W), text_mask (B, S), and sentence (B, E), vectors of unit
-  length by which near captions are known, or None: nothing is left out. noise: of the text's and of the motion's
-  latent, each (B, D). rngs(i): dropout's of the i-th of three networks. whole: an array to that of all devices, as the
-  contrast, and how far the batch is padded, are of the whole batch.
+  length that identify similar captions, or None: no pair is left out. noise: of the text's and of the motion's latent,
+  each (B, D). rngs(i): dropout keys of the i-th of three networks. whole: gathers an array from all devices, since the
+  contrast and the padding are those of the whole batch.
   """
   x, text_mask = batch["features"], batch["text_mask"]
   frame_mask = padding_mask(batch["num_frames"], x.shape[1])

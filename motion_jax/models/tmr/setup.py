@@ -1,4 +1,4 @@
-"""From a config to the training of a teacher: its data, its text encoder, the weights that it starts from."""
+"""Training set-ups of the teachers: data, text encoder and initial weights from a config."""
 import hashlib
 import pathlib
 from collections.abc import Callable, Sequence
@@ -26,7 +26,7 @@ WEIGHTS = "model.safetensors"
 
 
 def teacher_fields(config: ConfigDict) -> dict[str, Any]:
-  """What loading the teacher's run needs: the sizes of its text transformer, and where its weights came from."""
+  """Fields that loading the run needs: the sizes of its text transformer, and the source of its weights."""
   encoder = load_text_encoder(config.frozen.text)
   net = make_teacher(config.model, config.data.layout)
   return {"text": {"width": encoder.dim} if config.model.kind == "tmr" else bert_fields_of(encoder.model),
@@ -34,8 +34,9 @@ def teacher_fields(config: ConfigDict) -> dict[str, Any]:
 
 
 def teacher(config: ConfigDict) -> TrainingSetup:
-  """A motion-language teacher; its text transformer starts as the encoder config.frozen.text and learns on, but for a
-  TMR's, which stays as it is."""
+  """A motion-language teacher. Its text transformer starts as the encoder config.frozen.text and is trained; that of a
+  TMR stays frozen.
+  """
   encoder = load_text_encoder(config.frozen.text)
   frozen_text = config.model.kind == "tmr"
   space = make_space(config)
@@ -54,7 +55,7 @@ def teacher(config: ConfigDict) -> TrainingSetup:
   single = one_clip_per_caption(held_out(config, data.stats, captioned=True), config.data.max_frames)
 
   def evaluate(params):
-    """How often a caption finds its held-out clip, and the clip its caption (back), among one clip of each caption."""
+    """Recall of held-out clips by their captions, and of captions by their clips (back), one clip for each caption."""
     parts = []
     for rows in np.array_split(single.kept, max(1, len(single) // 64)):
       batch = single.rows(rows, batches.step_rng(config.seed, 4))
@@ -75,10 +76,10 @@ def teacher(config: ConfigDict) -> TrainingSetup:
 
 def reader(config: ConfigDict, space: Space, encoder: TextEncoder
            ) -> Callable[[Sequence[str], slice], dict[str, np.ndarray]]:
-  """(captions, rows) -> the arrays of a batch that the loss wants of these of them.
+  """(captions, rows) -> the text arrays of a batch, for these rows.
 
-  config.frozen.sentence names the encoder whose sentence vectors tell which captions of a batch say nearly the same;
-  "" leaves no pair out.
+  config.frozen.sentence names the encoder whose sentence vectors identify captions of similar meaning; "" leaves no
+  pair out.
   """
   near = None
   if isinstance(space.net, TMR) and config.frozen.sentence:
@@ -92,11 +93,11 @@ def reader(config: ConfigDict, space: Space, encoder: TextEncoder
 
 
 def imagenet(folder: str | pathlib.Path, net: MotionPatches) -> tuple[Any, dict[str, Any]]:
-  """(parameters of net.vit, what a record says of them) from a folder with the model.safetensors of a ViT.
+  """(parameters of net.vit, their description for the run's config) from a folder with the model.safetensors of a ViT.
 
   Names are timm's (vit_base_patch16_224.augreg_in21k) or Hugging Face's ViT; positions are resized to the image's grid.
-  The head and the last norm are left out: no layer of MotionPatches is theirs (docs/papers/cmdm.md#motionpatches).
-  Raises FileNotFoundError or ValueError where there is no such file or it is of another size.
+  The head and the last norm are left out: MotionPatches has no such layers (docs/papers/cmdm.md#motionpatches). Raises
+  FileNotFoundError or ValueError if there is no such file or its size differs.
   """
   path = pathlib.Path(folder) / WEIGHTS if pathlib.Path(folder).is_dir() else pathlib.Path(folder)
   if path.suffix != ".safetensors" or not path.is_file():
@@ -121,7 +122,7 @@ def imagenet(folder: str | pathlib.Path, net: MotionPatches) -> tuple[Any, dict[
 
 
 def origin(config: ConfigDict, net: Teacher) -> tuple[dict[str, Any], dict[str, Any]]:
-  """(parameters that replace random ones, what the run's config says about where all of them came from)."""
+  """(parameters that replace random ones, the description of all sources for the run's config)."""
   said = {"text": config.frozen.text}
   if not isinstance(net, MotionPatches):
     return {}, said

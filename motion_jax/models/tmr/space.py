@@ -39,9 +39,10 @@ KINDS: dict[str, tuple[Any, Callable[..., dict[str, Any]]]] = {
 
 
 def make_teacher(fields: Mapping[str, Any], layout: Representation | str) -> Teacher:
-  """The motion network that config.model names: its kind, and the fields of the module.
+  """The motion network of config.model: its kind, and the fields of the module.
 
-  A field "layout" goes before the layout given: a teacher may read another one than what it teaches on (`as_seen`).
+  A field "layout" takes precedence over the layout given: a teacher may read another layout than its tokenizer
+  (`as_seen`).
   """
   fields = dict(fields)
   kind, layout = fields.pop("kind", "part_tmr"), fields.pop("layout", layout)
@@ -59,7 +60,7 @@ def init_teacher(teacher: Teacher, text_fields: Mapping[str, Any], layout: Repre
                  ) -> dict[str, Any]:
   """Random parameters of a teacher: {"motion": ..., "text": ...}; a TMR, whose text transformer is frozen, has no text.
 
-  text_fields: of the `Bert` that learns with it, or, for a TMR, {"width": numbers a word}.
+  text_fields: of the `Bert` that is trained with it, or, for a TMR, {"width": size of a word feature}.
   """
   motion_rng, text_rng = jax.random.split(rng)
   x, width = jnp.zeros((1, 4, get_layout(layout).dim)), text_fields["width"]
@@ -73,12 +74,12 @@ def init_teacher(teacher: Teacher, text_fields: Mapping[str, Any], layout: Repre
 
 def teacher_shapes(teacher: Teacher, text_fields: Mapping[str, Any], layout: Representation | str = "full"
                    ) -> dict[str, Any]:
-  """Shapes of a teacher run's parameters, to check a file against."""
+  """Shapes of the parameters of a teacher's run."""
   return jax.eval_shape(lambda: init_teacher(teacher, text_fields, layout, jax.random.key(0)))
 
 
 class Space(NamedTuple):
-  """Motions and sentences in one space, as pure functions, whatever the kind of the teacher."""
+  """Motions and captions in one space, as pure functions, for any kind of teacher."""
   net: Any
   init: Callable    # (rng) -> params
   motion: Callable  # (params, x (B, T, F) normalized, frame_mask (B, T)) -> unit vectors (B, E)
@@ -115,7 +116,7 @@ def word_pieces(encoder: TextEncoder, captions: Sequence[str], at_least: int, ro
 
 def word_features(encoder: TextEncoder, captions: Sequence[str], rows: slice = slice(None), step: int = 32
                   ) -> dict[str, np.ndarray]:
-  """A frozen encoder's features of the words of these rows of captions, none cut: {"text_emb": (B, S, W), "text_mask":
+  """Word features of a frozen encoder for these rows of captions, without cutting: {"text_emb": (B, S, W), "text_mask":
   (B, S)}.
 
   S is a multiple of step, so that few lengths are compiled.
@@ -128,7 +129,7 @@ def word_features(encoder: TextEncoder, captions: Sequence[str], rows: slice = s
 
 def embed_text(teacher: Net, bert: Net, params: Any, ids: Int[Array, "b s"], text_mask: Bool[Array, "b s"],
                pool: str = "first", deterministic: bool = True, rngs: Any = None) -> Float[Array, "b e"]:
-  """Unit vectors (B, E) of sentences given as word pieces. pool: the first piece's state, or the mean of all."""
+  """Unit vectors (B, E) of captions given as word pieces. pool: the first piece's state, or the mean of all."""
   hidden = bert.apply({"params": params["text"]}, ids, text_mask)
   if pool == "first":
     hidden = hidden[:, 0]

@@ -1,4 +1,4 @@
-"""How teachers are trained, as pure functions: by contrast alone, or as TMR is (docs/papers/cmdm.md#part-tmr, #tmr)."""
+"""Training of the teachers, as pure functions: by contrast alone, or as TMR (docs/papers/cmdm.md#part-tmr, #tmr)."""
 import jax
 import jax.numpy as jnp
 from ml_collections import ConfigDict
@@ -15,9 +15,9 @@ NOISE = 2**30  # folded into a step's key for the noise: apart from those of dro
 def contrastive_stage(config: ConfigDict, axis_name: str | None = DEVICES) -> Stage:
   """Trains the teacher. Batch: features (B, T, F), num_frames (B,), ids (B, S), text_mask (B, S), index (B,).
 
-  The contrast is over the whole batch: what lies on other devices is gathered, so that N devices learn what one does.
-  axis_name is the devices' axis of the train step, None outside of one. The text transformer's weights come with
-  `init` from the named encoder (`training`), and `params["text"]` learns at its own rate (optimizer.rates).
+  The contrast is over the whole batch: embeddings of all devices are gathered, so that N devices learn the same as one.
+  axis_name: the devices' axis of the train step, None outside of one. The text transformer's weights come with `init`
+  from the named encoder (`setup`), and `params["text"]` has a learning rate of its own (optimizer.rates).
   """
   space = make_space(config)
   teacher, bert = space.net, Bert(**config.text)
@@ -47,10 +47,10 @@ def contrastive_stage(config: ConfigDict, axis_name: str | None = DEVICES) -> St
 
 
 def tmr_stage(config: ConfigDict, space: Space, axis_name: str | None = DEVICES) -> Stage:
-  """Trains a TMR. Batch: that of `tmr_terms`, and index (B,) place in the whole batch.
+  """Trains a TMR. Batch: that of `tmr_terms`, and index (B,), the place in the whole batch.
 
-  space: the motion-language space of the same config (`make_space`). Noise belongs to a pair's place in the
-  batch, so that N devices learn what one does, but for dropout.
+  space: the motion-language space of the same config (`make_space`). Noise depends on a pair's place in the batch, so
+  that, apart from dropout, N devices learn the same as one.
   """
   net = space.net
   whole = (lambda a: a) if axis_name is None else (lambda a: jax.lax.all_gather(a, axis_name, tiled=True))

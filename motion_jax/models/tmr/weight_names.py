@@ -23,7 +23,7 @@ TMR_PARTS = {"Root": "root", "R_Leg": "right_leg", "L_Leg": "left_leg", "Backbon
 
 
 def part_tmr_names(depth: int = 4) -> Table:
-  """Part-TMR less its text transformer (docs/papers/cmdm.md#checkpoint-names)."""
+  """Part-TMR without its text transformer (docs/papers/cmdm.md#checkpoint-names)."""
   table = {"logit_scale": ("logit_scale", "array")}
   for theirs, ours in TMR_PARTS.items():
     table |= {f"motion_encoder.emb_token_{theirs}": (f"motion_{ours}/token", "array"),
@@ -34,7 +34,7 @@ def part_tmr_names(depth: int = 4) -> Table:
 
 
 def part_tmr_from_torch(state: Mapping[str, Any], text_fields: Mapping[str, Any], depth: int = 4) -> dict[str, Any]:
-  """Part-TMR whole: {"motion", "text"} as a teacher's run keeps it; text_fields are those of its `text.bert.Bert`."""
+  """The whole Part-TMR: {"motion", "text"} as in a teacher's run; text_fields: of its `text.bert.Bert`."""
   ignored = [f"motion_encoder.sequence_pos_encoding_{part}.pe" for part in TMR_PARTS]
   motion = {name: array for name, array in state.items() if not name.startswith(TEXT)}
   return {"motion": from_torch(motion, part_tmr_names(depth), ignored)["params"],
@@ -60,7 +60,7 @@ def tmr_names(depth: int = 6) -> Table:
 
 
 def vit_names(depth: int = 12, prefix: str = "", ours: str = "") -> Table:
-  """A vision transformer under timm's names, less its last norm and its head."""
+  """A vision transformer under timm's names, without its last norm and its head."""
   table = {f"{prefix}cls_token": (f"{ours}token", "first_row"), f"{prefix}pos_embed": (f"{ours}positions", "first"),
            f"{prefix}patch_embed.proj": (f"{ours}patch_embed", "patches")}
   for i in range(depth):
@@ -103,7 +103,7 @@ def vit_from_torch(state: Mapping[str, Any], depth: int = 12) -> tuple[Any, list
 
 
 def motion_patches_names(depth: int = 12) -> Table:
-  """MotionPatches less its text transformer."""
+  """MotionPatches without its text transformer."""
   model = "motion_encoder.model."
   table = vit_names(depth, model, "vit/") | {f"{model}fc_norm": ("fc_norm", "norm"),
                                              "logit_scale": ("logit_scale", "array")}
@@ -112,7 +112,7 @@ def motion_patches_names(depth: int = 12) -> Table:
 
 def motion_patches_from_torch(state: Mapping[str, Any], text_fields: Mapping[str, Any], depth: int = 12
                               ) -> dict[str, Any]:
-  """MotionPatches whole: {"motion", "text"} as a teacher's run keeps it; text_fields: of its `text.bert.Bert`."""
+  """The whole MotionPatches: {"motion", "text"} as in a teacher's run; text_fields: of its `text.bert.Bert`."""
   motion = {name: array for name, array in state.items() if not name.startswith(TEXT)}
   return {"motion": from_torch(motion, motion_patches_names(depth))["params"],
           "text": bert.params_from_reference(select(state, TEXT), text_fields)}

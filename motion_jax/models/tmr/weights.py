@@ -39,9 +39,9 @@ def read_teacher(path: str | pathlib.Path) -> NetworkState:
 
 def teacher(path: str | pathlib.Path, layout: str, num_heads: int | None = None,
             text_fields: Mapping[str, Any] | None = None) -> Network:
-  """A released teacher, of the kind that its tensors show; params are as the run of such a teacher keeps them.
+  """A released teacher, its kind recognized by its tensors; params are as in a teacher's run.
 
-  text_fields: of the `Bert` that learned with it; without them, DistilBERT's sizes. Raises ValueError for a file of
+  text_fields: of the `Bert` that was trained with it; by default DistilBERT's sizes. Raises ValueError for a file of
   none of the kinds.
   """
   part = read_teacher(path)
@@ -119,8 +119,9 @@ def _distilbert_fields(part):
 
 def write_teacher(out: str | pathlib.Path, file: str | pathlib.Path, stats: Any, text: str | None = None,
                   num_heads: int | None = None) -> list[Network]:
-  """The run folder of a released teacher -> the Networks. text: folder of the text encoder whose word pieces it reads;
-  its weights are those of the file, but for a TMR, which reads what a frozen one says."""
+  """Writes the run folder of a released teacher -> the Networks. text: folder of the text encoder for its word pieces;
+  the weights of the text transformer are in the file, except for a TMR, which uses a frozen one.
+  """
   check_free(out)
   stats = load_stats(stats)
   encoder = None if text is None else load_text_encoder(text)
