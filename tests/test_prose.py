@@ -17,8 +17,7 @@ CLEAN = ("motion_jax/nets", "motion_jax/quant", "motion_jax/diffusion", "motion_
          "motion_jax/evaluation", "motion_jax/evaluators", "motion_jax/models/tmr", "motion_jax/runs.py",
          "motion_jax/paper_tables.py", "tools/reference.py", "examples")
 WORD_LISTS = ("motion_jax/text/lexicon.py", "motion_studio/language/lexicon.py")  # data, not prose
-UNFINISHED = ("docs/evaluation.md", "docs/studio.md",
-              "docs/benchmark", "docs/reference")
+UNFINISHED = ("docs/studio.md", "docs/benchmark", "docs/reference")
 PAGES = [path for path in sorted({*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"),
                                   *(ROOT / "motion_jax" / "pretrained").glob("*/README.md")})
          if not str(path.relative_to(ROOT)).startswith(UNFINISHED)]
