@@ -1,9 +1,9 @@
-"""Blender add-on: motion from words, of a `motion-jax studio` that runs on this or another machine.
+"""Blender add-on: text-to-motion with a `motion-jax studio` on this or another machine.
 
-Install: Edit > Preferences > Add-ons > Install from Disk, this file. Start `motion-jax studio`, copy the address that
-it prints into the panel (3D view, sidebar, tab Motion). "Make" puts a motion onto a new armature, while Blender stays
-usable; "Start live" moves an armature of sticks while the motion is made, and "Say" changes its words. Standard library
-only.
+Install this file with Edit > Preferences > Add-ons > Install from Disk. Start `motion-jax studio` and copy the address
+that it prints into the panel (3D view, sidebar, tab Motion). "Generate" puts a motion on a new armature while Blender
+stays usable. "Start live" streams a motion to a stick armature, and "Send prompt" changes its prompt. Needs only the
+standard library.
 """
 import base64
 import collections
@@ -21,25 +21,25 @@ import urllib.request
 import bpy
 
 bl_info = {"name": "motion_jax", "author": "motion_jax", "version": (0, 1, 0), "blender": (4, 0, 0),
-           "location": "3D View > Sidebar > Motion", "description": "Motion from words", "category": "Animation"}
+           "location": "3D View > Sidebar > Motion", "description": "Text-to-motion", "category": "Animation"}
 
 
 # --- the studio: docs/protocol.md of motion_jax ----------------------------------------------------------------------
 
 
 class Studio:
-  """The studio at an address as it prints it, with the token in it."""
+  """The studio at the printed address, which contains the token."""
 
   def __init__(self, address):
     self.parts = urllib.parse.urlsplit(address.strip())
     self.token = urllib.parse.parse_qs(self.parts.query).get("token", [""])[0]
 
-  def ask(self, path, body):
-    """The bytes of a reply. Raises ValueError with one sentence."""
-    request = urllib.request.Request(f"http://{self.parts.netloc}{path}", json.dumps(body).encode(),
+  def request(self, path, body):
+    """The bytes of the reply. Raises ValueError with one sentence."""
+    call = urllib.request.Request(f"http://{self.parts.netloc}{path}", json.dumps(body).encode(),
                                      {"Authorization": f"Bearer {self.token}"})
     try:
-      with urllib.request.urlopen(request, timeout=600) as reply:
+      with urllib.request.urlopen(call, timeout=600) as reply:
         return reply.read()
     except urllib.error.HTTPError as error:
       raise ValueError(json.loads(error.read())["error"]["message"]) from None
@@ -47,32 +47,32 @@ class Studio:
       raise ValueError(f"no studio answers at {self.parts.netloc or 'this address'}: {error}") from None
 
   def bvh(self, prompt, seconds, seed):
-    """(a BVH file's bytes of a prompt, centimetres; the server's notes about it)."""
-    made = json.loads(self.ask("/v1/generate", {"prompt": prompt, "seconds": seconds or None, "seed": seed}))
-    return self.ask("/v1/export", {"motion": made["motions"][0], "format": "bvh"}), made.get("notes", [])
+    """(bytes of a BVH file in centimetres, the studio's notes) for a prompt."""
+    made = json.loads(self.request("/v1/generate", {"prompt": prompt, "seconds": seconds or None, "seed": seed}))
+    return self.request("/v1/export", {"motion": made["motions"][0], "format": "bvh"}), made.get("notes", [])
 
 
 class Request:
-  """A motion that is being made, in a thread of its own, for Blender's scene may only be changed by its main thread."""
+  """A request that runs in a thread; only Blender's main thread may change the scene."""
 
   def __init__(self, studio, prompt, seconds, seed):
     self.prompt, self.result, self.error = prompt, None, ""
     threading.Thread(target=self._make, args=(studio, prompt, seconds, seed), daemon=True).start()
 
   def _make(self, *request):
-    studio, *words = request
+    studio, *fields = request
     try:
-      self.result = studio.bvh(*words)
-    except Exception as error:  # whatever it is: the panel has to show it
+      self.result = studio.bvh(*fields)
+    except Exception as error:  # any error: the panel shows it
       self.error = str(error) or type(error).__name__
 
 
 class Live:
-  """A stream in a thread of its own: `frames` fills with lists of joints [(x, y, z)], metres, y up."""
+  """A stream that is received in a thread: `frames` gets lists of joints [(x, y, z)] in metres, y up."""
 
   def __init__(self, studio, prompt, seed):
     self.frames, self.parents, self.names, self.fps = collections.deque(), None, None, 20.0
-    self.error, self.words = "", prompt
+    self.error, self.prompt = "", prompt
     self._socket = _connect(studio)
     self._lock, self._waiting = threading.Lock(), collections.deque()
     self.send(type="start", prompt=prompt, seed=seed, ahead=3)
@@ -86,7 +86,7 @@ class Live:
       self._socket.sendall(b"\x81" + length + mask + bytes(b ^ mask[i % 4] for i, b in enumerate(data)))
 
   def next(self):
-    """The next frame, or None while there is none; a block whose last frame is taken has been played."""
+    """The next frame, or None if none has arrived; acknowledges a block with its last frame."""
     if not self.frames:
       return None
     sequence, frame = self.frames.popleft()
@@ -111,18 +111,18 @@ class Live:
           with self._lock:
             self._socket.sendall(b"\x8a" + bytes([0x80 | len(data)]) + b"\0\0\0\0" + data)
         elif kind == 1:
-          told = json.loads(data)
-          if told["type"] == "started":
-            self.parents, self.names, self.fps = told["parents"], told["joints"], told["fps"]
-          elif told["type"] == "error":
-            self.error = told["message"]
-          elif told["type"] == "words":
-            self.words = told["prompt"]
+          message = json.loads(data)
+          if message["type"] == "started":
+            self.parents, self.names, self.fps = message["parents"], message["joints"], message["fps"]
+          elif message["type"] == "error":
+            self.error = message["message"]
+          elif message["type"] == "words":
+            self.prompt = message["prompt"]
         elif kind == 2:
           sequence, frames = unpack(data)
           self.frames.extend([(None, frame) for frame in frames[:-1]] + [(sequence, frames[-1])])
     except (OSError, ValueError) as error:
-      self.error = self.error or f"the studio has gone ({error})"
+      self.error = self.error or f"the connection to the studio was lost ({error})"
 
   def _message(self):
     first, second = self._read(2)
@@ -144,7 +144,7 @@ class Live:
 
 
 def _connect(studio):
-  """A socket after a WebSocket's handshake."""
+  """A socket after the WebSocket handshake."""
   try:
     found = socket.create_connection((studio.parts.hostname, studio.parts.port or 80), timeout=10)
     key = base64.b64encode(os.urandom(16)).decode()
@@ -160,7 +160,7 @@ def _connect(studio):
   except (OSError, TypeError) as error:
     raise ValueError(f"no studio answers at {studio.parts.netloc or 'this address'}: {error}") from None
   if b" 101 " not in reply.split(b"\r\n")[0]:
-    raise ValueError("the studio refused: is this the whole address that it printed, with the token?")
+    raise ValueError("the studio refused the connection; enter the complete printed address with the token")
   found.settimeout(None)
   return found
 
@@ -177,13 +177,13 @@ def unpack(data):
 # --- the scene -------------------------------------------------------------------------------------------------------
 
 _live = {"stream": None, "armature": None, "frame": 0}
-_making = {"request": None, "lines": [], "failed": False}  # and what the panel says about the last request
+_making = {"request": None, "lines": [], "failed": False}  # and the panel's text about the last request
 
 
 def load_motion(data, name):
-  """Puts a BVH file's motion onto a new armature, and the scene at its rate and length; the armature's object.
+  """Loads a BVH file as a new armature and sets the scene's frame rate and length; returns the armature's object.
 
-  The action is named after the prompt. All motions of a model have the same bones, so it plays on their armatures, too.
+  The action is named after the prompt. All motions of a model have the same bones, so it also plays on their armatures.
   """
   path = os.path.join(tempfile.mkdtemp(), "motion.bvh")
   try:
@@ -203,7 +203,7 @@ def load_motion(data, name):
 
 
 def finish():
-  """Loads the motion that was requested once it is there; seconds until the next look, None at the end. For timers."""
+  """A timer: loads the requested motion once it has arrived. Returns seconds until the next call, or None."""
   request = _making["request"]
   if request is None:
     return None
@@ -216,13 +216,13 @@ def finish():
     data, notes = request.result
     load_motion(data, request.prompt)
     show_status(*notes)
-  except RuntimeError as error:  # also of Blender's importer
+  except RuntimeError as error:  # also from Blender's importer
     show_status(str(error), failed=True)
   return None
 
 
 def show_status(*lines, failed=False):
-  """Shows lines in the panel, and in the console for those who read it."""
+  """Shows lines in the panel and in the console."""
   _making.update(lines=list(lines), failed=failed)
   for line in lines:
     print(f"motion_jax: {line}")
@@ -236,7 +236,7 @@ def z_up(point):
 
 
 def make_sticks(frame, parents, names):
-  """A new armature with a bone from each joint's parent to the joint, none of which hangs on another."""
+  """A new armature with an unconnected bone from each joint's parent to the joint."""
   data = bpy.data.armatures.new("motion_jax live")
   made = bpy.data.objects.new("motion_jax live", data)
   bpy.context.collection.objects.link(made)
@@ -251,7 +251,7 @@ def make_sticks(frame, parents, names):
 
 
 def show(armature, frame, parents, names, keyframe=None):
-  """Moves the sticks to a frame; keyframe: the number of the scene's frame that keeps it."""
+  """Poses the stick armature; keyframe: the scene frame at which to insert keyframes, or None."""
   from mathutils import Matrix, Vector
   for joint, parent in enumerate(parents):
     if parent < 0:
@@ -269,7 +269,7 @@ def show(armature, frame, parents, names, keyframe=None):
 
 
 def step():
-  """Shows the next frame; seconds until the one after it, None when the stream has ended. For bpy.app.timers."""
+  """A timer: shows the next frame. Returns seconds until the next call, or None at the end of the stream."""
   stream = _live["stream"]
   if stream is None:
     return None
@@ -304,10 +304,11 @@ def stop():
 
 
 class Settings(bpy.types.PropertyGroup):
-  address: bpy.props.StringProperty(name="Address", description="what motion-jax studio printed",
+  address: bpy.props.StringProperty(name="Address", description="The address that motion-jax studio printed",
                                     default="http://127.0.0.1:8765/?token=")
-  prompt: bpy.props.StringProperty(name="Words", default="a person walks forward")
-  seconds: bpy.props.FloatProperty(name="Seconds", description="0: as long as usual", default=0, min=0, max=120)
+  prompt: bpy.props.StringProperty(name="Prompt", default="a person walks forward")
+  seconds: bpy.props.FloatProperty(name="Seconds", description="0: as long as similar training clips", default=0,
+                                   min=0, max=120)
   seed: bpy.props.IntProperty(name="Seed", default=0, min=0)
   record: bpy.props.BoolProperty(name="Keep as keyframes", default=False)
 
@@ -323,19 +324,19 @@ class _Operator:
 
 
 class Make(_Operator, bpy.types.Operator):
-  """Make a motion of the words, on a new armature"""
-  bl_idname, bl_label, bl_options = "motion_jax.make", "Make", {"REGISTER", "UNDO"}
+  """Generate a motion of the prompt on a new armature"""
+  bl_idname, bl_label, bl_options = "motion_jax.make", "Generate", {"REGISTER", "UNDO"}
 
   def work(self, settings):
     if _making["request"] is not None:
-      raise ValueError("a motion is being made; wait until it is there")
+      raise ValueError("a motion is being generated; wait until it arrives")
     _making["request"] = Request(Studio(settings.address), settings.prompt, settings.seconds, settings.seed)
-    show_status(f"making: {settings.prompt}")
+    show_status(f"generating: {settings.prompt}")
     bpy.app.timers.register(finish)
 
 
 class StartLive(_Operator, bpy.types.Operator):
-  """Stream a motion into the scene while it is made"""
+  """Stream a motion into the scene while it is generated"""
   bl_idname, bl_label = "motion_jax.start_live", "Start live"
 
   def work(self, settings):
@@ -343,17 +344,17 @@ class StartLive(_Operator, bpy.types.Operator):
 
 
 class Say(_Operator, bpy.types.Operator):
-  """Change the words of the stream"""
-  bl_idname, bl_label = "motion_jax.say", "Say"
+  """Change the prompt of the stream"""
+  bl_idname, bl_label = "motion_jax.say", "Send prompt"
 
   def work(self, settings):
     if _live["stream"] is None:
-      raise ValueError("nothing streams; press Start live first")
+      raise ValueError("there is no stream; press Start live first")
     _live["stream"].send(type="prompt", prompt=settings.prompt)
 
 
 class StopLive(_Operator, bpy.types.Operator):
-  """End the stream; the armature stays"""
+  """End the stream and keep the armature"""
   bl_idname, bl_label = "motion_jax.stop_live", "Stop"
 
   def work(self, settings):
@@ -370,7 +371,7 @@ class Panel(bpy.types.Panel):
     for one in (Make, StartLive, Say, StopLive):
       self.layout.operator(one.bl_idname)
     for line in _making["lines"]:
-      for row in textwrap.wrap(line, 40):  # a label is one line, cut where the panel ends
+      for row in textwrap.wrap(line, 40):  # a label is one line, cut off at the panel's edge
         self.layout.label(text=row, icon="ERROR" if _making["failed"] else "INFO")
 
 

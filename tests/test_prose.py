@@ -3,21 +3,26 @@
 A room is added to CLEAN when it has been rewritten, and never taken off it. Pages are all checked but those of
 UNFINISHED; what stands in quotation marks or in code is not prose.
 """
+import argparse
 import pathlib
 import re
 
 import pytest
 
+from motion_studio import cli
+
 ROOT = pathlib.Path(__file__).parents[1]
+ASSETS = ROOT / "motion_studio" / "assets"
 BANNED = re.compile(r"\b(told|asked|anew|led|whoever|nobody|so many|goes on|of it all|"
                     r"who (is|are|has|sits|walks|does|asks|wants|stays|gets))\b", re.IGNORECASE)
 CLEAN = ("motion_jax/nets", "motion_jax/quant", "motion_jax/diffusion", "motion_jax/metrics", "motion_jax/convert",
          "motion_jax/control", "motion_jax/text", "motion_jax/latents.py", "motion_jax/shapes.py",
          "motion_jax/utils/lazy.py", "motion_studio/language", "motion_studio/checks",
          "motion_jax/evaluation", "motion_jax/evaluators", "motion_jax/models/tmr", "motion_jax/runs.py",
-         "motion_jax/paper_tables.py", "tools/reference.py", "examples")
+         "motion_jax/paper_tables.py", "tools/reference.py", "examples",
+         "motion_studio/server", "motion_studio/cli", "motion_studio/client.py", "blender")
 WORD_LISTS = ("motion_jax/text/lexicon.py", "motion_studio/language/lexicon.py")  # data, not prose
-UNFINISHED = ("docs/studio.md", "docs/benchmark", "docs/reference")
+UNFINISHED = ("docs/benchmark", "docs/reference")
 PAGES = [path for path in sorted({*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"),
                                   *(ROOT / "motion_jax" / "pretrained").glob("*/README.md")})
          if not str(path.relative_to(ROOT)).startswith(UNFINISHED)]
@@ -52,6 +57,29 @@ def test_plain_words(path):
 @pytest.mark.parametrize("path", PAGES, ids=lambda path: str(path.relative_to(ROOT)))
 def test_plain_words_in_pages(path):
   found = banned_words(prose_of(path.read_text(encoding="utf-8")))
+  assert not found, "\n".join(found)
+
+
+@pytest.mark.parametrize("path", [*ASSETS.glob("*.js"), *ASSETS.glob("*.html"), *ASSETS.glob("*.css")],
+                         ids=lambda path: path.name)
+def test_plain_words_in_the_studios_page(path):
+  found = banned_words(path.read_text(encoding="utf-8"))
+  assert not found, "\n".join(found)
+
+
+def _helps(parser):
+  """(program, help) of a parser and of its sub-commands."""
+  yield parser.prog, parser.format_help()
+  for action in parser._actions:
+    if isinstance(action, argparse._SubParsersAction):
+      for one in dict.fromkeys(action.choices.values()):
+        yield from _helps(one)
+
+
+def test_plain_words_in_help_texts():
+  helps = dict(_helps(cli._parser()))
+  assert len(helps) > 15
+  found = [f"{program}, {line}" for program, text in helps.items() for line in banned_words(text)]
   assert not found, "\n".join(found)
 
 

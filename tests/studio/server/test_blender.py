@@ -71,7 +71,7 @@ def test_it_streams_what_the_client_streams(addon, address):
   with Client(address).stream("a person walks", seed=3, speed=0) as live:
     plain = np.concatenate([next(iter(live)) for _ in range(3)])
   assert np.abs(np.array([frame for frame, _ in shown[:26]]) - plain[:26]).max() < 1e-6
-  assert addon._live["stream"].words == "a person jumps" and shown[0][1] is None
+  assert addon._live["stream"].prompt == "a person jumps" and shown[0][1] is None
   addon.bpy.context.scene.motion_jax.record = True
   while shown[-1][1] is None:
     addon.step()
@@ -106,8 +106,8 @@ def test_blender_stays_usable_while_a_motion_is_made_and_notes_are_shown(addon, 
   settings = types.SimpleNamespace(address="http://x/?token=y", prompt="a person kicks", seconds=2, seed=3)
   addon.Make().work(settings)  # returns at once, though nothing is made yet
   assert addon.bpy.timers == [addon.finish] and addon.finish() > 0 and not loaded
-  assert addon._making["lines"] == ["making: a person kicks"]
-  with pytest.raises(ValueError, match="a motion is being made"):
+  assert addon._making["lines"] == ["generating: a person kicks"]
+  with pytest.raises(ValueError, match="a motion is being generated"):
     addon.Make().work(settings)
   ready.set()
   finished(addon)
