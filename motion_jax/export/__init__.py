@@ -63,14 +63,14 @@ def save(clip, path, **options) -> list[pathlib.Path]:
   if write not in _ANY_FIGURE:
     clips = [_with_22_joints(clip) for clip in clips]
   if len(clips) == 1:
-    if isinstance(options.get("asked"), list):
-      options["asked"] = options["asked"][0]
+    if isinstance(options.get("control"), list):
+      options["control"] = options["control"][0]
     return [write(clips[0], path, **options)]
   if write in _TOGETHER:
     return [write(clips, path, **options)]
   digits = len(str(len(clips) - 1))
-  asked = options.pop("asked", None)  # one for each, or nothing
-  each = [options if asked is None else options | {"asked": asked[i]} for i in range(len(clips))]
+  signals = options.pop("control", None)  # one for each, or nothing
+  each = [options if signals is None else options | {"control": signals[i]} for i in range(len(clips))]
   return [write(one, path.with_stem(f"{path.stem}_{i:0{digits}d}"), **each[i]) for i, one in enumerate(clips)]
 
 

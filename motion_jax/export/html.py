@@ -23,24 +23,24 @@ _ASSETS = pathlib.Path(__file__).parent / "assets"
 VIEWER = _ASSETS / "viewer.js"
 
 
-def html(clip, path, title=None, colors=None, asked=None, way_points=()) -> pathlib.Path:
+def html(clip, path, title=None, colors=None, control=None, way_points=()) -> pathlib.Path:
   """Writes a page that plays one clip, or a list of clips side by side with a selector.
 
   colors: (3,) or (T, 3) values 0..1 that replace the body's colours, for instance in frames that were made anew; NaN
-  keeps them. asked: a `ControlSignal` (1, T) of what a motion was asked to do, or one for each; it is drawn, and the
+  keeps them. control: a `ControlSignal` (1, T) of constraints, or one for each; it is drawn, and the
   page says how far the motion is from it. way_points: [x, z] of the points that its path was drawn through.
   """
   path = pathlib.Path(path)
-  text = html_page(clip, title, colors, asked, way_points)
+  text = html_page(clip, title, colors, control, way_points)
   with atomic_path(path) as temporary:
     temporary.write_text(text, encoding="utf-8")
   return path
 
 
-def html_page(clip, title=None, colors=None, asked=None, way_points=()) -> str:
+def html_page(clip, title=None, colors=None, control=None, way_points=()) -> str:
   """The page that `html` writes."""
   clips = [clip] if isinstance(clip, Clip) else list(clip)
-  signals = asked if isinstance(asked, list | tuple) else [asked] * len(clips)
+  signals = control if isinstance(control, list | tuple) else [control] * len(clips)
   bodies, described = [], []
   for one, signal in zip(clips, signals):
     figure = make_figure(one)

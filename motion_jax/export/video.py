@@ -107,7 +107,7 @@ def frames(clip, size=SIZE, **options):
   of the moment by default, "" for none.
   colors: (3,), (T, 3) or (T, P, 3) values 0..1 that replace the colours of the P parts; a NaN keeps the part's own, so
   a mask becomes np.where(kept_mask[:, None], np.nan, (1, .6, .2)). path: draw the root's way on the ground.
-  asked: a `ControlSignal` (1, T) of what the motion was asked to do, drawn on the floor, as marks and as pale bodies.
+  control: a `ControlSignal` (1, T) of constraints, drawn on the floor, as marks and as pale bodies.
   """
   picture = _painter(clip, size, **options)
   workers = min(4, os.cpu_count() or 1)
@@ -129,7 +129,7 @@ def frame(clip, t=0, size=SIZE, **options) -> np.ndarray:
 
 
 def _painter(clip, size, camera="auto", azimuth=None, caption=None, colors=None, path=True, background=None,
-             asked=None):
+             control=None):
   """A function of t that draws frame t."""
   check_film(size, None, camera, background)
   background = None if background is None else color_of(background)
@@ -139,7 +139,7 @@ def _painter(clip, size, camera="auto", azimuth=None, caption=None, colors=None,
   ink = INK if background is None or background.mean() > 0.4 else _PALE_INK
   told = (lambda t: _caption(clip, t)) if caption is None else lambda t: caption
   way = figure.joints[:, 0] * [1, 0, 1] + [0, figure.floor, 0]
-  marks = marks_of(asked, figure.floor)
+  marks = marks_of(control, figure.floor)
   shown = [body for _, body in marks.bodies]
   still = all(np.array_equal(one.position, cameras[0].position) for one in cameras)
   backdrop = render.ground(cameras[0], size, figure.floor, background) if still else None
@@ -155,15 +155,15 @@ def _painter(clip, size, camera="auto", azimuth=None, caption=None, colors=None,
 
 
 def strip(clip, path, num=8, height=360, azimuth=None, caption=None, colors=None, spread=None,
-          asked=None) -> pathlib.Path:
+          control=None) -> pathlib.Path:
   """Writes one wide picture (.png, .jpg) of num moments of a clip, left to right with their times.
 
   A body that walks far enough is drawn where it was, seen from the side; otherwise the moments are set side by side
-  (spread=True forces this). Pass a list of clips for one row each. asked: a `ControlSignal` (1, T) of what a motion
-  was asked to do, or one for each, which is drawn; a motion that goes somewhere is then seen from above.
+  (spread=True forces this). Pass a list of clips for one row each. control: a `ControlSignal` (1, T) of constraints
+  to draw, or one for each; a motion that goes somewhere is then seen from above.
   """
   path, clips = pathlib.Path(path), [clip] if isinstance(clip, Clip) else clip
-  signals = asked if isinstance(asked, list | tuple) else [asked] * len(clips)
+  signals = control if isinstance(control, list | tuple) else [control] * len(clips)
   rows = [_strip(one, num, height, azimuth, caption, colors, spread, signal) for one, signal in zip(clips, signals)]
   width = max(needed for needed, _ in rows)
   rows = [draw(width) for _, draw in rows]
@@ -172,13 +172,13 @@ def strip(clip, path, num=8, height=360, azimuth=None, caption=None, colors=None
   return path
 
 
-def _strip(clip, num, height, azimuth, caption, colors, spread, asked=None):
+def _strip(clip, num, height, azimuth, caption, colors, spread, control=None):
   """(the width that a strip needs, a function of the width that draws it)."""
   figure = make_figure(clip)
   tints = _tints(figure, colors)
   at = np.unique(np.linspace(0, clip.num_frames - 1, num).round().astype(int))
   way = figure.joints[:, 0] * [1, 0, 1]
-  marks = marks_of(asked, figure.floor)
+  marks = marks_of(control, figure.floor)
   if not spread and marks.from_above(way):
     tall, text = round(1.6 * height), _caption(clip) if caption is None else caption
     trail = _thin(way) + [0, figure.floor, 0], _PATH, 0.022, 0.6
@@ -186,7 +186,7 @@ def _strip(clip, num, height, azimuth, caption, colors, spread, asked=None):
     bodies = [body_at(figure, t, tints[t]) for t in sorted(shown)]
     return 2 * tall, lambda width: _write_text(from_above(figure, bodies, marks, (width, tall), trail), text,
                                                f"{clip.seconds:.1f} s")
-  at = np.unique([*at, *marks.of(True)[:num], *marks.of(False)[:num]])  # what is asked for is seen when it is due
+  at = np.unique([*at, *marks.of(True)[:num], *marks.of(False)[:num]])  # constraints are visible at their time
   tall = _height(figure)
   reach = np.linalg.norm((figure.joints - figure.joints[:, :1])[at][..., [0, 2]], axis=-1).max()
   gap = max(0.42 * tall, 1.25 * reach)

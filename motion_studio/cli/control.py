@@ -92,7 +92,7 @@ def drawn_options(out, signals, constraints):
   from motion_jax.export import scene
   if signals is None or not out.lower().endswith(shared.PICTURES):
     return {}
-  return {"asked": signals} | ({"way_points": scene.way_points(constraints)} if out.lower().endswith(".html") else {})
+  return {"control": signals} | ({"way_points": scene.way_points(constraints)} if out.lower().endswith(".html") else {})
 
 
 def _path(text, kinds):

@@ -37,7 +37,7 @@ def _constraint_options(control, clip, trim, kind):
   signal = compile(control, clip.num_frames, clip.fps, clip.joints)
   if trim is not None:
     signal = signal.slice_frames(*trim[0])
-  return {"asked": signal} | ({"way_points": scene.way_points(control)} if kind == "html" else {})
+  return {"control": signal} | ({"way_points": scene.way_points(control)} if kind == "html" else {})
 
 
 def variant(clip: Any, trim: Any = None, still: bool = False, loop: bool = False) -> Any:

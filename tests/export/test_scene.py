@@ -29,11 +29,11 @@ def test_pictures_and_films_show_what_was_asked(tmp_path):
   asked = compile([RootPath([[0, 0], [0, 2.5]]), EffectorTarget("left_hand", [1], [[0.6, 1.5, 1]])], 41)
   seen = {}
   for name, signal in (("with", asked), ("without", None)):
-    export.save(clip, tmp_path / f"{name}.png", asked=signal, num=3, height=120)
+    export.save(clip, tmp_path / f"{name}.png", control=signal, num=3, height=120)
     seen[name] = np.asarray(Image.open(tmp_path / f"{name}.png").convert("RGB")).astype(int)
   assert GREEN(seen["with"]).sum() > 50 and RED(seen["with"]).sum() > 5
   assert not GREEN(seen["without"]).any() and not RED(seen["without"]).any()
-  film = export.frame(clip, 5, size=(160, 120), asked=asked).astype(int)
+  film = export.frame(clip, 5, size=(160, 120), control=asked).astype(int)
   assert GREEN(film).sum() > 20 and RED(film).sum() > 2
-  two = export.save([clip, clip], tmp_path / "two.png", asked=[asked, asked], num=3, height=120)
+  two = export.save([clip, clip], tmp_path / "two.png", control=[asked, asked], num=3, height=120)
   assert np.asarray(Image.open(two[0])).shape[0] == 2 * seen["with"].shape[0]
