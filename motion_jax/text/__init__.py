@@ -1,4 +1,4 @@
-"""Text encoders: captions to embeddings of words or sentences."""
+"""Text encoders: captions to embeddings of words or sentences; and the vocabulary of captions."""
 from typing import TYPE_CHECKING
 
 from motion_jax.utils import lazy
@@ -9,7 +9,9 @@ if TYPE_CHECKING:
   from motion_jax.text.encoder import TextEncoder, load_text_encoder, shipped_encoders
   from motion_jax.text.mpnet import MPNet
   from motion_jax.text.t5 import T5Encoder
+  from motion_jax.text.vocabulary import Vocabulary
 
-__all__ = ["Bert", "ClipText", "MPNet", "T5Encoder", "TextEncoder", "load_text_encoder", "shipped_encoders"]
+__all__ = ["Bert", "ClipText", "MPNet", "T5Encoder", "TextEncoder", "Vocabulary", "load_text_encoder",
+           "shipped_encoders"]
 
 __getattr__, __dir__ = lazy.attach(__name__)

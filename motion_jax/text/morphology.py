@@ -85,7 +85,7 @@ def present_participle(verb):
   """walk -> walking, wave -> waving, sit -> sitting, lie -> lying."""
   if verb.endswith("ie"):
     return verb[:-2] + "ying"
-  if verb.endswith("e") and not verb.endswith(("ee", "oe", "ye")):
+  if verb.endswith("e") and len(verb) > 2 and not verb.endswith(("ee", "oe", "ye")):
     return verb[:-1] + "ing"
   one_vowel = sum(letter in _VOWELS for letter in verb) == 1
   doubled = one_vowel and len(verb) > 2 and verb[-2] in _VOWELS and verb[-1] not in _VOWELS + "wxy"

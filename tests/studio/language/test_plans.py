@@ -358,3 +358,28 @@ def test_long_texts_take_no_time():
   for text in ("a person walks and waves, then " * 160, "and " * 1250, "walking " * 600, "a , " * 1200, "😀" * 5000):
     parse(text)
   assert time.process_time() - start < 5
+
+
+def test_a_plan_keeps_what_the_text_says_beside_what_a_model_has_learned():
+  text = "a person walks forward and turns left"
+  plan, whole = parse(text), parse(text, lambda text: True)
+  assert plan.summary == "walks forward | turns left" and whole.is_plain and whole.prompts == [text]
+  assert whole.actions == plan.actions and whole.requirements == plan.requirements
+  assert whole.fully_split() == plan.fully_split() == plan
+  assert whole.single.verb == "walk" and parse("a person walks, then waves").single is None
+  assert plan.with_segments(plan.segments[:1]).requirements == plan.requirements
+
+
+@pytest.mark.parametrize("text, subject, done, at_ease", [
+    ("a man bows.", "a man", True, True), ("bow twice", "a person", True, True),
+    ("she raises a hand", "she", True, False), ("a person walks", "a person", False, False)])
+def test_an_action_that_ends_by_itself(text, subject, done, at_ease):
+  action = parse(text).single
+  assert (action.subject, action.is_done_once, action.leaves_at_ease) == (subject, done, at_ease)
+
+
+def test_a_plan_is_immutable():
+  plan = parse("a person walks, then waves")
+  with pytest.raises(AttributeError):
+    plan.text = "a person runs"
+  assert plan == parse(plan.text) and hash(plan) == hash(parse(plan.text))
