@@ -90,7 +90,7 @@ RULES = (
         "a person jumps twice": "jumps 2 times",
         "a person waves twice and then claps three times": "waves 2 times | claps 3 times",
         "a person jumps a couple of times": "jumps 2 times"}),
-    Rule("Duration", "\"for five seconds\", \"for half a minute\": the segment is as long.", {
+    Rule("Duration", "\"for five seconds\", \"for half a minute\": the segment lasts this long.", {
         "a person walks for five seconds, then runs for 2.5 s": "walks [5] | runs [2.5]",
         "a person walks for half a minute": "walks [30]"}),
     Rule("Counted steps", "Each step takes 0.55 s (0.65 s backward), quick ones three quarters of that, slow ones 1.4 "

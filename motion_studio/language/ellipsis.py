@@ -147,7 +147,7 @@ CONTINUATIONS = (
     Rule("Change of pace", "The same walk or run quickly, slowly, or in another gait.", {
         "a person walks, speeds up, then slows down again": "walks | walks quickly | walks slowly",
         "a person runs, then slows down to a walk": "runs | walks"}, _change_of_pace),
-    Rule("Further steps", "Steps after steps, or after an action that a noun names.", {
+    Rule("Further steps", "Steps after counted steps, or after an action that a noun names.", {
         "a person takes three steps forward and two steps back":
             "walks forward [1.65] | walks backward [1.3] | stands still",
         "a person takes a bow and a step back": "bows | walks backward [0.8] | stands still"}, _further_steps),
@@ -172,9 +172,9 @@ VERBLESS = (
         "a man makes a left turn, followed by a right turn": "turns left | turns right",
         "she throws a left punch, then two right kicks":
             "punches with the left hand | kicks with the right foot 2 times"}, _taken_noun),
-    Rule("Steps", "The steps are taken.", {
+    Rule("Steps", "Steps after \"then\" are a walk of as many steps.", {
         "a man walks around, then a step back": "walks around | walks backward [0.8] | stands still"}, _steps),
-    Rule("Other limb", "The same action with another arm or leg, as often as the words give.", {
+    Rule("Other limb", "The same action with another arm or leg; the words may give a number of their own.", {
         "a person raises the left hand, then the right": "raises the left hand | raises the right hand",
         "a person kicks with the left leg, then with the other": "kicks with the left leg | kicks with the right leg",
         "he kicks with the left leg three times and then once with the right":

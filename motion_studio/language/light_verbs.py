@@ -137,7 +137,7 @@ RULES = (
     Rule("Diagonal walk", "Going ahead and to a side without turning is walking diagonally.", {
         "someone walks ahead and to the left without turning": "walks diagonally forward to the left",
         "she goes forward and to the right, facing ahead": "goes diagonally forward to the right"}, _walk_diagonally),
-    Rule("Starting posture", "Starting in a posture is taking it.", {
+    Rule("Starting posture", "The body takes the posture first.", {
         "someone starts in a seated position, then stands up and walks": "sits | stands up | walks",
         "a person starts from standing and sits down": "stands still | sits down"}, _start_in_a_posture),
     Rule("Coming to a stop", "The body stands still.", {
@@ -157,7 +157,7 @@ RULES = (
     Rule("Steps at a pace", "Taking slow or quick steps is walking at that pace.", {
         "the person takes slow steps ahead": "walks forward slowly",
         "a person takes quick steps backward": "walks backward quickly"}, _take_steps_at_a_pace),
-    Rule("Noun of an action", "The noun says the action, a number or article how often, a side which limb.", {
+    Rule("Noun of an action", "The noun names the action, a number or an article the repetitions, a side the limb.", {
         "someone takes two bows": "bows 2 times",
         "someone walks ahead and takes a seat": "walks ahead | sits down",
         "a person does three squats and then waves": "squats 3 times | waves",

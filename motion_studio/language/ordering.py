@@ -84,10 +84,11 @@ RULES = (
         "a person walks waving": "walks + waves",
         "a person, walking forward, waves": "walks forward + waves",
         "a person runs forward waving both hands": "runs forward + waves both hands"}),
-    Rule("Simultaneous by words", "\"at the same time\", \"simultaneously\", \"at once\", \"meanwhile\".", {
+    Rule("Simultaneous by words", "\"at the same time\", \"simultaneously\", \"at once\", \"meanwhile\" make actions "
+         "simultaneous.", {
         "a person kicks and punches at the same time": "kicks + punches",
         "a person walks, simultaneously waving": "walks + waves"}),
-    Rule("Main clause without a comma", "A subject after a subordinate clause begins the main clause.", {
+    Rule("Main clause without a comma", "After a subordinate clause in front, the main clause begins at its subject.", {
         "after sitting for a while the person gets up and walks away": "sits for a while | gets up | walks away",
         "while walking he waves": "walks + waves"}),
     Rule("One body", "What one body cannot do at once stays one action.", {

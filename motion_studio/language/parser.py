@@ -126,10 +126,10 @@ def _as_walked_turn(action):
 
 
 RULES = (
-    Rule("Raised hands", "\"with the right hand raised\": the hand is kept up meanwhile.", {
+    Rule("Raised hands", "\"with the right hand raised\": the hand stays up during the action.", {
         "a person walks with the right hand raised": "walks + raises the right hand",
         "a person walks with both arms up then sits": "walks + raises both hands | sits"}),
-    Rule("Taken turns", "A turn that is taken is walked, and not turned on the spot, unless the sentence has a run.", {
+    Rule("Taken turns", "Taking a turn is part of a walk, not a turn on the spot, unless the sentence has a run.", {
         "the person takes a right turn": "walks and makes a right turn",
         "a person takes a left turn, then right": "walks and makes a left turn | walks and makes a right turn",
         "a person jogs, takes a left turn, then keeps jogging": "jogs | turns left | jogs"}),

@@ -75,7 +75,7 @@ RULES = (
     Rule("Pause of a low body", "A body that sits, kneels or lies keeps its pose in a pause.", {
         "a man sits down and waits": "sits down | holds still",
         "a person sits down, rests for a while and stands up": "sits down | holds still [4] | stands up"}),
-    Rule("Duration of a pose", "A hand that is raised, or a body that sits, for some seconds keeps the pose so long.", {
+    Rule("Duration of a pose", "A duration of raising a hand, or of sitting, is that of the pose.", {
         "a person raises the left arm for three seconds": "raises the left arm | holds still [3]",
         "a person sits for five seconds, then walks": "sits | holds still [5] | walks"}),
     Rule("Arms above a low pose", "Arms and head act above the pose, which is kept until the legs act.", {
