@@ -17,7 +17,7 @@ from motion_jax.export.mesh import make_skins, rest_joints
 from motion_jax.export.rig import rigged
 from motion_jax.utils.atomic import atomic_path
 
-_FLOAT, _SHORT, _BYTE = 5126, 5123, 5121
+FLOAT, SHORT, BYTE = 5126, 5123, 5121
 
 
 def glb(clip, path, exact=False) -> pathlib.Path:
@@ -31,12 +31,12 @@ def glb(clip, path, exact=False) -> pathlib.Path:
   figure = make_figure(clip, pose)
   rest = rest_joints(pose.offsets, skeleton)
   skins = make_skins(figure.parts, rest, skeleton)
-  buffer = _Buffer()
+  buffer = Buffer()
   materials = [_material(skin.group, COLORS[skin.group]) for skin in skins]
   meshes = [_primitive(buffer, skin, number) for number, skin in enumerate(skins)]
   inverse = np.tile(np.eye(4), (skeleton.num_joints, 1, 1))
   inverse[:, :3, 3] = -rest
-  inverse = buffer.add(inverse.transpose(0, 2, 1).reshape(-1, 16), _FLOAT, "MAT4")  # glTF stores columns
+  inverse = buffer.add(inverse.transpose(0, 2, 1).reshape(-1, 16), FLOAT, "MAT4")  # glTF stores columns
   children = [[k for k, parent in enumerate(skeleton.parents) if parent == j] for j in range(skeleton.num_joints)]
   nodes = [{"name": name, "translation": (rest[0] if j == 0 else pose.offsets[j]).tolist()}
            | ({"children": children[j]} if children[j] else {}) for j, name in enumerate(skeleton.joints)]
@@ -61,7 +61,7 @@ def glb(clip, path, exact=False) -> pathlib.Path:
   return path
 
 
-class _Buffer:
+class Buffer:
   """Collects arrays into one binary chunk, and the views and accessors that describe it."""
 
   def __init__(self):
@@ -69,7 +69,7 @@ class _Buffer:
 
   def add(self, array, kind, shape, bounds=False, normalized=False, target=None) -> int:
     """Appends array (N, K) as accessor type `shape` of component type `kind`; returns the accessor's number."""
-    array = np.ascontiguousarray(array, {_FLOAT: "<f4", _SHORT: "<u2", _BYTE: "u1"}[kind])
+    array = np.ascontiguousarray(array, {FLOAT: "<f4", SHORT: "<u2", BYTE: "u1"}[kind])
     self.views.append({"buffer": 0, "byteOffset": len(self.data), "byteLength": array.nbytes}
                       | ({"target": target} if target else {}))
     accessor = {"bufferView": len(self.views) - 1, "componentType": kind, "count": len(array), "type": shape}
@@ -85,11 +85,11 @@ class _Buffer:
 def _primitive(buffer, skin, material):
   """A skin as a glTF primitive."""
   vertices, elements = 34962, 34963
-  return {"attributes": {"POSITION": buffer.add(skin.points, _FLOAT, "VEC3", bounds=True, target=vertices),
-                         "NORMAL": buffer.add(skin.normals, _FLOAT, "VEC3", target=vertices),
-                         "JOINTS_0": buffer.add(skin.joints, _BYTE, "VEC4", target=vertices),
-                         "WEIGHTS_0": buffer.add(skin.weights, _BYTE, "VEC4", normalized=True, target=vertices)},
-          "indices": buffer.add(skin.triangles.reshape(-1, 1), _SHORT, "SCALAR", target=elements),
+  return {"attributes": {"POSITION": buffer.add(skin.points, FLOAT, "VEC3", bounds=True, target=vertices),
+                         "NORMAL": buffer.add(skin.normals, FLOAT, "VEC3", target=vertices),
+                         "JOINTS_0": buffer.add(skin.joints, BYTE, "VEC4", target=vertices),
+                         "WEIGHTS_0": buffer.add(skin.weights, BYTE, "VEC4", normalized=True, target=vertices)},
+          "indices": buffer.add(skin.triangles.reshape(-1, 1), SHORT, "SCALAR", target=elements),
           "material": material}
 
 
@@ -100,11 +100,11 @@ def _material(name, color):
 
 
 def _animation(buffer, pose, fps, name):
-  times = buffer.add((np.arange(len(pose.root)) / fps)[:, None], _FLOAT, "SCALAR", bounds=True)
+  times = buffer.add((np.arange(len(pose.root)) / fps)[:, None], FLOAT, "SCALAR", bounds=True)
   samplers, channels = [], []
 
   def add(joint, path, values, shape):
-    samplers.append({"input": times, "output": buffer.add(values, _FLOAT, shape), "interpolation": "LINEAR"})
+    samplers.append({"input": times, "output": buffer.add(values, FLOAT, shape), "interpolation": "LINEAR"})
     channels.append({"sampler": len(samplers) - 1, "target": {"node": joint, "path": path}})
 
   add(0, "translation", pose.root, "VEC3")

@@ -30,13 +30,15 @@ let works = 0;
 // Sends a long request; calls report({doing, done, of, seconds}) about once a second.
 async function followed(send, report) {
   const work = `${Date.now()}-${(works += 1)}`;
+  let complete = false; // then a late answer about progress is ignored
   const timer = setInterval(async () => {
     const found = await ask(`/v1/progress?work=${work}`).then((reply) => reply.json()).catch(() => null);
-    if (found?.doing) report(found);
+    if (found?.doing && !complete) report(found);
   }, POLL);
   try {
     return await send({ "x-work": work });
   } finally {
+    complete = true;
     clearInterval(timer);
   }
 }

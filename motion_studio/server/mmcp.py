@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from motion_jax.control.constraints import Loop
+from motion_jax.export.glb import FLOAT, Buffer
 from motion_jax.motion.contacts import feet_stand
 from motion_jax.motion.looping import looped
 from motion_jax.motion.pose import t_pose, to_pose
@@ -210,7 +211,7 @@ def _number(given, name, low, high, usual, whole=False):
 
 
 def _at_rate(joints, fps, to_fps, count):
-  """Joints at another rate, count frames of them; the last one stands for what is behind the end."""
+  """Joints at another rate, padded with the last frame to count frames."""
   at = np.minimum(np.arange(count) * (fps / to_fps), len(joints) - 1)
   first = np.minimum(np.floor(at + 1e-9).astype(int), len(joints) - 1)
   weight = (at - first)[:, None, None]
@@ -218,38 +219,33 @@ def _at_rate(joints, fps, to_fps, count):
 
 
 def _document(samples, fps, model, skeleton):
-  ours, data, views, accessors, animations, about_samples = model.stats.layout.skeleton, bytearray(), [], [], [], []
-
-  def add(array, kind):
-    array = np.ascontiguousarray(array, "<f4")
-    views.append({"buffer": 0, "byteOffset": len(data), "byteLength": array.nbytes})
-    bounds = {"min": [float(array.min())], "max": [float(array.max())]} if kind == "SCALAR" else {}
-    accessors.append({"bufferView": len(views) - 1, "componentType": 5126, "count": len(array), "type": kind} | bounds)
-    data.extend(array.tobytes())
-    return len(accessors) - 1
-
-  times = add(np.arange(len(samples[0])) / fps, "SCALAR")
+  """A glTF document with an animation for each sample (T, J, 3)."""
+  ours, buffer = model.stats.layout.skeleton, Buffer()
+  times = buffer.add((np.arange(len(samples[0])) / fps)[:, None], FLOAT, "SCALAR", bounds=True)
+  feet = [ours.joints[i] for i in ours.left_feet + ours.right_feet]
+  animations, about_samples = [], []
   for number, joints in enumerate(samples):
     pose = to_pose(joints, ours, fps)
-    tracks = [("rotation", i, add(pose.rotations[:, i, [1, 2, 3, 0]], "VEC4")) for i in range(ours.num_joints)]
-    tracks.append(("translation", 0, add(pose.root * ours.unit, "VEC3")))
+    tracks = [("rotation", i, buffer.add(pose.rotations[:, i, [1, 2, 3, 0]], FLOAT, "VEC4"))
+              for i in range(ours.num_joints)]
+    tracks.append(("translation", 0, buffer.add(pose.root * ours.unit, FLOAT, "VEC3")))
     animations.append({
         "name": f"sample_{number}",
         "samplers": [{"input": times, "output": output, "interpolation": "LINEAR"} for _, _, output in tracks],
         "channels": [{"sampler": i, "target": {"node": node, "path": path}}
                      for i, (path, node, _) in enumerate(tracks)]})
     stands = feet_stand(joints, fps, ours, floor=0.0)
-    feet = [ours.joints[i] for i in ours.left_feet + ours.right_feet]
     about_samples.append({"name": f"sample_{number}", "num_frames": len(joints), "chunk_boundaries": [],
-                 "foot_contacts": {name: stands[:, i].tolist() for i, name in enumerate(feet)}})
+                          "foot_contacts": {name: stands[:, i].tolist() for i, name in enumerate(feet)}})
   nodes = [{"name": joint["name"], "translation": joint["rest_translation"], "rotation": joint["rest_rotation"]}
            for joint in skeleton["joints"]]
   for child, parent in enumerate(ours.parents):
     if parent >= 0:
       nodes[parent].setdefault("children", []).append(child)
-  uri = "data:application/octet-stream;base64," + base64.b64encode(data).decode()
+  uri = "data:application/octet-stream;base64," + base64.b64encode(buffer.data).decode()
   about = {"version": VERSION, "model": model.id, "fps": fps, "samples": about_samples}
   return {"asset": {"version": "2.0", "generator": "motion_jax"}, "scene": 0, "scenes": [{"nodes": [0]}],
           "nodes": nodes, "skins": [{"name": "skin", "joints": list(range(len(nodes)))}], "animations": animations,
-          "accessors": accessors, "bufferViews": views, "buffers": [{"byteLength": len(data), "uri": uri}],
+          "accessors": buffer.accessors, "bufferViews": buffer.views,
+          "buffers": [{"byteLength": len(buffer.data), "uri": uri}],
           "extensionsUsed": ["MMCP_motion"], "extensions": {"MMCP_motion": about}}

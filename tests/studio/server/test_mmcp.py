@@ -40,7 +40,8 @@ def test_a_reply_is_the_models_motion(client, library, request_body):
   assert all(sample["num_frames"] == 60 and len(sample["foot_contacts"]["left_foot"]) == 60
              for sample in about["samples"])
   found, skeleton = tracks(document, 1), model.stats.layout.skeleton
-  made = model.multi_prompt([("a person walks", 2), ("a person waves", 1)], seed=6, num_steps=4)
+  pipeline = library.pipeline("tiny", "multi_prompt")
+  made = pipeline.multi_prompt([("a person walks", 2), ("a person waves", 1)], seed=6, num_steps=4)
   assert np.abs(found["translation", 0] - made.joints[:, 0]).max() < 1e-5
   turns = np.stack([found["rotation", i][:, [3, 0, 1, 2]] for i in range(22)], 1).astype(float)
   offsets = np.array([joint["rest_translation"] for joint in request_body["skeleton"]["joints"]])

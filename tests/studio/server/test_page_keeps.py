@@ -45,7 +45,7 @@ def test_a_reload_loses_nothing(timeline, studio, monkeypatch):
   page.driver.refresh()
   page.wait("ready && window.__studio.blocks.length === 2")
   assert {name: page.get(name) for name in KEPT} == before and page.get("joints(0, 20)") == joints
-  assert not page.get("stale") and "your project is back" in page.get("notes")[0]
+  assert not page.get("stale") and "your project was restored" in page.get("notes")[0]
   page.control(webdriver.Keys.CONTROL, "z")
   assert page.get("undoDepth") == before["undoDepth"] - 1 and not page.get("project.edits")
   page.control(webdriver.Keys.CONTROL, webdriver.Keys.SHIFT, "z")
