@@ -50,7 +50,7 @@ def get_config(size="full"):
                                       warmup_steps=2_000, beta2=0.99, clip_norm=1.0)
   # best: the weights of the lowest reconstruction FID of held-out clips are kept, as the reference keeps them, where
   # frozen.evaluator names the evaluator (of 263 features), else those of the smallest joint error.
-  config.train = common.epochs(50, log_every=50, num_saves=50, best="min held_out_fid|held_out_mm", dtype="float32",
+  config.train = common.epochs(50, log_every=50, num_saves=50, best="min held_out_fid|held_out_mm",
                                sample_every=10_000)
   if size in ("small", "mini", "laptop"):
     config.model.update(latent_dim=32, width=192, teacher_dim=64)

@@ -87,8 +87,8 @@ def train(num_steps, log_every, save_every, **fields):
   num_steps is the length of a run, with a save every save_every steps. Where it is 0, the length is num_epochs times
   the training data, of which each item, a window or a captioned clip, comes once an epoch, with num_saves saves:
   training prints how many steps they are.
-  dtype, where a stage has it: what its network computes in, "float32" or "bfloat16"; parameters, norms, softmax and
-  losses are float32 all the same. keep_last: how many training states stay, besides the best one. A run that leaves out
+  dtype: what the stage's network computes in, "float32" or "bfloat16"; parameters, norms, softmax and losses stay
+  float32. keep_last: how many training states stay, besides the best one. A run that leaves out
   max_skips steps in a row goes back to its last good state and on with other batches, max_rollbacks times at most.
   After hang_minutes without a step it ends; 0 never. workers: processes of Grain that make batches; 0 for a thread.
   remat, where dtype is: whether a gradient computes what is inside of a network's blocks once more instead of keeping
@@ -98,9 +98,9 @@ def train(num_steps, log_every, save_every, **fields):
   start: a run, or a name that ships, whose parameters are the first ones; freeze: names of parts that stay as they are
   there, such as ("encoder",): then a tokenizer's latents mean what they meant, and its generators go on with it.
   """
-  return dict(start="", freeze=(), num_steps=num_steps, num_epochs=0, log_every=log_every, save_every=save_every,
-              num_saves=20, best="", keep_last=2, max_skips=20, max_rollbacks=3, hang_minutes=60.0, workers=0,
-              tensorboard=False, sample_every=0) | fields
+  return dict(start="", freeze=(), dtype="float32", num_steps=num_steps, num_epochs=0, log_every=log_every,
+              save_every=save_every, num_saves=20, best="", keep_last=2, max_skips=20, max_rollbacks=3,
+              hang_minutes=60.0, workers=0, tensorboard=False, sample_every=0) | fields
 
 
 def archives(config, **fields):

@@ -14,6 +14,7 @@ import jax
 import jax.numpy as jnp
 
 from motion_jax.nets.convs import uniform_fan_in
+from motion_jax.nets.layers import promote_to_f32
 from motion_jax.nets.masks import padding_mask
 from motion_jax.nets.post_norm import PostNormLayer, sinusoids
 
@@ -210,7 +211,7 @@ class ClipEvaluator(nn.Module):
 
   def scale(self):
     """The factor of cosines in training: the inverse temperature."""
-    return jnp.exp(self.logit_scale.astype(self.dtype))
+    return jnp.exp(self.logit_scale.astype(promote_to_f32(self.dtype)))
 
   def __call__(self, tokens, motion, num_frames):
     """-> text and motion, both (B, dim) and of unit length, in the given order."""

@@ -14,7 +14,7 @@ from motion_jax.evaluators.snapmogen_network import GaussianDecoder, SnapEvaluat
 from motion_jax.evaluators.words import CLASSES
 from motion_jax.models.tmr.losses import divergence, info_nce
 from motion_jax.nets.masks import padding_mask
-from motion_jax.training.stage import DEVICES, Stage
+from motion_jax.training.stage import DEVICES, Stage, mixed_precision
 
 _EPS = 1e-6  # Parity: PyTorch's pairwise distance adds it to each difference
 
@@ -51,7 +51,7 @@ def movement_stage(config) -> Stage:
 
   L1 of the reconstruction of the first `features` columns, plus small weights that keep tokens small and slow.
   """
-  encoder, decoder = movement_networks(config.model)
+  encoder, decoder = (mixed_precision(net, config) for net in movement_networks(config.model))
   used = slice(0, config.model.features)
 
   def errors(params, batch, rngs=None):
@@ -122,7 +122,7 @@ def matching_stage(config, axis_name=DEVICES) -> Stage:
   the wrong motions are first_shift .. B - 2 + first_shift rows further on. Parity: 0, as in the original, which one
   time in B - 1 pushes the right pairs apart.
   """
-  net = T2MEvaluator(**config.model)
+  net = mixed_precision(T2MEvaluator(**config.model), config)
   whole = _gather(axis_name)
 
   def loss(params, frozen, batch, step, rng):
@@ -171,7 +171,7 @@ def clip_stage(config, axis_name=DEVICES) -> Stage:
   Batch: features (B, T, columns), num_frames (B,), pieces (B, max_words), meaning (B,), index (B,). The tables of word
   pieces come with `init` from a text encoder (see `setup`) and stay as they are.
   """
-  net = ClipEvaluator(**config.model)
+  net = mixed_precision(ClipEvaluator(**config.model), config)
   whole = _gather(axis_name)
 
   def run(params, method, rng, *inputs):
@@ -222,7 +222,7 @@ def gaussian_stage(config, axis_name=DEVICES) -> Stage:
   SnapMoGen's weights of the losses are TMR's (docs/papers/cmdm.md#snapmogen). Parity: padded frames count in the
   reconstruction, as zeros that are met, which lowers the loss of short clips.
   """
-  net, decoder = gaussian_networks(config.model)
+  net, decoder = (mixed_precision(one, config) for one in gaussian_networks(config.model))
   whole = _gather(axis_name)
 
   def encode(params, batch, text_rng=None, motion_rng=None):

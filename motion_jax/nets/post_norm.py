@@ -7,6 +7,7 @@ import jax.numpy as jnp
 from jaxtyping import Bool, Float
 
 from motion_jax.nets.attention import dot_product_attention
+from motion_jax.nets.layers import promote_to_f32
 from motion_jax.shapes import Array
 
 ACTIVATIONS = {
@@ -51,6 +52,7 @@ class PostNormLayer(nn.Module):
 
 def sinusoids(length: int, width: int, dtype: Any = jnp.float32) -> Float[Array, "{length} {width}"]:
   """The fixed positions (length, width): even columns sine, odd columns cosine, base 10000."""
-  rate = 10_000.0 ** (-jnp.arange(0, width, 2, dtype=dtype) / width)
-  angle = jnp.arange(length, dtype=dtype)[:, None] * rate
-  return jnp.stack([jnp.sin(angle), jnp.cos(angle)], axis=-1).reshape(length, -1)[:, :width]
+  wide = promote_to_f32(dtype)
+  rate = 10_000.0 ** (-jnp.arange(0, width, 2, dtype=wide) / width)
+  angle = jnp.arange(length, dtype=wide)[:, None] * rate
+  return jnp.stack([jnp.sin(angle), jnp.cos(angle)], axis=-1).reshape(length, -1)[:, :width].astype(dtype)

@@ -1,6 +1,11 @@
 """What a trainable part of a paper offers to the training loop: pure functions, no classes."""
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from motion_jax.nets.layers import promote_to_f32
 
 DEVICES = "devices"  # the axis over which the loop maps a loss; what must agree on all devices is summed over it
 
@@ -25,3 +30,25 @@ class Stage(NamedTuple):
   init_extra: Callable | None = None
   in_parts: bool = False
   about_loss: str = ""
+
+
+def mixed_precision(net: Any, config: Any) -> Any:
+  """A network that computes in config.train.dtype and returns float32, for a stage's loss; float32: the network itself.
+
+  Parameters stay float32, and modules compute norms and softmax in float32 (style guide).
+  """
+  dtype = jnp.dtype(config.train.dtype)
+  return net if dtype == jnp.float32 else _Mixed(net.clone(dtype=dtype))
+
+
+class _Mixed:
+  """A module whose `apply` returns at least float32; everything else is the module's own."""
+
+  def __init__(self, net):
+    self._net = net
+
+  def apply(self, *args, **named):
+    return jax.tree.map(lambda a: a.astype(promote_to_f32(a.dtype)), self._net.apply(*args, **named))
+
+  def __getattr__(self, name):
+    return getattr(self._net, name)

@@ -9,12 +9,12 @@ from ml_collections import ConfigDict
 
 from motion_jax.nets.length_estimator import LengthEstimator
 from motion_jax.shapes import Array
-from motion_jax.training.stage import Stage
+from motion_jax.training.stage import Stage, mixed_precision
 
 
 def length_stage(config: ConfigDict) -> Stage:
   """Trains the estimator: batch["text_emb"] (B, 1, E) sentence vectors, num_frames (B,), index (B,)."""
-  net = LengthEstimator(**config.model)
+  net = mixed_precision(LengthEstimator(**config.model), config)
 
   def init(batch, rng):
     return net.init(rng, batch["text_emb"][:1, 0])

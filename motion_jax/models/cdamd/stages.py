@@ -16,7 +16,7 @@ from motion_jax.nets.masked_transformer import TRANSFORMERS
 from motion_jax.nets.masks import padding_mask
 from motion_jax.quant import rvq, vq
 from motion_jax.shapes import Array
-from motion_jax.training.stage import DEVICES, Stage
+from motion_jax.training.stage import DEVICES, Stage, mixed_precision
 
 
 def empty_codebooks(net: Autoencoder, quantizer: Any) -> dict[str, Any]:
@@ -74,7 +74,7 @@ def autoencoder_stage(config: ConfigDict) -> Stage:
   With config.loss.latent_noise its decoder is given latents that are a little off, as a generator's are, and learns to
   take a motion's path from all latents around, not from each by itself; then items of a batch meet in the loss.
   """
-  net, noise = Autoencoder(**config.model), config.loss.latent_noise
+  net, noise = mixed_precision(Autoencoder(**config.model), config), config.loss.latent_noise
   fields, add_errors = _terms(config)
 
   def init(batch, rng):
@@ -106,7 +106,7 @@ def rvq_stage(config: ConfigDict, axis_name: str | None = DEVICES) -> Stage:
   device outside of the training loop.
   """
   # Parity: padding takes part in the loss and in the codebooks, as in the released code; windows have none.
-  net, quantizer = Autoencoder(**config.model), config.quantizer
+  net, quantizer = mixed_precision(Autoencoder(**config.model), config), config.quantizer
   if quantizer.learn == "gradient":
     return _rvq_by_gradient(net, config, axis_name)
   fields, add_errors = _terms(config)

@@ -7,7 +7,7 @@ from motion_jax.models.tmr.losses import info_nce, tmr_terms
 from motion_jax.models.tmr.space import Space, embed_motion, embed_text, make_space
 from motion_jax.nets.masks import padding_mask
 from motion_jax.text.bert import Bert
-from motion_jax.training.stage import DEVICES, Stage
+from motion_jax.training.stage import DEVICES, Stage, mixed_precision
 
 NOISE = 2**30  # folded into a step's key for the noise: apart from those of dropout
 
@@ -20,7 +20,7 @@ def contrastive_stage(config: ConfigDict, axis_name: str | None = DEVICES) -> St
   from the named encoder (`setup`), and `params["text"]` has a learning rate of its own (optimizer.rates).
   """
   space = make_space(config)
-  teacher, bert = space.net, Bert(**config.text)
+  teacher, bert = mixed_precision(space.net, config), mixed_precision(Bert(**config.text), config)
   whole = (lambda a: a) if axis_name is None else (lambda a: jax.lax.all_gather(a, axis_name, tiled=True))
 
   def loss(params, frozen, batch, step, rng):
@@ -52,7 +52,7 @@ def tmr_stage(config: ConfigDict, space: Space, axis_name: str | None = DEVICES)
   space: the motion-language space of the same config (`make_space`). Noise depends on a pair's place in the batch, so
   that, apart from dropout, N devices learn the same as one.
   """
-  net = space.net
+  net = mixed_precision(space.net, config)
   whole = (lambda a: a) if axis_name is None else (lambda a: jax.lax.all_gather(a, axis_name, tiled=True))
   weights = {name: config.loss[name] for name in ("recons", "kl", "latent", "contrastive")}
 
