@@ -11,6 +11,7 @@ from motion_jax.control.files import constraints_of
 from motion_jax.data.clip import Clip
 from motion_jax.data.mirror import mirror_legs
 from motion_jax.loading import load
+from motion_jax.models import arguments
 from motion_jax.models.base import Frames, Prompts, cannot, each, keys_of
 from motion_jax.models.pasting import Spans, requested_frames
 from motion_jax.models.results import Motion, Motions, gathered
@@ -89,7 +90,18 @@ class Pipeline:
       warnings.warn(note, stacklevel=3)
 
   def _sampling(self, sampling):
-    """Choices of sampling, with the application's: sentences that name a leg are contrasted with the other leg."""
+    """Choices of sampling, with the application's: sentences that name a leg are contrasted with the other leg.
+
+    Raises TypeError for a choice that the model does not have.
+    """
+    known = [*self.model.options.described(), *self.model.more_choices]
+    for name in sampling:
+      if name not in known:
+        raise TypeError(f"{self.model.folder.name} has no argument {name!r}"
+                        f"{arguments.hint(name, known, '; it has ' + ', '.join(known))}")
+    return self._with_contrast(sampling)
+
+  def _with_contrast(self, sampling):
     if "negative_prompts" in self.model.more_choices:
       return {"negative_prompts": mirror_legs} | sampling
     return sampling
@@ -196,7 +208,7 @@ class Pipeline:
     if plan:
       segments = [(one, None if count is None else count / self.model.fps) for one, count in prompts_in_sequence(
           self.planner, self.planner.plan(prompt), num_frames)]
-    live = self.model.stream(segments, cleanup=cleanup, num_frames=num_frames, **self._sampling(options))
+    live = self.model.stream(segments, cleanup=cleanup, num_frames=num_frames, **self._with_contrast(options))
     return PlannedStream(live, self, plan, hold_until_done)
 
   def extend(self, clip: Clip | Array, prompt: str | Segments, num_frames: int | None = None, *,
@@ -210,7 +222,7 @@ class Pipeline:
     self.model.segments_of(prompt)  # raises
     self.warn([one for one, _ in prompt], plan)
     rows = [(one, count / self.model.fps) for one, count in segments_of(self.planner, prompt, plan)]
-    return self.model.extend(clip, rows, cleanup=cleanup, **self._sampling(options))
+    return self.model.extend(clip, rows, cleanup=cleanup, **self._with_contrast(options))
 
   def edit(self, clip: Clip | Array, prompt: str, task: str | None = None, **options: Any) -> Motion:
     """An existing motion with new frames or spans made as a prompt says, all others unchanged; see `edits`."""

@@ -6,7 +6,7 @@ from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.layering import acting, put_on
 from motion_jax.motion.skeleton import HUMANML3D, bone_lengths
-from motion_studio.planning.resting import held_frame, with_rest
+from motion_studio.planning.pauses import held_frame, insert_pause
 
 ARMS = {"right": [14, 17, 19, 21], "left": [13, 16, 18, 20]}
 
@@ -63,7 +63,7 @@ def test_the_hand_that_moves_is_the_one_that_acts(clips):
                                              (60, 3, True), (2, 1, False)])
 def test_a_body_that_rests_stands_still_and_goes_on_from_there(clips, at, count, ends):
   walk = clips[0] + np.linspace(0, 2, 60)[:, None, None] * [0, 0, 1.0]
-  made, first, past = with_rest(walk, at, count, HUMANML3D, ends)
+  made, first, past = insert_pause(walk, at, count, HUMANML3D, ends)
   assert made.shape == (60 + count, 22, 3) and 0 <= first < past <= 60 + count
   np.testing.assert_array_equal(made[first:past], np.repeat(made[first:first + 1], past - first, axis=0))
   legs = [j for chain in HUMANML3D.chains[:2] for j in chain[1:]]
@@ -82,7 +82,7 @@ def test_who_stands_first_stands_from_the_first_frame(clips):
   """Of a body that is quick at first and stands best a little later, what is before that is left away."""
   path = np.cumsum(np.where(np.arange(60) < 6, 0.05, 0.01))
   body = np.repeat(clips[0][:1], 60, axis=0) + path[:, None, None] * [0, 0, 1.0]
-  made, first, past = with_rest(body, 0, 30, HUMANML3D)
+  made, first, past = insert_pause(body, 0, 30, HUMANML3D)
   assert first == 0 and past > 20 and len(made) == 90
   np.testing.assert_array_equal(made[:past], np.repeat(made[:1], past, axis=0))
   assert made[-1, 0, 2] - made[0, 0, 2] == pytest.approx(path[-1] - path[6], abs=0.03)
@@ -101,6 +101,6 @@ def test_a_pose_is_held_where_it_is_most_itself(clips):
   assert held(body, "low") >= 28
   body[:, 7, 1] += 0.4 * np.exp(-((k - 33) / 5) ** 2)
   assert held(body, "leg") == 33
-  made, first, past = with_rest(body, 33, 40, HUMANML3D, exact=True)
+  made, first, past = insert_pause(body, 33, 40, HUMANML3D, exact=True)
   assert len(made) == 100 and past - first > 30
   np.testing.assert_allclose(made[first:past], np.repeat(body[33:34], past - first, axis=0), atol=1e-6)  # foot and all

@@ -1,4 +1,4 @@
-"""Control of a model: nothing asked is nothing changed, and each motion of a batch does what is asked of it alone."""
+"""Motions that meet constraints: no constraint changes nothing, and each motion of a batch meets its own alone."""
 import warnings
 
 import numpy as np
@@ -10,8 +10,10 @@ from motion_jax.control.constraints import EffectorTarget, InPlace, KeepParts, K
 from motion_jax.control.signal import none
 from motion_jax.motion.skeleton import HUMANML3D, bone_lengths
 from motion_jax.utils.errors import InputError
-from motion_studio import cli
-from motion_studio.controlled import usual_frames
+from motion_studio import Pipeline, cli
+from motion_studio.constraining import implied_frames
+from motion_studio.planning.planner import Planner
+from tests.studio.planning.test_sequencing import Recorded
 
 
 @pytest.fixture(scope="module")
@@ -19,95 +21,107 @@ def model(tiny_run):
   return load(tiny_run)
 
 
+@pytest.fixture(scope="module")
+def pipeline(model):
+  return Pipeline(model)
+
+
+class Refusing(Recorded):
+  """A model that must not sample."""
+
+  def sample(self, *_):
+    pytest.fail("a motion was sampled")
+
+
 pytestmark = pytest.mark.filterwarnings("ignore:the model does not know", "ignore:.*misses")
 ASKED = dict(prompts=["a person walks", "a person waves"], num_frames=36, seeds=[3, 4])
 
 
 @pytest.fixture(scope="module")
-def plain(model):
-  return model.generate(**ASKED)
+def plain(pipeline):
+  return pipeline(**ASKED)
 
 
 @pytest.mark.parametrize("control", [[], [None, []], none(2, 36)], ids=["no constraint", "none of either", "a signal"])
-def test_nothing_asked_is_the_same_motion_bit_for_bit(model, plain, control):
-  made = model.generate(**ASKED, control=control)
+def test_nothing_asked_is_the_same_motion_bit_for_bit(pipeline, plain, control):
+  made = pipeline(**ASKED, control=control)
   assert np.array_equal(made.joints, plain.joints) and np.array_equal(made.features, plain.features)
   assert made[0].meta == plain[0].meta
 
 
-def test_a_path_that_is_too_long_is_refused_before_anything_is_made(model, monkeypatch):
-  monkeypatch.setattr(type(model), "sample", lambda *_, **__: pytest.fail("a motion was sampled"))
+def test_a_path_that_is_too_long_is_refused_before_anything_is_sampled(model):
+  pipeline = Pipeline(Refusing(model))
   with pytest.raises(InputError, match="got 4,001 frames with constraints, expected at most 2,400"):
-    model.generate("a person walks", seeds=[0], control=[RootPath([[0, 0], [240, 0]])])
+    pipeline("a person walks", seeds=[0], control=[RootPath([[0, 0], [240, 0]])])
 
 
-def test_what_is_not_brought_to_anything_may_be_longer(model, monkeypatch):
-  monkeypatch.setattr("motion_jax.control.project.LONGEST", 30)
-  monkeypatch.setattr(type(model), "sample", lambda *_, **__: pytest.fail("a motion was sampled"))
-  for control, error in (([InPlace()], pytest.fail.Exception), ([RootPath([[0, 0], [0, 1]])], InputError)):
-    with pytest.raises(error, match="was sampled" if error is pytest.fail.Exception else "got 36 frames"):
-      model.generate("a person walks", 36, seeds=[0], control=control)
+def test_what_is_not_projected_may_be_longer(model):
+  pipeline, path = Pipeline(Refusing(model)), [RootPath([[0, 0], [0, 1]])]
+  for options, error in ((dict(control=[InPlace()]), pytest.fail.Exception), (dict(control=path), InputError),
+                         (dict(control=path, exact=False), pytest.fail.Exception)):
+    with pytest.raises(error, match="was sampled" if error is pytest.fail.Exception else "got 2,401 frames"):
+      pipeline("a person walks", 2401, seed=0, max_attempts=1, **options)
 
 
 @pytest.mark.slow
-def test_each_motion_of_a_batch_does_what_is_asked_of_it(model, plain):
+def test_each_motion_of_a_batch_meets_its_own_constraints(pipeline, plain):
   path = [RootPath([[1, 0], [1.5, 0.5], [2.5, 0.5]])]
-  made = model.generate(**ASKED, control=[path, None])
+  made = pipeline(**ASKED, control=[path, None])
   assert np.array_equal(made.joints[1], plain.joints[1])
   way = compile(path, 36).positions[0, :, 0]
   assert np.abs(made.joints[0, :, 0] - way)[:, [0, 2]].max() < 1e-3
-  alone = model.generate(ASKED["prompts"][0], 36, seeds=[3], control=path)
-  np.testing.assert_allclose(alone.joints[0], made.joints[0], atol=1e-5)
+  alone = pipeline(ASKED["prompts"][0], 36, seeds=[3], control=path)
+  np.testing.assert_allclose(alone.joints, made.joints[0], atol=1e-5)
   assert made[0].meta["control"] == ["root_path"] and made[0].features.shape == plain[0].features.shape
-  raw = model.generate(ASKED["prompts"][0], 36, seeds=[3], control=path, project=False)
-  assert np.abs(raw.joints[0, 0, 0, [0, 2]] - [1, 0]).max() < 0.05  # laid where its path begins, and no more
-  assert np.abs(raw.joints[0, :, 0] - way)[:, [0, 2]].max() > 1e-3
+  raw = pipeline(ASKED["prompts"][0], 36, seeds=[3], control=path, exact=False)
+  assert np.abs(raw.joints[0, 0, [0, 2]] - [1, 0]).max() < 0.05  # laid where its path begins, and no more
+  assert np.abs(raw.joints[:, 0] - way)[:, [0, 2]].max() > 1e-3
 
 
-def test_a_path_says_how_long_a_motion_is(model, plain):
+def test_constraints_imply_a_length(model, plain):
   for asked, frames in (([RootPath([[0, 0], [0, 1]], [0, 1.5])], 31), ([RootPath([[0, 0], [0, 1.2]])], 21),
                         ([RootPath([[0, 0], [0, 1]], speed=2.0)], 11), ([Loop()], None), (none(1, 44), 44),
                         ([KeepParts(plain[0].joints, ("legs",), 10.0)], 72)):
-    assert usual_frames(model, asked) == frames
+    assert implied_frames(Planner(model), asked) == frames
 
 
-def test_a_path_that_leaves_little_time_for_several_actions_is_told(model):
+def test_a_path_that_leaves_little_time_for_several_actions_gets_a_warning(pipeline):
   short = dict(seeds=[0], control=[RootPath([[0, 0], [0, 1.0]])])
   with pytest.warns(UserWarning, match="0.[89] s, which what is asked of the body takes, are shared by 2 actions that"):
-    model.generate("a person walks, then runs", **short)
+    pipeline("a person walks, then runs", **short)
   with warnings.catch_warnings():
     warnings.filterwarnings("error", message=".*are shared by")
-    model.generate("a person walks, then runs", seconds=0.9, **short)
-    model.generate("a person walks", **short)
+    pipeline("a person walks, then runs", seconds=0.9, **short)
+    pipeline("a person walks", **short)
 
 
-def test_parts_of_a_motion_stay_and_the_others_are_made(model, plain):
+def test_parts_of_a_motion_stay_and_the_others_are_made(pipeline, plain):
   given = plain[1].joints
-  kept = model.generate("a person walks", seeds=[3], control=[KeepParts(given, ("legs", "torso", "head"))])[0].joints
+  kept = pipeline("a person walks", seeds=[3], control=[KeepParts(given, ("legs", "torso", "head"))]).joints
   arms = [joint for chain in HUMANML3D.chains[3:] for joint in chain[1:]]
   others = [joint for joint in range(22) if joint not in arms]
   assert np.abs(kept[:, others] - given[:, others]).max() < 1e-5 and np.abs(kept[:, arms] - given[:, arms]).max() > 0.01
-  span = model.generate("a person walks", seeds=[3], control=[
-      KeepParts(given, ("legs", "torso", "head"), spans=[[0.5, 1.5]])])[0].joints
+  span = pipeline("a person walks", seeds=[3], control=[
+      KeepParts(given, ("legs", "torso", "head"), spans=[[0.5, 1.5]])]).joints
   assert np.abs(span[:10] - given[:10]).max() < 1e-5 and np.abs(span[15:25, arms] - given[15:25, arms]).max() > 0.005
-  legs = model.generate("a person walks", seeds=[3], control=[KeepParts(given, ("torso", "left_arm"))])[0].joints
+  legs = pipeline("a person walks", seeds=[3], control=[KeepParts(given, ("torso", "left_arm"))]).joints
   np.testing.assert_allclose(bone_lengths(legs, HUMANML3D), bone_lengths(given, HUMANML3D), atol=1e-4)
 
 
 @pytest.mark.slow
-def test_loops_and_motions_in_place(model):
-  made = model.generate("a person walks", 40, seeds=[3], control=[Loop(), InPlace()])[0]
+def test_loops_and_motions_in_place(pipeline):
+  made = pipeline("a person walks", 40, seeds=[3], control=[Loop(), InPlace()])
   assert made.num_frames == 40 and np.ptp(made.joints[:, 0, [0, 2]], axis=0).max() < 1e-5
   assert made.meta["control"] == ["loop", "in_place"]
 
 
-def test_what_cannot_be_asked(model):
+def test_what_cannot_be_constrained(pipeline):
   with pytest.raises(InputError, match="control for 3 motions and 2 prompts"):
-    model.generate(**ASKED, control=[[], [], []])
+    pipeline(**ASKED, control=[[], [], []])
   with pytest.raises(InputError, match="ends at 1.75 s"):
-    model.generate(**ASKED, control=[EffectorTarget("head", [5], [[0, 1, 0]])])
+    pipeline(**ASKED, control=[EffectorTarget("head", [5], [[0, 1, 0]])])
   with pytest.raises(InputError, match="signal of 1 motions for 2"):
-    model.generate(**ASKED, control=none(1, 36))
+    pipeline(**ASKED, control=none(1, 36))
 
 
 @pytest.mark.slow

@@ -6,6 +6,7 @@ import motion_jax
 from motion_jax.control import paths
 from motion_jax.control.signal import ControlSignal
 from motion_jax.metrics.physics import skating_ratio
+from motion_studio import Pipeline
 
 WORDS = ["a person walks", "a person walks forward"]
 
@@ -19,11 +20,12 @@ def _on(path):
 @pytest.mark.slow
 def test_a_path_is_followed_when_told_more_when_guided_and_exactly_in_the_end():
   model = motion_jax.load("cmdm-small")
+  pipeline = Pipeline(model)
   path = paths.corner(model.fps)
   off = lambda motions: np.linalg.norm([motion.joints[:, 0, ::2] - path for motion in motions], axis=-1)
-  make = lambda **options: model.generate(WORDS, len(path), seeds=[1, 2], cleanup=False, literal=True, **options)
-  plain, told = make(), make(control=_on(path), control_steps=0, project=False)
-  guided, exact = make(control=_on(path), project=False), make(control=_on(path))
+  make = lambda **options: pipeline(WORDS, len(path), seeds=[1, 2], cleanup=False, plan=False, **options)
+  plain, told = make(), make(control=_on(path), control_steps=0, exact=False)
+  guided, exact = make(control=_on(path), exact=False), make(control=_on(path))
   assert off(told).mean() < 0.75 * off(plain).mean()
   assert off(guided).mean() < 0.05 and off(exact).max() < 1e-3
   skates = lambda motions: np.mean([skating_ratio(motion.joints) for motion in motions])

@@ -6,7 +6,6 @@ import shutil
 import jax
 import numpy as np
 import pytest
-from ml_collections import ConfigDict
 
 from motion_jax import fit as training
 from motion_jax.data.datasets.synthetic import synthetic_clips, synthetic_joints
@@ -17,14 +16,18 @@ from motion_jax.motion.retarget import with_lengths
 from motion_jax.motion.skeleton import HUMANML3D, bone_lengths
 from motion_jax.training.metrics import read_metrics
 from motion_jax.utils.spans import spans_of
-from motion_studio import cli, editing
-from motion_studio.checks import requirements as looking
+from motion_studio import Pipeline, cli
 from tests.conftest import load_config
 
 
 @pytest.fixture(scope="module")
 def model(tiny_generator):
   return load(tiny_generator)
+
+
+@pytest.fixture(scope="module")
+def pipeline(model):
+  return Pipeline(model)
 
 
 @pytest.fixture(scope="module")
@@ -69,12 +72,12 @@ def on_another_body(clip):
 
 
 @pytest.mark.parametrize("which", TASKS, ids=str)
-def test_an_edit_keeps_frames_bones_and_place(model, clip, which):
+def test_an_edit_keeps_frames_bones_and_place(pipeline, clip, which):
   """New frames where and only where they were requested, on the bones of the source, in its place."""
   given, own = on_another_body(clip)
   count = given.num_frames
   which = {key: [(a, b or count) for a, b in value] if key != "task" else value for key, value in which.items()}
-  made = model.edit(given, "a person waves", seed=0, tries=1, **which)
+  made = pipeline.edit(given, "a person waves", seed=0, max_attempts=1, **which)
   new = np.zeros(count, bool)
   for first, past in made.meta["made"]:
     new[first:past] = True
@@ -94,8 +97,8 @@ def test_an_edit_keeps_frames_bones_and_place(model, clip, which):
   assert "a person waves" in words and (new.all() or clip.captions[0].text in words)
 
 
-def test_other_seeds_make_other_frames_and_keep_the_same(model, clip):
-  one, other = (model.edit(clip, "a person waves", "inpainting", seed=seed, tries=1) for seed in (0, 1))
+def test_other_seeds_make_other_frames_and_keep_the_same(pipeline, clip):
+  one, other = (pipeline.edit(clip, "a person waves", "inpainting", seed=seed, max_attempts=1) for seed in (0, 1))
   (first, past), = one.meta["made"]
   assert np.abs(one.joints - other.joints)[first:past].max() > 1e-4 and one.meta["mask"] == "bcm"
   np.testing.assert_array_equal(one.joints[:first], other.joints[:first])
@@ -103,38 +106,37 @@ def test_other_seeds_make_other_frames_and_keep_the_same(model, clip):
   assert colors.shape == (one.num_frames, 3) and len(np.unique(colors, axis=0)) == 2
 
 
-def test_cleanup_fixes_bones_and_feet_of_new_frames_alone(model, clip):
-  clean, raw, network = (model.edit(clip, "a person waves", "prefix", seed=0, tries=1, **how) for how in (
-      {}, dict(cleanup=False), dict(paste=False, cleanup=False)))
+def test_cleanup_fixes_bones_and_feet_of_new_frames_alone(model, pipeline, clip):
+  clean, raw = (pipeline.edit(clip, "a person waves", "prefix", seed=0, max_attempts=1, **how)
+                for how in ({}, dict(cleanup=False)))
+  network = model.edit(clip, "a person waves", "prefix", seed=0)
   spread = lambda motion: np.ptp(bone_lengths(motion.joints.astype(np.float64), HUMANML3D), axis=0).max()
   (first, _), = clean.meta["made"]
   np.testing.assert_array_equal(clean.joints[:first], raw.joints[:first])
   assert spread(clean) < 1e-4 < 1e-3 < spread(raw)
-  assert not network.meta["pasted"] and network.num_frames % 4 == 0  # whole latents, as decoded
+  assert network.num_frames % 4 == 0  # whole latents, as decoded
   assert np.abs(network.joints[:first] - clip.joints[:first]).max() > 1e-3
 
 
-def test_new_frames_that_do_not_show_the_words_are_resampled(model, clip, monkeypatch):
-  """Requirements are checked on the new frames alone; the best attempt is kept, and what it misses is reported."""
-  seen = []
-  scores = iter([2.0, 3.0, 1.0])
-  monkeypatch.setattr(looking, "violation_score", lambda joints, *_: seen.append(len(joints)) or next(scores, 1.0))
-  monkeypatch.setattr(editing, "_distortion", lambda *_: 0.0)
-  monkeypatch.setattr(editing, "_skating", lambda *_: 0.0)
-  with pytest.warns(UserWarning, match="3 attempts, no waving seen"):
-    made = model.edit(clip, "a person waves", change=[(20, 60)], seed=0, tries=3)
-  assert made.meta["tries"] == 3 and made.meta["unmet"] == ["no waving seen"] and set(seen) == {40}
+def test_new_frames_that_do_not_show_the_prompt_are_resampled(pipeline, clip):
+  """All attempts are recorded, and what the best one misses is reported."""
+  with pytest.warns(UserWarning, match="3 attempts, .*no waving seen"):
+    made = pipeline.edit(clip, "a person waves", change=[(20, 60)], seed=0, max_attempts=3)
+  attempts = made.meta["attempts"]
+  assert [one["number"] for one in attempts] == [1, 2, 3] and sum(one["kept"] for one in attempts) == 1
+  best = min(attempts, key=lambda one: one["violation_score"])
+  assert best["kept"] and "no waving seen" in made.meta["unmet"]
 
 
-def test_a_motion_longer_than_the_model_knows_is_edited_around_the_new_frames(model):
+def test_a_motion_longer_than_the_model_knows_is_edited_around_the_new_frames(pipeline):
   joints = np.concatenate([synthetic_joints("walk", 150, np.random.default_rng(i)) for i in (0, 0)])
   joints[150:] += joints[149, 0] * [1, 0, 1]
-  made = model.edit(joints, "a person waves", change=[(201, 223)], seed=0, tries=1)
+  made = pipeline.edit(joints, "a person waves", change=[(201, 223)], seed=0, max_attempts=1)
   assert made.num_frames == 300 and made.meta["made"] == [[201, 223]]
   kept = np.r_[0:201, 223:300]
   np.testing.assert_array_equal(made.joints[kept], joints[kept].astype(np.float32))
   with pytest.raises(ValueError, match="mark a shorter span"):
-    model.edit(joints, "a person waves", keep=[(0, 20)])
+    pipeline.edit(joints, "a person waves", keep=[(0, 20)])
 
 
 @pytest.mark.slow
@@ -144,9 +146,10 @@ def test_a_model_of_steps_edits_in_place(clip, tmp_path):
   config.sampler.update(num_iterations=3, num_steps=1, solver="euler")
   training.run(config, tmp_path)
   model = load(tmp_path)
+  pipeline = Pipeline(model)
   walk = next(clip for clip in synthetic_clips() if np.ptp(clip.joints[:, 0, 2]) > 1 and clip.num_frames <= 190)
   for task in ("suffix", "prefix", "inpainting"):
-    made = model.edit(walk, "a person waves", task, seed=0, tries=1)
+    made = pipeline.edit(walk, "a person waves", task, seed=0, max_attempts=1)
     new = np.zeros(walk.num_frames, bool)
     for first, past in made.meta["made"]:
       new[first:past] = True
@@ -159,16 +162,16 @@ def test_a_model_of_steps_edits_in_place(clip, tmp_path):
   assert model.generate("a person walks", 40, seeds=[1], cleanup=False)[0].joints[0, 0, [0, 2]].tolist() == [0, 0]
 
 
-def test_spans(model, clip):
+def test_spans(pipeline, clip):
   assert spans_of(["0:1.5s", "25%:0.5", "90:"], 100, 20.0) == [(0, 30), (25, 50), (90, 100)]
-  kept = model.edit(clip, "a person waves", keep=[(0, 30)], seed=0, tries=1)
-  changed = model.edit(clip, "a person waves", change=[(30, len(kept.joints))], seed=0, tries=1)
+  kept = pipeline.edit(clip, "a person waves", keep=[(0, 30)], seed=0, max_attempts=1)
+  changed = pipeline.edit(clip, "a person waves", change=[(30, len(kept.joints))], seed=0, max_attempts=1)
   np.testing.assert_array_equal(kept.joints, changed.joints)
   assert kept.meta["made"] == [[30, clip.num_frames]]  # also within a latent of four frames
   for arguments, words in ((dict(), "one of task, keep and change"), (dict(keep=[(0, 10_000)]), "span 0:10000"),
                            (dict(task="prefix", keep=[(0, 8)]), "one of task")):
     with pytest.raises(ValueError, match=words):
-      model.edit(clip, "a person waves", **arguments)
+      pipeline.edit(clip, "a person waves", **arguments)
   with pytest.raises(ValueError, match="expected A:B"):
     spans_of(["30"], 100, 20.0)
   with pytest.raises(ValueError, match="'soon'"):
@@ -221,48 +224,38 @@ def test_a_model_may_read_words_behind_the_sentence(tiny_generator, clip, tmp_pa
   assert np.isfinite(one).all() and np.abs(one - other).max() > 1e-5
   long = ", ".join(["someone walks forward and then turns left"] * 12)  # more than everyday captions are padded to
   assert loaded.encode_words([long])[0].shape == (1, 155, 32)
-  both = loaded.edits([clip, clip], [long, "a person runs"], "prefix", seeds=[1, 1], tries=1)
-  alone = loaded.edit(clip, long, "prefix", seed=1, tries=1)
+  pipeline = Pipeline(loaded)
+  both = pipeline.edits([clip, clip], [long, "a person runs"], "prefix", seeds=[1, 1], max_attempts=1)
+  alone = pipeline.edit(clip, long, "prefix", seed=1, max_attempts=1)
   assert np.abs(both[0].joints - alone.joints).max() < 1e-4 and np.abs(both[0].joints - both[1].joints).max() > 1e-5
 
 
-def test_clips_are_edited_together_as_they_are_alone(model):
+def test_clips_are_edited_together_as_they_are_alone(pipeline):
   clips = [clip for clip in synthetic_clips() if 60 <= clip.num_frames <= 190][:2]
-  both = model.edits(clips, ["a person waves", "a person runs"], "suffix", seeds=[1, 2], tries=1)
-  alone = model.edit(clips[1], "a person runs", "suffix", seed=2, tries=1)
+  both = pipeline.edits(clips, ["a person waves", "a person runs"], "suffix", seeds=[1, 2], max_attempts=1)
+  alone = pipeline.edit(clips[1], "a person runs", "suffix", seed=2, max_attempts=1)
   np.testing.assert_allclose(alone.joints, both[1].joints, atol=1e-4)
   assert both[1].meta["made"] == alone.meta["made"] and both[0].id == clips[0].id
   with pytest.raises(ValueError, match="1 prompts for 2 clips"):
-    model.edits(clips, ["a person waves"], "suffix")
+    pipeline.edits(clips, ["a person waves"], "suffix")
 
 
-def test_actions_in_a_row_go_on_from_each_other(model):
-  """Each behind the end of the one before, as an edit that keeps it: no leap, and the first is what it is alone."""
-  made = model.generate("a person runs, then waves while walking", num_frames=120, seeds=[5], cleanup=False)[0]
+def test_segments_continue_one_another(model, pipeline):
+  """Each is inpainted after the end of the one before: no leap, and the first is what it is alone."""
+  made = pipeline("a person runs, then waves while walking", num_frames=120, seed=5, cleanup=False, max_attempts=1)
   assert [c.text for c in made.captions] == ["a person runs", "a person walks and waves"] and made.num_frames == 120
   border = round(made.captions[0].end * 20)
-  alone = model.generate("a person runs", num_frames=border, seeds=[5], cleanup=False)[0]
+  alone = model.generate("a person runs", num_frames=border, seeds=[5])[0]
   np.testing.assert_allclose(made.joints[:border], alone.joints, atol=1e-5)
   steps = np.linalg.norm(np.diff(made.joints, axis=0), axis=-1).max(-1)
   assert steps[border - 1] <= np.delete(steps, border - 1).max()  # no leap beyond those of an untrained body
   assert made.features.shape == (120, 66) and np.ptp(made.joints[border:], axis=0).max() > 1e-3
 
 
-def test_who_walks_is_understood_to_walk_forward_where_captions_by_kinematics_were_learned(model, monkeypatch):
-  """Words of which nothing is to be parted are said as they are by any other model, and literally by all."""
-  plain = model.understand("a person walks").segments[0].action
-  assert plain.prompt == "a person walks" and not plain.reworded
-  config = ConfigDict(model.config)
-  with config.unlocked():
-    config.data = ConfigDict({**config.data, "kinematic_captions": True})
-  monkeypatch.setattr(model, "config", config)
-  sentence = model.understand("a person walks")
-  assert sentence.segments[0].action.prompt == "a person walks forward" and not sentence.is_plain
-  told = model.understand("a person walks, then waves").prompts
-  assert told == ["a person walks forward", "a person waves"]
-  assert model.understand("a man throws a punch").prompts == ["a man punches with the left hand"]
-  assert model.understand("a man kicks, then punches forward.").prompts == [
-      "a man kicks", "a man punches with the left hand"]
-  assert model.understand("a man punches forward.").segments[0].action.reworded
-  for said in ("a man throws a right punch", "a man punches twice"):
-    assert "left" not in str(model.understand(said).prompts)
+def test_a_length_estimator_gives_the_default_length(model):
+  """At most the training length; without an estimator it is six seconds."""
+  assert model.length is None and model.estimated_frames("a person walks") is None
+  assert model.default_frames("a person walks") == 120
+  shipped = load("cdamd-small")
+  if shipped.length is not None:
+    assert shipped.default_frames("a person waves") == shipped.estimated_frames("a person waves") <= 196

@@ -36,12 +36,12 @@ def test_the_shipped_model_says_what_it_never_learned():
   for prompt, word in (("a robot walks", "robot"), ("a person does a backflip", "backflip"),
                        ("a person climbs a table", "table")):
     assert pipeline.model.encoder.out_of_vocabulary(prompt) == []
-    note, = pipeline.notes([prompt])
+    note, = pipeline.notes([prompt], plan=False)
     instead = re.search("nearest of them is '(.*)'; it can do, for example, '", note)
     assert f"know {word!r} in" in note and instead[1] in said
-  assert pipeline.notes([
-      "a person walks", "someone is walking", "a WOMAN walked, then ran 3 times and sat down quickly!"]) == []
-  assert len(pipeline.notes([f"zz{letter} walks" for letter in "abcdefgh"])) == 6
+  assert not pipeline.notes([
+      "a person walks", "someone is walking", "a WOMAN walked, then ran 3 times and sat down quickly!"], plan=False)
+  assert len(pipeline.notes([f"zz{letter} walks" for letter in "abcdefgh"], plan=False)) == 6
 
 
 def test_without_captions_the_text_encoder_decides(tiny_run, tmp_path):

@@ -7,7 +7,7 @@ from motion_studio.checks.reports import note_of, report, unmet_requirements
 from motion_studio.language import parse
 from motion_studio.server.requests import notes_of
 from tests.analysis.test_describe import _jump, _kick, _walk, _wave
-from tests.studio.checks.test_requirements import _made, _Stub
+from tests.studio.checks.test_resampling import JUMPS, Sampler
 
 
 @pytest.mark.parametrize("text, joints, missing", [
@@ -35,28 +35,10 @@ def test_a_turn_that_is_too_short_is_said_in_degrees():
   assert found.startswith("a turn to the left by ") and found.endswith("degrees seen instead of 290 to 430")
 
 
-def test_attempts_that_all_failed_are_reported_and_no_others(monkeypatch):
-  prompts = ["a person walks", "a person jumps", "someone jumps and kicks"]
-  stub = _Stub(lambda prompt, key: prompt == "a person jumps")
-  with pytest.warns(UserWarning, match="3 attempts, no jump seen, no kick seen") as said:
-    _, made = _made(stub, monkeypatch, prompts, 3)
-  assert len(said) == 1 and prompts[2] in str(said[0].message)
-  assert "unmet" not in made[0].meta and "unmet" not in made[1].meta and "attempts" not in made[1].meta
-  assert made[2].meta["unmet"] == ["no jump seen", "no kick seen"] and made[2].meta["attempts"] == 3
-  assert made[2].id == "motion_2" and made[2].num_frames == 80
-  stub.reports_to_terminal = False
-  with pytest.MonkeyPatch.context() as patch:
-    patch.setattr("warnings.warn", lambda *_, **__: pytest.fail("a warning that nobody reads"))
-    _, quiet = _made(stub, monkeypatch, prompts[2:], 3)
-  assert quiet[0].meta["unmet"] == made[2].meta["unmet"]
-
-
-def test_a_page_gets_the_same_sentence_once_for_each_take_that_missed(monkeypatch):
-  stub = _Stub(lambda prompt, key: False)
-  stub.reports_to_terminal = False
-  _, made = _made(stub, monkeypatch, ["a person jumps"] * 2, 2)
+def test_a_page_gets_the_same_sentence_once_for_each_take_that_missed():
+  made = Sampler().best([JUMPS] * 2, 2)
   said = "2 attempts, no jump seen (prompt: 'a person jumps'); another seed may show it"
-  assert notes_of(made[:1]) == [said] == [note_of(2, ["no jump seen"], "a person jumps")]
+  assert notes_of(made[:1]) == [said] == [note_of(2, ["no jump seen"], JUMPS)]
   assert notes_of(made) == [f"take 1: {said}", f"take 2: {said}"]
 
 

@@ -1,25 +1,14 @@
 """What a sentence asks for is looked for in the motion; one that does not show it is made anew, the best is kept."""
-from types import SimpleNamespace
-
-import jax
 import numpy as np
 import pytest
 
 from motion_jax.analysis.events import find_events
 from motion_jax.data.datasets.synthetic import synthetic_joints
-from motion_jax.models.base import TextToMotionModel
-from motion_jax.models.cdamd.model import CdamdModel
-from motion_jax.models.results import Motion, gathered
-from motion_jax.motion.skeleton import HUMANML3D
-from motion_studio.checks import requirements as looking
 from motion_studio.checks.requirements import excess_speed
 from motion_studio.checks.requirements import violation_score as score
 from motion_studio.language import parse
 from motion_studio.language.path_shapes import with_a_side
 from motion_studio.language.requirements import Requirement, is_counted, once
-from motion_studio.planning import sequencing as composed
-
-pytestmark = pytest.mark.filterwarnings("ignore:. attempts, ")
 
 
 @pytest.mark.parametrize("text, found", [
@@ -177,16 +166,6 @@ def test_a_circle_has_time_to_be_gone_round():
     assert parse(text).min_duration == 0
 
 
-def test_both_methods_give_a_circle_its_time(monkeypatch):
-  monkeypatch.setattr("motion_jax.models.cdamd.length.middle_frames", lambda *_: np.array([60]))
-  stub = SimpleNamespace(fps=20.0, nearest_captions=lambda *_: [("", 60)], frozen={"length": None}, frames_per_latent=4,
-                         length=SimpleNamespace(apply=lambda *_: None), encoder=lambda _: [np.zeros((1, 1, 2))],
-                         config=SimpleNamespace(data=SimpleNamespace(max_frames=150)))
-  for method, longest in ((TextToMotionModel, 160), (CdamdModel, 150)):
-    assert method.natural_frames(stub, "a person walks") == 60
-    assert method.natural_frames(stub, "a person walks in a circle") == longest
-
-
 def test_nobody_runs_faster_than_people_do():
   asked, frames = [Requirement("run", "", 1, False)], np.arange(80)
   at = lambda speed: _joints("walk") + (speed * frames / 20.0)[:, None, None] * np.array([0, 0, 1.0]) - (
@@ -195,114 +174,3 @@ def test_nobody_runs_faster_than_people_do():
   assert excess(at(4.4), asked) == score(at(4.4), asked) == 0
   assert 0.04 < excess(at(5.0), asked) < excess(at(5.6), asked) == score(at(5.6), asked) < 0.3
   assert excess(at(5.6), [Requirement("jump", "", 1, False)]) == 0 == excess(at(5.6)[:1], asked)
-
-
-class _Stub:
-  """Makes a jump where its key says so, else a walk."""
-  fps = 20.0
-
-  def __init__(self, jumps):
-    self.jumps, self.made, self.fps, self.reports_to_terminal = jumps, [], 20.0, True
-    self.sampling = lambda **choices: SimpleNamespace(guidance_scale=choices.get("guidance_scale", 2.0))
-    self.stats = type("Stats", (), {"layout": type("Layout", (), {"skeleton": HUMANML3D})})
-
-  def motion(self, prompt, key):
-    self.made.append((prompt, key.tolist()))
-    joints = _joints("jump" if self.jumps(prompt, key) else "walk").astype(np.float32)
-    return Motion(joints, 20.0, features=joints.reshape(len(joints), -1))
-
-
-def _made(stub, monkeypatch, prompts, tries, literal=False):
-  keys = jax.random.split(jax.random.key_data(jax.random.key(0)), len(prompts))
-  monkeypatch.setattr(composed, "_generated", lambda model, prompts, num_frames, seconds, keys, *rest, **how: gathered(
-      [model.motion(prompt, key) for prompt, key in zip(prompts, keys)]))
-  return keys, composed.generate(stub, prompts, None, None, keys, [None] * len(prompts), True, literal, {}, tries)
-
-
-def test_only_what_does_not_show_it_is_made_anew_and_with_a_key_of_its_own(monkeypatch):
-  count = {}
-
-  def third_time(prompt, key):
-    count[prompt] = count.get(prompt, 0) + 1
-    return count[prompt] == 3 and "jumps" in prompt
-
-  stub = _Stub(third_time)
-  prompts = ["a person walks", "a person jumps", "someone jumps"]
-  keys, made = _made(stub, monkeypatch, prompts, 4)
-  assert [prompt for prompt, _ in stub.made] == prompts + prompts[1:] * 2
-  assert len({tuple(key) for _, key in stub.made}) == len(stub.made)
-  assert [motion.meta.get("tries") for motion in made] == [None, 3, 3]
-  assert [motion.id for motion in made] == ["motion_0", "motion_1", "motion_2"]
-  # Alone it is the same motion, from the same keys.
-  count.clear()
-  alone = _Stub(third_time)
-  monkeypatch.setattr(jax.random, "split", lambda key, number: keys[1:2])
-  _made(alone, monkeypatch, prompts[1:2], 4)
-  assert [key for _, key in alone.made] == [key for prompt, key in stub.made if prompt == prompts[1]]
-
-
-def test_of_equals_the_first_is_kept_and_words_that_are_said_as_they_are_are_not_looked_for(monkeypatch):
-  for tries, literal, times in ((3, False, 3), (1, False, 1), (4, True, 1)):
-    stub = _Stub(lambda prompt, key: False)
-    _, made = _made(stub, monkeypatch, ["a person jumps"], tries, literal)
-    assert len(stub.made) == times and "tries" not in made[0].meta
-
-
-def test_only_a_circle_whose_side_is_not_said_has_one_in_what_is_made_anew(monkeypatch):
-  either, clockwise = "he walks in a circle", "he walks in a clockwise circle"
-  for prompt, anew in ((either, [f"{either} to the left", f"{either} to the right"]), (clockwise, [clockwise] * 2)):
-    stub = _Stub(lambda prompt, key: False)
-    _made(stub, monkeypatch, [prompt], 3)
-    assert [said for said, _ in stub.made] == [prompt, *anew]
-
-
-def test_the_best_of_all_tries_is_kept(monkeypatch):
-  asked = iter([3, 1, 2, 1])
-  monkeypatch.setattr(looking, "violation_score", lambda *_: next(asked))
-  _, made = _made(_Stub(lambda prompt, key: False), monkeypatch, ["a person jumps"], 4)
-  assert made[0].meta["tries"] == 2
-
-
-def test_words_weigh_twice_as_much_in_what_is_made_anew(monkeypatch):
-  """But where somebody says how much they weigh, and in a student, that has no guidance of its own."""
-  asked = []
-  made = gathered([_Stub(lambda prompt, key: False).motion("a person jumps", np.zeros(2))])
-  monkeypatch.setattr(composed, "_generated", lambda *given, apart=False: asked.append(given[-1]) or made)
-  stub, keys = _Stub(lambda prompt, key: False), jax.random.split(jax.random.key_data(jax.random.key(0)), 1)
-  make = lambda how: composed.generate(stub, ["a person jumps"], None, None, keys, [None], True, False, how, 3)
-  make({"num_steps": 3})
-  assert asked == [{"num_steps": 3}] + [{"num_steps": 3, "guidance_scale": 4.0}] * 2
-  asked.clear()
-  make({"guidance_scale": 1.5})
-  assert asked == [{"guidance_scale": 1.5}] * 3
-  asked.clear()
-  stub.sampling = lambda **choices: SimpleNamespace(guidance_scale=1.0)
-  make({})
-  assert asked == [{}] * 3
-
-
-def test_words_weigh_half_as_much_where_they_were_overdone(monkeypatch):
-  """Only of what misses nothing else, and never less than the model's own motion with words."""
-  asked, keys = [], jax.random.split(jax.random.key_data(jax.random.key(0)), 2)
-  runs = _joints("walk") + np.linspace(0, 40, 80)[:, None, None] * np.array([0, 0, 1.0])  # ten metres a second
-  stub = _Stub(lambda prompt, key: False)
-  made = gathered([Motion(runs.astype(np.float32), 20.0, features=runs.reshape(80, -1).astype(np.float32))] * 2)
-  monkeypatch.setattr(composed, "_generated", lambda model, prompts, *given, apart=False: asked.append(
-      (prompts, given[-1].get("guidance_scale"))) or made)
-  prompts = ["a person runs", "a person runs and kicks"]
-  make = lambda: composed.generate(stub, prompts, None, None, keys, [None] * 2, True, False, {}, 2)
-  make()
-  assert asked == [(prompts, None), (prompts[1:], 4.0), (prompts[:1], 1.0)]
-  asked.clear()
-  stub.sampling = lambda **choices: SimpleNamespace(guidance_scale=1.5)
-  make()
-  assert asked[1:] == [(prompts[1:], 3.0), (prompts[:1], 1.0)]
-
-
-def test_from_the_third_try_on_actions_are_made_apart(monkeypatch):
-  asked = []
-  made = gathered([_Stub(lambda prompt, key: False).motion("a person jumps", np.zeros(2))])
-  monkeypatch.setattr(composed, "_generated", lambda *_, apart=False: asked.append(apart) or made)
-  stub, keys = _Stub(lambda prompt, key: False), jax.random.split(jax.random.key_data(jax.random.key(0)), 1)
-  composed.generate(stub, ["a person jumps"], None, None, keys, [None], True, False, {}, 4)
-  assert asked == [False, False, True, True]

@@ -6,17 +6,14 @@ import pytest
 
 from motion_jax.data.clip import Caption
 from motion_jax.models.results import Motion
-from motion_jax.motion.skeleton import HUMANML3D
-from motion_studio.checks.requirements import requirements_of, violation_score
+from motion_jax.motion.representations import get_layout
+from motion_studio.checks.requirements import violation_score
+from motion_studio.language import parse
 from motion_studio.planning import finishing_touches
 from tests.studio.checks.test_requirements import _joints, _seated
 
-MODEL = SimpleNamespace(stats=SimpleNamespace(layout=SimpleNamespace(skeleton=HUMANML3D)))
-
-
-@pytest.fixture(autouse=True)
-def features(monkeypatch):
-  monkeypatch.setattr(finishing_touches, "features_of", lambda model, joints: joints.reshape(len(joints), -1))
+MODEL = SimpleNamespace(stats=SimpleNamespace(layout=get_layout("full")),
+                        config=SimpleNamespace(data=SimpleNamespace(mode="benchmark")))
 
 
 def _motion(joints, *captions):
@@ -24,7 +21,7 @@ def _motion(joints, *captions):
 
 
 def _finished(motion, prompt):
-  return finishing_touches.finished(MODEL, motion, requirements_of(prompt))
+  return finishing_touches.corrected(MODEL, motion, parse(prompt).requirements)
 
 
 def _sits_and_rises():
@@ -37,12 +34,12 @@ def _sits_and_rises():
 
 def test_a_body_that_sits_down_last_and_gets_up_again_stays_seated():
   prompt, motion = "a person sits down", _motion(_sits_and_rises())
-  required = requirements_of(prompt)
+  required = parse(prompt).requirements
   assert violation_score(motion.joints, required) > 0
   made = _finished(motion, prompt)
   assert violation_score(made.joints, required) == 0 and made.num_frames == 80
   np.testing.assert_allclose(made.joints[:12], motion.joints[:12], atol=1e-6)
-  assert np.abs(np.diff(made.joints[60:], axis=0)).max() < 1e-6 and made.features.shape == (80, 66)
+  assert np.abs(np.diff(made.joints[60:], axis=0)).max() < 1e-6 and made.features.shape == (80, 263)
   assert np.linalg.norm(np.diff(made.joints, axis=0), axis=-1).max() < 0.15  # it comes to rest, and does not jump
 
 
@@ -57,7 +54,7 @@ def test_only_the_last_action_is_held():
   made = _finished(_motion(joints, Caption("a person walks", 0, 2), Caption("a person sits down", 2, 6)),
                    "a person walks, then sits down")
   np.testing.assert_allclose(made.joints[:52], joints[:52], atol=1e-5)
-  assert violation_score(made.joints, requirements_of("a person sits down")) == 0
+  assert violation_score(made.joints, parse("a person sits down").requirements) == 0
 
 
 def test_feet_that_are_never_on_the_floor_come_down_to_it():
@@ -76,7 +73,7 @@ def test_feet_that_are_never_on_the_floor_come_down_to_it():
     ("a person descends the stairs", "descend"), ("a person walks up and down the stairs", None),
     ("someone climbs over a wall", None), ("a person steps up", None), ("a person walks forward", None)])
 def test_stairs_lead_up_or_down(prompt, kind):
-  required = [one for one in requirements_of(prompt) if one.kind in ("ascend", "descend")]
+  required = [one for one in parse(prompt).requirements if one.kind in ("ascend", "descend")]
   assert [one.kind for one in required] == [kind] * (kind is not None)
   flat, rise = _joints("walk"), np.linspace(0, 0.9, 80)[:, None, None] * np.array([0, 1, 0])
   if kind:

@@ -4,10 +4,11 @@ import pytest
 
 from motion_jax import load
 from motion_jax.control.constraints import InPlace, RootPath
-from motion_studio.controlled import usual_frames
-from motion_studio.language.sentences import understand
+from motion_studio import Pipeline, constraining
+from motion_studio.language import parse
 from motion_studio.planning import path_ends
 from motion_studio.server.requests import notes_of
+from tests.studio.planning.test_sequencing import Lengths
 
 PATH = RootPath([[0, 0], [0, 1.5], [0, 3.0]])  # 2.5 s at walking pace
 
@@ -23,16 +24,18 @@ def model(tiny_run):
     ("a person walks, then waves, then walks", 3), ("a person sits down, then waves", 2),
     ("she walks while waving, then kneels", 1), ("a person jumps, then runs", 2)])
 def test_which_actions_go_along_a_path(prompt, going):
-  assert path_ends.going_segments(understand(prompt)) == going
+  assert path_ends.moving_segments(parse(prompt)) == going
 
 
 @pytest.mark.filterwarnings("ignore:the model does not know", "ignore:. attempts", "ignore:.*has (not )?learned",
                             "ignore:.*misses", "ignore:.*cannot")
-def test_who_sits_down_behind_a_walk_does_so_at_the_end_of_the_path(model, monkeypatch):
-  monkeypatch.setattr(model, "natural_frames", lambda prompt: 60)
-  prompt = "a person walks, then sits down"
-  assert usual_frames(model, [PATH], model.understand(prompt)) == 51 + 60 == usual_frames(model, [PATH]) + 60
-  made = model.generate(prompt, seeds=[0], control=PATH, tries=1, num_steps=4, lag=2)[0]
+def test_sitting_down_after_a_walk_is_done_at_the_end_of_the_path(model):
+  pipeline = Pipeline(model)
+  pipeline.planner = planner = Lengths(model, lambda prompt: 60)
+  plan = planner.plan("a person walks, then sits down")
+  frames = lambda *plan: constraining.implied_frames(planner, [PATH], *plan)
+  assert frames(plan) == 51 + 60 == frames() + 60
+  made = pipeline(plan, seed=0, control=PATH, max_attempts=1, num_steps=4, lag=2)
   border = round(made.captions[0].end * model.fps)
   there = np.linalg.norm(made.joints[:, 0, [0, 2]] - [0, 3.0], axis=-1)
   arrives = int(np.argmin(there))
@@ -46,7 +49,7 @@ def test_who_sits_down_behind_a_walk_does_so_at_the_end_of_the_path(model, monke
     ("a person sits down", [RootPath([[0, 0], [0, 0.2]])], False), ("a person sits down", [InPlace()], False),
     ("a person sits down", [RootPath([[0, 0], [0, 2]], [0, 3])], False)])
 def test_what_is_done_on_the_way_is_said(prompt, control, said):
-  note = path_ends.note_of(prompt, understand(prompt), control)
+  note = path_ends.note_of(parse(prompt), control)
   assert bool(note) == said and (not said or "is done on the way" in note)
 
 
@@ -54,5 +57,5 @@ def test_what_is_done_on_the_way_is_said(prompt, control, said):
                             "ignore:.*misses", "ignore:.*cannot")
 def test_the_note_reaches_the_terminal_and_the_page(model):
   with pytest.warns(UserWarning, match="so 'sits down' is done on the way"):
-    made = model.generate("a person sits down", seeds=[0], control=PATH, tries=1, num_steps=4, lag=2)
-  assert any("'sits down' is done on the way" in note for note in notes_of(made))
+    made = Pipeline(model)("a person sits down", seed=0, control=PATH, max_attempts=1, num_steps=4, lag=2)
+  assert any("'sits down' is done on the way" in note for note in notes_of([made]))

@@ -1,7 +1,14 @@
 """Prompts in the words of kinematic captions: a direction for a walk, a hand for a punch."""
 import pytest
+from ml_collections import ConfigDict
 
-from motion_studio.planning.phrasing import going_forward, with_one_hand
+from motion_studio.language import parse
+from motion_studio.planning.phrasing import (
+  going_forward,
+  in_words_of_captions,
+  wants_words_of_captions,
+  with_one_hand,
+)
 
 
 @pytest.mark.parametrize("said, meant", [
@@ -31,3 +38,25 @@ def test_other_blows_stay_as_they_are(said):
     "someone stands still, then walks", "a person walks in a circle", "a person turns and walks"])
 def test_other_sentences_stay_as_they_are(said):
   assert going_forward(said) == said
+
+
+@pytest.mark.parametrize("prompt, prompts", [
+    ("a person walks", ["a person walks forward"]),
+    ("a person walks, then waves", ["a person walks forward", "a person waves"]),
+    ("a man throws a punch", ["a man punches with the left hand"]),
+    ("a man kicks, then punches forward.", ["a man kicks", "a man punches with the left hand"])])
+def test_walks_go_forward_and_punches_have_a_hand(prompt, prompts):
+  plan = in_words_of_captions(parse(prompt))
+  assert plan.prompts == prompts and not plan.is_plain and plan.requirements == parse(prompt).requirements
+
+
+@pytest.mark.parametrize("prompt", ["a man throws a right punch", "a man punches twice", "a person waves"])
+def test_other_words_stay(prompt):
+  assert in_words_of_captions(parse(prompt)).segments == parse(prompt).segments
+
+
+def test_which_models_get_them():
+  config = lambda stage, **data: ConfigDict(dict(stage=stage, data=data))
+  assert wants_words_of_captions(config("cdamd.generator", kinematic_captions=True))
+  assert not wants_words_of_captions(config("cdamd.generator"))
+  assert not wants_words_of_captions(config("cmdm.denoiser", kinematic_captions=True))

@@ -192,7 +192,7 @@ def test_a_scene_in_blender(address, library, tmp_path):
   told = [line for line in done.stdout.splitlines() if line.startswith("STICKS")][0].split()[1:]
   knee, head, last = np.array(told[:3], float), np.array(told[3:6], float), float(told[6])
   model = library.model("tiny", "stream")
-  live = model.stream("a person walks", seed=3, lag=max(1, model.sampling().num_steps // 2))
+  live = model.stream("a person walks", seed=3, cleanup=True, lag=max(1, model.sampling().num_steps // 2))
   frames = []
   while len(frames) < 30:
     frames.extend(next(live))

@@ -9,27 +9,27 @@ WALK, WAVE, JUMP = "a person walks", "a person waves", "a person jumps"
 
 
 @pytest.fixture(scope="module")
-def model(library):
-  return library.model("tiny", "multi_prompt")
+def pipeline(library):
+  return library.pipeline("tiny", "multi_prompt")
 
 
-def lag_of(model):
+def lag_of(pipeline):
   """The studio's own: two steps of the sampler for each block, one block under way."""
-  return model.sampling().num_steps // 2
+  return pipeline.model.sampling().num_steps // 2
 
 
-def make(stories, model, segments, cleanup=False, seed=5, lag=None):
-  return stories.make(model, segments, seed, cleanup, {"lag": lag or lag_of(model)})
+def make(stories, pipeline, segments, cleanup=False, seed=5, lag=None):
+  return stories.make(pipeline, segments, seed, cleanup, {"lag": lag or lag_of(pipeline)})
 
 
-def test_a_story_is_the_models_multi_prompt(model):
+def test_a_story_is_the_models_multi_prompt(pipeline):
   segments = [(WALK, 50), (WAVE, 40), (JUMP, 30)]
-  made, reused, _ = make(MultiPromptCache(), model, segments)
-  rows = [(prompt, frames / model.fps) for prompt, frames in segments]
-  asked = model.multi_prompt(rows, seed=5, cleanup=False, lag=lag_of(model))
+  made, reused, _ = make(MultiPromptCache(), pipeline, segments)
+  rows = [(prompt, frames / pipeline.model.fps) for prompt, frames in segments]
+  asked = pipeline.multi_prompt(rows, seed=5, cleanup=False, lag=lag_of(pipeline))
   assert made.captions == asked.captions and reused == 0 and made.joints.shape == asked.joints.shape
   assert np.abs(made.joints - asked.joints).max() < 1e-3
-  assert made.meta["seed"] == 5 and made.meta["model"] == model.id
+  assert made.meta["seed"] == 5 and made.meta["model"] == pipeline.model.id
 
 
 @pytest.mark.parametrize("cleanup", [pytest.param(False, marks=pytest.mark.slow), True])
@@ -40,12 +40,12 @@ def test_a_story_is_the_models_multi_prompt(model):
     ([(WALK, 60), (WAVE, 60), (JUMP, 60), (WALK, 40)], 180),  # one more
     ([(WALK, 60), (WAVE, 30)], 90),                     # fewer
     ([(JUMP, 60), (WAVE, 60), (JUMP, 60)], 0)])         # all of it
-def test_what_stands_before_a_change_is_the_same_bit_for_bit(model, changed, border, cleanup):
+def test_what_stands_before_a_change_is_the_same_bit_for_bit(pipeline, changed, border, cleanup):
   """And what is made anew is what a studio makes that never saw the story before."""
   stories = MultiPromptCache()
-  first, _, _ = make(stories, model, [(WALK, 60), (WAVE, 60), (JUMP, 60)], cleanup)
-  second, reused, same = make(stories, model, changed, cleanup)
-  fresh, _, _ = make(MultiPromptCache(), model, changed, cleanup)
+  first, _, _ = make(stories, pipeline, [(WALK, 60), (WAVE, 60), (JUMP, 60)], cleanup)
+  second, reused, same = make(stories, pipeline, changed, cleanup)
+  fresh, _, _ = make(MultiPromptCache(), pipeline, changed, cleanup)
   assert (second.joints == fresh.joints).all() and second.num_frames == sum(frames for _, frames in changed)
   kept = max(border - (LOOK_AHEAD if cleanup else 0), 0)
   assert (second.joints[:kept] == first.joints[:kept]).all() and same >= kept
@@ -53,57 +53,57 @@ def test_what_stands_before_a_change_is_the_same_bit_for_bit(model, changed, bor
   if shared > border:  # and what stands behind it is another motion, so that the words did change something
     assert np.abs(second.joints[border:shared] - first.joints[border:shared]).max() > 1e-3
   assert reused <= border and (reused > 0) == (border > 24)
-  again, all_of_it, _ = make(stories, model, changed, cleanup)
+  again, all_of_it, _ = make(stories, pipeline, changed, cleanup)
   assert (again.joints == second.joints).all() and all_of_it >= reused
 
 
-def test_only_what_follows_is_sampled_again(model, monkeypatch):
+def test_only_what_follows_is_sampled_again(pipeline, monkeypatch):
   steps = []
   stories, segments = MultiPromptCache(), [(WALK, 120), (WAVE, 60)]
-  make(stories, model, segments)
-  live = type(model.stream(WALK, seed=0))
+  make(stories, pipeline, segments)
+  live = type(pipeline.stream(WALK, seed=0).live)
   plain = live.step
   monkeypatch.setattr(live, "step", lambda self: (steps.append(1), plain(self))[1])
-  block = model.stream(WALK, seed=0).block_frames
+  block = pipeline.stream(WALK, seed=0).block_frames
   for changed, kept in (([(WALK, 120), (JUMP, 60)], 120), ([(WALK, 120), (JUMP, 60), (WALK, 60)], 180)):
     steps.clear()
-    make(stories, model, changed)
+    make(stories, pipeline, changed)
     anew = len(steps)
     steps.clear()
-    make(MultiPromptCache(), model, changed)
+    make(MultiPromptCache(), pipeline, changed)
     assert anew == len(steps) - kept // block
 
 
-def test_other_seeds_choices_and_old_takes_are_kept_apart(model):
+def test_other_seeds_choices_and_old_takes_are_kept_apart(pipeline):
   stories = MultiPromptCache()
-  first, _, _ = make(stories, model, [(WALK, 60)])
-  other, reused, _ = make(stories, model, [(WALK, 60)], seed=6)
+  first, _, _ = make(stories, pipeline, [(WALK, 60)])
+  other, reused, _ = make(stories, pipeline, [(WALK, 60)], seed=6)
   assert reused == 0 and not (other.joints == first.joints).all()
   for seed in range(7, 13):
-    make(stories, model, [(WALK, 24)], seed=seed)
+    make(stories, pipeline, [(WALK, 24)], seed=seed)
   assert len(stories._takes) == 6
   stories = MultiPromptCache(max_copies=1)
-  make(stories, model, [(WALK, 24)], seed=12)
-  make(stories, model, [(WALK, 24), (WAVE, 24)], seed=13)
+  make(stories, pipeline, [(WALK, 24)], seed=12)
+  make(stories, pipeline, [(WALK, 24), (WAVE, 24)], seed=13)
   assert len(stories._takes) == 1
 
 
-def test_a_fork_goes_on_alone(model):
-  one = model.stream(WALK, seed=1, lag=lag_of(model))
+def test_a_fork_goes_on_alone(pipeline):
+  one = pipeline.stream(WALK, seed=1, lag=lag_of(pipeline))
   next(one)
   two = one.fork()
   assert two.say(WAVE, after=0) < two.say(JUMP) == two.begun
   plain = [next(one) for _ in range(6)]
-  three = model.stream(WALK, seed=1, lag=lag_of(model))
+  three = pipeline.stream(WALK, seed=1, lag=lag_of(pipeline))
   next(three)
   assert all((a == next(three)).all() for a in plain)
   changed = np.concatenate([next(two) for _ in range(6)])
   assert changed.shape == np.concatenate(plain).shape and not (changed == np.concatenate(plain)).all()
 
 
-def test_a_stream_shows_its_next_seconds(model):
+def test_a_stream_shows_its_next_seconds(pipeline):
   """In a notebook: the viewer of any motion, with the words that were said; asked again, the seconds after."""
-  live, plain = (model.stream(WALK, seed=1, lag=lag_of(model)) for _ in range(2))
+  live, plain = (pipeline.stream(WALK, seed=1, lag=lag_of(pipeline)) for _ in range(2))
   first = live.show(2)
   assert live.say(JUMP) == live.begun
   second = live.show(3)
@@ -117,7 +117,7 @@ def test_a_stream_shows_its_next_seconds(model):
   assert "<iframe" in first._repr_html_() and "\x00" not in first._repr_html_()
   with pytest.raises(ValueError, match="got 0 s"):
     live.show(0)
-  ends = model.stream(WALK, seed=1, lag=lag_of(model), num_frames=24)
+  ends = pipeline.stream(WALK, seed=1, lag=lag_of(pipeline), num_frames=24)
   assert ends.show(60).num_frames == 24
   with pytest.raises(ValueError, match="has ended"):
     ends.show()

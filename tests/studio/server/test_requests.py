@@ -40,11 +40,10 @@ def test_models_and_status(client, library):
   assert status["streams"] == 0 and status["models"] == {"tiny": "ready", "editor": "ready"}
 
 
-def test_generate_is_the_models_generate(client, library):
+def test_generate_is_the_pipeline(client, library):
   reply = client.post("/v1/generate", json={"prompt": "a person walks", "seconds": 2, "seed": 3, "num_samples": 2,
                                             "sampling": {"num_steps": 4}, "model": "tiny"}).json()
-  model = library.model("tiny", "generate")
-  made = model.generate(["a person walks"] * 2, seconds=2, seeds=[3, 4], num_steps=4)
+  made = library.pipeline("tiny", "generate")(["a person walks"] * 2, seconds=2, seeds=[3, 4], num_steps=4)
   assert [motion["shape"] for motion in reply["motions"]] == [[40, 22, 3]] * 2
   assert all((joints_of(motion) == one.joints).all() for motion, one in zip(reply["motions"], made))
   assert reply["motions"][1]["meta"]["seed"] == 4 and reply["motions"][0]["captions"][0]["text"] == "a person walks"
@@ -81,14 +80,14 @@ def test_a_story_is_made_anew_from_where_it_changed(client):
 
 
 def test_notes_are_of_prompts_and_of_what_no_attempt_shows(client, library, monkeypatch):
-  motion = library.model("tiny", "generate").generate("a person walks", seconds=2, seeds=[0], tries=1, num_steps=2)[0]
-  missed = motion.replace(meta=motion.meta | dict(attempts=4, unmet=["no kick seen"]))
+  motion = library.pipeline("tiny", "generate")("a person walks", seconds=2, seed=0, max_attempts=1, num_steps=2)
+  missed = motion.replace(meta=motion.meta | dict(attempts=[{}] * 4, unmet=["no kick seen"]))
   edit = {"model": "editor", "motion": serialization.to_json(motion), "change": [[8, 24]]}
   for name, body in (("generate", {"model": "tiny"}), ("edit", edit)):
     with monkeypatch.context() as patch:
       patch.setattr("motion_studio.server.requests.make_edit",
                     lambda *_: missed.replace(meta=missed.meta | dict(made=[])))
-      patch.setattr(type(library.model("tiny", "generate")), "generate", lambda *_, **__: [missed])
+      patch.setattr(type(library.pipeline("tiny", "generate")), "__call__", lambda *_, **__: [missed])
       notes = client.post(f"/v1/{name}", json=body | {"prompt": "two people dance"}).json()["notes"]
     assert "only one body is made" in notes[0] and notes[-1].startswith("4 attempts, no kick seen")
 
@@ -165,8 +164,8 @@ def test_a_request_says_how_far_it_is(client, studio, monkeypatch):
 def test_suggestions_are_prompts_that_the_model_knows(client, library):
   found = client.get("/v1/suggestions?model=tiny&words=a person jumps").json()
   model = library.model("tiny", "generate")
-  assert all(not model.unknown_words(row["prompt"]) for row in found["rows"])
-  assert found["captions"] == [text for text, _ in model.nearest_captions("a person jumps", 12)]
+  assert all(not model.captions.unknown_words(row["prompt"]) for row in found["rows"])
+  assert found["captions"] == [text for text, _ in model.captions.nearest("a person jumps", 12)]
   for row in json.loads((ASSETS / "suggestions.json").read_text())["rows"]:
     points = np.frombuffer(base64.b64decode(row["figure"]), np.int8).reshape(-1, 22, 2) / found["scale"]
     assert 1.0 < points[:, 15, 1].max() < 2.12, row["prompt"]  # a head

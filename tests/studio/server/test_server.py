@@ -32,9 +32,9 @@ def test_the_client_streams_says_and_asks(address, library):
   assert made.shape == (96, 22, 3) and live.last["committed"] == 96 and live.last["contacts"].shape[1] == 4
   assert [message["prompt"] for message in live.messages if message["type"] == "words"] == ["a person walks",
                                                                                        "a person jumps"]
-  model = library.model("tiny", "stream")
+  pipeline = library.pipeline("tiny", "stream")
   lag = next(message for message in live.messages if message["type"] == "started")["sampling"]["lag"]
-  plain = np.concatenate(list(model.stream("a person walks", seed=3, num_frames=96, lag=lag)))
+  plain = np.concatenate(list(pipeline.stream("a person walks", seed=3, num_frames=96, lag=lag)))
   assert np.abs(made[:14] - plain[:14]).max() < 2e-3 and np.abs(made[-20:] - plain[-20:]).max() > 1e-3
   motion = client.generate("a person walks", seconds=1, model="tiny", sampling={"num_steps": 4})[0]
   assert joints_of(motion).shape == (20, 22, 3)

@@ -101,8 +101,9 @@ def test_a_stream_is_the_models_stream(page, library):
   assert [block["first_frame"] for block in page.blocks] == starts[:-1].tolist() and starts[-1] == 100
   assert [block["committed"] for block in page.blocks] == starts[1:].tolist()
   assert started["seed"] == 3 and started["run"] == 1 and len(started["joints"]) == len(started["parents"]) == 22
-  model = library.model("tiny", "stream")
-  made = np.concatenate(list(model.stream("a person walks", seed=3, num_frames=100, lag=started["sampling"]["lag"])))
+  live = library.pipeline("tiny", "stream").stream("a person walks", seed=3, num_frames=100,
+                                                    lag=started["sampling"]["lag"])
+  made = np.concatenate(list(live))
   assert np.abs(page.joints() - made).max() < 2e-3
   assert all(block["milliseconds"] > 0 for block in page.blocks)
 
@@ -191,8 +192,7 @@ def test_pause_resume_and_stop(page, studio):
 
 
 def test_without_keep_going_a_stream_waits_for_words(page, library, monkeypatch):
-  model = library.model("tiny", "stream")
-  monkeypatch.setattr(type(model), "natural_frames", lambda self, prompt: 48)
+  monkeypatch.setattr(library.pipeline("tiny", "stream").planner, "natural_frames", lambda *_: 48)
   page.send(type="start", prompt="a person walks", seed=1, speed=0, keep_going=False)
   told = page.until(type="state", state="waiting")
   assert 48 <= told["frames"] < 48 + 24
