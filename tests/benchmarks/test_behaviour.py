@@ -64,7 +64,7 @@ def test_every_sentence_is_judged_once(monkeypatch):
     joints, meta = _walk(), {}
 
   class Model:
-    def generate(self, prompts, seconds=None, seeds=None):
+    def __call__(self, prompts, seconds=None, seeds=None):
       assert len(prompts) == len(seeds) <= behaviour.MOST
       return [Motion] * len(prompts)
 
@@ -73,4 +73,6 @@ def test_every_sentence_is_judged_once(monkeypatch):
   rows = behaviour.judge(Model(), [entry for entry in listed if entry[0] in ("walk", "kick", "path")], seeds=2)
   assert {row["sentence"]: sum(row["passed"]) for row in rows if row["category"] != "path"} == {
       sentence: 2 * (category == "walk") for category, sentence, *_ in listed if category in ("walk", "kick")}
-  assert any("| walk | 8 | 16 of 16 | 100 % |" in line for line in behaviour.told(rows, "a model"))
+  failed = [row | {"passed": [False] * len(row["passed"])} for row in rows]
+  lines = behaviour.table({behaviour.ONE_PASS: failed, behaviour.BEST: rows}, "a model")
+  assert any("| walk | 8 | 0 of 16, 0 % | 16 of 16, 100 % |" in line for line in lines)
