@@ -8,7 +8,7 @@ import numpy as np
 
 from motion_jax import export
 from motion_jax.data.datasets import babel, humanml3d, snapmogen
-from motion_jax.data.datasets.synthetic import on_skeleton, synthetic_clips
+from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.models import cmdm
 from motion_jax.motion.representations import to_features
 from motion_jax.motion.skeleton import SMPL, SNAPMOGEN
@@ -35,7 +35,7 @@ def healthy(name) -> dict[str, bytes]:
 
 def _clips(num=5, frames=48, skeleton=None):
   clips = synthetic_clips(0, num, num_frames=frames)
-  return [on_skeleton(clip, skeleton) for clip in clips] if skeleton else clips
+  return [clip.on_skeleton(skeleton) for clip in clips] if skeleton else clips
 
 
 def _motion(folder):

@@ -17,7 +17,8 @@ LAYERS = {
     "motion_jax": [
         ("charts", "configs", "shapes", "utils"),
         ("motion", "nets", "quant", "diffusion", "paper_tables"),
-        ("analysis", "data", "text", "metrics", "latents", "control"),
+        ("analysis", "text"),
+        ("data", "metrics", "latents", "control"),
         ("convert", "export", "runs", "training"),
         ("models",),
         ("evaluators",),
@@ -112,8 +113,8 @@ def test_the_tests_have_what_the_studio_needs():
   assert {"starlette", "uvicorn", "websockets", "httpx2", "motionmcp-sdk"} <= names
 
 
-ROOMS = ("nets", "quant", "diffusion", "motion", "metrics", "text", "data", "control", "evaluation", "models.tmr",
-         "models.cmdm", "models.cdamd")
+ROOMS = ("nets", "quant", "diffusion", "motion", "metrics", "text", "analysis", "data", "control", "evaluation",
+         "models.tmr", "models.cmdm", "models.cdamd")
 
 
 @pytest.mark.parametrize("room", ROOMS)

@@ -1,9 +1,10 @@
 """Captions by kinematics: sentences about what a motion does, from measures of its joints, so that they are true.
 
-`describe` makes them of joints, `described` adds them to a clip's own captions, `write` makes the table of captions of
-a folder that `motion-jax data build` reads. The rules that find events are in `motion.events`; where they doubt,
-nothing is said. Beside a clip's own captions only what these speak of is described: of a clip whose captions say
-"kick" which foot and how often, of a dance nothing. Sentences are a pure function of joints, words and id.
+`describe` makes them of joints, `data.kinematic_captions` adds them to a clip's own captions, and
+`data.describe_folders` writes the table of captions of a folder that `motion-jax data build` reads. The rules that find
+events are in `analysis.events`; where they are not sure, no sentence is made. Beside a clip's own captions only events
+that these mention are described: of a caption with "kick" which foot and how often, of a dance nothing. Sentences are a
+pure function of joints, words and id.
 """
 import re
 import zlib
@@ -13,9 +14,7 @@ import numpy as np
 
 from motion_jax.analysis.event_words import sentence
 from motion_jax.analysis.events import Event, find_events
-from motion_jax.data.clip import Caption
-from motion_jax.data.mocap.capture import resample
-from motion_jax.motion.skeleton import HUMANML3D
+from motion_jax.motion.retiming import resample
 
 FPS = 20.0       # the rate at which events are looked for, so that a description does not depend on the file's
 SENTENCES = 3    # paraphrases of a clip
@@ -78,7 +77,7 @@ def describe(joints, fps=FPS, words=None, key="") -> list[str]:
   words: what is said of the motion already; only what they speak of is described. None: whatever is found. key: an id;
   the sentences of different ids are put in different words.
   """
-  return sentences(_events(joints, fps), (len(joints) - 1) / fps, words, key)
+  return sentences(events_of(joints, fps), (len(joints) - 1) / fps, words, key)
 
 
 def sentences(events, seconds, words=None, key="", subject="", plain=None) -> list[str]:
@@ -103,27 +102,8 @@ def who_moves(captions) -> str:
   return next((match[0] for match in found), "")
 
 
-def described(clip, events=None):
-  """The clip with its captions corrected (`CORRECTIONS`), and sentences by kinematics after them, in its manner.
-
-  events: those of its joints at `FPS`, where somebody has found them already.
-  A clip of another skeleton than HumanML3D's 22 joints stays as it is.
-  """
-  if clip.skeleton is not HUMANML3D:
-    return clip
-  label = str(clip.meta.get("content") or clip.meta.get("label") or "")
-  own = [caption for caption in clip.captions if not caption.start and not caption.end]
-  words = " ".join([label, *(caption.text for caption in own)])
-  events = _events(clip.joints, clip.fps) if events is None else events
-  kept = tuple(Caption(corrected(caption.text, label, events), caption.start, caption.end) for caption in clip.captions)
-  known = {caption.text for caption in kept}
-  seconds = (clip.num_frames - 1) / clip.fps
-  subject = who_moves(caption.text for caption in own)
-  new = (text for text in sentences(events, seconds, words, clip.id, subject) if text not in known)
-  return clip.replace(captions=kept + tuple(map(Caption, new)))
-
-
-def _events(joints, fps):
+def events_of(joints, fps):
+  """The events of joints (T, 22, 3) at any frame rate, found at `FPS`."""
   return find_events(resample(np.asarray(joints, np.float64), fps, FPS), FPS)
 
 

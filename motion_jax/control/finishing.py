@@ -7,11 +7,11 @@ from jaxtyping import Float, Num
 from motion_jax.control.compiling import angle_of
 from motion_jax.control.constraints import Constraint, InPlace, KeepParts, Loop
 from motion_jax.control.signal import rotate_about_y
-from motion_jax.data.mocap.capture import resample
 from motion_jax.motion.filling import fill_frames
 from motion_jax.motion.layering import put_on
 from motion_jax.motion.looping import in_place, looped
 from motion_jax.motion.retarget import retarget, with_lengths
+from motion_jax.motion.retiming import resample
 from motion_jax.motion.skeleton import HUMANML3D, with_own_lengths
 from motion_jax.motion.splicing import REACH, meeting, spliced, weights
 from motion_jax.utils.errors import InputError

@@ -10,8 +10,7 @@ import tqdm
 from motion_jax.data.clip import Caption
 from motion_jax.data.datasets import humanml3d
 from motion_jax.data.datasets.registry import find_dataset
-from motion_jax.data.mocap.mappings import read_mapping
-from motion_jax.data.mocap.readers import READERS, none_read, read_clip
+from motion_jax.data.mocap.files import READERS, none_read, read_clip, read_mapping
 from motion_jax.utils import notes, text_files
 from motion_jax.utils.errors import InputError
 from motion_jax.utils.input_files import json_row

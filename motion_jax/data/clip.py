@@ -5,7 +5,9 @@ from typing import Any, Self
 import numpy as np
 
 from motion_jax.motion.plausibility import check_rate
+from motion_jax.motion.retiming import resample
 from motion_jax.motion.skeleton import HUMANML3D, Skeleton
+from motion_jax.motion.transfer import from_22
 from motion_jax.utils.errors import InputError
 
 
@@ -63,6 +65,15 @@ class Clip:
 
   def replace(self, **changes: Any) -> Self:
     return dataclasses.replace(self, **changes)
+
+  def on_skeleton(self, skeleton: Skeleton) -> "Clip":
+    """This motion of HumanML3D's 22 joints on another skeleton, at that skeleton's frame rate."""
+    if self.skeleton is not HUMANML3D:
+      raise ValueError(f"clip {self.id!r} is on skeleton {self.skeleton.name!r}; only clips of HumanML3D's 22 joints "
+                       f"go to {skeleton.name!r}")
+    joints = resample(self.joints.astype(np.float64), self.fps, skeleton.fps)
+    return self.replace(joints=from_22(joints, skeleton, skeleton.fps).astype(np.float32), fps=skeleton.fps,
+                        skeleton=skeleton)
 
   def cut(self, first, past) -> "Clip":
     """The frames first:past, with the captions of those seconds. Raises InputError where there are none."""

@@ -7,8 +7,7 @@ import tqdm
 from motion_jax.analysis.describe import FPS, describe
 from motion_jax.data.build import pieces
 from motion_jax.data.datasets.registry import find_dataset
-from motion_jax.data.mocap.mappings import read_mapping
-from motion_jax.data.mocap.readers import READERS, none_read, read_clip
+from motion_jax.data.mocap.files import READERS, none_read, read_clip, read_mapping
 from motion_jax.motion.skeleton import HUMANML3D
 from motion_jax.utils.atomic import atomic_path
 from motion_jax.utils.errors import InputError

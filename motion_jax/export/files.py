@@ -8,7 +8,7 @@ from motion_jax.data.clip import Caption, Clip
 from motion_jax.data.mocap.asf import AMC_FPS, read_amc
 from motion_jax.data.mocap.bvh import read_bvh
 from motion_jax.data.mocap.capture import to_clip, with_rate
-from motion_jax.data.mocap.mappings import read_mapping
+from motion_jax.data.mocap.files import read_mapping
 from motion_jax.motion import plausibility
 from motion_jax.motion.joint_arrays import pick_joints
 from motion_jax.motion.joint_maps import skeleton_of

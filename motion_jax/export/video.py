@@ -18,6 +18,7 @@ from motion_jax.data.clip import Clip
 from motion_jax.export import gif, render
 from motion_jax.export.body import default_colors, make_figure
 from motion_jax.export.scene import body_at, from_above, marks_of
+from motion_jax.motion.retiming import resample
 from motion_jax.utils import progress, stopping
 from motion_jax.utils.atomic import atomic_path
 from motion_jax.utils.errors import EncoderError, InputError
@@ -88,13 +89,11 @@ def color_of(background):
 
 def _at_rate(clip, fps, colors):
   """(the clip at another rate, colours (T, 3) of its frames), as fast as before."""
-  from scipy.interpolate import CubicSpline
-  at = np.arange(int((clip.num_frames - 1) * fps / clip.fps + 1e-6) + 1) * clip.fps / fps
-  joints = np.asarray(clip.joints, np.float64)
-  if clip.num_frames > 1:  # smooth curves: straight lines from frame to frame would jerk, and cut corners
-    joints = CubicSpline(np.arange(clip.num_frames), joints)(at)
+  # Smooth curves: straight lines from frame to frame would jerk, and cut corners.
+  joints = resample(np.asarray(clip.joints, np.float64), clip.fps, fps, smooth=True)
   if colors is not None and np.ndim(colors) > 1:
-    colors = np.asarray(colors)[np.minimum(np.round(at).astype(int), clip.num_frames - 1)]
+    nearest = np.round(np.arange(len(joints)) * (clip.fps / fps)).astype(int)
+    colors = np.asarray(colors)[np.minimum(nearest, clip.num_frames - 1)]
   return clip.replace(joints=joints.astype(np.float32), fps=float(fps), features=None), colors
 
 

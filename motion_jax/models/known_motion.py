@@ -6,11 +6,11 @@ import numpy as np
 from jaxtyping import Float, Num
 
 from motion_jax.data.clip import Clip
-from motion_jax.data.mocap.capture import resample
 from motion_jax.motion import plausibility
 from motion_jax.motion.filling import fill_frames
 from motion_jax.motion.representations import Representation
 from motion_jax.motion.retarget import floor_height, leg_scale, retarget, with_lengths
+from motion_jax.motion.retiming import resample
 from motion_jax.motion.skeleton import Skeleton, bone_lengths, with_own_lengths
 from motion_jax.shapes import Array
 from motion_jax.utils.errors import InputError

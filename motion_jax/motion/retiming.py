@@ -1,8 +1,8 @@
-"""The same motion at another pace: what is done on the ground goes slower or faster, gravity stays what it is.
+"""Other frame rates (`resample`), and the same motion at another pace (`retimed`).
 
-Speeds go by the rate, accelerations by its square: a flight that is played at another rate falls like on another
-planet, so the rate of flights differs from 1 by a tenth at most. Feet that stand stay where they stand. numpy, whole
-clips, float64.
+At another pace what happens on the ground is slower or faster, while gravity stays the same: speeds scale with the
+rate, accelerations with its square, so the rate of flights differs from 1 by at most a tenth. Feet that stand stay
+where they stand. numpy, whole clips, float64.
 """
 import numpy as np
 from jaxtyping import Bool, Float, Num
@@ -16,6 +16,22 @@ FLIGHT = 0.1     # by how much the rate of a flight may differ from 1
 _ALOFT = 0.05    # metres over the floor of the lowest joint of both feet
 _BESIDE = 0.2    # seconds before and after a flight that are played at its rate, so that it is left and met smoothly
 _CHANGE = 0.1    # seconds, sigma within which one rate becomes another
+
+
+def resample(values: Num[np.ndarray, " t *frame"], fps: float, to_fps: float, smooth: bool = False
+             ) -> Num[np.ndarray, " n *frame"]:
+  """Values (T, ...) at times k / fps, taken at times k / to_fps as far as they reach: (N, ...).
+
+  Between frames linear, or with `smooth` along cubic splines.
+  """
+  seconds = (len(values) - 1) / fps
+  at = np.arange(int(np.floor(seconds * to_fps + 1e-6)) + 1) * (fps / to_fps)
+  if smooth and len(values) > 1:
+    from scipy.interpolate import CubicSpline
+    return CubicSpline(np.arange(len(values)), values)(at)
+  first = np.minimum(np.floor(at + 1e-9).astype(int), len(values) - 1)
+  weight = np.clip(at - first, 0, 1).reshape((-1,) + (1,) * (values.ndim - 1))
+  return values[first] * (1 - weight) + values[np.minimum(first + 1, len(values) - 1)] * weight
 
 
 def retimed(joints: Num[Array, "t j 3"], rate: float, skeleton: Skeleton = HUMANML3D, fps: float = 20.0

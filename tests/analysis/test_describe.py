@@ -7,18 +7,19 @@ import pytest
 import scipy.ndimage
 from ml_collections import ConfigDict
 
-from motion_jax.analysis.describe import corrected, describe, described, sentences, who_moves
+from motion_jax.analysis.describe import corrected, describe, sentences, who_moves
 from motion_jax.analysis.events import Event, find_events, punch_speed
 from motion_jax.analysis.signals import Body
 from motion_jax.data.build import read_captions
 from motion_jax.data.clip import Caption, Clip
 from motion_jax.data.datasets.base import clip_items
 from motion_jax.data.datasets.synthetic import synthetic_joints
+from motion_jax.data.kinematic_captions import with_kinematic_captions
 from motion_jax.data.mirror import mirror_caption
-from motion_jax.data.mocap.capture import resample
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.representations import get_layout
 from motion_jax.motion.retarget import bend, mirror
+from motion_jax.motion.retiming import resample
 from motion_jax.motion.skeleton import HUMANML3D
 from motion_jax.utils.errors import InputError
 from motion_studio import cli
@@ -215,9 +216,9 @@ def test_beside_captions_only_what_they_speak_of():
 def test_captions_of_a_clip_and_of_its_mirror_image():
   clip = Clip(_kick("left").astype(np.float32), captions=(Caption("a person kicks."),), id="k", split="train",
               meta={"label": "kick"})
-  new = described(clip)
+  new = with_kinematic_captions(clip)
   assert new.captions[0] == clip.captions[0] and len(new.captions) > 1
-  assert new.captions == described(clip).captions
+  assert new.captions == with_kinematic_captions(clip).captions
   plain, both = (clip_items([clip], ConfigDict({"mode": "corrected", "mirror": True} | more), "train",
                             get_layout("coordinates")) for more in ({}, {"kinematic_captions": True}))
   assert [item.captions for item in plain] == [("a person kicks.",)] * 2
@@ -241,7 +242,7 @@ def test_sentences_by_kinematics_keep_the_manner_of_the_clip():
     said = (Caption(f"a person {action} in exhaustion."), Caption(f"an exhausted person {action}."))
     for plain in (False, True):
       clip = Clip(joints.astype(np.float32), captions=said[:1] if plain else said, id="k", split="train")
-      told[action, plain] = [caption.text for caption in described(clip).captions[len(clip.captions):]]
+      told[action, plain] = [caption.text for caption in with_kinematic_captions(clip).captions[len(clip.captions):]]
   mannered = [[text.startswith("an exhausted person ") for text in texts] for texts in told.values()]
   assert all(len(one) == 3 for one in mannered)
   assert [sum(one) for one in mannered] == [3, 0, 2, 0]

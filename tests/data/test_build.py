@@ -8,7 +8,7 @@ from motion_jax.data.build import build, pieces, read_captions, with_splits
 from motion_jax.data.clip import Caption
 from motion_jax.data.datasets.humanml3d import read_folder, read_ids
 from motion_jax.data.datasets.synthetic import synthetic_clips, synthetic_joints
-from motion_jax.data.mocap.mappings import read_mapping
+from motion_jax.data.mocap.files import read_mapping
 from motion_jax.motion.skeleton import HUMANML3D
 from motion_studio import cli
 from tests.data.test_bvh import write_bvh

@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from motion_jax import export
 from motion_jax.data.clip import Clip
-from motion_jax.data.datasets.synthetic import on_skeleton, synthetic_joints
+from motion_jax.data.datasets.synthetic import synthetic_joints
 from motion_jax.data.mocap.bvh import bvh_clip
 from motion_jax.export.bvh import euler
 from motion_jax.motion import rotations as rot
@@ -95,7 +95,7 @@ def test_our_reader_finds_the_joints(tmp_path, exact, far):
 
 def test_a_skeleton_that_is_written_is_read(tmp_path):
   """KIT's 21 joints come back as KIT's, in millimetres; as 22 joints where a data set wants these."""
-  clip = on_skeleton(walk(), KIT)
+  clip = walk().on_skeleton(KIT)
   path, = export.save(clip, tmp_path / "kit.bvh", exact=True)
   back = export.load(path)
   assert back.skeleton is KIT and back.fps == clip.fps

@@ -8,7 +8,7 @@ import pytest
 
 from motion_jax import export
 from motion_jax.data.clip import Caption
-from motion_jax.data.datasets.synthetic import on_skeleton, synthetic_clips
+from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.representations import to_features
 from motion_jax.motion.skeleton import KIT, SNAPMOGEN
@@ -39,7 +39,7 @@ def test_npz_keeps_everything(clip, tmp_path):
 
 
 def test_npz_of_the_other_skeleton(tmp_path):
-  clip = on_skeleton(synthetic_clips(num=2, num_frames=20)[1], KIT)
+  clip = synthetic_clips(num=2, num_frames=20)[1].on_skeleton(KIT)
   assert export.load(export.npz(clip, tmp_path / "kit.npz")).skeleton is KIT
 
 
@@ -176,7 +176,7 @@ def test_mdm_s_results_are_not_opened_but_the_way_is_shown(clip, tmp_path):
 @pytest.mark.parametrize("layout", ["full", "essential", "coordinates", "snapmogen_148", "babel"])
 def test_normalised_features_are_named(clip, tmp_path, layout):
   """Nothing else is suggested, for features have no unit that --unit could say."""
-  features = to_features(clip.joints if layout != "snapmogen_148" else on_skeleton(clip, SNAPMOGEN).joints, layout)
+  features = to_features(clip.joints if layout != "snapmogen_148" else clip.on_skeleton(SNAPMOGEN).joints, layout)
   np.save(tmp_path / "a.npy", (features - features.mean(0)) / np.maximum(features.std(0), 1e-3))
   for unit in ("auto", "ft"):
     with pytest.raises(ValueError, match=r"these look like normalised features: x \* Std \+ Mean first") as error:

@@ -3,9 +3,9 @@ import numpy as np
 import pytest
 
 from motion_jax.data.datasets.synthetic import synthetic_joints
-from motion_jax.data.mocap.capture import resample
 from motion_jax.motion.contacts import feet_stand, majority, velocity
 from motion_jax.motion.representations import to_features
+from motion_jax.motion.retiming import resample
 from motion_jax.motion.skeleton import HUMANML3D
 
 

@@ -4,7 +4,7 @@ import warnings
 import numpy as np
 import pytest
 
-from motion_jax.data.datasets.synthetic import on_skeleton, synthetic_clips
+from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.motion.joint_arrays import pick_joints
 from motion_jax.motion.skeleton import HUMANML3D, KIT, SMPL, SNAPMOGEN
 from tests.motion.rigs import RIGS, build
@@ -30,7 +30,7 @@ def test_24_joints_are_smpl_s_or_snapmogen_s_by_their_bones(clip, scale):
     joints, skeleton = pick_joints(with_hands(clip.joints) * scale)
   assert skeleton is HUMANML3D
   np.testing.assert_array_equal(joints, clip.joints * scale)
-  other = on_skeleton(clip, SNAPMOGEN)
+  other = clip.on_skeleton(SNAPMOGEN)
   with warnings.catch_warnings():
     warnings.simplefilter("error")
     assert pick_joints(other.joints * scale)[1] is SNAPMOGEN
@@ -64,7 +64,7 @@ def test_soma_s_joints_by_their_order(count, starts):
 
 
 def test_plain_arrays_stay_as_they_are(clip):
-  kit = on_skeleton(clip, KIT)
+  kit = clip.on_skeleton(KIT)
   with warnings.catch_warnings():
     warnings.simplefilter("error")
     for joints, skeleton in ((clip.joints, HUMANML3D), (kit.joints, KIT)):

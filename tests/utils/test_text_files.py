@@ -6,7 +6,7 @@ from motion_jax.data import build, timelines
 from motion_jax.data.datasets import humanml3d
 from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.data.mocap.bvh import bvh_clip
-from motion_jax.data.mocap.mappings import read_mapping
+from motion_jax.data.mocap.files import read_mapping
 from motion_jax.export import bvh
 from motion_jax.utils import text_files
 from motion_studio import cli

@@ -4,10 +4,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from motion_jax.analysis.describe import FPS, UNKNOWN, described, who_moves
+from motion_jax.analysis.describe import FPS, UNKNOWN, who_moves
 from motion_jax.analysis.events import Event, find_events
 from motion_jax.analysis.signals import JOINT, PAIR
 from motion_jax.data.clip import Caption, Clip
+from motion_jax.data.kinematic_captions import with_kinematic_captions
 from motion_jax.motion.contacts import velocity
 from motion_jax.motion.planting import stands
 from motion_jax.motion.retarget import retarget
@@ -65,10 +66,10 @@ def usable(clip) -> bool:
 
 
 def part_of(clip) -> Part:
-  """A clip as a part; its captions are corrected and completed by kinematics (`data.describe.described`)."""
+  """A clip as a part; its captions are corrected and completed by kinematics (`data.kinematic_captions`)."""
   joints = retarget(clip.joints)
   events = tuple(find_events(joints, FPS))
-  own = described(clip, events)
+  own = with_kinematic_captions(clip, events)
   going = len(events) == 1 and events[0].kind in ("walk", "run") and events[0].path == "straight" and bool(
       events[0].way) and events[0].end - events[0].start > 0.85 * (len(joints) - 1) / FPS
   acts = [event for event in events if event.kind not in ("still", "walk", "run")]

@@ -262,7 +262,7 @@ def _check_clips(clips):
   for clip in clips:
     if clip.skeleton is not SMPL or clip.fps != FPS:
       raise ValueError(f"clip {clip.id!r} is on skeleton {clip.skeleton.name!r} at {clip.fps:g} frames a second, "
-                       "expected 'smpl' at 30; data.figures.on_skeleton brings HumanML3D's joints there")
+                       "expected 'smpl' at 30; Clip.on_skeleton brings HumanML3D's joints there")
     if clip.id in seen or "/" in clip.id or len(clip.id.split()) != 1:
       raise ValueError(f"id {clip.id!r} occurs twice, or cannot be a file name; ids name motion files")
     if clip.split not in ("", *SPLITS):

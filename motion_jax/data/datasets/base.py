@@ -14,11 +14,10 @@ from typing import NamedTuple, Protocol
 import numpy as np
 import tqdm
 
-from motion_jax.analysis.describe import described
 from motion_jax.data import checks, mirror
 from motion_jax.data.augment import augmented
 from motion_jax.data.clip import Clip
-from motion_jax.data.figures import on_skeleton
+from motion_jax.data.kinematic_captions import with_kinematic_captions
 from motion_jax.motion.representations import FeatureLayout, to_features
 from motion_jax.motion.stats import Stats, compute_stats
 from motion_jax.utils.atomic import atomic_folder
@@ -174,8 +173,8 @@ def clip_items(clips, config, split, layout: FeatureLayout) -> list[TextItem]:
   if split == "train":
     made = augmented(clips, asked_kinds(config), progress=True)
   if config.get("kinematic_captions", False):
-    clips = [described(clip) for clip in tqdm.tqdm(clips, desc=f"captions of {split}", unit="clip", leave=False,
-                                                   disable=None)]
+    bar = tqdm.tqdm(clips, desc=f"captions of {split}", unit="clip", leave=False, disable=None)
+    clips = [with_kinematic_captions(clip) for clip in bar]
   clips += made
   if config.get("mirror", False) and split == "train":
     clips += [mirror.mirror_clip(clip) for clip in clips]
@@ -183,7 +182,7 @@ def clip_items(clips, config, split, layout: FeatureLayout) -> list[TextItem]:
     if clip.num_frames < SHORTEST:
       continue
     if clip.skeleton is not layout.skeleton:
-      clip = on_skeleton(clip, layout.skeleton)
+      clip = clip.on_skeleton(layout.skeleton)
     features = to_features(clip.joints, layout, config.mode)
     spans = tuple((text, first, min(past, len(features))) for text, first, past in clip.meta.get("spans", ()))
     items.append(TextItem(clip.id, features, tuple(caption.text for caption in clip.captions), (),

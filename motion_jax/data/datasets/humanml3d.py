@@ -24,9 +24,9 @@ from motion_jax.data.datasets.humanml3d_files import (
   read_texts,
 )
 from motion_jax.data.mirror import mirror_clip
-from motion_jax.data.mocap.capture import resample
 from motion_jax.motion import plausibility
 from motion_jax.motion.representations import get_layout, layout_for, to_features, to_joints
+from motion_jax.motion.retiming import resample
 from motion_jax.motion.skeleton import HUMANML3D, KIT
 from motion_jax.motion.stats import ABSOLUTE, RunningStats, Stats, compute_stats, load_stats, save_stats
 from motion_jax.text.tagger import tag

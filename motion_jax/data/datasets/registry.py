@@ -8,7 +8,7 @@ from motion_jax.data.datasets.humanml3d import HumanML3D
 from motion_jax.data.datasets.records import Records
 from motion_jax.data.datasets.snapmogen import SnapMoGen
 from motion_jax.data.datasets.synthetic import Synthetic
-from motion_jax.data.mocap.readers import READERS
+from motion_jax.data.mocap.files import READERS
 from motion_jax.utils.nearest import did_you_mean
 
 # In this order a folder is asked for.

@@ -31,9 +31,9 @@ from motion_jax.data.datasets.snapmogen_files import (
   read_ids,
 )
 from motion_jax.data.mocap.bvh import read_bvh
-from motion_jax.data.mocap.capture import resample
 from motion_jax.motion.representations import get_layout, to_features, to_joints
 from motion_jax.motion.representations.snapmogen import from_rotations
+from motion_jax.motion.retiming import resample
 from motion_jax.motion.skeleton import SNAPMOGEN, SNAPMOGEN_BVH
 from motion_jax.motion.stats import RunningStats
 from motion_jax.utils.input_files import load_npy
@@ -139,7 +139,7 @@ def bvh_features(path, mode="benchmark", drop_first=True):
   missing = [name for name in SNAPMOGEN_BVH if name not in capture.names]
   if missing:
     raise ValueError(f"{path} has no joint {missing[0]!r} ({len(missing)} of 24 missing); expected SnapMoGen's figure; "
-                     "for another one: data.mocap.bvh.bvh_clip, then data.figures.on_skeleton")
+                     "for another one: data.mocap.bvh.bvh_clip, then Clip.on_skeleton")
   step = round(capture.fps / FPS)
   if step < 1 or abs(capture.fps - step * FPS) > 0.01 * FPS:
     raise ValueError(f"{path} has {capture.fps:g} frames a second, expected {FPS:g} or a multiple of it")
@@ -202,7 +202,7 @@ def _check_clips(clips):
   for clip in clips:
     if clip.skeleton is not SNAPMOGEN:
       raise ValueError(f"clip {clip.id!r} is on skeleton {clip.skeleton.name!r}, expected 'snapmogen'; "
-                       "motion_jax.data.figures.on_skeleton brings 22 joints there")
+                       "Clip.on_skeleton brings 22 joints there")
     if clip.id in seen or "#" in clip.id or "/" in clip.id or len(clip.id.split()) != 1:
       raise ValueError(f"id {clip.id!r} occurs twice, or cannot be a file name without '#'; ids name recordings")
     if clip.split not in ("", *SPLITS):

@@ -6,7 +6,6 @@ import numpy as np
 
 from motion_jax.data.clip import Caption, Clip
 from motion_jax.data.datasets.base import Dataset
-from motion_jax.data.figures import on_skeleton
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.retarget import bend
 from motion_jax.motion.skeleton import HUMANML3D
@@ -51,7 +50,7 @@ def synthetic_clips(seed=0, num=22, num_frames=None, skeleton=HUMANML3D) -> list
         captions=tuple(Caption(text) for text in _CAPTIONS[action]), id=f"{index:06d}",
         split=("train", "train", "train", "val", "test")[index % 5], source="synthetic", license=LICENSE,
         meta={"action": action}))
-  return clips if skeleton is HUMANML3D else [on_skeleton(clip, skeleton) for clip in clips]
+  return clips if skeleton is HUMANML3D else [clip.on_skeleton(skeleton) for clip in clips]
 
 
 def synthetic_joints(action, num_frames, rng) -> np.ndarray:

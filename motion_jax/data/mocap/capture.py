@@ -10,6 +10,7 @@ from motion_jax.data.mocap import conventions, rest_pose
 from motion_jax.motion import plausibility
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.joint_maps import map_joints, own_joints
+from motion_jax.motion.retiming import resample
 from motion_jax.motion.skeleton import HUMANML3D
 from motion_jax.utils.errors import InputError
 
@@ -89,15 +90,6 @@ def to_clip(capture, path, mapping=None, fps=20.0, unit="auto", up="auto", skip_
   meta = {"file": path.name, "mapping": table, "unit": metres, "source_fps": round(capture.fps, 4)}
   about = {"id": path.stem, "source": path.name} | about
   return Clip(joints=joints.astype(np.float32), fps=fps, skeleton=skeleton, meta=meta | about.pop("meta", {}), **about)
-
-
-def resample(values, fps, to_fps):
-  """Values (T, ...) at times k / fps, taken at times k / to_fps by linear interpolation, as far as they reach."""
-  seconds = (len(values) - 1) / fps
-  at = np.arange(int(np.floor(seconds * to_fps + 1e-6)) + 1) * (fps / to_fps)
-  first = np.minimum(np.floor(at + 1e-9).astype(int), len(values) - 1)
-  weight = np.clip(at - first, 0, 1).reshape((-1,) + (1,) * (values.ndim - 1))
-  return values[first] * (1 - weight) + values[np.minimum(first + 1, len(values) - 1)] * weight
 
 
 def forward_kinematics(parents, local, rotations):

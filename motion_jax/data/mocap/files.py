@@ -1,0 +1,47 @@
+"""Files of motion capture by the ending of their names, and files that map their joints to ours."""
+import pathlib
+
+from motion_jax.data.mocap.asf import amc_clip
+from motion_jax.data.mocap.bvh import bvh_clip
+from motion_jax.utils.errors import InputError
+from motion_jax.utils.input_files import read_json
+from motion_jax.utils.numerals import named
+
+READERS = {".bvh": bvh_clip, ".amc": amc_clip}
+
+
+def read_clip(path, name, faults=None, **options):
+  """The Clip of a file of motion capture, with the options of its reader.
+
+  faults: a list that takes (name, what is wrong) of a file that cannot be read, for which None comes back; without it
+  the error is raised.
+  """
+  try:
+    return READERS[path.suffix.lower()](path, **options)
+  except (ValueError, OSError) as error:
+    if faults is None:
+      raise
+    faults.append((name, str(error).removeprefix(str(path)).lstrip(":/ ")))
+    return None
+
+
+def none_read(folder, faults) -> str:
+  """What to say where `read_clip` could read no file of a folder."""
+  name, what = faults[0]
+  return f"{folder}: none of {len(faults)} files can be read; of the first, {name}: {what}" if len(faults) > 1 else (
+      f"{folder}/{name}: {what}")
+
+
+def read_mapping(mapping):
+  """A mapping {our joint: their joint or a list of them} from a JSON file; a dict, a table's name, or None as it is."""
+  if not isinstance(mapping, (str, pathlib.Path)) or (isinstance(mapping, str) and not mapping.endswith(".json")):
+    return mapping
+  path = pathlib.Path(mapping)
+  if not path.is_file():
+    raise FileNotFoundError(f"there is no mapping file {path}")
+  value = read_json(path, advice="expected {our joint: their joint or a list of them}")
+  names = lambda entry: isinstance(entry, str) or (isinstance(entry, list) and entry and all(map(names, entry)))
+  bad = [joint for joint, entry in value.items() if not names(entry)]
+  if bad:
+    raise InputError(f"{path}: {named(bad, 10)} should be a joint's name or a list of names")
+  return value
