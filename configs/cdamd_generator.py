@@ -91,7 +91,7 @@ def get_config(name="full"):
     config.model.transformer.update(latent_dim=64, width=256, depth=3, num_heads=4, ff_width=512, text_dim=384,
                                     text_scale=20.0, num_codes=256, max_length=50, dropout=0.0)
     config.model.head.update(width=400, depth=6)
-    # Both masks, so that one model can be asked by either: a hole sees its right side under BCM alone.
+    # Both masks, so that one model can be sampled with either: a gap sees what follows it under BCM alone.
     config.loss.update(mask="dccm+bcm", unit_latents=True, copies=1)
     common.archives(config, batch_size=32, min_frames=20,
                        lengths=(72, 120, 196), balance=0.5, vary_subject=0.5)
@@ -100,7 +100,7 @@ def get_config(name="full"):
     config.train.update(num_steps=3_000, log_every=25, save_every=300, sample_every=1_500)
     # Chosen by measurement: docs/lab/cdamd-small.md.
     config.sampler.update(order="left_to_right", guidance_scale=3.0)
-    if data == "steps":  # one latent after the other: each step goes on from those before it
+    if data == "steps":  # one latent after the other: each step continues those before it
       config.sampler.update(num_iterations=50, guidance_scale=2.0)
     if size in ("mini", "laptop"):
       config.tokenizer.update(width=128)

@@ -52,7 +52,7 @@ def get_config(size="full"):
                      pyramid_levels=0.0, decoded_from=0.5, control=0.0, **common.motion_errors())
   config.data = common.captioned_data(layout="full", batch_size=64, min_frames=40, max_frames=192, lengths=(192,),
                                       max_words=64, balance=0.0, vary_subject=0.0, per_segment_captions=0.0, store="",
-                                      control=0.0)  # of how many motions constraints are told (docs/training.md)
+                                      control=0.0)  # share of the motions with constraints (docs/training.md)
   if dataset:
     config.tokenizer.features, data = DATASETS[dataset]
     config.data.update(data)

@@ -94,7 +94,7 @@ def train(num_steps, log_every, save_every, **fields):
   remat, where dtype is: whether a gradient computes what is inside of a network's blocks once more instead of keeping
   it: less memory, a third more work. scan_layers, where it is: whether one layer of the network is compiled and run as
   often as there are layers, instead of each. tensorboard: whether metrics are written as an event file, too.
-  sample_every: pictures of what the run makes, in its samples/, at the saves nearest to every so many steps; 0: none.
+  sample_every: pictures of what the run makes, in its samples/, at the saves nearest to multiples of it; 0: none.
   start: a run, or a name that ships, whose parameters are the first ones; freeze: names of parts that stay as they are
   there, such as ("encoder",): then a tokenizer's latents mean what they meant, and its generators go on with it.
   """

@@ -5,7 +5,7 @@
                                             essential features, 63: coordinates
   ... --config evaluator_movement:small     the one that ships: coordinates, on archives; also laptop, tiny
 
-How sizes are written: docs/configs.md. evaluator_matching goes on from it. `full` is the original's
+How sizes are written: docs/configs.md. evaluator_matching starts from it. `full` is the original's
 (docs/papers/cdamd.md#matching-evaluator): 259 of 263 features, 270 epochs, of about 18,700 steps each.
 
 Statistics are the data's own. The original's std of heading, root and contacts is divided by 5 (CMDM's by 25), which

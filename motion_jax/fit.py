@@ -56,20 +56,20 @@ def run(config, workdir, resume=False, max_seconds=None, stop=None, allow_change
   if (dtype := config.train.get("dtype", DTYPES[0])) not in DTYPES:
     raise InputError(f"got train.dtype {dtype!r}, expected {' or '.join(DTYPES)}")
   workdir = pathlib.Path(workdir)
-  config, told = resolve(config)
+  config, about_data = resolve(config)
   if config.train.freeze and not config.train.start:
     raise InputError(f"got train.freeze {tuple(config.train.freeze)} without train.start, expected the run whose "
-                     "parameters are to stay as they are: random ones are worth no keeping")
+                     "parameters are to be frozen")
   if config.train.freeze and is_schedule_free(config.optimizer):
     raise InputError(f"got train.freeze with optimizer.name {config.optimizer.name!r}, whose average would move what "
                      "is frozen; choose another optimizer, such as adamw")
   if resume == "auto":
     resume = not checkpoint.is_fresh(workdir)
-    print(f"--resume=auto: {'going on with' if resume else 'starting'} {workdir}")
+    print(f"--resume=auto: {'resuming' if resume else 'starting'} {workdir}")
   processes = f" of {jax.process_count()} processes" if jax.process_count() > 1 else ""
   print(f"{config.stage} in {workdir} on {jax.device_count()} {jax.default_backend()} device(s){processes}")
   print(*(f"  {line}" for line in config_files.lines_of(config)), sep="\n")
-  print(told or "data: being read", flush=True)
+  print(about_data or "data: being read", flush=True)
   if resume and (workdir / checkpoint.CONFIG).is_file():
     before = runs.load_run(workdir).config
     config = resuming.epochs_as_before(config, before)
@@ -87,12 +87,12 @@ def run(config, workdir, resume=False, max_seconds=None, stop=None, allow_change
   workdir.mkdir(parents=True, exist_ok=True)
   first = distributed.is_first()  # of several processes, this one writes
   with lock.locked(workdir) if first else contextlib.nullcontext():
-    goes_on = not checkpoint.is_fresh(workdir)
-    if goes_on and not resume:
+    resumes = not checkpoint.is_fresh(workdir)
+    if resumes and not resume:
       raise ValueError(f"{workdir} holds a run already; --resume continues it, or choose another folder")
-    if goes_on:
+    if resumes:
       frozen = resuming.frozen_as_before(workdir, stats, frozen, files)
-    files = files | {checkpoint.DATA: resuming.digests(workdir, config, goes_on, allow_changes)}
+    files = files | {checkpoint.DATA: resuming.digests(workdir, config, resumes, allow_changes)}
     distributed.wait_for_all("the folder is read")
     if first:
       atomic.remove_strays(workdir, (*FILES, *files))
@@ -163,33 +163,33 @@ def _is_finished(folder):
 
 
 def encode(config, folder) -> str:
-  """Writes in a folder the store of what a config trains on, for data.store; returns what to tell of it."""
+  """Writes in a folder the store of latents that a config trains on, for data.store; returns a line about it."""
   known = registry.stores()
   if config.stage not in known:
-    raise ValueError(f"got stage {config.stage!r}, which trains on no latents that could be kept; expected one of "
+    raise ValueError(f"got stage {config.stage!r}, which trains on no latents; expected one of "
                      f"{', '.join(known)}")
-  config, told = resolve(config)
-  print(told or "data: being read", flush=True)
+  config, about_data = resolve(config)
+  print(about_data or "data: being read", flush=True)
   return known[config.stage](config, folder)
 
 
 def resolve(config):
-  """(a copy of a config with all that training reads and its run folder records, what to tell of its data).
+  """(a copy of a config with every field that training reads and the run folder records, a line about its data).
 
-  Fields that it leaves out get their defaults. A config as it is written leaves open what its folders are and how large
-  the frozen parts are that it names: here they are looked at, and nowhere else is a config changed.
+  Fields that it leaves out get their defaults; the kind of its data folders and the sizes of its frozen parts are read
+  from these. A config is changed nowhere else.
   """
   found = config.copy_and_resolve_references().unlock()
   found = runs.with_defaults(found)
-  told = sources.recognize(found)
+  about_data = sources.recognize(found)
   for name, value in registry.resolved().get(config.stage, lambda config: {})(found).items():
     found[name] = value
-  return found.lock(), told
+  return found.lock(), about_data
 
 
 def _started_from(stage, config):
-  """The stage with the parameters of another run, a folder or a name that ships, to begin with; what that run does not
-  have begins at random. A tokenizer is also found inside a generator's run."""
+  """The stage, initialized with the parameters of another run, a folder or a shipped name; parameters that it does not
+  have start random. A tokenizer is also found inside a generator's run."""
   folder = config.train.start
   run = runs.load_run(folder)
   inside = run.stage != config.stage and TOKENIZERS.get(run.stage) == config.stage

@@ -15,11 +15,12 @@ ROOT = pathlib.Path(__file__).parents[1]
 ASSETS = ROOT / "motion_studio" / "assets"
 BANNED = re.compile(r"\b(told|asked|anew|led|whoever|nobody|so many|goes on|of it all|"
                     r"who (is|are|has|sits|walks|does|asks|wants|stays|gets))\b", re.IGNORECASE)
-CLEAN = ("motion_jax/nets", "motion_jax/quant", "motion_jax/diffusion", "motion_jax/metrics", "motion_jax/convert",
-         "motion_jax/control", "motion_jax/text", "motion_jax/latents.py", "motion_jax/shapes.py",
-         "motion_jax/utils/lazy.py", "motion_studio/language", "motion_studio/checks",
-         "motion_jax/evaluation", "motion_jax/evaluators", "motion_jax/models/tmr", "motion_jax/runs.py",
-         "motion_jax/paper_tables.py", "tools/reference.py", "examples",
+CLEAN = ("motion_jax/training", "motion_jax/fit.py", "configs", "motion_jax/utils/stopping.py",
+         "motion_jax/utils/lock.py", "motion_jax/utils/atomic.py", "motion_jax/utils/overrides.py", "motion_jax/nets",
+         "motion_jax/quant", "motion_jax/diffusion", "motion_jax/metrics", "motion_jax/convert", "motion_jax/control",
+         "motion_jax/text", "motion_jax/latents.py", "motion_jax/shapes.py", "motion_jax/utils/lazy.py",
+         "motion_studio/language", "motion_studio/checks", "motion_jax/evaluation", "motion_jax/evaluators",
+         "motion_jax/models/tmr", "motion_jax/runs.py", "motion_jax/paper_tables.py", "tools/reference.py", "examples",
          "motion_studio/server", "motion_studio/cli", "motion_studio/client.py", "blender")
 WORD_LISTS = ("motion_jax/text/lexicon.py", "motion_studio/language/lexicon.py")  # data, not prose
 UNFINISHED = ("docs/benchmark", "docs/reference")

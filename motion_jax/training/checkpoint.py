@@ -1,6 +1,6 @@
 """A run folder: config.json, Mean.npy and Std.npy, params.safetensors, metrics.jsonl, checkpoints/.
 
-What is needed to use a model lies in plain files that any tool reads; what is needed to go on training lies in
+What is needed to use a model is in plain files that any tool reads; what is needed to resume training is in
 checkpoints/, see `saver`.
 """
 import json
@@ -19,16 +19,16 @@ from motion_jax.utils.network_sizes import check_sizes
 
 CONFIG, PARAMS = "config.json", "params.safetensors"
 RAW = "raw.safetensors"        # the last weights as they are, where PARAMS holds their average
-LAST = "last.safetensors"      # the weights of the last save, where PARAMS holds those that validation chose
-FROZEN = "frozen.safetensors"  # what a stage was trained on top of: the denoiser's tokenizer
+LAST = "last.safetensors"      # the weights of the last save, where PARAMS holds the best ones by validation
+FROZEN = "frozen.safetensors"  # frozen parts of a stage: the denoiser's tokenizer
 LENGTHS = "captions.json"      # [caption, usual frames] rows of the training data
-DATA = "data.json"             # digests of the data that it is trained on
+DATA = "data.json"             # digests of the training data
 TEXT = "text.json"             # name and fingerprint of the text encoder that a denoiser was trained on
-ENCODER = "text_encoder"       # a copy of that encoder, where it lay in a folder of one's own and is small
+ENCODER = "text_encoder"       # a copy of that encoder, if it is small and from a folder
 
 
 def is_fresh(workdir):
-  """True while a run folder holds no training that could be lost: a run that ended before its first save is fresh."""
+  """Whether a run folder holds no training that could be lost, as before the first save."""
   folder = pathlib.Path(workdir)
   saved = [path for path in folder.glob("checkpoints/*") if path.name.isdigit()]
   return not saved and not (folder / PARAMS).exists()
@@ -68,7 +68,7 @@ def check_fits(params, like, what):
 
 
 def save_text(folder, name, text):
-  """A file of a run folder, of text or bytes, whole or not at all."""
+  """Writes a file of a run folder, text or bytes, completely or not at all."""
   with atomic_path(pathlib.Path(folder) / name) as path:
     path.write_bytes(text if isinstance(text, bytes) else text.encode())
 
@@ -82,7 +82,7 @@ def load_json(folder, name, kind=dict):
 
 
 def load_fingerprint(folder):
-  """Fingerprint of the text encoder that a run was trained on, or None where it does not say."""
+  """Fingerprint of the text encoder that a run was trained on, or None where the folder has none."""
   if not (pathlib.Path(folder) / TEXT).is_file():
     return None
   content = load_json(folder, TEXT)
@@ -93,7 +93,7 @@ def load_fingerprint(folder):
 
 
 def load_lengths(folder):
-  """(captions, usual frames) of the training data, or None where a run does not keep them."""
+  """(captions, usual frames) of the training data, or None where a run has none."""
   path = pathlib.Path(folder) / LENGTHS
   if not path.is_file():
     return None
@@ -122,7 +122,7 @@ _NETWORKS = ("model", "tokenizer", "quantizer", "text", "length")  # sections of
 
 
 def building(folder):
-  """For the block that makes networks by a run's config: what they stumble over is the config's fault."""
+  """Turns errors of the block, which builds networks from a run's config, into an InputError about the config."""
   return reading(pathlib.Path(folder) / CONFIG, "it does not describe a network that its weights belong to: restore it "
                  "from the run that wrote it")
 

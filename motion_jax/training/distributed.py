@@ -1,7 +1,7 @@
-"""Several processes as one run: who takes part, and who of them writes.
+"""Several processes as one run: how they connect, which one writes, and how they wait for one another.
 
-Each process starts the same command. They find one another by the address of the first, which a flag names or the
-cluster does (Slurm, Open MPI, TPU pods), and then see the devices of all.
+Each process starts the same command. They connect by the address of the first process, from a flag or from the cluster
+(Slurm, Open MPI, TPU pods), and then see the devices of all.
 """
 import atexit
 import contextlib
@@ -19,22 +19,22 @@ from jax.experimental import multihost_utils
 from motion_jax.utils import exit_status
 from motion_jax.utils.errors import InputError, reason
 
-_PATIENCE = 3600  # seconds for which processes wait for one that reads data, compiles or evaluates
-_PARTING = 10     # seconds for which a process that has failed, or is told to end, waits for the others to end with it
-_ASKING = 5       # seconds between the steps at which processes ask one another
+_PATIENCE = 3600  # seconds to wait for a process that reads data, compiles or evaluates
+_PARTING = 10     # seconds that a process that has failed, or got a signal, waits for the others to end with it
+_ASKING = 5       # seconds between two steps at which processes exchange signals
 _failed = False
 
-_CLUSTERS = {  # environment variables that say how many processes there are, and those that JAX reads beside them
+_CLUSTERS = {  # environment variables that hold the number of processes, and others that JAX reads with them
     "SLURM_NTASKS": ("SLURM_JOB_ID", "SLURM_STEP_NODELIST", "SLURM_PROCID", "SLURM_LOCALID"),
     "OMPI_COMM_WORLD_SIZE": ("OMPI_MCA_orte_hnp_uri", "OMPI_COMM_WORLD_RANK", "OMPI_COMM_WORLD_LOCAL_RANK"),
 }
 
 
 def start(coordinator=None, process_id=None, num_processes=None, simulate_devices=0):
-  """Joins this process with the others of its run, if there are any; before anything else of JAX.
+  """Connects this process with the others of its run, if there are any; call it before anything else of JAX.
 
   coordinator: HOST:PORT of process 0, with process_id and num_processes; "auto": JAX finds all three, or fails. Without
-  any of them a cluster is looked for in the environment. simulate_devices: so many CPU devices in this process.
+  any of them the environment is searched for a cluster. simulate_devices: number of CPU devices to simulate.
   """
   given = {"--coordinator": coordinator, "--process-id": process_id, "--num-processes": num_processes}
   if simulate_devices:
@@ -57,7 +57,7 @@ def start(coordinator=None, process_id=None, num_processes=None, simulate_device
 
 
 def _initialize(**named):
-  jax.config.update("jax_enable_preemption_service", False)  # it would take SIGTERM, which `stopping.Stop` is to hear
+  jax.config.update("jax_enable_preemption_service", False)  # it would take SIGTERM, which is for `stopping.Stop`
   try:
     jax.distributed.initialize(**named)
   except (RuntimeError, ValueError) as error:
@@ -70,8 +70,8 @@ def _initialize(**named):
 
 
 def _leave():
-  """Before JAX's own end of a process, which waits for all the others: what has failed does not, as they may be waiting
-  for it inside of a sum over devices, forever."""
+  """Runs before JAX's own exit handler, which waits for all other processes: a process that has failed must not wait,
+  as they may be waiting for it inside a sum over devices, forever."""
   if _failed:
     try:
       wait_for_all("the processes have failed", _PARTING)
@@ -82,7 +82,7 @@ def _leave():
 
 
 def in_cluster() -> bool:
-  """Whether the environment is that of one of several processes, started by a cluster that JAX knows."""
+  """Whether the environment is that of one of several processes started by a cluster that JAX supports."""
   environment = os.environ
   for count, others in _CLUSTERS.items():
     if environment.get(count, "1") != "1" and all(name in environment for name in others):
@@ -91,12 +91,12 @@ def in_cluster() -> bool:
 
 
 def is_first() -> bool:
-  """Whether this process is the one that writes metrics, weights and pictures, and prints."""
+  """Whether this process is the one that prints and writes metrics, weights and pictures."""
   return not jax.distributed.is_initialized() or jax.process_index() == 0
 
 
 def by_first(function):
-  """The function, which writes something, for the first process; in others it does nothing."""
+  """Decorates a function that writes something: it runs in the first process only."""
   @functools.wraps(function)
   def written(*args, **named):
     return function(*args, **named) if is_first() else None
@@ -105,9 +105,9 @@ def by_first(function):
 
 
 def on_host(tree):
-  """Arrays of the host, the same in every process, of arrays that lie on the devices of all, in parts or whole.
+  """Arrays on the host, the same in every process, of arrays on the devices of all processes, sharded or replicated.
 
-  Every process calls it, in the same place.
+  Every process has to call it, at the same point.
   """
   local = lambda leaf: not isinstance(leaf, jax.Array) or leaf.is_fully_addressable or leaf.is_fully_replicated
   return jax.tree.map(lambda leaf: np.asarray(leaf) if local(leaf)
@@ -116,8 +116,8 @@ def on_host(tree):
 
 @contextlib.contextmanager
 def as_one():
-  """In the block what is printed by other processes than the first is dropped; their errors are not. A process that an
-  error ends in it ends for the others, too, which JAX stops when they miss it."""
+  """In the block only the first process prints; errors of all are shown. An error that ends one process ends the
+  others, too, as JAX stops them when they miss it."""
   global _failed
   with contextlib.ExitStack() as stack:
     if not is_first():
@@ -130,29 +130,28 @@ def as_one():
 
 
 def wait_for_all(name, seconds=_PATIENCE):
-  """Returns when every process has come to the place of this name; any thread may ask.
+  """A barrier of this name for all processes; any thread may call it.
 
-  Not the devices meet, as in `multihost_utils.sync_global_devices`, but the processes by their coordinator: nobody is
-  missed before its time. Raises JaxRuntimeError after so many seconds, or when a process has gone.
+  The processes meet by their coordinator, not the devices as in `multihost_utils.sync_global_devices`, whose time limit
+  is short. Raises JaxRuntimeError after `seconds`, or when a process is gone.
   """
   if jax.process_count() > 1:
-    from orbax.checkpoint import multihost  # here: who only uses a model need not wait for it
+    from orbax.checkpoint import multihost  # here: using a model does not need it
     multihost.get_barrier_sync_fn()(key=name, timeout_ms=int(1000 * seconds))
 
 
 class Meeting:
-  """A row of places at which processes wait for one another while they do something that may fail in any of them: then
-  the others do not wait on, but fail too, and say why.
+  """A series of barriers for work that may fail in any process: then the others stop waiting, and raise its error.
 
-  Every process makes its own and comes to the same places in the same order; any thread may use it. They meet by their
-  coordinator: a place is a word there, which the last to come says, or one that will never come.
+  Every process makes its own Meeting and comes to the same barriers in the same order; any thread may use it. A barrier
+  is a key of the coordinator, which the last process to arrive sets, or one that fails and will not arrive.
   """
   _numbers = itertools.count()
 
   def __init__(self):
     self._name, self._several, self._places = f"meeting {next(self._numbers)}", jax.process_count() > 1, 0
     if self._several:
-      from orbax.checkpoint import multihost  # here: who only uses a model need not wait for it
+      from orbax.checkpoint import multihost  # here: using a model does not need it
       self._coordinator = multihost.get_jax_distributed_client()
 
   @property
@@ -160,8 +159,8 @@ class Meeting:
     return f"{self._name}, place {self._places}"
 
   def wait(self, seconds=_PATIENCE):
-    """Returns when every process is at this place. Where one has failed it raises an OSError if that did, and else a
-    RuntimeError; JaxRuntimeError after so many seconds."""
+    """Returns when every process is at this barrier. Raises OSError where one has failed with an OSError, RuntimeError
+    where it failed otherwise, JaxRuntimeError after `seconds`."""
     if not self._several:
       return
     if self._coordinator.key_value_increment(f"{self._place}, processes", 1) == jax.process_count():
@@ -173,7 +172,7 @@ class Meeting:
     self._places += 1
 
   def fail(self, error):
-    """This process comes to no further place."""
+    """Lets the others know that this process has failed and will not arrive."""
     if self._several:
       failure = dict(of_system=isinstance(error, OSError), text=f"process {jax.process_index()}: {reason(error, 1000)}")
       with contextlib.suppress(jax.errors.JaxRuntimeError):  # the coordinator has gone
@@ -181,11 +180,11 @@ class Meeting:
 
 
 def end_together() -> bool:
-  """Whether all processes have been told to end, and are about to: then their connection is closed, as JAX stops those
-  which miss the first. If not, they have to agree on it between two steps."""
+  """Whether all processes got a signal and are about to end; then their connection is closed, as JAX stops processes
+  that miss the first one. Otherwise they have to agree on it between two steps."""
   if jax.process_count() > 1:
     try:
-      wait_for_all("all are told to end", _PARTING)
+      wait_for_all("all end", _PARTING)
     except jax.errors.JaxRuntimeError:
       return False
     jax.distributed.shutdown()
@@ -193,15 +192,15 @@ def end_together() -> bool:
 
 
 class Agreement:
-  """What processes decide together between two steps: they ask one another every few seconds, all at the same steps."""
+  """Decisions of all processes between two steps, exchanged every few seconds, at the same steps in all."""
 
   def __init__(self):
     self._left, self._count, self._asked = 1, 0, None
 
   def largest(self, *numbers) -> tuple:
-    """The largest of each of these whole numbers in any process, the same in all; 0 after steps at which nobody asks.
+    """The largest value of each of these whole numbers in any process, the same in all; 0 after steps without exchange.
 
-    Every process calls it after every step.
+    Every process has to call it after every step.
     """
     if jax.process_count() == 1:
       return numbers
@@ -220,8 +219,8 @@ class Agreement:
 def compile_together(function, *args):
   """Compiles a jitted function for these arguments in every process, before any of them calls it.
 
-  CPUs find one another when they first sum over a group of devices, and no longer than 30 seconds (Gloo): one process
-  that compiled longer would find the others gone.
+  CPU processes connect at their first sum over devices and wait 30 seconds at most (Gloo): a process that compiles
+  longer would find the others gone.
   """
   if jax.process_count() > 1:
     function.lower(*args).compile()

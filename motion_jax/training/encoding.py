@@ -1,4 +1,4 @@
-"""Making a store: frozen networks over all cuts and captions that training may draw."""
+"""Writing a store of latents: frozen networks applied to all cuts and captions that training may draw."""
 import itertools
 from collections.abc import Callable
 
@@ -21,10 +21,10 @@ def identity(codecs, items: TextItems, encoder: TextEncoder) -> dict[str, str]:
 
 def write(folder, codecs, items: TextItems, encoder: TextEncoder, encode: Callable, vary_subject, *, latents_look_back,
           batch_size=16):
-  """Writes a store of the cuts of items and of their captions; returns what to tell of it.
+  """Writes a store of the cuts of items and of their captions; returns a line about it.
 
   encode(codecs, features (B, T, F), num_frames (B,)) -> {table: rows (B, L, C)}, pure. vary_subject: training varies
-  who it is that moves. latents_look_back: see `store.stored_batch`; then the longest cut from each frame is enough.
+  the subject of captions. latents_look_back: see `store.stored_batch`; then the longest cut from each frame is enough.
   """
   captions = sorted({said for i in items.kept for caption in items.captions[i]
                      for said in (with_subjects(caption) if vary_subject else [caption])})

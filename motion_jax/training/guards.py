@@ -105,7 +105,7 @@ def keep_batch(workdir, step, batch) -> pathlib.Path:
 
 
 class Watchdog:
-  """Ends the process with `exit_status.HUNG` if `beat` is not called for so many minutes; 0 turns it off.
+  """Ends the process with `exit_status.HUNG` if `beat` is not called for `minutes`; 0 turns it off.
 
   The stack of each thread is written to STACKS in the run folder.
   """

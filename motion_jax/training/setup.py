@@ -1,4 +1,4 @@
-"""What the loop needs to train a stage, made from a config: the stage, its batches, its frozen parts."""
+"""The training set-up of a config: a stage, its batches, its frozen parts, and what set-ups share."""
 import dataclasses
 import json
 from collections.abc import Callable
@@ -14,15 +14,15 @@ from motion_jax.motion.stats import Stats
 from motion_jax.training import checkpoint
 from motion_jax.training.stage import Stage
 
-_CARRIED = 16 << 20  # bytes of a text encoder up to which a run folder carries a copy
+_CARRIED = 16 << 20  # a run folder carries a copy of a text encoder up to this number of bytes
 
 
 class TrainingSetup(NamedTuple):
-  """A stage with all that it is trained on.
+  """A stage with everything that it is trained on.
 
   next_batch(step, rows=ALL) -> dict of arrays, the rows of a batch or a slice of them; frozen: arrays that the loss
-  reads and nobody changes; evaluate(params) -> dict of numbers, or None; stats of the features; files: {name: text or
-  bytes} that the run folder keeps; num_items: the windows or captioned clips of an epoch (`epochs`).
+  reads and training does not change; evaluate(params) -> dict of numbers, or None; stats of the features; files: {name:
+  text or bytes} to keep in the run folder; num_items: number of windows or captioned clips in an epoch.
   """
   stage: Stage
   next_batch: Callable
@@ -34,7 +34,7 @@ class TrainingSetup(NamedTuple):
 
 
 def untrained(shapes, seed=0):
-  """Random parameters of these shapes, for trying things out: products keep their size, nothing is compiled."""
+  """Random parameters of these shapes, drawn by numpy without compiling anything; products keep their size."""
   draw = np.random.default_rng(seed)
 
   def fill(path, leaf):
@@ -48,13 +48,13 @@ def untrained(shapes, seed=0):
 
 
 def held_stats(config):
-  """Of a stage that is trained in part (config.train.freeze): the statistics of the run that it starts from, which its
-  frozen parameters know; else None, and the data have their own."""
+  """The statistics of the run that a partly frozen stage (config.train.freeze) starts from, to which its parameters
+  belong; None for other stages, whose statistics come from their data."""
   return runs.load_run(config.train.start).stats if config.train.freeze else None
 
 
 def held_out(config, stats, captioned=False):
-  """The validation split, or a few of the training clips where there is none (synthetic data)."""
+  """The validation split, or a few training clips where the data have none (synthetic data)."""
   try:
     return sources.load_features(config.data, "val", stats, captioned)
   except ValueError:
@@ -65,7 +65,7 @@ def held_out(config, stats, captioned=False):
 def reconstruction_error(reconstruct, features, stats, length=192):
   """Mean distance in millimetres of joints before and after reconstruct(x (1, length, F)), both root-aligned.
 
-  Heading and path are those that the features sum up to (docs/papers/cmdm.md#reconstruction, "with heading"). Clips are
+  Heading and path are integrated from the features (docs/papers/cmdm.md#reconstruction, "with heading"). Clips are
   padded to one length, so that one compiled function serves all.
   """
   total = count = 0
@@ -82,17 +82,17 @@ def reconstruction_error(reconstruct, features, stats, length=192):
 
 
 def text_identity(encoder):
-  """JSON by which loading knows that captions are encoded as they were in training.
+  """JSON that identifies a text encoder, so that loading can check that captions are encoded as in training.
 
-  Of a folder of one's own its name is told, not where it lay.
+  For a folder it holds the name, not the location.
   """
   name = encoder.folder.name if encoder.folder else encoder.name
   return json.dumps({"name": name, "fingerprint": encoder.fingerprint}) + "\n"
 
 
 def encoder_files(encoder):
-  """{name: content} of what a run folder keeps of its text encoder: who it is, and all of it where it lay in a folder
-  of one's own and is small, so that the run opens on another machine, too."""
+  """{name: content} of what a run folder keeps of its text encoder: its identity, and a copy of a small encoder from a
+  folder, so that the run also opens on another machine."""
   files = {checkpoint.TEXT: text_identity(encoder)}
   own = {f"{checkpoint.ENCODER}/{path.relative_to(encoder.folder).as_posix()}": path for path in encoder.files()}
   if sum(path.stat().st_size for path in own.values()) <= _CARRIED:
@@ -101,7 +101,7 @@ def encoder_files(encoder):
 
 
 def caption_lengths(data):
-  """JSON rows [caption, median frames], by which a prompt without a length gets that of its like."""
+  """JSON rows [caption, median frames], from which a prompt without a length gets that of similar captions."""
   frames = {}
   for x, captions in zip(data.features, data.captions):
     for caption in captions:
@@ -110,7 +110,7 @@ def caption_lengths(data):
 
 
 def one_clip_per_caption(data, max_frames):
-  """Of a FeatureSet one clip for each first caption."""
+  """One clip of a FeatureSet for each first caption."""
   first = {captions[0]: i for i, captions in reversed(list(enumerate(data.captions))) if captions}
   chosen = sorted(first.values())
   return batches.CaptionedClips([data.features[i] for i in chosen], [data.captions[i][:1] for i in chosen],

@@ -20,9 +20,9 @@ class Stage(NamedTuple):
   init_extra(batch, rng) -> dict of what else training changes, without a gradient: codebooks. Then the loss is
     loss(params, frozen, batch, step, rng, extra) -> (sums, weight, extra), with the same extra on all devices, and what
     is saved, evaluated and predicted with is params and extra in one dict
-  in_parts: the sums and weights of a batch's parts add up to those of the batch, as they do where items do not meet in
-    the loss, so that a step may take one part after the other
-  about_loss: what the printed loss measures and where it begins, one clause for the first lines of training
+  in_parts: whether sums and weights of a batch's parts add up to those of the batch, because items do not interact in
+    the loss, so that a step may compute one part after the other
+  about_loss: a clause for the first lines of training on what the printed loss measures and where it begins
   """
   init: Callable
   loss: Callable

@@ -12,18 +12,18 @@ from motion_jax.training.stage import DEVICES
 
 @flax.struct.dataclass
 class TrainState:
-  """All that changes while training, and with it all that a resumed run needs."""
+  """Everything that changes while training, which is what a resumed run needs."""
   step: jax.Array
   params: Any
   opt_state: Any
-  ema_params: Any  # None where the config asks for no average
-  extra: Any = None  # what changes without a gradient, of stages that have such (codebooks)
-  norms: Any = None  # of the last gradients, where steps are left out by them
+  ema_params: Any  # None if config.optimizer.ema_decay is 0
+  extra: Any = None  # state that changes without a gradient (codebooks)
+  norms: Any = None  # of the last gradients, for optimizer.skip_spikes
 
 
 def init_state(stage, tx, batch, rng, average=True, norms=False):
-  """The state before the first step; average: whether it holds an average of the parameters beside them; norms: whether
-  it holds the norms of the last 64 gradients, nan for those that were none."""
+  """The state before the first step; average: with an average of the parameters; norms: with the norms of the last 64
+  gradients, nan where there was none."""
   params = stage.init(batch, rng)
   copy = jax.tree.map(jnp.copy, params) if average else None  # donated buffers may not be shared
   extra = stage.init_extra(batch, rng) if stage.init_extra else None
@@ -32,20 +32,20 @@ def init_state(stage, tx, batch, rng, average=True, norms=False):
 
 
 def variables_of(state, average=False):
-  """What a trained stage is used with: parameters, averaged ones on demand, and the extra state beside them."""
+  """The variables that a trained stage is used with: parameters, optionally the averaged ones, and the extra state."""
   return {**(state.ema_params if average else state.params), **(state.extra or {})}
 
 
 def is_below(path, names):
-  """Whether a path of keys in a tree of parameters, as jax.tree_util has it, goes through one of these names."""
+  """Whether a path of jax.tree_util in a tree of parameters goes through one of these names."""
   return any(getattr(key, "key", None) in names for key in path)
 
 
 class TrainStep(NamedTuple):
   """(state, frozen, batch, rng) -> (state, metrics), to be mapped over DEVICES (see `training.mesh`).
 
-  The batch has the rows of one device; state, frozen and rng are the same on all, and so is what comes out. It is two
-  parts, of which the second has nothing to do with devices:
+  The batch has the rows of one device; state, frozen and rng are the same on all devices, and so are the results. The
+  step has two parts, of which the second does not depend on devices:
   gradients(state, frozen, batch, rng) -> (grads, metrics, extra), update(state, grads, metrics, extra).
   """
   gradients: Callable
@@ -56,11 +56,11 @@ class TrainStep(NamedTuple):
 
 
 def _in_parts(of_rows, batch, count):
-  """The sum of what of_rows gives of so many parts of a batch, one after the other."""
+  """The sum of of_rows(part) over `count` parts of a batch, computed one after the other."""
   num_rows = len(batch["index"])
   if num_rows % count:
     raise ValueError(f"got {num_rows} rows on each device and optimizer.accumulate_steps = {count}; data.batch_size "
-                     "must be a multiple of both together")
+                     "must be a multiple of their product")
   parts = jax.tree.map(lambda a: a.reshape((count, -1) + a.shape[1:]), batch)
   shapes = jax.eval_shape(of_rows, jax.tree.map(lambda a: a[0], parts))
   nothing = jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), shapes)
@@ -70,21 +70,20 @@ def _in_parts(of_rows, batch, count):
 def make_train_step(stage, tx, ema_decay, skip_loss=0.0, skip_spikes=0.0, accumulate_steps=1, freeze=()) -> TrainStep:
   """The step of a stage.
 
-  skip_loss > 0 leaves the state as it was, but for the step count, when the loss is larger or not a number;
-  skip_spikes > 0 when the gradient is so many times the median of those before (16 at least), or not a number.
-  accumulate_steps: into how many parts a device cuts its rows, whose gradients it adds up one after the other; the step
-  is still one step on the whole batch. freeze: names below which parameters stay as they are, to the bit; no gradient
-  is computed for them.
+  skip_loss > 0: a step whose loss is larger, or not finite, changes nothing but the step count; skip_spikes > 0: the
+  same for a gradient norm above skip_spikes times the median of the last ones (16 at least).
+  accumulate_steps: number of parts of a device's rows whose gradients are computed one after the other and added; it is
+  still one step on the whole batch. freeze: names below which parameters stay the same to the bit, without a gradient.
   """
   frozen_or = lambda old, new: jax.tree_util.tree_map_with_path(  # old where frozen, else new
       lambda path, a, b: a if is_below(path, freeze) else b, old, new) if freeze else new
 
   if accumulate_steps > 1 and not stage.in_parts:
-    raise ValueError(f"got optimizer.accumulate_steps = {accumulate_steps}, but items of a batch meet in this stage's "
-                     "loss: it cannot be taken in parts; leave it at 1")
+    raise ValueError(f"got optimizer.accumulate_steps = {accumulate_steps}, but the items of a batch interact in "
+                     "this stage's loss, so it cannot be split into parts; leave it at 1")
 
   def gradients(state, frozen, batch, rng):
-    """-> means over the batches of all devices: of the gradient and of the metrics, and the stage's extra state."""
+    """-> means of gradient and metrics over the batches of all devices, and the stage's extra state."""
     rng = jax.random.fold_in(rng, state.step)  # a resumed run replays the same noise
 
     def total(params, rows):
@@ -117,7 +116,7 @@ def make_train_step(stage, tx, ema_decay, skip_loss=0.0, skip_spikes=0.0, accumu
       if skip_spikes:
         enough = jnp.isfinite(state.norms).sum() >= 16
         good &= ~(enough & (metrics["grad_norm"] > skip_spikes * jnp.nanmedian(state.norms)))
-      # A choice between two programs: choosing between their results would read and write the whole state once more.
+      # A branch: selecting between results would read and write the whole state once more.
       new = jax.lax.cond(good, updated, lambda state, grads, extra: state, state, grads, extra)
       metrics["skipped"] = 1.0 - good
     else:

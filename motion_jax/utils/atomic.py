@@ -1,4 +1,4 @@
-"""Files and folders that appear whole or not at all."""
+"""Files and folders that are written completely or not at all."""
 import contextlib
 import functools
 import os
@@ -11,9 +11,9 @@ from motion_jax.utils import stopping
 
 @contextlib.contextmanager
 def atomic_path(path):
-  """Yields a temporary neighbour of path that takes its place when the block ends well, and vanishes otherwise.
+  """Yields a temporary path beside `path`, which replaces it when the block succeeds and is removed otherwise.
 
-  The suffix is kept, for writers that look at it. Raises an error that names the folder if it cannot be written.
+  The suffix is kept, for writers that check it. Raises an error that names the path if it cannot be written.
   """
   path = pathlib.Path(path)
   try:
@@ -33,7 +33,7 @@ def atomic_path(path):
 
 
 def remove_strays(folder, names):
-  """Removes what `atomic_path` left half-written of these files of a folder when its program was killed."""
+  """Removes temporary files that `atomic_path` left for these names in a folder when a program was killed."""
   for name in names:
     path = pathlib.Path(name)
     for stray in (pathlib.Path(folder) / path).parent.glob(f".{path.stem}-{'[a-z0-9_]' * 8}{path.suffix}"):
@@ -42,9 +42,9 @@ def remove_strays(folder, names):
 
 @contextlib.contextmanager
 def atomic_folder(path):
-  """Yields a temporary neighbour of a folder that takes its place when the block ends well, and vanishes otherwise.
+  """Yields a temporary folder beside `path`, which replaces it when the block succeeds and is removed otherwise.
 
-  What lies at path then is gone: check before whether it may. Raises an error that names it if it cannot be written.
+  A folder at path is deleted: check before. Raises an error that names the path if it cannot be written.
   """
   path = pathlib.Path(path).absolute()
   try:

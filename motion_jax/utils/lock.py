@@ -1,4 +1,4 @@
-"""A folder in which one program works at a time: a file in it says who."""
+"""A lock file in a folder, so that one program works in it at a time."""
 import contextlib
 import json
 import os
@@ -16,13 +16,13 @@ NAME = "lock.json"
 def locked(folder):
   """Holds a folder's lock while the block runs. Raises InputError where another program holds it.
 
-  The lock of a program of this machine that has died is taken over. Of another machine nobody can know whether it still
-  runs: the error says what to delete if it does not.
+  A lock left by a dead program of this machine is taken over. Whether a program of another machine still runs cannot be
+  checked, so the error names the file to delete if it does not.
   """
   path = pathlib.Path(folder) / NAME
   own = {"host": socket.gethostname(), "pid": os.getpid(), "born": _born(os.getpid()),
          "since": time.strftime("%Y-%m-%d %H:%M:%S")}
-  for _ in range(10):  # two may take over the same dead lock at once: all but one see the other's
+  for _ in range(10):  # several may take over the same dead lock at once: one of them gets it
     try:
       handle = os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o644)
       break
@@ -43,11 +43,11 @@ def locked(folder):
 
 
 def _remove_dead(path):
-  """Removes the lock of a program that is gone; raises ValueError if it is not, or if nobody can know."""
+  """Removes the lock of a program that is gone; raises InputError if it runs, or if that cannot be checked."""
   try:
     text = path.read_text(encoding="utf-8")
   except FileNotFoundError:
-    return  # let go in the meantime
+    return  # released in the meantime
   try:
     content = json.loads(text)
     host, pid, since = content["host"], int(content["pid"]), content.get("since", "some time")
@@ -65,7 +65,7 @@ def _remove_dead(path):
 
 
 def _take_away(path, text):
-  """Removes a lock file if it still holds that text: not the lock of one who was faster."""
+  """Removes a lock file if it still holds that text, and not the lock of a faster program."""
   aside = path.with_name(f".{NAME}.{os.getpid()}")
   with contextlib.suppress(FileNotFoundError):
     os.replace(path, aside)
@@ -86,7 +86,7 @@ def _lives(pid, born):
 
 
 def _born(pid):
-  """When a process began, in the kernel's ticks, where /proc tells it: with the number it names a process for good."""
+  """Start time of a process in the kernel's ticks, from /proc: together with its number it identifies the process."""
   try:
     return int(pathlib.Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[19])
   except (OSError, ValueError, IndexError):

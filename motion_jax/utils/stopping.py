@@ -1,6 +1,6 @@
-"""How a program ends when it is told to: cleaned up, with one line, and with the exit status that shells expect.
+"""How a program ends on a signal: cleaned up, with one line, and with the exit status that shells expect.
 
-The command line uses this; the library itself leaves signals alone.
+Only the command line uses this; the library itself leaves signals alone.
 """
 import contextlib
 import os
@@ -12,12 +12,12 @@ from motion_jax.utils import exit_status
 from motion_jax.utils.exit_status import PIPE_CLOSED
 
 _SIGNALS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
-_undo = []  # functions that take back what is half done, the newest last
+_undo = []  # functions that remove what is half done, the newest last
 
 
 @contextlib.contextmanager
 def undone_by(function):
-  """While the block runs a signal that ends the program calls function() first: it takes back what is half done."""
+  """While the block runs, a signal that ends the program calls function() first, to remove what is half done."""
   _undo.append(function)
   try:
     yield
@@ -26,7 +26,7 @@ def undone_by(function):
 
 
 def take_back():
-  """Calls what `undone_by` names, the newest first; what fails, as a thread may still be writing, is tried again."""
+  """Calls the functions of `undone_by`, the newest first; those that fail, as a thread may still write, are retried."""
   for function in reversed(_undo):
     for _ in range(3):
       with contextlib.suppress(Exception):
@@ -40,9 +40,9 @@ _ended_by = None
 
 
 def _end(program, number, resumable, message=_CLEAN, quiet=False):
-  """Ends the process where it stands: what is half done is taken back, one line unless quiet, the status of the signal.
+  """Ends the process at once: removes what is half done, prints one line unless quiet, exits with the signal's status.
 
-  Once, though one signal may be heard by a thread and a second one by a handler."""
+  It runs once, even if a thread gets one signal and a handler a second one."""
   global _ended_by
   if not _ending.acquire(blocking=False):
     if _ended_by == threading.get_ident():
@@ -62,10 +62,10 @@ def _end(program, number, resumable, message=_CLEAN, quiet=False):
 
 @contextlib.contextmanager
 def at_once(program, message=_CLEAN, resumable=False):
-  """In the block SIGINT, SIGTERM and SIGHUP end the program where it stands: what is half done is taken back, one line.
+  """In the block SIGINT, SIGTERM and SIGHUP end the program at once: what is half done is removed, one line is printed.
 
-  No exception is raised, for code of others may swallow it: a module that is being imported, a callback. Does nothing
-  outside the main thread, where Python sets no handlers. resumable: a training, see `exit_status.PREEMPTED`.
+  No exception is raised, because code of others could swallow it (a module that is being imported, a callback). Does
+  nothing outside the main thread, where Python sets no handlers. resumable: for a training, `exit_status.PREEMPTED`.
   """
   def end(number, frame):
     for other in _SIGNALS:
@@ -86,14 +86,14 @@ def at_once(program, message=_CLEAN, resumable=False):
 class Stop:
   """Turns the first SIGINT, SIGTERM or SIGHUP into a flag, so that a training stops between two steps.
 
-  In `with stop:` .raised becomes True; a second signal does what signals did before. Afterwards .status is the exit
-  status of a training that was stopped so, 0 if it was not.
+  In `with stop:` .raised becomes True; a second signal acts as it did before. Afterwards .status is the exit status of
+  a training that was stopped this way, 0 otherwise.
 
-  program: the name of one that a signal ends at once while there is nothing to lose, as is so from the start until
-  `something_to_lose` is called, and again after `nothing_to_lose`. A thread hears the signal: handlers in Python wait
-  for the end of whatever the main thread is in, such as minutes of compiling.
+  program: its name; with one, a signal ends the program at once while there is nothing to lose: from the start until
+  `something_to_lose`, and again after `nothing_to_lose`. A thread receives the signal, because Python's handlers wait
+  for the main thread, which may be compiling for minutes.
 
-  quiet: another process of the run says how it ended.
+  quiet: another process of the run prints how it ended.
   """
 
   def __init__(self, program=None):
@@ -111,12 +111,12 @@ class Stop:
     return exit_status.of_signal(self.number, resumable=True)
 
   def something_to_lose(self):
-    """From now on a signal is a flag alone."""
+    """From now on a signal only sets the flag."""
     with self._lock:
       self._may_end = False
 
   def nothing_to_lose(self, before_end=None):
-    """From now on a signal ends the program at once, if it has a name, after before_end(); not if that gives False."""
+    """From now on a signal ends a named program at once, after before_end(), unless that returns False."""
     with self._lock:
       self._may_end, self._before_end = self._program is not None, before_end
       if self.raised:
@@ -134,7 +134,7 @@ class Stop:
           _end(self._program, self.number, resumable=True, quiet=self.quiet)
 
   def hear(self, number):
-    """As if this signal had come, if it is one and not 0: another process of the run has been sent it."""
+    """Takes a signal that another process of the run has received; 0: none."""
     self.number = self.number or number or None
 
   def __enter__(self):
@@ -184,7 +184,7 @@ class Stop:
 
 
 def flush() -> int:
-  """Flushes what was printed; 0, or PIPE_CLOSED where the reader, such as `head`, has gone: then without a word."""
+  """Flushes stdout; returns 0, or PIPE_CLOSED, silently, where the reader, such as `head`, is gone."""
   try:
     if sys.stdout is not None:
       sys.stdout.flush()
@@ -194,7 +194,7 @@ def flush() -> int:
 
 
 def pipe_closed() -> int:
-  """Sends what is still printed nowhere, so that the interpreter's last flush does not complain; the exit status."""
+  """Discards further output, so that the interpreter's last flush does not fail; returns the exit status."""
   with contextlib.suppress(OSError, ValueError, AttributeError):
     nowhere = os.open(os.devnull, os.O_WRONLY)
     os.dup2(nowhere, sys.stdout.fileno())

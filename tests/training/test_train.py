@@ -83,7 +83,7 @@ def test_a_batch_in_parts_is_one_step_and_goes_on_with_or_without(tmp_path):
   with pytest.raises(ValueError, match="8 rows on each device and optimizer.accumulate_steps = 3"):
     run(2, 3, "odd")
   config = _config(2, accumulate_steps=2)
-  with pytest.raises(ValueError, match="accumulate_steps = 2, but items of a batch meet"):
+  with pytest.raises(ValueError, match="accumulate_steps = 2, but the items of a batch interact"):
     train.train(config, tmp_path / "meeting", _stage()._replace(in_parts=False), _next_batch)
 
 
