@@ -124,15 +124,18 @@ def load_config(name, size):
   return config_files.load(f"{name}:{size}")
 
 
-def traced_loss(config):
-  """Traces the loss of what a config trains, and compiles nothing: sizes, fields and frozen parts fit together."""
+def traced_loss_shape(config):
+  """The shape of the loss of a config on one device, by `jax.eval_shape`: sizes, fields and frozen parts fit together.
+
+  Nothing is compiled.
+  """
   config, _ = training.resolve(config)
   setup = training.setups()[config.stage](config)
   batch, rng = setup.next_batch(0), jax.random.key(0)
   init, init_extra = setup.stage.init, setup.stage.init_extra
   state = [jax.eval_shape(made, batch, rng) for made in (init, init_extra) if made is not None]
   loss = lambda params, *extra: setup.stage.loss(params, setup.frozen or {}, batch, 0, rng, *extra)[0]["loss"]
-  assert jax.eval_shape(jax.vmap(loss, None, axis_size=1, axis_name=DEVICES), *state).shape == (1,)
+  return jax.eval_shape(jax.vmap(loss, None, axis_size=1, axis_name=DEVICES), *state).shape[1:]
 
 
 def devices_env(count):

@@ -216,7 +216,7 @@ def test_an_example_with_its_answer_is_what_the_command_prints():
 
 @pytest.mark.parametrize("page", [page for page in PAGES if _blocks(page, "python")], ids=_name)
 @pytest.mark.slow
-def test_python_of_the_pages_runs(page, tmp_path, monkeypatch):
+def test_python_of_the_pages_runs_without_an_error(page, tmp_path, monkeypatch):
   monkeypatch.chdir(tmp_path)
   scope = {}  # read from top to bottom, as a person would
   for block in _blocks(page, "python"):

@@ -81,7 +81,8 @@ def tokenizer_stage(config: ConfigDict) -> Stage:
 
   def predict(params, frozen, batch, rng):
     """Reconstructions by the mean of the latents; with rng also, as "drawn", by latents drawn around it."""
-    mean, logvar = vae.apply(params, batch["features"], method="encode")
+    encoded: Any = vae.apply(params, batch["features"], method="encode")
+    mean, logvar = encoded
     found = {"features": vae.apply(params, mean, method="decode"), "mean": mean, "logvar": logvar}
     if rng is not None:
       z = sample_latent(mean, logvar, jax.random.normal(rng, mean.shape))
