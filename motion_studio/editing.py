@@ -18,7 +18,7 @@ from motion_jax.motion.skeleton import bone_lengths
 from motion_jax.utils import progress
 from motion_studio.checks import resampling
 from motion_studio.checks.reports import report, unmet_requirements
-from motion_studio.checks.requirements import excess_speed, violation_score
+from motion_studio.checks.violations import excess_speed, violation_score
 from motion_studio.language import Plan
 from motion_studio.planning.job import Job
 

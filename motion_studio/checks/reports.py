@@ -8,7 +8,7 @@ from jaxtyping import Num
 
 from motion_jax.analysis.events import find_events
 from motion_jax.analysis.signals import Body
-from motion_studio.checks.requirements import events_of, number_of, violation
+from motion_studio.checks.violations import events_of, number_of, violation
 from motion_studio.language.path_shapes import KINDS
 from motion_studio.language.requirements import Requirement
 

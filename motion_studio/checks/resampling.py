@@ -8,8 +8,8 @@ from motion_jax.models.results import Motion
 from motion_jax.motion.skeleton import HUMANML3D
 from motion_jax.utils import progress
 from motion_studio.checks.reports import report, unmet_requirements
-from motion_studio.checks.requirements import excess_speed, violation_score
-from motion_studio.language.path_shapes import with_a_side
+from motion_studio.checks.violations import excess_speed, violation_score
+from motion_studio.language.path_shapes import with_explicit_side
 from motion_studio.planning.finishing_touches import corrected
 from motion_studio.planning.job import Job
 
@@ -93,7 +93,7 @@ def can_be_checked(model: Any) -> bool:
 def said_again(prompt: str, requirements: Sequence[Any], number: int) -> str:
   """The prompt of another attempt: a circle without a side gets one, as some models know only such circles."""
   either = any(one.kind == "circle" and not one.side for one in requirements)
-  return with_a_side(prompt, number) if either else prompt
+  return with_explicit_side(prompt, number) if either else prompt
 
 
 def guidance_scale(model: Any, sampling: dict[str, Any]) -> float:

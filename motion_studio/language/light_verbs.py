@@ -52,7 +52,7 @@ def _come_to_a_stop(verb, words, lower):
   return _action("stop", []) if stops else None
 
 
-def _strike_with_a_side(verb, words, lower):
+def _strike_with_explicit_side(verb, words, lower):
   if verb not in lexicon.BLOWS or lower[:1] not in (["left"], ["right"]) or not (
       len(lower) == 1 or lower[-1] in lexicon.REPETITION_WORDS):
     return None
@@ -143,7 +143,7 @@ RULES = (
     Rule("Coming to a stop", "The body stands still.", {
         "someone walks ahead, then comes to a stop": "walks ahead | stands still"}, _come_to_a_stop),
     Rule("Kick or punch with a side", "The side names the leg or the hand.", {
-        "a person kicks right twice": "kicks with the right foot 2 times"}, _strike_with_a_side),
+        "a person kicks right twice": "kicks with the right foot 2 times"}, _strike_with_explicit_side),
     Rule("Hands up", "Putting the hands up is raising them.", {
         "she puts her hands up": "raises both hands",
         "someone puts up the left hand": "raises the left hand"}, _put_hands_up),

@@ -1,4 +1,4 @@
-"""The shape and pace of a path, as a sentence describes them: `checks.path_shapes` measures it on joints."""
+"""The shape and pace of a path, as a sentence describes them: `checks.path_violations` measures it on joints."""
 import re
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
@@ -105,7 +105,7 @@ def min_duration(actions: "Sequence[Action]", text: str) -> float:
   return _RUN_CIRCLE if any(action.verb in lexicon.RUNNING_VERBS for action in actions) else _WALKED_CIRCLE
 
 
-def with_a_side(text: str, number: int) -> str:
+def with_explicit_side(text: str, number: int) -> str:
   """The text with a side after its circle: "in a circle to the left" for odd numbers, right for even ones.
 
   A text with no circle, or with several, stays as it is.

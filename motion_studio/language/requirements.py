@@ -1,4 +1,4 @@
-"""What actions require of a motion, as far as it can be measured on joints: `checks.requirements` measures it."""
+"""What actions require of a motion, as far as it can be measured on joints: `checks.violations` measures it."""
 import re
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple

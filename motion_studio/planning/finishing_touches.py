@@ -9,7 +9,7 @@ import numpy as np
 from motion_jax.models.results import Motion, features_of
 from motion_jax.motion.retarget import floor_height
 from motion_jax.motion.skeleton import HUMANML3D
-from motion_studio.checks.requirements import violation_score
+from motion_studio.checks.violations import violation_score
 from motion_studio.language.requirements import Requirement
 from motion_studio.planning.pauses import held_frame, insert_pause
 

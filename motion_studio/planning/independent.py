@@ -12,7 +12,7 @@ import numpy as np
 
 from motion_jax.models.results import Motion, captions_in_a_row, features_of
 from motion_jax.motion.skeleton import HUMANML3D, Skeleton
-from motion_studio.checks.requirements import violation_score
+from motion_studio.checks.violations import violation_score
 from motion_studio.language.requirements import Requirement, is_counted, once
 from motion_studio.planning.joining import SLACK, joined
 

@@ -7,10 +7,10 @@ import pytest
 from motion_jax.data.clip import Caption
 from motion_jax.models.results import Motion
 from motion_jax.motion.representations import get_layout
-from motion_studio.checks.requirements import violation_score
+from motion_studio.checks.violations import violation_score
 from motion_studio.language import parse
 from motion_studio.planning import finishing_touches
-from tests.studio.checks.test_requirements import _joints, _seated
+from tests.studio.checks.test_violations import _joints, _seated
 
 MODEL = SimpleNamespace(stats=SimpleNamespace(layout=get_layout("full")),
                         config=SimpleNamespace(data=SimpleNamespace(mode="benchmark")))

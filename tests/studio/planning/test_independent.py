@@ -7,7 +7,7 @@ from motion_jax.data.datasets.synthetic import synthetic_joints
 from motion_jax.loading import load
 from motion_jax.models.results import Motion
 from motion_jax.motion.skeleton import KIT
-from motion_studio.checks.requirements import violation_score
+from motion_studio.checks.violations import violation_score
 from motion_studio.language import parse
 from motion_studio.language.requirements import once
 from motion_studio.planning import sequencing

@@ -3,9 +3,9 @@ import numpy as np
 import pytest
 
 from motion_jax.analysis.signals import Body
-from motion_studio.checks.path_shapes import path_violation
-from motion_studio.checks.requirements import excess_speed
-from motion_studio.checks.requirements import violation_score as score
+from motion_studio.checks.path_violations import path_violation
+from motion_studio.checks.violations import excess_speed
+from motion_studio.checks.violations import violation_score as score
 from motion_studio.language import parse
 from motion_studio.language.path_shapes import KINDS, PathShape
 from motion_studio.language.requirements import Requirement

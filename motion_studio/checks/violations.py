@@ -2,7 +2,7 @@
 
 Samples with a violation are resampled (best of n). `analysis.events` detects kicks, punches, jumps, hops, squats, bows,
 waves, turns and walks backward, with side and number; sitting, standing still, dancing in place and the speed of a run
-are measured here, shape and pace of a path in `path_shapes`. The rules of events are not certain near their
+are measured here, shape and pace of a path in `path_violations`. The rules of events are not certain near their
 limits, so a motion with a violation may still be a good one. Every function takes joints of any span: those of one
 action, or of the frames that an edit has made. `reports.unmet_requirements` says violations in words.
 """
@@ -14,7 +14,7 @@ from jaxtyping import Num
 
 from motion_jax.analysis.events import PUNCH, Event, feet_up, find_events, punch_speed
 from motion_jax.analysis.signals import Body
-from motion_studio.checks.path_shapes import path_violation
+from motion_studio.checks.path_violations import path_violation
 from motion_studio.language.path_shapes import KINDS, PathShape
 from motion_studio.language.requirements import COUNTED, Requirement
 

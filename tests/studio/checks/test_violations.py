@@ -4,10 +4,10 @@ import pytest
 
 from motion_jax.analysis.events import find_events
 from motion_jax.data.datasets.synthetic import synthetic_joints
-from motion_studio.checks.requirements import excess_speed
-from motion_studio.checks.requirements import violation_score as score
+from motion_studio.checks.violations import excess_speed
+from motion_studio.checks.violations import violation_score as score
 from motion_studio.language import parse
-from motion_studio.language.path_shapes import with_a_side
+from motion_studio.language.path_shapes import with_explicit_side
 from motion_studio.language.requirements import Requirement, is_counted, once
 
 
@@ -155,8 +155,8 @@ def test_a_kick_that_is_slow_counts_half_where_kicks_are_counted():
     ("a circle of people stands still", "a circle of people stands still"),
     ("a person walks", "a person walks")])
 def test_a_circle_gets_a_side(text, said):
-  assert with_a_side(text, 1) == said
-  assert with_a_side(text, 2) == said.replace("to the left", "to the right")
+  assert with_explicit_side(text, 1) == said
+  assert with_explicit_side(text, 2) == said.replace("to the left", "to the right")
 
 
 def test_a_circle_has_time_to_be_gone_round():
