@@ -54,8 +54,10 @@ class Parser(argparse.ArgumentParser):
 
 def _suggestion(flag, known):
   """"; did you mean --num-samples?" for a flag of another program, or one that is spelled almost like a known one."""
-  name = flag.lstrip("-").replace("-", "_")
-  meant = [f"--{other.replace('_', '-')}" for other in OTHERS.get(name.lower(), ())]
+  name = flag.lstrip("-").replace("_", "-").lower()
+  meant = [f"--{other.replace('_', '-')}" for other in OTHERS.get(name.replace("-", "_"), ())]
   meant = [one for one in meant if one in known]
-  return f"; did you mean {meant[0]}?" if meant else did_you_mean(flag, known)
+  # Without the dashes, which all flags have in common.
+  return (f"; did you mean {meant[0]}?" if meant else
+          did_you_mean(name, [one.lstrip("-") for one in known]).replace("mean ", "mean --"))
 

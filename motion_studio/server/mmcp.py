@@ -15,6 +15,7 @@ from motion_jax.export.glb import FLOAT, Buffer
 from motion_jax.motion.contacts import feet_stand
 from motion_jax.motion.looping import looped
 from motion_jax.motion.pose import t_pose, to_pose
+from motion_jax.motion.retiming import resample
 from motion_jax.motion.skeleton import HUMANML3D
 from motion_jax.utils.errors import InputError
 from motion_jax.utils.numerals import SEEDS
@@ -212,10 +213,8 @@ def _number(given, name, low, high, usual, whole=False):
 
 def _at_rate(joints, fps, to_fps, count):
   """Joints at another rate, padded with the last frame to count frames."""
-  at = np.minimum(np.arange(count) * (fps / to_fps), len(joints) - 1)
-  first = np.minimum(np.floor(at + 1e-9).astype(int), len(joints) - 1)
-  weight = (at - first)[:, None, None]
-  return joints[first] * (1 - weight) + joints[np.minimum(first + 1, len(joints) - 1)] * weight
+  found = resample(joints, fps, to_fps)[:count]
+  return np.concatenate([found, np.repeat(joints[-1:], count - len(found), axis=0)])
 
 
 def _document(samples, fps, model, skeleton):

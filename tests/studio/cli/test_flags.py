@@ -73,6 +73,12 @@ def test_flags_of_other_programs_and_slips_name_the_right_one(words, meant, caps
   assert f"did you mean {meant}?" in error and len(error.splitlines()) == 1
 
 
+def test_a_flag_like_no_other_suggests_nothing(capsys):
+  with pytest.raises(SystemExit):
+    cli.parse("edit x --prompt y --lag 3".split())  # a flag of CMDM models
+  assert capsys.readouterr().err == "motion-jax edit: unrecognized arguments: --lag 3; see motion-jax edit --help\n"
+
+
 @pytest.mark.parametrize("command, ability", [("multi-prompt", "multi_prompt"), ("extend", "extend"), ("edit", "edit")])
 def test_commands_have_the_flags_of_the_methods_that_can_run_them(command, ability):
   able = {stage.partition(".")[0] for stage in registry.model_stages(ability)}
