@@ -1,7 +1,7 @@
 """What an accelerator does for this project, piece by piece: sampling, streaming, decoding, training, matmuls.
 
   python benchmarks/accelerator.py OUT                 all pieces that OUT lacks, the most wanted first
-  python benchmarks/accelerator.py OUT --seconds 500   begins no piece after so long; the same command goes on
+  python benchmarks/accelerator.py OUT --seconds 500   begins no piece after this time; the same command continues
   python benchmarks/accelerator.py OUT --only train/   pieces whose names begin so
   python benchmarks/accelerator.py OUT --tiny          tiny networks, for a test on a CPU
   python benchmarks/accelerator.py OUT --table         writes OUT/README.md from the pieces that are there
@@ -274,7 +274,7 @@ def measure(out, wanted, seconds):
     if path.exists():
       continue
     if time.monotonic() - began > seconds:
-      print(f"{seconds:g} s are over; the same command goes on at {name}")
+      print(f"{seconds:g} s are over; the same command continues at {name}")
       return False
     write(path, dict(piece=name, error="the program ended in this piece") | device())  # until it is done
     try:

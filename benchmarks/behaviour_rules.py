@@ -111,7 +111,7 @@ def keeps_straight(body):
 
 
 def stands_still(body):
-  """No joint is faster than a third of a metre a second for most of the time, none is fast ever, nobody goes away."""
+  """No joint is faster than 0.33 m/s for most of the time, none is ever fast, and the body stays in place."""
   fastest = np.linalg.norm(velocity(body.joints, FPS, 0.2), axis=-1).max(1)
   moved = np.linalg.norm(body.path - body.path[:1], axis=-1).max()
   return bool(np.mean(fastest < 0.35) > 0.7 and fastest.max() < 1.2 and moved < 0.3 and np.median(body.trunk) < 30)

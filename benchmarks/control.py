@@ -1,12 +1,13 @@
-"""What is asked of a model beside its words, and how well and how fast it does it, step by step.
+"""Control by constraints: distance, quality and speed of each way to apply them, one after the other.
 
   python benchmarks/control.py --model cmdm-small --data path/to/cmu path/to/bandai [--clips 8] [--out control.json]
 
 Prints a table for each kind of constraint: paths of test clips, poses at a quarter of their frames, a hand at five of
 them, and curves that no training clip follows (`motion_jax.control.paths`). Its rows are the same motions, seeds and
-words made without constraints, with a network that is told them (where it was trained to be), with guidance through the
-decoder besides, and brought to what is asked in the end. Milliseconds are those of a second call, a batch of all
-motions, divided by their number; the last line has those of the sampler alone, with their ratio to no constraints."""
+prompts without constraints, with a network that takes them as input (where it was trained to), with guidance through
+the decoder besides, and projected onto the constraints in the end. Milliseconds are those of a second call, a batch of
+all motions, divided by their number; the last line has those of the sampler alone, with their ratio to no constraints.
+"""
 import argparse
 import json
 import os
@@ -27,11 +28,11 @@ from motion_studio import Pipeline
 
 COLUMNS = "mean error, m", "worst, m", "skating", "planted, m/s", "fastest joint, m/s", "ms a motion"
 WALKS = ("a person walks", "a person walks forward")
-WAYS = {"words alone": None, "told": dict(control_steps=0, exact=False), "and guided": dict(project=False),
+WAYS = {"prompt alone": None, "conditioned": dict(control_steps=0, exact=False), "and guided": dict(project=False),
         "and projected": dict(exact=True)}
 
 
-def asked(joints, given):
+def constrained(joints, given):
   """The `ControlSignal` (1, T) of those places of joints (T, 22, 3) that are given (T, 22, 3)."""
   return signal.ControlSignal(np.where(given, joints, 0)[None].astype(np.float32), given[None],
                               np.zeros((1, len(joints)), np.float32), np.zeros((1, len(joints)), bool))
@@ -65,12 +66,12 @@ def kinds(clips, model):
     given["poses at 25 %"][rng.choice(count, count // 4, replace=False)] = True
     given["hand at 5 frames"][rng.choice(count, 5, replace=False), 20] = True
     for name, where in given.items():
-      found[name].append((words, asked(joints, where)))
+      found[name].append((words, constrained(joints, where)))
   for name, curve in paths.CURVES.items():
     path = curve(fps)[:most]
     joints, given = np.zeros((len(path), 22, 3)), np.zeros((len(path), 22, 3), bool)
     joints[:, 0, ::2], given[:, 0, ::2] = path, True
-    found[name] = [(words, asked(joints, given)) for words in WALKS * 2]
+    found[name] = [(words, constrained(joints, given)) for words in WALKS * 2]
   return found
 
 
@@ -98,8 +99,8 @@ def sampler_times(model, rows, repeats=5):
   """{way: milliseconds a motion} of the sampler alone, the least of several calls that take turns."""
   words, frames = [row[0] for row in rows], [row[1].frames for row in rows]
   control, (keys, seeds) = signal.stack([row[1] for row in rows]), keys_of(None, range(len(rows)), len(rows))
-  ways = {"words alone": lambda: model.sample(words, frames, keys, seeds, False, {}),
-          "told": lambda: model.sample(words, frames, keys, seeds, False, dict(control_steps=0), control),
+  ways = {"prompt alone": lambda: model.sample(words, frames, keys, seeds, False, {}),
+          "conditioned": lambda: model.sample(words, frames, keys, seeds, False, dict(control_steps=0), control),
           "and guided": lambda: model.sample(words, frames, keys, seeds, False, {}, control)}
   found = {way: [] for way in ways}
   for _ in range(repeats + 1):
@@ -113,7 +114,7 @@ def sampler_times(model, rows, repeats=5):
 def main():
   parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
   parser.add_argument("--model", default="cmdm-small")
-  parser.add_argument("--data", nargs="+", required=True, help="archives whose test rows are asked for")
+  parser.add_argument("--data", nargs="+", required=True, help="archives whose test rows give the constraints")
   parser.add_argument("--clips", type=int, default=8, help="test clips of each archive")
   parser.add_argument("--frames", type=int, default=72)
   parser.add_argument("--out", type=pathlib.Path, help="a JSON file for all numbers")
@@ -136,7 +137,7 @@ def main():
             f"{one['top_speed']:.1f} | {one['ms']:.0f} |", flush=True)
     print()
   found["sampler"] = sampler = sampler_times(model, kinds(clips, model)["path of a test clip"])
-  plain = sampler["words alone"]
+  plain = sampler["prompt alone"]
   print("the sampler alone, a path of each motion: " + ", ".join(
       f"{way} {ms:.0f} ms a motion ({ms / plain:.2f})" for way, ms in sampler.items()))
   if args.out:

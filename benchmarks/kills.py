@@ -1,12 +1,12 @@
-"""Trainings killed with SIGKILL, again and again, must end with the very bytes of one that was left alone.
+"""Trainings that are killed with SIGKILL again and again must end with the same bytes as an undisturbed one.
 
   python benchmarks/kills.py 1000                          a small line through points, a second a kill
   python benchmarks/kills.py 50 --stage cmdm_denoiser      a config, in its size :tiny
 
-A training is killed up to eight times, at a random moment or at one of POINTS, and goes on each time as `motion-jax
-train --resume` does; then it ends in peace, and its state, its weights, its rows of metrics and the list of its states
-are compared with those of a training that nobody killed. The line has steps that are left out and a rollback in it.
-Results lie in OUT/kills.jsonl, a row for each kill: a second call with a larger number goes on. Prints a table.
+A training is killed up to eight times, at a random moment or at one of POINTS, and resumed each time as by `motion-jax
+train --resume`; then it ends normally, and its state, its weights, its rows of metrics and the list of its states are
+compared with those of an undisturbed training. The line has skipped steps and a rollback in it. Results are in
+OUT/kills.jsonl, a row for each kill; a second call with a larger number continues. Prints a table.
 """
 import argparse
 import collections
@@ -43,7 +43,7 @@ def main():
 
 
 def run(kills, stage, out) -> int:
-  """Kills trainings of a stage until so many kills are on record; returns 1 if an end is another, else 0."""
+  """Kills trainings of a stage until `kills` kills are recorded; returns 1 if an end differs, else 0."""
   out.mkdir(parents=True, exist_ok=True)
   whole = out / "whole"
   if not ((whole / "end.json").is_file() and (whole / "passed.json").is_file()):

@@ -2,7 +2,7 @@
 
   python benchmarks/studio.py --minutes 10 --streams 1 2 4 --out studio.json
 
-Starts a studio of its own, plays so many streams at the speed of their clocks, as pages do, and says the blocks that
+Starts a studio of its own, plays the streams at the speed of their clocks, as pages do, and prints the blocks that
 came too late to be played, blocks a second as fast as they can be made, seconds from a prompt to the first frame that
 it changed (sent, and played), bytes a second, and the studio's memory at the beginning and at the end.
 """
@@ -29,7 +29,7 @@ def memory(pid):
 
 
 class Page(threading.Thread):
-  """Plays a stream for so many seconds: takes a block when its first frame is due, notes those that were not there."""
+  """Plays a stream for some seconds: takes a block when its first frame is due, notes those that were not there."""
 
   def __init__(self, client, seed, seconds, speed, say_every=0.0):
     super().__init__(daemon=True)
@@ -63,7 +63,7 @@ class Page(threading.Thread):
       self.blocks += 1
       self.frames += len(joints)
       self.bytes += 48 + len(joints) * (8 + 6 * last["joints"] + 4)
-      words = [message for message in self.live.told if message["type"] == "words"]
+      words = [message for message in self.live.messages if message["type"] == "words"]
       if border is None and len(words) > number + 1:
         number, border = len(words) - 1, words[-1]["from_frame"]
       if border is not None and last["committed"] > border:
@@ -78,7 +78,7 @@ class Page(threading.Thread):
 
 
 def measured(client, pid, count, seconds, speed, say_every=0.0):
-  """What so many pages saw, together."""
+  """The measurements of all pages together."""
   before = memory(pid)
   pages = [Page(client, seed, seconds, speed, say_every) for seed in range(count)]
   start = time.monotonic()

@@ -1,25 +1,25 @@
-"""The papers' ablations at small scale: every row trained alike, judged by our own benchmark, claims with verdicts.
+"""The papers' ablations at small scale: every row trained alike, evaluated by our own benchmark, claims with verdicts.
 
   python benchmarks/study.py --archives path/to/cmu path/to/bandai --out runs/study [--papers cmdm cdamd] [--seeds 3]
       [--steps tokenizer=1500 denoiser=500 ...] [--only ROW ...] [--max_seconds N]
   ... --part 0/2 in one shell, --part 1/2 in another: two processes share the work
-  ... --again                                         judges anew what other code judged, from the motions that exist
-  ... --report                                        only writes study.json and study.md anew from what is there
+  ... --again                                         evaluates again the rows that other code evaluated
+  ... --report                                        only writes study.json and study.md
 
 Rows: CMDM's Table 4 with its sampling rows, CDAMD's Tables I, IV, V and MARDM, by the configs of configs/ablations/.
-The same command goes on where it stopped; what is done is not done again. The folder holds PAPER/seedN/ROW/ with a run
-folder for each stage and scores.json, the record of the judging in it; study.json and study.md are written after every
-row. Other data, another teacher or other evaluators than the folder's rows were made with are refused.
+The same command continues where it stopped; finished parts are not repeated. The folder holds PAPER/seedN/ROW/ with a
+run folder for each stage and scores.json with its provenance; study.json and study.md are written after every row.
+Other data, another teacher or other evaluators than those of the folder's rows are refused.
 
-Tokenizers and RVQ-VAEs are trained once per seed, and the rows of a seed share them. Once for all seeds would save
-some of the time, but then each tokenizer's luck would be in all seeds alike, and the intervals would not know of it:
-half of CMDM's claims are about tokenizers. What is drawn of the test clips is a seed's own, too, for the same reason.
-The teacher is the one that ships.
+Tokenizers and RVQ-VAEs are trained once per seed, and the rows of a seed share them. Once for all seeds would save some
+of the time, but then the chance of each tokenizer would be in all seeds alike, and the intervals would not cover it:
+half of CMDM's claims are about tokenizers. Draws from the test clips are different for each seed for the same reason.
+The teacher is the shipped one.
 
-Judged are the averaged weights, without cleanup: texts of the test clips by `archives-66`, without multimodality; for
-CMDM also stories by the long-horizon protocol, shorter ones, with AUJ counted from the jerk of the archives' clips. The
-row of one level for all is sampled as it was trained, all frames at once. These numbers are our own benchmark's: never
-put them into a row of HumanML3D's.
+Evaluated are the averaged weights, without cleanup: texts of the test clips by `archives-66`, without multimodality;
+for CMDM also long motions by the long-horizon protocol, shorter ones, with AUJ relative to the jerk of the archives'
+clips. The row of one level for all is sampled as it was trained, all frames at once. These numbers are our own
+benchmark's and do not compare with HumanML3D's.
 """
 import argparse
 import contextlib
@@ -71,7 +71,7 @@ class Clock:
 
 
 class Stopped(Exception):
-  """Time is up, or someone asked to stop; everything is saved."""
+  """The time is over, or a signal came; everything is saved."""
 
 
 # --- judging -----------------------------------------------------------------------------------------------------
@@ -189,13 +189,13 @@ def do_row(row, settings, out, bench, clock, failed):
     train_run(one, settings, out, parts, clock, failed)
     parts[one.stage] = one.folder
   begin = time.monotonic()
-  scores, told = bench.scores(row, out / row.runs[-1].folder, clock)
+  scores, record = bench.scores(row, out / row.runs[-1].folder, clock)
   runs = [checkpoint.load_json(out / one.folder, TRAINED) for one in row.runs]
   path = out / row.scores
   path.parent.mkdir(parents=True, exist_ok=True)
   write_json(path.parent, path.name, dict(
       paper=row.paper, row=row.name, seed=row.seed, scores=scores, runs=runs,
-      seconds=round(time.monotonic() - begin, 1), record=told))
+      seconds=round(time.monotonic() - begin, 1), record=record))
   tell = {name: scores[name]["mean"] for name in ("top1", "fid", "auj") if name in scores}
   print(f"  judged in {time.monotonic() - begin:.0f} s: " + ", ".join(f"{k} {v:.3f}" for k, v in tell.items()),
         flush=True)
@@ -211,7 +211,7 @@ def write_json(folder, name, content):
 def run_study(settings, out, part=(0, 1), only=(), max_seconds=None, force=False, again=False):
   """Does the rows of a part, and writes study.json and study.md after each. Returns whether all of them are done.
 
-  again: rows that another commit judged are judged anew; their motions are kept.
+  again: rows that another commit evaluated are evaluated again; their motions are kept.
   """
   rows = study_plan.plan(settings, part, only)
   out, clock = pathlib.Path(out), Clock(max_seconds)
@@ -231,9 +231,9 @@ def run_study(settings, out, part=(0, 1), only=(), max_seconds=None, force=False
           write_json(out, REAL, bench.real())
         do_row(row, settings, out, bench, clock, failed)
       except Stopped:
-        print("stopped and saved; the same command goes on from here", flush=True)
+        print("stopped and saved; the same command continues", flush=True)
         return False
-      except FloatingPointError as error:  # a row that cannot be trained or sampled is told, and tried again next time
+      except FloatingPointError as error:  # reported, and tried again the next time
         print(f"  {error}", flush=True)
         whole = False
       write_report(out)
@@ -252,19 +252,19 @@ def keep_settings(settings, out):
   """Writes the study's settings, with hashes of what they name, or raises ValueError where the folder holds a study by
   others. Papers and seeds may be added, folders may have moved.
   """
-  asked = json.loads(json.dumps(dataclasses.asdict(settings) | {"hashes": hashes_of(settings)}))
+  wanted = json.loads(json.dumps(dataclasses.asdict(settings) | {"hashes": hashes_of(settings)}))
   if (out / SETTINGS).is_file():
     before = checkpoint.load_json(out, SETTINGS)
-    before.setdefault("hashes", asked["hashes"])
-    other = [name for name in asked if name not in ("papers", "seeds", "archives", "teacher")
-             and asked[name] != before.get(name)]
+    before.setdefault("hashes", wanted["hashes"])
+    other = [name for name in wanted if name not in ("papers", "seeds", "archives", "teacher")
+             and wanted[name] != before.get(name)]
     if other:
       raise ValueError(f"{out} holds a study with " + ", ".join(f"{n} {before.get(n)!r}" for n in other)
-                       + ", asked for " + ", ".join(f"{asked[n]!r}" for n in other) + "; rows of one study are alike: "
+                       + ", requested " + ", ".join(f"{wanted[n]!r}" for n in other) + "; rows of one study are alike: "
                        "take another --out")
-    asked |= dict(papers=[p for p in study_plan.PAPERS if p in asked["papers"] or p in before["papers"]],
-                  seeds=max(asked["seeds"], before["seeds"]))
-  write_json(out, SETTINGS, asked)
+    wanted |= dict(papers=[p for p in study_plan.PAPERS if p in wanted["papers"] or p in before["papers"]],
+                  seeds=max(wanted["seeds"], before["seeds"]))
+  write_json(out, SETTINGS, wanted)
 
 
 def hashes_of(settings) -> dict:
@@ -297,7 +297,7 @@ def parse(argv=None):
   parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
   add = parser.add_argument
   add("--archives", nargs="+", required=True, help="folders of motion_jax.data.datasets.archive")
-  add("--out", required=True, help="folder of the study; the same one goes on")
+  add("--out", required=True, help="folder of the study; an existing one is continued")
   add("--papers", nargs="+", default=defaults.papers, choices=study_plan.PAPERS)
   add("--seeds", type=int, default=defaults.seeds)
   add("--steps", nargs="+", default=[], metavar="STAGE=N", help=f"by default {defaults.steps}")
@@ -312,7 +312,7 @@ def parse(argv=None):
   add("--only", nargs="+", default=[], metavar="ROW")
   add("--part", default="0/1", help="such as 0/2 and 1/2, with the same arguments otherwise")
   add("--max_seconds", type=float, help="stop and save after so long")
-  add("--again", action="store_true", help="judge anew the rows that another commit judged, from their motions")
+  add("--again", action="store_true", help="evaluate again the rows that another commit evaluated, from their motions")
   add("--force", action="store_true", help="go on though evaluators do not look right on the real clips")
   add("--report", action="store_true", help="train and judge nothing, write the report of what is there")
   args = parser.parse_args(argv)

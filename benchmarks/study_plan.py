@@ -95,16 +95,16 @@ def row_of(paper, name, seed) -> Row:
     changes = ABLATIONS["cmdm"]["ROWS"][name][1]
     tokenizer = name if "tokenizer" in changes else "default"
     of_denoiser = changes.get("denoiser", {})
-    asked = {path.partition(".")[2]: value for path, value in of_denoiser.items() if path.startswith("sampler.")}
-    trained = "default" if asked and len(asked) == len(of_denoiser) else name
+    sampling = {path.partition(".")[2]: value for path, value in of_denoiser.items() if path.startswith("sampler.")}
+    trained = "default" if sampling and len(sampling) == len(of_denoiser) else name
     parts = [("tokenizer", tokenizer), ("denoiser", trained)]
   else:
     layout = ABLATIONS["cdamd"]["ROWS"][name][1]
-    home, asked = ABLATIONS["cdamd"]["HOMES"][layout], {}
+    home, sampling = ABLATIONS["cdamd"]["HOMES"][layout], {}
     parts = [("autoencoder", home), ("rvq", home), ("generator", name)]
     if not ABLATIONS["cdamd"]["get_config"](name).loss.prior_levels:
       del parts[1]
-  return Row(paper, name, seed, tuple(Run(paper, row, stage, seed) for stage, row in parts), asked)
+  return Row(paper, name, seed, tuple(Run(paper, row, stage, seed) for stage, row in parts), sampling)
 
 
 def plan(settings, part=(0, 1), only=()) -> list[Row]:

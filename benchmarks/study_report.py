@@ -111,7 +111,7 @@ def summarize(settings, found, real) -> dict:
   """All that a study found, as plain values.
 
   settings: a dict; found: the contents of scores.json files; real: {task: scores of real motions}. Of folders only the
-  names are told: their contents are known by hash, and where they lay is nobody's business.
+  names are kept: their contents are identified by hash, and their paths are private.
   """
   settings = settings | dict(archives=[pathlib.Path(folder).name for folder in settings["archives"]],
                              teacher=pathlib.Path(settings["teacher"]).name)
@@ -230,7 +230,7 @@ def _judged_by(study):
   """Which code the numbers are of; the record of the last row is in study.json."""
   lines = [f"- {count} rows by code {code}" for code, count in study["judged_by"].items()]
   if len(lines) > 1:
-    lines.append("- **Not all by the same code: `study.py --again` judges anew what an older one judged.**")
+    lines.append("- **Not all by the same code: `study.py --again` evaluates again the rows of older code.**")
   return ["## What judged", "", *lines]
 
 

@@ -1,6 +1,6 @@
-"""Line charts, laid out once: labelled axes, intervals as bands; drawn as SVG text or as a picture.
+"""Line charts with labelled axes and intervals as bands, as SVG text or as a picture.
 
-`svg` leaves colours to a page's style sheet, by the classes s0, s1, .. and real: they follow its light and dark.
+`svg` leaves colours to a page's style sheet, by the classes s0, s1, .. and real, which follow its light and dark mode.
 """
 import html
 import math
@@ -101,7 +101,7 @@ def number(value: float) -> str:
 
 
 def _layout(series, x_label, y_label, title, logarithmic) -> list[_Mark]:
-  """What is drawn, from the back to the front."""
+  """The marks of a chart, from back to front."""
   lines = [(one, kind, points) for one, kind in zip(series, kinds(series)) if (points := _points(one))]
   if not lines:
     raise ValueError(f"got no numbers to draw for {title or y_label!r}; every point is missing")

@@ -20,7 +20,8 @@ CLEAN = ("motion_jax/training", "motion_jax/fit.py", "configs", "motion_jax/util
          "motion_jax/quant", "motion_jax/diffusion", "motion_jax/metrics", "motion_jax/convert", "motion_jax/control",
          "motion_jax/text", "motion_jax/latents.py", "motion_jax/shapes.py", "motion_jax/utils/lazy.py",
          "motion_studio/language", "motion_studio/checks", "motion_jax/evaluation", "motion_jax/evaluators",
-         "motion_jax/models/tmr", "motion_jax/runs.py", "motion_jax/paper_tables.py", "tools/reference.py", "examples",
+         "motion_jax/models/tmr", "motion_jax/runs.py", "motion_jax/paper_tables.py", "motion_jax/charts.py", "tools",
+         "benchmarks", "examples",
          "motion_studio/server", "motion_studio/cli", "motion_studio/client.py", "blender")
 WORD_LISTS = ("motion_jax/text/lexicon.py", "motion_studio/language/lexicon.py")  # data, not prose
 UNFINISHED = ("docs/benchmark", "docs/reference")

@@ -3,7 +3,7 @@
 `tools/mutations.py` lists what is broken: a file, a piece of it that stands there exactly once, what takes its place,
 and the tests that ought to notice. The tree is copied to a temporary folder, where the tests are run once as it is
 (they must pass, or they could not tell anything) and then once for each mutation. Printed is a table in Markdown:
-killed, by which test; survived; or what went wrong. The exit status is 1 if one survived, 2 if nothing could be told.
+killed, by which test; survived; or what went wrong. The exit status is 1 if one survived, 2 if the tests fail anyway.
 
   python tools/mutate.py                 all of them, some minutes
   python tools/mutate.py ema kl-ramp     some, by name

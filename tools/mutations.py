@@ -60,7 +60,7 @@ MUTATIONS = (
      ("tests/diffusion/test_ode.py",)),
     ("ddpm-last-noise", "motion_jax/diffusion/ddpm.py", "jnp.where(index > 0, std * temperature, 0.0)",
      "std * temperature", ("tests/diffusion/test_ddpm.py",)),
-    ("ddpm-told-steps", "motion_jax/diffusion/ddpm.py", "predict(x, jnp.asarray(schedule.steps)[last - m])",
+    ("ddpm-given-steps", "motion_jax/diffusion/ddpm.py", "predict(x, jnp.asarray(schedule.steps)[last - m])",
      "predict(x, last - m)", ("tests/diffusion/test_ddpm.py",)),
     ("guidance", "motion_jax/diffusion/guidance.py", "without + scale * (with_text - without)",
      "with_text + scale * (with_text - without)", (f"{SOLVERS}::test_guidance",)),
