@@ -22,7 +22,7 @@ from motion_jax.training import checkpoint, combine, distributed, loop, metrics,
 from motion_jax.training import resume as resuming
 from motion_jax.training.combine import TOKENIZERS
 from motion_jax.training.optimizers import is_schedule_free
-from motion_jax.utils import atomic, config_files, lock
+from motion_jax.utils import atomic, config_files, lock, plugins
 from motion_jax.utils.errors import InputError
 from motion_jax.utils.nearest import did_you_mean
 
@@ -48,6 +48,7 @@ def run(config, workdir, resume=False, max_seconds=None, stop=None, allow_change
   """
   if "passes" in config:
     return run_passes(config, workdir, resume, max_seconds, stop, allow_changes)
+  plugins.import_modules(config)
   known = setups()
   if config.stage not in known:
     raise ValueError(f"got stage {config.stage!r}, expected one of {', '.join(known)}"

@@ -7,6 +7,7 @@ import errno
 import os
 import pathlib
 import tempfile
+from collections.abc import Callable
 
 from motion_jax.data.clip import Clip
 from motion_jax.export.bvh import bvh
@@ -17,9 +18,12 @@ from motion_jax.export.rig import rig_error as _rig_error
 from motion_jax.export.video import frame, frames, strip, video
 from motion_jax.motion.skeleton import HUMANML3D, SNAPMOGEN
 from motion_jax.motion.transfer import to_22
+from motion_jax.utils.plugins import Registry
 
-WRITERS = {".npz": npz, ".npy": npy, ".bvh": bvh, ".glb": glb, ".mp4": video, ".gif": video, ".html": html,
-           ".png": strip, ".jpg": strip}
+# {extension: writer(clip, path, **options) -> path}, and those of other packages.
+WRITERS: Registry[Callable] = Registry("motion_jax.exports", {
+    ".npz": npz, ".npy": npy, ".bvh": bvh, ".glb": glb, ".mp4": video, ".gif": video, ".html": html, ".png": strip,
+    ".jpg": strip})
 _TOGETHER = (html, strip)  # several clips share one file
 _ANY_FIGURE = (npz, npy)   # the others draw or store bodies of joints whose names they know
 

@@ -1,4 +1,5 @@
-"""Which methods there are. A further one is a folder with these files, and one line here:
+"""The known methods. A further one is a package with these files, and one line here or an entry point of the group
+`motion_jax.methods` (docs/adding.md):
 
   setup.py     SETUPS {stage: function(config) -> TrainingSetup}, and RESOLVED {stage: function(config) -> {field:
                value}}, what a config takes over from the runs of its frozen parts; it may be empty
@@ -11,10 +12,12 @@ Stages are called "METHOD.PART", as "cmdm.denoiser": so a run's config says whic
 import importlib
 from typing import Any
 
-METHODS = {
+from motion_jax.utils.plugins import Registry
+
+METHODS: Registry[str] = Registry("motion_jax.methods", {
     "cmdm": "motion_jax.models.cmdm",
     "cdamd": "motion_jax.models.cdamd",
-}
+}, read=lambda entry: entry.value)
 
 # Motion-language teachers: trained like a method, but they generate no motion.
 TEACHERS = {"tmr": "motion_jax.models.tmr"}
@@ -53,4 +56,4 @@ def options() -> dict:
 
 
 def _of(method, part):
-  return importlib.import_module(f"{(METHODS | TEACHERS)[method]}.{part}")
+  return importlib.import_module(f"{TEACHERS[method] if method in TEACHERS else METHODS[method]}.{part}")

@@ -1,4 +1,4 @@
-"""The data sets that are known, a line each, and which of them a folder is."""
+"""The known data sets, one line each and those of other packages, and which of them a folder is."""
 import pathlib
 
 from motion_jax.data.datasets.archive import Archive
@@ -10,16 +10,17 @@ from motion_jax.data.datasets.snapmogen import SnapMoGen
 from motion_jax.data.datasets.synthetic import Synthetic
 from motion_jax.data.mocap.files import READERS
 from motion_jax.utils.nearest import did_you_mean
+from motion_jax.utils.plugins import Registry
 
-# In this order a folder is asked for.
-DATASETS: dict[str, Dataset] = {dataset.name: dataset for dataset in (
+# The first that matches a folder reads it.
+DATASETS: Registry[Dataset] = Registry("motion_jax.datasets", {dataset.name: dataset for dataset in (
     Archive(),
     HumanML3D(),
     SnapMoGen(),
     Babel(),
     Records(),
     Synthetic(),
-)}
+)})
 
 
 def get_dataset(name) -> Dataset:

@@ -12,8 +12,9 @@
 The last three hold rotations that joints do not tell: what is made here from joints has the plainest ones
 (`motion.inverse`); their files make features of data that has them.
 
-A further representation is a file with a subclass of `Representation` and an entry of `LAYOUTS`. It is asked for by
-name: `get_layout("full").to_joints(features)`, or `to_joints(features, "full")`.
+A further representation is a subclass of `Representation` and an entry of `LAYOUTS`, or an entry point of the group
+`motion_jax.representations` in another package. It is used by name: `get_layout("full").to_joints(features)`, or
+`to_joints(features, "full")`.
 """
 from jaxtyping import Float, Num
 
@@ -26,10 +27,11 @@ from motion_jax.motion.representations.snapmogen import SNAPMOGEN_148, SNAPMOGEN
 from motion_jax.motion.representations.steps import STEPS, STEPS_KIT
 from motion_jax.motion.rotations import A
 from motion_jax.shapes import Array
+from motion_jax.utils.plugins import Registry
 
-LAYOUTS = {layout.name: layout for layout in (
+LAYOUTS: Registry[Representation] = Registry("motion_jax.representations", {layout.name: layout for layout in (
     FULL, ESSENTIAL, COORDINATES, FULL_KIT, ESSENTIAL_KIT, COORDINATES_KIT, STEPS, STEPS_KIT, SNAPMOGEN_296,
-    SNAPMOGEN_148, MOTIONSTREAMER, BABEL)}
+    SNAPMOGEN_148, MOTIONSTREAMER, BABEL)})
 FeatureLayout = Representation
 
 
