@@ -1,5 +1,6 @@
 """Numbers of our own code that must not move unseen: parameter counts of every config, draws of batches and noise."""
 import json
+import warnings
 
 import jax
 import jax.numpy as jnp
@@ -20,6 +21,7 @@ from motion_jax.nets.length_estimator import LengthEstimator
 from motion_jax.text.bert import bert_fields
 from motion_jax.utils import config_files
 from tests.conftest import load_config
+from tools import pin_motions
 
 COUNTS = {
     ("part_tmr", "full"): 51_080_705, ("part_tmr", "small"): 482_753, ("part_tmr", "tiny"): 21_425,
@@ -135,3 +137,17 @@ def test_noise_is_that_of_the_first_release():
 
 DRAWS = [927, 247, 17, 289]
 NOISE = [-0.587781, -2.455146, 1.394334, 0.530269, 1.238652, -1.130595]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("model", pin_motions.MODELS)
+def test_motions_of_the_shipped_models(model):
+  """One pass, pipeline, stream, several prompts, continued, edited, constrained; `tools/pin_motions.py reduce` made the
+  recording. Within a millimetre, as processors round differently; on one machine that tool compares to the bit."""
+  recorded = np.load(pin_motions.FIXTURE)
+  jobs = {name: (loaded, make) for name, loaded, make in pin_motions.motions(f"{model}/") if name in recorded.files}
+  assert set(jobs) == {name for name in recorded.files if name.startswith(f"{model}/")}
+  for name, (loaded, make) in jobs.items():
+    with warnings.catch_warnings():
+      warnings.simplefilter("ignore")
+      np.testing.assert_allclose(make(loaded)[::10], recorded[name], atol=1e-3, err_msg=name)

@@ -2,11 +2,13 @@
 
   python tools/pin_motions.py record /tmp/motions.npz
   python tools/pin_motions.py compare /tmp/motions.npz          largest difference of each motion, in metres
+  python tools/pin_motions.py reduce /tmp/motions.npz           every tenth frame of some of them, as a test's fixture
   ... --only cmdm-small/generate                                 motions whose name begins so
 
 Equal to the bit on one machine; other processors round elsewhere (tests/test_pinned.py allows for that).
 """
 import argparse
+import pathlib
 import sys
 import warnings
 
@@ -22,6 +24,19 @@ PROMPTS = (
     "a man jumps three times", "someone turns left and runs",
     "a person sits down, stays seated for 2 seconds and gets up",
     "a person squats", "a person punches", "After bowing, a person walks backward.",
+)
+FIXTURE = pathlib.Path(__file__).parents[1] / "tests" / "fixtures" / "pinned_motions.npz"
+REDUCED = (  # motions of the fixture, of which every tenth frame is kept
+    "cmdm-small/one_pass/a person walks forward", "cmdm-small/one_pass/a person kicks twice with the right leg",
+    "cmdm-small/generate/a person walks forward", "cmdm-small/generate/a person walks while waving",
+    "cmdm-small/generate/a man jumps three times", "cmdm-small/generate/a person walks forward, then sits down",
+    "cmdm-small/generate/a person sits down, stays seated for 2 seconds and gets up", "cmdm-small/control",
+    "cmdm-small/stream", "cmdm-small/multi_prompt", "cmdm-small/extend",
+    "cmdm-small-fast/one_pass/a person walks forward",
+    "cmdm-small-fast/generate/a person squats", "cmdm-open/one_pass/a person walks forward",
+    "cmdm-open/generate/someone turns left and runs", "cdamd-small/one_pass/a person squats",
+    "cdamd-small/generate/a person punches", "cdamd-small/generate/a person walks while waving", "cdamd-small/edit",
+    "cdamd-small/control",
 )
 MODELS = ("cmdm-small", "cmdm-small-fast", "cmdm-open", "cdamd-small")
 WALK = "a person walks forward"
@@ -80,10 +95,14 @@ def motions(only=""):
 
 def main():
   parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-  parser.add_argument("command", choices=("record", "compare"))
+  parser.add_argument("command", choices=("record", "compare", "reduce"))
   parser.add_argument("file")
   parser.add_argument("--only", default="", help="motions whose name begins so")
   args = parser.parse_args()
+  if args.command == "reduce":
+    recorded = np.load(args.file)
+    np.savez_compressed(FIXTURE, **{name: recorded[name][::10] for name in REDUCED})
+    return
   warnings.simplefilter("ignore")
   known = dict(np.load(args.file)) if args.command == "compare" else {}
   worst, found = 0.0, {}

@@ -143,7 +143,8 @@ class TextToMotionModel(Able):
   def captions(self) -> TrainingCaptions:
     """Statistics of the captions that it was trained on; empty where its folder does not keep them."""
     subjects = SUBJECTS if self.config.data.get("vary_subject") else ()  # training had these, too
-    return TrainingCaptions(*(checkpoint.load_lengths(self.folder) or ((), ())), self.encoder, self.fps, subjects)
+    texts, frames = checkpoint.load_lengths(self.folder) or ([], [])
+    return TrainingCaptions(texts, frames, self.encoder, self.fps, subjects)
 
   # --- lengths ---------------------------------------------------------------------------------------------------
 

@@ -169,10 +169,10 @@ class CdamdModel(TextToMotionModel):
       raise ValueError("say what to make by one of task, keep and change")
     keys, seeds = keys_of(rng, seeds, len(clips), seed)
     sampling["mask"] = mask or self.config.sampler.edit_mask
-    given, clips, unit = clips, [clip_of(clip, self.stats.layout) for clip in clips], self.frames_per_latent
+    sources, unit = [clip_of(clip, self.stats.layout) for clip in clips], self.frames_per_latent
     features = [clip.features if clip is not one and clip.features is not None else
                 features_of(self, on_our_body(clip, self.fps, self.stats.layout.skeleton))
-                for one, clip in zip(given, clips)]
+                for one, clip in zip(clips, sources)]
     frames = [len(x) // unit * unit for x in features]
     for count, x in zip(frames, features):
       if not unit <= count <= self.config.data.max_frames:
@@ -186,7 +186,7 @@ class CdamdModel(TextToMotionModel):
     return dataclasses.replace(motions, motions=tuple(
         motion.replace(id=clip.id, license=clip.license or self.license,
                        meta=motion.meta | dict(edited=clip.source or clip.id, made=runs))
-        for motion, clip, runs in zip(motions, clips, new)))
+        for motion, clip, runs in zip(motions, sources, new)))
 
   def inpaint(self, features: Sequence[Float[np.ndarray, "_ f"]], new: Sequence[Bool[np.ndarray, " _"]],
               prompts: Sequence[str], keys: jax.Array, sampling: dict[str, Any]

@@ -34,6 +34,7 @@ from motion_jax.diffusion.guidance import combine
 from motion_jax.diffusion.samplers import SOLVERS
 from motion_jax.diffusion.schedules import time_of_level
 from motion_jax.models.cmdm import ddpm_forcing
+from motion_jax.nets.frame_wise import FrameWiseNetwork
 from motion_jax.shapes import Array, Net
 
 
@@ -382,15 +383,14 @@ class Sampler:
     return jnp.moveaxis(made, 0, 1).reshape(len(self.keys), num_blocks * plan.block, self.dit.latent_dim)
 
 
-def bind(dit: Net, plan: Plan, params: Any, *, text_emb: Float[Array, "b *g s e"],
-         text_mask: Bool[Array, "b *g s"], scale: Any, keys: jax.Array, control: Float[Array, "b l n"] | None = None
-         ) -> Sampler:
-  """A sampler for captions text_emb (B, S, E), text_mask (B, S), or G of them a motion, see `encode_text`.
-
-  control (B, L, N): what all latents of the motions are held to, see `motion_jax.control.conditioning.features`.
-  """
+def bind(dit: FrameWiseNetwork, plan: Plan, params: Any, *, text_emb: Float[Array, "b *g s e"] | None = None,
+         text_mask: Bool[Array, "b *g s"] | None = None, scale: Any = 1.0, keys: jax.Array,
+         control: Float[Array, "b l n"] | None = None) -> Sampler:
+  """A sampler for captions text_emb (B, S, E), text_mask (B, S), or G of them a motion, see `encode_text`; None for a
+  network without captions. control (B, L, N): of `control.conditioning.features`."""
   return Sampler(dit, plan, params, make_constants(dit, params, plan),
-                 encode_text(dit, params, text_emb, text_mask, plan.guided), scale, keys,
+                 None if text_emb is None or text_mask is None else encode_text(
+                     dit, params, text_emb, text_mask, plan.guided), scale, keys,
                  None if control is None else control_tokens(dit, plan, params, control))
 
 

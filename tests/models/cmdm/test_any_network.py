@@ -1,0 +1,57 @@
+"""The cached sampler takes any network of the Protocol: here one layer of attention without captions."""
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from flax import linen as nn
+
+from motion_jax.diffusion import samplers
+from motion_jax.diffusion.schedules import staircase
+from motion_jax.models.cmdm import streaming
+from motion_jax.nets.masks import sliding_mask
+
+
+class Toy(nn.Module):
+  """One layer of self-attention, conditioned on the time alone; no positions, no captions."""
+  latent_dim: int = 2
+  width: int = 8
+  num_heads: int = 2
+  depth: int = 1
+  dtype: type = jnp.float32
+
+  def setup(self):
+    self.projections = nn.Dense(3 * self.width)
+    self.out = nn.Dense(self.latent_dim)
+
+  def modulation(self, t):
+    return t[None, :, None]
+
+  def turn_keys(self, cache, positions):
+    return cache
+
+  def window(self, x, t, modulation, text, attn_mask, positions, past=None, control=None):
+    heads = lambda a: a.reshape(*a.shape[:2], self.num_heads, -1)
+    query, *new = map(heads, jnp.split(self.projections(x) + modulation[0], 3, axis=-1))
+    keys, values = new if past is None else (jnp.concatenate(pair, axis=1) for pair in zip(past[0], new))
+    y = nn.dot_product_attention(query, keys, values, mask=attn_mask)
+    return self.out(y.reshape(*x.shape[:2], -1)), (tuple(new),)
+
+  def velocity(self, x, t, attn_mask):
+    return self.window(x, t, self.modulation(t)[:, None], None, attn_mask, None)[0]
+
+
+@pytest.mark.parametrize("lag", [2, 4])
+def test_a_network_without_captions_is_sampled_as_by_the_plain_loop(lag):
+  """Past the end of the cache, too: the context is four blocks, the motion eight."""
+  toy, blocks, block = Toy(), 8, 2
+  plan = streaming.make_plan(4, lag, block, 4 * block, blocks, guided=False)
+  params = toy.init(jax.random.key(0), jnp.zeros((1, 4, 2)), jnp.zeros(4), jnp.ones((1, 1, 4, 4), bool),
+                    method="velocity")
+  keys = jax.random.split(jax.random.key(1), 3)
+  made = streaming.bind(toy, plan, params, keys=keys).sample(blocks)
+  noise = jnp.concatenate([streaming.block_noise(keys, i, plan, 2) for i in range(blocks)], axis=1)
+  mask = sliding_mask(blocks * block, block, plan.context)
+  plain = samplers.euler(lambda x, t: toy.apply(params, x, t, mask, method="velocity"), noise,
+                         jnp.asarray(staircase(4, blocks * block, lag, block)))
+  assert made.shape == (3, blocks * block, 2) and np.abs(plain - noise).max() > 0.1
+  np.testing.assert_allclose(made, plain, atol=1e-5)
