@@ -33,7 +33,8 @@ def test_a_project_is_what_its_requests_make(client, library):
 
 def test_edits_are_done_in_their_order(library, monkeypatch):
   asked = []
-  monkeypatch.setattr(project, "make_edit", lambda model, clip, *rest: (asked.append((model.id, *rest)), clip)[1])
+  monkeypatch.setattr(project, "make_edit", lambda pipeline, clip, *rest: (
+      asked.append((pipeline.model.id, *rest)), clip)[1])
   edit = {"prompt": "a person kicks", "change": [[8, 16]], "seed": 2, "model": {"name": "editor", "id": "old@1234"}}
   told = []
   found = project.checked(PROJECT | {"edits": [edit | {"take": 1}, edit | {"take": 0}, edit | {"take": 1, "seed": 3}]},
