@@ -89,7 +89,7 @@ def warn_if_hasty(planner: Any, plan: Plan, count: int) -> None:
   usual, behind = (sum(counts) for counts in np.split(np.array(durations.usual_frames(planner, plan)), [moving]))
   count = count - int(behind)
   if moving > 1 and count < _HASTY * usual:
-    warnings.warn(f"{count / planner.fps:.1f} s, which what is asked of the body takes, are shared by "
+    warnings.warn(f"{count / planner.fps:.1f} s, the time that the constraints imply, are shared by "
                   f"{moving} actions that usually take {usual / planner.fps:.1f} s; try "
                   f"{usual / planner.fps:.0f} seconds", stacklevel=2)
 

@@ -19,7 +19,11 @@ CLEAN = ("motion_jax/training", "motion_jax/fit.py", "configs", "motion_jax/util
          "motion_jax/utils/lock.py", "motion_jax/utils/atomic.py", "motion_jax/utils/overrides.py", "motion_jax/nets",
          "motion_jax/quant", "motion_jax/diffusion", "motion_jax/metrics", "motion_jax/convert", "motion_jax/control",
          "motion_jax/text", "motion_jax/latents.py", "motion_jax/shapes.py", "motion_jax/utils/lazy.py",
-         "motion_studio/language", "motion_studio/checks", "motion_jax/evaluation", "motion_jax/evaluators",
+         "motion_studio/language", "motion_studio/checks", "motion_studio/planning", "motion_studio/pipeline.py",
+         "motion_studio/steps.py", "motion_studio/constraining.py", "motion_studio/editing.py",
+         "motion_studio/streaming.py", "motion_studio/blending.py", "motion_jax/models/captions.py",
+         "motion_jax/models/guided.py", "motion_jax/models/pasting.py", "motion_jax/models/cmdm/model.py",
+         "motion_jax/models/cdamd/model.py", "motion_jax/evaluation", "motion_jax/evaluators",
          "motion_jax/models/tmr", "motion_jax/runs.py", "motion_jax/paper_tables.py", "motion_jax/charts.py", "tools",
          "benchmarks", "examples",
          "motion_studio/server", "motion_studio/cli", "motion_studio/client.py", "blender")

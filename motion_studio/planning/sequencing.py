@@ -95,7 +95,7 @@ def _required(plans):
 
 
 def spans_of(base: Motion, sizes: Sequence[int]) -> list[tuple[int, int]]:
-  """[(first frame, frame past the last)] of segments of so many repetitions each, by the captions of the motion."""
+  """[(first frame, frame past the last)] of segments, each of a number of repetitions, by the captions."""
   if sum(sizes) == 1:
     return [(0, base.num_frames)]
   ends = np.cumsum(sizes)

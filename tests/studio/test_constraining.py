@@ -87,7 +87,7 @@ def test_constraints_imply_a_length(model, plain):
 
 def test_a_path_that_leaves_little_time_for_several_actions_gets_a_warning(pipeline):
   short = dict(seeds=[0], control=[RootPath([[0, 0], [0, 1.0]])])
-  with pytest.warns(UserWarning, match="0.[89] s, which what is asked of the body takes, are shared by 2 actions that"):
+  with pytest.warns(UserWarning, match="0.[89] s, the time that the constraints imply, are shared by 2 actions that"):
     pipeline("a person walks, then runs", **short)
   with warnings.catch_warnings():
     warnings.filterwarnings("error", message=".*are shared by")

@@ -22,8 +22,8 @@ from motion_jax.motion.cleanup import Cleaner
 from motion_jax.motion.representations import Representation, root_path, to_joints
 from motion_jax.text.contrast import Contrast
 
-_LENGTH = 50   # latents for which what they are told of constraints is compiled, and twice as many, and so on
-_CAPTIONS = 4  # different captions that a window may show before its step is compiled anew, for twice as many
+_LENGTH = 50   # latents whose constraints are compiled together; longer ones by doubling
+_CAPTIONS = 4  # different captions that a window may show before its step is compiled for twice as many
 
 
 Segments = Sequence[tuple[str, int | None]]  # prompts and their frames
@@ -39,7 +39,7 @@ class LiveStream:
 
   Memory and time per block do not grow. Every block keeps the words that it was begun with, so a stream of changing
   words is `CmdmModel.multi_prompt`, block by block. Cleaned frames come `motion.cleanup.LOOK_AHEAD` frames later than
-  they are made: the first block is shorter by so many, what ends (num_frames) gives them at its end.
+  they are made: the first block is shorter by these, and a stream that ends (num_frames) returns them last.
   """
 
   def __init__(self, model: CmdmNetworks, plan: streaming.Plan, sampling: CmdmSampling, keys: jax.Array,
@@ -146,7 +146,7 @@ class LiveStream:
   def _begin(self, prompt: str, first: int) -> None:
     """Says a prompt from a block on, in the place of all that was said from there on."""
     self._script = [entry for entry in self._script if entry[0] < first]
-    oldest = max(self._steps - self._plan.age, 0)  # what older blocks were told matters no more
+    oldest = max(self._steps - self._plan.age, 0)  # prompts of older blocks do not matter any more
     while len(self._script) > 1 and self._script[1][0] <= oldest:
       del self._script[0]
     used = {slot for _, slot in self._script}
@@ -163,7 +163,7 @@ class LiveStream:
 
     signal (1, T): of frames from the beginning of the stream on, in metres from where it began; what lies in blocks
     that were given out has no effect, and no frame that was given out moves. None asks for nothing any more. A network
-    that was trained for it is told them as far ahead as it looks, and latents that are under way are pulled to them by
+    trained on constraints gets them as far ahead as it looks, and latents that are under way are pulled to them by
     control_steps conjugate gradient steps in every second iteration; 0: not pulled.
     """
     if signal is not None and signal.batch != 1:
@@ -216,7 +216,7 @@ class LiveStream:
     return dataclasses.replace(sampler, guide=guide), latents._replace(behind=behind)
 
   def show(self, seconds: float = 10.0) -> Motion:
-    """The next seconds as a Motion, which a notebook shows in its viewer; asked again, it goes on from there."""
+    """The next seconds as a Motion, which a notebook shows in its viewer; the next call continues from there."""
     if not np.isfinite(seconds) or seconds <= 0:
       raise ValueError(f"got {seconds} s to be shown, expected more than 0")
     fps, first, pieces = self._model.fps, self._given, []
@@ -232,7 +232,7 @@ class LiveStream:
                   license=self._model.license, skeleton=self._model.stats.layout.skeleton)
 
   def fork(self, num_frames: int | None = None) -> "LiveStream":
-    """A second stream that goes on from here, to the same motion bit for bit; the two know nothing of one another.
+    """A second stream that continues from here, to the same motion bit for bit; the two are independent.
 
     num_frames: frames that it ends with, counted from the beginning of this one; None is without end.
     """
