@@ -81,7 +81,7 @@ def describe(joints, fps=FPS, words=None, key="") -> list[str]:
 
 
 def sentences(events, seconds, words=None, key="", subject="", plain=None) -> list[str]:
-  """Sentences about the events of a motion of so many seconds; words and key as `describe` takes them.
+  """Sentences about the events of a motion of `seconds` seconds; words and key as `describe` takes them.
 
   subject: who moves, where that tells a manner (`who_moves`). plain: how many of the sentences leave it out all the
   same; by default one, where captures show what is done in few manners, else none.

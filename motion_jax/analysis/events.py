@@ -29,7 +29,7 @@ class Event(NamedTuple):
   start: float
   end: float
   side: str = ""
-  count: int = 0  # type: ignore[assignment]  # nobody counts what a tuple holds
+  count: int = 0  # type: ignore[assignment]  # shadows tuple.count
   amount: float = 0.0
   way: str = ""
   path: str = ""
@@ -302,7 +302,7 @@ def _fists(body):
 
 
 def punch_speed(body: "Body", side: str = "") -> float:
-  """How fast, in metres a second, a fist of that side (left, right or, "", either) goes on its way to where a punch
+  """How fast, in metres a second, a fist of that side (left, right or, "", either) moves towards where a punch
   ends, whether it is a punch or not; 0 where it never gets there."""
   if body.num < 4:
     return 0.0
@@ -382,7 +382,7 @@ def _event(body, kind, first, past, **about):
 
 
 def _near(items, frames):
-  """Items (first, past, ...) in groups whose members follow one another within so many frames."""
+  """Items (first, past, ...) in groups whose members follow one another within `frames`."""
   groups: list[list] = []
   for item in sorted(items):
     if groups and item[0] - groups[-1][-1][1] <= frames:

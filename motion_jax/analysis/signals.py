@@ -1,4 +1,4 @@
-"""What rules about a motion ask of its joints: speeds, heading, angles, who stands; each computed once."""
+"""Signals of a motion that rules use: speeds, heading, joint angles, standing feet; each computed once."""
 import functools
 
 import numpy as np
@@ -15,7 +15,7 @@ PAIR = {part: [JOINT[f"{side}_{part}"] for side in SIDES] for part in
 
 
 class Body:
-  """Joints (T, 22, 3) and what the rules ask of them, each computed once."""
+  """Joints (T, 22, 3) and the signals computed from them, each once."""
 
   def __init__(self, joints: Float[np.ndarray, "t 22 3"], fps: float) -> None:
     self.joints, self.fps, self.num = joints, fps, len(joints)
@@ -84,7 +84,7 @@ class Body:
     return gaussian_filter1d(values, seconds * self.fps, axis=0, mode="nearest")
 
   def spans(self, flags: np.ndarray, least: float = 0.0, gap: float = 0.0) -> list[tuple[int, int]]:
-    """(first, past) frames of the runs of flags (T,), joined over gaps, those of at least so many seconds."""
+    """(first, past) frames of the runs of flags (T,), joined over gaps, those of at least `least` seconds."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(int)))
     runs: list[list[int]] = []
     for first, past in zip(edges[::2], edges[1::2]):

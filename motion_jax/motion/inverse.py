@@ -67,7 +67,7 @@ def _fit(joints: Float[A, "*lead t j 3"], bones: Float[A, "*lead t n 3"], shape:
   if xp is np:
     return by_body
   fitted = from_nearest(rot.best_turn(bones, shape), spread > 1e-6 * thin[..., None])
-  return jnp.where(by_bones[..., None, None, None], fitted, by_body)
+  return xp.where(by_bones[..., None, None, None], fitted, by_body)
 
 
 def relative(turned: Float[A, "*lead j 4"], skeleton: Skeleton) -> Float[A, "*lead j 4"]:

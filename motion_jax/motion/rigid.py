@@ -9,8 +9,8 @@ import numpy as np
 from jaxtyping import Float, Num
 
 from motion_jax.motion import rotations as rot
-from motion_jax.motion.pose import Pose, t_pose, to_pose
-from motion_jax.motion.skeleton import Skeleton, bone_lengths
+from motion_jax.motion.pose import Pose, to_pose
+from motion_jax.motion.skeleton import Skeleton, bone_lengths, t_pose
 from motion_jax.shapes import Array
 
 _SAME_BONES = 0.01  # metres: a body whose mean bones differ less than that from the skeleton's moves the skeleton's rig

@@ -23,23 +23,22 @@ def namespace(*arrays: Any) -> Any:
 
 def sqrt(x: Num[A, "*lead"]) -> Float[A, "*lead"]:
   """Square root whose gradient at 0 is 0, not infinite."""
-  if namespace(x) is np:
-    return np.sqrt(x)
-  return jnp.where(x == 0, 0, jnp.sqrt(jnp.where(x == 0, 1, x)))
+  xp = namespace(x)
+  return xp.sqrt(x) if xp is np else xp.where(x == 0, 0, xp.sqrt(xp.where(x == 0, 1, x)))
 
 
 def length(v: Num[A, "*lead k"]) -> Float[A, "*lead"]:
   """Euclidean length of vectors (..., K); its gradient at 0 is 0."""
-  if namespace(v) is np:
-    return np.linalg.norm(v, axis=-1)
+  xp = namespace(v)
+  if xp is np:
+    return xp.linalg.norm(v, axis=-1)
   return sqrt((v * v).sum(-1))
 
 
 def arctan2(y: Num[A, "*lead"], x: Num[A, "*lead"]) -> Float[A, "*lead"]:
   """Angle in radians of the point (x, y); its gradient at (0, 0) is 0."""
-  if namespace(y, x) is np:
-    return np.arctan2(y, x)
-  return jnp.arctan2(y, jnp.where((x == 0) & (y == 0), 1, x))
+  xp = namespace(y, x)
+  return xp.arctan2(y, x if xp is np else xp.where((x == 0) & (y == 0), 1, x))
 
 
 def unit(v: Float[A, "*lead k"], eps: float = 0.0) -> Float[A, "*lead k"]:
@@ -127,7 +126,8 @@ def best_turn(bones: Float[A, "*lead n 3"], shape: Float[Array, "n 3"]) -> Float
   """
   xp = namespace(bones)
   products = xp.einsum("...ni,nj->...ij", bones, shape)
-  return _nearest_rotation(products) if xp is jnp else _kabsch(products)
+  turn: Any = _nearest_rotation if xp is jnp else _kabsch
+  return turn(products)
 
 
 def _kabsch(m: Float[A, "*lead 3 3"]) -> Float[A, "*lead 3 3"]:

@@ -12,7 +12,6 @@ from jaxtyping import Bool, Float, Num
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.rotations import A
 from motion_jax.motion.smoothing import gaussian
-from motion_jax.shapes import Array
 
 # Where each kind of bone points in the T-pose; x is for the left side and is mirrored for the right.
 _REST = {
@@ -166,7 +165,7 @@ def bone_lengths(joints: Num[A, "*lead j 3"], skeleton: Skeleton) -> Float[A, "*
   return rot.length(joints - joints[..., np.maximum(skeleton.parents, 0), :])
 
 
-def with_own_lengths(joints: Num[Array, "t j 3"], skeleton: Skeleton) -> Skeleton:
+def with_own_lengths(joints: Num[np.ndarray, "t j 3"], skeleton: Skeleton) -> Skeleton:
   """The skeleton with the bone lengths of joints (T, J, 3), medians over the frames."""
   return dataclasses.replace(skeleton, bone_lengths=np.median(bone_lengths(joints, skeleton), axis=0))
 

@@ -27,8 +27,7 @@ def moving_average(values: Float[A, "*lead t k"], window: int) -> Float[A, "*lea
   return _convolve(values, np.full(window, 1 / window), "constant")
 
 
-def _convolve(values: Float[jax.Array, "*lead t k"], kernel: Float[np.ndarray, " n"], mode: str
-              ) -> Float[jax.Array, "*lead t k"]:
+def _convolve(values: Any, kernel: Float[np.ndarray, " n"], mode: str) -> Any:
   """Values (..., T, K) correlated with a kernel over time, padded at the ends as `jnp.pad` does in mode."""
   rows: Any = jnp.moveaxis(values, -2, -1)
   before, after = len(kernel) // 2, (len(kernel) - 1) // 2

@@ -7,8 +7,8 @@ import numpy as np
 from jaxtyping import Float, Num
 
 from motion_jax.motion import inverse
-from motion_jax.motion.pose import t_pose, to_pose
-from motion_jax.motion.skeleton import HUMANML3D, SMPL, SNAPMOGEN, Skeleton
+from motion_jax.motion.pose import to_pose
+from motion_jax.motion.skeleton import HUMANML3D, SMPL, SNAPMOGEN, Skeleton, t_pose
 from motion_jax.shapes import Array
 
 # Joints of other figures that turn as a joint of another name does.

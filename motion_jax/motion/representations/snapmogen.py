@@ -17,6 +17,8 @@ Modes: "benchmark" is `motion_process_bvh.py` of snap-research/SnapMoGen. "corre
 which the reference writes 2 pi too large or too small in the row where the source's heading passes -z, and the
 smoothing of the heading, which there depends a little on where the source faces. Both come back to joints exactly.
 """
+from typing import Any
+
 import numpy as np
 from jaxtyping import Float, Num
 
@@ -90,7 +92,7 @@ def from_rotations(joints: Num[A, "*lead t 24 3"], turned: Float[A, "*lead t 24 
   (..., T, 24, 4); numpy gives float64. Neither place nor heading of the first frame matters."""
   xp = rot.namespace(joints, turned)
   feet = list(SNAPMOGEN.left_feet + SNAPMOGEN.right_feet)
-  ground = floor(joints[..., feet, 1])
+  ground: Any = floor(joints[..., feet, 1])
   joints = joints.astype(np.float64) if xp is np else joints
   joints = xp.stack([joints[..., 0], joints[..., 1] - ground[..., None, None], joints[..., 2]], axis=-1)
   heading = _heading(joints, mode)
