@@ -222,7 +222,7 @@ def check_joints(joints: Num[A, "*shape"], skeleton: Skeleton, mode: str = "benc
   if is_jax:
     joints = joints if jnp.issubdtype(joints.dtype, jnp.floating) else joints.astype(float)
   else:
-    joints = np.asarray(joints, np.float64)
+    joints = np.asarray(joints, np.float64)  # type: ignore[assignment]
   if (joints.ndim != 3 and not (is_jax and joints.ndim > 3) or joints.shape[-2:] != (skeleton.num_joints, 3)
       or joints.shape[-3] < 2):
     raise ValueError(f"got joints of shape {joints.shape}, expected (at least 2 frames, {skeleton.num_joints}, 3)")

@@ -136,7 +136,7 @@ def canonicalize(joints: Num[A, "*lead t j 3"], skeleton: Skeleton = HUMANML3D, 
     height = placed[..., 1] - placed[..., 1].min((-2, -1), keepdims=True)
     placed = xp.stack([placed[..., 0], height, placed[..., 2]], axis=-1)
   elif xp is np and np.abs(bone_lengths(placed, skeleton) - skeleton.bone_lengths).max() * skeleton.unit > 2e-3:
-    placed = retarget(placed, skeleton)
+    placed = retarget(placed, skeleton)  # type: ignore[assignment]
   placed = placed - placed[..., :1, :1, :] * xp.asarray([1, 0, 1], placed.dtype)
   ahead = facing(placed, skeleton, 20.0 if mode == "corrected" else 0.0)[..., :1, :]
   turn = rot.between(ahead, xp.broadcast_to(xp.asarray(_AHEAD, ahead.dtype), ahead.shape))
