@@ -73,7 +73,7 @@ def released_steps(joints: Num[Array, "t 22 3"], borders: Sequence[int] | np.nda
   subtracted from all three: what is measured is how (0, y - x, z - x) changes, path of the root included.
   """
   layout = get_layout("full")
-  features = to_features(joints, layout)
+  features = to_features(np.asarray(joints), layout)
   features[:, layout["turn"]] = 0
   local = np.asarray(to_joints(features, layout), np.float64)
   local -= local[..., :1]
@@ -103,7 +103,7 @@ def score(timelines: Sequence[Sequence[Interval]], motions: Sequence[Array], joi
     borders = borders_of(timeline, len(motion), protocol)
     if borders:
       steps.append(released_steps(one, borders) if protocol.slipped_axis
-                   else physics.transition_distance(one, borders, skeleton))
+                   else physics.transition_distance(np.asarray(one), borders, skeleton))
   if not steps:
     raise ValueError("no timeline has a border inside, so there are no transitions to score")
   return _row(np.concatenate(pieces), np.array(own), text_latents, real_latents, np.concatenate(crops), steps, protocol)
@@ -116,7 +116,7 @@ def real_row(texts: Sequence[str], text_latents: Num[Array, "m e"], real_latents
   By definition FID is 0 and the likeness of a motion to itself 1.
   """
   _numbers(texts, text_latents, real_latents)
-  steps = [physics.transition_distance(one, [quarter * len(one) // 4 for quarter in (1, 2, 3)], skeleton)
+  steps = [physics.transition_distance(np.asarray(one), [quarter * len(one) // 4 for quarter in (1, 2, 3)], skeleton)
            for one in joints]
   return _row(real_latents, np.arange(len(texts)), text_latents, real_latents, real_latents, steps, protocol)
 
