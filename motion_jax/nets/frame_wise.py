@@ -19,7 +19,10 @@ class FrameWiseNetwork(Protocol):
   num_heads: int
   depth: int       # layers, each with keys and values in the cache
   dtype: Any
-  apply: Any       # as of every linen module
+
+  @property
+  def apply(self) -> Any:
+    """That of every linen module."""
 
   def modulation(self, t: Float[Array, " n"]) -> Array:
     """What depends on the time alone, computed once for all times (N,) of a sampler."""
