@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 
 from motion_jax.data.clip import Caption, Clip
+from motion_jax.data.datasets.caption_lines import format_texts, read_texts
 from motion_jax.data.datasets.humanml3d import (
   folder_stats,
-  format_texts,
   read_folder,
   read_ids,
-  read_texts,
   select_items,
   text_items,
   write_folder,
@@ -119,7 +118,7 @@ def test_items_and_statistics_in_each_layout(built, layout, dim):
   stats = folder_stats(out, layout)
   assert items[0].features.shape == (49, dim) and stats.layout.dim == dim
   assert np.abs(stats.normalize(items[0].features)).max() < 50
-  with pytest.raises(ValueError, match="asked for 'full_kit'"):
+  with pytest.raises(ValueError, match="got layout 'full_kit'"):
     text_items(out, layout="full_kit")
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from motion_jax.data.clip import Caption
-from motion_jax.data.datasets.snapmogen import GAP, Span, in_a_row, recordings, write_folder
+from motion_jax.data.datasets.snapmogen import GAP, Span, longest_sequence, recordings, write_folder
 from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.evaluation import protocols
 from motion_jax.evaluation import test_set as test_set_lib
@@ -47,9 +47,9 @@ def task(folder):
 def test_motions_in_a_row_are_the_longest_chain_without_overlap():
   spans = [Span("a", *ends) for ends in ((0, 90), (90, 200), (100, 130), (200 + GAP, 300), (301 + GAP, 400), (0, 90),
                                          (260, 500))]
-  assert [span[1:] for span in in_a_row(spans)] == [(0, 90), (90, 200), (230, 300)]
-  assert [span[1:] for span in in_a_row(spans, gap=GAP + 1)] == [(0, 90), (90, 200), (230, 300), (331, 400)]
-  assert [span[1:] for span in in_a_row(spans, gap=0)] == [(0, 90), (90, 200)] and in_a_row([]) == []
+  assert [span[1:] for span in longest_sequence(spans)] == [(0, 90), (90, 200), (230, 300)]
+  assert [span[1:] for span in longest_sequence(spans, gap=GAP + 1)] == [(0, 90), (90, 200), (230, 300), (331, 400)]
+  assert [span[1:] for span in longest_sequence(spans, gap=0)] == [(0, 90), (90, 200)] and longest_sequence([]) == []
 
 
 def test_only_recordings_of_more_than_five_motions_are_taken(folder):

@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 
 from motion_jax.data import build, timelines
-from motion_jax.data.datasets import humanml3d
+from motion_jax.data.datasets import caption_lines, humanml3d
 from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.data.mocap.bvh import bvh_clip
 from motion_jax.data.mocap.files import read_mapping
@@ -32,7 +32,7 @@ def test_prompts_of_momask(tmp_path):
   assert cli.read_sequences(str(path), fps=12.5)[0][:2] == [("a person walks forward", 4.0), ("a person waves", None)]
   assert cli.read_prompts("a person walks#80") == [("a person walks#80", None)]
   path.write_text("a person walks#80000\n")
-  with pytest.raises(ValueError, match="p.txt line 1: in the length behind #: got .*80000"):
+  with pytest.raises(ValueError, match="p.txt line 1: in the length after #: got .*80000"):
     cli.read_prompts(str(path))
 
 
@@ -130,10 +130,10 @@ def test_captions_that_are_none(tmp_path, name, text, message):
 def test_other_readers_of_texts(tmp_path):
   line = f"{SENTENCE}#eine/DET#0.0#0.0"
   (tmp_path / "a.txt").write_bytes(line.encode("utf-16"))
-  assert humanml3d.read_texts(tmp_path / "a.txt")[0].caption == SENTENCE
+  assert caption_lines.read_texts(tmp_path / "a.txt")[0].caption == SENTENCE
   (tmp_path / "a.txt").write_text("walks#walk/VERB#0.0#1e308\n")
   with pytest.raises(ValueError, match="a.txt line 1: in a time tag: got '1e308'"):
-    humanml3d.read_texts(tmp_path / "a.txt")
+    caption_lines.read_texts(tmp_path / "a.txt")
   (tmp_path / "t.txt").write_bytes(f"{SENTENCE} # 0.0 # 2.0\r\n".encode("utf-16"))
   assert timelines.read_timelines(tmp_path / "t.txt")[0][0].text == SENTENCE
   (tmp_path / "t.txt").write_text("walks # 0 # 2\nsits # 2 # ٣\n")

@@ -1,7 +1,7 @@
 """HumanML3D and KIT-ML folders, read and written: new_joint_vecs, new_joints, texts, splits, Mean and Std.
 
-Source: docs/papers/cdamd.md#humanml3d, #items. A folder that we write can be read by the field's other tools;
-`dataset.json` beside it adds what the layout cannot say: rate, mode of the features, sources, licences.
+Source: docs/papers/cdamd.md#humanml3d, #items. The field's other tools can read a folder that `write_folder` wrote;
+`dataset.json` beside it adds what the layout cannot state: rate, mode of the features, sources, licences.
 """
 import hashlib
 import json
@@ -13,32 +13,83 @@ import tqdm
 
 from motion_jax.data.clip import Caption, Clip
 from motion_jax.data.datasets.base import SHORTEST, Dataset, TestItem, TextItem, new_folder
-from motion_jax.data.datasets.humanml3d_checks import examine
-from motion_jax.data.datasets.humanml3d_files import (
-  MIN_FRAMES,
-  SPLITS,
-  TAG_FPS,
-  dataset_info,
-  has_mirrored,
-  read_ids,
-  read_texts,
-)
+from motion_jax.data.datasets.caption_lines import format_texts, read_texts
 from motion_jax.data.mirror import mirror_clip
 from motion_jax.motion import plausibility
 from motion_jax.motion.representations import get_layout, layout_for, to_features, to_joints
 from motion_jax.motion.retiming import resample
 from motion_jax.motion.skeleton import HUMANML3D, KIT
 from motion_jax.motion.stats import ABSOLUTE, RunningStats, Stats, compute_stats, load_stats, save_stats
-from motion_jax.text.tagger import tag
 from motion_jax.utils.errors import InputError
-from motion_jax.utils.input_files import load_npy
+from motion_jax.utils.input_files import load_npy, npy_shape, read_json
+from motion_jax.utils.numerals import shortened
+from motion_jax.utils.text_files import file_stem, read_lines
+
+SPLITS = ("train", "val", "test", "train_val", "all")
+MIN_FRAMES = {"humanml3d": 40, "kit": 24}
+TAG_FPS = 20  # Parity: time tags are seconds times 20 for KIT too, whose rate is 12.5
+
+
+def read_ids(folder, split="all") -> list[str]:
+  """The ids of a split file; without an all.txt, those of all the other split files."""
+  folder = pathlib.Path(folder)
+  path = folder / f"{split}.txt"
+  if path.is_file():
+    return [file_stem(name, f"{path} line {number}") for number, line in enumerate(read_lines(path), 1)
+            for name in line.split()]
+  found = [name for name in ("train", "val", "test") if (folder / f"{name}.txt").is_file()]
+  if split != "all" or not found:
+    raise FileNotFoundError(f"{folder} has no {split}.txt; expected one id per line in it")
+  return [name for part in found for name in read_ids(folder, part)]
+
+
+def dataset_info(folder) -> dict:
+  """The entries of dataset.json, with defaults for layout, skeleton, fps and mode where they are missing."""
+  folder = pathlib.Path(folder)
+  path = folder / "dataset.json"
+  info = read_json(path, advice="restore it, or remove it where the folder is HumanML3D's or KIT-ML's own") if (
+      path.is_file()) else {}
+  if "layout" not in info:
+    sample = next(iter(sorted((folder / "new_joint_vecs").glob("*.npy"))), None)
+    if sample is None:
+      raise FileNotFoundError(f"{folder} has no new_joint_vecs/*.npy; expected a HumanML3D or KIT-ML folder")
+    info["layout"] = layout_for((npy_shape(sample) or (0,))[-1]).name
+  if not isinstance(info["layout"], str):
+    raise InputError(f"{path}: got layout {str(info['layout'])[:60]!r}, expected a name such as 'full'")
+  skeleton = get_layout(info["layout"]).skeleton
+  info = {"skeleton": skeleton.name, "fps": skeleton.fps, "mode": "benchmark", "source": folder.name, "license": "",
+          "clips": {}} | info
+  _check_info(info, path)
+  return info
+
+
+def _check_info(info, path):
+  """Raises InputError for entries of dataset.json of a wrong type."""
+  for key, kind, expected in (("source", str, "text"), ("license", str, "text"), ("mode", str, "text"),
+                            ("clips", dict, "an object")):
+    if not isinstance(info[key], kind):
+      raise InputError(f"{path}: got {key} {str(info[key])[:60]!r}, expected {expected}")
+  if isinstance(info["fps"], bool) or not isinstance(info["fps"], int | float) or not 0 < info["fps"] <= 1000:
+    raise InputError(f"{path}: got fps {str(info['fps'])[:60]!r}, expected the frames of a second")
+  strange = next((name for name, origin in info["clips"].items() if not isinstance(origin, dict)), None)
+  if strange is not None:
+    raise InputError(f"{path}: clip {shortened(strange)!r} holds no object with source and license")
+
+
+def has_mirrored(folder) -> bool:
+  """Whether a folder holds mirrored copies, "M" before the id, as HumanML3D has and `data build` makes."""
+  try:
+    ids = set(read_ids(folder))
+  except FileNotFoundError:
+    return False
+  return any("M" + name in ids for name in ids)
 
 
 def read_folder(folder, split="all") -> list[Clip]:
   """Clips of a split with features, joints, captions and their spans; meta["tokens"] has the tokens of each caption.
 
-  Motions that are missing, hold NaN, or have no text are left out, as the field's loaders do, with one warning that
-  counts them. Raises FileNotFoundError for a folder or a split file that is not there.
+  Motions that are missing, contain NaN or have no text are left out, as the field's loaders do; one warning counts
+  them. Raises FileNotFoundError if the folder or the split file does not exist.
   """
   folder = pathlib.Path(folder)
   info = dataset_info(folder)
@@ -71,8 +122,8 @@ def read_folder(folder, split="all") -> list[Clip]:
         source=str(origin.get("source", info["source"])), license=str(origin.get("license", info["license"])),
         skeleton=layout.skeleton, meta={"tokens": tuple(line.tokens for line in lines), "mode": info["mode"]}))
   if any(lost.values()):
-    told = "; ".join(f"{len(names)} with {what} ({', '.join(names[:3])})" for what, names in lost.items() if names)
-    warnings.warn(f"{folder}: left out {told}; motion-jax data doctor tells more", stacklevel=2)
+    counts = "; ".join(f"{len(names)} with {what} ({', '.join(names[:3])})" for what, names in lost.items() if names)
+    warnings.warn(f"{folder}: left out {counts}; motion-jax data doctor tells more", stacklevel=2)
   return clips
 
 
@@ -85,10 +136,10 @@ def _saved_joints(path, layout):
 
 
 def text_items(folder, split="train", layout=None, min_frames=None, max_frames=200, whole=False) -> list[TextItem]:
-  """The items of a folder's split by the loaders' rules (`select_items`), in the folder's layout or another one.
+  """The items of a split by the loaders' rules (`select_items`), in the folder's layout or a given one.
 
-  whole: all whole clips instead, of any length, each with all its captions, as autoencoders see them. Essential
-  features are the first columns of full ones, coordinates the joints.
+  whole=True returns all whole clips of any length instead, each with all its captions, as autoencoders train on them.
+  Essential features are the first columns of full features; coordinates are the joints.
   """
   own = get_layout(dataset_info(folder)["layout"])
   layout = get_layout(layout or own)
@@ -100,17 +151,16 @@ def text_items(folder, split="train", layout=None, min_frames=None, max_frames=2
 
 
 def as_item(clip, layout) -> TextItem:
-  """A clip that `read_folder` or `select_items` gave as an item in its own layout, or one that is a part of it."""
+  """A clip of `read_folder` or `select_items` as an item, in its own layout or one that is a part of it."""
   features = layout_for(clip.features.shape[-1]).narrow_to(clip.features, layout, clip.joints)
   return TextItem(clip.id, features, tuple(c.text for c in clip.captions), clip.meta["tokens"])
 
 
 def folder_stats(folder, layout=None, per_axis=False) -> Stats:
-  """The folder's statistics, in its own layout or another one.
+  """The statistics of a folder, in its own layout or a given one.
 
-  Essential ones are the first columns of Mean.npy and Std.npy. Coordinates have Mean_abs.npy and Std_abs.npy where the
-  field's tools made them; else, or if they are asked for per axis, they are computed from the training joints, as those
-  of steps are.
+  Those of essential features are the first columns of Mean.npy and Std.npy. Those of coordinates are Mean_abs.npy and
+  Std_abs.npy where these exist; otherwise, with per_axis, and for steps they are computed from the training joints.
   """
   folder = pathlib.Path(folder)
   own = get_layout(dataset_info(folder)["layout"])
@@ -127,16 +177,16 @@ def folder_stats(folder, layout=None, per_axis=False) -> Stats:
 
 def _check_layout(folder, own, layout):
   if not own.narrows_to(layout):
-    raise ValueError(f"{folder} holds {own.name!r} features, asked for {layout.name!r}; choose a layout of skeleton "
+    raise ValueError(f"{folder} holds {own.name!r} features, got layout {layout.name!r}; choose a layout of skeleton "
                      f"{own.skeleton.name!r}")
 
 
 def select_items(clips, min_frames=None, max_frames=200) -> list[Clip]:
-  """The items that text-to-motion loaders train on: each clip with its whole-clip captions, each time tag by itself.
+  """The items that text-to-motion loaders train on: clips with their whole-clip captions, and each time tag by itself.
 
-  Kept are those of min_frames <= rows < max_frames (min_frames: 40, KIT 24); a clip out of range takes its pieces with
-  it. A piece is rows int(start * 20):int(end * 20), named with a letter before the id ("A_000123"; the reference draws
-  the letter at random). The clips need features.
+  Items have min_frames <= rows < max_frames (min_frames: 40, KIT 24); a clip out of range is left out with all its
+  pieces. A piece is rows int(start * 20):int(end * 20), named with a letter before the id ("A_000123"; the reference
+  draws the letter at random). The clips need features.
   """
   items = []
   for clip in clips:
@@ -171,12 +221,13 @@ def _item(clip, name, features, joints, captions):
 
 def write_folder(clips, out, mode="corrected", mirror=True, fps=None, overwrite=False, progress=False,
                  info=None) -> dict:
-  """Writes clips as a HumanML3D-layout folder (KIT's for its skeleton) and returns what dataset.json then holds.
+  """Writes clips as a HumanML3D-layout folder (KIT's for its skeleton) and returns the content of its dataset.json.
 
-  Clips go to the skeleton's rate (or fps), are made canonical and become full features (`mode` as in `to_features`),
-  joints are recovered from these, T - 1 rows of T frames. With mirror each clip is there again as "M" + id. A clip
-  without a split goes to train. Mean and Std are over all files, the std by block. The folder appears when all is done.
-  Raises FileExistsError for a folder that exists, ValueError for ids that occur twice or clips of two skeletons.
+  Clips are resampled to the skeleton's rate (or fps), made canonical and converted to full features (`mode` as in
+  `to_features`): T - 1 rows of T frames; the joints are recovered from these. With mirror, each clip is also written
+  mirrored as "M" + id. A clip without a split goes to train. Mean and Std are over all files, the std by block. The
+  folder is created only when everything has been written. Raises FileExistsError for a folder that exists, ValueError
+  for ids that occur twice or clips of two skeletons.
   """
   clips = list(clips)
   _check_clips(clips, mirror)
@@ -209,15 +260,6 @@ def write_folder(clips, out, mode="corrected", mirror=True, fps=None, overwrite=
     about = _describe(layout, fps, mode, members, lengths, origins) | (info or {})
     (folder / "dataset.json").write_text(json.dumps(about, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
   return about
-
-
-def format_texts(clip) -> str:
-  """Captions of a clip as lines caption#tokens#start#end; a "#" inside a caption becomes a blank."""
-  lines = []
-  for caption in clip.captions:
-    text = " ".join(caption.text.replace("#", " ").split())
-    lines.append(f"{text}#{' '.join(tag(text))}#{float(caption.start)}#{float(caption.end)}\n")
-  return "".join(lines)
 
 
 def _check_clips(clips, mirror):
@@ -267,7 +309,7 @@ class HumanML3D(Dataset):
     if faults is None:
       return read_folder(folder, split)
     with warnings.catch_warnings():
-      warnings.simplefilter("ignore")  # what it leaves out is counted here
+      warnings.simplefilter("ignore")  # clips that are left out are counted below
       clips = read_folder(folder, split)
     known = {clip.id for clip in clips}
     for name in read_ids(folder, split):
@@ -278,21 +320,21 @@ class HumanML3D(Dataset):
     return clips
 
   def settle(self, data, folder):
-    """Its features are there already: they are read as they were made, and no mirrored copies are added."""
+    """Configures reading the folder's features as they are; no mirrored copies are added."""
     data.update(name=self.name, folder=str(folder), folders=())
     info = dataset_info(folder)
-    told = f"data: {folder}, a HumanML3D-layout folder ({info['mode']} features)"
+    message = f"data: {folder}, a HumanML3D-layout folder ({info['mode']} features)"
     if not get_layout(data.layout).told_by_joints and "mode" in data and data.mode != info["mode"]:
       if (pathlib.Path(folder) / "dataset.json").is_file():  # ours: the folder knows how its features were made
         data.mode = info["mode"]
     if data.get("mirror", False):
       data.mirror = False
-      told += "; its mirrored copies are used, no more are made" if has_mirrored(folder) else (
+      message += "; its mirrored copies are used, no more are made" if has_mirrored(folder) else (
           "; it has no mirrored copies (`motion-jax data build` makes them unless --no-mirror)")
-    return told
+    return message
 
   def pieces(self, folder, config):
-    """Clip by clip, less the mirrored copies where config.mirror makes them."""
+    """All clips, without the folder's mirrored copies if config.mirror makes new ones."""
     clips = select_items(read_folder(folder), config.get("min_frames", SHORTEST), 10**9)
     if not config.get("mirror", False):
       return clips
@@ -306,7 +348,8 @@ class HumanML3D(Dataset):
     return folder_stats(config.folder, layout, config.get("per_axis", False))
 
   def examine(self, folder, found, progress=False):
-    return examine(pathlib.Path(folder), found, progress)
+    from motion_jax.data.datasets import humanml3d_checks  # reads folders by this file
+    return humanml3d_checks.examine(pathlib.Path(folder), found, progress)
 
   def benchmark(self, folders, run_layout):
     info = lambda folder: get_layout(dataset_info(folder)["layout"])
@@ -340,7 +383,7 @@ _BENCHMARKS = {"coordinates": "cdamd-66", "essential": "cmdm-67", "full": "cmdm-
 
 
 def _layout_of(reader, folder, own):
-  """The layout that a reader of test items knows, which has to be a part of the folder's own."""
+  """The layout that an evaluator reads; it must be a part of the folder's own layout."""
   layout = reader.layout
   if not own.narrows_to(layout):
     raise ValueError(f"{folder} holds {own.name!r} features ({own.dim} numbers a frame), evaluator {reader.name!r} "

@@ -1,4 +1,4 @@
-"""What the doctor looks for in folders of HumanML3D's layout."""
+"""The checks of `motion-jax data doctor` for folders of HumanML3D's layout."""
 import collections
 import hashlib
 
@@ -6,16 +6,20 @@ import numpy as np
 import tqdm
 
 from motion_jax.data import checks
-from motion_jax.data.datasets import humanml3d_files
+from motion_jax.data.datasets import humanml3d
+from motion_jax.data.datasets.caption_lines import read_texts
 from motion_jax.motion.representations import layout_for, to_joints
 from motion_jax.motion.stats import RunningStats
 
-# Clips whose official features hold NaN.
+# Clips whose official features contain NaN.
 KNOWN_BAD = ("007975", "M007975")
 
 
 def examine(folder, found, progress):
-  """Facts about a folder: clips, splits, lengths, statistics, texts, and the bodies that features give."""
+  """Checks a folder's clips, splits, lengths, statistics, texts and the bodies that its features give.
+
+  Faults are added to `found`; returns the facts to print, [(name, text), ...].
+  """
   for name in ("new_joint_vecs", "new_joints", "texts"):
     if not (folder / name).is_dir():
       found.add("error", f"no folder {name}", "copy it from the data set, or make it with motion-jax data build")
@@ -42,7 +46,7 @@ def examine(folder, found, progress):
   if layout is None:
     return [("format", "HumanML3D layout"), ("clips", str(len(vectors)))]
   try:
-    info = humanml3d_files.dataset_info(folder)
+    info = humanml3d.dataset_info(folder)
   except ValueError as error:
     found.add("error", f"dataset.json cannot be used ({checks.told(error, folder / 'dataset.json')})",
               "build again, or remove it where the folder is HumanML3D's or KIT-ML's own")
@@ -80,7 +84,7 @@ def examine(folder, found, progress):
     if name in texts:
       _check_texts(folder / "texts" / f"{name}.txt", name, len(features) / info["fps"], found)
   body.tell()
-  least = humanml3d_files.MIN_FRAMES[layout.skeleton.name]
+  least = humanml3d.MIN_FRAMES[layout.skeleton.name]
   checks.tell_lengths(rows, splits, least, found)
   checks.tell_duplicates(hashes, splits, found)
   if rows:
@@ -98,11 +102,11 @@ def examine(folder, found, progress):
 
 
 def _splits(folder, found):
-  """Ids of train, val, test; tells of ids that occur twice, in two splits, or apart from their mirror image."""
+  """Ids of train, val and test; reports ids that occur twice, in two splits, or apart from their mirror image."""
   splits = {}
   for name in ("train", "val", "test"):
     if (folder / f"{name}.txt").is_file():
-      splits[name] = humanml3d_files.read_ids(folder, name)
+      splits[name] = humanml3d.read_ids(folder, name)
       twice = [one for one, count in collections.Counter(splits[name]).items() if count > 1]
       found.add_all("warning", f"ids twice in {name}.txt", "remove the second line", sorted(twice))
     else:
@@ -117,12 +121,12 @@ def _splits(folder, found):
   found.add_all("error", "clips in another split than their mirror image", leak, sorted(apart))
   alone = sum("M" + one not in where for one in where if not one.startswith("M"))
   if alone:
-    found.add("note", "clips without a mirrored copy", "fine; motion-jax data build adds them unless told otherwise",
+    found.add("note", "clips without a mirrored copy", "fine; motion-jax data build adds them, except with --no-mirror",
               count=alone)
   for derived, parts in (("train_val", ("train", "val")), ("all", ("train", "val", "test"))):
     if (folder / f"{derived}.txt").is_file():
       expected = {one for part in parts for one in splits.get(part, ())}
-      if set(humanml3d_files.read_ids(folder, derived)) != expected:
+      if set(humanml3d.read_ids(folder, derived)) != expected:
         found.add("warning", f"{derived}.txt is not the union of {', '.join(parts)}", "write it again")
   return splits
 
@@ -143,7 +147,7 @@ def _layout(folder, names, found):
 
 def _check_texts(path, name, seconds, found):
   try:
-    lines = humanml3d_files.read_texts(path)
+    lines = read_texts(path)
   except ValueError as error:
     found.add("error", "text files that cannot be read", "each line is caption#tokens#start#end",
               f"{name} ({checks.told(error, path)})"[:120])

@@ -12,46 +12,113 @@ huggingface.co/datasets/Ericguo5513/SnapMoGen and of its loaders (snap-research/
 import collections
 import json
 import pathlib
+import re
 import warnings
+from typing import NamedTuple
 
 import numpy as np
 
 from motion_jax.data.clip import Caption, Clip
-from motion_jax.data.datasets import snapmogen_checks
 from motion_jax.data.datasets.base import Dataset, TestItem, TextItem, new_folder
-from motion_jax.data.datasets.snapmogen_files import (
-  FPS,
-  MIN_FRAMES,
-  SPLITS,
-  Span,
-  folder_stats,
-  ids_file,
-  is_snapmogen,
-  read_captions,
-  read_ids,
-)
 from motion_jax.data.mocap.bvh import read_bvh
 from motion_jax.motion.representations import get_layout, to_features, to_joints
 from motion_jax.motion.representations.snapmogen import from_rotations
 from motion_jax.motion.retiming import resample
 from motion_jax.motion.skeleton import SNAPMOGEN, SNAPMOGEN_BVH
-from motion_jax.motion.stats import RunningStats
-from motion_jax.utils.input_files import load_npy
+from motion_jax.motion.stats import RunningStats, Stats
+from motion_jax.utils.errors import InputError
+from motion_jax.utils.input_files import load_npy, read_json
+from motion_jax.utils.numerals import shortened
+from motion_jax.utils.text_files import file_stem, read_lines
 
-GAP = 30  # rows, a second, that may lie between two motions in a row
+SPLITS = ("train", "val", "test")
+MIN_FRAMES = 128
+FPS = SNAPMOGEN.fps
+GAP = 30  # rows (one second): the longest gap between two consecutive motions
+
+
+class Span(NamedTuple):
+  """Rows start:end of a recording; its id in files is "NAME#start#end"."""
+  recording: str
+  start: int
+  end: int
+
+  @property
+  def id(self) -> str:
+    return f"{self.recording}#{self.start}#{self.end}"
+
+
+def is_snapmogen(folder) -> bool:
+  return (pathlib.Path(folder) / "renamed_feats").is_dir()
+
+
+def read_ids(folder, split="train") -> list[Span]:
+  """The spans of a split. Raises FileNotFoundError if the file is missing, ValueError for a line that is no id."""
+  if split not in SPLITS:
+    raise ValueError(f"got split {split!r}, expected one of {', '.join(SPLITS)}")
+  path = ids_file(folder, split)
+  need(path, "ids NAME#start#end, one a line")
+  spans = []
+  for number, line in enumerate(read_lines(path), 1):
+    if not line.strip():
+      continue
+    parts = line.strip().rsplit("#", 2)
+    numbers = [int(part) for part in parts[1:] if re.fullmatch("[0-9]{1,9}", part)]
+    if len(numbers) != 2 or not numbers[0] < numbers[1]:
+      raise InputError(f"{path} line {number}: got {shortened(line.strip())!r}, expected NAME#start#end with start "
+                       "before end")
+    spans.append(Span(file_stem(parts[0], f"{path} line {number}"), *numbers))
+  return spans
+
+
+def ids_file(folder, split):
+  return pathlib.Path(folder) / "data_split_info" / f"{split}_ids.txt"
+
+
+def read_captions(folder) -> dict[str, tuple[tuple[str, ...], tuple[str, ...]]]:
+  """Captions by id: (captions written by people, captions written by a machine)."""
+  path = pathlib.Path(folder) / "all_caption_clean.json"
+  need(path, 'a JSON object {id: {"manual": [...], "gpt": [...]}}')
+  table = {}
+  for name, entry in read_json(path).items():
+    lists = [entry.get(kind, []) for kind in ("manual", "gpt")] if isinstance(entry, dict) else [None]
+    if not all(isinstance(one, list) and all(isinstance(text, str) for text in one) for one in lists):
+      raise InputError(f'{path}: {shortened(name)!r} holds no object {{"manual": [captions], "gpt": [captions]}}')
+    table[name] = tuple(map(tuple, lists))
+  return table
+
+
+def folder_stats(folder, layout="snapmogen") -> Stats:
+  """The dataset's own statistics. Columns that never move (root's x and z among the positions) have std 1."""
+  layout, values = get_layout(layout), []
+  for name in ("mean", "std"):
+    path = pathlib.Path(folder) / "meta_data" / f"{name}.npy"
+    need(path, "the dataset's statistics, (296,)")
+    value = load_npy(path).astype(np.float32).ravel()
+    if value.shape != (296,):
+      raise ValueError(f"{path}: got shape {value.shape}, expected (296,); these statistics belong to another "
+                       "representation")
+    values.append(value[get_layout("snapmogen").columns_of(layout)])
+  return Stats(values[0], np.where(np.abs(values[1]) < 1e-8, np.float32(1), values[1]), layout)
+
+
+def need(path, what):
+  if not path.is_file():
+    raise FileNotFoundError(f"there is no file {path}; expected {what}: a SnapMoGen folder has renamed_feats/, "
+                            "data_split_info/, meta_data/ and all_caption_clean.json")
 
 
 def text_items(folder, split="train", layout="snapmogen", min_frames=MIN_FRAMES, whole=False,
                faults=None) -> list[TextItem]:
-  """The captioned spans of a split, of min_frames rows or more; whole: of any length, as autoencoders see them.
+  """The captioned spans of a split with at least min_frames rows; whole=True: all spans, as autoencoders train on them.
 
-  Spans longer than 320 frames are cut by who draws from them. Layout "snapmogen_148" takes the evaluator's columns.
-  Spans whose recording is missing or holds NaN, and those without a caption, are left out with one warning, or named in
-  `faults`, a list of (span, why).
+  Spans longer than 320 frames are cut later, when a batch draws them. Layout "snapmogen_148" takes the evaluator's
+  columns. Spans without a caption, and those whose recording is missing or contains NaN, are left out with one warning,
+  or added to `faults`, a list of (span, reason).
   """
   layout = get_layout(layout)
   if not get_layout("snapmogen").narrows_to(layout):
-    raise ValueError(f"{folder} holds 'snapmogen' features, asked for {layout.name!r}; choose snapmogen or "
+    raise ValueError(f"{folder} holds 'snapmogen' features, got layout {layout.name!r}; choose snapmogen or "
                      "snapmogen_148")
   captions, recordings = read_captions(folder), {}
   items, lost = [], collections.defaultdict(list)
@@ -69,13 +136,13 @@ def text_items(folder, split="train", layout="snapmogen", min_frames=MIN_FRAMES,
   if faults is not None:
     faults += [(name, what) for what, names in lost.items() for name in names]
   elif lost:
-    told = "; ".join(f"{len(names)} with {what} ({', '.join(names[:3])})" for what, names in lost.items())
-    warnings.warn(f"{folder}: left out {told}; motion-jax data doctor tells more", stacklevel=2)
+    counts = "; ".join(f"{len(names)} with {what} ({', '.join(names[:3])})" for what, names in lost.items())
+    warnings.warn(f"{folder}: left out {counts}; motion-jax data doctor tells more", stacklevel=2)
   return items
 
 
-def in_a_row(spans, gap=GAP) -> list[Span]:
-  """The most spans of one recording that follow each other: none overlaps, at most `gap` rows lie between two."""
+def longest_sequence(spans, gap=GAP) -> list[Span]:
+  """The longest sequence of spans of one recording that do not overlap and are at most `gap` rows apart."""
   spans, chains = sorted(set(spans), key=lambda span: (span.start, span.end)), []
   for i, span in enumerate(spans):
     before = [chain for chain, last in zip(chains, spans[:i]) if 0 <= span.start - last.end <= gap]
@@ -84,10 +151,10 @@ def in_a_row(spans, gap=GAP) -> list[Span]:
 
 
 def recordings(folder, split="test", more_than=5, shortest=1, gap=GAP, faults=None) -> list[list[TextItem]]:
-  """Recordings that show more than so many captioned motions in a row: a list of each one's pieces, 296 features.
+  """Recordings with a sequence of more than `more_than` captioned motions: one list of pieces for each, 296 features.
 
-  A piece reaches to where the next one begins, so that pieces put one behind the other are the recording itself; its id
-  is "NAME#start#end" of these rows. Spans of fewer than `shortest` rows are passed over. faults: as for `text_items`.
+  A piece ends where the next one begins, so the concatenated pieces are the recording itself; its id is
+  "NAME#start#end" of these rows. Spans of fewer than `shortest` rows are skipped. faults: as for `text_items`.
   """
   found = {}
   for item in text_items(folder, split, min_frames=shortest, faults=faults):
@@ -95,7 +162,7 @@ def recordings(folder, split="test", more_than=5, shortest=1, gap=GAP, faults=No
     found.setdefault(name, {})[Span(name, int(start), int(end))] = item
   kept = []
   for name, items in found.items():
-    chain = in_a_row(items, gap)
+    chain = longest_sequence(items, gap)
     if len(chain) <= more_than:
       continue
     features, _ = _read_recording(folder, name)
@@ -106,7 +173,7 @@ def recordings(folder, split="test", more_than=5, shortest=1, gap=GAP, faults=No
 
 
 def _read_recording(folder, name):
-  """(features, "") or (None, what is wrong)."""
+  """(features, "") or (None, the fault)."""
   path = pathlib.Path(folder) / "renamed_feats" / f"{name}.npy"
   if not path.is_file():
     return None, "no recording"
@@ -120,8 +187,10 @@ def _read_recording(folder, name):
 
 
 def read_folder(folder, split="train", faults=None) -> list[Clip]:
-  """The captioned spans of a split as clips on SnapMoGen's figure, with joints recovered from the features. faults: as
-  for `text_items`."""
+  """The captioned spans of a split as clips on SnapMoGen's skeleton, with joints recovered from the features.
+
+  faults: as for `text_items`.
+  """
   captions = read_captions(folder)
   return [Clip(joints=to_joints(item.features, "snapmogen"), fps=FPS, id=item.id, split=split, source="SnapMoGen",
                captions=tuple(Caption(text) for text in item.captions), skeleton=SNAPMOGEN, features=item.features,
@@ -130,10 +199,10 @@ def read_folder(folder, split="train", faults=None) -> list[Clip]:
 
 
 def bvh_features(path, mode="benchmark", drop_first=True):
-  """Features (rows, 296), float32, of a BVH file on SnapMoGen's figure, centimetres, 30 frames a second or a multiple.
+  """Features (rows, 296), float32, of a BVH file on SnapMoGen's skeleton.
 
-  Other joints of the file are passed over. drop_first leaves out the first frame, as the reference does. Raises
-  ValueError for a file of another figure or rate.
+  The file is in centimetres and has 30 frames a second or a multiple. Other joints of the file are ignored. drop_first
+  leaves out the first frame, as the reference does. Raises ValueError for a file of another skeleton or rate.
   """
   capture = read_bvh(path)
   missing = [name for name in SNAPMOGEN_BVH if name not in capture.names]
@@ -152,11 +221,11 @@ def bvh_features(path, mode="benchmark", drop_first=True):
 
 
 def write_folder(clips, out, mode="benchmark", overwrite=False) -> pathlib.Path:
-  """Writes clips on SnapMoGen's figure as a SnapMoGen folder, a recording each.
+  """Writes clips on SnapMoGen's skeleton as a SnapMoGen folder, one recording each.
 
-  Captions about the same seconds share an id. meta["num_manual"] says how many captions of a clip people wrote; the
-  rest go to "gpt"; without it all are "manual". Features that a clip holds are written as they are. Statistics are over
-  all recordings, the std by block. The folder appears when all is done.
+  Captions of the same seconds share an id. meta["num_manual"] is the number of captions of a clip that people wrote;
+  the rest go to "gpt"; without it all are "manual". Features that a clip has are written unchanged. Statistics are over
+  all recordings, the std by block. The folder is created only when everything has been written.
   """
   clips = list(clips)
   _check_clips(clips)
@@ -211,7 +280,7 @@ def _check_clips(clips):
 
 
 class SnapMoGen(Dataset):
-  """Folders of SnapMoGen's layout, whose features are their own."""
+  """Folders of SnapMoGen's layout, with features of their own."""
   name, holds = "snapmogen", "SnapMoGen's (renamed_feats)"
   by_clip, fields = False, ("captioned",)
   judged_as = "snapmogen"
@@ -230,6 +299,7 @@ class SnapMoGen(Dataset):
     return folder_stats(config.folder, layout)
 
   def examine(self, folder, found, progress=False):
+    from motion_jax.data.datasets import snapmogen_checks  # reads folders by this file
     return snapmogen_checks.examine(pathlib.Path(folder), found, progress)
 
   def benchmark(self, folders, run_layout):
@@ -242,8 +312,8 @@ class SnapMoGen(Dataset):
         raise ValueError(f"{folder} holds 'snapmogen' features, evaluator {reader.name!r} reads "
                          f"{reader.layout.name!r}; choose the evaluator of the data's representation")
     if rules.recorded:
-      told = recordings(folder, rules.split, rules.recorded, rules.min_frames, faults=excluded)
-      found = [item for pieces in told for item in pieces]
+      selected = recordings(folder, rules.split, rules.recorded, rules.min_frames, faults=excluded)
+      found = [item for pieces in selected for item in pieces]
     else:
       found = text_items(folder, rules.split, min_frames=rules.min_frames, faults=excluded)
     for item in {item.id: item for item in found}.values():  # a split may name a span twice

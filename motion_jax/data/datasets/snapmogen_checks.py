@@ -1,4 +1,4 @@
-"""What `data doctor` looks for in a SnapMoGen folder."""
+"""The checks of `motion-jax data doctor` for SnapMoGen folders."""
 import collections
 import hashlib
 import pathlib
@@ -7,13 +7,16 @@ import numpy as np
 import tqdm
 
 from motion_jax.data import checks
-from motion_jax.data.datasets.snapmogen_files import FPS, MIN_FRAMES, SPLITS, folder_stats, read_captions, read_ids
+from motion_jax.data.datasets.snapmogen import FPS, MIN_FRAMES, SPLITS, folder_stats, read_captions, read_ids
 from motion_jax.motion.representations import get_layout, to_joints
 from motion_jax.motion.stats import RunningStats
 
 
 def examine(folder, found, progress):
-  """Facts about a SnapMoGen folder: recordings, spans, captions, statistics, and the bodies that features give."""
+  """Checks a folder's recordings, spans, captions, statistics and the bodies that its features give.
+
+  Faults are added to `found`; returns the facts to print, [(name, text), ...].
+  """
   folder, layout = pathlib.Path(folder), get_layout("snapmogen")
   files = {path.stem: path for path in sorted((folder / "renamed_feats").glob("*.npy"))}
   spans, names, captions = {}, collections.defaultdict(set), {}
@@ -77,7 +80,7 @@ def examine(folder, found, progress):
 
 
 def _examine_stats(folder, own, found):
-  """Do the statistics belong to these features? The dataset's own are over all of it, so they may differ a little."""
+  """Reports statistics that do not belong to these features (the dataset's own cover all of it: small differences)."""
   try:
     stats = folder_stats(folder)
   except (FileNotFoundError, ValueError) as error:
