@@ -14,7 +14,7 @@ KIT_EVALUATED = ("kit", "64", "63")
 
 
 def experiment(stage, seed):
-  """A config that names its stage, and how its step is mapped over the devices: `training.mesh`."""
+  """A config that names its stage, and how its step is mapped over the devices (training/train_step.py)."""
   config = ml_collections.ConfigDict()
   config.stage, config.seed = stage, seed
   config.mesh = dict(map="auto", shard_state=False)

@@ -18,9 +18,8 @@ from motion_jax.evaluators import validation
 from motion_jax.latents import TOKENIZER
 from motion_jax.models import registry
 from motion_jax.motion import stats as stats_lib
-from motion_jax.training import checkpoint, combine, distributed, loop, metrics, progress
-from motion_jax.training import resume as resuming
-from motion_jax.training.combine import TOKENIZERS
+from motion_jax.training import checkpoint, distributed, loop, metrics
+from motion_jax.training import setup as training_setup
 from motion_jax.training.optimizers import is_schedule_free
 from motion_jax.utils import atomic, config_files, lock, plugins
 from motion_jax.utils.errors import InputError
@@ -73,13 +72,13 @@ def run(config, workdir, resume=False, max_seconds=None, stop=None, allow_change
   print(about_data or "data: being read", flush=True)
   if resume and (workdir / checkpoint.CONFIG).is_file():
     before = runs.load_run(workdir).config
-    config = resuming.epochs_as_before(config, before)
-    resuming.check_config(config, before, allow_changes)
+    config = training_setup.epochs_as_before(config, before)
+    training_setup.check_config(config, before, allow_changes)
   setup = validation.with_fid(known[config.stage](config), config)
-  config = resuming.resolve_epochs(config, setup.num_items)
-  progress.check_profile_steps(profile_steps, config.train.num_steps)
+  config = training_setup.resolve_epochs(config, setup.num_items)
+  metrics.check_profile_steps(profile_steps, config.train.num_steps)
   stage, next_batch, frozen, evaluate, stats, files, num_items = setup
-  print(f"training: {resuming.describe_length(config, num_items)}")
+  print(f"training: {training_setup.describe_length(config, num_items)}")
   if stage.about_loss:
     print(f"loss: {stage.about_loss}", flush=True)
   draw = pictures.drawer(config, workdir, setup)
@@ -92,8 +91,8 @@ def run(config, workdir, resume=False, max_seconds=None, stop=None, allow_change
     if resumes and not resume:
       raise ValueError(f"{workdir} holds a run already; --resume continues it, or choose another folder")
     if resumes:
-      frozen = resuming.frozen_as_before(workdir, stats, frozen, files)
-    files = files | {checkpoint.DATA: resuming.digests(workdir, config, resumes, allow_changes)}
+      frozen = training_setup.frozen_as_before(workdir, stats, frozen, files)
+    files = files | {checkpoint.DATA: training_setup.digests(workdir, config, resumes, allow_changes)}
     distributed.wait_for_all("the folder is read")
     if first:
       atomic.remove_strays(workdir, (*FILES, *files))
@@ -114,7 +113,7 @@ def run_passes(config, workdir, resume=False, max_seconds=None, stop=None, allow
   """Trains the passes of a recipe one after the other, each in workdir/NAME; returns the last TrainState, if any.
 
   config.passes: dicts with a "name" and either "config", NAME:SIZE of a stage, with "fields" {SECTION.FIELD: value}, or
-  "combine", a function of `training.combine`, with "runs", the folders that it takes. "{NAME}" in a value stands for
+  "combine", a function of `motion_jax.runs`, with "runs", the folders that it takes. "{NAME}" in a value stands for
   the folder of an earlier pass. Resuming skips passes that are finished and continues in the one that is not.
   """
   began, workdir, state = time.monotonic(), pathlib.Path(workdir), None
@@ -128,7 +127,7 @@ def run_passes(config, workdir, resume=False, max_seconds=None, stop=None, allow
       if not folder.exists():
         if distributed.is_first():
           made_of = [name.format(**folder_of) for name in one["runs"]]
-          combine.COMBINATIONS[one["combine"]](*made_of, folder)
+          runs.COMBINATIONS[one["combine"]](*made_of, folder)
         distributed.wait_for_all(f"{folder} is written")
       continue
     if _is_finished(folder):
@@ -193,7 +192,7 @@ def _started_from(stage, config):
   have start random. A tokenizer is also found inside a generator's run."""
   folder = config.train.start
   run = runs.load_run(folder)
-  inside = run.stage != config.stage and TOKENIZERS.get(run.stage) == config.stage
+  inside = run.stage != config.stage and runs.TOKENIZERS.get(run.stage) == config.stage
   start = flax.traverse_util.flatten_dict(run.frozen()[TOKENIZER] if inside else run.params())
   for name in config.train.freeze:
     if not any(name in path for path in start):

@@ -58,7 +58,7 @@ from motion_jax.utils import (  # noqa: E402
 
 # Files whose tests take longest, with the slow ones: workers begin with them, so that none is left with one at the end.
 LONG = ("test_distributed", "test_smoke", "test_kills", "test_your_own_data", "test_ablations", "test_streaming",
-        "test_mesh", "test_run", "test_paper_side", "test_datasets", "test_continuation", "test_cdamd_golden",
+        "test_train_step", "test_run", "test_paper_side", "test_datasets", "test_continuation", "test_cdamd_golden",
         "test_study", "test_multi_prompt", "test_model", "test_long_captions", "test_guards", "test_convert",
         "test_rvq", "test_teacher", "test_pictures", "test_validation", "test_part_tmr", "test_stage_losses",
         "test_cdamd_generator", "test_causal_vae", "test_teacher_kinds", "test_representation_promises",

@@ -158,5 +158,5 @@ def test_each_split_gets_a_recording_of_a_few():
 
 
 def test_time_left_in_words():
-  from motion_jax.training.progress import duration
+  from motion_jax.training.metrics import duration
   assert [duration(seconds) for seconds in (3.2, 100, 3_000, 7_500)] == ["3 s", "2 min", "50 min", "2 h 05 min"]

@@ -21,7 +21,7 @@ def train(name, config, archives, **sections):
 
 
 def combine(name, function, *runs):
-  """A pass that makes a run of runs, by a function of motion_jax/training/combine.py."""
+  """A pass that makes a run of runs, by a function of motion_jax/runs.py."""
   return dict(name=name, combine=function, runs=runs)
 
 

@@ -14,13 +14,18 @@ It is good for one data set, tokenizer and text encoder only: `Store.demand` ref
 """
 import contextlib
 import hashlib
+import itertools
 import json
 import pathlib
+from collections.abc import Callable
 
 import jax
 import numpy as np
+import tqdm
 
-from motion_jax.data.batches import ALL
+from motion_jax.data.batches import ALL, TextItems
+from motion_jax.text.captions import with_subjects
+from motion_jax.text.encoder import TextEncoder
 from motion_jax.utils.atomic import atomic_folder
 from motion_jax.utils.errors import InputError, reading
 from motion_jax.utils.input_files import load_npy, read_json
@@ -161,3 +166,49 @@ def stored_batch(store, items, tables, batch_size, seed, step, rows=ALL, *, late
     for row, latents in zip(batch[table], found):
       row[:len(latents)] = latents
   return batch
+
+
+# --- writing one: frozen networks applied to all cuts and captions that training may draw -----------------------------
+
+
+def identity_of(codecs, items: TextItems, encoder: TextEncoder) -> dict[str, str]:
+  """{part: digest} of what a store is made from; codecs: the tree of the tokenizers' parameters."""
+  return {"tokenizer": digest_of(codecs), "data": digest_of(items.features),
+          "rules of cutting": digest_of(np.array(list(items.cuts()), np.int64)),
+          "text encoder": encoder.fingerprint}
+
+
+def encode(folder, codecs, items: TextItems, encoder: TextEncoder, encode_cuts: Callable, vary_subject, *,
+           latents_look_back, batch_size=16):
+  """Writes a store of the cuts of items and of their captions; returns a line about it.
+
+  encode_cuts(codecs, features (B, T, F), num_frames (B,)) -> {table: rows (B, L, C)}, pure. vary_subject: training
+  varies the subject of captions. latents_look_back: see `stored_batch`; then the longest cut from each frame is enough.
+  """
+  captions = sorted({said for i in items.kept for caption in items.captions[i]
+                     for said in (with_subjects(caption) if vary_subject else [caption])})
+  encoder.check(captions)
+  cuts = list(items.cuts())
+  if latents_look_back:  # cuts come with the longest of a clip first
+    cuts = list({(clip, start): (clip, start, count, length) for clip, start, count, length in reversed(cuts)}.values())
+  run, done = jax.jit(encode_cuts), []
+  with writing(folder) as writer:
+    with tqdm.tqdm(total=len(cuts), unit="cut", dynamic_ncols=True, disable=None) as bar:
+      for length, group in itertools.groupby(sorted(cuts, key=lambda cut: cut[3]), lambda cut: cut[3]):
+        group = list(group)
+        for some in (group[at:at + batch_size] for at in range(0, len(group), batch_size)):
+          features, counts = np.zeros((batch_size, length, items.features[0].shape[-1]), np.float32), [0] * batch_size
+          for row, (clip, start, count, _) in enumerate(some):
+            features[row, :count], counts[row] = items.features[clip][start:start + count], count
+          made = jax.tree.map(np.asarray, run(codecs, features, np.array(counts, np.int32)))
+          for row, count in enumerate(counts[:len(some)]):
+            for table, rows in made.items():
+              writer.add(table, rows[row, :count // items.frames_per_latent])
+          done += [cut[:3] for cut in some]
+          bar.update(len(some))
+    said = []
+    for caption, rows in encoder.in_batches(captions):
+      writer.add(WORDS, rows)
+      said.append(caption)
+    writer.close(identity_of(codecs, items, encoder), done, said)
+  return f"wrote {folder}: {len(done)} cuts of {len(items)} clips, {len(said)} captions"

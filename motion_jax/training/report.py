@@ -22,13 +22,13 @@ from motion_jax.training.metrics import (
   EventFile,
   append_metrics,
   draw_curve,
+  duration,
   read_metrics,
   rounded,
   trim_metrics,
   was_evaluated,
 )
 from motion_jax.training.optimizers import parameters_to_use
-from motion_jax.training.progress import duration
 from motion_jax.training.saver import environment
 from motion_jax.training.train_step import variables_of
 from motion_jax.utils.atomic import atomic_path

@@ -11,7 +11,7 @@ import pytest
 
 from motion_jax import fit, runs
 from motion_jax.motion.representations import get_layout
-from motion_jax.training import resume
+from motion_jax.training import setup
 from motion_jax.training.optimizers import make_schedule
 from motion_jax.utils import config_files, overrides
 from tests.conftest import load_config
@@ -182,32 +182,32 @@ def test_the_fields_of_each_size_fit_each_other(name, size):
 
 @pytest.mark.parametrize("num_items, steps", [(4_400, 50 * 17), (23_384, 50 * 91), (100, 50)])
 def test_steps_come_from_epochs_and_the_number_of_items(num_items, steps):
-  config = resume.resolve_epochs(load_config("cdamd_rvq", "kit"), num_items)
+  config = setup.resolve_epochs(load_config("cdamd_rvq", "kit"), num_items)
   assert config.train.num_steps == steps and config.train.save_every == max(steps // 10, 1)
-  assert f"{steps:,} steps of 256 items, 50 epochs of {num_items:,}" in resume.describe_length(config, num_items)
+  assert f"{steps:,} steps of 256 items, 50 epochs of {num_items:,}" in setup.describe_length(config, num_items)
 
 
 def test_steps_that_are_given_stay():
   config = load_config("cdamd_rvq", "kit").unlock()
   config.train.num_steps = 7
-  assert resume.resolve_epochs(config, 4_400) is config
+  assert setup.resolve_epochs(config, 4_400) is config
   config.train.update(num_steps=0, num_epochs=0)
   with pytest.raises(ValueError, match="num_steps 0 and train.num_epochs 0, expected one of them above 0"):
-    resume.resolve_epochs(config, 4_400)
+    setup.resolve_epochs(config, 4_400)
 
 
 def test_a_run_that_goes_on_keeps_its_steps():
   config = load_config("cmdm_denoiser", "kit")
-  before = resume.resolve_epochs(config, 5_000)
-  again = resume.epochs_as_before(config, before)
+  before = setup.resolve_epochs(config, 5_000)
+  again = setup.epochs_as_before(config, before)
   assert again.train.num_steps == before.train.num_steps == 500 * 78
   assert again.train.save_every == before.train.save_every
   longer = config.copy_and_resolve_references().unlock()
   longer.train.num_epochs = 600
-  longer = resume.epochs_as_before(longer, before)
+  longer = setup.epochs_as_before(longer, before)
   assert longer.train.num_steps == 0 and longer.train.save_every == before.train.save_every
-  assert not list(resume.changes(before.to_dict(), longer.to_dict()))  # --resume goes on
-  longer = resume.resolve_epochs(longer, 5_000)
+  assert not list(setup.changes(before.to_dict(), longer.to_dict()))  # --resume goes on
+  longer = setup.resolve_epochs(longer, 5_000)
   assert longer.train.num_steps == 600 * 78 and longer.train.save_every == before.train.save_every
 
 
@@ -217,7 +217,7 @@ def test_a_run_that_goes_on_keeps_its_steps():
     ("part_tmr", "kit", 4_400), ("motion_patches", "kit", 4_400)])
 def test_the_rate_falls_before_training_ends(name, size, num_items):
   """Of data of any size, where it falls on HumanML3D. It does not in the tokenizers' code on any."""
-  config = resume.resolve_epochs(load_config(name, size), num_items)
+  config = setup.resolve_epochs(load_config(name, size), num_items)
   rate = make_schedule(config.optimizer, config.train.num_steps)
   peak = max(float(rate(step)) for step in range(0, config.train.num_steps, 1_000))
   assert peak == pytest.approx(config.optimizer.learning_rate, rel=1e-2)

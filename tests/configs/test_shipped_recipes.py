@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from motion_jax import fit, runs
-from motion_jax.training import checkpoint, combine
+from motion_jax.training import checkpoint
 from motion_jax.utils import config_files, stopping
 from motion_jax.utils.errors import InputError
 from tests.conftest import light_training
@@ -33,7 +33,7 @@ def test_passes_name_earlier_ones_and_fields_that_exist(name, size):
   for one in config.passes:
     assert _references(one) <= set(before) and one["name"] not in before
     if "combine" in one:
-      assert one["combine"] in combine.COMBINATIONS
+      assert one["combine"] in runs.COMBINATIONS
     else:
       found = fit.config_of_pass(one, {earlier: f"runs/{earlier}" for earlier in before}, "archives")
       assert list(found.data.folders) == [f"archives/{archive}" for archive in one["archives"]]
@@ -90,9 +90,9 @@ def test_a_recipe_continues_in_the_pass_that_was_stopped(tmp_path, capsys):
 
 def test_the_mean_of_two_runs(tmp_path):
   run = runs.load_run("cmdm-small-fast")
-  combine.average("cmdm-small-fast", "cmdm-small", tmp_path / "mean")
+  runs.average("cmdm-small-fast", "cmdm-small", tmp_path / "mean")
   mean, one, other = (runs.load_run(name).params() for name in (tmp_path / "mean", "cmdm-small-fast", "cmdm-small"))
   jax.tree.map(lambda m, a, b: np.testing.assert_allclose(m, (a + b) / 2, rtol=1e-6), mean, one, other)
   assert runs.load_run(tmp_path / "mean").stage == run.stage
   with pytest.raises(InputError, match="is there already"):
-    combine.average("cmdm-small-fast", "cmdm-small", tmp_path / "mean")
+    runs.average("cmdm-small-fast", "cmdm-small", tmp_path / "mean")

@@ -9,7 +9,7 @@ import ml_collections
 import pytest
 from PIL import Image
 
-from motion_jax.training import loop, progress, report
+from motion_jax.training import loop, metrics, report
 from motion_jax.training.metrics import append_metrics, read_metrics
 from tests.training.test_train import _config as line_config
 from tests.training.test_train import _next_batch, _stage
@@ -49,8 +49,8 @@ def test_smoothing_keeps_a_constant_and_follows_a_step():
 def test_rates_count_steps_since_the_last_row(monkeypatch):
   now = [100.0]
   monkeypatch.setattr(time, "perf_counter", lambda: now[0])
-  monkeypatch.setattr(progress, "peak_flops", lambda: 1e6)
-  meter = progress.Rates(8, lambda step: 0.1 * step, flops=1e5)
+  monkeypatch.setattr(metrics, "peak_flops", lambda: 1e6)
+  meter = metrics.Rates(8, lambda step: 0.1 * step, flops=1e5)
   meter.step(waited=0.25)  # the first, which compiles
   for at in range(4):
     now[0] += 0.5
@@ -70,7 +70,7 @@ def test_rates_count_steps_since_the_last_row(monkeypatch):
 
 def test_a_run_tells_its_rates(tmp_path, monkeypatch):
   """Of a device whose peak is known the share of it, too: here one that reaches a million FLOPs a second."""
-  monkeypatch.setattr(progress, "peak_flops", lambda: 1e6)
+  monkeypatch.setattr(metrics, "peak_flops", lambda: 1e6)
   loop.train(line_config(6), tmp_path, _stage(), _next_batch)
   rows = read_metrics(tmp_path)
   assert [row["step"] for row in rows] == [1, 2, 3, 4, 5, 6]
@@ -85,7 +85,7 @@ class _Terminal(io.StringIO):
 
 
 def test_on_a_terminal_there_is_a_bar_and_elsewhere_lines(tmp_path, monkeypatch, capsys):
-  monkeypatch.setattr(progress, "peak_flops", lambda: 1e6)
+  monkeypatch.setattr(metrics, "peak_flops", lambda: 1e6)
   train = lambda folder: loop.train(line_config(6), tmp_path / folder, _stage(), _next_batch,
                                     evaluate=lambda params: {"held_out_loss": 0.25})
   train("lines")

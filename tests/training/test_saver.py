@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from motion_jax.data import sources
-from motion_jax.training import checkpoint, report, resume
+from motion_jax.training import checkpoint, report, setup
 from motion_jax.training import loop as train
 from motion_jax.training.metrics import read_metrics, without_clock
 from motion_jax.training.saver import Saver, copy_of, fields_of
@@ -181,9 +181,9 @@ def test_changed_settings_are_named_one_by_one():
   now.optimizer.learning_rate, now.train.save_every, now.data.folder, now.train.num_steps = 1.0, 7, "elsewhere", 99
   told = f"optimizer.learning_rate was {before.optimizer.learning_rate!r}, is 1.0; train.save_every was 2, is 7"
   with pytest.raises(InputError, match=f"--resume with another optimizer: {told}; .*--allow-changes"):
-    resume.check_config(now, before)
+    setup.check_config(now, before)
   said = []
-  resume.check_config(now, before, allow=True, report=said.append)
+  setup.check_config(now, before, allow=True, report=said.append)
   assert said == [f"note: the run continues with other settings: {told}"]
 
 
@@ -195,11 +195,11 @@ def test_data_are_compared_byte_for_byte(tmp_path):
     for file in ("motions.npz", "captions.jsonl"):
       (tmp_path / name / file).write_text("content")
   config.data.update(name="archive", folder=str(tmp_path / "a"))
-  (tmp_path / checkpoint.DATA).write_text(resume.digests(tmp_path, config, resumes=False))
+  (tmp_path / checkpoint.DATA).write_text(setup.digests(tmp_path, config, resumes=False))
   config.data.folder = str(tmp_path / "b")
-  assert json.loads(resume.digests(tmp_path, config, resumes=True))["digests"] == sources.digests(config.data)
+  assert json.loads(setup.digests(tmp_path, config, resumes=True))["digests"] == sources.digests(config.data)
   (tmp_path / "b" / "captions.jsonl").write_text("contenu")
   with pytest.raises(InputError, match="--resume with other data: the files in .*b are not .*--allow-changes"):
-    resume.digests(tmp_path, config, resumes=True)
+    setup.digests(tmp_path, config, resumes=True)
   said = []
-  assert resume.digests(tmp_path, config, resumes=True, allow=True, report=said.append) and "are not those" in said[0]
+  assert setup.digests(tmp_path, config, resumes=True, allow=True, report=said.append) and "are not those" in said[0]

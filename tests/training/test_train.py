@@ -15,7 +15,7 @@ import pytest
 from configs import common
 from motion_jax.motion.representations import get_layout
 from motion_jax.motion.stats import Stats, save_stats
-from motion_jax.training import checkpoint, mesh, optimizers, prefetch, resume, train_step
+from motion_jax.training import checkpoint, optimizers, prefetch, setup, train_step
 from motion_jax.training import loop as train
 from motion_jax.training.metrics import append_metrics, read_metrics
 from motion_jax.training.report import best_step
@@ -119,7 +119,7 @@ def test_the_average_keeps_its_decay_of_what_was(decay):
   tx = optimizers.make_optimizer(_config(4).optimizer, 4)
   state = train_step.init_state(stage, tx, batch, jax.random.key(0))
   start = np.asarray(state.params["w"])
-  pmap = mesh.Pmap()
+  pmap = train_step.Pmap()
   step = pmap.compiled(train_step.make_train_step(stage, tx, decay))
   state, _ = step(state, {}, pmap.rows(batch), jax.random.key(1))
   once = np.asarray(state.params["w"])
@@ -136,7 +136,7 @@ def test_every_step_has_noise_of_its_own():
   stage, batch = _stage(), _next_batch(0)
   tx = optimizers.make_optimizer(_config(4, learning_rate=0.0).optimizer, 4)
   state = train_step.init_state(stage, tx, batch, jax.random.key(0))
-  pmap = mesh.Pmap()
+  pmap = train_step.Pmap()
   step, losses = pmap.compiled(train_step.make_train_step(stage, tx, 0.0)), []
   for _ in range(3):
     state, metrics = step(state, {}, pmap.rows(batch), jax.random.key(1))
@@ -247,7 +247,7 @@ def test_a_run_is_resumed_only_with_its_own_settings():
   def check(part="optimizer", **changes):
     config = load_config("cmdm_tokenizer", "tiny")
     config[part].update(changes)
-    resume.check_config(config, load_config("cmdm_tokenizer", "tiny"))
+    setup.check_config(config, load_config("cmdm_tokenizer", "tiny"))
 
   for change in (dict(learning_rate=1.0), dict(beta1=0.5), dict(schedule="cosine"), dict(warmup_steps=9)):
     with pytest.raises(ValueError, match="another optimizer"):

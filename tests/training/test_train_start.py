@@ -10,7 +10,7 @@ from motion_jax.models import cdamd, cmdm
 from motion_jax.nets.autoencoder import Autoencoder
 from motion_jax.nets.causal_vae import CausalVAE
 from motion_jax.text.encoder import load_text_encoder
-from motion_jax.training import checkpoint, combine
+from motion_jax.training import checkpoint
 from motion_jax.training import loop as train
 from motion_jax.training.stage import Stage
 from tests.conftest import load_config
@@ -121,16 +121,16 @@ def test_a_new_decoder_goes_to_the_generator_of_its_latents(tmp_path):
   folder.mkdir()
   checkpoint.save_config(folder, config)
   checkpoint.save_params(folder, params)
-  combine.exchange_decoder("cmdm-small", folder, tmp_path / "new")
+  runs.exchange_decoder("cmdm-small", folder, tmp_path / "new")
   made = runs.load_run(tmp_path / "new")
   jax.tree.map(np.testing.assert_array_equal, made.frozen(), {**run.frozen(), "tokenizer": params})
   jax.tree.map(np.testing.assert_array_equal, made.params(), run.params())
   with pytest.raises(ValueError, match="is there already"):
-    combine.exchange_decoder("cmdm-small", folder, tmp_path / "new")
+    runs.exchange_decoder("cmdm-small", folder, tmp_path / "new")
   params["params"]["encoder"]["head"]["bias"] += 1
   checkpoint.save_params(folder, params)
   with pytest.raises(ValueError, match="the encoder in .* differs from that in cmdm-small"):
-    combine.exchange_decoder("cmdm-small", folder, tmp_path / "other")
+    runs.exchange_decoder("cmdm-small", folder, tmp_path / "other")
 
 
 @pytest.mark.slow

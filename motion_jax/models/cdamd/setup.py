@@ -20,7 +20,7 @@ from motion_jax.nets.masks import padding_mask
 from motion_jax.quant import vq
 from motion_jax.text.captions import vary_subject
 from motion_jax.text.encoder import TextEncoder, load_text_encoder
-from motion_jax.training import checkpoint, encoding
+from motion_jax.training import checkpoint
 from motion_jax.training.setup import (
   TrainingSetup,
   caption_lengths,
@@ -170,7 +170,7 @@ def _captioned(config, data, encoder, encoders=None):
   draw = items.batch
   if encoders is not None:
     kept = store.Store(config.data.store)
-    kept.demand(encoding.identity(encoders, items, encoder))
+    kept.demand(store.identity_of(encoders, items, encoder))
     encoder.recall(kept.words)
     tables = ("latents", "codes") if config.loss.prior_levels else ("latents",)
     draw = functools.partial(store.stored_batch, kept, items, tables, latents_look_back=False)
@@ -201,8 +201,8 @@ def encode_generator(config: ConfigDict, folder: str | os.PathLike) -> str:
       made["codes"] = RvqCodec(prior, frozen["prior"]).encode(x, codec.real_frames(real_mask))[0][..., :levels]
     return made
 
-  return encoding.write(folder, frozen, _items(config, data), encoder, encode, config.data.vary_subject > 0,
-                        latents_look_back=False)
+  return store.encode(folder, frozen, _items(config, data), encoder, encode, config.data.vary_subject > 0,
+                      latents_look_back=False)
 
 
 def _held_out_loss(config, stage, frozen, stats, encoder, num_batches=4):

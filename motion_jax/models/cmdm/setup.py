@@ -23,7 +23,7 @@ from motion_jax.nets.causal_vae import CausalVAE
 from motion_jax.text import bert
 from motion_jax.text.captions import vary_subject
 from motion_jax.text.encoder import load_text_encoder, narrowest
-from motion_jax.training import checkpoint, encoding, resume
+from motion_jax.training import checkpoint
 from motion_jax.training.setup import (
   TrainingSetup,
   caption_lengths,
@@ -31,6 +31,7 @@ from motion_jax.training.setup import (
   held_out,
   held_stats,
   reconstruction_error,
+  resolve_epochs,
   untrained,
 )
 from motion_jax.utils.config_files import module_fields
@@ -45,7 +46,7 @@ def tokenizer(config: ConfigDict) -> TrainingSetup:
   data = sources.load_features(config.data, stats=held_stats(config), captioned=False)
   windows = batches.Windows(data.features, config.data.window, config.data.stride,
                             groups=data.groups, balance=config.data.balance, short=config.data.short_window)
-  config = resume.resolve_epochs(config, len(windows))  # the weight of the alignment falls to the end of training
+  config = resolve_epochs(config, len(windows))  # the weight of the alignment falls to the end of training
   validation = held_out(config, data.stats).features
   vae = CausalVAE(**config.model)
   reconstruct = jax.jit(lambda params, x: VaeCodec(vae, params).reconstruct(x))
@@ -207,7 +208,7 @@ def denoiser(config: ConfigDict) -> TrainingSetup:
       raise InputError("got data.per_segment_captions and data.store: a store holds the words of whole clips; leave "
                        "out one of the two")
     kept = store.Store(config.data.store)
-    kept.demand(encoding.identity(codec.parts, items, encoder))
+    kept.demand(store.identity_of(codec.parts, items, encoder))
     encoder.recall(kept.words)
     draw = functools.partial(store.stored_batch, kept, items, ("distribution",), latents_look_back=codec.net.causal)
 
@@ -239,8 +240,8 @@ def encode_denoiser(config: ConfigDict, folder: str | os.PathLike) -> str:
   """Writes the store of a denoiser's data; returns what to tell of it."""
   _, items, encoder, codec = _denoiser_parts(config)
   encode = lambda parts, x, num_frames: {"distribution": VaeCodec.of(codec.net, parts).distribution(x)}
-  return encoding.write(folder, codec.parts, items, encoder, encode, config.data.vary_subject > 0,
-                        latents_look_back=codec.net.causal)
+  return store.encode(folder, codec.parts, items, encoder, encode, config.data.vary_subject > 0,
+                      latents_look_back=codec.net.causal)
 
 
 def load_tokenizer(folder: str, config: ConfigDict) -> tuple[VaeCodec, Stats]:

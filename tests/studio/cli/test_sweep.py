@@ -5,7 +5,7 @@ import pytest
 from PIL import Image
 
 from motion_jax import charts
-from motion_jax.training import resume
+from motion_jax.training import setup
 from motion_jax.training.metrics import append_metrics
 from motion_jax.utils import config_files, overrides
 from motion_jax.utils.errors import InputError
@@ -101,7 +101,7 @@ def test_those_that_ship_name_fields_of_their_configs(name):
 
 def test_the_runs_of_cdamds_figure_7_differ_in_the_prior_alone():
   with_prior, without = (config_files.load(config) for config, _ in sweep.load("motion_prior").values())
-  changed = {path for path, *_ in resume.changes(with_prior.to_dict(), without.to_dict())}
+  changed = {path for path, *_ in setup.changes(with_prior.to_dict(), without.to_dict())}
   assert changed == {"loss.prior_levels"} and (with_prior.loss.prior_levels, without.loss.prior_levels) == (2, 0)
 
 

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from motion_jax import fit
-from motion_jax.training import mesh, optimizers, train_step
+from motion_jax.training import optimizers, train_step
 from tests import processes
 from tests.conftest import devices_env, load_config
 
-MAPS = {"pmap": mesh.Pmap, "mesh": mesh.Mesh}
+MAPS = {"pmap": train_step.Pmap, "mesh": train_step.Mesh}
 
 
 def tiny(name, **sections):
@@ -59,8 +59,8 @@ def run(name, folder):
 def run_sharded():
   """A sharded state against one that all devices hold: the same losses, and each device holds an eighth of it."""
   config = tiny("cmdm_denoiser", model=dict(width=32), optimizer=dict(clip_norm=0.5))
-  where = mesh.Mesh(shard_state=True)
-  _, whole = steps(config, mesh.Mesh())
+  where = train_step.Mesh(shard_state=True)
+  _, whole = steps(config, train_step.Mesh())
   _, cut = steps(config, where)
   for one, other in zip(whole, cut, strict=True):
     for key, value in one.items():
@@ -73,7 +73,7 @@ def run_sharded():
 
 @pytest.mark.slow
 def test_a_sharded_state_learns_what_a_whole_one_learns():
-  code = "from tests import test_mesh; test_mesh.run_sharded()"
+  code = "from tests.training import test_train_step; test_train_step.run_sharded()"
   done = processes.run(["-c", code], devices_env(8))
   assert done.returncode == 0, done.stderr[-3000:]
 
@@ -82,7 +82,7 @@ def test_a_sharded_state_learns_what_a_whole_one_learns():
 @pytest.mark.parametrize("name", CONFIGS)
 def test_pmap_and_a_mesh_give_the_same_bytes_and_devices_the_same_numbers(tmp_path, name):
   """Bytes are compared inside of `run`; sums over more devices are added in another order."""
-  code = f"from tests import test_mesh; test_mesh.run({name!r}, {str(tmp_path)!r})"
+  code = f"from tests.training import test_train_step; test_train_step.run({name!r}, {str(tmp_path)!r})"
   counts = (1, 2, 8)
   said = [tmp_path / f"{count}.txt" for count in counts]
   started = [processes.Process(["-c", code], devices_env(count), file, file) for count, file in zip(counts, said)]
@@ -99,7 +99,7 @@ def test_pmap_and_a_mesh_give_the_same_bytes_and_devices_the_same_numbers(tmp_pa
 def test_a_batch_in_parts_is_the_whole_batch(name):
   """Noise, dropout, micro-batches of 2 windows: losses and parameters agree up to rounding."""
   sections = {"cmdm_tokenizer": dict(frozen=dict(teacher=""), loss=dict(micro_batch=2))}.get(name, {})
-  found = [steps(tiny(name, **sections, optimizer=dict(accumulate_steps=parts)), mesh.Pmap()) for parts in (1, 4)]
+  found = [steps(tiny(name, **sections, optimizer=dict(accumulate_steps=parts)), train_step.Pmap()) for parts in (1, 4)]
   (state, losses), (other, theirs) = found
   for one, two in zip(*(jax.tree.leaves((state.params, losses)) for state, losses in found), strict=True):
     np.testing.assert_allclose(one, two, rtol=2e-3, atol=2e-5)
