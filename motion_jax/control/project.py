@@ -20,7 +20,7 @@ from motion_jax.control import bodies, poses
 from motion_jax.control.compiling import angle_of, clip_to_feasible, compile, warn_missed
 from motion_jax.control.constraints import Constraint
 from motion_jax.control.signal import ControlSignal
-from motion_jax.motion.planting import stands
+from motion_jax.motion.pinned_feet import stands
 from motion_jax.motion.root_paths import along
 from motion_jax.motion.skeleton import HUMANML3D
 from motion_jax.utils.errors import InputError

@@ -113,20 +113,20 @@ class Windows:
             "index": np.arange(batch_size)[rows]}
 
 
-Told = tuple[tuple[str, int, int], ...]  # (caption, first, past) frames of the parts of a clip
+Segments = tuple[tuple[str, int, int], ...]  # (caption, first frame, frame past the last) of each part of a clip
 
 
 class Draw(NamedTuple):
   """A batch as it is drawn: clips (B,), their first frames (B,) and frames (B,), a caption each, the padded length.
 
-  told: of clips that are told part by part their parts inside the cut; () of others, None where none ever is.
+  segments: for clips with per-segment captions, their parts inside the cut; () for other clips; None if there are none.
   """
   clip: np.ndarray
   start: np.ndarray
   num_frames: np.ndarray
   captions: list[str]
   length: int
-  told: list[Told] | None = None
+  segments: list[Segments] | None = None
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -156,7 +156,7 @@ class TextItems:
   crop_frames: int = 0  # 0: max_frames
   keep_long: bool = False
   shorten_rate: float = 1 / 3
-  spans: list[Told] | None = None
+  spans: list[Segments] | None = None
   per_segment_captions: float = 0.0
 
   def __post_init__(self):
@@ -199,12 +199,12 @@ class TextItems:
       starts.append(rng.integers(frames - count + 1))
       num_frames.append(count)
       captions.append(self.captions[i][rng.integers(len(self.captions[i]))])
-    told = None
+    segments = None
     if self.per_segment_captions:
       spoken = rng.random(batch_size) < self.per_segment_captions
-      told = [_inside(self.spans[i], start, start + count) if said else ()
+      segments = [_inside(self.spans[i], start, start + count) if said else ()
               for i, start, count, said in zip(chosen, starts, num_frames, spoken)]
-    return Draw(chosen, np.array(starts), np.array(num_frames, np.int32), captions, length, told)
+    return Draw(chosen, np.array(starts), np.array(num_frames, np.int32), captions, length, segments)
 
   def _frames(self, frames, less):
     return min(max(frames // self.frames_per_latent - less, 1) * self.frames_per_latent, self.longest)
@@ -220,14 +220,14 @@ class TextItems:
 
   def batch(self, batch_size, seed, step, rows=ALL):
     """-> features (B, T, F) zero-padded, num_frames (B,), index (B,), of these rows; caption, a list of all B, and
-    with per_segment_captions told, another (`Draw`)."""
+    with per_segment_captions also segments (`Draw`)."""
     drawn = self.draw(batch_size, seed, step)
     index, num_frames = np.arange(batch_size)[rows], drawn.num_frames[rows]
     out = np.zeros((len(index), drawn.length, self.features[0].shape[-1]), np.float32)
     for row, i, start, count in zip(out, drawn.clip[rows], drawn.start[rows], num_frames):
       row[:count] = self.features[i][start:start + count]
     batch = {"features": out, "num_frames": num_frames, "caption": drawn.captions, "index": index}
-    return batch if drawn.told is None else batch | {"told": drawn.told}
+    return batch if drawn.segments is None else batch | {"segments": drawn.segments}
 
 
 def _inside(spans, first, past):

@@ -25,11 +25,11 @@ def load(path, found):
   except (InputError, OSError) as error:
     if found:
       found.add("error", "files that cannot be read", "copy them again",
-                f"{path.parent.name}/{path.name} ({told(error, path)})"[:120])
+                f"{path.parent.name}/{path.name} ({error_detail(error, path)})"[:120])
     return None
 
 
-def told(error, path):
+def error_detail(error, path):
   """What an error says behind the path that it begins with."""
   return str(error).removeprefix(str(path)).lstrip(":/ ")
 
@@ -45,7 +45,7 @@ def compare_joints(saved, recovered, layout, name, found):
               "another version of the data: make new_joints again from the features", name)
 
 
-def tell_lengths(rows, splits, least, found):
+def report_lengths(rows, splits, least, found):
   """Clips that training leaves out: of less than `least` rows, by split, or of 200 and more. rows: {id: rows}."""
   for split, ids in splits.items():
     lengths = np.array([rows[one] for one in ids if one in rows])
@@ -63,7 +63,7 @@ def tell_lengths(rows, splits, least, found):
               "them out; motion-jax data build cuts long clips", count=long)
 
 
-def tell_duplicates(hashes, splits, found):
+def report_duplicates(hashes, splits, found):
   where = {one: split for split, ids in splits.items() for one in ids}
   for names in hashes.values():
     if len(names) > 1:
@@ -184,7 +184,7 @@ class Body:
       if len(forward) and np.median(forward) < 0:
         self.backwards.append(name)
 
-  def tell(self):
+  def report(self):
     if len(self.backwards) > 0.3 * len(self.floors):
       self.found.add_all("error", "bodies whose standing toes point backwards", "left and right are exchanged, or an "
                          "axis is mirrored: check the mapping and the axes of the source", self.backwards)

@@ -27,7 +27,7 @@ def evaluator(path, num_heads=None) -> Network:
   movement_width, features, _ = part.shape("movement_encoder/main.0.weight", what, 3)
   # 259 of 263 and 247 of 251: it reads full features without their contacts.
   with_contacts = {layout["contacts"].start: layout.dim for layout in LAYOUTS.values()
-                   if "contacts" in layout.blocks and not layout.told_by_joints}
+                   if "contacts" in layout.blocks and not layout.joints_suffice}
   fields = dict(features=features, columns=with_contacts.get(features, features),
                 movement_width=movement_width, movement_dim=part.shape("movement_encoder/main.3.weight", what, 3)[0],
                 motion_width=part.shape("motion_encoder/input_emb.weight", what, 2)[0],

@@ -21,7 +21,7 @@ from motion_jax.text.captions import SUBJECTS
 from motion_jax.text.encoder import TextEncoder
 from motion_jax.training import checkpoint
 from motion_jax.utils.errors import InputError
-from motion_jax.utils.numerals import SEEDS, as_float, checked, demand_numbers, shortened, told
+from motion_jax.utils.numerals import SEEDS, as_float, checked, demand_numbers, format_value, shortened
 from motion_jax.utils.text_files import is_text
 
 _SECONDS = 6.0  # of a motion whose length is not given
@@ -224,7 +224,7 @@ class TextToMotionModel(Able):
     """A list of prompts from one or several, checked. Raises TypeError for anything but text, InputError for an empty
     prompt, one that is no UTF-8 text, or one of more than 5,000 characters."""
     if not isinstance(prompts, str) and (isinstance(prompts, bytes | dict) or not isinstance(prompts, Iterable)):
-      raise TypeError(f"got {told(prompts)} as prompts, expected a sentence such as \"a person waves\", or a "
+      raise TypeError(f"got {format_value(prompts)} as prompts, expected a sentence such as \"a person waves\", or a "
                       "list of them")
     prompts = [prompts] if isinstance(prompts, str) else list(prompts)
     if not prompts:
@@ -279,16 +279,16 @@ def keys_of(rng: jax.Array | None, seeds: Iterable[int] | None, count: int, seed
     try:
       seeds = [operator.index(seed) + i for i in range(count)]
     except TypeError:
-      raise TypeError(f"got the seed {told(seed)}, expected an integer") from None
+      raise TypeError(f"got the seed {format_value(seed)}, expected an integer") from None
   if seeds is not None:
     if isinstance(seeds, str | bytes) or not isinstance(seeds, Iterable):
-      raise TypeError(f"got {told(seeds)} as seeds, expected one integer per motion, as in seeds=[5]")
+      raise TypeError(f"got {format_value(seeds)} as seeds, expected one integer per motion, as in seeds=[5]")
     seeds = list(seeds)
     for seed in seeds:
       try:
         operator.index(seed)
       except TypeError:
-        raise TypeError(f"got the seed {told(seed)}, expected an integer") from None
+        raise TypeError(f"got the seed {format_value(seed)}, expected an integer") from None
     if len(seeds) != count:
       raise InputError(f"got {len(seeds)} seeds for {count} motions")
     seeds = [checked(seed, -SEEDS[1], SEEDS[1], "seed") for seed in seeds]
@@ -297,5 +297,5 @@ def keys_of(rng: jax.Array | None, seeds: Iterable[int] | None, count: int, seed
   is_array = isinstance(rng, jax.Array | np.ndarray)
   if not (is_array and (jnp.issubdtype(rng.dtype, jax.dtypes.prng_key) and rng.shape == ()
                         or rng.dtype == np.uint32 and rng.ndim == 1)):
-    raise TypeError(f"got {told(rng)} as rng, expected a key such as jax.random.key(5)")
+    raise TypeError(f"got {format_value(rng)} as rng, expected a key such as jax.random.key(5)")
   return jax.vmap(lambda i: jax.random.fold_in(rng, i))(jnp.arange(count)), [None] * count

@@ -14,7 +14,7 @@ from motion_jax.motion.retiming import resample
 from motion_jax.motion.skeleton import Skeleton, bone_lengths, with_own_lengths
 from motion_jax.shapes import Array
 from motion_jax.utils.errors import InputError
-from motion_jax.utils.numerals import told
+from motion_jax.utils.numerals import format_value
 
 _OTHER_BONES = 5e-3  # metres that a body's bones may differ from the skeleton's before it is retargeted
 
@@ -112,7 +112,7 @@ def clip_of(motion: Any, layout: Representation) -> Clip:
     if array.ndim == 2 and array.shape[-1] == layout.dim:
       return Clip(np.asarray(layout.to_joints(array)), layout.fps, skeleton=layout.skeleton, features=array,
                   id="features")
-  got = f"an array of shape {motion.shape}" if isinstance(motion, Array) else told(motion)
+  got = f"an array of shape {motion.shape}" if isinstance(motion, Array) else format_value(motion)
   raise InputError(f"got {got} as the motion, expected a Clip (motion_jax.export.load reads files), joints (frames, "
                    f"{layout.skeleton.num_joints}, 3), or {layout.name!r} features (frames, {layout.dim}), at "
                    f"{layout.fps:g} frames a second")

@@ -68,8 +68,8 @@ class Cleaner:
   def __init__(self, skeleton: Skeleton = HUMANML3D, fps: float | None = None, floor: float = 0.0) -> None:
     """floor: its height, in the skeleton's unit."""
     body = _Body(skeleton, fps or skeleton.fps, floor)
-    smooth, path, plant, reach = _AHEAD
-    self._stages = [_Stage(_Smooth(body), 2, smooth), _Stage(_Path(body), 3, path), _Stage(_Plant(body), 1, plant),
+    smooth, path, pin, reach = _AHEAD
+    self._stages = [_Stage(_Smooth(body), 2, smooth), _Stage(_Path(body), 3, path), _Stage(_PinFeet(body), 1, pin),
                     _Stage(body.reach, 3, reach)]
 
   def push(self, joints: Num[Array, "n j 3"], contacts: Num[Array, "n 4"] | None = None) -> Float[np.ndarray, "m j 3"]:
@@ -93,7 +93,7 @@ class Cleaner:
     return rest.joints.astype(np.float32)
 
 
-def reached(joints: Num[Array, "t j 3"], move: Num[Array, "t 2 3"], skeleton: Skeleton = HUMANML3D
+def solve_legs(joints: Num[Array, "t j 3"], move: Num[Array, "t 2 3"], skeleton: Skeleton = HUMANML3D
             ) -> Float[np.ndarray, "t j 3"]:
   """Joints (T, J, 3) with the left and right foot moved by move (T, 2, 3), the legs bent to reach them: the last stage
   of the cleanup, for a whole motion whose feet somebody else places. float64."""
@@ -280,7 +280,7 @@ class _Path:
     return now._replace(joints=joints)
 
 
-class _Plant:
+class _PinFeet:
   """Says how to move each foot over the ground so that it keeps still while it stands.
 
   The moves e of a frame and the `ahead` next solve min sum s |step of (foot + e)|^2 + ease |step of e|^2

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Num
 
 from motion_jax.motion.contacts import feet_stand
-from motion_jax.motion.planting import planted
+from motion_jax.motion.pinned_feet import pin_feet
 from motion_jax.motion.retarget import floor_height, with_lengths
 from motion_jax.motion.skeleton import HUMANML3D, Skeleton
 from motion_jax.motion.splicing import Meeting, laid, meeting
@@ -240,7 +240,7 @@ def _pinned(joints, stand, first, past, skeleton, fps):
   firm = (stand[1:] & stand[:-1]).reshape(-1, 2, 2) / (1 + (speed / _CARRIED) ** 4)
   moves = np.stack([_moves(points[:, side], firm[:, side], fixed, skeleton.unit) for side in range(2)], 1)
   aims = points + moves[:, :, None]
-  return planted(near, aims[:, :, 0], aims[:, :, 1], skeleton)[first - start:past - start]
+  return pin_feet(near, aims[:, :, 0], aims[:, :, 1], skeleton)[first - start:past - start]
 
 
 def _moves(points, firm, fixed, unit):

@@ -70,7 +70,7 @@ def _checked(joints, skeleton, fps, name):
     raise InputError(f"{name}: the bones fit no person's: joints in another order or of another skeleton; expected "
                      f"{', '.join(skeleton.joints)}")
   if not usual:
-    guess = told_unit(joints, skeleton)
+    guess = guess_unit(joints, skeleton)
     hint = (f"they fit a body in {_NAMES[guess]}: {_how_to_scale(guess, skeleton)}" if guess and UNITS[guess] !=
             skeleton.unit else "no usual unit makes them a person's; scale them to metres")
     raise InputError(f"{name}: bones are {size:.3g} times as long as a person's; {hint}")
@@ -120,7 +120,7 @@ def to_unit(joints: Num[Array, "t j 3"], skeleton: Skeleton = HUMANML3D, unit: s
     warnings.warn(f"{name}: the body lies, or stands along z; --up z (up=\"z\") turns files whose upward axis is z",
                   stacklevel=2)
   if unit == "auto":
-    told = told_unit(placed, skeleton)
+    told = guess_unit(placed, skeleton)
     if told is None or np.isclose(UNITS[told], skeleton.unit):
       return placed  # as it should be, or `check` says what is wrong
     warnings.warn(f"{name}: by its bones it is in {_NAMES[told]}; --unit (unit=) says it, where that is wrong",
@@ -138,7 +138,7 @@ def with_y_up(joints: Num[np.ndarray, "*lead 3"], up: str) -> Num[np.ndarray, "*
   return placed * np.array([1, -1, -1], placed.dtype) if up.startswith("-") else placed
 
 
-def told_unit(joints: Num[Array, "t j 3"], skeleton: Skeleton = HUMANML3D) -> str | None:
+def guess_unit(joints: Num[Array, "t j 3"], skeleton: Skeleton = HUMANML3D) -> str | None:
   """The unit in which joints (T, J, 3) make a body nearest to the skeleton's size; None if none is near."""
   size, oddness = _size(_lengths(np.asarray(joints, np.float64), skeleton), skeleton)
   if not 0 < size < np.inf or oddness > ODD:
@@ -228,5 +228,5 @@ def _far(metres):
   return f"{metres / 1000:,.0f} km" if metres >= 10_000 else f"{metres:,.3g} m"
 
 
-__all__ = ["AXES", "ODD", "UNITS", "check", "check_bones", "check_rate", "fault", "oddness", "to_unit", "told_unit",
+__all__ = ["AXES", "ODD", "UNITS", "check", "check_bones", "check_rate", "fault", "oddness", "to_unit", "guess_unit",
            "with_y_up"]

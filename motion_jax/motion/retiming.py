@@ -7,7 +7,7 @@ where they stand. numpy, whole clips, float64.
 import numpy as np
 from jaxtyping import Bool, Float, Num
 
-from motion_jax.motion.planting import planted
+from motion_jax.motion.pinned_feet import pin_feet
 from motion_jax.motion.retarget import floor_height, with_lengths
 from motion_jax.motion.skeleton import HUMANML3D, Skeleton
 from motion_jax.shapes import Array
@@ -52,7 +52,7 @@ def retimed(joints: Num[Array, "t j 3"], rate: float, skeleton: Skeleton = HUMAN
   when = np.interp(np.arange(int(clock[-1] + 1e-9) + 1), clock, np.arange(len(joints)))
   moved = CubicSpline(np.arange(len(joints)), joints)(when) if len(joints) > 1 else joints
   feet = np.stack([moved[:, list(pair)] for pair in zip(skeleton.left_feet, skeleton.right_feet)])
-  return planted(with_lengths(moved, skeleton), feet[0], feet[1], skeleton)
+  return pin_feet(with_lengths(moved, skeleton), feet[0], feet[1], skeleton)
 
 
 def aloft(joints: Num[np.ndarray, "t j 3"], skeleton: Skeleton = HUMANML3D) -> Bool[np.ndarray, " t"]:

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float, Num
 
 from motion_jax.motion.contacts import velocity
-from motion_jax.motion.planting import planted
+from motion_jax.motion.pinned_feet import pin_feet
 from motion_jax.motion.retarget import floor_height
 from motion_jax.motion.skeleton import HUMANML3D, Skeleton
 from motion_jax.shapes import Array
@@ -68,7 +68,7 @@ def along(joints: Num[Array, "t j 3"], turn: Float[np.ndarray, " t"], path: Floa
     when = _when(_stances(joints, points, gone, skeleton, fps))
     placed = _moved(joints[:, list(points)], *(_at(values, when) for values in (turn, path, goal)))
     aims[:, :, side] = placed.swapaxes(0, 1)
-  return planted(body, aims[0], aims[1], skeleton)
+  return pin_feet(body, aims[0], aims[1], skeleton)
 
 
 def _at(values, when):

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Num
 
-from motion_jax.motion.planting import planted, stands
+from motion_jax.motion.pinned_feet import pin_feet, stands
 from motion_jax.motion.retarget import with_lengths
 from motion_jax.motion.skeleton import HUMANML3D, Skeleton, facing
 from motion_jax.shapes import Array
@@ -127,7 +127,7 @@ def _joined(first, leave, then, enter, skeleton, fade, steps=None):
         lag = fades(np.cumsum(free[:, side]))[:, joint]
         aim[:, side, [0, 2]] = rest[:, joint][:, [0, 2]] + lag[:, [0, 2]]
     aims.append(aim)
-  return np.concatenate([first[:leave + 1], planted(made, aims[0], aims[1], skeleton)])
+  return np.concatenate([first[:leave + 1], pin_feet(made, aims[0], aims[1], skeleton)])
 
 
 def _hermite(k, fade):

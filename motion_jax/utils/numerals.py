@@ -131,11 +131,11 @@ def demand_numbers(values, name, expected):
     except OverflowError:
       pass  # far too large a number, but one
     except (TypeError, ValueError):
-      raise TypeError(f"got {told(value)} as {name}, expected {expected}") from None
+      raise TypeError(f"got {format_value(value)} as {name}, expected {expected}") from None
   return values
 
 
-def told(value):
+def format_value(value):
   """A value and its type, for an error."""
   text = repr(value)
   return f"{text if len(text) <= 60 else text[:59] + '…'} ({type(value).__name__})"

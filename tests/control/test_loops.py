@@ -6,7 +6,7 @@ from scipy.ndimage import gaussian_filter1d
 from motion_jax.control import finishing
 from motion_jax.control.finishing import blend, cycle
 from motion_jax.data.datasets.synthetic import synthetic_joints
-from motion_jax.motion.planting import stands
+from motion_jax.motion.pinned_feet import stands
 from motion_jax.motion.retarget import with_lengths
 from motion_jax.motion.skeleton import HUMANML3D, bone_lengths
 from motion_jax.utils.errors import InputError

@@ -7,7 +7,7 @@ from motion_jax.control.constraints import EffectorTarget, EndPose, Keyframe, Ro
 from motion_jax.control.project import project, spread
 from motion_jax.control.signal import none
 from motion_jax.data.datasets.synthetic import synthetic_joints
-from motion_jax.motion.planting import stands
+from motion_jax.motion.pinned_feet import stands
 from motion_jax.motion.skeleton import HUMANML3D, bone_lengths
 
 

@@ -1,4 +1,4 @@
-"""Clips that are told part by part: which words each latent sees, and what a training step makes of them."""
+"""Per-segment captions: which words each latent sees, and what a training step makes of them."""
 import jax
 import numpy as np
 import pytest
@@ -20,14 +20,14 @@ def items(per_segment_captions):
                    spans=[SPANS, ()], per_segment_captions=per_segment_captions)
 
 
-def test_how_often_a_clip_is_told_part_by_part():
-  told = [row for step in range(50) for row in items(0.5).batch(2, 0, step)["told"]]
+def test_how_often_a_clip_has_captions_of_its_parts():
+  told = [row for step in range(50) for row in items(0.5).batch(2, 0, step)["segments"]]
   assert {len(row) for row in told} == {0, 2}
   assert 0.3 < np.mean([bool(row) for row in told]) * 2 < 0.7  # of one of the two clips, which come equally often
-  assert "told" not in items(0.0).batch(2, 0, 0)
+  assert "segments" not in items(0.0).batch(2, 0, 0)
   always = [items(1.0).batch(2, 0, step) for step in range(5)]
   for batch in always:
-    assert [bool(row) for row in batch["told"]] == [text == "he walks, then waves" for text in batch["caption"]]
+    assert [bool(row) for row in batch["segments"]] == [text == "he walks, then waves" for text in batch["caption"]]
 
 
 def test_a_cut_keeps_the_parts_that_it_shows_in_its_own_frames():
@@ -37,8 +37,8 @@ def test_a_cut_keeps_the_parts_that_it_shows_in_its_own_frames():
   for drawn in draws:
     first, past = int(drawn.start[0]), int(drawn.start[0]) + int(drawn.num_frames[0])
     wanted = [(text, max(a, first) - first, min(b, past) - first) for text, a, b in spans[0] if a < past and b > first]
-    assert list(drawn.told[0]) == wanted
-  assert {"".join(span[0] for span in drawn.told[0]) for drawn in draws} >= {"abc", "bc"}
+    assert list(drawn.segments[0]) == wanted
+  assert {"".join(span[0] for span in drawn.segments[0]) for drawn in draws} >= {"abc", "bc"}
 
 
 def test_a_block_belongs_to_the_part_of_its_middle():

@@ -15,7 +15,7 @@ from motion_jax.analysis.events import find_events
 from motion_jax.data.augment.graph import poses_at
 from motion_jax.data.augment.parts import MOST, PLAIN, new_clip, resting
 from motion_jax.data.clip import Clip
-from motion_jax.motion.planting import stands
+from motion_jax.motion.pinned_feet import stands
 from motion_jax.motion.splicing import REACH, spliced
 
 COUNTED = ("kick", "jump", "hop", "squat", "bow", "reach-floor", "raise", "wave")

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from motion_jax.data.augment.parts import MOST, SHORTEST, resting
-from motion_jax.motion.planting import stands
+from motion_jax.motion.pinned_feet import stands
 from motion_jax.motion.skeleton import HUMANML3D, facing
 from motion_jax.motion.splicing import REACH, landings, meeting, spliced, stepped, weights
 

@@ -10,7 +10,7 @@ from motion_jax.analysis.signals import JOINT, PAIR
 from motion_jax.data.clip import Caption, Clip
 from motion_jax.data.kinematic_captions import with_kinematic_captions
 from motion_jax.motion.contacts import velocity
-from motion_jax.motion.planting import stands
+from motion_jax.motion.pinned_feet import stands
 from motion_jax.motion.retarget import retarget
 from motion_jax.motion.skeleton import HUMANML3D
 from motion_jax.motion.splicing import REACH

@@ -163,7 +163,7 @@ def _examine(folder, found, progress):
   try:
     motions = read_motions(folder)
   except (InputError, OSError) as error:
-    found.add("error", f"motions.npz: {checks.told(error, folder / 'motions.npz')}",
+    found.add("error", f"motions.npz: {checks.error_detail(error, folder / 'motions.npz')}",
               "copy it again, or write it with names (N,), start (N + 1,), root (frames, 3), local (frames, 22, 3)")
     return facts
   names = list(motions.spans)
@@ -178,14 +178,14 @@ def _examine(folder, found, progress):
       hashes[hashlib.sha1(joints.tobytes()).hexdigest()].append(name)
       if len(joints) > 1:
         body.check(name, joints)
-  body.tell()
+  body.report()
   rows, where = _check_rows(folder / "captions.jsonl", motions, found)
   splits = {split: [clip for clip, own in where.items() if split in own] for split in ("train", "val", "test")}
-  checks.tell_duplicates(hashes, splits, found)
+  checks.report_duplicates(hashes, splits, found)
   found.add_all("warning", "clips without a caption", "write rows for them in captions.jsonl",
                 sorted(set(names) - set(where)))
   lengths = {row["id"]: row["end"] - row["start"] for row in rows}
-  checks.tell_lengths(lengths, {split: [row["id"] for row in rows if row["split"] == split] for split in splits},
+  checks.report_lengths(lengths, {split: [row["id"] for row in rows if row["split"] == split] for split in splits},
                       checks.SMALL_LEAST, found)
   counts = collections.Counter(row.get("split") for row in rows)
   hours = len(motions.root) / FPS / 3600
@@ -204,7 +204,7 @@ def _check_rows(path, motions, found):
   try:
     lines = read_lines(path)
   except InputError as error:
-    found.add("error", f"captions.jsonl: {checks.told(error, path)}", "save it as UTF-8 text")
+    found.add("error", f"captions.jsonl: {checks.error_detail(error, path)}", "save it as UTF-8 text")
     return rows, where
   for number, line in enumerate(lines, 1):
     if not line.strip():
@@ -216,7 +216,7 @@ def _check_rows(path, motions, found):
       what = next((what for words, what in _ROW_FAULTS if words in str(error)), "rows of captions.jsonl that cannot be "
                   "read")
       found.add("error", what, "each is a JSON object with id, clip, start, end, text, split; correct or remove it",
-                checks.told(error, path)[:120])
+                checks.error_detail(error, path)[:120])
       continue
     rows.append(row)
     name = row["clip"]

@@ -325,7 +325,7 @@ def _examine(folder, found, progress):
       table = read_annotations(folder, split)
     except (FileNotFoundError, ValueError) as error:
       found.add("error" if split == "train" else "warning", f"no {split}.json", "BABEL's annotations of the split",
-                checks.told(error, folder)[:120])
+                checks.error_detail(error, folder)[:120])
       continue
     num_pairs = num_segments = num_frames = 0
     for name, annotation in tqdm.tqdm(sorted(table.items()), desc=split, unit="recording", disable=not progress):
@@ -338,7 +338,7 @@ def _examine(folder, found, progress):
         continue
       except (ValueError, OSError) as error:
         found.add("error", "motions or labels that cannot be read", "poses, trans and fps, as AMASS files have them",
-                  f"{name} ({checks.told(error, folder)})"[:120])
+                  f"{name} ({checks.error_detail(error, folder)})"[:120])
         continue
       num_frames += len(recording.translation)
       num_segments, num_pairs = num_segments + len(segments), num_pairs + len(pairs(segments))
@@ -349,7 +349,7 @@ def _examine(folder, found, progress):
                   f"{num_pairs} pairs of adjacent ones"))
     if not num_pairs:
       found.add("warning", f"no pair of adjacent segments in {split}", "two pair if one begins in the other")
-  body.tell()
+  body.report()
   found.add_all("error", "recordings in two splits", checks.LEAK,
                 sorted(n for n, splits in seen.items() if len(splits) > 1))
   try:
@@ -359,5 +359,5 @@ def _examine(folder, found, progress):
       found.add("note", "no Mean.npy and Std.npy", "fine: they are computed from the training recordings")
   except (FileNotFoundError, ValueError) as error:
     found.add("error", "statistics that do not fit", "delete Mean.npy and Std.npy to have them computed",
-              checks.told(error, folder)[:120])
+              checks.error_detail(error, folder)[:120])
   return facts + body.facts()

@@ -123,7 +123,8 @@ class Dataset(Protocol):
     try:
       clips = self.clips(folder, faults=faults)
     except (ValueError, OSError) as error:
-      found.add("error", "clips that cannot be read", "repair the file that is named", checks.told(error, folder)[:120])
+      found.add("error", "clips that cannot be read", "repair the file that is named",
+                checks.error_detail(error, folder)[:120])
       return facts
     for name, why in faults:
       found.add("error", "clips that cannot be used", "repair their files, or remove them", f"{name} ({why})"[:120])
@@ -210,10 +211,10 @@ def _examine_clips(clips, found, progress):
   if not clips:
     found.add("error", "no clip", "make the folder again")
   for body in bodies.values():
-    body.tell()
+    body.report()
   counts = collections.Counter(clip.id for clip in clips)
   found.add_all("error", "ids that occur twice", "name them differently", [one for one in counts if counts[one] > 1])
-  checks.tell_duplicates(hashes, splits, found)
+  checks.report_duplicates(hashes, splits, found)
   facts = [("clips", ", ".join([str(len(clips)), *(f"{split} {len(ids)}" for split, ids in splits.items())])),
            ("length", f"{sum(clip.seconds for clip in clips) / 3600:.2f} hours")]
   return facts + [fact for body in bodies.values() for fact in body.facts()]

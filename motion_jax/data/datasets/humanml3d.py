@@ -166,7 +166,7 @@ def folder_stats(folder, layout=None, per_axis=False) -> Stats:
   own = get_layout(dataset_info(folder)["layout"])
   layout = get_layout(layout or own)
   _check_layout(folder, own, layout)
-  if not layout.told_by_joints:
+  if not layout.joints_suffice:
     stats, columns = load_stats(folder, own), own.columns_of(layout)
     return Stats(stats.mean[columns], stats.std[columns], layout)
   if layout.are_joints and not per_axis and all((folder / name).is_file() for name in ABSOLUTE):
@@ -324,7 +324,7 @@ class HumanML3D(Dataset):
     data.update(name=self.name, folder=str(folder), folders=())
     info = dataset_info(folder)
     message = f"data: {folder}, a HumanML3D-layout folder ({info['mode']} features)"
-    if not get_layout(data.layout).told_by_joints and "mode" in data and data.mode != info["mode"]:
+    if not get_layout(data.layout).joints_suffice and "mode" in data and data.mode != info["mode"]:
       if (pathlib.Path(folder) / "dataset.json").is_file():  # ours: the folder knows how its features were made
         data.mode = info["mode"]
     if data.get("mirror", False):

@@ -48,7 +48,7 @@ def examine(folder, found, progress):
   try:
     info = humanml3d.dataset_info(folder)
   except ValueError as error:
-    found.add("error", f"dataset.json cannot be used ({checks.told(error, folder / 'dataset.json')})",
+    found.add("error", f"dataset.json cannot be used ({checks.error_detail(error, folder / 'dataset.json')})",
               "build again, or remove it where the folder is HumanML3D's or KIT-ML's own")
     return [("format", "HumanML3D layout"), ("clips", str(len(vectors)))]
   body = checks.Body(found, layout.skeleton)
@@ -83,10 +83,10 @@ def examine(folder, found, progress):
     body.check(name, recovered)
     if name in texts:
       _check_texts(folder / "texts" / f"{name}.txt", name, len(features) / info["fps"], found)
-  body.tell()
+  body.report()
   least = humanml3d.MIN_FRAMES[layout.skeleton.name]
-  checks.tell_lengths(rows, splits, least, found)
-  checks.tell_duplicates(hashes, splits, found)
+  checks.report_lengths(rows, splits, least, found)
+  checks.report_duplicates(hashes, splits, found)
   if rows:
     checks.check_stats(folder, layout, sums.stats(), found)
   if abs(info["fps"] - layout.skeleton.fps) > 1e-6:
@@ -150,7 +150,7 @@ def _check_texts(path, name, seconds, found):
     lines = read_texts(path)
   except ValueError as error:
     found.add("error", "text files that cannot be read", "each line is caption#tokens#start#end",
-              f"{name} ({checks.told(error, path)})"[:120])
+              f"{name} ({checks.error_detail(error, path)})"[:120])
     return
   if not any(line.caption for line in lines):
     found.add("error", "text files without a caption", "write one, or remove the ids", name)

@@ -30,12 +30,12 @@ def examine(folder, found, progress):
                 "restore it: ids NAME#start#end, one a line")
     except ValueError as error:
       found.add("error", "split files that cannot be read", "each line is NAME#start#end",
-                f"{split} ({checks.told(error, folder)})"[:120])
+                f"{split} ({checks.error_detail(error, folder)})"[:120])
   try:
     captions = read_captions(folder)
   except (FileNotFoundError, ValueError) as error:
     found.add("error", "no captions", 'all_caption_clean.json is {id: {"manual": [...], "gpt": [...]}}',
-              checks.told(error, folder)[:120])
+              checks.error_detail(error, folder)[:120])
   found.add_all("error", "recordings in two splits", checks.LEAK,
                 sorted(n for n, splits in names.items() if len(splits) > 1))
   found.add_all("error", "ids without a recording", "restore renamed_feats/NAME.npy, or remove the ids",
@@ -62,14 +62,14 @@ def examine(folder, found, progress):
       sums.add(features)
       hashes[hashlib.sha1(features.tobytes()).hexdigest()].append(name)
       body.check(name, to_joints(features.astype(np.float32), layout))
-  body.tell()
+  body.report()
   found.add_all("error", "ids that end behind their recording", "correct the last number of the id",
                 sorted(span.id for span in ids if span.end > rows.get(span.recording, span.end)))
   short = sum(span.end - span.start < MIN_FRAMES for span in ids)
   if short:
     found.add("note", f"ids of less than {MIN_FRAMES} rows", "text-to-motion loaders leave them out",
               count=short)
-  checks.tell_duplicates(hashes, {split: [s.recording for s in own] for split, own in spans.items()}, found)
+  checks.report_duplicates(hashes, {split: [s.recording for s in own] for split, own in spans.items()}, found)
   if rows:
     _examine_stats(folder, sums.stats(), found)
   written = [sum(len(entry[kind]) for entry in captions.values()) for kind in (0, 1)]
@@ -85,7 +85,7 @@ def _examine_stats(folder, own, found):
     stats = folder_stats(folder)
   except (FileNotFoundError, ValueError) as error:
     found.add("error", "no statistics, or not these features'", "restore meta_data/mean.npy and std.npy",
-              checks.told(error, folder)[:120])
+              checks.error_detail(error, folder)[:120])
     return
   off = np.abs(stats.mean - own.mean) / np.maximum(own.std, stats.std)
   if off.max() > 1:

@@ -9,34 +9,34 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from motion_jax.data.batches import ALL, Told
+from motion_jax.data.batches import ALL, Segments
 
 
-def most_parts(spans: Sequence[Told]) -> int:
+def most_parts(spans: Sequence[Segments]) -> int:
   """How many parts the clips have at most."""
   return max(map(len, spans), default=0)
 
 
-def part_of_blocks(told: Told, num_blocks: int, frames_per_block: int) -> Int[np.ndarray, " {num_blocks}"]:
+def part_of_blocks(segments: Segments, num_blocks: int, frames_per_block: int) -> Int[np.ndarray, " {num_blocks}"]:
   """Which part each block belongs to: the one in whose frames its middle lies, behind the last one the last."""
   middles = (np.arange(num_blocks) + 0.5) * frames_per_block
-  ends = [past for _, _, past in told]
-  return np.minimum(np.searchsorted(ends, middles, side="right"), len(told) - 1)
+  ends = [past for _, _, past in segments]
+  return np.minimum(np.searchsorted(ends, middles, side="right"), len(segments) - 1)
 
 
-def words_by_part(encoder: Any, said: Sequence[str], told: Sequence[Told], parts: int, num_frames: int,
+def words_by_part(encoder: Any, said: Sequence[str], segments: Sequence[Segments], parts: int, num_frames: int,
                   frames_per_latent: int, block: int, at_least: int, rows: slice = ALL
                   ) -> dict[str, Float[np.ndarray, "b s e"] | Bool[np.ndarray, "b l s"]]:
   """text_emb (B, S, E) and text_mask (B, L, S) of captions, with the words of `parts` captions side by side in S.
 
-  said: a caption a clip, of which all its latents see the words, where told has no parts of the clip; else these are
-  seen, a block at a time. num_frames: of the padded clips; L is that in latents. encoder, at_least, rows: see
+  said: one caption per clip, whose words all its latents see if the clip has no segments; else each block sees the
+  words of its segment. num_frames: of the padded clips; L is that in latents. encoder, at_least, rows: see
   `TextEncoder.__call__`.
   """
-  texts = [[text for text, _, _ in spans] or [caption] for caption, spans in zip(said, told)]
+  texts = [[text for text, _, _ in spans] or [caption] for caption, spans in zip(said, segments)]
   count = num_frames // frames_per_latent
   shown = np.zeros((len(texts), count, parts), bool)
-  for row, spans in zip(shown, told):
+  for row, spans in zip(shown, segments):
     part = part_of_blocks(spans, -(-count // block), block * frames_per_latent) if spans else np.zeros(count, int)
     row[np.arange(count), (np.repeat(part, block) if spans else part)[:count]] = True
   sides = [encoder([row[min(place, len(row) - 1)] for row in texts], at_least=at_least, rows=rows)

@@ -217,9 +217,10 @@ def denoiser(config: ConfigDict) -> TrainingSetup:
     rng = batches.step_rng(config.seed, 2, step)
     said = [vary_subject(caption, rng, config.data.vary_subject) for caption in batch.pop("caption")]
     # Parity: the reference cuts no caption, and pads all batches alike; here to one of a few widths, by the longest.
-    if told := batch.pop("told", None):
-      told = [[(vary_subject(text, rng, config.data.vary_subject), *span) for text, *span in row] for row in told]
-      batch |= words_by_part(encoder, said, told, most_parts(data.spans), batch["features"].shape[1],
+    if segments := batch.pop("segments", None):
+      segments = [[(vary_subject(text, rng, config.data.vary_subject), *span) for text, *span in row]
+                  for row in segments]
+      batch |= words_by_part(encoder, said, segments, most_parts(data.spans), batch["features"].shape[1],
                              config.data.frames_per_latent, config.model.block, words, rows)
     else:
       batch["text_emb"], batch["text_mask"] = encoder(said, at_least=words, rows=rows)

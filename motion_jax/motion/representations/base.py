@@ -49,7 +49,7 @@ class Representation:
   # What a root loss looks at: turn, step and height in most (docs/papers/cmdm.md#data-sets).
   root: ClassVar[slice] = slice(0, 4)
   are_joints: ClassVar[bool] = False         # the features are the joints themselves, in the world
-  told_by_joints: ClassVar[bool] = False     # `of_joints` makes them of joints as they are, frame by frame
+  joints_suffice: ClassVar[bool] = False     # `of_joints` computes the features from joints alone, frame by frame
   std_by_block: ClassVar[bool] = True        # statistics have one std per block, as the field makes them
   has_fixed_bones: ClassVar[bool] = False    # all motions are on bones of one length: the skeleton's
 
@@ -181,7 +181,7 @@ class Representation:
 
   def narrows_to(self, other: "Representation") -> bool:
     """Whether `narrow_to` can give the other one: it is a part of this one, or told by the joints of the same body."""
-    return self.columns_of(other) is not None or other.told_by_joints and other.skeleton is self.skeleton
+    return self.columns_of(other) is not None or other.joints_suffice and other.skeleton is self.skeleton
 
   def narrow_to(self, features: Num[A, "*lead t f"], other: "Representation",
                 joints: Num[A, "*lead t j 3"] | None = None) -> Num[A, "*lead t g"]:

@@ -21,7 +21,7 @@ class Coordinates(Representation):
   full: HumanML3D
 
   are_joints = True
-  told_by_joints = True
+  joints_suffice = True
   std_by_block = False
   has_fixed_bones = True
 

@@ -6,13 +6,13 @@ whole clips.
 import numpy as np
 from jaxtyping import Bool, Float, Num
 
-from motion_jax.motion.cleanup import reached
+from motion_jax.motion.cleanup import solve_legs
 from motion_jax.motion.contacts import feet_stand
 from motion_jax.motion.skeleton import HUMANML3D, Skeleton
 from motion_jax.shapes import Array
 
 
-def planted(joints: Num[Array, "t j 3"], ankles: Num[Array, "t 2 3"], toes: Num[Array, "t 2 3"],
+def pin_feet(joints: Num[Array, "t j 3"], ankles: Num[Array, "t 2 3"], toes: Num[Array, "t 2 3"],
             skeleton: Skeleton = HUMANML3D) -> Float[np.ndarray, "t j 3"]:
   """Joints (T, J, 3) whose left and right feet are at ankles and point to toes, both (T, 2, 3), as far as legs reach.
 
@@ -25,7 +25,7 @@ def planted(joints: Num[Array, "t j 3"], ankles: Num[Array, "t 2 3"], toes: Num[
     length = np.linalg.norm(placed[:, toe] - placed[:, ankle], axis=-1, keepdims=True)
     now[:, side] = placed[:, ankle]
     placed[:, toe] = placed[:, ankle] + line * length / np.maximum(np.linalg.norm(line, axis=-1, keepdims=True), 1e-9)
-  return reached(placed, ankles - now, skeleton)
+  return solve_legs(placed, ankles - now, skeleton)
 
 
 def stands(joints: Num[Array, "t j 3"], fps: float = 20.0, skeleton: Skeleton = HUMANML3D) -> Bool[np.ndarray, "t 2"]:
