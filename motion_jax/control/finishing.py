@@ -18,7 +18,6 @@ from motion_jax.utils.errors import InputError
 
 _EASE = 0.4   # seconds in which a part comes to another motion's and goes back, at a span's ends
 _OTHER_BONES = 5e-3  # metres that bones may differ by before the other parts are brought to them
-_OTHER_BONES = 5e-3  # metres that bones may differ by before the other parts are brought to them
 _SPARE = 1.2  # seconds more of a motion in which a cycle is looked for
 _OTHER = 0.15   # of its length by which a cycle may be played faster or slower than it was made
 _AHEAD = 0.2    # seconds of movement that count as much as a pose, when poses are compared

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from motion_jax import fit
-from motion_jax.control import conditioning, patterns
+from motion_jax.control import conditioning
 from motion_jax.control import signal as signals
 from motion_jax.diffusion.schedules import staircase
 from motion_jax.models.cmdm import streaming
@@ -94,7 +94,7 @@ def test_random_constraints_are_met_by_the_motion_they_were_drawn_from():
   joints = jax.random.normal(jax.random.key(0), (300, 24, 22, 3)) + 5
   frames = jnp.where(jnp.arange(300) % 2, 24, 9)
   keys = jax.random.split(jax.random.key(1), 300)
-  drawn = jax.jit(patterns.draw_constraints, static_argnums=4)
+  drawn = jax.jit(conditioning.draw_constraints, static_argnums=4)
   signal = drawn(joints, jnp.full((300, 24), 0.5), frames, keys, 0.8)
   given = np.asarray(signal.given)
   np.testing.assert_array_equal(signal.positions, np.where(given, joints, 0))

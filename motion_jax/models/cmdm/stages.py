@@ -9,7 +9,7 @@ import optax
 from jaxtyping import Bool, Float
 from ml_collections import ConfigDict
 
-from motion_jax.control import conditioning, patterns
+from motion_jax.control import conditioning
 from motion_jax.control.signal import ControlSignal
 from motion_jax.diffusion import paths
 from motion_jax.latents import VaeCodec
@@ -141,7 +141,7 @@ def control_of(config: ConfigDict, vae: CausalVAE, frozen: Any, batch: dict[str,
   features = batch["features"] * stats["std"] + stats["mean"]
   turn, _ = layout.root_path(features)
   keys = jax.vmap(lambda i: jax.random.fold_in(jax.random.fold_in(rng, 3), i))(batch["index"])
-  signal = patterns.draw_constraints(layout.to_joints(features), -2 * jnp.arctan2(turn[..., 2], turn[..., 0]),
+  signal = conditioning.draw_constraints(layout.to_joints(features), -2 * jnp.arctan2(turn[..., 2], turn[..., 0]),
                          batch["num_frames"], keys, config.data.control)
   return signal, conditioning.features(signal, vae.frames_per_latent)
 
