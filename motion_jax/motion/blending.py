@@ -1,4 +1,4 @@
-"""New frames between old ones: moved so that they begin and end where the old ones do."""
+"""Join new frames to kept ones without a jump: inertialization at the borders."""
 from collections.abc import Iterable
 
 import numpy as np
@@ -6,20 +6,20 @@ from jaxtyping import Bool, Float, Num
 
 from motion_jax.shapes import Array
 
-_FADE = 12      # frames over which a part finds to its own pose and speed: 0.6 s at 20 frames a second
-_ALIGN = 6      # frames by which two motions are laid over each other
-_HASTE, _BESIDE, _CALM = 0.05, 0.3, 0.1  # seconds: a border's haste is so much behind it; reach and width of easing
-_SWERVE = 0.15  # metres that a joint's step across a border may differ from the steps beside it
+_FADE = 12      # frames over which an offset of pose and speed fades: 0.6 s at 20 frames a second
+_ALIGN = 6      # frames by which two motions are aligned
+_HASTE, _BESIDE, _CALM = 0.05, 0.3, 0.1  # seconds: offset behind a border, reach and width of the smoothing there
+_SWERVE = 0.15  # metres by which a joint's step across a border may differ from the steps beside it
 
 
 def join(made: Num[Array, "t j 3"], given: Num[Array, "t j 3"], kept: Bool[Array, " t"], fade: int = _FADE
          ) -> Float[np.ndarray, "t j 3"]:
-  """Joints (T, J, 3): those given where kept (T,), elsewhere those made, brought to the borders without a jump.
+  """Joints (T, J, 3): `given` where kept (T,), `made` elsewhere, corrected so that the borders have no jump. float32.
 
-  made and given (T, J, 3), metres, show the same motion where kept, but for the error of the network that made the one.
-  What place and speed are off at a border is taken out of the new frames beside it: of the pose within `fade` frames;
-  over the ground for good, so that what follows a kept part goes on from there, and between two kept parts the way is
-  stretched to fit both. float32. Blending out an offset and its speed is known as inertialization (D. Bollo, GDC 2018).
+  made and given (T, J, 3), metres, agree in the kept frames up to the error of the network. The offset of position and
+  speed at a border is removed from the new frames beside it. The offset of the pose fades within `fade` frames; that
+  over the ground stays, so that new frames continue from the kept ones, and between two kept parts the path is
+  stretched to meet both. This is known as inertialization (D. Bollo, GDC 2018).
   """
   made, given, kept = np.asarray(made, np.float64), np.asarray(given, np.float64), np.asarray(kept, bool)
   if made.shape != given.shape or kept.shape != made.shape[:1]:
@@ -32,7 +32,7 @@ def join(made: Num[Array, "t j 3"], given: Num[Array, "t j 3"], kept: Bool[Array
     if first > 0:
       new = new + _correction(made[:past], given[:past], kept[:past], first, fade)
     if past < len(kept):
-      # Time runs backwards from this border. Where the part has met the other one already, its way is stretched.
+      # Backwards in time from this border. If the part meets the other border already, its path is stretched.
       moved = np.concatenate([made[:first], new, made[past:] + (new[-1] - made[past - 1])])[::-1]
       back = len(kept) - past
       new = new + _correction(moved, given[::-1], kept[::-1], back, fade, past - first, closed)[::-1]
@@ -41,9 +41,9 @@ def join(made: Num[Array, "t j 3"], given: Num[Array, "t j 3"], kept: Bool[Array
 
 
 def _correction(made, given, kept, first, fade, count=None, closed=False):
-  """What to add (N, J, 3) to the frames of made from `first` on, so that they go on from given[first - 1].
+  """The offset (N, J, 3) to add to the frames of made from `first` on, so that they continue given[first - 1].
 
-  closed: the other end of the N frames stays where it is.
+  closed: the other end of the N frames does not move.
   """
   count = len(made) - first if count is None else count
   last = first - 1
@@ -68,11 +68,11 @@ def _correction(made, given, kept, first, fade, count=None, closed=False):
 
 
 def eased(joints: Num[Array, "t j 3"], borders: Iterable[int], fps: float = 20.0) -> Float[np.ndarray, "t j 3"]:
-  """Joints (T, J, 3) whose haste at borders, the first frames of what is done next, is spread over 0.4 s. float32.
+  """Smooths joints (T, J, 3) at the borders between prompts. float32.
 
-  A motion whose words change makes for its new pose within a few frames behind the border. There, and fading within
-  0.3 s to either side, each joint takes the mean of its places around (a Gaussian of 0.1 s), which is hardly another
-  where nothing jumps. Frames farther away stay as they are.
+  When the prompt changes, a generated motion moves to its new pose within a few frames behind the border. There, and
+  fading within 0.3 s to either side, joints are smoothed by a Gaussian of 0.1 s, which changes little where nothing
+  jumps. Frames farther away stay as they are.
   """
   from scipy.ndimage import gaussian_filter1d
   joints = np.asarray(joints)
@@ -87,8 +87,10 @@ def eased(joints: Num[Array, "t j 3"], borders: Iterable[int], fps: float = 20.0
 
 def laid_over(shadow: Float[np.ndarray, "n j 3"], joints: Num[np.ndarray, "t j 3"], count: int
               ) -> Float[np.ndarray, "_ j 3"]:
-  """The frames of shadow (N, J, 3) after its first `count`, which repeat the end of joints (T, J, 3) somewhere else on
-  the ground, moved to go on from there; what is left of a difference fades."""
+  """The frames of shadow (N, J, 3) after its first `count`, aligned to continue joints (T, J, 3).
+
+  The first `count` frames of shadow repeat the end of joints at another place; the remaining difference fades.
+  """
   near = min(_ALIGN, count)
   centre, turn, aim = _fitted(shadow[count - near:count], joints[-near:])
   moved = (shadow[count - 1:] - centre) @ turn.T + aim

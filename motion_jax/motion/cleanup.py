@@ -1,16 +1,16 @@
-"""Foot-skate cleanup of generated joints: feet that stand still while they stand, legs that do not snap, no tremor.
+"""Foot-skate cleanup of generated joints: removes sliding feet, snapping knees and tremor.
 
-A network's joints are right to a few millimetres, frame by frame; the eye sees what is left as sliding feet and tremor.
-What it makes of a whole step, the path of the body over the ground, need not fit what the legs do. In four stages:
+The joints of a network have errors of a few millimetres per frame, visible as sliding feet and tremor, and the path of
+its root need not match the steps of its legs. Four stages correct this:
 
-1. tremor goes, where a joint is slow: a punch keeps its speed; bones get their lengths, and limbs do not flip
-   (`steady_bones`);
-2. a body whose standing feet slide moves as its feet say, where the network says which stand;
-3. a foot stands still while it stands, and eases back to where it was in the air;
-4. legs that do not reach their feet lower the hips, and never get straighter than 0.995 of their length or than they
-   were: the nearer a knee is to straight, the farther a centimetre of the foot turns it.
+1. Smooth slow joints (fast ones, such as a punch, keep their speed), restore the bone lengths, and prevent bones from
+   flipping (`steady_bones`).
+2. Move the root so that standing feet do not slide, if contact labels are given.
+3. Pin each foot while it stands, and ease it back to its own path in the air.
+4. Solve the legs for the pinned feet. Hips are lowered where a leg is too short; a leg is never straighter than 0.995
+   of its length or than it was, because near a straight knee small moves of the foot are large turns of the knee.
 
-Each frame is decided when the `LOOK_AHEAD` frames behind it are known, in a clip as in a stream. numpy, float64.
+A frame is final once the `LOOK_AHEAD` frames after it are known, in clips and streams alike. numpy, float64.
 """
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -24,27 +24,27 @@ from motion_jax.motion.steady_bones import SteadyBones
 from motion_jax.shapes import Array
 
 _SIGMA = 0.7             # frames: 2 Hz passes at 0.9, the tremor of frame against frame at 0.1
-_BRISK = (1.2, 2.4)      # m/s against the pelvis: from here a joint is smoothed less, from there not at all
-_SLIDES = 0.10           # m/s of standing feet that real motion shows, too
-_NEAR = np.array([1, 2, 3, 2, 1]) / 9  # weights of a frame's neighbours where something is spread in time
-_HINT = 0.15             # how sure of what stands nearby a path must be to go by it altogether
-_STANDS = 0.40           # m/s at which a foot that is said to stand is half as sure to
-_UNTOLD = 0.20           # the same where nobody says which feet stand: one that swings must not be held
-_LOW = 0.16              # metres over the floor at which a point of it is half as sure to
-_EASE, _BEND, _PULL = 0.02, 0.05, 4e-3  # how a foot's correction resists change, change of its change, and being there
-_REACH, _SOFT = 0.995, 0.03  # of a leg's length: how straight it may be made, and the zone before
-_LOWER = 0.08            # metres that the hips come down at the most
+_BRISK = (1.2, 2.4)      # m/s relative to the pelvis: smoothing decreases from the first speed, ends at the second
+_SLIDES = 0.10           # m/s: speed of standing feet in real motion, which is not corrected
+_NEAR = np.array([1, 2, 3, 2, 1]) / 9  # weights of neighbouring frames where a correction is spread in time
+_HINT = 0.15             # certainty of contacts nearby from which on the root follows the feet completely
+_STANDS = 0.40           # m/s at which the certainty of a labelled contact is halved
+_SEEN = 0.20             # the same without labels: lower, so that a swinging foot is not pinned
+_LOW = 0.16              # metres over the floor at which the certainty that a point of the foot stands is halved
+_EASE, _BEND, _PULL = 0.02, 0.05, 4e-3  # weights of a foot's correction: its first and second difference, its size
+_REACH, _SOFT = 0.995, 0.03  # parts of a leg's length: the straightest it may become, and the soft zone before
+_LOWER = 0.08            # metres by which the hips are lowered at most
 _AHEAD = (2, 2, 3, 3)    # frames that each stage looks ahead
 LOOK_AHEAD = sum(_AHEAD)
 
 
 def clean_up(joints: Num[Array, "t j 3"], contacts: Num[Array, "t 4"] | None = None, skeleton: Skeleton = HUMANML3D,
              fps: float | None = None) -> Float[np.ndarray, "t j 3"]:
-  """Joints (T, J, 3) with planted feet, canonical bone lengths and no tremor, float32 of the same shape.
+  """Pins standing feet, restores bone lengths and removes tremor: joints (T, J, 3) to float32 of the same shape.
 
-  contacts (T, 4): how surely ankle and toes stand, left then right, 0..1 (the contact columns of full features), over a
-  floor at y = 0; without them slow and low feet are taken to stand, over the floor where feet are lowest. fps: None is
-  the skeleton's. The same as a `Cleaner` that gets the motion in pieces.
+  contacts (T, 4): certainty 0..1 that ankle and toes stand, left then right (the contact columns of full features),
+  over a floor at y = 0. Without them slow and low feet are taken to stand, and the floor is where feet are lowest. fps:
+  default the skeleton's. A `Cleaner` that gets the motion in pieces gives the same result.
   """
   joints = np.asarray(joints)
   if len(joints) < 3:
@@ -55,37 +55,37 @@ def clean_up(joints: Num[Array, "t j 3"], contacts: Num[Array, "t 4"] | None = N
 
 
 class Cleaner:
-  """Cleans a motion that is still being made: pieces in, cleaned frames out, `LOOK_AHEAD` frames later.
+  """Cleans a motion while it is generated: pieces in, cleaned frames out, `LOOK_AHEAD` frames later.
 
     cleaner = Cleaner()
     for joints, contacts in pieces:
-      show(cleaner.push(joints, contacts))   # frames (n, J, 3), at first fewer than came in
-    show(cleaner.flush())                    # the last of them
+      show(cleaner.push(joints, contacts))   # frames (n, J, 3), at first fewer than were pushed
+    show(cleaner.flush())                    # the last frames
 
-  Neither time nor memory of a piece grows with the motion.
+  Time and memory per piece do not grow with the length of the motion.
   """
 
   def __init__(self, skeleton: Skeleton = HUMANML3D, fps: float | None = None, floor: float = 0.0) -> None:
-    """floor: its height, in the skeleton's unit."""
+    """floor: height of the floor, in the skeleton's unit."""
     body = _Body(skeleton, fps or skeleton.fps, floor)
     smooth, path, pin, reach = _AHEAD
     self._stages = [_Stage(_Smooth(body), 2, smooth), _Stage(_Path(body), 3, path), _Stage(_PinFeet(body), 1, pin),
                     _Stage(body.reach, 3, reach)]
 
   def push(self, joints: Num[Array, "n j 3"], contacts: Num[Array, "n 4"] | None = None) -> Float[np.ndarray, "m j 3"]:
-    """The frames (m, J, 3), float32, that are decided once these joints (n, J, 3) are known."""
+    """Adds joints (n, J, 3) and returns the frames (m, J, 3), float32, that are final now."""
     count = len(joints)
     sure = np.ones((count, 2, 2))
     if contacts is not None:
       sure = np.clip((np.asarray(contacts, np.float64).reshape(-1, 2, 2) - 0.3) / 0.4, 0, 1)
-    told = np.full(count, float(contacts is not None))
-    frames = _Frames(np.asarray(joints, np.float64), sure, told, np.zeros((count, 2, 3)))
+    labelled = np.full(count, float(contacts is not None))
+    frames = _Frames(np.asarray(joints, np.float64), sure, labelled, np.zeros((count, 2, 3)))
     for stage in self._stages:
       frames = stage.push(frames)
     return frames.joints.astype(np.float32)
 
   def flush(self) -> Float[np.ndarray, "m j 3"]:
-    """The frames that wait for what comes behind them, as if the motion ended here; for the end of a motion."""
+    """Returns the remaining frames at the end of a motion."""
     rest: _Frames | None = None
     for stage in self._stages:
       rest = stage.flush(rest)
@@ -95,26 +95,28 @@ class Cleaner:
 
 def solve_legs(joints: Num[Array, "t j 3"], move: Num[Array, "t 2 3"], skeleton: Skeleton = HUMANML3D
             ) -> Float[np.ndarray, "t j 3"]:
-  """Joints (T, J, 3) with the left and right foot moved by move (T, 2, 3), the legs bent to reach them: the last stage
-  of the cleanup, for a whole motion whose feet somebody else places. float64."""
+  """Moves the left and right foot of joints (T, J, 3) by move (T, 2, 3) and bends the legs to reach them. float64.
+
+  This is the last stage of the cleanup, for whole motions whose feet the caller places (`pinned_feet`).
+  """
   body, count = _Body(skeleton, skeleton.fps, -np.inf), len(joints)  # no floor: no foot is lifted onto it
   frames = _Frames(np.asarray(joints, np.float64), np.zeros((count, 2, 2)), np.zeros(count), np.asarray(move))
   return body.reach(_join(_repeat(frames, 0, 3), frames, _repeat(frames, -1, 3)), count).joints
 
 
 class _Frames(NamedTuple):
-  """What stages hand on of n frames; feet are left and right, points of a foot ankle and toes."""
-  joints: np.ndarray  # (n, J, 3)
-  sure: np.ndarray    # (n, 2, 2) how surely each point of each foot stands
-  told: np.ndarray    # (n,) 1 where that was told, 0 where it is to be seen from the motion
-  move: np.ndarray    # (n, 2, 3) where each foot is to be, less where it is
+  """n frames between two stages; feet are left and right, the points of a foot are ankle and toes."""
+  joints: np.ndarray    # (n, J, 3)
+  sure: np.ndarray      # (n, 2, 2) certainty that each point of each foot stands
+  labelled: np.ndarray  # (n,) 1 where contacts are given, 0 where they follow from the motion
+  move: np.ndarray      # (n, 2, 3) target position of each foot minus its position
 
 
 class _Stage:
-  """A function of windows of frames as one of a stream: it decides a frame when `ahead` more are known.
+  """Applies a function of windows of frames to a stream: a frame is final once `ahead` more are known.
 
-  function(n + back + ahead frames) -> the n frames after the first `back`. The first frame is repeated before the
-  motion, the last one behind it.
+  function(n + back + ahead frames) -> the n frames after the first `back`. The first and the last frame of the motion
+  are repeated beyond its ends.
   """
 
   def __init__(self, function: Callable[[_Frames, int], _Frames], back: int, ahead: int) -> None:
@@ -134,7 +136,7 @@ class _Stage:
     return self._function(held, count)
 
   def flush(self, frames: _Frames | None) -> _Frames | None:
-    """frames: the last that come in -> all that had not gone out."""
+    """Adds the last frames and returns all that have not been returned yet."""
     made = None if frames is None else self.push(frames)
     if self._held is None:
       return made
@@ -161,7 +163,7 @@ def _weighted(x: np.ndarray, weights: Any) -> np.ndarray:
 
 
 class _Body:
-  """A skeleton's feet and legs, left then right, and the stages that only look at neighbours."""
+  """A skeleton's feet and legs, left then right, and the stages that depend on neighbouring frames only."""
 
   def __init__(self, skeleton: Skeleton, fps: float, floor: float) -> None:
     self.skeleton, self.fps, self.floor = skeleton, fps, floor
@@ -176,22 +178,22 @@ class _Body:
     weights = np.exp(-0.5 * (np.arange(-2, 3) / _SIGMA) ** 2)
     smoothed = _weighted(frames.joints, weights / weights.sum())
     about = frames.joints - frames.joints[:, :1]
-    # Over four frames, in which tremor does not get far.
+    # The speed over four frames, to which tremor adds little.
     speed = np.linalg.norm(about[4:] - about[:-4], axis=-1) / 4 * self.fps / self.metre
     brisk = np.clip((speed - _BRISK[0]) / (_BRISK[1] - _BRISK[0]), 0, 1)[..., None]
     now = _cut(frames, 2, 2 + count)
     return smoothed + (now.joints - smoothed) * brisk * brisk * (3 - 2 * brisk)
 
   def risen(self, frames: _Frames) -> np.ndarray:
-    """How far (count,) a body rises or sinks as its bones get their lengths."""
-    # Bones of their own length from the pelvis down put the feet elsewhere. How high these are says more of where the
-    # floor is than how high the pelvis is: it rises or sinks, and knees stay as bent as they were.
+    """By how much (count,) to lift the body after its bone lengths have been restored."""
+    # Restored from the pelvis down, bones end at other heights. The height of the feet is closer to the floor's than
+    # that of the pelvis: the body is lifted or lowered as a whole, so that knees stay as bent as they were.
     lowest = lambda joints: joints[:, self.feet, 1].min((1, 2))
     risen = lowest(frames.joints) - lowest(with_lengths(frames.joints, self.skeleton))
     return _weighted(risen, _NEAR)
 
   def stands(self, frames: _Frames) -> tuple[np.ndarray, np.ndarray]:
-    """(how surely (n - 1, 2, 2) the points of feet may stand from each frame to the next, their steps (n - 1, 2, 2, 2)
+    """(certainty (n - 1, 2, 2) that the points of feet stand from each frame to the next, their steps (n - 1, 2, 2, 2)
     over the ground)."""
     points = frames.joints[:, self.feet]
     height = np.maximum((points[..., 1] - self.floor) / self.metre, 0)
@@ -222,7 +224,7 @@ class _Body:
 
   def _bend(self, source: np.ndarray, result: np.ndarray, leg: Any, lengths: tuple[float, float], aim: np.ndarray,
             cap: np.ndarray) -> None:
-    """Bends a leg of result towards aim (n, 3), as far as cap (n,) lets it reach; the foot keeps its turn. In place."""
+    """Bends a leg of result towards aim (n, 3), at most cap (n,) long; the foot keeps its direction. In place."""
     hip, knee, ankle = leg[:3]
     upper, lower = lengths
     line = aim - result[:, hip]
@@ -240,7 +242,7 @@ class _Body:
 
 
 class _Smooth:
-  """Takes tremor away, and gives bones their lengths and directions that do not flip."""
+  """Removes tremor, restores bone lengths, and prevents bones from flipping."""
 
   def __init__(self, body: _Body) -> None:
     self._body, self._steady = body, SteadyBones(body.skeleton)
@@ -253,7 +255,7 @@ class _Smooth:
 
 
 class _Path:
-  """Moves the whole body so that its standing feet, taken together, do not slide."""
+  """Moves the whole body so that its standing feet do not slide on average."""
 
   def __init__(self, body: _Body) -> None:
     self._body, self._offset = body, np.zeros(2)
@@ -262,18 +264,18 @@ class _Path:
     body = self._body
     sure, steps = body.stands(frames)
     speed = np.linalg.norm(steps, axis=-1) * body.fps / body.metre
-    weight = sure / (0.05 + speed)  # of two feet the slower one is the one that stands
+    weight = sure / (0.05 + speed)  # of two feet the slower one stands
     slide = (weight[..., None] * steps).sum((1, 2)) / np.maximum(weight.sum((1, 2)), 1e-9)[:, None]
-    # A hint that one stands is enough, for of a foot that slides the network is never sure.
+    # A low certainty is enough: the network is never certain about a foot that slides.
     hint = np.minimum(4 * sure.max((1, 2)), 1)
-    # Of steps that lead to t - 2 .. t + 2. A body in flight keeps the speed with which it left the ground: what stances
-    # on either side say holds there, too.
+    # Of the steps to t - 2 .. t + 2. A body in flight keeps the speed with which it left the ground, so the stances on
+    # either side determine its correction, too.
     slide = _weighted(slide * hint[:, None], _NEAR) / np.maximum(_weighted(hint, _NEAR), _HINT)[:, None]
     slide = slide[:count]
     fast = np.linalg.norm(slide, axis=-1, keepdims=True) * body.fps / body.metre
     back = -slide * np.maximum(1 - _SLIDES / np.maximum(fast, 1e-9), 0)
     now = _cut(frames, 3, 3 + count)
-    moved = np.cumsum(np.concatenate([self._offset[None], back * now.told[:, None]]), axis=0)[1:]
+    moved = np.cumsum(np.concatenate([self._offset[None], back * now.labelled[:, None]]), axis=0)[1:]
     self._offset = moved[-1]
     joints = now.joints.copy()
     joints[..., [0, 2]] += moved[:, None]
@@ -281,10 +283,10 @@ class _Path:
 
 
 class _PinFeet:
-  """Says how to move each foot over the ground so that it keeps still while it stands.
+  """Computes how to move each foot over the ground so that it does not slide while it stands.
 
-  The moves e of a frame and the `ahead` next solve min sum s |step of (foot + e)|^2 + ease |step of e|^2
-  + bend |step of step of e|^2 + pull |e|^2 behind the moves that are decided; the first of them is then decided.
+  The moves e of a frame and the next `ahead` frames minimize sum s |step of (foot + e)|^2 + ease |step of e|^2
+  + bend |step of step of e|^2 + pull |e|^2, with the earlier moves fixed; then the first of them becomes final.
   """
 
   def __init__(self, body: _Body) -> None:
@@ -295,8 +297,8 @@ class _PinFeet:
     body = self._body
     sure, steps = body.stands(frames)
     speed = np.linalg.norm(steps, axis=-1) * body.fps / body.metre
-    told = frames.told[1:, None, None] > 0
-    slow = 1 / (1 + (speed / np.where(told, _STANDS, _UNTOLD)) ** 4)
+    labelled = frames.labelled[1:, None, None] > 0
+    slow = 1 / (1 + (speed / np.where(labelled, _STANDS, _SEEN)) ** 4)
     firm = np.minimum(2 * sure, 1) * slow  # (n - 1, feet, points)
     total = firm.sum(-1)
     step = (firm[..., None] * steps).sum(2) / np.maximum(total, 1e-9)[..., None]

@@ -1,4 +1,4 @@
-"""Which feet stand, by the tight rule: slow and near the ground. What asks "does this foot stand?" asks here.
+"""Foot contacts: a foot stands if it is slow and near the ground. All code that needs contacts uses this rule.
 
 HumanML3D's contact label, a column of benchmark features, is looser: a squared step below 0.002 is 0.89 m/s at 20
 frames a second, so that a foot that slides counts as standing. numpy, whole clips; with a floor given also jax arrays,

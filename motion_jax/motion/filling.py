@@ -160,7 +160,7 @@ def _offsets(border, count, skeleton, fps, most):
 
 
 def _detour(border, count, fps, most):
-  """What to add to a path (N, 3) over the ground so that it goes on as that of the kept frames. The difference of speed
+  """The offset to add to a path (N, 3) over the ground so that it continues the kept frames. The difference of speed
   fades for good: a body that comes to a stop does not go back."""
   width, s = _progress(count, fps, most)
   s = s[:, None]

@@ -1,4 +1,4 @@
-"""Rotations of a skeleton whose rest pose is given, from joint positions alone: for data that holds no rotations.
+"""Rotations of a skeleton with a given rest pose, from joint positions alone: for data without rotations.
 
 Positions do not show how a bone is turned about itself: a joint with several children gets the turn that fits them
 best, or that of the body where they lie on one line; any other turns as little as possible from its parent. (`pose`

@@ -1,4 +1,4 @@
-"""Arrays of joints without names: whose joints they are, by their number and by their bones."""
+"""Identify the skeleton of an array of joints without names, by the number of joints and by the bones."""
 import dataclasses
 import warnings
 from typing import NamedTuple

@@ -1,4 +1,4 @@
-"""Which joint of a file is which of HumanML3D's 22: exact tables of some skeletons, and for all others their names.
+"""Map the joints of a file to HumanML3D's 22: exact tables for some skeletons, joint names for all others.
 
 An entry of a table is a name, a list of names to average, or a `Made` joint for what the other skeleton does not have
 (the SMPL pelvis lies higher than most hips, say). Files that no table fits are read by `joint_names` and

@@ -1,4 +1,4 @@
-"""Joint names of many programs: which joint of a file is which of a body's, by its name and its place in the tree.
+"""Identify joints by the names that many programs give them, and by their place in the tree.
 
 Names are compared as words: `key` gives LeftUpLeg, UpLeg_L, lUpLeg and mixamorig:LeftUpLeg one spelling. Legs and arms
 are found by the tables below, three names each; what they share before or after those names (Character1_, Bip01, _JNT)

@@ -1,4 +1,4 @@
-"""Two motions in one body: arms, head or torso of the one on what carries them of the other."""
+"""Combine two motions in one body: arms, head or torso of one on the rest of the other."""
 from collections.abc import Sequence
 
 import numpy as np
@@ -8,18 +8,17 @@ from motion_jax.motion import rotations as rot
 from motion_jax.motion.pose import to_pose
 from motion_jax.motion.skeleton import Skeleton, facing
 
-_ONE_SIDED = 2.0  # how much further the one hand travels than the other where only one of them acts
+_ONE_SIDED = 2.0  # how many times farther than the other a hand travels if only one of them acts
 
 
 def put_on(base: Num[np.ndarray, "t j 3"], other: Num[np.ndarray, "t j 3"], part: str, sides: Sequence[str],
            weight: Num[np.ndarray, " t"], skeleton: Skeleton, upright: bool = False) -> Float[np.ndarray, "t j 3"]:
-  """Joints (T, J, 3) of base whose part is held against the chest (a torso: against the pelvis) as it is in other.
+  """Joints (T, J, 3) of base with a part of other, oriented relative to the chest (a torso: to the pelvis). float32.
 
-  part: "arms", "head" or "torso", which takes head and arms along; sides: which arms, of "left" and "right", and
-  without any the one that acts, or both where both do. weight (T,): 0 is base's own, 1 the other's. upright: arms are
-  held against where the body faces, however much its chest leans, so that a hand that is raised goes up; shoulders stay
-  base's own. Directions of bones are taken, so that bones are as long as in base; all joints of other parts stay as
-  they are, feet above all. float32.
+  part: "arms", "head" or "torso", which includes head and arms. sides: "left", "right" or both arms; by default the
+  arm that acts, or both if both do. weight (T,): 0 is base, 1 is other. upright: arms are oriented relative to the
+  direction that the body faces, however much its chest leans, so that a raised hand goes up; shoulders stay base's.
+  Only bone directions change, so bones keep base's lengths; joints of other parts, such as feet, do not move.
   """
   base, other = np.asarray(base, np.float64), np.asarray(other, np.float64)
   _, _, back, right, left = skeleton.chains
@@ -44,7 +43,7 @@ def put_on(base: Num[np.ndarray, "t j 3"], other: Num[np.ndarray, "t j 3"], part
 
 
 def acting(joints: Num[np.ndarray, "t j 3"], skeleton: Skeleton) -> tuple[str, ...]:
-  """The sides whose hands move: the one that travels more than twice as far against the chest, or both."""
+  """The sides whose hands act: the one that travels more than twice as far relative to the chest, or both."""
   _, _, _, right, left = skeleton.chains
   turned = to_pose(joints, skeleton).turned[:, right[0]]
   way = {}

@@ -1,9 +1,9 @@
-"""A motion whose end meets its beginning, and one that stays in its place: what games and pages play over and over.
+"""Loop a motion, so that its end meets its beginning, or keep it in place: for games and web pages.
 
 The pose of the last frame becomes that of the first by inertialization (D. Bollo, GDC 2018; for loops D. Holden,
 theorangeduck.com, 2022): what they differ by, in place and speed, is added to the frames at both ends and fades towards
 the middle. The body's speed over the ground and its turning are treated alike, seen from the body, so that a walk
-repeated goes on straight, or round the same bend. numpy, float64.
+repeated continues straight, or along the same curve. numpy, float64.
 """
 from typing import Any
 

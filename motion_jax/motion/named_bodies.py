@@ -1,7 +1,7 @@
-"""The 22 joints of a body whose joints other programs named: legs and arms by name, all else by the tree.
+"""Find HumanML3D's 22 joints in a skeleton of another program: legs and arms by name, the others by the tree.
 
-Bodies differ in how many joints a spine has, in where a pelvis lies, and in what is missing. Where a file has what
-HumanML3D has, its joints are taken as they are; where not, joints are put at HumanML3D's proportions.
+Skeletons differ in the number of spine joints, in the place of the pelvis, and in joints that are missing. Joints that
+a file has are used unchanged; missing ones are placed at HumanML3D's proportions.
 """
 import itertools
 from collections.abc import Mapping

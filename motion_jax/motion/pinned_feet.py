@@ -1,7 +1,7 @@
-"""Feet that stay where they are put while the body is moved: legs reach for them, and the hips come down if they must.
+"""Place the feet of a motion: legs bend to reach them, and the hips are lowered where a leg is too short.
 
-What turns or joins captured motion (`root_paths`, `splicing`) says where each foot belongs; the legs follow. numpy,
-whole clips.
+Used where captured motion is turned or joined (`root_paths`, `splicing`) and the positions of its feet are known.
+numpy, whole clips.
 """
 import numpy as np
 from jaxtyping import Bool, Float, Num
@@ -14,10 +14,10 @@ from motion_jax.shapes import Array
 
 def pin_feet(joints: Num[Array, "t j 3"], ankles: Num[Array, "t 2 3"], toes: Num[Array, "t 2 3"],
             skeleton: Skeleton = HUMANML3D) -> Float[np.ndarray, "t j 3"]:
-  """Joints (T, J, 3) whose left and right feet are at ankles and point to toes, both (T, 2, 3), as far as legs reach.
+  """Moves the left and right feet of joints (T, J, 3) to ankles, pointing to toes, both (T, 2, 3), within reach.
 
-  Joints have the skeleton's bone lengths, and so has the result: a foot is laid on the line from ankle to toes. Where
-  a leg would be straighter than 0.995 of its length, and than it was, the hips come down. float64.
+  Joints have the skeleton's bone lengths, and so has the result: a foot lies on the line from ankle to toes. Where a
+  leg would become straighter than 0.995 of its length, and than it was, the hips are lowered. float64.
   """
   placed, now = np.array(joints, np.float64), np.zeros((len(joints), 2, 3))
   for side, (ankle, toe) in enumerate((skeleton.left_feet, skeleton.right_feet)):
@@ -29,6 +29,6 @@ def pin_feet(joints: Num[Array, "t j 3"], ankles: Num[Array, "t 2 3"], toes: Num
 
 
 def stands(joints: Num[Array, "t j 3"], fps: float = 20.0, skeleton: Skeleton = HUMANML3D) -> Bool[np.ndarray, "t 2"]:
-  """Whether the left and the right foot stand by ankle or toes, by the tight rule of `contacts.feet_stand`: (T, 2)."""
+  """Whether ankle or toes of the left and the right foot stand, by `contacts.feet_stand`: (T, 2)."""
   flags = feet_stand(np.asarray(joints), fps, skeleton)
   return np.stack([flags[:, :2].any(1), flags[:, 2:].any(1)], 1)

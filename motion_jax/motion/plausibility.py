@@ -1,8 +1,8 @@
-"""Could this be a person moving? Checked where motion comes in, whatever file or program it came from.
+"""Check whether joints can be a person's motion, wherever motion is read from a file or another program.
 
-Bones tell the unit: their lengths are a human's, in metres, centimetres, millimetres, inches or feet, and stay so over
-time. A body of another size, a joint far away, a jump across the room or a rate that no camera has is refused with one
-sentence that names file, frame and joint; what is odd but can be worked with is a warning. numpy, float64.
+The unit follows from the bone lengths: a human's in metres, centimetres, millimetres, inches or feet. A body of another
+size, a joint far away, a jump of metres or an impossible frame rate is an error of one sentence that names file, frame
+and joint; unusual motion that can be used is a warning. numpy, float64.
 """
 import warnings
 
@@ -16,27 +16,27 @@ from motion_jax.utils.numerals import FRAME_RATES
 
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}  # metres
 _NAMES = {"m": "metres", "cm": "centimetres", "mm": "millimetres", "in": "inches", "ft": "feet"}
-AXES = {"y": [0, 1, 2], "z": [1, 2, 0], "x": [2, 0, 1]}  # which of a file's axes become ours, by the one that is up
-_SIZES = 0.25, 2.5      # of a body, in skeletons: a baby, a giant of a game
-_LONGEST = 1.5          # metres that a bone may measure
-# Mean |log| by which bones may differ from the skeleton's, sizes apart. Of 431 people of 10 sources at most 0.26, of
-# their joints in other orders at least 0.39, of SMPL's 24 taken for SnapMoGen's at least 0.48.
-ODD = 0.36              # from there on a warning, and no unit is read off the bones
-_OTHER_ORDER = 0.6      # from there on refused
-_LOST_BONE = 1.0        # as much as one bone counts, which may have no length
-_STRETCH = 0.3          # metres by which a bone may change before it is told
-_FARTHEST = 100_000     # metres from the origin; float32 counts in centimetres there
-_COUNTABLE = 1e15       # from there on a number counts as infinite: its square would be
-_STEP, _SPEED = 3.0, 150.0  # metres in one frame and metres a second that a root may not both exceed
-_JUMP = 1.0             # metres in one frame that are told, where they are faster than
-_FAST = 20.0            # metres a second
+AXES = {"y": [0, 1, 2], "z": [1, 2, 0], "x": [2, 0, 1]}  # {upward axis of a file: its axes in our order}
+_SIZES = 0.25, 2.5      # size of a body relative to the skeleton: from a baby to a giant in a game
+_LONGEST = 1.5          # metres, the longest bone
+# Mean |log| of the ratio of bone lengths to the skeleton's, without the size. 431 people of 10 sources: at most 0.26;
+# their joints in other orders: at least 0.39; SMPL's 24 joints taken for SnapMoGen's: at least 0.48.
+ODD = 0.36              # from here on a warning, and the unit cannot be derived from the bones
+_OTHER_ORDER = 0.6      # from here on an error
+_LOST_BONE = 1.0        # the most that one bone counts, for it may have no length
+_STRETCH = 0.3          # metres by which a bone may change its length without a warning
+_FARTHEST = 100_000     # metres from the origin, where float32 resolves centimetres
+_COUNTABLE = 1e15       # numbers from here on count as infinite: their squares would be
+_STEP, _SPEED = 3.0, 150.0  # metres in one frame and metres a second: a root that exceeds both is an error
+_JUMP = 1.0             # metres in one frame: a joint that exceeds this and
+_FAST = 20.0            # metres a second is a warning
 
 
 def check(joints: Num[Array, "t j 3"], skeleton: Skeleton = HUMANML3D, fps: float | None = None, name: str = "motion"
           ) -> None:
-  """Raises ValueError, which begins with name, unless joints (T, J, 3) in the skeleton's unit may be a person's.
+  """Raises ValueError, beginning with name, unless joints (T, J, 3) in the skeleton's unit can be a person's.
 
-  Warns of what is odd: joints in another order, bones that change their length, jumps. fps: frames a second, if known.
+  Warns about joints in another order, bones that change their length, and jumps. fps: frames a second, if known.
   """
   lengths, oddness, metres = _checked(joints, skeleton, fps, name)
   _tell_jumps(metres, skeleton, fps, name)
@@ -52,7 +52,7 @@ def check(joints: Num[Array, "t j 3"], skeleton: Skeleton = HUMANML3D, fps: floa
 
 
 def _checked(joints, skeleton, fps, name):
-  """(bone lengths (T, J - 1), their oddness, joints in metres) of what is not refused."""
+  """(bone lengths (T, J - 1), their oddness, joints in metres); raises InputError for joints of no person."""
   check_rate(fps, name)
   joints = _array(joints, skeleton, name)
   metres = joints * skeleton.unit
@@ -80,7 +80,7 @@ def _checked(joints, skeleton, fps, name):
 
 def fault(joints: Num[Array, "t j 3"], skeleton: Skeleton = HUMANML3D, fps: float | None = None, name: str = "motion"
           ) -> str:
-  """What `check` would refuse, in its words; "" for nothing. Warns of nothing."""
+  """The text of the error that `check` would raise, "" for none. Does not warn."""
   try:
     _checked(joints, skeleton, fps, name)
   except ValueError as error:
@@ -89,8 +89,7 @@ def fault(joints: Num[Array, "t j 3"], skeleton: Skeleton = HUMANML3D, fps: floa
 
 
 def check_bones(lengths: Num[Array, " j"], skeleton: Skeleton = HUMANML3D) -> None:
-  """Raises ValueError for bones of lengths (J,), metres, on which no mannequin can be hung: its skin would be endless.
-  """
+  """Raises ValueError for bone lengths (J,), metres, for which no mannequin can be built."""
   joint = int(np.argmax(lengths))
   if not lengths[joint] <= _LONGEST:
     raise InputError(f"the bone to {skeleton.joints[joint]} is {_far(lengths[joint])} long, expected at most "
@@ -106,10 +105,10 @@ def check_rate(fps: float | None, name: str = "motion") -> None:
 
 def to_unit(joints: Num[Array, "t j 3"], skeleton: Skeleton = HUMANML3D, unit: str = "auto", up: str = "y",
             name: str = "motion") -> Num[np.ndarray, "t j 3"]:
-  """Joints (T, J, 3) of any unit and upward axis in the skeleton's unit with y up; warns if it had to be told.
+  """Converts joints (T, J, 3) of any unit and upward axis to the skeleton's unit, y up; warns of a unit it guessed.
 
-  unit: "auto" asks the bones; "m", "cm", "mm", "in" or "ft" says it. up: "y", "z" or "x". Raises ValueError for an
-  unknown unit, or bones that fit none.
+  unit: "m", "cm", "mm", "in", "ft", or "auto" to derive it from the bone lengths. up: "y", "z" or "x". Raises
+  ValueError for an unknown unit, or bones that fit none.
   """
   if unit != "auto" and unit not in UNITS:
     raise InputError(f"got unit {unit!r}, expected auto, {', '.join(UNITS)}")
@@ -120,12 +119,12 @@ def to_unit(joints: Num[Array, "t j 3"], skeleton: Skeleton = HUMANML3D, unit: s
     warnings.warn(f"{name}: the body lies, or stands along z; --up z (up=\"z\") turns files whose upward axis is z",
                   stacklevel=2)
   if unit == "auto":
-    told = guess_unit(placed, skeleton)
-    if told is None or np.isclose(UNITS[told], skeleton.unit):
-      return placed  # as it should be, or `check` says what is wrong
-    warnings.warn(f"{name}: by its bones it is in {_NAMES[told]}; --unit (unit=) says it, where that is wrong",
+    guess = guess_unit(placed, skeleton)
+    if guess is None or np.isclose(UNITS[guess], skeleton.unit):
+      return placed  # already in the right unit, or `check` reports the fault
+    warnings.warn(f"{name}: by its bones it is in {_NAMES[guess]}; --unit (unit=) says it, where that is wrong",
                   stacklevel=2)
-    unit = told
+    unit = guess
   scale = UNITS[unit] / skeleton.unit
   return placed if np.isclose(scale, 1) else placed * scale
 
@@ -139,7 +138,7 @@ def with_y_up(joints: Num[np.ndarray, "*lead 3"], up: str) -> Num[np.ndarray, "*
 
 
 def guess_unit(joints: Num[Array, "t j 3"], skeleton: Skeleton = HUMANML3D) -> str | None:
-  """The unit in which joints (T, J, 3) make a body nearest to the skeleton's size; None if none is near."""
+  """The unit in which the body of joints (T, J, 3) is nearest to the skeleton's size; None if none is near."""
   size, oddness = _size(_lengths(np.asarray(joints, np.float64), skeleton), skeleton)
   if not 0 < size < np.inf or oddness > ODD:
     return None
@@ -148,7 +147,7 @@ def guess_unit(joints: Num[Array, "t j 3"], skeleton: Skeleton = HUMANML3D) -> s
 
 
 def oddness(joints: Num[Array, "t j 3"], skeleton: Skeleton = HUMANML3D) -> float:
-  """How little the bones of joints (T, J, 3) are the skeleton's, whatever their unit: mean |log| of the ratios."""
+  """How much the proportions of joints (T, J, 3) differ from the skeleton's, in any unit: mean |log| of the ratios."""
   return _size(_lengths(np.asarray(joints, np.float64), skeleton), skeleton)[1]
 
 

@@ -1,4 +1,4 @@
-"""Any body's motion on the canonical skeleton: other joint names, other proportions, the same steps.
+"""Retarget the motion of any body to the canonical skeleton: its bone lengths, the same steps.
 
 `joint_maps.map_joints` picks joints out of a file by name; `retarget` gives them canonical bone lengths without
 letting the feet slide; `mirror` swaps left and right. numpy, float64, whole clips at once.

@@ -1,9 +1,8 @@
-"""The rigid skeleton that a motion moves: one rest pose for all motions of a model, and the turns that fit it best.
+"""Fit a rigid skeleton to a motion: one rest pose for all motions of a model, and the rotations that fit best.
 
-A rig has bones of constant length, and a pelvis and a chest that do not bend in themselves. A network's joints keep
-the first and, to a centimetre, the second. `fit_pose` finds the root's path and the rotations whose joints are nearest
-to the motion's, so that files of rotations alone say what the motion is, and every file of one model moves the same
-rig.
+A rig has bones of constant length and a rigid pelvis and chest. The joints of a network satisfy the first exactly, the
+second to a centimetre. `fit_pose` finds the root path and the rotations whose joints are nearest to the motion's, so
+that rotations alone describe the motion and every file of one model moves the same rig.
 """
 import numpy as np
 from jaxtyping import Float, Num
@@ -13,17 +12,17 @@ from motion_jax.motion.pose import Pose, to_pose
 from motion_jax.motion.skeleton import Skeleton, bone_lengths, t_pose
 from motion_jax.shapes import Array
 
-_SAME_BONES = 0.01  # metres: a body whose mean bones differ less than that from the skeleton's moves the skeleton's rig
+_SAME_BONES = 0.01  # metres: a body whose mean bone lengths differ less from the skeleton's gets the skeleton's rig
 _FEET, _HANDS = 30.0, 3.0  # weights of the squared distances of feet and hands, those of other joints being 1
 _DAMPING = 1e-3     # metres^2 per radian^2: how strongly a joint resists turning in one step, most in straight limbs
 _STEPS, _CHUNK = 6, 2000
 
 
 def rest_offsets(joints: Num[Array, "t j 3"], skeleton: Skeleton, fps: float = 20.0) -> Float[np.ndarray, "j 3"]:
-  """The T-pose offsets (J, 3) of the rig that joints (T, J, 3) move.
+  """The T-pose offsets (J, 3) of the rig for joints (T, J, 3).
 
-  The skeleton's own where the body has the skeleton's bones, as all motions of a model have; else those of the body, in
-  tenths of a millimetre so that two recordings of one person share them.
+  The skeleton's own if the body has the skeleton's bone lengths, as all motions of a model have; else the body's,
+  rounded to tenths of a millimetre so that two recordings of one person share them.
   """
   own = bone_lengths(np.asarray(joints, np.float64), skeleton).mean(0)
   if np.abs(own - skeleton.bone_lengths).max() * skeleton.unit < _SAME_BONES:

@@ -1,10 +1,9 @@
-"""A straight walk or run on another path over the ground: circles, arcs, u-turns, zigzags; feet stay planted.
+"""Bend a straight walk or run onto another path: circles, arcs, u-turns, zigzags; feet stay pinned.
 
-The body goes along the course c(l) of its pelvis, the sway of the steps taken out. Turned by angle(l), each bit of the
-course makes a new one, and each frame is turned with its bit of it. A foot that stands takes the turn of the middle of
-its stance as a whole; in the air it goes on from one to the next, eased by 3 u^2 - 2 u^3; the legs follow. A body
-leans into a curve of radius r by atan(v^2 / g r). Path and detail apart: M. Gleicher, Motion path editing, I3D 2001.
-numpy, whole clips, float64.
+The course c(l) is the path of the pelvis without the sway of the steps. Each piece of it is turned by angle(l), and
+each frame is turned with its piece. A standing foot takes the turn at the middle of its stance; in the air it is
+interpolated to the next stance by 3 u^2 - 2 u^3; the legs follow. A body leans into a curve of radius r by
+atan(v^2 / g r). Separating path and detail: M. Gleicher, Motion path editing, I3D 2001. numpy, whole clips, float64.
 """
 from collections.abc import Callable
 
@@ -29,7 +28,7 @@ def course(joints: Num[Array, "t j 3"], fps: float = 20.0) -> tuple[Float[np.nda
   from scipy.ndimage import gaussian_filter1d
   root = np.asarray(joints, np.float64)[:, 0][:, [0, 2]]
   pad = int(4 * _STEP * fps)
-  # Beyond its ends a path goes on as it did over a second: a filter that stops there slows it down.
+  # Beyond its ends a path is extrapolated by its last second: a filter without that slows it down.
   beside = min(int(fps), len(root) - 1)
   far = np.arange(1, pad + 1)[:, None] / beside
   long = np.concatenate([root[0] + far[::-1] * (root[0] - root[beside]), root,

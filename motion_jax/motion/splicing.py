@@ -1,8 +1,8 @@
-"""One motion goes on as another: laid over each other where their poses meet, joined without a jump.
+"""Splice two motions: align them where their poses are alike, and join them without a jump.
 
-`meeting` measures how well two windows of frames fit and how the one is to be turned and moved on the ground
-(L. Kovar and others, Motion Graphs, SIGGRAPH 2002); `spliced` joins them by inertialization (D. Bollo, GDC 2018):
-what is off at the border fades out of the second motion, but not of a foot while it stands. numpy, float64.
+`meeting` measures how well two windows of frames fit, and how the second is to be turned and moved on the ground
+(L. Kovar and others, Motion Graphs, SIGGRAPH 2002); `spliced` joins them by inertialization (D. Bollo, GDC 2018): the
+offset at the border fades out of the second motion, but not out of a foot while it stands. numpy, float64.
 """
 from typing import NamedTuple
 
@@ -14,10 +14,10 @@ from motion_jax.motion.retarget import with_lengths
 from motion_jax.motion.skeleton import HUMANML3D, Skeleton, facing
 from motion_jax.shapes import Array
 
-REACH = 3   # frames before and after the one where two motions meet that are compared
+REACH = 3   # frames compared before and after the one where two motions meet
 _FADE = 9   # frames in which an offset fades
-_STEP = (8, 14)  # frames of the step by which a walk comes to rest, at the least and at the most
-_LIFT = 0.05     # metres that a foot is lifted on it
+_STEP = (8, 14)  # shortest and longest step by which a walk comes to rest, frames
+_LIFT = 0.05     # metres by which the foot is lifted in it
 _AHEAD = 0.15    # metres that a foot comes down ahead of the pelvis
 
 

@@ -1,9 +1,9 @@
-"""Directions of bones that do not flip where a network's joints hardly tell them.
+"""Prevent bones from flipping where the joints of a network are ambiguous.
 
-Between two ways to hold an arm the mean runs through the shoulder: the decoded upper arm gets short, and its direction,
-all that counts once it has its length again, turns round from one frame to the next. A turn is believed as far as the
-bone has its length; a turn of a bone that is too short is spread over the frames around it, two before and as many
-behind as it takes. What is believed comes back bit for bit.
+The mean of two poses of an arm can run through the shoulder: the decoded upper arm becomes short, and its direction,
+which is all that remains once the bone lengths are restored, flips from one frame to the next. A turn is trusted as far
+as the bone has its length; the turn of a bone that is too short is spread over the frames around it, two before and as
+many behind as needed. Trusted directions stay bit for bit.
 """
 import numpy as np
 from jaxtyping import Float
@@ -11,18 +11,18 @@ from jaxtyping import Float
 from motion_jax.motion.layering import turned_towards
 from motion_jax.motion.skeleton import Skeleton
 
-_MOST = 30.0             # degrees a frame that a bone turns which does not tell how
-_DOUBT = (0.6, 1.0)      # of its length: up to here a bone says nothing of its turn, from here on it is believed
+_MOST = 30.0             # degrees a frame by which an ambiguous bone turns at most
+_DOUBT = (0.6, 1.0)      # parts of a bone's length: below the first its direction is ignored, from the second trusted
 
 
 class SteadyBones:
-  """Corrects a motion in pieces; each frame needs the two before it and the two behind it, as decoded."""
+  """Corrects a motion piece by piece; each frame needs the two decoded frames before and after it."""
 
   def __init__(self, skeleton: Skeleton) -> None:
     self._parents = np.array(skeleton.parents[1:])
     self._lengths = np.maximum(np.asarray(skeleton.bone_lengths, np.float64)[1:], 1e-9)
     self._skeleton = skeleton
-    self._last: np.ndarray | None = None  # directions (B, 3) of the frame before, as given out, and as they came in
+    self._last: np.ndarray | None = None  # directions (B, 3) of the frame before: corrected, and below as decoded
     self._came: np.ndarray | None = None
 
   def __call__(self, joints: Float[np.ndarray, "n j 3"], decoded: Float[np.ndarray, "n+4 j 3"]
@@ -51,7 +51,7 @@ class SteadyBones:
     return self._built(joints, own, given)
 
   def _built(self, joints, own, given):
-    """Joints whose bones have other directions where these differ, down to the ends of their limbs."""
+    """Rebuilds joints from corrected directions, down to the ends of the limbs."""
     changed = (given != own).any(-1)
     if not changed.any():
       return joints

@@ -1,7 +1,7 @@
-"""A motion on another figure: the 22 joints of HumanML3D become KIT's, SMPL's or SnapMoGen's, and back.
+"""Transfer motions between skeletons: from HumanML3D's 22 joints to KIT's, SMPL's or SnapMoGen's, and back.
 
-Every bone turns as its like does on the first figure, from a T-pose that both share; the path is scaled by the legs.
-Feet may slide a little where proportions differ: `retarget` is the way to 22 joints where that matters.
+Every bone turns as its counterpart does, from a T-pose that both skeletons share; the path is scaled by the length of
+the legs. Feet may slide a little where proportions differ; `retarget` avoids that for 22 joints.
 """
 import numpy as np
 from jaxtyping import Float, Num
@@ -11,7 +11,7 @@ from motion_jax.motion.pose import to_pose
 from motion_jax.motion.skeleton import HUMANML3D, SMPL, SNAPMOGEN, Skeleton, t_pose
 from motion_jax.shapes import Array
 
-# Joints of other figures that turn as a joint of another name does.
+# {joint of another skeleton: joint of HumanML3D that it turns with}
 _LIKE = {"root": "pelvis", "torso_low": "spine1", "torso_high": "spine3", "neck2": "neck", "left_heel": "left_ankle",
          "right_heel": "right_ankle"}
 
@@ -30,9 +30,9 @@ def from_22(joints: Num[Array, "t 22 3"], target: Skeleton, fps: float = 20.0) -
 
 
 def to_22(joints: Num[Array, "*lead j 3"], source: Skeleton = SNAPMOGEN) -> Float[np.ndarray, "*lead 22 3"]:
-  """Joints (..., 24, 3) of SnapMoGen, centimetres, to the 22 joints (..., 22, 3) of like names, metres.
+  """Joints (..., 24, 3) of SnapMoGen, centimetres, to the 22 joints (..., 22, 3) of the same names, metres.
 
-  What draws or stores bodies knows those 22; the second neck joint and the second root go.
+  The second neck joint and the second root are left out, as drawing and export know 22 joints.
   """
   number = [source.joints.index("root" if name == "pelvis" else name) for name in HUMANML3D.joints]
   return np.asarray(joints)[..., number, :] * source.unit

@@ -1,4 +1,4 @@
-"""Representations of motion: what a network sees of a body in one frame, and the way back to joints.
+"""Representations of motion: the features of a frame that a network sees, and the conversion back to joints.
 
   name                    numbers    joints         file
   full, essential         263, 67    22, HumanML3D  humanml3d
@@ -9,8 +9,8 @@
   motionstreamer          272        22, SMPL       motionstreamer
   babel                   135        22, SMPL       babel
 
-The last three hold rotations that joints do not tell: what is made here from joints has the plainest ones
-(`motion.inverse`); their files make features of data that has them.
+The last three hold rotations that do not follow from joints alone: features made from joints have those that turn
+least (`motion.inverse`); their files make features of data that has rotations.
 
 A further representation is a subclass of `Representation` and an entry of `LAYOUTS`, or an entry point of the group
 `motion_jax.representations` in another package. It is used by name: `get_layout("full").to_joints(features)`, or
@@ -45,7 +45,7 @@ def get_layout(layout: Representation | str) -> Representation:
 
 
 def layout_for(num_features: int) -> Representation:
-  """The representation with so many numbers per frame."""
+  """The representation with this number of features per frame."""
   for layout in LAYOUTS.values():
     if layout.dim == num_features:
       return layout

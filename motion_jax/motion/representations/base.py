@@ -1,4 +1,4 @@
-"""What a representation of motion is: named blocks of numbers a frame, made of joints and turned back into them."""
+"""The base class of motion representations: named blocks of features per frame, computed from joints and back."""
 import dataclasses
 import functools
 from collections.abc import Sequence
@@ -144,7 +144,7 @@ class Representation:
 
   def of_joints(self, joints: Num[A, "*lead t j 3"]) -> Num[A, "*lead t f"]:
     """Features (..., T, F) of joints that stay on their bones and in their place, a row for every frame."""
-    raise NotImplementedError(f"{type(self).__name__} is not told by joints as they are")
+    raise NotImplementedError(f"{type(self).__name__} does not follow from joints alone, frame by frame")
 
   def recover(self, features: Num[A, "*lead t f"]) -> Num[A, "*lead t j 3"]:
     """Features (..., T, F) of the right size to joints."""
@@ -180,21 +180,21 @@ class Representation:
     return slice(0, other.dim) if same and first == list(other.parts.items()) else None
 
   def narrows_to(self, other: "Representation") -> bool:
-    """Whether `narrow_to` can give the other one: it is a part of this one, or told by the joints of the same body."""
+    """Whether `narrow_to` can give the other one: a part of this one, or features of the joints of the same body."""
     return self.columns_of(other) is not None or other.joints_suffice and other.skeleton is self.skeleton
 
   def narrow_to(self, features: Num[A, "*lead t f"], other: "Representation",
                 joints: Num[A, "*lead t j 3"] | None = None) -> Num[A, "*lead t g"]:
-    """Features (..., T, F) as another representation that tells no more: a cut of the columns, or made of the joints.
+    """Features (..., T, F) as another representation with no more information: some columns, or made of the joints.
 
-    joints (..., T, J, 3): those of these features, where they are at hand. Raises ValueError where the other one holds
-    what is not here.
+    joints (..., T, J, 3): those of these features, if they are known already. Raises ValueError if the other
+    representation needs information that these features lack.
     """
     if other is self:
       return features
     if not self.narrows_to(other):
       raise ValueError(f"layout {self.name!r} does not hold what layout {other.name!r} needs; make features of the "
-                       "joints anew with motion_jax.motion.representations.to_features(joints, layout)")
+                       "joints with motion_jax.motion.representations.to_features(joints, layout)")
     columns = self.columns_of(other)
     if columns is not None:
       return features[..., columns]

@@ -5,9 +5,9 @@
   3:66      positions  the other joints: x and z beside the pelvis, y over the floor
   66:70     contacts   left ankle, left toes, right ankle, right toes stand, by `contacts.feet_stand`: 0 or 1
 
-Axes are the world's, as in `coordinates`. There a network that is off by centimetres from one latent to the next moves
-a whole body that walks metres; here it is off by a part of a step, and a walk goes one way. Where a motion begins is
-not told: joints come back with the pelvis of frame 0 over the origin.
+Axes are the world's, as in `coordinates`. There an error of centimetres from one latent to the next moves the whole
+body; here it changes the length of a step. The features do not contain where a motion begins: joints come back with the
+pelvis of frame 0 over the origin.
 """
 from functools import partial
 
@@ -41,8 +41,8 @@ class Steps(Coordinates):
     return xp.concatenate([rows, self._stands(wide)], axis=-1).astype(joints.dtype)
 
   def contacts(self, features: Num[A, "*lead f"]) -> None:
-    """None, so that cleanup sees from the motion itself which feet stand: told by what a generator makes of these
-    columns feet slide more (0.20 m/s against 0.15; `cdamd-small`, 16 motions)."""
+    """None: cleanup then detects standing feet from the motion itself. With the generated contact columns feet slide
+    more (0.20 m/s against 0.15; `cdamd-small`, 16 motions)."""
     return None
 
   def _stands(self, joints):
