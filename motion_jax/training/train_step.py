@@ -6,6 +6,7 @@ device gets its rows of the batch, and sums over the axis `stage.DEVICES` inside
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
+import chex
 import flax
 import jax
 import jax.numpy as jnp
@@ -83,6 +84,9 @@ def make_train_step(stage, tx, ema_decay, skip_loss=0.0, skip_spikes=0.0, accumu
   same for a gradient norm above skip_spikes times the median of the last ones (16 at least).
   accumulate_steps: number of parts of a device's rows whose gradients are computed one after the other and added; it is
   still one step on the whole batch. freeze: names below which parameters stay the same to the bit, without a gradient.
+
+  Shapes are checked while the step is traced, which costs nothing when it runs: ValueError for a loss whose sums or
+  weight are not scalars, AssertionError where gradients or updated parameters do not match the parameters.
   """
   frozen_or = lambda old, new: jax.tree_util.tree_map_with_path(  # old where frozen, else new
       lambda path, a, b: a if is_below(path, freeze) else b, old, new) if freeze else new
@@ -106,6 +110,10 @@ def make_train_step(stage, tx, ema_decay, skip_loss=0.0, skip_spikes=0.0, accumu
     of_rows = lambda rows: jax.grad(total, has_aux=True)(state.params, rows)
     grads, (sums, weight, extra) = of_rows(batch) if accumulate_steps == 1 else _in_parts(
         of_rows, batch, accumulate_steps)
+    chex.assert_trees_all_equal_shapes_and_dtypes(grads, state.params)
+    for name, value in {**sums, "weight": weight}.items():  # a weight for each row would broadcast
+      chex.assert_shape(value, (), custom_message=f"{name!r}: a stage's loss returns sums over the rows and one weight",
+                        exception_type=ValueError)
     # Sum first, divide last: devices hold unequal numbers of real frames.
     grads, sums, weight = jax.lax.psum((grads, sums, weight), DEVICES)
     return *jax.tree.map(lambda s: s / weight, (grads, sums)), extra
@@ -116,6 +124,9 @@ def make_train_step(stage, tx, ema_decay, skip_loss=0.0, skip_spikes=0.0, accumu
     ema_params = state.ema_params
     if ema_params is not None:
       ema_params = frozen_or(ema_params, optax.incremental_update(params, ema_params, 1 - ema_decay))
+    # Updates of another shape would broadcast, and another type would compile every step.
+    chex.assert_trees_all_equal_shapes_and_dtypes((params, ema_params, extra),
+                                                  (state.params, state.ema_params, state.extra))
     return TrainState(state.step, params, opt_state, ema_params, extra, state.norms)
 
   def update(state, grads, metrics, extra):

@@ -6,6 +6,7 @@ import pathlib
 import shutil
 import signal
 
+import chex
 import jax
 import jax.numpy as jnp
 import ml_collections
@@ -64,7 +65,8 @@ def test_two_steps_and_two_more_are_four(tmp_path):
   whole = train.train(_config(4), tmp_path / "whole", _stage(), _next_batch)
   train.train(_config(2), tmp_path / "parts", _stage(), _next_batch)
   parts = train.train(_config(4), tmp_path / "parts", _stage(), _next_batch, resume=True)
-  assert _equal(whole, parts) and int(parts.step) == 4
+  chex.assert_trees_all_equal(parts, whole)
+  assert int(parts.step) == 4
 
 
 @pytest.mark.slow
@@ -104,8 +106,8 @@ def test_a_run_without_an_average_has_no_copy_and_goes_on_where_one_was_saved(tm
 
 def test_a_run_folder_holds_averaged_parameters_metrics_and_a_curve(tmp_path):
   state = train.train(_config(3), tmp_path, _stage(), _next_batch)
-  assert _equal(checkpoint.load_params(tmp_path), state.ema_params)
-  assert _equal(checkpoint.load_params(tmp_path, name=checkpoint.RAW), state.params)
+  chex.assert_trees_all_equal(checkpoint.load_params(tmp_path), state.ema_params)
+  chex.assert_trees_all_equal(checkpoint.load_params(tmp_path, name=checkpoint.RAW), state.params)
   assert not _equal(state.ema_params, state.params)
   rows = read_metrics(tmp_path)
   assert [row["step"] for row in rows] == [1, 2, 3] and all(row["loss"] > 0 for row in rows)
@@ -228,7 +230,7 @@ def test_a_killed_run_goes_on_as_if_it_had_not_been(tmp_path):
     file.write('{"step": 4, "lo')
   (folder / "params.safetensors").unlink()  # the end may come between checkpoint and parameters
   parts = train.train(_config(4), folder, _stage(), _next_batch, resume=True)
-  assert _equal(whole, parts)
+  chex.assert_trees_all_equal(parts, whole)
   assert [row["step"] for row in read_metrics(folder)] == [1, 2, 3, 4]
   assert _equal(checkpoint.load_params(folder), whole.ema_params)
 

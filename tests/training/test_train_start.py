@@ -1,4 +1,5 @@
 """A run that begins with the parameters of another, all of them learning or some held still."""
+import chex
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -30,7 +31,7 @@ def tokenizer_config(name, start, size="small", **train):
 def _holds_what(run, setup):
   """Its frozen parts and its statistics are those of a run."""
   for name, part in run.frozen().items():
-    jax.tree.map(np.testing.assert_array_equal, part, setup.frozen[name])
+    chex.assert_trees_all_equal(part, setup.frozen[name])
   np.testing.assert_array_equal(setup.stats.std, run.stats.std)
 
 
@@ -55,7 +56,7 @@ def test_a_tokenizer_begins_as_that_inside_a_model_that_ships(name, size, model)
   stage = fit.setups()[config.stage](config)
   begun = fit._started_from(stage.stage._replace(init=zeros), config)
   run = runs.load_run(model)
-  jax.tree.map(np.testing.assert_array_equal, begun.init(None, None), run.frozen({"tokenizer": shapes})["tokenizer"])
+  chex.assert_trees_all_equal(begun.init(None, None), run.frozen({"tokenizer": shapes})["tokenizer"])
   np.testing.assert_array_equal(stage.stats.mean, run.stats.mean)
 
 
@@ -89,7 +90,7 @@ def test_a_generator_goes_on_from_a_model_that_ships(tmp_path):
   _holds_what(run, setup)
   shapes = jax.eval_shape(setup.stage.init, setup.next_batch(0), jax.random.key(0))
   begun = fit._started_from(setup.stage._replace(init=lambda *_: shapes), config).init(None, None)
-  jax.tree.map(np.testing.assert_array_equal, begun, run.params())
+  chex.assert_trees_all_equal(begun, run.params())
   config.loss.unit_latents = False
   with pytest.raises(ValueError, match="own scale .loss.unit_latents = True., config.loss.unit_latents is False"):
     fit.setups()[config.stage](config)
@@ -123,8 +124,8 @@ def test_a_new_decoder_goes_to_the_generator_of_its_latents(tmp_path):
   checkpoint.save_params(folder, params)
   runs.exchange_decoder("cmdm-small", folder, tmp_path / "new")
   made = runs.load_run(tmp_path / "new")
-  jax.tree.map(np.testing.assert_array_equal, made.frozen(), {**run.frozen(), "tokenizer": params})
-  jax.tree.map(np.testing.assert_array_equal, made.params(), run.params())
+  chex.assert_trees_all_equal(made.frozen(), {**run.frozen(), "tokenizer": params})
+  chex.assert_trees_all_equal(made.params(), run.params())
   with pytest.raises(ValueError, match="is there already"):
     runs.exchange_decoder("cmdm-small", folder, tmp_path / "new")
   params["params"]["encoder"]["head"]["bias"] += 1

@@ -1,12 +1,14 @@
 """A step is the same whatever maps it, and whatever number of devices takes part."""
 import jax
 import numpy as np
+import optax
 import pytest
 
 from motion_jax import fit
 from motion_jax.training import optimizers, train_step
 from tests import processes
 from tests.conftest import devices_env, load_config
+from tests.training.test_train import _next_batch, _stage
 
 MAPS = {"pmap": train_step.Pmap, "mesh": train_step.Mesh}
 
@@ -104,3 +106,26 @@ def test_a_batch_in_parts_is_the_whole_batch(name):
   for one, two in zip(*(jax.tree.leaves((state.params, losses)) for state, losses in found), strict=True):
     np.testing.assert_allclose(one, two, rtol=2e-3, atol=2e-5)
   assert int(state.step) == int(other.step) == len(losses) == len(theirs)
+
+
+def _one_step(stage, tx):
+  where, batch = train_step.Pmap(), _next_batch(0)
+  state = where.put(train_step.init_state(stage, tx, batch, jax.random.key(0)))
+  return where.compiled(train_step.make_train_step(stage, tx, 0.9))(state, {}, where.rows(batch), jax.random.key(1))
+
+
+def test_a_loss_with_a_weight_for_each_row_is_refused():
+  """It would divide every gradient by every row's weight."""
+  stage = _stage()
+
+  def loss(params, frozen, batch, *rest):
+    return stage.loss(params, frozen, batch, *rest)[0], batch["mask"]
+
+  with pytest.raises(ValueError, match="input 0 has shape .* but expected .*'weight': a stage's loss returns sums"):
+    _one_step(stage._replace(loss=loss), optax.sgd(0.1))
+
+
+def test_updates_that_would_broadcast_are_refused():
+  wide = optax.stateless(lambda updates, params: jax.tree.map(lambda a: a[None], updates))
+  with pytest.raises(AssertionError, match=r"'0/w'.*shapes: \(1, 3\) != \(3,\)"):
+    _one_step(_stage(), optax.chain(optax.sgd(0.1), wide))
