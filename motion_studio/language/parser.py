@@ -17,9 +17,10 @@ from motion_studio.language.clauses import clauses_of, fragments_of
 from motion_studio.language.counting import without
 from motion_studio.language.lexicon import HOLD, PAUSE
 from motion_studio.language.ordering import in_order, subject_of
-from motion_studio.language.plan import Action, Plan, Segment, pause
+from motion_studio.language.plan import Plan
 from motion_studio.language.poses import holding, is_hold, with_poses
 from motion_studio.language.rule import Rule
+from motion_studio.language.segments import Action, Segment, pause
 
 _TAKEN_TURN = re.compile(r"\b(?:take|takes|taking) (?:a|the|another) (?:left|right) turn\b", re.IGNORECASE)
 _HANDS_UP = re.compile(r"\bwith (?:(?:his|her|their|its|the|a|an|one|both) )*((?:left |right )?)(hands?|arms?) "

@@ -1,12 +1,10 @@
 """The shape and pace of a path, as a sentence describes them: `checks.path_violations` measures it on joints."""
 import re
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from motion_studio.language import lexicon
-
-if TYPE_CHECKING:
-  from motion_studio.language.plan import Action
+from motion_studio.language.segments import Action
 
 _SPELT = ((r"\b(counter|anti)[- ]?clock-?wise\b", "counterclockwise"), (r"\bzig[- ]zag", "zigzag"),
           (r"\bsemi[- ]?circle|\bhalf(?: of)? an? circle|\bhalf-circle", "half circle"), (r"\bu turn", "u-turn"))

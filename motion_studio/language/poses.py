@@ -2,8 +2,8 @@
 from motion_studio.language import actions, lexicon
 from motion_studio.language.clause import lower
 from motion_studio.language.lexicon import HOLD, PAUSE
-from motion_studio.language.plan import Action, Segment
 from motion_studio.language.rule import Rule
+from motion_studio.language.segments import Action, Segment
 
 
 def is_hold(verb, words):

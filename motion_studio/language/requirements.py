@@ -1,13 +1,11 @@
 """What actions require of a motion, as far as it can be measured on joints: `checks.violations` measures it."""
 import re
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from motion_studio.language import lexicon
 from motion_studio.language.path_shapes import BENT, is_gait, path_shapes_of
-
-if TYPE_CHECKING:
-  from motion_studio.language.plan import Action
+from motion_studio.language.segments import Action
 
 _TURNING = re.compile(r"\bturn(?:s|ing)(?: (?:around|back|sharply|gently|quickly|slowly))*(?: to (?:the|his|her))? "
                       r"(left|right)\b|\b(left|right) turn\b")
