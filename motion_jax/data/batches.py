@@ -1,7 +1,7 @@
-"""Batches: what is drawn, cut and padded is a pure function of (seed, step), so a resumed run sees the same data.
+"""Batches: items, cuts and padding are a pure function of (seed, step), so a resumed run sees the same data.
 
-Each batch can be made in parts, for one of several processes: `rows`, a slice of its B rows, says which are read; they
-are the same as in the whole batch.
+Each of several processes can make its own part of a batch: `rows` is a slice of the B rows, equal to those rows of the
+whole batch.
 """
 import dataclasses
 import functools
@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 ALL = slice(None)
-_SHORT = 0.1  # share of clips that may be shorter than a window without a word said
+_SHORT = 0.1  # share of clips that may be shorter than a window without a warning
 
 
 def step_rng(seed, *path):
@@ -20,9 +20,9 @@ def step_rng(seed, *path):
 
 
 def epoch_indices(num_items, batch_size, seed, step):
-  """Indices (batch_size,) of a batch when every item comes once an epoch, the last partial batch dropped.
+  """Indices (batch_size,) of a batch if every item occurs once per epoch; the last partial batch is dropped.
 
-  Of fewer items than a batch some come more than once in it, each as often as another, or once more.
+  With fewer items than batch_size, items repeat within a batch, all equally often up to one.
   """
   if not num_items:
     raise ValueError(f"got no items for batches of {batch_size}; add data")
@@ -44,10 +44,10 @@ def _epoch(num_items, seed, epoch):
 
 
 def window_starts(lengths, window, stride, released=False):
-  """Where the windows of clips of so many rows begin: (N, 2), the clip's number and the window's first row.
+  """The windows of clips with these numbers of rows: (N, 2), the clip's number and the window's first row.
 
-  Clips shorter than the window are left out. released: the list of CDAMD's and MARDM's released loader, as many as rows
-  beyond the first window (docs/papers/cdamd.md#items), every stride-th of it.
+  Clips shorter than the window are left out. released: the list of CDAMD's and MARDM's released loader, one window per
+  row beyond the first window (docs/papers/cdamd.md#items), every stride-th of it.
   """
   if released:
     # Parity: its last possible start is never used, a clip of just the window's rows gives nothing, and the first start
@@ -66,9 +66,9 @@ class Windows:
   """Windows of a fixed number of frames from clips, for the autoencoders (docs/papers/cmdm.md#items).
 
   features: list of normalized (T_i, F); clips shorter than the window are left out. released: see `window_starts`.
-  groups: what each clip shows; with balance > 0 windows are drawn with replacement, those of rare groups more often
-  (`balance_weights`), else each comes once an epoch. short: every second batch is of windows of so many frames, in
-  which clips take part that are shorter than the others, and more windows are the beginning of a clip; 0, none is.
+  groups: the action of each clip; with balance > 0 windows are drawn with replacement, those of rare groups more often
+  (`balance_weights`), else each occurs once per epoch. short: length of the windows of every second batch, which then
+  includes shorter clips and more beginnings of clips; 0: no such batches.
   """
   features: list[np.ndarray]
   window: int = 64
@@ -117,7 +117,7 @@ Segments = tuple[tuple[str, int, int], ...]  # (caption, first frame, frame past
 
 
 class Draw(NamedTuple):
-  """A batch as it is drawn: clips (B,), their first frames (B,) and frames (B,), a caption each, the padded length.
+  """The items of a batch: clips (B,), their first frames and numbers of frames (B,), captions, the padded length.
 
   segments: for clips with per-segment captions, their parts inside the cut; () for other clips; None if there are none.
   """
@@ -133,18 +133,18 @@ class Draw(NamedTuple):
 class TextItems:
   """Clips with captions, for the generators (docs/papers/cmdm.md#items, docs/papers/cdamd.md#items).
 
-  features: list of normalized (T_i, F), captions: a list of captions for each. `lengths` are the padded frame counts on
-  offer, rising; a batch is drawn from the items of one of them, which saves the arithmetic of padding. One length pads
-  everything to the same, as the reference does. `weights` (one per item) make the draw with replacement in proportion
-  to them, for data with rare actions; without them and with one length every item comes once an epoch.
+  features: list of normalized (T_i, F), captions: a list of captions for each. `lengths` are the possible padded frame
+  counts, rising; a batch is drawn from the items of one of them, which saves computing padding. With one length
+  everything is padded to it, as in the reference. `weights` (one per item) are sampling weights with replacement, for
+  data with rare actions; without them and with one length every item occurs once per epoch.
 
-  max_frames is the longest padded length. No item has more real frames than crop_frames, where these are given: whole
-  latents may not fill whole blocks (320 frames are 80 latents, padded to 27 blocks of 3: 324 frames;
-  docs/papers/cmdm.md#data-sets). keep_long cuts clips that are longer instead of leaving them out. shorten_rate is
-  how often the frames of one latent less are taken.
+  max_frames is the longest padded length. crop_frames, if given, is the most real frames of an item: whole latents may
+  not fill whole blocks (320 frames are 80 latents, padded to 27 blocks of 3: 324 frames;
+  docs/papers/cmdm.md#data-sets). keep_long cuts longer clips instead of leaving them out. shorten_rate is the
+  probability that an item is shortened by the frames of one latent.
 
-  spans: the parts of each clip that was put together of several, () of others; per_segment_captions is how often such a
-  clip has the captions of its parts, each in its own frames, instead of one sentence about all of it.
+  spans: the parts of each clip that was joined from several, () for others; per_segment_captions is the probability
+  that such a clip has the captions of its parts, each in its own frames, instead of one caption for all of it.
   """
   features: list[np.ndarray]
   captions: list[list[str]]
@@ -179,7 +179,7 @@ class TextItems:
     return len(self.kept)
 
   def draw(self, batch_size, seed, step):
-    """Which cuts of which clips make a batch, and which of their captions."""
+    """Draws the clips of a batch, the cut and the caption of each."""
     rng = step_rng(seed, 1, step)
     if self.weights is None and len(self.lengths) == 1:
       chosen = self.kept[epoch_indices(len(self), batch_size, seed, step)]
@@ -237,7 +237,7 @@ def _inside(spans, first, past):
 
 
 def balance_weights(groups, power):
-  """Weights (N,) that draw group g in proportion to count(g) ** (1 - power): 0 as it is, 1 all groups alike."""
+  """Weights (N,) that draw group g in proportion to count(g) ** (1 - power): 0 by frequency, 1 all groups equally."""
   names, inverse, counts = np.unique(groups, return_inverse=True, return_counts=True)
   return counts[inverse].astype(np.float64) ** -power
 

@@ -1,4 +1,4 @@
-"""Any source to a HumanML3D-layout folder: an archive, or motion-capture files and a table of captions."""
+"""Build a HumanML3D-layout folder from an archive, or from motion-capture files and a table of captions."""
 import collections
 import hashlib
 import math
@@ -19,18 +19,18 @@ from motion_jax.utils.numerals import SECONDS, NumberError, named, real
 LONGEST = 200  # frames; the field's loaders leave longer clips out
 _COLUMNS = ("file", "caption", "start", "end", "split", "source", "license")
 _SECONDS = real(*SECONDS, unit="seconds")
-_ENOUGH = 5  # recordings from which on each split gets one
+_ENOUGH = 5  # number of recordings from which on each split gets at least one
 _SPLITS = (("train", 0.80), ("val", 0.85), ("test", 1.0))  # HumanML3D's shares
 
 
 def build(source, out, captions=None, mapping=None, mode="corrected", mirror=True, fps=None, overwrite=False,
           progress=True, source_fps=None, faults=None) -> str:
-  """Makes folder out of a source and returns a summary to print.
+  """Builds folder `out` from a source and returns a summary to print.
 
   source: a data folder, such as an archive (motions.npz, captions.jsonl), or a folder of BVH or AMC files (in
   sub-folders too) with a table of captions (CSV, TSV, JSONL; None: captions.* in the source). mapping: a table's
-  name, a JSON file or a dict {our joint: theirs}. fps: of the folder (20); source_fps: the captured files' frames are
-  so many a second, whatever they state (.amc files state nothing: 120). Clips of more than 200 frames are cut into
+  name, a JSON file or a dict {our joint: theirs}. fps: of the folder (20); source_fps: frame rate of the captured
+  files, replacing the one that they state (.amc files state none: 120). Clips of more than 200 frames are cut into
   equal pieces; clips without a split get one from a hash of their name, 80 % train, 5 % val, 15 % test. faults: a list
   that takes (file, what is wrong) of captured files that cannot be read, which are left out; without it the first is
   raised. Nothing is left in out if anything fails.
@@ -144,7 +144,7 @@ def with_own_ids(clips, mirror=True):
 
 
 def pieces(clip, longest=LONGEST):
-  """A clip, or equal pieces of it with at most so many frames; spans that reach into a piece for a second stay."""
+  """A clip, or equal pieces of it with at most `longest` frames; a piece keeps spans that overlap it by a second."""
   num = math.ceil(clip.num_frames / longest)
   if num == 1:
     return [clip]
@@ -176,7 +176,7 @@ def with_splits(clips):
     chosen = [clip.split or "train" for clip in clips]
   names = sorted({_recording(clip) for clip in clips}, key=lambda name: hashlib.sha256(name.encode()).digest())
   if len(names) >= _ENOUGH and not any(clip.split for clip in clips):
-    # A few dozen: the hash may leave nothing to watch the training by, or to judge what came of it.
+    # A few dozen clips: the hash may leave val or test empty.
     for split in ("val", "test"):
       if split not in chosen:
         of_train = [name for name in names if all(
@@ -191,7 +191,7 @@ def _recording(clip):
 
 
 def summary(out, info, left_out=()) -> str:
-  """What was written, for people."""
+  """A summary of the folder that was written, to print."""
   seconds = info["num_frames"] / info["fps"]
   lines = [f"{out}: {info['num_clips']} clips, {info['num_frames']} frames, {seconds / 3600:.2f} hours at "
            f"{info['fps']:g} frames a second, {info['layout']} features, {info['mode']} mode",

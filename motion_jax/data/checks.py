@@ -1,4 +1,4 @@
-"""Single checks of `doctor`: of a motion, its texts, its statistics. Each tells what it finds to `found.add`."""
+"""The checks of `doctor` for a motion, its texts and its statistics. Each reports faults by `found.add`."""
 import numpy as np
 
 from motion_jax.motion import plausibility
@@ -12,9 +12,9 @@ from motion_jax.utils.input_files import load_npy
 _OFFICIAL_STD = (0.012826, 0.016927, 0.153766, 0.122244, 0.299692, 0.019470, 0.355933)
 _EVALUATOR_STD = (0.00051467, 0.00067693, 0.00612082, 0.12255538, 0.30038649, 0.01954057, 0.01409494)
 
-SMALL_LEAST = 20  # rows that the small sizes of configs want of a clip (configs/: data.min_frames)
-_FEW = 0.1        # of a split's clips may be too short without a warning
-_TWISTED, _CROSSED = 65, 100  # degrees from hips to shoulders; of 1,600 captured and hand-made clips the most has 55
+SMALL_LEAST = 20  # minimum rows of a clip in the small sizes of configs (configs/: data.min_frames)
+_FEW = 0.1        # share of a split's clips that may be too short without a warning
+_TWISTED, _CROSSED = 65, 100  # degrees between hips and shoulders; 1,600 captured and hand-made clips have at most 55
 
 LEAK = "results on test or val would be too good: keep each recording in one split"
 
@@ -30,7 +30,7 @@ def load(path, found):
 
 
 def error_detail(error, path):
-  """What an error says behind the path that it begins with."""
+  """The text of an error without the path that it begins with."""
   return str(error).removeprefix(str(path)).lstrip(":/ ")
 
 
@@ -46,7 +46,7 @@ def compare_joints(saved, recovered, layout, name, found):
 
 
 def report_lengths(rows, splits, least, found):
-  """Clips that training leaves out: of less than `least` rows, by split, or of 200 and more. rows: {id: rows}."""
+  """Reports clips that training leaves out: below `least` rows, by split, or from 200 on. rows: {id: rows}."""
   for split, ids in splits.items():
     lengths = np.array([rows[one] for one in ids if one in rows])
     short = lengths < least
@@ -74,7 +74,7 @@ def report_duplicates(hashes, splits, found):
 
 
 def check_stats(folder, layout, own, found):
-  """Are Mean and Std there, of this representation, by block, and of this data?"""
+  """Reports Mean and Std that are missing, of another representation, not by block, or of other data."""
   values = {}
   for name in ("Mean", "Std"):
     path = folder / f"{name}.npy"
@@ -125,14 +125,14 @@ def _twist(joints, skeleton):
 
 
 class Body:
-  """What a body should not do: sink, float, slide, grow, walk on its back."""
+  """Checks bodies: feet below or above the floor, sliding feet, bones that change, exchanged sides."""
 
   def __init__(self, found, skeleton, canonical=True):
     self.found, self.skeleton, self.canonical = found, skeleton, canonical
     self.floors, self.slides, self.heights, self.backwards = [], [], [], []
 
   def check(self, name, joints):
-    """joints (T, J, 3) in the skeleton's unit; a single frame tells of no motion."""
+    """Checks joints (T, J, 3) in the skeleton's unit; a single frame is skipped."""
     if len(joints) < 2:
       return
     skeleton, add = self.skeleton, self.found.add

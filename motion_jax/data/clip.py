@@ -1,4 +1,4 @@
-"""One record of motion, whatever file it came from."""
+"""A motion clip with captions and metadata."""
 import dataclasses
 from typing import Any, Self
 
@@ -27,9 +27,9 @@ class Caption:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Clip:
-  """A motion: joints (T, J, 3) in the skeleton's unit, y up, with what is known of it.
+  """A motion: joints (T, J, 3) in the skeleton's unit, y up, with captions and metadata.
 
-  `features` (T - 1, F) are there when the file held them. Raises ValueError for a wrong shape or a frame that is not
+  `features` (T - 1, F) are present if the file held them. Raises ValueError for a wrong shape or a frame that is not
   finite.
   """
   joints: np.ndarray

@@ -1,4 +1,4 @@
-"""Captions of folders of motion, from what the motions show (`data.describe`): made, checked and written as a table."""
+"""Caption folders of motion by kinematics (`analysis.describe`), and write the captions as a table."""
 import csv
 import pathlib
 

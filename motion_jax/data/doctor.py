@@ -1,4 +1,4 @@
-"""What is wrong with a data folder, and what to do about it, as its data set knows."""
+"""Check a data folder: faults, and advice for each, by the checks of its data set."""
 import collections
 import dataclasses
 import pathlib
@@ -13,7 +13,7 @@ LEVELS = ("error", "warning", "note")
 
 @dataclasses.dataclass(frozen=True)
 class Finding:
-  """One kind of fault: how bad, what, how often, where for example, what to do."""
+  """One kind of fault: level, description, count, examples, advice."""
   level: str
   what: str
   count: int
@@ -30,16 +30,16 @@ class Report:
 
   @property
   def ok(self) -> bool:
-    """No errors; warnings and notes do not keep anybody from training."""
+    """Whether there are no errors; training is possible with warnings and notes."""
     return not any(finding.level == "error" for finding in self.findings)
 
 
 def examine(folder, progress=False) -> Report:
-  """Looks at every file of a data folder. Raises FileNotFoundError if the folder is of no data set that is known."""
+  """Checks every file of a data folder. Raises FileNotFoundError if no known data set matches the folder."""
   folder = pathlib.Path(folder)
   found = _Findings()
   dataset = dataset_of(folder)
-  with np.errstate(all="ignore"):  # numbers may be of any size here, and are told about
+  with np.errstate(all="ignore"):  # numbers may be of any size here, and are reported
     facts = dataset.examine(folder, found, progress)
   return Report(str(folder), tuple(facts), found.sorted())
 
@@ -56,10 +56,10 @@ def format_report(report) -> str:
     lines += [f"{finding.level:<8} {finding.count:>6}  {finding.what}" + (f": {examples}" if finding.examples else "")]
     lines += textwrap.wrap(finding.advice, 100, initial_indent=" " * 17 + "-> ", subsequent_indent=" " * 20)
   counts = collections.Counter(finding.level for finding in report.findings)
-  told = ", ".join(f"{counts[level]} {level}{'s' * (counts[level] != 1)}" for level in LEVELS if counts[level])
+  totals = ", ".join(f"{counts[level]} {level}{'s' * (counts[level] != 1)}" for level in LEVELS if counts[level])
   state = ("not healthy: repair the errors before training" if counts["error"] else
            "usable: read the warnings before training" if counts["warning"] else "healthy")
-  lines.append(state + (f" ({told})" if told else ""))
+  lines.append(state + (f" ({totals})" if totals else ""))
   return "\n".join(lines)
 
 

@@ -1,4 +1,4 @@
-"""A clip's captions, corrected and completed by what its motion shows (`motion_jax.analysis`)."""
+"""Correct and complete the captions of a clip by its kinematics (`motion_jax.analysis`)."""
 from motion_jax.analysis.describe import corrected, events_of, sentences, who_moves
 from motion_jax.analysis.events import Event
 from motion_jax.data.clip import Caption, Clip

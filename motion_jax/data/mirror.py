@@ -1,4 +1,4 @@
-"""The same motion in a mirror, with a caption that says so: left becomes right, clockwise counterclockwise."""
+"""Mirror a motion and its captions: left becomes right, clockwise becomes counterclockwise."""
 import re
 
 from motion_jax.data.clip import Clip
@@ -81,7 +81,7 @@ def mirror_legs(text) -> str:
 
 
 def mirror_clip(clip) -> Clip:
-  """The clip in a mirror, named "M" + id, with mirrored captions; features, if any, are to be made anew."""
+  """The mirrored clip, with id "M" + id and mirrored captions; without features, which have to be recomputed."""
   captions = tuple(_with_text(caption, mirror_caption(caption.text)) for caption in clip.captions)
   meta = {key: value for key, value in clip.meta.items() if key != "tokens"}
   if "spans" in meta:

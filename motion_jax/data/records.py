@@ -1,4 +1,4 @@
-"""Any data folder to records: features in the files of tensorflow-datasets (`datasets.records` reads them)."""
+"""Convert any data folder to records: features in the files of tensorflow-datasets (read by `datasets.records`)."""
 import json
 import pathlib
 import shutil
@@ -17,15 +17,15 @@ SPLITS = ("train", "val", "test")
 
 
 def write(folders, out, layout="full", mode="corrected", mirror=True, overwrite=False) -> str:
-  """Makes records of data folders of any known kind, and returns a summary to print.
+  """Converts data folders of any known data set to records, and returns a summary to print.
 
-  layout: of the features, `motion.representations`; mode and mirror: how they are made, where a folder does not hold
-  them already. Nothing is left in out if anything fails. Raises InputError without the extra `data`.
+  layout: of the features (`motion.representations`); mode and mirror: how to compute features that a folder does not
+  hold already. `out` is created only if everything succeeds. Raises InputError without the extra `data`.
   """
   tfds, layout = records.tensorflow_datasets(), get_layout(layout)
   config = ml_collections.ConfigDict(dict(data=dict(name="archive", folder="", folders=tuple(map(str, folders)),
                                                     layout=layout.name, mode=mode, mirror=mirror)))
-  told, config = sources.recognize(config), config.data
+  message, config = sources.recognize(config), config.data
   splits = {}
   for split in SPLITS:
     parts, whole = (sources.load_items(config, split, captioned) for captioned in (True, False))
@@ -45,11 +45,11 @@ def write(folders, out, layout="full", mode="corrected", mirror=True, overwrite=
     about = dict(format="records", layout=layout.name, mode=config.mode, license="; ".join(licenses),
                  splits={split: [row(item) for item in items] for split, items in splits.items()})
     (folder / records.INDEX).write_text(json.dumps(about, ensure_ascii=False) + "\n", encoding="utf-8")
-    # By this file a folder is known as one that this program made and may overwrite.
+    # This file marks a folder that this program made and may overwrite.
     origin = dict(format="records", sources=[pathlib.Path(one).name for one in folders])
     (folder / "dataset.json").write_text(json.dumps(origin) + "\n", encoding="utf-8")
   counts = ", ".join(f"{split} {len(items)}" for split, items in splits.items())
-  return "\n".join(line for line in (told, f"wrote {out}: {counts} clips of {layout.name} features") if line)
+  return "\n".join(line for line in (message, f"wrote {out}: {counts} clips of {layout.name} features") if line)
 
 
 def _write_tfds(tfds, folder, splits, layout):

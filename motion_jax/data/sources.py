@@ -1,4 +1,4 @@
-"""From a config's data section to clips as features: whatever the source, training sees one thing.
+"""Load the clips of a config's data section as features, from any source.
 
   data.name     data.folder (or folders)        layouts                          more
   humanml3d     HumanML3D's or KIT-ML's         full, essential, coordinates     KIT: full_kit, essential_kit, ...
@@ -9,9 +9,8 @@
                                                                                  augment
   synthetic     none                            any                              mode, mirror, num_clips
 
-What each of them does is in its file of `data.datasets`; `datasets.registry` lists them. A folder is looked at before
-it is read (`recognize`): one that `motion-jax data build` made works with a config for archives, and the other way
-round.
+Each data set is a file of `data.datasets`; `datasets.registry` lists them. The data set of a folder is detected before
+it is read (`recognize`): a folder that `motion-jax data build` made works with a config for archives, and vice versa.
 """
 import contextlib
 import contextvars
@@ -19,7 +18,7 @@ import dataclasses
 
 import numpy as np
 
-from motion_jax.data.datasets.base import TextItem, asked_kinds, clip_items
+from motion_jax.data.datasets.base import TextItem, augment_shares, clip_items
 from motion_jax.data.datasets.records import RecordedFeatures
 from motion_jax.data.datasets.registry import DATASETS, dataset_of, get_dataset
 from motion_jax.motion.representations import FeatureLayout, get_layout
@@ -45,12 +44,11 @@ class FeatureSet:
 
 
 def recognize(config):
-  """Puts into a config's data section what its folders are, and returns what to tell of that, or "".
+  """Detects the data sets of a config's folders, updates its data section, and returns a message for the user, or "".
 
-  config: a copy that is not locked, as `fit.resolve` makes it: nobody's own config is changed.
-  data.name and data.folder or data.folders are made to agree with what lies there, where the data set that data.name
-  says may give way to others: one folder as its own data set has it (`Dataset.settle`), several as "archive", read clip
-  by clip. Other kinds of data are what they are said to be.
+  config: an unlocked copy, as `fit.resolve` makes it. If data.name is a data set that is read clip by clip, data.name
+  and data.folder or data.folders are set to what the folders hold: a single folder is configured by its own data set
+  (`Dataset.configure`), several are read clip by clip as "archive". Other data sets are used as named.
   """
   data = config.data
   if data.name not in DATASETS or not DATASETS[data.name].by_clip:
@@ -62,7 +60,7 @@ def recognize(config):
     raise InputError(f"got data.folder {data.folder!r} and data.folders {tuple(data.folders)}; give one of them")
   datasets = [_readable_by_clip(folder) for folder in folders]
   if len(folders) == 1:
-    return datasets[0].settle(data, folders[0])
+    return datasets[0].configure(data, folders[0])
   data.update(name="archive", folder="", folders=folders)
   return "" if {one.name for one in datasets} == {"archive"} else f"data: {len(folders)} folders, read clip by clip"
 
@@ -126,7 +124,7 @@ def load_items(config, split="train", captioned=True) -> list[TextItem]:
   if config.get("kinematic_captions", False) and "kinematic_captions" not in dataset.fields:
     raise InputError(f"got data.kinematic_captions=True for {config.folder}, {dataset.holds}; captions by kinematics "
                      "are added to clips of archives, or of several folders that are read clip by clip")
-  if asked_kinds(config) and "augment" not in dataset.fields:
+  if augment_shares(config) and "augment" not in dataset.fields:
     raise InputError(f"got data.augment for {config.folder}, {dataset.holds}; more clips are made of those of "
                      "archives, or of several folders that are read clip by clip")
   return dataset.items(config, split, layout, captioned)
@@ -161,9 +159,9 @@ _kept = contextvars.ContextVar("features that are kept", default=None)
 
 @contextlib.contextmanager
 def keep_features():
-  """While it lasts, features are made once for each representation, split and statistics, and then given again.
+  """Caches features by representation, split and statistics while the block runs.
 
-  For programs that train many runs on the same data; they take memory until the end.
+  For programs that train many runs on the same data; the cache takes memory until the block ends.
   """
   token = _kept.set({})
   try:
@@ -173,10 +171,10 @@ def keep_features():
 
 
 def _key(config, split, captioned):
-  """What decides the features of a split, but for their statistics: what its data sets say that they read."""
+  """The settings that determine the features of a split, except for their statistics."""
   folders = tuple(config.get("folders") or ()) if get_dataset(config.name).by_clip else ()
   readers = [dataset_of(folder) for folder in folders] or [get_dataset(config.name)]
-  asked = config.to_dict() | {"captioned": captioned or bool(folders)}
+  settings = config.to_dict() | {"captioned": captioned or bool(folders)}
   fields = sorted({"kinematic_captions", *(field for reader in readers for field in reader.fields)} - {"augment"})
   return (config.name, folders or config.get("folder"), config.layout, split,
-          tuple(sorted(asked_kinds(config).items())), *((field, asked.get(field) or None) for field in fields))
+          tuple(sorted(augment_shares(config).items())), *((field, settings.get(field) or None) for field in fields))

@@ -1,4 +1,4 @@
-"""A store: what frozen networks make of training data, computed once and kept on disk.
+"""A store: the outputs of frozen networks for training data, computed once and kept on disk.
 
 `motion-jax data encode` writes one: the latents (and codes) of every cut that training may draw of a clip, and the
 features of every caption. A training run that names it in data.store reads rows instead of running the encoders in
@@ -77,7 +77,7 @@ def writing(folder):
 
 
 class Store:
-  """A store that was written; its tables are mapped into memory, and read where they are asked for."""
+  """A store on disk, opened for reading; its tables are memory-mapped."""
 
   def __init__(self, folder):
     self.folder = folder = pathlib.Path(folder)

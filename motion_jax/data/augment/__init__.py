@@ -1,4 +1,4 @@
-"""More training clips from the same capture, each with captions that are true of it (docs/augmentation.md).
+"""Augment training data: new clips made from captured ones, with captions to match (docs/augmentation.md).
 
   stitched    two or three clips whose poses meet: "A, then B"
   bent_paths  straight walks and runs on circles, arcs, u-turns and zigzags
@@ -6,11 +6,11 @@
   counted     one action done once to four times: "kicks with the right foot twice"
   excerpts    a short cut around what is done in a longer clip: "punches with the right hand"
   seats       sitting down or standing up, cut out of a clip of both
-  wandering   whatever goes somewhere, on a path that turns at random: for training on constraints
+  wandering   any locomotion, on a path that turns at random: for training on constraints
   time_warp   0.7 to 1.4 times as fast: "walks slowly", "bows quickly"
 
-How many of each there are is said as a share of the clips that they are made of. What is made is a pure function of
-clips and shares. Clips of different sources are never joined: their licences need not allow it.
+The number of each is a share of the captured clips. The new clips are a pure function of clips and shares. Clips of
+different sources are never joined, as their licences may not allow it.
 """
 import zlib
 from collections.abc import Callable
@@ -28,18 +28,18 @@ from motion_jax.data.augment.wandering import wandering
 from motion_jax.data.augment.warps import time_warp
 from motion_jax.data.clip import Clip
 
-# {kind: function(parts, rng) that yields clips, or None for an attempt that came to nothing, without end}
+# {kind: function(parts, rng), an endless generator of clips, or None for failed attempts}
 KINDS: dict[str, Callable] = {"stitched": stitched, "bent_paths": bent_paths, "idle": idle, "counted": counted,
                               "excerpts": excerpts, "seats": seats, "wandering": wandering,
                               "time_warp": time_warp}
-_ATTEMPTS = 8  # for each clip that is asked for
+_ATTEMPTS = 8  # at most, for each requested clip
 
 
 def augmented(clips, shares, progress=False) -> list[Clip]:
   """New clips made of training clips; shares: {kind: how many of it for each of these}, kinds as in `KINDS`.
 
-  Clips of other skeletons than HumanML3D's, or of other rates than 20 frames a second, are left aside. There may be
-  fewer new ones than asked for where too few clips fit.
+  Clips of other skeletons than HumanML3D's, or of other rates than 20 frames a second, are not used. There are fewer
+  new clips than requested if too few fit.
   """
   unknown = sorted(set(shares) - set(KINDS))
   if unknown:

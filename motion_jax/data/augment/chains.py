@@ -1,4 +1,4 @@
-"""Clips one after the other: pairs and triples ("stitched"), and standing still before or after an action ("idle")."""
+"""Join clips: pairs and triples of actions ("stitched"), and standing still before or after an action ("idle")."""
 import re
 from collections.abc import Iterator
 

@@ -1,7 +1,7 @@
-"""Actions done so often: kicks, jumps, squats, bows, waves that are done once more, or once less, and counted.
+"""Counted actions: kicks, jumps, squats, bows and waves, repeated once more or once less, with a count in the caption.
 
-Where a body is again as it was before an action, the action may be played again or left out (`motion.splicing`). What
-is said of a clip is how often the rules that describe motion find the action in it.
+If a body returns to its pose before an action, the action can be repeated or left out (`motion.splicing`). The caption
+states how often the kinematic rules (`analysis`) find the action in the new clip.
 """
 import collections
 import re
@@ -58,7 +58,7 @@ def counted(parts, rng) -> Iterator[Clip | None]:
 
 
 def how_often(events) -> int | None:
-  """How often the one action that events are of is done, 0 where that is in doubt; None where there is no such one."""
+  """How often the action of the events is done: 0 if that is uncertain, None if there is no single such action."""
   acts = [event for event in events if event.kind not in _BESIDE]
   if len({(event.kind, event.side) for event in acts}) != 1 or acts[0].kind not in COUNTED:
     return None
@@ -108,7 +108,7 @@ def _repeated(part, cycles, number, rng):
     joints = spliced(joints, first, joints, past, fade=fade)
   for k in range(more):
     joints = spliced(joints, past + k * (past - first), part.joints, first, fade=fade)
-  if often == 1:  # so long as it may be, something of what is before and behind is kept
+  if often == 1:  # keep some frames before and after the action, as far as the longest clip allows
     least = (more + 1) * (past - first) + 2 * _EDGE
     head = min(head, _EDGE + (MOST - least) // 2, first)
     joints = joints[first - head:]
@@ -135,7 +135,7 @@ def _acts(events):
 
 def _said(part, joints, events, often, done, number):
   merged = []
-  for event in events:  # bows, one after the other, are one event of so many
+  for event in events:  # consecutive bows are one event with a count
     if merged and event.kind in COUNTED and (merged[-1].kind, merged[-1].side) == (event.kind, event.side):
       merged[-1] = merged[-1]._replace(end=event.end, count=merged[-1].count + event.count)
     elif event.kind != "still" or not merged or event.start < 1e-9 or event.end >= (len(joints) - 1.5) / FPS:

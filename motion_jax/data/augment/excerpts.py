@@ -1,7 +1,7 @@
-"""Short cuts around what is done in a longer clip: "punches with the right hand", where a clip of boxing is long.
+"""Short excerpts around one action of a longer clip: "punches with the right hand" out of a long clip of boxing.
 
-A clip of eight seconds in which a fist flies out three times teaches little of what a punch is; of an excerpt what a
-sentence names is the most. What is said of it is what the rules that describe motion find in it.
+Three punches in a clip of eight seconds teach a model little about a punch; in an excerpt most frames show what the
+caption names. The captions state what the kinematic rules (`analysis`) find in the excerpt.
 """
 import collections
 import re

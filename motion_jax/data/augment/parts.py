@@ -18,8 +18,8 @@ from motion_jax.text.captions import known_subject, without_subject
 
 MOST = 196     # frames of a clip that is made: what generators are trained on
 SHORTEST = 36  # frames of a walk that are worth a sentence
-# How many of the three sentences by kinematics of a bent path or a counted clip leave the manner out. Few captured
-# clips show such a thing: hardly a plain caption would say so, and "a person walks in a circle" led in few circles.
+# Of three kinematic captions of a bent path or a counted clip, the number that leave the manner out. Few captured clips
+# show such motions: with fewer plain captions, models seldom walked a circle for "a person walks in a circle".
 PLAIN = 2
 _EDGE = 14     # frames at either end of a clip in which its action may not have begun, or be over
 _ENDS = re.compile(r"\b(then|still|stops?)\b")
@@ -52,7 +52,7 @@ class Part(NamedTuple):
 
   @property
   def subject(self) -> str:
-    """Who moves, where its captions tell the manner so; else ""."""
+    """The subject of its captions if that expresses the manner; else ""."""
     return who_moves(caption.text for caption in self.clip.captions)
 
   @property

@@ -1,6 +1,6 @@
-"""Straight walks and runs on other paths: circles, arcs, u-turns, zigzags (`motion.root_paths`), and said to be so.
+"""Bend straight walks and runs onto circles, arcs, u-turns and zigzags (`motion.root_paths`), with captions to match.
 
-A clip is only kept if the rules that describe motion find the path and its side in it.
+A clip is kept only if the kinematic rules (`analysis`) find the path and its side in it.
 """
 import re
 from collections.abc import Iterator
@@ -67,8 +67,8 @@ def _bent(one, event, rng, number):
   words = {"side": side, "clock": "counterclockwise" if left else "clockwise"}
   said = [_on_a_path(caption.text, phrase.format(**words)) for caption in one.clip.captions
           for phrase in [_SHAPES[shape][rng.integers(len(_SHAPES[shape]))]]]
-  told = sentences(events, (len(made) - 1) / FPS, key=f"{one.clip.id}{number}", subject=one.subject, plain=PLAIN)
-  captions = [*filter(None, said), *told]
+  described = sentences(events, (len(made) - 1) / FPS, key=f"{one.clip.id}{number}", subject=one.subject, plain=PLAIN)
+  captions = [*filter(None, said), *described]
   return new_clip("bent", number, made, captions, one, f"{event.kind} {shape}") if captions else None
 
 

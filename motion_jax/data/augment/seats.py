@@ -1,6 +1,6 @@
-"""Sitting down and standing up, each alone: a clip that does both, and more, says little of either.
+"""Excerpts of sitting down and of standing up, cut out of clips that show both.
 
-Rules that describe motion do not know chairs, so only clips whose captions speak of sitting are looked at.
+The kinematic rules do not know chairs, so only clips whose captions mention sitting are used.
 """
 import re
 from collections.abc import Iterator

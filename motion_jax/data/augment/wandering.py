@@ -1,7 +1,7 @@
-"""What walks, runs and goes in any other way on paths that turn at random: for training on constraints.
+"""Bend walks, runs and other locomotion onto paths that turn at random: for training on constraints.
 
-In captured clips where a body will go shows in where it goes, so that a network which sees the past learns little from
-being told a path. Here nothing but the path says it. Captions are kept that name no path.
+In captured clips the past motion predicts the path, so a network that sees the past learns little from a path
+constraint. Here only the constraint determines the path. Captions that name no path are kept.
 """
 import re
 from collections.abc import Iterator

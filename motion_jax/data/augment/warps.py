@@ -1,4 +1,4 @@
-"""Clips at another pace, 0.7 to 1.4 times their own (`motion.retiming`), said to be slow or quick where they are.
+"""Retime clips to 0.7 to 1.4 times their pace (`motion.retiming`), with captions that say "slowly" or "quickly".
 
 Walks, runs and waves are slow or quick against the usual pace of people (`data.event_words.USUAL`), any other action
 against the median of its archive's clips of it. A clip is only kept if the rules that describe motion find the same in
@@ -20,8 +20,8 @@ from motion_jax.motion.retiming import retimed
 from motion_jax.text.captions import known_subject, without_subject
 
 SLOWEST, QUICKEST = 0.7, 1.4
-_KNOWN = 5        # clips of an action of which there is a median
-_UNSAID = 0.3     # of the clips are kept at whose pace nobody would wonder
+_KNOWN = 5        # least number of clips of an action for a median pace
+_UNSAID = 0.3     # share of the clips at a usual pace that are kept
 _MOVES = 0.3      # metres a second of the fastest joint of a body that does something
 _TEMPO = re.compile(r"slow|quick|fast|rapid|hurr|brisk|leisur|speed|pace|sudden|hast|energe|activ|tired|exhaust|lazi|"
                     r"giant|heav|calm|gentl|\bsecond", re.IGNORECASE)

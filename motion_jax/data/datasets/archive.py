@@ -71,7 +71,7 @@ class Motions(NamedTuple):
     """Frames start:end of a clip, (T, 22, 3) float32."""
     first, past = self.spans[name]
     piece = slice(first + start, past if end is None else first + end)
-    with np.errstate(over="ignore", invalid="ignore"):  # who asks looks for infinity
+    with np.errstate(over="ignore", invalid="ignore"):  # the caller checks for infinity
       return self.root[piece, None].astype(np.float32) + self.local[piece].astype(np.float32)
 
 
@@ -135,7 +135,7 @@ class Archive(Dataset):
   def clips(self, folder, split=None, faults=None):
     return read_archive(folder, split, faults)
 
-  def settle(self, data, folder):
+  def configure(self, data, folder):
     data.update(name=self.name, folder="", folders=(folder,))
     return ""
 

@@ -285,7 +285,7 @@ class Babel(Dataset):
 
   def items(self, config, split, layout, captioned=True):
     if layout.name != "babel":
-      raise ValueError(f"BABEL's motions become 'babel' features, asked for {layout.name!r}")
+      raise ValueError(f"BABEL's motions become 'babel' features, got layout {layout.name!r}")
     found = pieces(config.folder, split, config.get("kind", "pairs"), whole=not captioned, mode=config.mode)
     return [TextItem(piece.id, piece.features, piece.captions, piece.tokens) for piece in found]
 

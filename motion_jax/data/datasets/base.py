@@ -1,8 +1,8 @@
-"""What a data set is: one object that answers all that training, the doctor, retrieval and evaluation ask of a folder.
+"""The interface of a data set: one object with all that training, the doctor, retrieval and evaluation need.
 
-A further data set is one file with such a class and one line in `registry`. Where its clips are of HumanML3D's 22
-joints, `name`, `holds`, `matches` and `clips` are all that it says: the rest is made of these clips. A data set whose
-files hold features, or say how clips are cut, answers for itself.
+A further data set is one file with such a class and one line in `registry`. If its clips have HumanML3D's 22 joints,
+`name`, `holds`, `matches` and `clips` are enough: the other methods use these clips. A data set whose files hold
+features, or define how clips are cut, overrides the others.
 """
 import collections
 import contextlib
@@ -71,7 +71,7 @@ class Dataset(Protocol):
   long_horizon: str = "long-horizon"
 
   def matches(self, folder: pathlib.Path) -> bool:
-    """Whether a folder is of this kind, by a look at the names of its files."""
+    """Whether a folder is of this kind, by the names of its files."""
     raise NotImplementedError(f"{type(self).__name__} does not know its folders")
 
   def clips(self, folder, split=None, faults=None) -> list[Clip]:
@@ -81,13 +81,13 @@ class Dataset(Protocol):
 
   # --- training ----------------------------------------------------------------------------------------------------
 
-  def settle(self, data, folder) -> str:
-    """Makes a config's data section agree with a folder of this kind; returns what to tell of that, or ""."""
+  def configure(self, data, folder) -> str:
+    """Sets a config's data section for a folder of this kind; returns a message for the user, or ""."""
     data.update(name=self.name, folder=str(folder), folders=())
     return f"data: {folder}, {self.holds}"
 
   def pieces(self, folder, config) -> list[Clip]:
-    """What training takes of a folder clip by clip, all splits."""
+    """The clips of a folder that training uses, all splits."""
     return self.clips(folder)
 
   def items(self, config, split, layout, captioned=True) -> list[TextItem]:
@@ -172,7 +172,7 @@ def clip_items(clips, config, split, layout: FeatureLayout) -> list[TextItem]:
   config.augment: of train more clips, made of these (`data.augment`)."""
   clips, items, made = [clip for clip in clips if clip.split == split], [], []
   if split == "train":
-    made = augmented(clips, asked_kinds(config), progress=True)
+    made = augmented(clips, augment_shares(config), progress=True)
   if config.get("kinematic_captions", False):
     bar = tqdm.tqdm(clips, desc=f"captions of {split}", unit="clip", leave=False, disable=None)
     clips = [with_kinematic_captions(clip) for clip in bar]
@@ -192,8 +192,8 @@ def clip_items(clips, config, split, layout: FeatureLayout) -> list[TextItem]:
   return items
 
 
-def asked_kinds(config) -> dict[str, float]:
-  """{kind of new clips: how many for each captured one} that a data section asks for, those of none left out."""
+def augment_shares(config) -> dict[str, float]:
+  """{kind of new clips: number per captured clip} of a data section, without those of 0."""
   return {kind: float(share) for kind, share in (config.get("augment") or {}).items() if share}
 
 

@@ -319,7 +319,7 @@ class HumanML3D(Dataset):
         faults.append((name, f"no file in {missing[0]}" if missing else "NaN"))
     return clips
 
-  def settle(self, data, folder):
+  def configure(self, data, folder):
     """Configures reading the folder's features as they are; no mirrored copies are added."""
     data.update(name=self.name, folder=str(folder), folders=())
     info = dataset_info(folder)

@@ -1,7 +1,7 @@
-"""Records: features of any data set in the files of tensorflow-datasets, read one at a time where they are asked for.
+"""Records: features of any data set in the files of tensorflow-datasets, read one at a time on demand.
 
-`motion-jax data records` makes such a folder (`data.records`). It is for data that does not fit in memory, or lies on
-slow storage: what stands in memory is a row a clip, and features are read from array_record files when a batch is cut.
+`motion-jax data records` makes such a folder (`data.records`). It is for data that does not fit in memory, or is on
+slow storage: only a row per clip is in memory, and features are read from array_record files when a batch is drawn.
 
   index.json            what the features are, and for each split a row a clip: id, frames, captions, tokens, group
   Mean.npy, Std.npy     the statistics that training on the folders has
@@ -85,13 +85,13 @@ class Records(Dataset):
       raise FileNotFoundError(f"{folder} has no {INDEX}: it holds no records; motion-jax data records makes them")
     return _index(str(folder), (folder / INDEX).stat().st_mtime_ns)
 
-  def settle(self, data, folder):
-    """Its features are there already: they are read as they were made, and no mirrored copies are added."""
+  def configure(self, data, folder):
+    """Configures reading the folder's features as they are; no mirrored copies are added."""
     data.update(name=self.name, folder=str(folder), folders=(), mode=self.index(folder)["mode"], mirror=False)
     return f"data: {folder}, {self.holds} ({data.mode} features)"
 
   def pieces(self, folder, config):
-    """Clip by clip, less the mirrored copies where config.mirror makes them."""
+    """All clips, without the folder's mirrored copies if config.mirror makes new ones."""
     clips = self.clips(folder)
     ids = {clip.id for clip in clips}
     copy = lambda clip: clip.id.startswith("M") and clip.id[1:] in ids

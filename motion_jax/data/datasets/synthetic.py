@@ -1,4 +1,4 @@
-"""Procedural motion: people who walk, turn, wave, jump, so that tests and tiny configs need no download.
+"""Procedural motion of people walking, turning, waving and jumping: tests and tiny configs need no download.
 
 Every clip starts at the origin facing +z, on the canonical skeleton with exact bone lengths, y = 0 under the toes.
 """

@@ -1,4 +1,4 @@
-"""What BVH and ASF/AMC files have in common: named joints that move, and the way from there to a Clip."""
+"""Motion capture as read from a BVH or ASF/AMC file, and its conversion to a Clip."""
 import dataclasses
 import pathlib
 import warnings

@@ -1,6 +1,6 @@
-"""What capture files leave open: the unit of their coordinates and the axis that points up.
+"""Guess conventions that capture files do not state: the unit of their coordinates and the upward axis.
 
-Both are found from the bones, and what was found is reported, so that a wrong guess is seen and can be corrected.
+Both are derived from the bones and reported by a warning, so that a wrong guess can be corrected.
 """
 import warnings
 
@@ -52,10 +52,10 @@ def to_metres(joints, unit, name, stated=None, skeleton=HUMANML3D):
 def with_y_up(joints, up, rest, name, skeleton=HUMANML3D):
   """Joints (T, J, 3) turned so that up is +y.
 
-  up: an axis as `plausibility.with_y_up` takes it, or "auto": that of the pose at rest (J, 3) if it is one of a person
-  who stands, else that along which the head is above the feet. Somebody who lies down in a file with y up looks like
-  somebody who stands in one with z up; only a body whose feet are on the floor by its motion, and which does not lie on
-  the floor by its rest pose, is taken to stand.
+  up: an axis as `plausibility.with_y_up` takes it, or "auto": that of the rest pose (J, 3) if it is a standing pose,
+  else the axis along which the head is above the feet. A body lying down in a file with y up looks like a standing body
+  in a file with z up; a body counts as standing only if its feet are on the floor in the motion, and if it does not lie
+  on the floor in the rest pose.
   """
   if up == "auto":
     up = _upward_axis(joints, rest, name, skeleton)
@@ -86,7 +86,7 @@ def _upward_axis(joints, rest, name, skeleton):
 
 
 def _standing_axis(rest, skeleton):
-  """The axis along which a pose (J, 3) stands, such as "y" or "-z"; None where it is none of a person who stands."""
+  """The upward axis of a standing pose (J, 3), such as "y" or "-z"; None for other poses."""
   hips = rest[list(skeleton.hips)].mean(0)
   trunk = rest[skeleton.joints.index("neck")] - hips
   legs = rest[[skeleton.left_feet[0], skeleton.right_feet[0]]].mean(0) - hips
