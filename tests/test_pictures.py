@@ -54,7 +54,8 @@ def test_a_picture_that_fails_is_told_and_training_goes_on(tmp_path, capsys):
 
   state = loop.train(_drawing(_config(4), 2), tmp_path, _stage(), _next_batch, draw=draw)
   assert int(state.step) == 4
-  assert "step000002.png could not be drawn (RuntimeError: no such colour); training goes on" in capsys.readouterr().out
+  said = capsys.readouterr().out
+  assert "step000002.png could not be drawn (RuntimeError: no such colour); training continues" in said
 
 
 @pytest.mark.parametrize("name, rows", [

@@ -79,7 +79,7 @@ def test_such_a_run_is_resumed(short_run, tmp_path, capsys):
   with pytest.raises(ValueError, match="--resume with another loss"):
     fit.run(config.lock(), folder, resume=True)
   fit.run(config, folder, resume=True, allow_changes=True)  # it is at its end already
-  assert "goes on with other settings: loss.level_block was" in capsys.readouterr().out
+  assert "continues with other settings: loss.level_block was" in capsys.readouterr().out
 
 
 def test_runs_that_ship_open_by_name_and_by_folder():
