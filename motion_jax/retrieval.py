@@ -159,7 +159,7 @@ def read_collection(retriever, folder, split=None) -> Collection:
   """The clips of a folder with their vectors, by an index in the user's cache once it has been made.
 
   The index belongs to what lies in the folder, to the teacher's weights and to this code: another one, or one that is
-  damaged, is made anew.
+  damaged, is replaced.
   """
   key = cache.key_of("index", dataset_of(folder).fingerprint(folder), split, retriever.fingerprint)
   kept = cache.read("indices", key, cache.user_folder())

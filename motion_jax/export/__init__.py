@@ -1,4 +1,4 @@
-"""Turns clips into files for people, by extension, and reads back those that hold a motion.
+"""Export clips to files by extension, and load files that hold a motion.
 
   export.save(clip, "wave.mp4")      .mp4 .gif film, .png .jpg strip of moments, .html page, .glb figure, .bvh skeleton,
   clip = export.load("wave.npz")     .npz everything, .npy joints

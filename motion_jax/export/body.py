@@ -1,7 +1,7 @@
-"""The mannequin that every picture shows: tapered capsules hung on the joints, sized by the bones.
+"""The mannequin of all pictures: tapered capsules attached to the joints, sized by the bones.
 
-A part is the hull of two balls. It hangs on two joints and moves with the rotation of a third, so that pictures show
-the joints exactly, also where bone lengths change. Metres everywhere: a skeleton's own unit ends here.
+A part is the hull of two balls. It is attached to two joints and turns with a third, so that pictures show the joints
+exactly, also where bone lengths change. All lengths are metres, whatever the skeleton's unit.
 """
 from typing import NamedTuple
 

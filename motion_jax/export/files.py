@@ -1,4 +1,4 @@
-"""Clips as plain arrays: .npz with all that is known of a motion, .npy with its joints; and the way back."""
+"""Write and read clips as plain arrays: .npz with joints and all metadata, .npy with joints only."""
 import json
 import pathlib
 
@@ -33,7 +33,7 @@ def npz(clip, path) -> pathlib.Path:
             "captions": np.array(json.dumps([[c.text, c.start, c.end] for c in clip.captions])),
             "about": np.array(json.dumps({key: getattr(clip, key) for key in ("id", "split", "source", "license")})),
             "meta": np.array(json.dumps(plain(clip.meta)))}
-  for key in ("seed", "model"):  # what a reader asks first deserves a key of its own
+  for key in ("seed", "model"):  # frequently needed, so they are keys of their own
     if isinstance(clip.meta.get(key), str | int | np.integer):
       arrays["model_id" if key == "model" else key] = np.array(clip.meta[key])
   if clip.features is not None:
@@ -54,10 +54,10 @@ def npy(clip, path) -> pathlib.Path:
 def load(path, fps=None, unit="auto", up=None, mapping=None) -> Clip:
   """Reads .npz (as `npz` writes, or with a "joints" or "features" key), .npy, .bvh or .amc (its .asf beside it).
 
-  A .npy holds joints (T, 22, 3) or (T, 21, 3), or features (T, F) of a known layout such as HumanML3D's 263. fps: the
-  frames of the file are so many a second, whatever it states; a .npy states none and gets its skeleton's, an .amc 120.
-  Nothing is resampled. unit: of joints, "m", "cm", "mm", "in" or "ft"; "auto" tells it by the bones. up: the file's
-  upward axis, "y", "z" or "x"; without one y, and of .bvh and .amc what heads show. mapping: {our joint: their
+  A .npy holds joints (T, 22, 3) or (T, 21, 3), or features (T, F) of a known layout such as HumanML3D's 263. fps: frame
+  rate of the file, replacing the one that it states; by default a .npy gets its skeleton's rate, an .amc 120. Nothing
+  is resampled. unit: of joints, "m", "cm", "mm", "in" or "ft"; "auto" derives it from the bones. up: the file's upward
+  axis, "y", "z" or "x"; by default y, for .bvh and .amc derived from the pose. mapping: {our joint: their
   joint} of a .bvh or .amc whose joint names are not known (`joint_maps.map_joints`), as a dict or a JSON file.
 
   Raises FileNotFoundError, or ValueError for an unknown extension, a cut file, NaN, a shape that is no motion, or
@@ -71,7 +71,7 @@ def load(path, fps=None, unit="auto", up=None, mapping=None) -> Clip:
     raise FileNotFoundError(f"there is no file {path}")
   plausibility.check_rate(fps, str(path))
   try:
-    with np.errstate(over="ignore", invalid="ignore"):  # what gets infinite is told of
+    with np.errstate(over="ignore", invalid="ignore"):  # infinite numbers are reported below
       clip = read(path, fps, unit, up, read_mapping(mapping))
   except ValueError as error:
     raise error if str(path) in str(error) else InputError(f"{path}: {error}") from None

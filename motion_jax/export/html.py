@@ -1,6 +1,6 @@
-"""One HTML file that shows motions in any browser, offline: a three.js viewer with the motion inside.
+"""Export motions as one HTML file that any browser shows offline: a three.js viewer with the motion inside.
 
-The viewer (assets/viewer.js) is built from tools/viewer; the page loads nothing from anywhere.
+The viewer (assets/viewer.js) is built from tools/viewer; the page loads nothing from the network.
 """
 import base64
 import html as html_lib
@@ -26,9 +26,9 @@ VIEWER = _ASSETS / "viewer.js"
 def html(clip, path, title=None, colors=None, control=None, way_points=()) -> pathlib.Path:
   """Writes a page that plays one clip, or a list of clips side by side with a selector.
 
-  colors: (3,) or (T, 3) values 0..1 that replace the body's colours, for instance in frames that were made anew; NaN
-  keeps them. control: a `ControlSignal` (1, T) of constraints, or one for each; it is drawn, and the
-  page says how far the motion is from it. way_points: [x, z] of the points that its path was drawn through.
+  colors: (3,) or (T, 3) values 0..1 that replace the body's colours, for instance in regenerated frames; NaN keeps
+  them. control: a `ControlSignal` (1, T) of constraints, or one for each; it is drawn, and the page states the distance
+  of the motion from it. way_points: [x, z] of the points that its path was drawn through.
   """
   path = pathlib.Path(path)
   text = html_page(clip, title, colors, control, way_points)
@@ -45,7 +45,7 @@ def html_page(clip, title=None, colors=None, control=None, way_points=()) -> str
   for one, signal in zip(clips, signals):
     figure = make_figure(one)
     tints = {} if colors is None else {"tints": _tints(colors, one.num_frames)}
-    wish = {} if signal is None else _asked(one, signal, way_points)
+    wish = {} if signal is None else _constraints(one, signal, way_points)
     described.append(_describe(one, figure) | tints | wish | {"body": _body_of(bodies, one.skeleton, figure)})
   data = {"clips": described, "bodies": [body for *_, body in bodies], "colors": COLORS}
   title = title or (clips[0].captions[0].text if clips[0].captions else clips[0].id)
@@ -79,25 +79,25 @@ def _describe(clip, figure):
           "ahead": _round(figure.ahead.mean(0)[[0, 2]])}
 
 
-def _asked(clip, signal: ControlSignal, way_points):
-  """{asked, low, high} of a clip: what is drawn of a signal (1, T), how far off the motion is, room for both."""
+def _constraints(clip, signal: ControlSignal, way_points):
+  """{constraints, low, high} of a clip: marks of a signal (1, T) and the motion's distance from it; bounds of both."""
   parts = parts_of(signal)
   figures = [make_figure(Clip(joints[None].astype(np.float32))) for _, joints in parts.poses]
   points = [*way_points, *(way[0, [0, 2]] for way in parts.ways if len(way) == 1)]
-  told = {"lines": [_thin(way) for way in parts.ways if len(way) > 1], "points": [_round(point) for point in points],
-          "targets": [[frame, *_round(place)] for frame, _, place in parts.targets],
-          "poses": [{"frame": frame, "joints": _base64(figure.joints.astype("<f4")),
-                     "turned": _base64(np.round(figure.pose.turned * 32767).astype("<i2"))}
-                    for (frame, _), figure in zip(parts.poses, figures)]}
-  told |= {"off": off} if (off := distance(signal, clip)) else {}
+  drawn = {"lines": [_thin(way) for way in parts.ways if len(way) > 1], "points": [_round(point) for point in points],
+           "targets": [[frame, *_round(place)] for frame, _, place in parts.targets],
+           "poses": [{"frame": frame, "joints": _base64(figure.joints.astype("<f4")),
+                      "turned": _base64(np.round(figure.pose.turned * 32767).astype("<i2"))}
+                     for (frame, _), figure in zip(parts.poses, figures)]}
+  drawn |= {"off": off} if (off := distance(signal, clip)) else {}
   places = [clip.joints.reshape(-1, 3), *parts.ways, *(place[None] for *_, place in parts.targets),
             *(joints for _, joints in parts.poses)]
-  return {"asked": told, "low": _round(np.min([place.min(0) for place in places], axis=0)),
+  return {"constraints": drawn, "low": _round(np.min([place.min(0) for place in places], axis=0)),
           "high": _round(np.max([place.max(0) for place in places], axis=0))}
 
 
 def _thin(way, most=300):
-  """[[x, z], ...] of a way (N, 3), of so many points at the most."""
+  """[[x, z], ...] of a path (N, 3), thinned to at most `most` points."""
   return [_round(way[i, [0, 2]]) for i in np.unique(np.linspace(0, len(way) - 1, min(most, len(way))).astype(int))]
 
 

@@ -20,7 +20,7 @@ _BLEND = 0.022  # metres within which surfaces of one colour share their shading
 
 
 class Body(NamedTuple):
-  """What is drawn: hulls of two balls each, which throw the shadow, and are what is seen where there is no mesh."""
+  """A body to draw: hulls of two balls each, which cast the shadow and are visible if there is no mesh."""
   a: np.ndarray         # (P, 3)
   b: np.ndarray         # (P, 3)
   a_radius: np.ndarray  # (P,)
@@ -227,7 +227,7 @@ def _draw_bodies(image, camera, size, bodies):
   paint, flat_depth = np.full(depth.size, -1, np.int16), depth.ravel()  # one memory, two views
   palette, which = np.unique(np.concatenate([colors, *(mesh.colors for mesh in meshes)]).astype(np.float32), axis=0,
                              return_inverse=True)
-  nearest_first = np.argsort(np.minimum(a[:, 2], b[:, 2]))  # what is hidden then costs little
+  nearest_first = np.argsort(np.minimum(a[:, 2], b[:, 2]))  # hidden parts then cost little
   for k in nearest_first[(visible & ~fleshed)[nearest_first]]:
     left, right, top, bottom = box[k]
     x = ((np.arange(left, right) + 0.5 - centre[0]) * scale).astype(np.float32)[None, :]

@@ -1,4 +1,4 @@
-"""Motion files of other research programs: Kimodo's npz, AMASS' poses, and what to do about MDM's results."""
+"""Motion files of other research programs: Kimodo's npz, AMASS' poses, and advice for MDM's results."""
 import warnings
 
 import numpy as np

@@ -1,4 +1,4 @@
-"""What .bvh and .glb files hold: the poses of one skeleton, the same for every motion of a model, in metres."""
+"""The rig of .bvh and .glb files: poses of one skeleton, the same for every motion of a model, in metres."""
 import functools
 
 import numpy as np
@@ -12,7 +12,7 @@ from motion_jax.motion.skeleton import Skeleton
 def rigged(clip: Clip, exact: bool = False) -> Pose:
   """The Pose of a clip's rig, metres: the nearest that rotations and a moving root can be, `shifts` zero.
 
-  exact: `shifts` say what is missing, so that every joint is where the clip has it.
+  exact: `shifts` hold the remaining offsets, so that every joint is where the clip has it.
   """
   joints = np.ascontiguousarray(clip.joints, np.float64)
   return _rigged(joints.tobytes(), clip.skeleton, clip.fps, exact)

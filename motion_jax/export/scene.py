@@ -1,6 +1,6 @@
-"""What a motion was asked to do, in pictures: its path on the floor, marks of targets, pale bodies in poses asked for.
+"""Draw the constraints of a motion: its path on the floor, marks of targets, pale bodies in constrained poses.
 
-Also the view from above of a motion that goes somewhere, with its body where it was at several moments.
+Also draws a motion that covers ground from above, with its body at several moments.
 """
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -16,9 +16,9 @@ from motion_jax.export.raster import pose_mesh
 
 _PATH, _TARGET = (0.15, 0.62, 0.38), (0.88, 0.14, 0.40)  # green on the floor, red in the air
 _BALL = 0.05         # metres, radius of a target's mark
-_PALE = 0.72         # how much of white there is in the colours of a pose that is asked for
-_POSES, _BALLS = 10, 60  # drawn at the most
-_GOES = (1.0, 3.0)   # metres of ground from which a motion with a path, and one without, is seen from above
+_PALE = 0.72         # share of white in the colours of a constrained pose
+_POSES, _BALLS = 10, 60  # most that are drawn
+_GOES = (1.0, 3.0)   # metres covered from which on a motion is seen from above: with constraints drawn, without
 
 
 class Marks(NamedTuple):
@@ -31,31 +31,31 @@ class Marks(NamedTuple):
     return sorted({frame for frame, body in self.bodies if (len(body[0]) > 1) == figures})
 
   def from_above(self, way: np.ndarray) -> bool:
-    """Whether a body on this way (T, 3) is best seen so."""
+    """Whether to draw a body on this path (T, 3) from above."""
     return bool(self.lines or self.bodies) and np.ptp(way, axis=0).max() > _GOES[not self.lines]
 
 
 class Parts(NamedTuple):
-  """What a signal asks for, by how it is drawn, world metres. ways: pieces (N, 3) of a path on the floor y = 0, of one
-  point where the body is asked to be in one spot. targets: (frame, joint, place (3,)). poses: (frame, joints (22, 3)).
+  """The constraints of a signal to draw, world metres. ways: pieces (N, 3) of a path on the floor y = 0, of one
+  point for a fixed place. targets: (frame, joint, place (3,)). poses: (frame, joints (22, 3)).
   """
   ways: list[np.ndarray]
   targets: list[tuple[int, int, np.ndarray]]
   poses: list[tuple[int, np.ndarray]]
 
 
-def parts_of(asked: ControlSignal) -> Parts:
-  """The parts of a signal (1, T), no more than can be told apart when they are drawn."""
-  places, given = np.asarray(asked.positions, np.float64)[0], np.asarray(asked.given)[0]
+def parts_of(signal: ControlSignal) -> Parts:
+  """The parts of a signal (1, T) to draw, at most as many as can be distinguished."""
+  places, given = np.asarray(signal.positions, np.float64)[0], np.asarray(signal.given)[0]
   whole = given.all(-1)
   posed = whole.sum(1) >= 20
-  told = given[:, 0][:, [0, 2]].all(-1) & ~posed
+  on_path = given[:, 0][:, [0, 2]].all(-1) & ~posed
   ways = []
-  for frames in _runs(np.flatnonzero(told)):
+  for frames in _runs(np.flatnonzero(on_path)):
     way = places[frames, 0] * [1, 0, 1]
     ways.append(way[:1] if np.ptp(way, axis=0).max() < 0.02 else way)
   balls = [(int(frame), int(joint)) for frame, joint in np.argwhere(whole & ~posed[:, None])
-           if joint or not told[frame]]
+           if joint or not on_path[frame]]
   return Parts(ways, [(frame, joint, places[frame, joint]) for frame, joint in _some(balls, _BALLS)],
                [(int(frame), places[frame]) for frame in _some(list(np.flatnonzero(posed)), _POSES)])
 
@@ -66,23 +66,23 @@ def way_points(constraints: Sequence[Constraint]) -> list[list[float]]:
           if isinstance(one, RootPath) and one.points is not None for point in one.points]
 
 
-def distance(asked: ControlSignal, clip: Clip) -> dict[str, Any] | None:
-  """How far a clip is from a signal (1, T), in millimetres: {mean, worst, frame and joint of the worst}; None where
-  nothing is asked for."""
-  given = np.asarray(asked.given)[0].any(-1)
+def distance(signal: ControlSignal, clip: Clip) -> dict[str, Any] | None:
+  """The distance of a clip from a signal (1, T), millimetres: {mean, worst, frame and joint of the worst}; None for a
+  signal without constraints."""
+  given = np.asarray(signal.given)[0].any(-1)
   if not given.any():
     return None
-  off = np.asarray(errors(asked, clip.joints[None]))[0]
+  off = np.asarray(errors(signal, clip.joints[None]))[0]
   frame, joint = np.unravel_index(off.argmax(), off.shape)
   return {"mean": round(1000 * float(off[given].mean()), 2), "worst": round(1000 * float(off.max()), 2),
           "frame": int(frame), "joint": clip.skeleton.joints[joint].replace("_", " ")}
 
 
-def marks_of(asked: ControlSignal | None, floor: float) -> Marks:
-  """What to draw of a signal (1, T), metres; nothing of None."""
-  if asked is None:
+def marks_of(signal: ControlSignal | None, floor: float) -> Marks:
+  """The marks to draw for a signal (1, T), metres; none for None."""
+  if signal is None:
     return Marks([], [])
-  parts = parts_of(asked)
+  parts = parts_of(signal)
   lines = [(way + [[0, floor, 0], [1e-3, floor, 0]] if len(way) == 1 else way + [0, floor, 0], _PATH,
             0.12 if len(way) == 1 else 0.045, 0.85) for way in parts.ways]
   bodies: list[tuple[int, render.Body]] = [(frame, _ball(place)) for frame, _, place in parts.targets]
@@ -109,13 +109,13 @@ def _runs(frames):
 
 
 def _some(items, most):
-  """At most so many of them, evenly."""
+  """At most `most` of the items, evenly spaced."""
   chosen = np.linspace(0, max(len(items) - 1, 0), min(most, len(items))).astype(int)
   return [items[i] for i in chosen]
 
 
 def from_above(figure: Any, bodies: Any, marks: Marks, size: tuple[int, int], trail: Any) -> np.ndarray:
-  """A picture (H, W, 3) of bodies where they were, obliquely from above, with marks and the way gone on the floor."""
+  """A picture (H, W, 3) of bodies at several moments, obliquely from above, with marks and the path on the floor."""
   way = figure.joints[:, 0] * [1, 0, 1] + [0, figure.floor, 0]
   points = np.concatenate([way, *(line[0] for line in marks.lines), *(body[0] for _, body in marks.bodies)])
   low, high = points.min(0), points.max(0)

@@ -136,7 +136,7 @@ def _painter(clip, size, camera="auto", azimuth=None, caption=None, colors=None,
   tints = _tints(figure, colors)
   cameras = _cameras(figure, clip.fps, size, camera, azimuth)
   ink = INK if background is None or background.mean() > 0.4 else _PALE_INK
-  told = (lambda t: _caption(clip, t)) if caption is None else lambda t: caption
+  caption_at = (lambda t: _caption(clip, t)) if caption is None else lambda t: caption
   way = figure.joints[:, 0] * [1, 0, 1] + [0, figure.floor, 0]
   marks = marks_of(control, figure.floor)
   shown = [body for _, body in marks.bodies]
@@ -144,11 +144,11 @@ def _painter(clip, size, camera="auto", azimuth=None, caption=None, colors=None,
   backdrop = render.ground(cameras[0], size, figure.floor, background) if still else None
 
   def picture(t):
-    near = slice(max(0, t - int(60 * clip.fps)), t + int(60 * clip.fps))  # nobody sees farther than a minute
+    near = slice(max(0, t - int(60 * clip.fps)), t + int(60 * clip.fps))  # of the path, a minute around the frame
     lines = [(_thin(way[near]), _PATH, 0.022, 0.45), (_thin(way[near.start:t + 1]), _TRAIL, 0.026, 0.9)] if path else ()
     image = render.draw(cameras[t], size, figure.floor, [body_at(figure, t, tints[t]), *shown], [*marks.lines, *lines],
                         backdrop, background)
-    return _write_text(image, told(t), f"{t / clip.fps:.1f} s", ink)
+    return _write_text(image, caption_at(t), f"{t / clip.fps:.1f} s", ink)
 
   return picture
 

@@ -81,7 +81,7 @@ def test_what_was_asked_is_in_the_page_and_how_far_off_the_motion_is(tmp_path):
   asked = compile(asked_of(clip), 30)
   points = [[0.0, 0.0], [0.5, 1.0]]
   path, = export.save(clip, tmp_path / "a.html", control=asked, way_points=points)
-  told = data_of(path)["clips"][0]["asked"]
+  told = data_of(path)["clips"][0]["constraints"]
   assert told["points"] == points and [target[0] for target in told["targets"]] == [10]
   assert [pose["frame"] for pose in told["poses"]] == [24]
   joints = np.frombuffer(base64.b64decode(told["poses"][0]["joints"]), "<f4").reshape(22, 3)
@@ -91,7 +91,8 @@ def test_what_was_asked_is_in_the_page_and_how_far_off_the_motion_is(tmp_path):
   assert told["off"]["frame"] == 10 and told["off"]["joint"] == "left wrist" and 49 < told["off"]["worst"] < 51
   assert 0 < told["off"]["mean"] < 10
   nothing = data_of(export.html([clip, clip], tmp_path / "b.html", control=[asked, none(1, 30)]))["clips"]
-  assert "off" in nothing[0]["asked"] and "off" not in nothing[1]["asked"] and nothing[1]["asked"]["lines"] == []
+  own, other = nothing[0]["constraints"], nothing[1]["constraints"]
+  assert "off" in own and "off" not in other and other["lines"] == []
 
 
 def test_a_page_of_a_motion_that_nothing_is_asked_of_is_as_ever(tmp_path):
@@ -99,7 +100,7 @@ def test_a_page_of_a_motion_that_nothing_is_asked_of_is_as_ever(tmp_path):
   export.save(clip, tmp_path / "a.html")
   export.save([clip], tmp_path / "b.html", control=[None], way_points=[])
   assert (tmp_path / "a.html").read_bytes() == (tmp_path / "b.html").read_bytes()
-  assert "asked" not in data_of(tmp_path / "a.html")["clips"][0]
+  assert "constraints" not in data_of(tmp_path / "a.html")["clips"][0]
 
 
 def test_page_loads_nothing_from_anywhere(tmp_path):
@@ -134,7 +135,7 @@ def test_what_was_asked_is_seen_in_a_browser(tmp_path):
   path = export.html(clip, tmp_path / "a.html", control=compile(asked_of(clip, (0.5, 0.3, 0)), 30))
   dom = subprocess.run([*command, "--dump-dom", f"file://{path}#0.25"], capture_output=True, text=True,
                        timeout=180).stdout
-  assert "worst 583 mm (left wrist at 0.50 s)" in dom and 'id="asked"' in dom
+  assert "worst 583 mm (left wrist at 0.50 s)" in dom and 'id="constraints"' in dom
   subprocess.run([*command, f"--screenshot={picture}", f"file://{path}#0.25"], capture_output=True, timeout=180,
                  check=True)
   red, green, blue = np.moveaxis(np.asarray(Image.open(picture).convert("RGB")).astype(int), -1, 0)

@@ -130,7 +130,7 @@ def test_a_project_keeps_control_and_the_command_line_follows_it(tmp_path, monke
   path.write_text(json.dumps(found))
   monkeypatch.setattr(model_library, "_load", lambda name: library.model(name, "multi_prompt"))
   assert cli.main(["make", str(path), "--out", str(out)]) == 0
-  assert '"asked"' in out.read_text() and '"points": [[1.0, 0.0], [1.4, 0.6]' in out.read_text()
+  assert '"constraints"' in out.read_text() and '"points": [[1.0, 0.0], [1.4, 0.6]' in out.read_text()
   made = project.made(found, library, Limits())
   assert np.abs(made.joints[-1, 0, [0, 2]] - [1.2, 1.4]).max() < 2e-3 and made.meta["control"] == ["root_path"]
 

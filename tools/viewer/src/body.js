@@ -88,11 +88,11 @@ export class Body extends Figure {
     const roots = Array.from({length: this.frames}, (_, t) => [this.joints[t * this.count * 3], this.joints[t * this.count * 3 + 2]]);
     this.way = ribbon(roots, clip.floor);
     this.group.add(this.way);
-    if (clip.asked) this.ask(clip.asked, body, colors);
+    if (clip.constraints) this.ask(clip.constraints, body, colors);
     this.show(0);
   }
 
-  // What the motion was asked to do stands where it does.
+  // The constraints are drawn where the motion is.
   ask({poses, ...parts}, body, colors) {
     const figures = poses.map((pose) => {
       const figure = new Figure(body, colors, {opacity: PALE});

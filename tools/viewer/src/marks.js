@@ -1,4 +1,4 @@
-// What a motion was asked to do: its path and way points on the floor, marks where hands and feet are to be, pale
+// The constraints of a motion: its path and way points on the floor, marks where hands and feet are to be, pale
 // bodies in poses. All of it stands in one group.
 import {CircleGeometry, Group, Mesh, MeshBasicMaterial, MeshStandardMaterial, SphereGeometry} from 'three';
 import {ribbon} from './ribbon.js';

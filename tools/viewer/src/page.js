@@ -83,15 +83,15 @@ export function start() {
     if ($('caption').textContent !== text) $('caption').textContent = text;
   }
 
-  const off = clips.some((clip) => clip.asked) ? askedRow(bodies) : null;
-  // How far the motions that are seen are from what they were asked to do.
+  const off = clips.some((clip) => clip.constraints) ? constraintsRow(bodies) : null;
+  // How far the motions that are seen are from their constraints.
   function distance() {
-    const found = shown().map((body) => body.clip).filter((clip) => clip.asked?.off);
+    const found = shown().map((body) => body.clip).filter((clip) => clip.constraints?.off);
     if (!found.length) return '';
-    const worst = found.reduce((a, b) => (b.asked.off.worst > a.asked.off.worst ? b : a)), {asked} = worst;
-    const mean = found.reduce((sum, clip) => sum + clip.asked.off.mean, 0) / found.length, mm = (x) => x.toFixed(x < 10 ? 1 : 0);
-    return `from what was asked: mean ${mm(mean)} mm, worst ${mm(asked.off.worst)} mm (${asked.off.joint} at ` +
-      `${(asked.off.frame / worst.fps).toFixed(2)} s${found.length > 1 ? `, motion ${clips.indexOf(worst) + 1}` : ''})`;
+    const worst = found.reduce((a, b) => (b.constraints.off.worst > a.constraints.off.worst ? b : a)), {constraints} = worst;
+    const mean = found.reduce((sum, clip) => sum + clip.constraints.off.mean, 0) / found.length, mm = (x) => x.toFixed(x < 10 ? 1 : 0);
+    return `from the constraints: mean ${mm(mean)} mm, worst ${mm(constraints.off.worst)} mm (${constraints.off.joint} at ` +
+      `${(constraints.off.frame / worst.fps).toFixed(2)} s${found.length > 1 ? `, motion ${clips.indexOf(worst) + 1}` : ''})`;
   }
 
   function draw() {
@@ -170,12 +170,12 @@ export function start() {
   return {state, scene, camera, controls, bodies, renderer};
 }
 
-// Adds to the bar: whether what was asked is seen, and where it is said how far off the motion is.
-function askedRow(bodies) {
+// Adds to the bar: a switch that shows the constraints, and the distance of the motion from them.
+function constraintsRow(bodies) {
   const label = document.createElement('label'), box = document.createElement('input'), told = document.createElement('span');
-  Object.assign(box, {type: 'checkbox', checked: true, id: 'asked'});
+  Object.assign(box, {type: 'checkbox', checked: true, id: 'constraints'});
   box.onchange = () => bodies.forEach((body) => { if (body.marks) body.marks.group.visible = box.checked; });
-  label.append(box, ' asked');
+  label.append(box, ' constraints');
   $('path').parentElement.after(label);
   Object.assign(told, {id: 'off', style: 'color: var(--soft); font-variant-numeric: tabular-nums'});
   $('bar').append(told);
