@@ -57,7 +57,7 @@ def test_a_config_of_wrong_types_is_one_line(run, path, value, words):
 @pytest.mark.parametrize("name", ["params.safetensors", "frozen.safetensors", "Mean.npy", "Std.npy", "config.json",
                                   "text.json"])
 @pytest.mark.parametrize("damage", [lambda data: data[:len(data) // 2], lambda data: b"", lambda data: b"\xff" * 40,
-                                    lambda data: data[:9] + b"\xf1" + data[10:]])
+                                    lambda data: data[:1] + b"\xf1" + data[2:]])
 def test_a_damaged_file_is_named(run, name, damage):
   (run / name).write_bytes(damage((run / name).read_bytes()))
   with pytest.raises(InputError, match=name) as error:
