@@ -17,7 +17,7 @@ from motion_jax.models.pasting import Spans, requested_frames
 from motion_jax.models.results import Motion, Motions, gathered
 from motion_jax.shapes import Array
 from motion_jax.utils.errors import InputError
-from motion_jax.utils.numerals import as_float, checked, demand_numbers
+from motion_jax.utils.numerals import as_float, checked, require_numbers
 from motion_studio import editing, steps
 from motion_studio.blending import blended
 from motion_studio.checks import MAX_ATTEMPTS, prompt_notes
@@ -140,7 +140,7 @@ class Pipeline:
     if num_frames is not None and seconds is not None:
       raise InputError("got both num_frames and seconds; give one of them")
     if seconds is not None:
-      return [None if one is None else as_float(*demand_numbers([one], "seconds", "a number such as 6.0, or one per "
+      return [None if one is None else as_float(*require_numbers([one], "seconds", "a number such as 6.0, or one per "
                                                                                   "prompt")) * self.model.fps
               for one in each(seconds, prompts)]
     return each(num_frames, prompts)

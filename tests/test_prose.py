@@ -15,11 +15,11 @@ ROOT = pathlib.Path(__file__).parents[1]
 ASSETS = ROOT / "motion_studio" / "assets"
 BANNED = re.compile(r"\b(told|asked|anew|led|whoever|nobody|so many|goes on|of it all|"
                     r"who (is|are|has|sits|walks|does|asks|wants|stays|gets))\b", re.IGNORECASE)
-CLEAN = ("motion_jax/training", "motion_jax/fit.py", "configs", "motion_jax/utils/stopping.py",
-         "motion_jax/utils/lock.py", "motion_jax/utils/atomic.py", "motion_jax/utils/overrides.py", "motion_jax/nets",
+CLEAN = ("motion_jax/training", "motion_jax/fit.py", "configs", "motion_jax/nets",
          "motion_jax/quant", "motion_jax/diffusion", "motion_jax/metrics", "motion_jax/convert", "motion_jax/control",
-         "motion_jax/analysis", "motion_jax/retrieval.py", "motion_jax/export", "motion_jax/data", "motion_jax/motion",
-         "motion_jax/text", "motion_jax/latents.py", "motion_jax/shapes.py", "motion_jax/utils/lazy.py",
+         "motion_jax/analysis", "motion_jax/utils", "motion_jax/retrieval.py", "motion_jax/export", "motion_jax/data",
+         "motion_jax/motion",
+         "motion_jax/text", "motion_jax/latents.py", "motion_jax/shapes.py",
          "motion_studio/language", "motion_studio/checks", "motion_studio/planning", "motion_studio/pipeline.py",
          "motion_studio/steps.py", "motion_studio/constraining.py", "motion_studio/editing.py",
          "motion_studio/streaming.py", "motion_studio/blending.py", "motion_jax/models/captions.py",

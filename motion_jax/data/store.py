@@ -10,7 +10,7 @@ every step. A store is a folder of plain files:
   cuts.npy         (N, 3) of each entry of the tables of cuts: the clip's number, its first frame, its frames
   captions.json    the captions whose features the table "words" holds
 
-It is good for one data set, tokenizer and text encoder only: `Store.demand` refuses any other by their digests.
+It is good for one data set, tokenizer and text encoder only: `Store.require` refuses any other by their digests.
 """
 import contextlib
 import hashlib
@@ -109,7 +109,7 @@ class Store:
       raise InputError(f"{path} is missing or cut short: expected {shape[0]} rows of {shape[1]} {dtype}; {_ADVICE}")
     return np.memmap(path, dtype, "r", shape=shape) if shape[0] else np.zeros(shape, dtype)
 
-  def demand(self, identity):
+  def require(self, identity):
     """Raises InputError, naming the parts, unless the store was made from these: {part: digest}."""
     other = [part for part in {**identity, **self.identity} if identity.get(part) != self.identity.get(part)]
     if other:

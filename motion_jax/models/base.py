@@ -21,7 +21,7 @@ from motion_jax.text.captions import SUBJECTS
 from motion_jax.text.encoder import TextEncoder
 from motion_jax.training import checkpoint
 from motion_jax.utils.errors import InputError
-from motion_jax.utils.numerals import SEEDS, as_float, checked, demand_numbers, format_value, shortened
+from motion_jax.utils.numerals import SEEDS, as_float, checked, format_value, require_numbers, shortened
 from motion_jax.utils.text_files import is_text
 
 _SECONDS = 6.0  # of a motion whose length is not given
@@ -162,10 +162,10 @@ class TextToMotionModel(Able):
     if num_frames is not None and seconds is not None:
       raise InputError("got both num_frames and seconds; give one of them")
     if num_frames is None:
-      num_frames = self.default_frames if seconds is None else [as_float(s) * self.fps for s in demand_numbers(
+      num_frames = self.default_frames if seconds is None else [as_float(s) * self.fps for s in require_numbers(
           each(seconds, prompts), "seconds", "a number such as 6.0, or one per prompt")]
     counts = [num_frames(p) for p in prompts] if callable(num_frames) else each(num_frames, prompts)
-    demand_numbers(counts, "num_frames", "a number of frames such as 120, or one per prompt")
+    require_numbers(counts, "num_frames", "a number of frames such as 120, or one per prompt")
     for count in counts:
       if not self.frames_per_latent <= as_float(count) <= self.max_seconds * self.fps:
         raise InputError(f"got a length of {as_float(count):g} frames, expected {self.frames_per_latent} to "

@@ -16,7 +16,7 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 from motion_jax.utils.errors import InputError
-from motion_jax.utils.numerals import GUIDANCE, NumberError, bounds, checked, demand_numbers, real, shortened, whole
+from motion_jax.utils.numerals import GUIDANCE, NumberError, bounds, checked, real, require_numbers, shortened, whole
 
 if TYPE_CHECKING:
   from ml_collections import ConfigDict
@@ -42,7 +42,7 @@ def number(help: str, limits: tuple[Any, Any], kind: type = int, unit: str = "",
   """A choice that is a number from limits[0] to limits[1], whole or, of kind float, any."""
   def check(value, name):
     if kind is float:
-      demand_numbers([value], name, "a number such as 3")
+      require_numbers([value], name, "a number such as 3")
     return checked(value, *limits, name, unit, kind)
 
   read = whole(*limits) if kind is int else real(*limits)

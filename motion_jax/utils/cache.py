@@ -1,9 +1,9 @@
-"""What takes long to make and is the same every time, kept in the user's cache folder: programs, vectors, shapes.
+"""The user's cache folder, for results that take long and are always the same: programs, vectors, shapes.
 
-Nothing is kept until `keep_in_user_cache` is called, as the command line does. A file is found by what went into it:
-the code of this package, versions of jax, sizes and contents. It is written whole or not at all and begins with a
-digest of itself, so that one which is damaged or cut is made anew. What is kept changes no number: it is read back bit
-for bit, and a program is the very one that would have been traced.
+Nothing is cached until `keep_in_user_cache` is called, as the command line does. The key of a file covers everything it
+depends on: the code of this package, versions of jax, sizes and contents. A file is written atomically and begins with
+its digest, so a damaged one is replaced. Caching changes no numbers: arrays are read back bit for bit, and a program is
+the same that would have been traced.
 """
 import functools
 import hashlib
@@ -19,7 +19,7 @@ import numpy as np
 from motion_jax.utils import progress, timing
 from motion_jax.utils.atomic import atomic_path
 
-MOST_FILES = 200  # of each kind; the oldest go
+MOST_FILES = 200  # of each kind; the oldest are removed
 _MAGIC = b"motion_jax 1\n"
 _folder: pathlib.Path | None = None
 # What else decides how a function is traced.
@@ -28,12 +28,12 @@ _OPTIONS = ("jax_enable_x64", "jax_default_matmul_precision", "jax_default_prng_
 
 
 def user_folder() -> pathlib.Path:
-  """Where this user's programs keep what can be made anew: XDG_CACHE_HOME or ~/.cache, in it motion_jax."""
+  """The user's cache folder: motion_jax in XDG_CACHE_HOME or ~/.cache."""
   return pathlib.Path(os.environ.get("XDG_CACHE_HOME") or pathlib.Path.home() / ".cache") / "motion_jax"
 
 
 def keep_in_user_cache():
-  """From now on this process keeps things on disk, compiled code too: JAX_COMPILATION_CACHE_DIR or the user's cache."""
+  """Turns on caching on disk, also of compiled code (in JAX_COMPILATION_CACHE_DIR or the cache folder of the user)."""
   global _folder
   compiled = os.environ.get("JAX_COMPILATION_CACHE_DIR") or os.fspath(user_folder() / "jax")
   try:
@@ -56,7 +56,7 @@ def code_version() -> str:
 
 
 def key_of(*about) -> str:
-  """A name for what these strings, bytes and the code make."""
+  """The key of a result that depends on these strings and bytes and on the code."""
   digest = hashlib.sha256(code_version().encode())
   for part in about:
     part = part if isinstance(part, bytes) else str(part).encode()
@@ -65,7 +65,7 @@ def key_of(*about) -> str:
 
 
 def read(kind, key, folder=None) -> bytes | None:
-  """What was written under this key, in a folder other than the process's own; None where there is nothing whole."""
+  """The bytes under this key, None if there are none or they are damaged; folder: default the process's own."""
   folder = folder or _folder
   if folder is None:
     return None
@@ -78,7 +78,7 @@ def read(kind, key, folder=None) -> bytes | None:
 
 
 def write(kind, key, payload: bytes, folder=None):
-  """Keeps bytes under a key, and no more than MOST_FILES of a kind. A folder that cannot be written costs time only."""
+  """Caches bytes under a key, and at most MOST_FILES of a kind. A folder that cannot be written costs time only."""
   folder = folder or _folder
   if folder is None:
     return
@@ -93,7 +93,7 @@ def write(kind, key, payload: bytes, folder=None):
 
 
 def kept_array(kind, key, make) -> np.ndarray:
-  """The array that make() gives, read back if it was made before."""
+  """The array that make() returns, read from the cache if possible."""
   payload = read(kind, key)
   if payload is not None:
     try:
@@ -123,7 +123,7 @@ def kept_shapes(name, module, make):
 
 
 class Program:
-  """A jitted function whose traced program is kept: a second process neither traces nor lowers what the first did.
+  """A jitted function whose traced program is cached: a second process neither traces nor lowers it again.
 
   fn(*static, *arrays, **arrays) with `num_static` hashable choices first; about: what else fn depends on, such as
   modules that it closes over, by their repr. Without a cache folder it is `jax.jit` and nothing else.

@@ -1,9 +1,9 @@
-"""What is wrong with a user's input, told in one line: the errors that commands show without a traceback."""
+"""Errors of the user's input, in one line: commands show them without a traceback."""
 import contextlib
 
 
 class InputError(ValueError):
-  """A file or a value that a user gave cannot be used. Says what came, what was expected and what to try."""
+  """A file or a value of the user that cannot be used. States what came, what was expected and what to try."""
 
 
 class EncoderError(InputError, RuntimeError):
@@ -12,10 +12,10 @@ class EncoderError(InputError, RuntimeError):
 
 @contextlib.contextmanager
 def reading(what, advice="it may be cut or damaged: copy or make it again"):
-  """Whatever a reader stumbles over inside the block becomes one InputError that begins with `what`, mostly a path.
+  """Turns any error inside the block into one InputError that begins with `what`, usually a path.
 
-  For blocks that take a file apart, where a flipped bit raises whatever the parser did not foresee (KeyError,
-  TypeError, OverflowError, zlib.error, ...). Our own InputErrors pass through; a FileNotFoundError stays one.
+  For blocks that parse a file, where a flipped bit can raise errors of many kinds (KeyError, TypeError, OverflowError,
+  zlib.error, ...). InputErrors and FileNotFoundErrors pass through.
   """
   try:
     yield
@@ -30,7 +30,7 @@ def reading(what, advice="it may be cut or damaged: copy or make it again"):
 
 
 def reason(error, longest=120) -> str:
-  """The first line of an error's own words, not too long, or its kind where it has none."""
+  """The first line of an error's text, shortened, or its type if it has no text."""
   lines = str(error).strip().splitlines()
   if isinstance(error, KeyError):
     lines = [f"{error} is missing"]

@@ -1,13 +1,13 @@
-"""Exit statuses of the commands, all of them.
+"""The exit statuses of all commands.
 
-A program that a signal ended has 128 + its number, as shells expect it: 130 after Ctrl-C, 143 after SIGTERM, 129 after
-SIGHUP, 141 where the reader of its output has gone.
+A program that is ended by a signal exits with 128 + its number, as shells expect: 130 after Ctrl-C, 143 after SIGTERM,
+129 after SIGHUP, 141 after SIGPIPE, when the reader of its output has exited.
 """
 DONE = 0
-FAILED = 1        # an error, told in one line; a training that guards have ended
+FAILED = 1        # an error, printed in one line; a training ended by its guards
 MISUSED = 2       # a mistake in the arguments
 HUNG = 70         # a training in which no step ended for train.hang_minutes
-PREEMPTED = 75    # a training that SIGTERM ended: the same command with --resume=auto goes on
+PREEMPTED = 75    # a training ended by SIGTERM: the same command with --resume=auto continues it
 PIPE_CLOSED = 128 + 13
 
 

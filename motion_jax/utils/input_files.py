@@ -1,8 +1,8 @@
-"""Readers for files that somebody gave us: .npy, .npz, safetensors, JSON. Nothing in them is trusted.
+"""Readers for files of the user that cannot be trusted: .npy, .npz, safetensors, JSON.
 
-Headers and directories are read before data. An array is only made where the file holds as many bytes as its header
-says, a compressed one only up to a limit that real data keeps to; parts of an archive that nobody asked for stay
-unread; nothing is unpickled. What is wrong with a file is one `InputError` that names it.
+Headers and directories are read before data. An array is allocated only if the file has as many bytes as its header
+states, a compressed one only up to a limit that real data does not reach; only the requested members of an archive are
+read; nothing is unpickled. A fault of a file raises one `InputError` that names it.
 """
 import ast
 import json

@@ -1,4 +1,4 @@
-"""What somebody meant who mistyped a name."""
+"""Suggest the nearest known name for a mistyped one."""
 import difflib
 
 

@@ -1,7 +1,7 @@
-"""Numbers as people write them, on a command line or in a text file: plain digits, finite, within bounds.
+"""Parse numbers of a command line or a text file: plain digits, finite, within bounds.
 
-Python's own int and float also take "nan", "1_000", digits of every script and numbers without end. `whole` and `real`
-make readers of one number that do not; they serve argparse as `type`, for what they raise is an error of argparse too:
+Python's int and float also accept "nan", "1_000", digits of every script and huge numbers. `whole` and `real` make
+readers of one number that do not; they can be the `type` of argparse, as their error is an error of argparse, too:
 
   parser.add_argument("--num-samples", type=whole(1, 10_000))
   parser.add_argument("--seconds", type=real(0.2, 3600, "seconds"))
@@ -27,7 +27,7 @@ MEMORY = (0, 18_000)     # of a context
 
 
 class NumberError(InputError, argparse.ArgumentTypeError):
-  """A text that is not the number that was asked for."""
+  """A text that is not a number of the expected kind."""
 
 
 def whole(low=None, high=None, unit=""):
@@ -96,7 +96,7 @@ def shortened(text, length=40):
 
 
 def named(names, most=30) -> str:
-  """Names in a row for a message, not too many and none too long."""
+  """A list of names for a message, at most `most` of them, each shortened."""
   names = list(names)
   return ", ".join(shortened(name) for name in names[:most]) + (", ..." if len(names) > most else "")
 
@@ -121,8 +121,8 @@ def checked(value, low, high, name, unit="", kind=int):
   return kind(number)
 
 
-def demand_numbers(values, name, expected):
-  """The values, where all of them are numbers. Raises TypeError, which names the argument and what was expected."""
+def require_numbers(values, name, expected):
+  """Returns the values if all are numbers; raises TypeError, naming the argument and the expected kind."""
   for value in values:
     try:
       if isinstance(value, str | bytes | bool):

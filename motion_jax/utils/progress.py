@@ -48,7 +48,7 @@ def follow(work: Work) -> Iterator[Work]:
 
 @contextlib.contextmanager
 def part(doing: str) -> Iterator[None]:
-  """Reports that this part runs, until it ends and the one around it goes on."""
+  """Reports that this part runs, until it ends and the part around it continues."""
   work = _current.get()
   if work is None:
     yield

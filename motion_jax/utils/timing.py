@@ -33,5 +33,5 @@ def _total():
 
 def report() -> str:
   """One line: each part with its wall seconds, and in brackets those of the processors."""
-  told = [f"{name} {wall:.2f} ({cpu:.2f})" for name, (wall, cpu) in parts.items()]
-  return "seconds, wall (processors): " + ", ".join([*told, "in all {:.2f} ({:.2f})".format(*_total())])
+  lines = [f"{name} {wall:.2f} ({cpu:.2f})" for name, (wall, cpu) in parts.items()]
+  return "seconds, wall (processors): " + ", ".join([*lines, "in all {:.2f} ({:.2f})".format(*_total())])

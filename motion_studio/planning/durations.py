@@ -6,7 +6,7 @@ import numpy as np
 
 from motion_jax.analysis.event_words import TIMES
 from motion_jax.utils.errors import InputError
-from motion_jax.utils.numerals import as_float, demand_numbers
+from motion_jax.utils.numerals import as_float, require_numbers
 from motion_studio.language import Action, Plan, Segment, parse, pause
 from motion_studio.language.actions import cycle_of, is_counted_one_by_one
 from motion_studio.language.lexicon import LOW
@@ -101,7 +101,7 @@ def segment_frames(planner: Any, prompt: str, plan: Plan | None, frames: float |
     usual = lambda: planner.natural_frames(prompt, plan.min_duration if plan else 0.0)
     return model.frames_of([prompt], usual() if frames is None else frames, None)
   if frames is not None:
-    demand_numbers([frames], "num_frames", "a number, or one per prompt")
+    require_numbers([frames], "num_frames", "a number, or one per prompt")
   counts, least = usual_frames(planner, plan), planner.frames_per_latent
   if frames is not None:
     total = as_float(frames)

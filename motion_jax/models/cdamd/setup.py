@@ -170,7 +170,7 @@ def _captioned(config, data, encoder, encoders=None):
   draw = items.batch
   if encoders is not None:
     kept = store.Store(config.data.store)
-    kept.demand(store.identity_of(encoders, items, encoder))
+    kept.require(store.identity_of(encoders, items, encoder))
     encoder.recall(kept.words)
     tables = ("latents", "codes") if config.loss.prior_levels else ("latents",)
     draw = functools.partial(store.stored_batch, kept, items, tables, latents_look_back=False)

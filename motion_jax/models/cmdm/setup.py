@@ -208,7 +208,7 @@ def denoiser(config: ConfigDict) -> TrainingSetup:
       raise InputError("got data.per_segment_captions and data.store: a store holds the words of whole clips; leave "
                        "out one of the two")
     kept = store.Store(config.data.store)
-    kept.demand(store.identity_of(codec.parts, items, encoder))
+    kept.require(store.identity_of(codec.parts, items, encoder))
     encoder.recall(kept.words)
     draw = functools.partial(store.stored_batch, kept, items, ("distribution",), latents_look_back=codec.net.causal)
 
