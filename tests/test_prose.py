@@ -18,14 +18,13 @@ BANNED = re.compile(r"\b(told|asked|anew|led|whoever|nobody|so many|goes on|of i
 CLEAN = ("motion_jax/training", "motion_jax/fit.py", "configs", "motion_jax/nets",
          "motion_jax/quant", "motion_jax/diffusion", "motion_jax/metrics", "motion_jax/convert", "motion_jax/control",
          "motion_jax/analysis", "motion_jax/utils", "motion_jax/retrieval.py", "motion_jax/export", "motion_jax/data",
-         "motion_jax/motion",
+         "motion_jax/motion", "motion_jax/models",
          "motion_jax/text", "motion_jax/latents.py", "motion_jax/shapes.py",
          "motion_studio/language", "motion_studio/checks", "motion_studio/planning", "motion_studio/pipeline.py",
          "motion_studio/steps.py", "motion_studio/constraining.py", "motion_studio/editing.py",
-         "motion_studio/streaming.py", "motion_studio/blending.py", "motion_jax/models/captions.py",
-         "motion_jax/models/guided.py", "motion_jax/models/pasting.py", "motion_jax/models/cmdm/model.py",
-         "motion_jax/models/cdamd/model.py", "motion_jax/evaluation", "motion_jax/evaluators",
-         "motion_jax/models/tmr", "motion_jax/runs.py", "motion_jax/paper_tables.py", "motion_jax/charts.py", "tools",
+         "motion_studio/streaming.py", "motion_studio/blending.py",
+         "motion_jax/evaluation", "motion_jax/evaluators",
+         "motion_jax/runs.py", "motion_jax/paper_tables.py", "motion_jax/charts.py", "tools",
          "benchmarks", "examples",
          "motion_studio/server", "motion_studio/cli", "motion_studio/client.py", "blender")
 WORD_LISTS = ("motion_jax/text/lexicon.py", "motion_studio/language/lexicon.py")  # data, not prose

@@ -84,21 +84,21 @@ def weights(loss_config: ConfigDict) -> dict[str, float]:
 def frozen_stats(config: ConfigDict, stats: Stats) -> dict[str, Any]:
   """What these terms, and constraints of the motion, need among the frozen parts of a stage; nothing where the config
   asks for none."""
-  asked = weights(config.loss) or config.data.get("control")
-  return {STATS: {"mean": stats.mean, "std": stats.std}} if asked else {}
+  wanted = weights(config.loss) or config.data.get("control")
+  return {STATS: {"mean": stats.mean, "std": stats.std}} if wanted else {}
 
 
 def of_features(config: ConfigDict, frozen: Mapping[str, Any]) -> Callable | None:
   """errors(decoded, features, frame_mask=None) of normalized features (B, T, F): those of `motion_errors` that
   config.loss gives a weight; None where it gives none."""
-  asked, layout = weights(config.loss), get_layout(config.data.layout)
-  if not asked:
+  wanted, layout = weights(config.loss), get_layout(config.data.layout)
+  if not wanted:
     return None
   mean, std = frozen[STATS]["mean"], frozen[STATS]["std"]
 
   def errors(decoded, features, frame_mask=None):
     made, real = (layout.to_joints(x * std + mean) for x in (decoded, features))
     found = motion_errors(made, real, frame_mask, layout.skeleton, layout.fps)
-    return {name: found[name] for name in asked}
+    return {name: found[name] for name in wanted}
 
   return errors

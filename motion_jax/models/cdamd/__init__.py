@@ -12,7 +12,7 @@ stages         what is trained, as pure functions
 setup          a config becomes a stage with its data
 mask_schedule  which latents are masked, in training and in each decoding iteration
 unmasking      the loop over decoding iterations; `draws` its random numbers
-sampling       generating; `editing` makes parts of a motion anew
+sampling       generating; `editing` regenerates parts of a motion
 model          ready to use; `length` estimates how long a motion should be
 weights        the authors' PyTorch files
 

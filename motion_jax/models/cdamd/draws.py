@@ -63,7 +63,7 @@ def make_draw(keys: jax.Array, length: int, channels: int, shared: float = 0.0) 
   else, so neither padding nor batch-mates change it. keys (B,).
 
   shared: of the noise's variance, how much is of one draw for all latents of a motion. The head makes each latent from
-  noise of its own, so what the transformer leaves open, such as where exactly the body is, is decided anew for every
+  noise of its own, so what the transformer leaves open, such as where exactly the body is, is decided again for every
   latent, and the body shakes. From the same noise neighbours decide alike. Each latent's noise is a standard normal for
   any share, as in training; the reference shares none.
   """

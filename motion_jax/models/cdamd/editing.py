@@ -1,4 +1,4 @@
-"""Parts of a motion made anew by CDAMD, the others kept."""
+"""Edit a motion with CDAMD: regenerate parts of it, keep the others."""
 from typing import Any
 
 from jaxtyping import Bool, Float

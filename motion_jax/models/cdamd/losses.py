@@ -66,7 +66,7 @@ def trained_mask(kinds: str, known_mask: Bool[Array, "b l"], real_mask: Bool[Arr
                  mask_u: Float[Array, " b"] | None = None) -> Bool[Array, "b 1 #l l"]:
   """The mask (B, 1, L, L) of a training step; of several kinds, "dccm+bcm", each item draws one, mask_u (B,).
 
-  A model that was trained on several can be asked by any of them (one for generation, one for editing).
+  A model that was trained on several can be used with any of them (one for generation, one for editing).
   """
   masks = jnp.stack([latent_mask(kind, known_mask, real_mask) for kind in kinds.split("+")])
   if len(masks) == 1:

@@ -1,4 +1,4 @@
-"""Which latents are masked in training, and which are made anew in each iteration of sampling: tables, and no network.
+"""Which latents are masked in training, and which are resampled in each iteration of sampling: tables, no network.
 
 Training hides some of a motion's latents behind noise or a learned vector (docs/papers/cdamd.md#training-step).
 Sampling begins with all of them masked; in each decoding iteration those that are still masked are made, and all but a
@@ -129,7 +129,7 @@ def unmasked_table(masked: Bool[Array, "n b l"]) -> Bool[Array, "n b l"]:
 
 def task_mask(task: str, num_frames: Sequence[int] | Int[Array, " b"], length: int, frames_per_latent: int = 4
               ) -> Bool[np.ndarray, "b {length}"]:
-  """(B, L): the latents that an editing task makes anew, of motions of num_frames (B,) frames.
+  """(B, L): the latents that an editing task resamples, of motions of num_frames (B,) frames.
 
   The names say what is given: "prefix" keeps the first half, "suffix" the second, "inpainting" the first and last
   quarter, "outpainting" the middle.
@@ -156,7 +156,7 @@ def task_mask(task: str, num_frames: Sequence[int] | Int[Array, " b"], length: i
 
 def kept_mask(spans: Sequence[Sequence[int]], num_frames: int, length: int, frames_per_latent: int = 4
               ) -> Bool[np.ndarray, " {length}"]:
-  """(L,): the latents to make anew when spans [(first, past), ...] of frames are kept, of a motion of num_frames.
+  """(L,): the latents to resample when spans [(first, past), ...] of frames are kept, of a motion of num_frames.
 
   A latent is kept if all its frames are.
   """

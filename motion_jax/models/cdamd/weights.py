@@ -57,7 +57,7 @@ def autoencoder(path: str | pathlib.Path) -> Network:
 def rvq(path: str | pathlib.Path) -> Network:
   """A released RVQ-VAE, "vq_model" (or "net") of latest.tar or net_best_fid.tar; params are {"params", "codebooks"}.
 
-  Files hold the codes and neither their running sums nor counts: training goes on as if each was used once.
+  Files hold the codes and neither their running sums nor counts: training continues as if each was used once.
   """
   what, part = "RVQ-VAE", read_part(path, choices=("vq_model", "net"))
   fields = _layers(part, what)
@@ -75,7 +75,7 @@ def rvq(path: str | pathlib.Path) -> Network:
 
 
 def generator(path: str | pathlib.Path, weights: str = "ema", num_heads: int | None = None) -> Network:
-  """A released masked transformer with its diffusion MLP, CDAMD's or MARDM's, told by what the file holds.
+  """A released masked transformer with its diffusion MLP, CDAMD's or MARDM's, detected from the content of the file.
 
   CDAMD: "t2m_transformer" (or "trans") of latest.tar. MARDM: "ema_mardm" (what is evaluated) or "mardm" of latest.tar.
   Fields are a model section: transformer, head. num_heads: without it, that of the known size of this width and depth.

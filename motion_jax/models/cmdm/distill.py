@@ -75,10 +75,10 @@ def student_stage(config: ConfigDict) -> Stage:
                           given.teacher_steps)
     error = (run(params, 1.0)(x, t) - jax.lax.stop_gradient(target)) ** 2
     error = error.astype(jnp.float32).mean(-1)
-    told = moves & latent_mask
+    counted = moves & latent_mask
     # Motions count by their length, as in the forcing loss, however few of their latents move in this row.
-    part = latent_mask.sum(1) / jnp.maximum(told.sum(1), 1)
-    learned = (jnp.where(told, error, 0.0).sum(1) * part).sum()
+    part = latent_mask.sum(1) / jnp.maximum(counted.sum(1), 1)
+    learned = (jnp.where(counted, error, 0.0).sum(1) * part).sum()
     if not given.forcing_share:
       return {"loss": learned}, latent_mask.sum()
     forcing, weight = plain.loss(params, frozen, batch, step, rng)

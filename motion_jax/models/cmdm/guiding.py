@@ -21,7 +21,7 @@ from motion_jax.shapes import Array
 
 
 class Behind(NamedTuple):
-  """Where the latents that left the window have led to: the decoder's memory, the last row of features (B, 1, F), place
+  """The state after the latents that left the window: the decoder's memory, the last row of features (B, 1, F), place
   (B, 2) on the floor and heading (B,)."""
   decoder: Any
   row: Float[Array, "b 1 f"]
@@ -50,7 +50,7 @@ class Guide:
     return cls(codec, stats.mean, stats.std, signal, 0, stats.layout.name, num_steps, num_times)
 
   def over(self, frames: int) -> Self:
-    """The same over so many frames, of which those behind the signal's end ask for nothing."""
+    """The same over this number of frames; those behind the end of the signal are unconstrained."""
     return dataclasses.replace(self, signal=self.signal.slice_frames(0, frames))
 
   def begin(self) -> Behind:

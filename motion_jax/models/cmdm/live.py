@@ -329,7 +329,7 @@ def _continue_path(features: Float[np.ndarray, "n f"], past: _Path | None, layou
   joints = to_joints(rows, layout).astype(np.float64)
   heading, path = root_path(rows, layout)
   if past is not None:
-    # Seen from the row that old and new rows share: in some layouts a row tells of the step that led to it.
+    # Seen from the row that old and new rows share: in some layouts a row holds the step to it.
     place, turn = path[0] * [1, 0, 1], rot.multiply(rot.conjugate(past.heading), heading[0])
     joints = rot.rotate(turn, joints - place)[1:] + past.place
     path = rot.rotate(turn, path - place) + past.place

@@ -29,7 +29,7 @@ ALONE = Sharing()  # one device holds all of it
 
 
 def sharing(rows: int, size: int, num_devices: int, axis_name: str) -> Sharing:
-  """`Sharing` where each of num_devices, mapped over axis_name, holds so many rows of micro-batches of this size."""
+  """`Sharing` for num_devices, mapped over axis_name, each with this number of rows in micro-batches of this size."""
   if rows % size == 0:
     return ALONE
   if size % rows:
@@ -62,7 +62,7 @@ def _log_sigma(mean_square):
 
 
 def mean_square_nll(mean_square: Float[Array, ""], size: int, shared: Sharing = ALONE) -> Float[Array, ""]:
-  """`gaussian_nll` of so many errors whose mean square is known, less its constant."""
+  """`gaussian_nll` of `size` errors with a known mean square, without its constant."""
   log_sigma = _log_sigma(shared.total(mean_square) * shared.share)
   return size * (mean_square / (2 * jnp.exp(2 * log_sigma)) + log_sigma)
 
@@ -201,7 +201,7 @@ def tokenizer_terms(vae: Net, params: Any, x: Float[Array, "b t f"], noise: Floa
   mdms, their sum align, and the weight that it gets: align_weight times the ratio of gradients, or plain if not
   adaptive. alignment: distance_pairs, last_layer of `align_ratio`.
 
-  errors(decoded, x): {name: mean squares (B,)} of `motion_errors.of_features`, told as they are; in the loss each is a
+  errors(decoded, x): {name: mean squares (B,)} of `motion_errors.of_features`, unweighted; in the loss each is a
   Gaussian likelihood with a sigma of its own, as many numbers as x has: at weight 1 it weighs as much as rec.
   """
   # Parity: the root term is the code's alone, and its KL weight is 0.01 with a ramp, the paper's 1.0; both are fields.
@@ -219,11 +219,11 @@ def tokenizer_terms(vae: Net, params: Any, x: Float[Array, "b t f"], noise: Floa
     terms["mcos"], terms["mdms"] = align_loss(vae, params, z, teacher, pairs, shared)
     terms["align"] = terms["mcos"] + terms["mdms"]
     ratio: Any = 1.0
-    told: dict[str, Array] = {}
+    reported: dict[str, Array] = {}
     if adaptive:
-      ratio, told["grad_rec"], told["grad_align"] = align_ratio(vae, params, x, noise, teacher, reconstruction,
+      ratio, reported["grad_rec"], reported["grad_align"] = align_ratio(vae, params, x, noise, teacher, reconstruction,
                                                                 shared=shared, **alignment)
-    told["align_weight"] = jnp.asarray(align_weight * ratio, x.dtype)
-    terms["loss"] += told["align_weight"] * terms["align"]
-    terms |= {name: value * shared.share for name, value in told.items()}
+    reported["align_weight"] = jnp.asarray(align_weight * ratio, x.dtype)
+    terms["loss"] += reported["align_weight"] * terms["align"]
+    terms |= {name: value * shared.share for name, value in reported.items()}
   return terms

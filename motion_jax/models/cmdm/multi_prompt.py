@@ -24,7 +24,7 @@ _BUCKET = 4         # blocks; lengths are rounded up to it, so that not every le
 def borders(frames: Sequence[int], frames_per_block: int) -> tuple[list[int], int]:
   """(blocks that each segment has, total frames): ends rounded to the nearest block, at least one block each.
 
-  The last segment's blocks reach the total, which is cut to what was asked.
+  The last segment's blocks reach the total, which is cut to the requested length.
   """
   ends = np.cumsum(frames) / frames_per_block
   made, blocks = 0, []
@@ -89,7 +89,7 @@ def chain(model: CmdmNetworks, plan: streaming.Plan, sampling: CmdmSampling, pro
           ) -> tuple[Float[Array, "b t f"], Sequence[int], list[list[int]]]:
   """Motions of several prompts as the released code makes them, segment by segment; takes and gives what `stream` does.
 
-  Each segment is sampled by itself behind the last num_past latents of the one before, which are noised anew in every
+  Each segment is sampled by itself behind the last num_past latents of the one before, which get fresh noise in every
   step, with its own caption only; all latents are decoded in one pass (docs/papers/cmdm.md#multi-prompt).
   """
   frames_per_latent = model.frames_per_latent
@@ -154,7 +154,7 @@ def extend(model: CmdmNetworks, plan: streaming.Plan, sampling: CmdmSampling, jo
   but for the tokenizer's error and where on the ground it is.
   """
   if not plan.lag:
-    raise ValueError("got schedule 'full': a motion goes on by schedule 'fss' or 'ar'")
+    raise ValueError("got schedule 'full': a motion continues only by schedule 'fss' or 'ar'")
   known, frames_per_latent = encode_past(model, joints, plan.context), model.frames_per_latent
   past = known[:, -(num_past or (plan.context if way == "stream" else 1)):]
   given = past.shape[1]

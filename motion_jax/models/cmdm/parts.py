@@ -1,6 +1,6 @@
 """Words of clips that were put together of several, for training: each latent sees those of its own part alone.
 
-So the denoiser learns what it is asked for by several prompts in a row, where the words change from block to block
+So the denoiser learns to follow several prompts in sequence, where the words change from block to block
 (`multi_prompt`); a sentence about all of a clip says nothing of when its parts are.
 """
 from collections.abc import Sequence

@@ -69,7 +69,7 @@ def generate_whole(dit: CausalDiT, plan: streaming.Plan, num_blocks: int, params
 
 
 def told_of(codec: VaeCodec, control: ControlSignal | None) -> Float[Array, "b l n"] | None:
-  """What the latents of a motion are told of its constraints; None where there are none."""
+  """The embedded constraints of the latents of a motion; None without constraints."""
   return None if control is None else conditioning.features(control, codec.frames_per_latent)
 
 
@@ -84,13 +84,13 @@ def words_of_latents(text_emb: Float[Array, "b g s e"], text_mask: Bool[Array, "
 def plain_velocity(dit: CausalDiT, params: Any, text_emb: Float[Array, "b s e"], text_mask: Bool[Array, "b *l s"],
                    attn_mask: Bool[Array, "#b 1 l l"], scale: Any, guided: bool = True,
                    control: Float[Array, "b l n"] | None = None) -> Callable[..., jax.Array]:
-  """velocity(x, t (L,)) of the network as it is, everything computed anew in every call."""
+  """velocity(x, t (L,)) of the network itself, recomputed completely in every call."""
   def velocity(x, t, drop):
     twice = lambda a: jnp.concatenate([a, a]) if drop.shape[0] > a.shape[0] > 1 else a
     emb = jnp.where(drop[:, None, None], 0.0, jnp.concatenate([text_emb] * (drop.shape[0] // text_emb.shape[0])))
     mask = jnp.concatenate([text_mask] * (drop.shape[0] // text_mask.shape[0]))
-    told = None if control is None else jnp.concatenate([control] * (drop.shape[0] // control.shape[0]))
-    return dit.apply(params, x, jnp.broadcast_to(t, x.shape[:2]), emb, twice(attn_mask), mask, told)
+    control_emb = None if control is None else jnp.concatenate([control] * (drop.shape[0] // control.shape[0]))
+    return dit.apply(params, x, jnp.broadcast_to(t, x.shape[:2]), emb, twice(attn_mask), mask, control_emb)
 
   if guided:
     return guidance.guided(velocity, scale)
@@ -104,7 +104,7 @@ def chained(dit: CausalDiT, plan: streaming.Plan, params: Any, *, text_emb: Floa
   """New latents (B, N, C) behind a past (B, P, C) as the released code makes them: plain recompute, past re-noised.
 
   noise (B, P + N, C) and fresh(m) alike: see `continuation.renoised`; lengths (B,) of the new latents, those beyond
-  mean nothing. P = 0 is the first segment of a chain, an ordinary run. Positions start anew in every segment, and
+  mean nothing. P = 0 is the first segment of a chain, an ordinary run. Positions restart in every segment, and
   blocks count from the window's start.
   """
   length, given = noise.shape[1], past.shape[1]
@@ -177,8 +177,8 @@ def stream_control(dit: CausalDiT, codec: VaeCodec, params: Any, control: Contro
                    ) -> Float[Array, "b l n"]:
   """`CausalDiT.control_tokens` of constraints on a stream's frames from here on, where a body stands at start: x, z and
   heading."""
-  told = conditioning.features(control, codec.frames_per_latent, start)
-  return jnp.asarray(dit.apply(params, told, method="control_tokens"))
+  features = conditioning.features(control, codec.frames_per_latent, start)
+  return jnp.asarray(dit.apply(params, features, method="control_tokens"))
 
 
 def stream_step(active: int, use_cache: bool, codec: VaeCodec, sampler: streaming.Sampler, state: MotionStream,

@@ -133,7 +133,7 @@ def forcing_inputs(config: ConfigDict, vae: CausalVAE, dit: CausalDiT, frozen: A
 
 def control_of(config: ConfigDict, vae: CausalVAE, frozen: Any, batch: dict[str, Any], rng: jax.Array
                ) -> tuple[ControlSignal, Float[Array, "b l n"]] | tuple[None, None]:
-  """(random constraints that a share config.data.control of the batch's motions meet, what their latents are told of
+  """(random constraints that a share config.data.control of the batch's motions meet, the control features of
   them); (None, None) where that is 0."""
   if not config.data.control:
     return None, None
@@ -150,7 +150,7 @@ def self_forced(velocity: Callable[..., Any], z1: Float[Array, "b l c"], latent_
                   t: Float[Array, "b l"], noise: Float[Array, "b l c"], keys: Array, block: int, share: float
                   ) -> tuple[Float[Array, "b l c"], Float[Array, "b l"], Bool[Array, "b l"]]:
   """(latents, times, which are its own (B, L)): of a share of clips, drawn by keys (B,), the blocks before a random
-  border are what the network makes of them, and stand as clean, as they do when a motion goes on from what it made.
+  border are what the network makes of them, and stand as clean, as they do when a motion continues from its own output.
 
   They are its prediction from noise that is more than half gone, without a gradient. A clip keeps one real block at
   least to learn from. Source: the two forward passes of MotionStreamer (arXiv 2503.15451), there of single frames.
@@ -207,8 +207,8 @@ def _held_errors(config, frozen, features, control, frames):
   layout, stats = get_layout(config.data.layout), frozen[motion_errors.STATS]
   off = layout.to_joints(features * stats["std"] + stats["mean"]) - control.positions[:, :features.shape[1]]
   counts = control.given[:, :features.shape[1]] & frames[..., None, None]
-  told = jnp.where(counts, optax.huber_loss(jnp.where(counts, off, 0.0), delta=0.5), 0.0).sum((1, 2, 3))
-  return told / jnp.maximum(counts.sum((1, 2, 3)), 1)
+  loss = jnp.where(counts, optax.huber_loss(jnp.where(counts, off, 0.0), delta=0.5), 0.0).sum((1, 2, 3))
+  return loss / jnp.maximum(counts.sum((1, 2, 3)), 1)
 
 
 def make_denoiser(config: ConfigDict) -> CausalDiT:
@@ -224,7 +224,7 @@ def denoiser_stage(config: ConfigDict) -> Stage:
   (B, S, E), text_mask (B, S), index (B,) place in the whole batch. With a weight for one of `motion_errors.NAMES` the
   clean latents that the network means are decoded, and the motion of frames whose latents' time is over
   config.loss.decoded_from is held to the real one's; frozen["stats"] holds mean and std of the features, also with a
-  share config.data.control of motions whose latents are told random constraints that the motion meets.
+  share config.data.control of motions whose latents are conditioned on random constraints that the motion meets.
   """
   vae = CausalVAE(**config.tokenizer)
   dit = make_denoiser(config)

@@ -61,7 +61,7 @@ class Plan(NamedTuple):
     return max(self.context // self.block - 1, 1)
 
   def fitted(self, num_blocks: int) -> "Plan":
-    """The same plan with a window no wider than a motion of so many blocks."""
+    """The same plan with a window no wider than a motion of this number of blocks."""
     return self._replace(width=min(self.width, num_blocks))
 
 
@@ -89,7 +89,7 @@ class Stream(NamedTuple):
   latents: jax.Array  # (B, width * block, C), the window
   cache: Any          # per layer (k, v), (rows, ring * block, H, K), keys unturned
   past: jax.Array     # () how many latents were given before the first block, see `Sampler.prefill`
-  behind: Any = None  # where what left the window has led to, of a sampler with a guide
+  behind: Any = None  # the state after the latents that left the window, for guided samplers
 
 
 class Constants(NamedTuple):
@@ -226,7 +226,7 @@ class Sampler:
   """Frame-wise sampling of B motions, bound to all that stays the same from step to step. Made by `bind`.
 
   dit, plan: network and choices, static. params of the network; constants: `make_constants`; text: `encode_text`;
-  scale: of guidance; keys (B,): one per motion; control: what is told of constraints. A
+  scale: of guidance; keys (B,): one per motion; control: the embedded constraints. A
   pytree: a jitted function takes it as one argument.
   """
   dit: Any = flax.struct.field(pytree_node=False)
@@ -253,7 +253,7 @@ class Sampler:
 
   def prefill(self, state: Stream, *, past: Float[Array, "b p c"], count: Any, caption: Int[Array, "b k"] | None = None
               ) -> Stream:
-    """A state as of `init` with clean latents behind it: the motion goes on from the last `count` of past (B, P, C).
+    """A state as of `init` with clean latents behind it: the motion continues the last `count` of past (B, P, C).
 
     P is whole blocks, and the past ends where block 0 begins; what stands before its last `count` latents is ignored.
     One pass at t = 1 fills the cache with what these latents would have left there. caption (B, P / block): which of
@@ -394,7 +394,7 @@ def bind(dit: FrameWiseNetwork, plan: Plan, params: Any, *, text_emb: Float[Arra
                  None if control is None else control_tokens(dit, plan, params, control))
 
 
-def control_tokens(dit: Net, plan: Plan, params: Any, control: Float[Array, "b l n"]) -> Float[Array, "b _ told"]:
-  """What layers are told of control (B, L, N); nothing of the latents behind these that a window reaches."""
+def control_tokens(dit: Net, plan: Plan, params: Any, control: Float[Array, "b l n"]) -> Float[Array, "b _ width"]:
+  """The embedded control (B, L, N) for all layers; zeros for later latents that a window reaches."""
   tokens = dit.apply(params, control, method="control_tokens")
   return jnp.pad(tokens, ((0, 0), (0, plan.width * plan.block), (0, 0)))
