@@ -44,7 +44,7 @@ def _generated(workdir, longest):
     model.params = jax.tree.map(np.asarray, params)
     chosen = np.linspace(0, len(captions) - 1, min(NUM, len(captions))).astype(int)
     return list(model.generate([captions[i] for i in chosen], [min(frames[i], longest) for i in chosen],
-                               seeds=range(len(chosen))))
+                               seeds=range(len(chosen)), cleanup=True))
 
   return clips
 

@@ -120,7 +120,7 @@ def test_a_repeat_is_byte_identical_and_so_is_one_that_was_killed(judged, tiny_r
   assert times == [path.stat().st_mtime_ns for path in made]
   made[0].unlink()
   made[1].write_bytes(made[1].read_bytes()[:100])
-  with pytest.raises(ValueError, match="is not there"):
+  with pytest.raises(ValueError, match="does not exist"):
     again(judged, tiny_run, archive, evaluators, tmp_path / "b", recompute=True)
   again(judged, tiny_run, archive, evaluators, tmp_path / "b")
   for folder in "ab":

@@ -15,6 +15,7 @@ from motion_jax.evaluation.request import Request
 from motion_jax.evaluators.evaluator import fresh_evaluator
 from motion_jax.models.cdamd import setup as cdamd_setups
 from motion_jax.models.cmdm import setup as cmdm_setups
+from motion_jax.models.tmr import setup as tmr_setups
 from motion_jax.text.encoder import load_text_encoder, narrowest, padded_length
 from tests.conftest import light_training, load_config
 
@@ -217,7 +218,7 @@ def test_long_captions_are_judged(trained, data, tmp_path):
 
 
 def test_a_teacher_learns_from_long_captions(data):
-  next_batch = cmdm_setups.teacher(training.resolve(_on(data, "part_tmr", {"data.max_words": 24}))[0]).next_batch
+  next_batch = tmr_setups.teacher(training.resolve(_on(data, "part_tmr", {"data.max_words": 24}))[0]).next_batch
   batches = [next_batch(step) for step in range(4)]
   assert {batch["ids"].shape[1] for batch in batches} >= {192} and max(
       batch["text_mask"].sum(1).max() for batch in batches) == 102

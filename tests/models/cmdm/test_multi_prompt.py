@@ -152,7 +152,7 @@ def test_a_motion_goes_on(model, walk):
 
 def test_other_bodies_and_rates_are_fitted(model, walk, tmp_path):
   big = Clip(np.repeat(walk.joints * 1.2, 2, axis=0), fps=40, id="big")
-  longer = model.extend(big, "a person walks", num_frames=12, seed=0, **FAST)
+  longer = model.extend(big, "a person walks", num_frames=12, seed=0, cleanup=True, **FAST)
   assert longer.fps == 20 and longer.num_frames == 62
   np.testing.assert_allclose(longer.joints[:50], big.joints[::2], atol=1e-5)  # in its place, on its own bones
   lengths = bone_lengths(longer.joints.astype(np.float64), HUMANML3D)[:, 1:]
