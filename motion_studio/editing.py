@@ -4,6 +4,7 @@ The frames are sampled and pasted back by the library (`models.pasting`); here t
 requires, by the lengths of the bones and by sliding feet, and sampled again until an attempt is fit for use.
 """
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -12,7 +13,6 @@ import numpy as np
 from motion_jax.control.constraints import KeepParts
 from motion_jax.control.finishing import with_parts
 from motion_jax.models import pasting
-from motion_jax.models.pasting import Edit
 from motion_jax.models.results import Motion, Motions, gathered
 from motion_jax.motion.skeleton import bone_lengths
 from motion_jax.utils import progress
@@ -42,17 +42,17 @@ def edited(job: Job, clips: Sequence[Any], new: Callable[[int], np.ndarray], max
   prompts = [_network_prompt(prompt, plan) for prompt, plan in zip(job.prompts, job.plans)]
   checked = max_attempts > 1 and resampling.can_be_checked(model)
   required = [plan.requirements if plan and checked else [] for plan in job.plans]
-  keeps_legs = [checked and job.cleanup and plan is not None and _is_upper_body(plan) for plan in job.plans]
+  keeps_legs = [checked and job.cleanup and plan is not None and moves_upper_body(plan) for plan in job.plans]
 
   def make(rows, keys, sampling):
     decoded, about = model.inpaint([edits[i].features for i in rows], [edits[i].new_in_window for i in rows],
                                    [prompts[i] for i in rows], keys, sampling)
     motions = [pasting.paste(model, edits[i], job.prompts[i], job.seeds[i], features, job.cleanup,
                              about | dict(task=task)) for i, features in zip(rows, decoded)]
-    motions = [_on_own_legs(model, edits[i], motion) if keeps_legs[i] and _sliding(motion) else motion
-               for i, motion in zip(rows, motions)]
+    motions = [on_own_legs(motion, edits[i].known.joints, partial(pasting.features_of_edit, model, edits[i]))
+               if keeps_legs[i] and sliding(motion) else motion for i, motion in zip(rows, motions)]
     return [Made(motion, _distortion(model, features, edits[i].new_in_window) + (
-        0.0 if any(one.kind == "run" for one in required[i]) else _sliding(motion)))
+        0.0 if any(one.kind == "run" for one in required[i]) else sliding(motion)))
             for i, motion, features in zip(rows, motions, decoded)]
 
   best = [(_score(made, one, fps), made) for made, one in zip(make(range(count), job.keys, job.sampling), required)]
@@ -77,7 +77,7 @@ def edited(job: Job, clips: Sequence[Any], new: Callable[[int], np.ndarray], max
         if score < best[i][0]:
           best[i], kept[i] = (score, made), number
   motions = [made.motion for _, made in best]
-  unmet = [_unmet(motion, one, fps) + _glides(motion, one, checked) for motion, one in zip(motions, required)]
+  unmet = [_unmet(motion, one, fps) + gliding_reports(motion, one, checked) for motion, one in zip(motions, required)]
   if job.warns:
     report([motion.meta["prompt"] for motion in motions], unmet, max_attempts)
   return gathered([resampling.with_attempts(*one) for one in zip(motions, attempts, kept, unmet)])
@@ -95,22 +95,22 @@ def _network_prompt(prompt: str, plan: Plan | None) -> str:
   return plan.segments[0].action.prompt_with_count
 
 
-def _is_upper_body(plan):
+def moves_upper_body(plan: Plan) -> bool:
   """Whether a plan has actions of arms or head only, which leave the legs free."""
   parts = {action.part for action in plan.actions}
   return bool(parts) and parts <= {"arms", "head"}
 
 
-def _on_own_legs(model: Any, edit: Edit, motion: Motion) -> Motion:
-  """The motion with the new upper body above the legs that the clip has in these frames.
+def on_own_legs(motion: Motion, clip: np.ndarray, features: Callable[[np.ndarray], Any]) -> Motion:
+  """The motion with its new upper body above the legs that clip (T, J, 3) has in these frames; features(joints).
 
   A network that samples the middle of a walk as "waves" makes a body that stands; the kept frames after it are metres
   ahead, so it would glide there.
   """
   spans = [(first / motion.fps, past / motion.fps) for first, past in motion.meta["made"]]
-  keep = KeepParts(edit.known.joints, ("legs",), motion.fps, spans)
+  keep = KeepParts(clip, ("legs",), motion.fps, spans)
   joints = with_parts(motion.joints, keep, motion.fps)
-  return motion.replace(joints=joints, features=pasting.features_of_edit(model, edit, joints),
+  return motion.replace(joints=joints, features=features(joints),
                         meta=motion.meta | dict(legs="kept"))
 
 
@@ -123,7 +123,7 @@ def _distortion(model, decoded, new):
   return float(np.clip(np.percentile(off, 90) - _DISTORTED, 0.0, 1.0))
 
 
-def _sliding(motion):
+def sliding(motion: Motion) -> float:
   """How much faster than usual, metres a second, the slower of both feet slides over the ground in new frames."""
   skeleton = motion.skeleton
   ankles = motion.joints[:, [skeleton.left_feet[0], skeleton.right_feet[0]]][..., [0, 2]].astype(np.float64)
@@ -132,9 +132,9 @@ def _sliding(motion):
   return float(np.clip(max(slides, default=0.0) - _SLIDES, 0.0, 1.0))
 
 
-def _glides(motion, requirements, checked):
+def gliding_reports(motion: Motion, requirements: Sequence[Any], checked: bool) -> list[str]:
   """[what is wrong] with new frames in which a body that makes no steps has to travel to the kept frames."""
-  if not checked or any(one.kind == "run" for one in requirements) or not _sliding(motion):
+  if not checked or any(one.kind == "run" for one in requirements) or not sliding(motion):
     return []
   first, past = max(motion.meta["made"], key=lambda span: span[1] - span[0])
   root = motion.joints[[max(first - 1, 0), min(past, len(motion.joints) - 1)], 0][:, [0, 2]]

@@ -17,6 +17,7 @@ from motion_jax.evaluation.tasks.long_horizon import LongHorizon
 from motion_jax.evaluators.evaluator import fresh_evaluator
 from motion_jax.metrics import long_horizon as long_horizon_lib
 from motion_jax.metrics import physics
+from motion_jax.models.cmdm import multi_prompt
 from motion_jax.motion.representations import get_layout, to_joints
 from motion_jax.motion.skeleton import SNAPMOGEN
 
@@ -72,7 +73,7 @@ def test_a_piece_reaches_to_where_the_next_begins(tmp_path):
 
 class Recorder:
   """A model that makes what was recorded, or `changed` of it."""
-  dit, vae, fps = types.SimpleNamespace(block=3), types.SimpleNamespace(frames_per_latent=4), 30.0
+  fps = 30.0
   stats = types.SimpleNamespace(layout=get_layout("snapmogen"))
   config, more_choices = types.SimpleNamespace(data=types.SimpleNamespace(mode="benchmark")), ()
 
@@ -83,7 +84,10 @@ class Recorder:
   def can(self, ability):
     return ability == "multi_prompt"
 
-  def multi_prompts(self, sequences, seeds, cleanup, guidance_scale, way):
+  def segment_frames(self, frames, way):
+    return multi_prompt.segment_frames(frames, way, 12, 4)
+
+  def multi_prompts(self, sequences, seeds, guidance_scale, way):
     self.asked += sequences
     return [types.SimpleNamespace(features=made) for made in self.made[:len(sequences)]]
 

@@ -1,6 +1,4 @@
 """Edits whose new frames have to travel: the legs of the source carry an action of the arms; others are reported."""
-import dataclasses
-
 import numpy as np
 import pytest
 
@@ -8,6 +6,7 @@ from motion_jax.data.datasets.synthetic import synthetic_joints
 from motion_jax.models.results import Motion
 from motion_jax.motion.skeleton import HUMANML3D, bone_lengths
 from motion_studio import editing
+from motion_studio.language import parse
 
 FPS, FRAMES = 20.0, 120
 LEGS = [1, 2, 4, 5, 7, 8, 10, 11]
@@ -32,14 +31,12 @@ def gliding(walk):
     ("a person waves", True), ("someone nods while waving", True), ("he raises both hands", True),
     ("a person jumps", False), ("a person walks forward while waving", False), ("a person dances", False)])
 def test_actions_that_leave_the_legs_free(prompt, upper):
-  assert editing._is_upper_body(prompt) == upper
+  assert editing.moves_upper_body(parse(prompt)) == upper
 
 
-def test_a_wave_in_the_middle_of_a_walk_is_a_walk_that_waves(walk, gliding, monkeypatch):
-  monkeypatch.setattr(editing, "_features", lambda model, job, joints: None)
-  job = editing.Job(None, dataclasses.make_dataclass("Known", ["joints"])(walk), None, 0, np.zeros((FRAMES, 1)))
-  made = editing._on_own_legs(None, job, gliding)
-  assert editing._skating(gliding) > 0.3 and editing._skating(made) == 0
+def test_a_wave_in_the_middle_of_a_walk_is_a_walk_that_waves(walk, gliding):
+  made = editing.on_own_legs(gliding, walk, lambda joints: None)
+  assert editing.sliding(gliding) > 0.3 and editing.sliding(made) == 0
   np.testing.assert_allclose(made.joints[:, LEGS], walk[:, LEGS], atol=1e-4)
   for kept in (slice(0, 30), slice(90, None)):
     np.testing.assert_allclose(made.joints[kept], walk[kept], atol=1e-4)
@@ -49,6 +46,6 @@ def test_a_wave_in_the_middle_of_a_walk_is_a_walk_that_waves(walk, gliding, monk
 
 
 def test_a_body_that_glides_is_reported(gliding, walk):
-  reports = editing._glides(gliding, [], True)
+  reports = editing.gliding_reports(gliding, [], True)
   assert len(reports) == 1 and reports[0].startswith("the feet slide, for the kept frames are ")
-  assert editing._glides(gliding.replace(joints=walk), [], True) == []
+  assert editing.gliding_reports(gliding.replace(joints=walk), [], True) == []

@@ -75,12 +75,14 @@ def test_bvh_in_the_unit_that_is_asked(tmp_path):
 
 @pytest.mark.slow
 def test_many_motions_are_made_in_pieces(generate, tmp_path, monkeypatch):
-  generate("a person waves", "--num-frames", 20, "--num-samples", 3, "--out", tmp_path / "whole.npy")
+  generate("a person waves", "--num-frames", 20, "--num-samples", 3, "--max-attempts", 1,
+           "--out", tmp_path / "whole.npy")
   monkeypatch.setattr(make, "BATCH_FRAMES", 40)
-  seen, one_batch = [], CmdmModel.generate
-  monkeypatch.setattr(CmdmModel, "generate", lambda self, prompts, *args, **options: seen.append(
+  seen, one_batch = [], CmdmModel.sample
+  monkeypatch.setattr(CmdmModel, "sample", lambda self, prompts, *args, **options: seen.append(
       len(prompts)) or one_batch(self, prompts, *args, **options))
-  generate("a person waves", "--num-frames", 20, "--num-samples", 3, "--out", tmp_path / "parts.npy")
+  generate("a person waves", "--num-frames", 20, "--num-samples", 3, "--max-attempts", 1,
+           "--out", tmp_path / "parts.npy")
   assert seen == [2, 1]
   for i in range(3):
     assert np.allclose(np.load(tmp_path / f"parts_{i}.npy"), np.load(tmp_path / f"whole_{i}.npy"), atol=1e-5)
