@@ -106,7 +106,7 @@ def test_a_folder_that_cannot_be_written_costs_time_only(tmp_path, monkeypatch):
 def test_generating_from_the_cache_gives_the_same_bits(tiny_run, tmp_path, monkeypatch, capsys):
   """Without a cache, making it, and from it: one motion, bit for bit."""
   from motion_jax import loading
-  plain = loading.load(tiny_run).generate("a person walks", 20, seeds=[5])[0]
+  plain = loading.load(tiny_run).generate("a person walks", 20, seeds=[5], cleanup=True)[0]
   monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
   for name in ("first", "second"):
     assert cli.main(["generate", "a person walks", "--num-frames", "20", "--seed", "5", "--model", str(tiny_run),
