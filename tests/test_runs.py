@@ -17,15 +17,15 @@ CONFIGS = sorted(path.stem for path in (ROOT / "configs").glob("*.py") if path.s
 
 def strip(config):
   """The dict of a config without the fields that have the values of `runs.DEFAULTS`."""
-  told = config.to_dict()
+  fields = config.to_dict()
   for path in {**runs.DEFAULTS[""], **runs.DEFAULTS[config.stage]}:
     section, _, field = path.rpartition(".")
-    place = told[section] if section else told
+    place = fields[section] if section else fields
     value = place.pop(field)
-    new = runs.with_defaults(type(config)(told)).to_dict()
+    new = runs.with_defaults(type(config)(fields)).to_dict()
     if (new[section] if section else new)[field] != value:  # the config's own choice
       place[field] = value
-  return told
+  return fields
 
 
 @pytest.mark.parametrize("name", CONFIGS)
@@ -39,9 +39,9 @@ def test_config_files_name_every_field_that_is_read(name):
 def test_a_config_without_the_fields_that_have_defaults_is_the_same(name):
   config = load_config(name, "full")
   old = type(config)(strip(config))
-  told = old.to_dict()
+  fields = old.to_dict()
   new = runs.with_defaults(old.lock())
-  assert new.is_locked and old.to_dict() == told and runs.with_defaults(new) == new
+  assert new.is_locked and old.to_dict() == fields and runs.with_defaults(new) == new
   assert new.to_dict() == config.to_dict()
 
 

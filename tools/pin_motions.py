@@ -1,8 +1,8 @@
 """Record motions of the shipped models, or compare them with a recording: a refactoring must not change a bit of them.
 
-  python tools/pin_motions.py record /tmp/motions.npz
-  python tools/pin_motions.py compare /tmp/motions.npz          largest difference of each motion, in metres
-  python tools/pin_motions.py reduce /tmp/motions.npz           every tenth frame of some of them, as a test's fixture
+  python tools/pin_motions.py record motions.npz
+  python tools/pin_motions.py compare motions.npz          largest difference of each motion, in metres
+  python tools/pin_motions.py reduce motions.npz           every tenth frame of some of them, as a test's fixture
   ... --only cmdm-small/generate                                 motions whose name begins so
 
 Equal to the bit on one machine; other processors round elsewhere (tests/test_pinned.py allows for that).

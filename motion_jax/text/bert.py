@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from motion_jax.nets.post_norm import ACTIVATIONS, PostNormLayer
-from motion_jax.text.names import LEAVES, params_from_names
+from motion_jax.text.names import params_from_names
 
 
 class Bert(nn.Module):
@@ -73,17 +73,6 @@ def mean_words(hidden, text_mask):
   """The mean over real word pieces: (B, S, D), (B, S) -> (B, D)."""
   weight = text_mask[..., None].astype(hidden.dtype)
   return (hidden * weight).sum(1) / weight.sum(1)
-
-
-def mean_sentence(hidden, text_mask, projection=None):
-  """The sentence vector of sentence-transformers, (B, E): the mean over real word pieces, at unit length.
-
-  projection: (E, D), applied before normalization by Sentence-T5.
-  """
-  mean = mean_words(hidden, text_mask)
-  if projection is not None:
-    mean = mean @ projection.T
-  return mean / jnp.linalg.norm(mean, axis=-1, keepdims=True)
 
 
 def bert_fields(config):
@@ -156,19 +145,6 @@ def params_from_reference(state, fields, dtype=np.float32):
   state = {re.sub(r"^(bert|distilbert)\.", "", clean(name)): array for name, array in state.items()}
   names = DISTILBERT_NAMES if any(name.startswith("transformer.layer.") for name in state) else BERT_NAMES
   return params_from_names(state, _table(fields, names), Bert(**fields), IGNORED, dtype)
-
-
-def params_to_reference(params, fields, names=None):
-  """The inverse of `params_from_reference`: {PyTorch name: array}, by default under DistilBERT's names."""
-  state = {}
-  for path, (theirs, kind) in _table(fields, names or DISTILBERT_NAMES).items():
-    node = params
-    for part in path:
-      node = node[part]
-    for ours, leaf in LEAVES[kind]:
-      array = np.asarray(node[ours])
-      state[f"{theirs}.{leaf}"] = array.T if ours == "kernel" else array
-  return state
 
 
 def bert_fields_of(model):

@@ -237,13 +237,14 @@ def test_who_moves_tells_the_manner(captions, who):
 
 def test_sentences_by_kinematics_keep_the_manner_of_the_clip():
   """Else "a person waves" would mean any manner; of what few clips show one sentence in three leaves it out."""
-  told = {}
+  texts_of = {}
   for action, joints in (("waves the left hand", _wave("left", 4)), ("kicks", _kick("left"))):
     said = (Caption(f"a person {action} in exhaustion."), Caption(f"an exhausted person {action}."))
     for plain in (False, True):
       clip = Clip(joints.astype(np.float32), captions=said[:1] if plain else said, id="k", split="train")
-      told[action, plain] = [caption.text for caption in with_kinematic_captions(clip).captions[len(clip.captions):]]
-  mannered = [[text.startswith("an exhausted person ") for text in texts] for texts in told.values()]
+      added = with_kinematic_captions(clip).captions[len(clip.captions):]
+      texts_of[action, plain] = [caption.text for caption in added]
+  mannered = [[text.startswith("an exhausted person ") for text in texts] for texts in texts_of.values()]
   assert all(len(one) == 3 for one in mannered)
   assert [sum(one) for one in mannered] == [3, 0, 2, 0]
 
@@ -253,8 +254,8 @@ def test_sentences_by_kinematics_keep_the_manner_of_the_clip():
 def test_so_many_sentences_leave_the_manner_out(kind, asked, plain):
   way = {"walk": dict(way="forward", path="circle", side="left"), "kick": dict(side="left", count=1)}[kind]
   made = sentences([Event(kind, 0, 5, amount=1.0, **way)], 5.0, key="k", subject="an old man", plain=asked)
-  told = [text.startswith("an old man ") for text in made]
-  assert told == sorted(told) and told.count(False) == plain and any(told), made
+  texts_of = [text.startswith("an old man ") for text in made]
+  assert texts_of == sorted(texts_of) and texts_of.count(False) == plain and any(texts_of), made
 
 
 def test_wrong_captions_are_corrected_where_the_motion_says_so():
@@ -281,8 +282,8 @@ def test_a_folder_of_files(tmp_path, capsys):
   _write_bvh(tmp_path / "mine" / "deeper", "wave_left")
   table = tmp_path / "captions.csv"
   assert not cli.main(["data", "describe", str(tmp_path / "mine"), "--out", str(table)])
-  told = capsys.readouterr().out
-  assert "2 motions" in told and "data build" in told
+  texts_of = capsys.readouterr().out
+  assert "2 motions" in texts_of and "data build" in texts_of
   rows = read_captions(table)
   assert {row["file"] for row in rows} == {"walk.bvh", "deeper/wave_left.bvh"}
   assert all("left" in row["caption"] for row in rows if "wave" in row["file"])

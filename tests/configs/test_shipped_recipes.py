@@ -48,15 +48,15 @@ def test_the_last_pass_is_the_config_that_ships(name):
   passes = [one for one in config_files.load(name).passes if one.get("config", "").startswith(
       ("cmdm_denoiser", "cmdm_student", "cdamd_generator")) and "adapters" not in one["name"]]
   found = fit.config_of_pass(passes[-1], dict.fromkeys((one["name"] for one in config_files.load(name).passes), ""))
-  told = found.to_dict()
+  trained = found.to_dict()
   for section in ("optimizer", "loss"):
     for field, value in shipped[section].items():
-      assert told[section][field] == value or list(told[section][field]) == value, (section, field)
+      assert trained[section][field] == value or list(trained[section][field]) == value, (section, field)
   for field in ("augment", "balance", "batch_size", "kinematic_captions", "vary_subject"):
     expected = shipped["data"][field]
-    assert (told["data"]["augment"] | expected == told["data"]["augment"]) if field == "augment" else (
-        told["data"][field] == expected), field
-  assert told["train"]["num_steps"] == shipped["train"]["num_steps"] and told["seed"] == shipped["seed"]
+    assert (trained["data"]["augment"] | expected == trained["data"]["augment"]) if field == "augment" else (
+        trained["data"][field] == expected), field
+  assert trained["train"]["num_steps"] == shipped["train"]["num_steps"] and trained["seed"] == shipped["seed"]
 
 
 @pytest.mark.parametrize("name", [pytest.param(name, marks=[] if name == "shipped/clip_evaluator_small"

@@ -26,6 +26,7 @@ from motion_studio import cli
 from tests import fixtures
 from tests.golden import Fixture
 from tests.nets.test_causal_dit import captions
+from tests.text.reference import params_to_reference
 
 TABLE = {"net.0": ("first", "dense"), "net.norm": ("norm", "norm"), "conv": ("deep/conv", "conv")}
 
@@ -144,7 +145,7 @@ def text_folder(folder, dim, heads=2):
   folder.mkdir()
   (folder / "config.json").write_text(json.dumps(config))
   (folder / "tokenizer.json").write_text(encoder.tokenizer.to_str())
-  save_file({name: np.ascontiguousarray(a) for name, a in bert.params_to_reference(params, fields).items()},
+  save_file({name: np.ascontiguousarray(a) for name, a in params_to_reference(params, fields).items()},
             folder / "model.safetensors")
   return folder
 

@@ -21,9 +21,9 @@ def items(per_segment_captions):
 
 
 def test_how_often_a_clip_has_captions_of_its_parts():
-  told = [row for step in range(50) for row in items(0.5).batch(2, 0, step)["segments"]]
-  assert {len(row) for row in told} == {0, 2}
-  assert 0.3 < np.mean([bool(row) for row in told]) * 2 < 0.7  # of one of the two clips, which come equally often
+  segments = [row for step in range(50) for row in items(0.5).batch(2, 0, step)["segments"]]
+  assert {len(row) for row in segments} == {0, 2}
+  assert 0.3 < np.mean([bool(row) for row in segments]) * 2 < 0.7  # of one of the two clips, which come equally often
   assert "segments" not in items(0.0).batch(2, 0, 0)
   always = [items(1.0).batch(2, 0, step) for step in range(5)]
   for batch in always:
@@ -48,8 +48,8 @@ def test_a_block_belongs_to_the_part_of_its_middle():
 
 def test_latents_see_the_words_of_their_part_and_no_others():
   encoder = load_text_encoder("words")
-  said, told = ["he sits", "he walks, then waves slowly"], [(), SPANS]
-  given = words_by_part(encoder, said, told, 3, 48, 4, 3, at_least=4)
+  said, segments = ["he sits", "he walks, then waves slowly"], [(), SPANS]
+  given = words_by_part(encoder, said, segments, 3, 48, 4, 3, at_least=4)
   emb, mask = given["text_emb"], given["text_mask"]
   width = emb.shape[1] // 3
   assert emb.shape == (2, 3 * width, encoder.dim) and mask.shape == (2, 12, 3 * width)
@@ -57,7 +57,7 @@ def test_latents_see_the_words_of_their_part_and_no_others():
     words = encoder([text])[0][0]
     for latent in latents:
       np.testing.assert_array_equal(emb[row][mask[row, latent]], words)
-  own = words_by_part(encoder, said, told, 3, 48, 4, 3, at_least=4, rows=slice(1, 2))  # one of two processes
+  own = words_by_part(encoder, said, segments, 3, 48, 4, 3, at_least=4, rows=slice(1, 2))  # one of two processes
   np.testing.assert_array_equal(own["text_emb"][0][own["text_mask"][0, 0]], emb[1][mask[1, 0]])
   np.testing.assert_array_equal(own["text_mask"].any(-1), mask[1:].any(-1))
 

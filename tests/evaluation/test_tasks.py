@@ -83,16 +83,16 @@ def test_a_model_edits_with_the_mask_that_it_samples_with(options, mask):
   """MARDM's is not CDAMD's."""
   class Model:
     config = load_config("cdamd_generator", "mardm")
-    asked = None
+    given = None
 
     def edits(self, clips, prompts, task, **given):
-      self.asked = given
+      self.given = given
       raise InterruptedError
 
   candidate = Candidate("mardm", Model(), "", None, options=options)
   with pytest.raises(InterruptedError):
     editor(candidate, protocols.get_protocol("editing"), [], "prefix")(samples.Jobs([], [], [], []))
-  assert candidate.model.asked["mask"] == mask
+  assert candidate.model.given["mask"] == mask
 
 
 def test_a_model_that_cannot_edit_is_refused(tiny_run, archive, evaluator, tmp_path):
@@ -117,9 +117,9 @@ def test_prompt_sequences_of_a_file(archive, evaluator, tmp_path):
   path = tmp_path / "sequences.json"
   path.write_text(json.dumps([dict(id="10", lengths=[70, 64, 33], text=["c", "d", "e"]),
                               dict(id="2", lengths=[101, 80], text=["a person walks", "b"], scenario="long")]))
-  asked = request.resolve(Request([], [str(path), archive]))
-  folders, protocol = asked.folders, asked.protocol
-  assert protocol.name == "long-horizon" and protocol.note == "" and folders == (archive,) and asked.whole
+  resolved = request.resolve(Request([], [str(path), archive]))
+  folders, protocol = resolved.folders, resolved.protocol
+  assert protocol.name == "long-horizon" and protocol.note == "" and folders == (archive,) and resolved.whole
   harness = Harness(dataclasses.replace(protocol, pool=4, min_frames=24), evaluator, None, test_set_lib.read_test_set(
       folders, dataclasses.replace(protocol, min_frames=24), [evaluator]), seed=0)
   task = long_horizon.LongHorizon(harness)
@@ -159,10 +159,10 @@ def test_the_way_of_long_motions_is_a_choice_of_their_task_alone():
     ({}, False), (dict(way="chain", cleanup=True), True), (dict(ease=True), True)])
 def test_long_motions_may_be_judged_as_they_are_shown(options, shown):
   """What is cleaned up or eased are joints, so the features that are judged are made of these."""
-  joints, asked = synthetic_clips(0, 2, num_frames=40)[1].joints, []
+  joints, calls = synthetic_clips(0, 2, num_frames=40)[1].joints, []
 
   def multi_prompts(lists, **given):
-    asked.append(given)
+    calls.append(given)
     return [types.SimpleNamespace(joints=joints, features=None) for _ in lists]
 
   model = types.SimpleNamespace(
@@ -170,7 +170,7 @@ def test_long_motions_may_be_judged_as_they_are_shown(options, shown):
       config=types.SimpleNamespace(data=types.SimpleNamespace(mode="corrected")))
   make = long_horizon.multi_prompt_generator(types.SimpleNamespace(model=model, guidance_scale=2.0), [["a"]], options)
   (made,) = make(types.SimpleNamespace(places=[0], seeds=[7]))
-  assert asked == [dict(guidance_scale=2.0, seeds=[7]) | options]
+  assert calls == [dict(guidance_scale=2.0, seeds=[7]) | options]
   assert made is None if not shown else made.shape == (40, 263)
   if shown:
     np.testing.assert_allclose(to_joints(made, "full")[:, :, 1], joints[:, :, 1] - joints[..., 1].min(), atol=0.05)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from motion_jax.text import bert
+from tests.text.reference import mean_sentence, params_to_reference
 
 FIXTURES = pathlib.Path(__file__).parents[1] / "fixtures" / "text"  # recorded with transformers 5.23.0, torch 2.13.0
 
@@ -38,7 +39,7 @@ def outputs(arrays, state, fields, dtype):
   out["last"] = model.apply(params, *args)
   if fields["has_pooler"]:
     out["pooled"] = model.apply(params, *args, method="pooled")
-    out["sentence"] = bert.mean_sentence(out["last"], args[1])
+    out["sentence"] = mean_sentence(out["last"], args[1])
   return out
 
 
@@ -60,7 +61,7 @@ def test_names_go_both_ways_and_heads_are_ignored():
   _, state, fields, _ = golden("distilbert")
   released = {f"distilbert.{name}": array for name, array in state.items()} | {"vocab_projector.bias": np.zeros(3)}
   params = bert.params_from_reference(released, fields)
-  back = bert.params_to_reference(params, fields)
+  back = params_to_reference(params, fields)
   assert back.keys() == state.keys()
   assert all((back[name] == state[name]).all() for name in state)
   with pytest.raises(ValueError, match="ffn.lin1.weight"):

@@ -13,6 +13,7 @@ from motion_jax.training import checkpoint
 from motion_jax.training import setup as training_setup
 from motion_jax.training.setup import encoder_files
 from motion_jax.utils import atomic
+from tests.text.reference import params_to_reference
 
 
 @pytest.fixture
@@ -21,7 +22,7 @@ def own_folder(tmp_path):
   encoder, folder = load_text_encoder("random-init"), tmp_path / "own"
   folder.mkdir()
   fields = bert.bert_fields_of(encoder.model)
-  save_file({name: np.ascontiguousarray(array) for name, array in bert.params_to_reference(
+  save_file({name: np.ascontiguousarray(array) for name, array in params_to_reference(
       encoder.params, fields).items()}, folder / "model.safetensors")
   encoder.tokenizer.save(str(folder / "tokenizer.json"))
   (folder / "known_words.txt").write_text("walk\nwave\n")

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from motion_jax.text import t5
-from motion_jax.text.bert import mean_sentence, mean_words
+from motion_jax.text.bert import mean_words
 from tests import fixtures
 from tests.golden import Fixture, check, golden
+from tests.text.reference import mean_sentence
 
 
 def network(fixture):
