@@ -10,7 +10,9 @@ registered by
     return {"block3/velocity": ...}   # the names under out/ and out64/ in the file
 
 in the test module of the part; it takes all sizes from the file, so that recordings of other sizes, lengths and seeds
-run too, under their own names or ours (`runner_name`).
+run too, under their own names or ours (`runner_name`). Several methods record an "edit" or a "pipeline": such a runner
+is registered as "momask/edit", and computes files whose meta names that method's repository (`SOURCES`) or, where it
+names none of them, files in a folder of that name.
 """
 import argparse
 import importlib
@@ -30,6 +32,11 @@ FLOAT64_BOUND = 1e-10  # what numpy, written from docs/papers, stays far below (
 GRADIENT_BOUND = 1e-5  # relative; recorded in float32 only
 PRECISIONS = {"float32": "out/", "float64": "out64/"}  # where a file has what was recorded in each
 RUNNERS = {}
+SOURCES = {  # repositories of the references, as the meta of a file names them -> the method in a runner's name
+    "EricGuo5513/momask-codes": "momask", "Mael-zys/T2M-GPT": "t2m_gpt", "GuyTevet/motion-diffusion-model": "mdm",
+    "ChenFengYe/motion-latent-diffusion": "mld", "zju3dv/MotionStreamer": "motionstreamer", "YU1ut/CMDM": "cmdm",
+    "fly-dk/CDAMD": "cdamd", "neu-vi/MARDM": "cdamd",
+}
 WIDTH = 24  # of a name in the table
 
 
@@ -81,30 +88,51 @@ def params_of(fixture):
 
 
 def golden(name, leave_out=(), bounds=None):
-  """Registers run(fixture, dtype) -> {output: array} for the file NAME.npz; see the top of this file."""
+  """Registers run(fixture, dtype) -> {output: array} for the file NAME.npz, or for METHOD/NAME that of one method only;
+  see the top of this file."""
   def register(run):
     RUNNERS[name] = Runner(run, tuple(leave_out), bounds or {})
     return run
   return register
 
 
-def runner_name(stem, meta=None):
-  """Which runner computes a file of this name: that of its own name, of the one recorded in meta, of the longest name
-  that it begins with (causal_dit_seed7), or of one that differs in its last number only (evaluators_66). None if there
-  is none, or if two runners claim it.
+def method_of(meta, folder=""):
+  """The method whose reference a file was recorded from: by the source in its meta, else by the name of its folder."""
+  sources = (meta or {}).get("source")
+  for source in sources if isinstance(sources, list) else [sources]:
+    if isinstance(source, dict) and source.get("repo") in SOURCES:
+      return SOURCES[source["repo"]]
+  return folder
+
+
+def runner_name(stem, meta=None, folder=""):
+  """Which runner computes a file of this name: one of its method (`method_of`), else one of any method. Of these that
+  of its own name, of the one recorded in meta, of the longest name that it begins with (causal_dit_seed7), or of one
+  that differs in its last number only (evaluators_66). None if there is none, or if two runners claim it.
   """
   names = [name for name in ((meta or {}).get("fixture"), stem) if isinstance(name, str)]
+  for method in (f"{method_of(meta, folder)}/", ""):
+    known = {name[len(method):]: runner.run for name, runner in RUNNERS.items()
+             if name.startswith(method) and "/" not in name[len(method):]}
+    found = _runner_among(known, names)
+    if found is not None:
+      return method + found
+  return None
+
+
+def _runner_among(known, names):
+  """The key of known {name: run} for the first of names that has one."""
   for name in names:
-    if name in RUNNERS:
+    if name in known:
       return name
   for name in names:
-    begun = [known for known in RUNNERS if name.startswith(known) and re.match(r"[_.-]|\d", name[len(known):])]
+    begun = [one for one in known if name.startswith(one) and re.match(r"[_.-]|\d", name[len(one):])]
     if begun:
       return max(begun, key=len)
   base = lambda name: re.sub(r"[_-]?\d+$", "", name)
   for name in names:
-    alike = [known for known in RUNNERS if base(known) == base(name)]
-    if alike and len({RUNNERS[known].run for known in alike}) == 1:
+    alike = [one for one in known if base(one) == base(name)]
+    if alike and len({known[one] for one in alike}) == 1:
       return alike[0]
   return None
 
@@ -131,7 +159,7 @@ def check(path, precisions=tuple(PRECISIONS)):
     fixture = Fixture(path)
   except Exception as error:  # numpy, zipfile and json each have their own
     return failed(f"cannot be read: {_told(error)}")
-  name = runner_name(path.stem, fixture.meta)
+  name = runner_name(path.stem, fixture.meta, path.parent.name)
   if name is None:
     return failed("no runner knows this fixture")
   runner = RUNNERS[name]

@@ -107,8 +107,9 @@ def test_from_words_to_joints():
 def test_every_recording_here_has_a_runner_of_its_own(capsys):
   golden.import_runners()
   assert not capsys.readouterr().err  # every module could be imported
-  files = [path for part in ("cmdm", "text", "cdamd", "motion") for path in fixtures.path(part).glob("*.npz")]
-  assert len(files) > 20 and not [path.stem for path in files if path.stem not in golden.RUNNERS]
+  files = [path for path in fixtures.path(".").glob("*/*.npz") if path.parent.name != "data"]
+  names = [{path.stem, f"{path.parent.name}/{path.stem}"} for path in files]
+  assert len(files) > 20 and not [one for one in names if not one & golden.RUNNERS.keys()]
 
 
 def altered(name, path, change):
@@ -212,6 +213,19 @@ def test_runners_are_found_for_other_names(monkeypatch):
       ("renamed", {"fixture": "mac_vae_loss"}, "mac_vae_loss"), ("renamed", {"fixture": 3}, None),
       ("evaluators_66", {}, "evaluators_67"), ("ae66", {}, "ae"), ("odd_3", {}, None), ("never_seen", {}, None)):
     assert golden.runner_name(name, meta) == expected, name
+
+
+def test_a_name_that_several_methods_use_is_chosen_by_the_source_then_by_the_folder(monkeypatch):
+  shared, momask, gpt = (lambda *_: {} for _ in range(3))
+  register(monkeypatch, **{"pipeline": shared, "momask/pipeline": momask, "t2m_gpt/pipeline": gpt, "vae": shared})
+  source = lambda repo: {"source": [{"repo": repo, "commit": "0"}]}
+  for name, meta, folder, expected in (
+      ("pipeline", source("EricGuo5513/momask-codes"), "", "momask/pipeline"),
+      ("pipeline_seed7", source("Mael-zys/T2M-GPT"), "momask", "t2m_gpt/pipeline"),
+      ("other", source("Mael-zys/T2M-GPT") | {"fixture": "pipeline"}, "", "t2m_gpt/pipeline"),
+      ("pipeline", source("fly-dk/CDAMD"), "momask", "pipeline"), ("pipeline", {}, "momask", "momask/pipeline"),
+      ("pipeline", {}, "elsewhere", "pipeline"), ("vae", source("Mael-zys/T2M-GPT"), "", "vae")):
+    assert golden.runner_name(name, meta, folder) == expected, (name, meta, folder)
 
 
 def test_words_and_what_is_no_number_are_compared(tmp_path, monkeypatch):
