@@ -9,6 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Bool, Float, Num
 
 from motion_jax.nets.layers import Dense, promote_to_f32
+from motion_jax.nets.partitioning import Axes, partitioned
 from motion_jax.shapes import Array
 
 
@@ -16,10 +17,11 @@ class RMSNorm(nn.Module):
   """x / sqrt(mean(x^2) + eps) * scale over the last axis."""
   eps: float = 1e-6
   dtype: Any = jnp.float32
+  axes: Axes = (None,)
 
   @nn.compact
   def __call__(self, x: Float[Array, "*lead d"]) -> Float[Array, "*lead d"]:
-    scale = self.param("scale", nn.initializers.ones, (x.shape[-1],))
+    scale = self.param("scale", partitioned(nn.initializers.ones, self.axes), (x.shape[-1],))
     y = x.astype(promote_to_f32(self.dtype))
     y = y * jax.lax.rsqrt((y * y).mean(-1, keepdims=True) + self.eps)
     return (y * scale).astype(self.dtype)
@@ -81,9 +83,10 @@ class Attention(nn.Module):
   def setup(self) -> None:
     if self.width % self.num_heads:
       raise ValueError(f"got width {self.width} for {self.num_heads} heads, expected a multiple")
-    dense = lambda: Dense(self.width, kernel_init=self.kernel_init, dtype=self.dtype)
-    self.q, self.k, self.v, self.o = dense(), dense(), dense(), dense()
-    norm = lambda: RMSNorm(dtype=self.dtype) if self.normalize else lambda x: x
+    dense = lambda *axes: Dense(self.width, axes, kernel_init=self.kernel_init, dtype=self.dtype)
+    self.q, self.k, self.v = (dense("embed", "heads") for _ in range(3))
+    self.o = dense("heads", "embed")
+    norm = lambda: RMSNorm(dtype=self.dtype, axes=("heads",)) if self.normalize else lambda x: x
     self.norm_q, self.norm_k = norm(), norm()
 
   def _heads(self, x: Float[Array, "b l d"]) -> Float[Array, "b l h k"]:

@@ -57,11 +57,12 @@ class Block(nn.Module):
   def setup(self) -> None:
     xavier: dict[str, Any] = dict(kernel_init=nn.initializers.xavier_uniform(), dtype=self.dtype)
     norm = lambda affine: nn.LayerNorm(epsilon=1e-6, use_scale=affine, use_bias=affine, dtype=self.dtype)
-    self.film = Dense(6 * self.width, kernel_init=nn.initializers.zeros, dtype=self.dtype)
+    self.film = Dense(6 * self.width, ("embed", "film"), kernel_init=nn.initializers.zeros, dtype=self.dtype)
     self.norm1, self.norm2, self.norm3 = norm(False), norm(True), norm(False)
     self.self_attn = Attention(self.width, self.num_heads, self.dtype)
     self.cross_attn = Attention(self.width, self.num_heads, self.dtype)
-    self.ff_in, self.ff_out = Dense(self.ff_width, **xavier), Dense(self.width, **xavier)
+    self.ff_in = Dense(self.ff_width, ("embed", "mlp"), **xavier)
+    self.ff_out = Dense(self.width, ("mlp", "embed"), **xavier)
 
   def modulation(self, level: Float[Array, "*lead d"]) -> Float[Array, "*lead 6 d"]:
     """level (..., D) -> (..., 6, D): shift, scale, gate of attention, then of the feed-forward."""
@@ -118,10 +119,10 @@ class ControlAdapter(nn.Module):
                has_control: Float[Array, "_ l 1"], t: Float[Array, "_ l"]) -> Float[Array, "b l d"]:
     # Powers of t let the weight of a constraint change from pure noise to a nearly clean latent.
     times = jnp.stack([t, t ** 2, t ** 4], axis=-1).astype(self.dtype)[:len(control_emb)]
-    hidden = Dense(ADAPTER_RANK, dtype=self.dtype, name="down")(
+    hidden = Dense(ADAPTER_RANK, ("embed", None), dtype=self.dtype, name="down")(
         nn.LayerNorm(epsilon=1e-6, use_scale=False, use_bias=False, dtype=self.dtype)(x[:len(control_emb)]))
     hidden = nn.silu(hidden + control_emb + Dense(ADAPTER_RANK, dtype=self.dtype, name="time")(times))
-    up = Dense(self.width, kernel_init=nn.initializers.zeros, dtype=self.dtype, name="up")
+    up = Dense(self.width, (None, "embed"), kernel_init=nn.initializers.zeros, dtype=self.dtype, name="up")
     added = has_control * up(hidden)
     return x + (added if len(added) == len(x) else jnp.concatenate([added, added]))
 
@@ -155,15 +156,16 @@ class CausalDiT(nn.Module):
       raise ValueError(f"got predicts {self.predicts!r}, expected velocity, eps, x1 or ddpm")
     xavier: dict[str, Any] = dict(kernel_init=nn.initializers.xavier_uniform(), dtype=self.dtype)
     normal: dict[str, Any] = dict(kernel_init=nn.initializers.normal(0.02), dtype=self.dtype)
-    self.x_in, self.text_in = Dense(self.width, **xavier), Dense(self.width, **xavier)
-    self.time_in, self.time_out = Dense(self.width, **normal), Dense(self.width, **normal)
+    self.x_in, self.text_in = (Dense(self.width, (None, "embed"), **xavier) for _ in range(2))
+    self.time_in = Dense(self.width, (None, "mlp"), **normal)
+    self.time_out = Dense(self.width, ("mlp", "embed"), **normal)
     block = nn.remat(Block, methods=["step"]) if self.remat else Block
     self.blocks = [block(self.width, self.num_heads, self.ff_width, self.dtype, name=f"block{i}")
                    for i in range(self.depth)]
-    self.out = Dense(self.latent_dim, kernel_init=nn.initializers.zeros, dtype=self.dtype)
+    self.out = Dense(self.latent_dim, ("embed", None), kernel_init=nn.initializers.zeros, dtype=self.dtype)
     if self.control:
-      self.control_in = Dense(2 * self.width, **xavier)
-      self.control_out = Dense(self.depth * ADAPTER_RANK, **xavier)
+      self.control_in = Dense(2 * self.width, (None, "mlp"), **xavier)
+      self.control_out = Dense(self.depth * ADAPTER_RANK, ("mlp", None), **xavier)
       self.adapters = [ControlAdapter(self.width, self.dtype, name=f"adapter{i}") for i in range(self.depth)]
 
   def level(self, t: Float[Array, "*lead"]) -> Float[Array, "*lead d"]:

@@ -24,11 +24,12 @@ class ResBlock(nn.Module):
   @nn.compact
   def __call__(self, x: Float[Array, "*lead d"], y: Float[Array, "*lead d"]) -> Float[Array, "*lead d"]:
     width = x.shape[-1]
-    film = Dense(3 * width, kernel_init=nn.initializers.zeros, dtype=self.dtype, name="film")(nn.silu(y))
+    film = Dense(3 * width, ("embed", "film"), kernel_init=nn.initializers.zeros, dtype=self.dtype, name="film")(
+        nn.silu(y))
     shift, scale, gate = jnp.split(film, 3, axis=-1)
     h = nn.LayerNorm(epsilon=1e-6, dtype=self.dtype, use_fast_variance=False, name="norm")(x) * (1 + scale) + shift
-    h = nn.silu(Dense(width, kernel_init=XAVIER, dtype=self.dtype, name="ff_in")(h))
-    return x + gate * Dense(width, kernel_init=XAVIER, dtype=self.dtype, name="ff_out")(h)
+    h = nn.silu(Dense(width, ("embed", "mlp"), kernel_init=XAVIER, dtype=self.dtype, name="ff_in")(h))
+    return x + gate * Dense(width, ("mlp", "embed"), kernel_init=XAVIER, dtype=self.dtype, name="ff_out")(h)
 
 
 class DiffusionMLP(nn.Module):
@@ -42,19 +43,21 @@ class DiffusionMLP(nn.Module):
   @nn.compact
   def __call__(self, x: Float[Array, "*lead c"], t: Num[Array, "*#lead"], condition: Float[Array, "*#lead h"]
                ) -> Float[Array, "*lead c"]:
-    dense = lambda size, name, init=XAVIER: Dense(size, kernel_init=init, dtype=self.dtype, name=name)
+    dense = lambda size, name, *axes, init=XAVIER: Dense(size, axes, kernel_init=init, dtype=self.dtype, name=name)
     normal = nn.initializers.normal(0.02)
     # Parity: raw t in [0, 1] enters the sinusoids of the flow, not t * 1000.
     numbers = timestep_embedding(jnp.broadcast_to(t, x.shape[:-1]).astype(promote_to_f32(self.dtype)))
-    level = dense(self.width, "time_out", normal)(nn.silu(dense(self.width, "time_in", normal)(numbers)))
-    y = level + dense(self.width, "condition_in")(condition.astype(self.dtype))
-    x = dense(self.width, "x_in")(x.astype(self.dtype))
+    level = dense(self.width, "time_out", "mlp", "embed", init=normal)(
+        nn.silu(dense(self.width, "time_in", None, "mlp", init=normal)(numbers)))
+    y = level + dense(self.width, "condition_in", None, "embed")(condition.astype(self.dtype))
+    x = dense(self.width, "x_in", None, "embed")(x.astype(self.dtype))
     block = nn.remat(ResBlock) if self.remat else ResBlock
     for i in range(self.depth):
       x = block(self.dtype, name=f"block{i}")(x, y)
-    film = dense(2 * self.width, "film", nn.initializers.zeros)(nn.silu(y))
+    film = dense(2 * self.width, "film", "embed", "film", init=nn.initializers.zeros)(nn.silu(y))
     shift, scale = jnp.split(film, 2, axis=-1)
-    return dense(self.latent_dim, "out", nn.initializers.zeros)(layer_norm(1e-6, self.dtype)(x) * (1 + scale) + shift)
+    out = dense(self.latent_dim, "out", "embed", None, init=nn.initializers.zeros)
+    return out(layer_norm(1e-6, self.dtype)(x) * (1 + scale) + shift)
 
 
 class Generator(nn.Module):

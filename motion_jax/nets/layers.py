@@ -1,5 +1,6 @@
 """Small layers that several networks share: dense, dropout per item, layer norm, timestep embedding."""
 import functools
+from collections.abc import Callable
 from typing import Any
 
 import flax.linen as nn
@@ -8,6 +9,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Float, Int, Num
 
+from motion_jax.nets.partitioning import Axes, partitioned
 from motion_jax.shapes import Array
 
 
@@ -37,7 +39,12 @@ def _backward(dimension_numbers: Any, precision: Any, residuals: tuple[Array, Ar
 
 dot_general.defvjp(_forward, _backward)
 
-Dense = functools.partial(nn.Dense, dot_general=dot_general)
+
+def Dense(features: int, axes: Axes = (None, None), kernel_init: Callable[..., Any] = nn.linear.default_kernel_init,
+          bias_init: Callable[..., Any] = nn.initializers.zeros, **fields: Any) -> nn.Dense:
+  """`nn.Dense` with the gradient of `dot_general`; axes: names of the kernel's two axes (`nets.partitioning`)."""
+  return nn.Dense(features, kernel_init=partitioned(kernel_init, axes), bias_init=partitioned(bias_init, axes[1:]),
+                  dot_general=dot_general, **fields)
 
 
 def promote_to_f32(dtype: Any) -> Any:

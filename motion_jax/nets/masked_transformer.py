@@ -13,6 +13,7 @@ from jaxtyping import Bool, Float, Int
 from motion_jax.nets.attention import Attention
 from motion_jax.nets.layers import Dense, Dropout, layer_norm
 from motion_jax.nets.masks import with_text
+from motion_jax.nets.partitioning import partitioned
 from motion_jax.nets.post_norm import sinusoids
 from motion_jax.shapes import Array
 
@@ -43,8 +44,8 @@ class Inputs(nn.Module):
 
   def setup(self) -> None:
     self.mask_latent = self.param("mask_latent", nn.initializers.zeros, (1, 1, self.latent_dim))
-    self.x_in = Dense(self.width, kernel_init=NORMAL, dtype=self.dtype)
-    self.text_in = Dense(self.width, kernel_init=NORMAL, dtype=self.dtype)
+    self.x_in = Dense(self.width, (None, "embed"), kernel_init=NORMAL, dtype=self.dtype)
+    self.text_in = Dense(self.width, (None, "embed"), kernel_init=NORMAL, dtype=self.dtype)
     self.drop = Dropout(self.dropout)
 
   def embed(self, tokens: Float[Array, "b l d"], items: Int[Array, " b"] | None) -> Float[Array, "b l d"]:
@@ -77,22 +78,22 @@ class Block(nn.Module):
                attn_mask: Bool[Array, "#b 1 l l"], cross_mask: Bool[Array, "b 1 l s"],
                items: Int[Array, " b"] | None = None) -> Float[Array, "b l d"]:
     width = x.shape[-1]
-    dense = lambda size, name: Dense(size, kernel_init=NORMAL, dtype=self.dtype, name=name)
+    dense = lambda size, name, *axes: Dense(size, axes, kernel_init=NORMAL, dtype=self.dtype, name=name)
     drop = lambda y: Dropout(self.dropout)(y, items)
     drop_weights = None if items is None or not self.dropout else functools.partial(Dropout(self.dropout), items=items)
     attention = lambda name: Attention(width, self.num_heads, self.dtype, normalize=False, kernel_init=NORMAL,
                                        name=name)
 
     def norm(x, i):
-      scale, shift = dense(width, f"scale{i}")(text), dense(width, f"shift{i}")(text)
+      scale, shift = (dense(width, f"{name}{i}", "embed", "film")(text) for name in ("scale", "shift"))
       return layer_norm(1e-5, self.dtype)(x) * (1 + scale) + shift
 
     y = attention("self_attn")(norm(x, 1), attn_mask=attn_mask, drop=drop_weights)
     x = x + drop(y)
     y = attention("cross_attn")(norm(x, 2), cond, cross_mask, drop=drop_weights)
     x = x + drop(y)
-    y = drop(nn.gelu(dense(self.ff_width, "ff_in")(norm(x, 3)), approximate=False))
-    return x + drop(dense(width, "ff_out")(y))
+    y = drop(nn.gelu(dense(self.ff_width, "ff_in", "embed", "mlp")(norm(x, 3)), approximate=False))
+    return x + drop(dense(width, "ff_out", "mlp", "embed")(y))
 
 
 class MaskedTransformer(nn.Module):
@@ -121,11 +122,13 @@ class MaskedTransformer(nn.Module):
 
   def setup(self) -> None:
     self.inputs = Inputs(self.latent_dim, self.width, self.text_scale, self.dropout, self.dtype)
+    table = lambda name, *rows: self.param(
+        name, partitioned(NORMAL, (None,) * len(rows) + ("embed",)), (*rows, self.width))
     if self.separate_levels:
-      self.code_table = self.param("code_table", NORMAL, (self.num_levels, self.num_codes, self.width))
+      self.code_table = table("code_table", self.num_levels, self.num_codes)
     else:
-      self.code_table = self.param("code_table", NORMAL, (self.num_codes, self.width))
-      self.level_table = self.param("level_table", NORMAL, (self.num_levels, self.width))
+      self.code_table = table("code_table", self.num_codes)
+      self.level_table = table("level_table", self.num_levels)
     # Parity: the code adds learned positions to the sines, at their initial size of 1.
     self.positions = self.param("positions", nn.initializers.normal(1.0), (1, self.max_length, self.width))
     block = nn.remat(Block) if self.remat else Block
@@ -179,8 +182,9 @@ class GatedBlock(nn.Module):
   def __call__(self, x: Float[Array, "b l d"], text: Float[Array, "b 1 d"], attn_mask: Bool[Array, "#b 1 l l"],
                items: Int[Array, " b"] | None = None) -> Float[Array, "b l d"]:
     width = x.shape[-1]
-    dense = lambda size, name: Dense(size, kernel_init=NORMAL, dtype=self.dtype, name=name)
-    film = Dense(6 * width, kernel_init=nn.initializers.zeros, dtype=self.dtype, name="film")(nn.silu(text))
+    dense = lambda size, name, *axes: Dense(size, axes, kernel_init=NORMAL, dtype=self.dtype, name=name)
+    film = Dense(6 * width, ("embed", "film"), kernel_init=nn.initializers.zeros, dtype=self.dtype, name="film")(
+        nn.silu(text))
     shift1, scale1, gate1, shift2, scale2, gate2 = jnp.split(film, 6, axis=-1)
     norm = layer_norm(1e-6, self.dtype)
     drop = lambda y: Dropout(self.dropout)(y, items)
@@ -188,8 +192,8 @@ class GatedBlock(nn.Module):
     drop_weights = None if items is None or not self.dropout else functools.partial(Dropout(self.dropout), items=items)
     y = attention(norm(x) * (1 + scale1) + shift1, attn_mask=attn_mask, drop=drop_weights)
     x = x + gate1 * drop(y)
-    y = nn.gelu(dense(self.ff_width, "ff_in")(norm(x) * (1 + scale2) + shift2), approximate=True)
-    return x + gate2 * dense(width, "ff_out")(y)
+    y = nn.gelu(dense(self.ff_width, "ff_in", "embed", "mlp")(norm(x) * (1 + scale2) + shift2), approximate=True)
+    return x + gate2 * dense(width, "ff_out", "mlp", "embed")(y)
 
 
 class GatedTransformer(nn.Module):
