@@ -35,7 +35,7 @@ from motion_jax.nets import causal_dit
 from motion_jax.nets.autoencoder import Autoencoder
 from motion_jax.nets.causal_dit import CausalDiT
 from motion_jax.nets.causal_vae import CausalVAE
-from motion_jax.training import optimizers, train_step
+from motion_jax.training import mesh, optimizers, train_step
 from motion_jax.training.setup import untrained
 from motion_jax.utils import config_files
 from motion_jax.utils.atomic import atomic_path
@@ -168,7 +168,7 @@ def train_of(config, make_stage, dtype, batch_size):
     (config.train if "dtype" in config.train else config.model).dtype = dtype
   stage, batch, frozen = make_stage(config), batch_of(config, batch_size), frozen_of(config)
   tx = optimizers.make_optimizer(config.optimizer, config.train.num_steps)
-  average, devices = config.optimizer.ema_decay > 0, train_step.make_mesh(config.mesh)
+  average, devices = config.optimizer.ema_decay > 0, mesh.make_mesh(config.mesh)
   state = jax.jit(lambda batch, key: train_step.init_state(stage, tx, batch, key, average))(batch, jax.random.key(0))
   run = devices.compiled(train_step.make_train_step(stage, tx, config.optimizer.ema_decay, config.optimizer.skip_loss))
   found = timed(run, devices.put(state), devices.put(frozen), jax.device_put(devices.rows(batch)), jax.random.key(1),

@@ -15,12 +15,13 @@ from tqdm import tqdm
 from motion_jax.training import checkpoint
 from motion_jax.training.distributed import Agreement, compile_together, end_together
 from motion_jax.training.guards import BATCH, Guards, Watchdog, check_finite, keep_batch
+from motion_jax.training.mesh import make_mesh
 from motion_jax.training.metrics import Profile, Progress, Rates, flops_of
 from motion_jax.training.optimizers import make_optimizer, make_schedule
 from motion_jax.training.prefetch import Batches
 from motion_jax.training.report import FILES, Outputs, is_disk_error
 from motion_jax.training.saver import Saver, copy_of, describe_differences
-from motion_jax.training.train_step import init_state, make_mesh, make_train_step
+from motion_jax.training.train_step import init_state, make_train_step
 from motion_jax.utils import stopping
 from motion_jax.utils.atomic import remove_strays
 from motion_jax.utils.errors import InputError, reason

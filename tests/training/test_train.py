@@ -16,7 +16,7 @@ import pytest
 from configs import common
 from motion_jax.motion.representations import get_layout
 from motion_jax.motion.stats import Stats, save_stats
-from motion_jax.training import checkpoint, optimizers, prefetch, setup, train_step
+from motion_jax.training import checkpoint, mesh, optimizers, prefetch, setup, train_step
 from motion_jax.training import loop as train
 from motion_jax.training.metrics import append_metrics, read_metrics
 from motion_jax.training.report import best_step
@@ -121,7 +121,7 @@ def test_the_average_keeps_its_decay_of_what_was(decay):
   tx = optimizers.make_optimizer(_config(4).optimizer, 4)
   state = train_step.init_state(stage, tx, batch, jax.random.key(0))
   start = np.asarray(state.params["w"])
-  pmap = train_step.Pmap()
+  pmap = mesh.Pmap()
   step = pmap.compiled(train_step.make_train_step(stage, tx, decay))
   state, _ = step(state, {}, pmap.rows(batch), jax.random.key(1))
   once = np.asarray(state.params["w"])
@@ -138,7 +138,7 @@ def test_every_step_has_noise_of_its_own():
   stage, batch = _stage(), _next_batch(0)
   tx = optimizers.make_optimizer(_config(4, learning_rate=0.0).optimizer, 4)
   state = train_step.init_state(stage, tx, batch, jax.random.key(0))
-  pmap = train_step.Pmap()
+  pmap = mesh.Pmap()
   step, losses = pmap.compiled(train_step.make_train_step(stage, tx, 0.0)), []
   for _ in range(3):
     state, metrics = step(state, {}, pmap.rows(batch), jax.random.key(1))

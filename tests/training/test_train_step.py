@@ -5,12 +5,12 @@ import optax
 import pytest
 
 from motion_jax import fit
-from motion_jax.training import optimizers, train_step
+from motion_jax.training import mesh, optimizers, train_step
 from tests import processes
 from tests.conftest import devices_env, load_config
 from tests.training.test_train import _next_batch, _stage
 
-MAPS = {"pmap": train_step.Pmap, "mesh": train_step.Mesh}
+MAPS = {"pmap": mesh.Pmap, "mesh": mesh.Mesh}
 
 
 def tiny(name, **sections):
@@ -61,8 +61,8 @@ def run(name, folder):
 def run_sharded():
   """A sharded state against one that all devices hold: the same losses, and each device holds an eighth of it."""
   config = tiny("cmdm_denoiser", model=dict(width=32), optimizer=dict(clip_norm=0.5))
-  where = train_step.Mesh(shard_state=True)
-  _, whole = steps(config, train_step.Mesh())
+  where = mesh.Mesh(shard_state=True)
+  _, whole = steps(config, mesh.Mesh())
   _, cut = steps(config, where)
   for one, other in zip(whole, cut, strict=True):
     for key, value in one.items():
@@ -101,7 +101,7 @@ def test_pmap_and_a_mesh_give_the_same_bytes_and_devices_the_same_numbers(tmp_pa
 def test_a_batch_in_parts_is_the_whole_batch(name):
   """Noise, dropout, micro-batches of 2 windows: losses and parameters agree up to rounding."""
   sections = {"cmdm_tokenizer": dict(frozen=dict(teacher=""), loss=dict(micro_batch=2))}.get(name, {})
-  found = [steps(tiny(name, **sections, optimizer=dict(accumulate_steps=parts)), train_step.Pmap()) for parts in (1, 4)]
+  found = [steps(tiny(name, **sections, optimizer=dict(accumulate_steps=parts)), mesh.Pmap()) for parts in (1, 4)]
   (state, losses), (other, theirs) = found
   for one, two in zip(*(jax.tree.leaves((state.params, losses)) for state, losses in found), strict=True):
     np.testing.assert_allclose(one, two, rtol=2e-3, atol=2e-5)
@@ -109,7 +109,7 @@ def test_a_batch_in_parts_is_the_whole_batch(name):
 
 
 def _one_step(stage, tx):
-  where, batch = train_step.Pmap(), _next_batch(0)
+  where, batch = mesh.Pmap(), _next_batch(0)
   state = where.put(train_step.init_state(stage, tx, batch, jax.random.key(0)))
   return where.compiled(train_step.make_train_step(stage, tx, 0.9))(state, {}, where.rows(batch), jax.random.key(1))
 
