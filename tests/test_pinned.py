@@ -11,7 +11,7 @@ from motion_jax.data.batches import step_rng
 from motion_jax.evaluators import stages as matching
 from motion_jax.evaluators.networks import ClipEvaluator, T2MEvaluator
 from motion_jax.models import cdamd, cmdm
-from motion_jax.models.cdamd import length as lengths
+from motion_jax.models import length as lengths
 from motion_jax.models.cmdm.streaming import block_noise, make_plan
 from motion_jax.models.tmr.space import make_teacher, teacher_shapes
 from motion_jax.nets.autoencoder import Autoencoder

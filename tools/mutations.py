@@ -5,7 +5,7 @@ A piece stands exactly once in its file. Who changes such a line brings the list
 LOSSES, BATCHES = "tests/models/test_stage_losses.py", "tests/data/test_batches.py"
 TRAIN = "tests/training/test_train.py"
 PATHS, SOLVERS = (f"tests/diffusion/test_{name}.py" for name in ("paths", "samplers"))
-MASK_SCHEDULE = "tests/models/cdamd/test_mask_schedule.py"
+MASK_SCHEDULE = "tests/models/test_mask_schedule.py"
 MASKS, VAE = "tests/nets/test_masks.py", "tests/nets/test_causal_vae.py"
 STREAMING = "tests/models/cmdm/test_streaming.py"
 VQ, RVQ, GENERATOR = "tests/quant/test_vq.py", "tests/quant/test_rvq.py", "tests/models/cdamd/test_cdamd_generator.py"
@@ -77,14 +77,14 @@ MUTATIONS = (
      """    attn_mask = block_causal_mask(z1.shape[1], block) & latent_mask[:, None, None, :]
     # Equal""", """    attn_mask = block_causal_mask(z1.shape[1], block)
     # Equal""", (f"{LOSSES}::test_padding_is_no_key_of_the_denoiser",)),
-    ("mask-count", "motion_jax/models/cdamd/mask_schedule.py", "jnp.cos(time_u * math.pi * 0.5)", "(1 - time_u)",
+    ("mask-count", "motion_jax/models/mask_schedule.py", "jnp.cos(time_u * math.pi * 0.5)", "(1 - time_u)",
      (MASK_SCHEDULE,)),
-    ("replaced-share", "motion_jax/models/cdamd/mask_schedule.py", "masked & ~noised & (keep_u < mask_rate)",
+    ("replaced-share", "motion_jax/models/mask_schedule.py", "masked & ~noised & (keep_u < mask_rate)",
      "masked & ~noised & (keep_u < mask_rate - noise_rate)", (MASK_SCHEDULE,)),
-    ("unmasked", "motion_jax/models/cdamd/mask_schedule.py",
+    ("unmasked", "motion_jax/models/mask_schedule.py",
      "jnp.concatenate([masked[1:], jnp.zeros_like(masked[:1])])",
      "jnp.concatenate([masked[1:], masked[:1]])", (MASK_SCHEDULE,)),
-    ("left-to-right", "motion_jax/models/cdamd/mask_schedule.py", "-np.arange(length, dtype=np.float32)[None]",
+    ("left-to-right", "motion_jax/models/mask_schedule.py", "-np.arange(length, dtype=np.float32)[None]",
      "np.arange(length, dtype=np.float32)[None]", (MASK_SCHEDULE,)),
     # --- streaming ------------------------------------------------------------------------------------------------
     ("ring", "motion_jax/models/cmdm/streaming.py", "(base - 1 - slots) % plan.ring", "(base - slots) % plan.ring",
@@ -105,10 +105,10 @@ MUTATIONS = (
      (f"{VAE}::test_a_log_variance_stays_in_its_bounds",)),
     ("latent-scale", "motion_jax/latents.py", "return (z - self.mean) / self.std", "return z",
      (f"{LOSSES}::test_latents_are_scaled_by_the_runs_own_statistics",)),
-    ("position-columns", "motion_jax/models/cdamd/losses.py", "columns: Sequence[int] = (4, 67)",
+    ("position-columns", "motion_jax/models/autoencoders.py", "columns: Sequence[int] = (4, 67)",
      "columns: Sequence[int] = (0, 67)",
      (f"{GENERATOR}::test_the_papers_reconstruction_loss_is_an_option",)),
-    ("velocity-loss", "motion_jax/models/cdamd/losses.py", "jnp.diff(y.astype(x.dtype), axis=1) - jnp.diff(x, axis=1)",
+    ("velocity-loss", "motion_jax/models/autoencoders.py", "jnp.diff(y.astype(x.dtype), axis=1) - jnp.diff(x, axis=1)",
      "jnp.diff(y.astype(x.dtype), axis=1)", (f"{RVQ}::test_golden",)),
     ("prior-drop", "motion_jax/models/cdamd/losses.py", "draws.prior_u >= config.prior_drop_rate",
      "draws.prior_u >= 1 - config.prior_drop_rate",

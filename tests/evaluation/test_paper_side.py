@@ -11,7 +11,7 @@ import motion_jax as mj
 from motion_jax import fit as training
 from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.models import cdamd, cmdm
-from motion_jax.models.cdamd import mask_schedule as masking
+from motion_jax.models import mask_schedule as masking
 from motion_jax.nets.causal_vae import CausalVAE, sample_latent
 from motion_jax.quant import rvq
 from motion_jax.training.metrics import read_metrics

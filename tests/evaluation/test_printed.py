@@ -9,7 +9,7 @@ from motion_jax.evaluation import protocols
 from motion_jax.evaluation.report import notes, printed, tables
 from motion_jax.evaluation.result import Result
 from motion_jax.evaluators.evaluator import fresh_evaluator
-from motion_jax.models.cdamd import mask_schedule as masking
+from motion_jax.models import mask_schedule as masking
 from motion_jax.training import checkpoint
 from motion_studio import cli
 from tests.conftest import ROOT, load_config

@@ -10,7 +10,7 @@ from motion_jax.evaluation.candidates import load_able
 from motion_jax.evaluation.tasks.base import ClipTask, Found, Wanted
 from motion_jax.models import pasting
 from motion_jax.models.base import keys_of
-from motion_jax.models.cdamd.mask_schedule import TASKS, task_mask
+from motion_jax.models.mask_schedule import TASKS, task_mask
 
 
 class Editing(ClipTask):

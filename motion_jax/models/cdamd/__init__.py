@@ -7,14 +7,16 @@ so parts of it are edited.
 
   features (B, T, F) -> encode -> latents (B, T / 4, C) -> generate, edit -> decode -> features
 
-losses         of autoencoder, RVQ-VAE and generator
-stages         what is trained, as pure functions
-setup          a config becomes a stage with its data
-mask_schedule  which latents are masked, in training and in each decoding iteration
-unmasking      the loop over decoding iterations; `draws` its random numbers
-sampling       generating; `editing` regenerates parts of a motion
-model          ready to use; `length` estimates how long a motion should be
-weights        the authors' PyTorch files
+losses     of the generator
+stages     what is trained, as pure functions
+setup      a config becomes a stage with its data
+unmasking  the loop over decoding iterations; `draws` its random numbers
+sampling   generating; `editing` regenerates parts of a motion
+model      ready to use
+weights    the authors' PyTorch files
+
+Shared with MoMask, in the folder above: `autoencoders` (autoencoder and RVQ-VAE), `mask_schedule` (which latents are
+masked, in training and in each decoding iteration), `length` (how long a motion should be).
 
 Numbers follow the released code (docs/papers/cdamd.md); where the paper differs a comment starts with "Parity".
 """
@@ -23,16 +25,22 @@ from typing import TYPE_CHECKING
 from motion_jax.utils import lazy
 
 if TYPE_CHECKING:
+  from motion_jax.models.autoencoders import (
+    DISTANCES,
+    autoencoder_shapes,
+    autoencoder_stage,
+    autoencoder_terms,
+    empty_codebooks,
+    l1,
+    rvq_stage,
+    rvq_terms,
+    smooth_l1,
+  )
   from motion_jax.models.cdamd.editing import (
     edit,
   )
   from motion_jax.models.cdamd.losses import (
-    DISTANCES,
-    autoencoder_terms,
     generator_loss,
-    l1,
-    rvq_terms,
-    smooth_l1,
     trained_mask,
   )
   from motion_jax.models.cdamd.sampling import (
@@ -42,15 +50,11 @@ if TYPE_CHECKING:
     make_plan,
   )
   from motion_jax.models.cdamd.stages import (
-    autoencoder_shapes,
-    autoencoder_stage,
-    empty_codebooks,
     frozen_shapes,
     generator_shapes,
     generator_stage,
     make_generator,
     prior_codes,
-    rvq_stage,
   )
 
 __all__ = ["DISTANCES", "Plan", "autoencoder_shapes", "autoencoder_stage", "autoencoder_terms", "edit",

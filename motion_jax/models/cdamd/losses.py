@@ -1,5 +1,5 @@
-"""Losses of CDAMD: of its autoencoder, its RVQ-VAE, and the diffusion loss of masked latents."""
-from collections.abc import Callable, Mapping, Sequence
+"""The loss of CDAMD's generator: the diffusion loss of masked latents."""
+from collections.abc import Callable
 from typing import Any
 
 import jax
@@ -7,59 +7,11 @@ import jax.numpy as jnp
 from jaxtyping import Bool, Float, Int
 from ml_collections import ConfigDict
 
-from motion_jax import shapes
 from motion_jax.diffusion import ddpm, paths
-from motion_jax.models.cdamd import mask_schedule as masking
+from motion_jax.models import mask_schedule as masking
 from motion_jax.models.cdamd.draws import Draws
 from motion_jax.nets.masks import latent_mask
 from motion_jax.shapes import Array, Net
-
-
-def smooth_l1(prediction: Float[Array, "b t f"], target: Float[Array, "b t f"]) -> Float[Array, ""]:
-  """Mean of d^2 / 2 where the difference d is below 1, of |d| - 1/2 elsewhere."""
-  shapes.check(prediction=(prediction, "BTF"), target=(target, "BTF"))
-  import optax  # only training needs it
-  return optax.huber_loss(prediction, target).mean()
-
-
-def l1(prediction: Float[Array, "b t f"], target: Float[Array, "b t f"]) -> Float[Array, ""]:
-  """Mean absolute error of all numbers of a batch."""
-  shapes.check(prediction=(prediction, "BTF"), target=(target, "BTF"))
-  return jnp.abs(prediction - target).mean()
-
-
-DISTANCES = {"smooth_l1": smooth_l1, "l1": l1}
-
-
-def autoencoder_terms(y: Float[Array, "b t f"], x: Float[Array, "b t f"], distance: str = "smooth_l1",
-                      position_weight: float = 1.0, columns: Sequence[int] = (4, 67)) -> dict[str, Array]:
-  """Loss terms of features x (B, T, F) and their reconstruction y: rec, positions, and their weighted sum, loss."""
-  # Parity: the paper says L1. The columns that count twice are the joint positions of 67 columns (22 joints; 4:64 for
-  # 21); of coordinates the code takes the same columns, all but the first four numbers.
-  measure, part = DISTANCES[distance], slice(*columns)
-  y = y.astype(x.dtype)
-  terms = {"rec": measure(y, x), "positions": measure(y[..., part], x[..., part]), "mse": ((y - x) ** 2).mean()}
-  terms["loss"] = terms["rec"] + position_weight * terms["positions"]
-  return terms
-
-
-def rvq_terms(y: Float[Array, "b t f"], x: Float[Array, "b t f"], commitment: Any, velocity_weight: float = 0.1,
-              commitment_weight: float = 0.02, position_weight: float = 0.1, **reconstruction: Any) -> dict[str, Array]:
-  """The same for the RVQ-VAE, with the error of frame differences and the distance of latents to their codes."""
-  # Parity: the paper's eq. (10) has a codebook loss, which `rvq.learn` gives; the code moves the codebooks by running
-  # means instead.
-  terms = autoencoder_terms(y, x, position_weight=position_weight, **reconstruction)
-  terms["velocity"] = ((jnp.diff(y.astype(x.dtype), axis=1) - jnp.diff(x, axis=1)) ** 2).mean()
-  terms["commitment"] = commitment
-  terms["loss"] += velocity_weight * terms["velocity"] + commitment_weight * commitment
-  return terms
-
-
-def with_motion_errors(terms: dict[str, Array], errors: Mapping[str, Float[Array, " b"]], weights: Mapping[str, float]
-                       ) -> dict[str, Array]:
-  """Terms with those of `motion_errors`, mean squares (B,) of each clip, and their weighted sum in the loss."""
-  means = {name: squares.mean() for name, squares in errors.items()}
-  return {**terms, **means, "loss": terms["loss"] + sum(weights[name] * mean for name, mean in means.items())}
 
 
 def trained_mask(kinds: str, known_mask: Bool[Array, "b l"], real_mask: Bool[Array, "b l"],

@@ -13,10 +13,10 @@ from motion_jax.control.signal import ControlSignal
 from motion_jax.data.clip import Caption, Clip
 from motion_jax.latents import AutoencoderCodec
 from motion_jax.models import arguments, cdamd
+from motion_jax.models import length as lengths
+from motion_jax.models import mask_schedule as masking
 from motion_jax.models.base import TextToMotionModel, keys_of
 from motion_jax.models.cdamd import draws
-from motion_jax.models.cdamd import length as lengths
-from motion_jax.models.cdamd import mask_schedule as masking
 from motion_jax.models.cdamd.guiding import Settling
 from motion_jax.models.cdamd.options import CdamdSampling
 from motion_jax.models.cdamd.unmasking import most_unmasked

@@ -1,98 +1,32 @@
 """Training set-ups of CDAMD: how its two autoencoders and its generator are trained."""
-import functools
 import os
-from typing import Any
 
 import jax
 import numpy as np
 from ml_collections import ConfigDict
 
 from motion_jax import runs
-from motion_jax.data import batches, sources, store
+from motion_jax.data import sources, store
 from motion_jax.latents import AutoencoderCodec, RvqCodec
-from motion_jax.models import cdamd, motion_errors
-from motion_jax.models.cdamd import length as lengths
+from motion_jax.models import cdamd
+from motion_jax.models import length_setup as lengths
+from motion_jax.models.autoencoder_setup import autoencoder, demand_alike, load_frozen, rvq
+from motion_jax.models.text_batches import captioned, items_of
 from motion_jax.motion import stats as stats_lib
 from motion_jax.motion.stats import Stats
 from motion_jax.nets.autoencoder import Autoencoder
-from motion_jax.nets.length_estimator import LengthEstimator
 from motion_jax.nets.masks import padding_mask
-from motion_jax.quant import vq
-from motion_jax.text.captions import vary_subject
-from motion_jax.text.encoder import TextEncoder, load_text_encoder
+from motion_jax.text.encoder import load_text_encoder
 from motion_jax.training import checkpoint
 from motion_jax.training.setup import (
   TrainingSetup,
   caption_lengths,
   encoder_files,
   held_out,
-  held_stats,
-  reconstruction_error,
-  untrained,
 )
 from motion_jax.utils.config_files import module_fields
 
 GENERATOR = "cdamd.generator"
-_RULES = ("frames_per_latent", "crop_frames", "keep_long", "shorten_rate")  # of `batches.TextItems`
-
-
-def autoencoder(config: ConfigDict) -> TrainingSetup:
-  data = sources.load_features(config.data, stats=held_stats(config), captioned=False)
-  net = Autoencoder(**config.model)
-  evaluate = _reconstruction(config, data.stats, net.apply)
-  frozen = motion_errors.frozen_stats(config, data.stats)
-  next_batch, num_items = _windows(config, data)
-  return TrainingSetup(cdamd.autoencoder_stage(config), next_batch, frozen, evaluate, data.stats, {}, num_items)
-
-
-def rvq(config: ConfigDict) -> TrainingSetup:
-  """On windows or, where config.data.window is 0, on the whole padded clips of the text loader."""
-  net = Autoencoder(**config.model)
-  if config.data.window:
-    data = sources.load_features(config.data, stats=held_stats(config), captioned=False)
-    next_batch, num_items = _windows(config, data)
-  else:
-    data = sources.load_features(config.data, stats=held_stats(config))
-    weights = batches.balance_weights(data.groups, config.data.balance) if config.data.balance else None
-    items = batches.TextItems(data.features, data.captions, config.data.min_frames, config.data.max_frames,
-                              (config.data.max_frames,), weights=weights)
-    num_items = len(items)
-
-    def next_batch(step, rows=batches.ALL):
-      batch = items.batch(config.data.batch_size, config.seed, step, rows)
-      return {name: batch[name] for name in ("features", "index", "num_frames")}
-
-  def reconstruct(variables, x):
-    return RvqCodec(net, variables).reconstruct(x)
-
-  evaluate = _reconstruction(config, data.stats, reconstruct)
-  frozen = motion_errors.frozen_stats(config, data.stats)
-  return TrainingSetup(cdamd.rvq_stage(config), next_batch, frozen, evaluate, data.stats, {}, num_items)
-
-
-def _windows(config, data):
-  """(next_batch, how many windows there are)."""
-  frames_per_latent = 2 ** config.model.num_halvings
-  for name in ("window", "short_window"):
-    if config.data[name] % frames_per_latent:
-      raise ValueError(f"got data.{name} = {config.data[name]}, expected a multiple of the {frames_per_latent} "
-                       "frames of a latent")
-  windows = batches.Windows(data.features, config.data.window, config.data.stride,
-                            config.data.released_windows, data.groups, config.data.balance,
-                            config.data.short_window)
-  return lambda step, rows=batches.ALL: windows.batch(config.data.batch_size, config.seed, step, rows), len(windows)
-
-
-def _reconstruction(config, stats, reconstruct):
-  """evaluate(variables): mean joint error of held-out clips in millimetres, each frame's root at the same place."""
-  validation = held_out(config, stats).features
-  compiled = jax.jit(reconstruct)
-
-  def evaluate(variables):
-    error = reconstruction_error(lambda x: compiled(variables, x), validation, stats)
-    return {"held_out_mm": round(error, 2)}
-
-  return evaluate
 
 
 def _generator_parts(config):
@@ -126,8 +60,8 @@ def generator(config: ConfigDict) -> TrainingSetup:
   data, encoder, codec, frozen = _generator_parts(config)
   encoders = dict(frozen)
   if config.frozen.length:
-    frozen["length"] = load_length(config.frozen.length, encoder)
-  batch_of, num_items = _captioned(config, data, encoder, encoders if config.data.store else None)
+    frozen["length"] = lengths.load_length(config.frozen.length, encoder)
+  batch_of, num_items = captioned(config, data, encoder, encoders if config.data.store else None)
   stage = cdamd.generator_stage(config)
   files = {checkpoint.LENGTHS: caption_lengths(data), **encoder_files(encoder)}
   evaluate = _held_out_loss(config, stage, frozen, data.stats, encoder)
@@ -152,42 +86,6 @@ def _check_fields(config):
                      f"transformer knows {transformer.num_levels}; take fewer")
 
 
-def _items(config, data):
-  weights = batches.balance_weights(data.groups, config.data.balance) if config.data.balance else None
-  rules = {name: config.data[name] for name in _RULES if name in config.data}  # the length estimator's has them not
-  return batches.TextItems(data.features, data.captions, config.data.min_frames, config.data.max_frames,
-                           tuple(config.data.lengths), weights=weights, **rules)
-
-
-def _captioned(config, data, encoder, encoders=None):
-  """(next_batch, how many clips there are): padded clips with the sentence vectors of their captions, or these and
-  their words.
-
-  encoders: the parameters by which the store config.data.store was made, whose latents then take the features' place.
-  """
-  encoder.check(caption for captions in data.captions for caption in captions)
-  items = _items(config, data)
-  draw = items.batch
-  if encoders is not None:
-    kept = store.Store(config.data.store)
-    kept.require(store.identity_of(encoders, items, encoder))
-    encoder.recall(kept.words)
-    tables = ("latents", "codes") if config.loss.prior_levels else ("latents",)
-    draw = functools.partial(store.stored_batch, kept, items, tables, latents_look_back=False)
-
-  def next_batch(step, rows=batches.ALL):
-    batch = draw(min(config.data.batch_size, len(items)), config.seed, step, rows)
-    rng = batches.step_rng(config.seed, 2, step)
-    said = [vary_subject(caption, rng, config.data.vary_subject) for caption in batch.pop("caption")]
-    if encoder.level == "sentence":
-      return batch | {"text_emb": encoder(said, rows=rows)[0]}
-    at_least = min(config.data.max_words, encoder.max_words)
-    text_emb, text_mask = encoder.sentence_and_words(said, at_least, rows)
-    return batch | {"text_emb": text_emb, "text_mask": text_mask}
-
-  return next_batch, len(items)
-
-
 def encode_generator(config: ConfigDict, folder: str | os.PathLike) -> str:
   """Writes the store of a generator's data: latents, and codes where its loss has a prior; returns what to tell."""
   data, encoder, codec, frozen = _generator_parts(config)
@@ -201,14 +99,14 @@ def encode_generator(config: ConfigDict, folder: str | os.PathLike) -> str:
       made["codes"] = RvqCodec(prior, frozen["prior"]).encode(x, codec.real_frames(real_mask))[0][..., :levels]
     return made
 
-  return store.encode(folder, frozen, _items(config, data), encoder, encode, config.data.vary_subject > 0,
+  return store.encode(folder, frozen, items_of(config, data), encoder, encode, config.data.vary_subject > 0,
                       latents_look_back=False)
 
 
 def _held_out_loss(config, stage, frozen, stats, encoder, num_batches=4):
   """evaluate(params): the loss as the sampler sees the network (its mask, captions, no prior, no dropout) and with the
   prior given, as the reference validates; on the same few batches of held-out clips and the same noise every time."""
-  next_batch, _ = _captioned(config, held_out(config, stats, captioned=True), encoder)
+  next_batch, _ = captioned(config, held_out(config, stats, captioned=True), encoder)
   predict = jax.jit(stage.predict)
 
   def evaluate(params):
@@ -220,35 +118,13 @@ def _held_out_loss(config, stage, frozen, stats, encoder, num_batches=4):
   return evaluate
 
 
-def load_frozen(folder: str, fields: ConfigDict, stage: str, config: ConfigDict,
-                quantizer: ConfigDict | None = None) -> tuple[Autoencoder, Any, Stats]:
-  """(module, variables, stats) of a trained autoencoder or, with a quantizer section, RVQ-VAE; "random-init" makes an
-  untrained one for trying things out."""
-  net = Autoencoder(**module_fields(fields))
-  if folder == "random-init":
-    variables = untrained(cdamd.autoencoder_shapes(net))
-    if quantizer:
-      codes = np.random.default_rng(1).standard_normal(
-          (quantizer.num_levels, quantizer.num_codes, net.latent_dim), np.float32)
-      variables = {**variables, "codebooks": vq.codebook_of(codes)._asdict()}
-    return net, variables, sources.load_features(config.data).stats
-  run = runs.load_run(folder, stage)
-  _demand_alike(folder, run.config.model, fields)
-  own = run.config.get("quantizer")
-  if quantizer and (own.num_levels, own.num_codes) != (quantizer.num_levels, quantizer.num_codes):
-    raise ValueError(f"{folder} has {own.num_levels} levels of {own.num_codes} codes, config.quantizer says "
-                     f"{quantizer.num_levels} of {quantizer.num_codes}; make them agree")
-  variables = run.params(cdamd.autoencoder_shapes(net, quantizer))
-  return net, variables, stats_lib.load_stats(folder, config.data.layout)
-
-
 def load_tokenizer(folder: str, config: ConfigDict) -> tuple[AutoencoderCodec, Stats]:
   """(codec, stats) of a trained autoencoder, without a scale of its latents (None), or of the one that a generator's
   run or a model that ships stands on, with the scale that the generator knows; "random-init" as in `load_frozen`."""
   if folder != "random-init":
     run = runs.load_run(folder, ("cdamd.autoencoder", GENERATOR))
     if run.stage == GENERATOR:
-      _demand_alike(folder, run.config.tokenizer, config.tokenizer)
+      demand_alike(folder, run.config.tokenizer, config.tokenizer)
       if run.config.loss.unit_latents != config.loss.unit_latents:
         raise ValueError(f"the latents of {folder} are known by their own scale (loss.unit_latents = "
                          f"{run.config.loss.unit_latents}), config.loss.unit_latents is {config.loss.unit_latents}; "
@@ -260,60 +136,7 @@ def load_tokenizer(folder: str, config: ConfigDict) -> tuple[AutoencoderCodec, S
   return AutoencoderCodec(net, params, None, None), stats
 
 
-def _demand_alike(folder, theirs, fields):
-  """Raises ValueError where the autoencoder in a folder is not that of a config's section."""
-  alike: dict[str, Any] = dict(dropout=0.0, hide_padding=False)  # frozen, it has no dropout; windows have no padding
-  theirs, fields = module_fields(theirs), module_fields(fields)
-  if Autoencoder(**theirs).clone(**alike) != Autoencoder(**fields).clone(**alike):
-    raise ValueError(f"{folder} holds {theirs}, this config says {fields}; make them agree")
-
-
-def length(config: ConfigDict) -> TrainingSetup:
-  """The length estimator, on captions and the lengths that crops of their clips have in training."""
-  data = sources.load_features(config.data)
-  encoder = load_text_encoder(config.frozen.text, level="sentence")
-  stage = lengths.length_stage(config)
-  next_batch, num_items = _captioned(config, data, encoder)
-  held, _ = _captioned(config, held_out(config, data.stats, captioned=True), encoder)
-  without = lambda batch: {name: batch[name] for name in ("text_emb", "num_frames", "index")}
-  predict = jax.jit(stage.predict)
-
-  def evaluate(params):
-    parts = [predict(params, {}, without(held(i)), None) for i in range(4)]
-    count = sum(len(part["logits"]) for part in parts)
-    return {f"held_out_{name}": round(float(sum(part[name] for part in parts)) / count, 4)
-            for name in ("loss", "latents_off")}
-
-  return TrainingSetup(stage, lambda step, rows=batches.ALL: without(next_batch(step, rows)), {}, evaluate, data.stats,
-                       encoder_files(encoder), num_items)
-
-
-def generator_fields(config: ConfigDict) -> dict[str, Any]:
-  """What loading the generator's run needs: the sizes of its length estimator, where it has one."""
-  if not config.frozen.length:
-    return {}
-  run = _with_length(config.frozen.length)
-  return {"length": (run.config.length if run.stage == GENERATOR else run.config.model).to_dict()}
-
-
-def _with_length(folder):
-  """The run of a length estimator, or of a generator that has one. Raises ValueError for a generator without."""
-  run = runs.load_run(folder, ("cdamd.length", GENERATOR))
-  if run.stage == GENERATOR and not run.config.length:
-    raise ValueError(f"{folder} has no length estimator; train one with --config cdamd_length")
-  return run
-
-
-def load_length(folder: str, encoder: TextEncoder) -> Any:
-  """Parameters of a trained length estimator, or of a generator's, that reads the sentence vectors of this encoder."""
-  run = _with_length(folder)
-  run.check_encoder(encoder)
-  inside = run.stage == GENERATOR
-  net = LengthEstimator(**module_fields(run.config.length if inside else run.config.model))
-  shapes = lengths.length_shapes(net, encoder.dim)
-  return run.frozen({"length": shapes})["length"] if inside else run.params(shapes)
-
-
-RESOLVED = {GENERATOR: generator_fields}
+RESOLVED = {GENERATOR: lengths.fields_of}
 STORES = {"cdamd.generator": encode_generator}
-SETUPS = {"cdamd.autoencoder": autoencoder, "cdamd.rvq": rvq, "cdamd.generator": generator, "cdamd.length": length}
+SETUPS = {"cdamd.autoencoder": autoencoder, "cdamd.rvq": rvq, "cdamd.generator": generator,
+          "cdamd.length": lengths.length_setup}

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from motion_jax.models.cdamd import mask_schedule as masking
+from motion_jax.models import mask_schedule as masking
 from motion_jax.shapes import Array
 
 

@@ -1,45 +1,7 @@
-"""Names of CDAMD's and MARDM's released weights: autoencoder, quantizer, generators."""
-from collections.abc import Mapping
-from typing import Any
-
-import jax
-import numpy as np
-
-from motion_jax.convert.state import Table, from_torch
-from motion_jax.quant.vq import codebook_of
+"""Names of CDAMD's and MARDM's released generators; those of their autoencoders: `models.autoencoder_weights`."""
 
 
-def autoencoder_names(num_halvings: int = 2, depth: int = 3) -> Table:
-  """AE of CDAMD and MARDM (docs/papers/cdamd.md#autoencoder)."""
-  last = 2 + num_halvings
-  ends = {"encoder.model.0": "encoder/conv_in", f"encoder.model.{last}": "encoder/conv_out",
-          "decoder.model.0": "decoder/conv_in", f"decoder.model.{last}": "decoder/conv_mid",
-          f"decoder.model.{last + 2}": "decoder/conv_out"}
-  table = {theirs: (f"{ours}/conv", "conv") for theirs, ours in ends.items()}
-  for i in range(num_halvings):
-    table |= {f"encoder.model.{2 + i}.0": (f"encoder/down{i}/conv", "conv"),
-              f"decoder.model.{2 + i}.2": (f"decoder/up{i}/conv", "conv")}
-    for half, place in (("encoder", 1), ("decoder", 0)):
-      for b in range(depth):
-        theirs, ours = f"{half}.model.{2 + i}.{place}.model.{b}", f"{half}/stack{i}_block{b}"
-        table |= {f"{theirs}.conv1": (f"{ours}/conv/conv", "conv"),
-                  f"{theirs}.conv2": (f"{ours}/pointwise", "pointwise")}
-  return table
-
-
-def rvq_names(num_levels: int = 4, num_halvings: int = 2, depth: int = 3) -> Table:
-  """RVQ-VAE of CDAMD (docs/papers/cdamd.md#rvq), the codes of level q under codes/q."""
-  levels = {f"quantizer.layers.{q}.codebook": (f"codes/{q}", "array") for q in range(num_levels)}
-  return autoencoder_names(num_halvings, depth) | levels
-
-
-def rvq_from_torch(state: Mapping[str, Any], num_levels: int = 4, num_halvings: int = 2, depth: int = 3
-                   ) -> dict[str, Any]:
-  """RVQ-VAE of CDAMD as it is used: {"params", "codebooks"} with all fields of `quant.vq.Codebook`."""
-  params = from_torch(state, rvq_names(num_levels, num_halvings, depth))["params"]
-  codes = params.pop("codes")
-  book = codebook_of(np.stack([codes[str(q)] for q in range(num_levels)]))
-  return {"params": params, "codebooks": jax.tree.map(np.asarray, book._asdict())}
+from motion_jax.convert.state import Table
 
 
 def _below(table, theirs, ours):
@@ -97,9 +59,3 @@ def mardm_names(depth: int, head_depth: int | None = None) -> Table:
   return _generator_names(table, head_depth)
 
 
-def length_estimator_names() -> Table:
-  """MARDM's length estimator."""
-  table = {"output.11": ("out", "dense")}
-  for i, place in enumerate((0, 4, 8)):
-    table |= {f"output.{place}": (f"layer{i}", "dense"), f"output.{place + 1}": (f"norm{i}", "norm")}
-  return table

@@ -1,4 +1,4 @@
-"""CDAMD's and MARDM's released weights: autoencoder, RVQ-VAE, generator, length estimator (docs/papers/cdamd.md)."""
+"""CDAMD's and MARDM's released weights (docs/papers/cdamd.md)."""
 import pathlib
 import re
 from typing import Any
@@ -11,16 +11,11 @@ from motion_jax import paper_tables, runs
 from motion_jax.convert.parts import Network, check_free, heads_of, network, read_part, stats_of, text_files, write
 from motion_jax.latents import AutoencoderCodec
 from motion_jax.models import cdamd
-from motion_jax.models.cdamd import length as lengths
+from motion_jax.models.autoencoder_weights import autoencoder, length_estimator, rvq
 from motion_jax.models.cdamd.weight_names import (
-  autoencoder_names,
-  length_estimator_names,
   mardm_names,
   masked_transformer_names,
-  rvq_from_torch,
 )
-from motion_jax.nets.autoencoder import Autoencoder
-from motion_jax.nets.length_estimator import LengthEstimator
 from motion_jax.nets.masked_transformer import SIZES, GatedTransformer
 from motion_jax.nets.post_norm import sinusoids
 from motion_jax.training import checkpoint
@@ -33,45 +28,6 @@ WEIGHTS = {"ema": ("ema_mardm", "t2m_transformer", "trans"), "model": ("mardm", 
 TEXT = "clip-vit-base-patch32"
 POSITIONS = "position_enc.pe"
 DIFFUSIONS = ("flow", "ddpm")
-
-
-def _layers(part, what):
-  """Fields of an `Autoencoder`. Growth of the dilations, 3, is the released code's; no tensor tells it."""
-  width, features, _ = part.shape("encoder.model.0.weight", what, 3)
-  halvings = part.count(r"encoder\.model\.(\d+)\.0\.weight")
-  latent_dim, *_ = part.shape(f"encoder.model.{2 + halvings}.weight", what, 3)
-  depth = part.count(r"encoder\.model\.2\.1\.model\.(\d+)\.conv1\.weight")
-  return dict(features=features, latent_dim=latent_dim, width=width, num_halvings=halvings,
-              dilations=tuple(3 ** b for b in reversed(range(depth))), dropout=0.2)
-
-
-def autoencoder(path: str | pathlib.Path) -> Network:
-  """A released AE, "ae" of latest.tar or net_best_fid.tar."""
-  what, part = "autoencoder", read_part(path, ("ae",))
-  fields = _layers(part, what)
-  net = Autoencoder(**fields)
-  table = autoencoder_names(net.num_halvings, len(net.dilations))
-  return network(what, part, net, fields, cdamd.autoencoder_shapes(net), table)
-
-
-def rvq(path: str | pathlib.Path) -> Network:
-  """A released RVQ-VAE, "vq_model" (or "net") of latest.tar or net_best_fid.tar; params are {"params", "codebooks"}.
-
-  Files hold the codes and neither their running sums nor counts: training continues as if each was used once.
-  """
-  what, part = "RVQ-VAE", read_part(path, choices=("vq_model", "net"))
-  fields = _layers(part, what)
-  num_levels = max(part.count(r"quantizer\.layers\.(\d+)\.codebook"), 1)
-  shapes = [part.shape(f"quantizer.layers.{level}.codebook", what, 2) for level in range(num_levels)]
-  if len(set(shapes)) > 1 or shapes[0][1] != fields["latent_dim"]:
-    raise ValueError(f"{part.source['file']} does not fit an {what}: its codebooks have the shapes {shapes}, expected "
-                     f"the same for all, with codes of {fields['latent_dim']} numbers as latents")
-  quantizer = dict(num_levels=num_levels, num_codes=shapes[0][0])
-  net = Autoencoder(**fields)
-  params = rvq_from_torch(part.state, num_levels, net.num_halvings, len(net.dilations))
-  expected = cdamd.autoencoder_shapes(net, ml_collections.ConfigDict(quantizer))
-  checkpoint.check_fits(params, expected, f"{part.source['file']} does not fit an {what}")
-  return Network(what, net, fields | quantizer, params, part)
 
 
 def generator(path: str | pathlib.Path, weights: str = "ema", num_heads: int | None = None) -> Network:
@@ -115,15 +71,6 @@ def _check_positions(part, width):
     table = np.asarray(part.state[POSITIONS]).reshape(-1, width)[:200]
     if np.abs(table - sinusoids(len(table), width)).max() > 1e-3:
       raise ValueError(f"{part.source['file']} has positions {POSITIONS} other than sines and cosines of base 10000")
-
-
-def length_estimator(path: str | pathlib.Path) -> Network:
-  """MARDM's length estimator, "estimator" of finest.tar or latest.tar."""
-  what, part = "length estimator", read_part(path, choices=("estimator", "length_estimator"))
-  width, text_dim = part.shape("output.0.weight", what, 2)
-  net = LengthEstimator(num_classes=part.shape("output.11.weight", what, 2)[0], width=width)
-  fields = dict(num_classes=net.num_classes, width=width, dropout=0.2)
-  return network(what, part, net, fields, lengths.length_shapes(net, text_dim), length_estimator_names())
 
 
 # --- writing -----------------------------------------------------------------------------------------------------

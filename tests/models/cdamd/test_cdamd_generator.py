@@ -11,8 +11,8 @@ from ml_collections import ConfigDict
 
 from motion_jax.latents import AutoencoderCodec
 from motion_jax.models import cdamd
+from motion_jax.models import mask_schedule as masking
 from motion_jax.models.cdamd import draws as draws_lib
-from motion_jax.models.cdamd import mask_schedule as masking
 from motion_jax.models.cdamd import setup as setups
 from motion_jax.models.cdamd.unmasking import most_unmasked
 from motion_jax.nets.autoencoder import Autoencoder

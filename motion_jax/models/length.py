@@ -1,4 +1,7 @@
-"""How long a motion should be: training and asking MARDM's length estimator (docs/papers/cdamd.md#length)."""
+"""How long a motion should be: MARDM's length estimator (docs/papers/cdamd.md#length), its stage and use.
+
+MoMask's is the same one. A generator that has one keeps its sizes as config.length, its parameters as a frozen part.
+"""
 from typing import Any
 
 import jax

@@ -1,0 +1,107 @@
+"""Set-ups of the autoencoders that several methods share: their data, and their runs as frozen parts of others."""
+from typing import Any
+
+import jax
+import numpy as np
+from ml_collections import ConfigDict
+
+from motion_jax import runs
+from motion_jax.data import batches, sources
+from motion_jax.latents import RvqCodec
+from motion_jax.models import motion_errors
+from motion_jax.models.autoencoders import autoencoder_shapes, autoencoder_stage, rvq_stage
+from motion_jax.motion import stats as stats_lib
+from motion_jax.motion.stats import Stats
+from motion_jax.nets.autoencoder import Autoencoder
+from motion_jax.quant import vq
+from motion_jax.training.setup import TrainingSetup, held_out, held_stats, reconstruction_error, untrained
+from motion_jax.utils.config_files import module_fields
+
+
+def autoencoder(config: ConfigDict) -> TrainingSetup:
+  data = sources.load_features(config.data, stats=held_stats(config), captioned=False)
+  net = Autoencoder(**config.model)
+  evaluate = _reconstruction(config, data.stats, net.apply)
+  frozen = motion_errors.frozen_stats(config, data.stats)
+  next_batch, num_items = _windows(config, data)
+  return TrainingSetup(autoencoder_stage(config), next_batch, frozen, evaluate, data.stats, {}, num_items)
+
+
+def rvq(config: ConfigDict) -> TrainingSetup:
+  """On windows or, where config.data.window is 0, on the whole padded clips of the text loader."""
+  net = Autoencoder(**config.model)
+  if config.data.window:
+    data = sources.load_features(config.data, stats=held_stats(config), captioned=False)
+    next_batch, num_items = _windows(config, data)
+  else:
+    data = sources.load_features(config.data, stats=held_stats(config))
+    weights = batches.balance_weights(data.groups, config.data.balance) if config.data.balance else None
+    items = batches.TextItems(data.features, data.captions, config.data.min_frames, config.data.max_frames,
+                              (config.data.max_frames,), weights=weights)
+    num_items = len(items)
+
+    def next_batch(step, rows=batches.ALL):
+      batch = items.batch(config.data.batch_size, config.seed, step, rows)
+      return {name: batch[name] for name in ("features", "index", "num_frames")}
+
+  def reconstruct(variables, x):
+    return RvqCodec(net, variables).reconstruct(x)
+
+  evaluate = _reconstruction(config, data.stats, reconstruct)
+  frozen = motion_errors.frozen_stats(config, data.stats)
+  return TrainingSetup(rvq_stage(config), next_batch, frozen, evaluate, data.stats, {}, num_items)
+
+
+def _windows(config, data):
+  """(next_batch, how many windows there are)."""
+  frames_per_latent = 2 ** config.model.num_halvings
+  for name in ("window", "short_window"):
+    if config.data[name] % frames_per_latent:
+      raise ValueError(f"got data.{name} = {config.data[name]}, expected a multiple of the {frames_per_latent} "
+                       "frames of a latent")
+  windows = batches.Windows(data.features, config.data.window, config.data.stride,
+                            config.data.released_windows, data.groups, config.data.balance,
+                            config.data.short_window)
+  return lambda step, rows=batches.ALL: windows.batch(config.data.batch_size, config.seed, step, rows), len(windows)
+
+
+def _reconstruction(config, stats, reconstruct):
+  """evaluate(variables): mean joint error of held-out clips in millimetres, each frame's root at the same place."""
+  validation = held_out(config, stats).features
+  compiled = jax.jit(reconstruct)
+
+  def evaluate(variables):
+    error = reconstruction_error(lambda x: compiled(variables, x), validation, stats)
+    return {"held_out_mm": round(error, 2)}
+
+  return evaluate
+
+
+def load_frozen(folder: str, fields: ConfigDict, stage: str, config: ConfigDict,
+                quantizer: ConfigDict | None = None) -> tuple[Autoencoder, Any, Stats]:
+  """(module, variables, stats) of a trained autoencoder or, with a quantizer section, RVQ-VAE; "random-init" makes an
+  untrained one for trying things out."""
+  net = Autoencoder(**module_fields(fields))
+  if folder == "random-init":
+    variables = untrained(autoencoder_shapes(net))
+    if quantizer:
+      codes = np.random.default_rng(1).standard_normal(
+          (quantizer.num_levels, quantizer.num_codes, net.latent_dim), np.float32)
+      variables = {**variables, "codebooks": vq.codebook_of(codes)._asdict()}
+    return net, variables, sources.load_features(config.data).stats
+  run = runs.load_run(folder, stage)
+  demand_alike(folder, run.config.model, fields)
+  own = run.config.get("quantizer")
+  if quantizer and (own.num_levels, own.num_codes) != (quantizer.num_levels, quantizer.num_codes):
+    raise ValueError(f"{folder} has {own.num_levels} levels of {own.num_codes} codes, config.quantizer says "
+                     f"{quantizer.num_levels} of {quantizer.num_codes}; make them agree")
+  variables = run.params(autoencoder_shapes(net, quantizer))
+  return net, variables, stats_lib.load_stats(folder, config.data.layout)
+
+
+def demand_alike(folder, theirs, fields):
+  """Raises ValueError where the autoencoder in a folder is not that of a config's section."""
+  alike: dict[str, Any] = dict(dropout=0.0, hide_padding=False)  # frozen, it has no dropout; windows have no padding
+  theirs, fields = module_fields(theirs), module_fields(fields)
+  if Autoencoder(**theirs).clone(**alike) != Autoencoder(**fields).clone(**alike):
+    raise ValueError(f"{folder} holds {theirs}, this config says {fields}; make them agree")
