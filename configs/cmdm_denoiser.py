@@ -61,8 +61,8 @@ def get_config(size="full"):
                                       skip_loss=10.0)
   if dataset and dataset != "essential":  # the rate falls at the same place of the whole of training
     config.optimizer.boundaries = (FALLS,)
-  config.train = common.epochs(500, log_every=100, num_saves=40, remat=False, scan_layers=False,
-                               sample_every=20_000)
+  config.train = common.epochs(500, log_every=100, num_saves=40, remat=False, attention="xla",
+                               scan_layers=False, sample_every=20_000)
   # schedule: "fss" (frame-wise, `lag` steps between blocks), "ar" (block after block) or "full" (all frames at once).
   config.sampler = dict(schedule="fss", solver="euler", num_steps=50, lag=2, guidance_scale=3.0)
   if size in ("small", "mini", "laptop"):

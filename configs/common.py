@@ -92,8 +92,9 @@ def train(num_steps, log_every, save_every, **fields):
   max_skips steps in a row goes back to its last good state and on with other batches, max_rollbacks times at most.
   After hang_minutes without a step it ends; 0 never. workers: processes of Grain that make batches; 0 for a thread.
   remat, where dtype is: whether a gradient computes what is inside of a network's blocks once more instead of keeping
-  it: less memory, a third more work. scan_layers, where it is: whether one layer of the network is compiled and run as
-  often as there are layers, instead of each. tensorboard: whether metrics are written as an event file, too.
+  it: less memory, a third more work. attention, where it is: "cudnn" computes attention in 16 bits by NVIDIA's fused
+  kernel; elsewhere that is the same as "xla". scan_layers, where it is: whether one layer of the network is compiled
+  and run as often as there are layers, instead of each. tensorboard: whether metrics are written as an event file, too.
   sample_every: pictures of what the run makes, in its samples/, at the saves nearest to multiples of it; 0: none.
   start: a run, or a name that ships, whose parameters are the first ones; freeze: names of parts that stay as they are
   there, such as ("encoder",): then a tokenizer's latents mean what they meant, and its generators go on with it.

@@ -154,7 +154,7 @@ DEFAULTS: dict[str, dict[str, Any]] = {
         "loss.adaptive_align": True, "loss.align_fall": 0.9, "loss.reconstruction": "gaussian",
         "loss.distance_pairs": "window", "loss.last_layer": "convolution"},
     "cmdm.denoiser": _TEXT_ITEMS | _STORE | _MOTION_ERRORS | {
-        "train.remat": False, "train.scan_layers": False, "frozen.text_level": "words",
+        "train.remat": False, "train.scan_layers": False, "train.attention": "xla", "frozen.text_level": "words",
         "alignment_teacher": {},
         "distill.teacher": "", "loss.mean_latents": False, "loss.decoded_from": 0.5, "loss.self_forcing": 0.0,
         "loss.pyramid_levels": 0.0,
@@ -168,7 +168,7 @@ DEFAULTS: dict[str, dict[str, Any]] = {
     "cdamd.rvq": _MOTION_ERRORS | {"data.released_windows": False, "data.short_window": 0,
                                    "quantizer.learn": "means"},
     "cdamd.generator": _TEXT_ITEMS | _STORE | {
-        "train.remat": False, "frozen.text_level": "sentence", "frozen.length": "",
+        "train.remat": False, "train.attention": "xla", "frozen.text_level": "sentence", "frozen.length": "",
         "length": {}, "loss.mask_draw": "count", "data.vary_subject": 0.0, "sampler.edit_mask": "bcm"},
     "cdamd.length": {"data.vary_subject": 0.0},
     "evaluator.movement": {},

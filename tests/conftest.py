@@ -145,6 +145,13 @@ def devices_env(count):
 
 
 @pytest.fixture
+def traced_cudnn(monkeypatch):
+  """Lets programs with cuDNN's attention be traced and lowered, which JAX refuses where no cuDNN is installed."""
+  from jax._src.cudnn import fused_attention_stablehlo
+  monkeypatch.setattr(fused_attention_stablehlo, "check_cudnn_version", lambda: 91_000)
+
+
+@pytest.fixture
 def as_users_run(monkeypatch):
   """The annotations of a call are checked in tests alone; with this a test sees what a user is told."""
   monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)

@@ -1,4 +1,5 @@
 """Attention with normalized queries and keys and rotary positions, in pieces that a key-value cache can use."""
+import functools
 import math
 from collections.abc import Callable
 from typing import Any
@@ -11,6 +12,9 @@ from jaxtyping import Bool, Float, Num
 from motion_jax.nets.layers import Dense, promote_to_f32
 from motion_jax.nets.partitioning import Axes, partitioned
 from motion_jax.shapes import Array
+
+IMPLEMENTATIONS = ("xla", "cudnn")
+FUSED_WIDTHS = range(8, 129, 8)  # of heads that cuDNN's attention takes on every GPU; size S has heads of 256
 
 
 class RMSNorm(nn.Module):
@@ -45,13 +49,20 @@ def rotary(x: Float[Array, "*lead l h k"], positions: Num[Array, "*#lead l"], ba
 def dot_product_attention(q: Float[Array, "b l h k"], k: Float[Array, "b s h k"], v: Float[Array, "b s h k"],
                           attn_mask: Bool[Array, "#b #h #l s"] | None = None,
                           bias: Float[Array, "#b h l s"] | None = None, scaled: bool = True,
-                          drop: Callable[[jax.Array], jax.Array] | None = None) -> Float[Array, "b l h k"]:
+                          drop: Callable[[jax.Array], jax.Array] | None = None,
+                          implementation: str = "xla") -> Float[Array, "b l h k"]:
   """softmax(q k^T / sqrt(K) + bias) v: the attention of every network here.
 
   attn_mask True = may attend; a row that may attend to nothing is finite. scaled=False leaves sqrt(K) out, as T5 does.
-  drop acts on the weights.
+  drop acts on the weights. implementation "cudnn": NVIDIA's fused kernel for what it takes, see `fused_attention`;
+  "xla": matrix products and a softmax.
   """
-  if drop is None and q.dtype in (jnp.bfloat16, jnp.float16):
+  if implementation not in IMPLEMENTATIONS:
+    raise ValueError(f"got attention {implementation!r}, expected one of {', '.join(IMPLEMENTATIONS)}")
+  half = q.dtype in (jnp.bfloat16, jnp.float16)
+  if implementation == "cudnn" and half and drop is None and bias is None and scaled and q.shape[-1] in FUSED_WIDTHS:
+    return fused_attention(q, k, v, attn_mask)
+  if drop is None and half:
     return jax.nn.dot_product_attention(q, k, v, None if bias is None else bias.astype(q.dtype), attn_mask,
                                         scale=None if scaled else 1.0)
   # JAX's own takes a softmax in float32 whatever the type, so float64 would not be float64, and has no dropout; it
@@ -66,12 +77,37 @@ def dot_product_attention(q: Float[Array, "b l h k"], k: Float[Array, "b s h k"]
   return jnp.einsum("bhls,bshk->blhk", weights if drop is None else drop(weights), v)
 
 
+def fused_attention(q: Float[Array, "b l h k"], k: Float[Array, "b s h k"], v: Float[Array, "b s h k"],
+                    attn_mask: Bool[Array, "#b #h #l s"] | None = None) -> Float[Array, "b l h k"]:
+  """`dot_product_attention` by cuDNN in programs for CUDA devices, by matrix products in programs for others.
+
+  For bfloat16 and float16 and heads of FUSED_WIDTHS. The kernel's gradient takes even lengths only, so odd ones get a
+  row, or a key that no row attends to. Without an installed cuDNN JAX does not trace the kernel, and the program is the
+  plain one. Source: https://docs.nvidia.com/deeplearning/cudnn/frontend/latest/operations/Attention.html
+  """
+  plain, fused = (functools.partial(jax.nn.dot_product_attention, implementation=name) for name in ("xla", "cudnn"))
+  length, odd_rows, odd_keys = q.shape[1], q.shape[1] % 2, k.shape[1] % 2
+  mask = jnp.ones((1, 1, 1, 1), bool) if attn_mask is None else attn_mask
+  mask = jnp.broadcast_to(mask, mask.shape[:2] + (length, k.shape[1]))
+  mask = jnp.pad(mask, ((0, 0), (0, 0), (0, odd_rows), (0, odd_keys)))
+  q = jnp.pad(q, ((0, 0), (0, odd_rows), (0, 0), (0, 0)))
+  k, v = (jnp.pad(a, ((0, 0), (0, odd_keys), (0, 0), (0, 0))) for a in (k, v))
+  call = lambda attend: lambda q, k, v, mask: attend(q, k, v, mask=mask)
+  try:
+    y = jax.lax.platform_dependent(q, k, v, mask, cuda=call(fused), default=call(plain))
+  except RuntimeError as error:
+    if "cuDNN" not in str(error):  # "cuDNN is not detected."
+      raise
+    y = plain(q, k, v, mask=mask)
+  return y[:, :length]
+
+
 class Attention(nn.Module):
   """Multi-head attention in three steps: `queries`, `keys_values`, `attend`.
 
   Queries and keys are RMS-normalized over the whole width before the heads are split (docs/papers/cmdm.md#causal-dit);
   not so with normalize=False. `rotary` turns them between the steps, so that a cache can hold keys that are not tied to
-  a position yet. drop, where it is given, acts on the weights.
+  a position yet. drop, where it is given, acts on the weights. implementation: of `dot_product_attention`.
   Shapes: x (B, L, D); q, k, v (B, L, H, D / H); attn_mask (B or 1, 1, L, S).
   """
   width: int
@@ -79,6 +115,7 @@ class Attention(nn.Module):
   dtype: Any = jnp.float32
   normalize: bool = True
   kernel_init: Callable = nn.initializers.xavier_uniform()
+  implementation: str = "xla"
 
   def setup(self) -> None:
     if self.width % self.num_heads:
@@ -101,7 +138,7 @@ class Attention(nn.Module):
   def attend(self, q: Float[Array, "b l h k"], k: Float[Array, "b s h k"], v: Float[Array, "b s h k"],
              attn_mask: Bool[Array, "#b 1 #l s"] | None = None,
              drop: Callable[..., Any] | None = None) -> Float[Array, "b l d"]:
-    y = dot_product_attention(q, k, v, attn_mask, drop=drop)
+    y = dot_product_attention(q, k, v, attn_mask, drop=drop, implementation=self.implementation)
     return self.o(y.reshape(y.shape[:-2] + (self.width,)))
 
   def __call__(self, x: Float[Array, "b l d"], context: Float[Array, "b s d"] | None = None,

@@ -53,14 +53,15 @@ class Block(nn.Module):
   num_heads: int
   ff_width: int
   dtype: Any
+  attention: str = "xla"
 
   def setup(self) -> None:
     xavier: dict[str, Any] = dict(kernel_init=nn.initializers.xavier_uniform(), dtype=self.dtype)
     norm = lambda affine: nn.LayerNorm(epsilon=1e-6, use_scale=affine, use_bias=affine, dtype=self.dtype)
     self.film = Dense(6 * self.width, ("embed", "film"), kernel_init=nn.initializers.zeros, dtype=self.dtype)
     self.norm1, self.norm2, self.norm3 = norm(False), norm(True), norm(False)
-    self.self_attn = Attention(self.width, self.num_heads, self.dtype)
-    self.cross_attn = Attention(self.width, self.num_heads, self.dtype)
+    self.self_attn, self.cross_attn = (Attention(self.width, self.num_heads, self.dtype, implementation=self.attention)
+                                       for _ in range(2))
     self.ff_in = Dense(self.ff_width, ("embed", "mlp"), **xavier)
     self.ff_out = Dense(self.width, ("mlp", "embed"), **xavier)
 
@@ -147,6 +148,7 @@ class CausalDiT(nn.Module):
   dtype: Any = jnp.float32
   control: int = 0  # how many numbers tell a latent what it is held to (`motion_jax.control.conditioning`); 0: none
   remat: bool = False  # a gradient computes what is inside of a block once more, instead of keeping it
+  attention: str = "xla"  # of `attention.dot_product_attention`: "xla", or "cudnn" for 16 bits on NVIDIA's GPUs
   scan_layers: bool = False  # training compiles one layer and runs it `depth` times, instead of compiling each
 
   # Parity: blocks of 3 latents that see one another, the RMS norm of queries and keys, a feed-forward of 2 D and no
@@ -160,7 +162,7 @@ class CausalDiT(nn.Module):
     self.time_in = Dense(self.width, (None, "mlp"), **normal)
     self.time_out = Dense(self.width, ("mlp", "embed"), **normal)
     block = nn.remat(Block, methods=["step"]) if self.remat else Block
-    self.blocks = [block(self.width, self.num_heads, self.ff_width, self.dtype, name=f"block{i}")
+    self.blocks = [block(self.width, self.num_heads, self.ff_width, self.dtype, self.attention, name=f"block{i}")
                    for i in range(self.depth)]
     self.out = Dense(self.latent_dim, ("embed", None), kernel_init=nn.initializers.zeros, dtype=self.dtype)
     if self.control:

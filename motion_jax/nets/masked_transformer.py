@@ -72,6 +72,7 @@ class Block(nn.Module):
   ff_width: int
   dropout: float
   dtype: Any
+  attention: str = "xla"
 
   @nn.compact
   def __call__(self, x: Float[Array, "b l d"], cond: Float[Array, "b s d"], text: Float[Array, "b 1 d"],
@@ -82,7 +83,7 @@ class Block(nn.Module):
     drop = lambda y: Dropout(self.dropout)(y, items)
     drop_weights = None if items is None or not self.dropout else functools.partial(Dropout(self.dropout), items=items)
     attention = lambda name: Attention(width, self.num_heads, self.dtype, normalize=False, kernel_init=NORMAL,
-                                       name=name)
+                                       implementation=self.attention, name=name)
 
     def norm(x, i):
       scale, shift = (dense(width, f"{name}{i}", "embed", "film")(text) for name in ("scale", "shift"))
@@ -119,6 +120,7 @@ class MaskedTransformer(nn.Module):
   dropout: float = 0.2
   dtype: Any = jnp.float32
   remat: bool = False  # a gradient computes what is inside of a block once more, instead of keeping it
+  attention: str = "xla"  # of `attention.dot_product_attention`; attention with dropout is always plain
 
   def setup(self) -> None:
     self.inputs = Inputs(self.latent_dim, self.width, self.text_scale, self.dropout, self.dtype)
@@ -132,7 +134,7 @@ class MaskedTransformer(nn.Module):
     # Parity: the code adds learned positions to the sines, at their initial size of 1.
     self.positions = self.param("positions", nn.initializers.normal(1.0), (1, self.max_length, self.width))
     block = nn.remat(Block) if self.remat else Block
-    self.blocks = [block(self.num_heads, self.ff_width, self.dropout, self.dtype, name=f"block{i}")
+    self.blocks = [block(self.num_heads, self.ff_width, self.dropout, self.dtype, self.attention, name=f"block{i}")
                    for i in range(self.depth)]
 
   def mask_token(self) -> Float[Array, "1 1 c"]:
@@ -177,6 +179,7 @@ class GatedBlock(nn.Module):
   ff_width: int
   dropout: float
   dtype: Any
+  attention: str = "xla"
 
   @nn.compact
   def __call__(self, x: Float[Array, "b l d"], text: Float[Array, "b 1 d"], attn_mask: Bool[Array, "#b 1 l l"],
@@ -188,7 +191,8 @@ class GatedBlock(nn.Module):
     shift1, scale1, gate1, shift2, scale2, gate2 = jnp.split(film, 6, axis=-1)
     norm = layer_norm(1e-6, self.dtype)
     drop = lambda y: Dropout(self.dropout)(y, items)
-    attention = Attention(width, self.num_heads, self.dtype, normalize=False, kernel_init=NORMAL, name="self_attn")
+    attention = Attention(width, self.num_heads, self.dtype, normalize=False, kernel_init=NORMAL,
+                          implementation=self.attention, name="self_attn")
     drop_weights = None if items is None or not self.dropout else functools.partial(Dropout(self.dropout), items=items)
     y = attention(norm(x) * (1 + scale1) + shift1, attn_mask=attn_mask, drop=drop_weights)
     x = x + gate1 * drop(y)
@@ -211,11 +215,12 @@ class GatedTransformer(nn.Module):
   dropout: float = 0.2
   dtype: Any = jnp.float32
   remat: bool = False  # a gradient computes what is inside of a block once more, instead of keeping it
+  attention: str = "xla"  # of `attention.dot_product_attention`; attention with dropout is always plain
 
   def setup(self) -> None:
     self.inputs = Inputs(self.latent_dim, self.width, self.text_scale, self.dropout, self.dtype)
     block = nn.remat(GatedBlock) if self.remat else GatedBlock
-    self.blocks = [block(self.num_heads, self.ff_width, self.dropout, self.dtype, name=f"block{i}")
+    self.blocks = [block(self.num_heads, self.ff_width, self.dropout, self.dtype, self.attention, name=f"block{i}")
                    for i in range(self.depth)]
 
   def mask_token(self) -> Float[Array, "1 1 c"]:

@@ -173,8 +173,8 @@ def describe_length(config, num_items) -> str:
 FREE = ("frozen", "origin", "alignment_teacher", "teacher", "text", "paper_row", "sampler", "mesh", "data.folder",
         "data.folders", "data.store", "optimizer.cooldown_steps", "train.num_steps", "train.num_epochs",
         "train.num_saves", "train.log_every", "train.keep_last", "train.max_skips", "train.max_rollbacks",
-        "train.hang_minutes", "train.workers", "train.remat", "train.scan_layers", "optimizer.accumulate_steps",
-        "train.tensorboard", "train.sample_every")
+        "train.hang_minutes", "train.workers", "train.remat", "train.attention", "train.scan_layers",
+        "optimizer.accumulate_steps", "train.tensorboard", "train.sample_every")
 
 
 def check_config(config, before, allow=False, report=print):

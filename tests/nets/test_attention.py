@@ -3,8 +3,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from jax import export
 
-from motion_jax.nets.attention import Attention, RMSNorm, rotary
+from motion_jax.nets.attention import Attention, RMSNorm, dot_product_attention, rotary
 from motion_jax.training.setup import untrained
 
 
@@ -62,3 +63,48 @@ def test_bfloat16_stays_near():
 def test_heads_divide_the_width():
   with pytest.raises(ValueError, match="width 16 for 3 heads"):
     Attention(16, 3).init(jax.random.key(0), jnp.zeros((1, 2, 16)))
+
+
+# Calls of cuDNN, which jax.export does not promise to keep compatible between versions.
+CUDNN = [f"__cudnn$fmhaScaleBiasSoftmax{suffix}" for suffix in ("", "Backward")]
+
+
+def rows(length, seed, width=16, dtype=jnp.bfloat16):
+  return jax.random.normal(jax.random.key(seed), (2, length, 3, width), dtype)
+
+
+@pytest.mark.parametrize("lengths", [(6, 8), (5, 7), (5, 8), (6, 7)])
+def test_fused_attention_is_the_plain_one_where_there_is_no_such_kernel(lengths, traced_cudnn):
+  """Odd lengths are padded for the kernel: no row sees the padding, and it is cut off again."""
+  (q, k, v), mask = (rows(lengths[0], 0), rows(lengths[1], 1), rows(lengths[1], 2)), jnp.arange(lengths[1]) < 5
+  mask = jnp.broadcast_to(mask, (2, 1, 1, lengths[1])).at[1, ..., 0].set(False)
+  for attn_mask in (None, mask):
+    plain, fused = (dot_product_attention(q, k, v, attn_mask, implementation=name) for name in ("xla", "cudnn"))
+    np.testing.assert_allclose(fused.astype(jnp.float32), plain.astype(jnp.float32), atol=0.01)
+    assert fused.shape == plain.shape and fused.dtype == plain.dtype
+
+
+def test_without_cudnn_the_program_is_the_plain_one():
+  q = rows(5, 0)
+  np.testing.assert_array_equal(dot_product_attention(q, q, q, implementation="cudnn"), dot_product_attention(q, q, q))
+
+
+@pytest.mark.parametrize("dtype, width, fused", [("bfloat16", 16, True), ("bfloat16", 128, True),
+                                                 ("float32", 16, False), ("bfloat16", 12, False),
+                                                 ("bfloat16", 256, False)])
+def test_the_kernel_is_in_programs_for_cuda_alone(dtype, width, fused, traced_cudnn):
+  q, k = rows(5, 0, width, dtype), rows(8, 1, width, dtype)
+  mask = jnp.ones((2, 1, 1, 8), bool)
+
+  def gradient(q, k):
+    return jax.grad(lambda q: dot_product_attention(q, k, k, mask, implementation="cudnn").sum().astype(jnp.float32))(q)
+
+  for platform in ("cuda", "tpu", "cpu"):
+    program = export.export(jax.jit(gradient), platforms=[platform], disabled_checks=[
+        export.DisabledSafetyCheck.custom_call(name) for name in CUDNN])(q, k).mlir_module()
+    assert ("__cudnn$fmha" in program) == (fused and platform == "cuda")
+
+
+def test_an_unknown_implementation_is_named():
+  with pytest.raises(ValueError, match="attention 'flash', expected one of xla, cudnn"):
+    dot_product_attention(*[rows(2, 0)] * 3, implementation="flash")

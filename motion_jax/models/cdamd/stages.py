@@ -18,13 +18,14 @@ from motion_jax.shapes import Array
 from motion_jax.training.stage import Stage
 
 
-def make_generator(config: ConfigDict, dtype: Any = jnp.float32, remat: bool = False) -> Generator:
+def make_generator(config: ConfigDict, dtype: Any = jnp.float32, remat: bool = False, attention: str = "xla"
+                   ) -> Generator:
   """The module of a model section: transformer (kind "cdamd" or "mardm", and fields), head (fields).
 
-  dtype: what it computes in; parameters, norms and softmax are float32. remat: see the modules.
+  dtype: what it computes in; parameters, norms and softmax are float32. remat, attention: see the modules.
   """
   fields, head = ({"dtype": dtype, "remat": remat, **section} for section in (config.transformer, config.head))
-  kind = fields.pop("kind")
+  kind, fields = fields.pop("kind"), {"attention": attention, **fields}
   if kind not in TRANSFORMERS:
     raise ValueError(f"got transformer kind {kind!r}, expected one of {', '.join(TRANSFORMERS)}")
   transformer = TRANSFORMERS[kind](**fields)
@@ -61,7 +62,7 @@ def generator_stage(config: ConfigDict) -> Stage:
   the parts of the autoencoder's codec and, if loss.prior_levels, prior: the RVQ-VAE's variables.
   """
   autoencoder, net = Autoencoder(**config.tokenizer), make_generator(
-      config.model, jnp.dtype(config.train.dtype), config.train.remat)
+      config.model, jnp.dtype(config.train.dtype), config.train.remat, config.train.attention)
   rvq_net = Autoencoder(**config.prior) if config.loss.prior_levels else None
 
   def inputs(frozen, batch):

@@ -214,7 +214,7 @@ def _held_errors(config, frozen, features, control, frames):
 def make_denoiser(config: ConfigDict) -> CausalDiT:
   """The network as it is trained: config.model, computed as config.train says."""
   return CausalDiT(**config.model, dtype=jnp.dtype(config.train.dtype), remat=config.train.remat,
-                   scan_layers=config.train.scan_layers)
+                   attention=config.train.attention, scan_layers=config.train.scan_layers)
 
 
 def denoiser_stage(config: ConfigDict) -> Stage:
