@@ -5,7 +5,6 @@ import io
 import json
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from tqdm import tqdm
 
@@ -36,7 +35,7 @@ class Retriever:
     # What decides the functions of a space, and so may share what was traced of them.
     about = (space.net, module_fields(config.text), config.data.layout, module_fields(config.loss))
     shapes = cache.kept_shapes("teacher", about, lambda: jax.eval_shape(space.init, jax.random.key(0)))
-    self.params = jax.tree.map(jnp.asarray, run.params(shapes))
+    self.params = jax.device_put(run.params(shapes))
     # For its tokenizer: the weights are the run's own, but for a TMR, whose text transformer is frozen.
     self.encoder = load_text_encoder(run.text)
     if "text" not in self.params:

@@ -10,6 +10,7 @@ from jaxtyping import Num
 
 from motion_jax.analysis.signals import JOINT, PAIR, SIDES, Body, course_of, turning_points
 from motion_jax.motion.contacts import majority, velocity
+from motion_jax.motion.smoothing import find_peaks
 from motion_jax.shapes import Array
 
 _G = 9.81
@@ -127,7 +128,6 @@ def _turns(body):
 
 def _kicks(body):
   """A fast foot that goes high on a stretched leg while the other stands."""
-  from scipy.signal import find_peaks
   height = body.joints[:, PAIR["foot"], 1]
   peaks = []
   for side in (0, 1):
@@ -145,7 +145,6 @@ def _kicks(body):
 def feet_up(body: "Body") -> int:
   """How often a foot goes 0.4 m over the other one while the body stays about where it is: kicks, and what looks much
   like one though it is slow or the leg stays bent."""
-  from scipy.signal import find_peaks
   height, near = body.joints[:, PAIR["foot"], 1], int(0.4 * body.fps)
   found = [peak for side in (0, 1) for peak in find_peaks(
       height[:, side] - height[:, 1 - side], height=0.4, distance=max(near, 1), prominence=0.25)[0]]
@@ -274,7 +273,6 @@ def _hands(body):
 
 def _punches(body):
   """A fist that shoots out from a bent arm, level and ahead, to an arm that is nearly stretched, and comes back."""
-  from scipy.signal import find_peaks
   line, reach, fast, there = _fists(body)
   frames = lambda seconds: max(1, int(seconds * body.fps))
   peaks = []
@@ -315,7 +313,6 @@ def punch_speed(body: "Body", side: str = "") -> float:
 
 def _swings(body, first, past, side):
   """(how often the hand swings to and fro, whether that is sure, swings a second) of a raised hand."""
-  from scipy.signal import find_peaks
   line = body.local("wrist", "shoulder")[first:past, side]
   edge = int(0.25 * body.fps)  # on its way up and down a hand does not wave
   line = line[edge:-edge] if len(line) > 4 * edge else line[:0]
@@ -339,7 +336,6 @@ def _swings(body, first, past, side):
 
 def _period(wave):
   """Frames after which a signal is most like itself, by autocorrelation; 0 where nothing repeats."""
-  from scipy.signal import find_peaks
   wave = wave - wave.mean()
   same = np.correlate(wave, wave, mode="full")[len(wave) - 1:] / np.arange(len(wave), 0, -1)
   peaks = find_peaks(same[:max(4, int(0.7 * len(wave)))])[0]

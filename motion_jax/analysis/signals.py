@@ -7,6 +7,7 @@ from jaxtyping import Float
 from motion_jax.motion.contacts import feet_stand, velocity
 from motion_jax.motion.retarget import floor_height
 from motion_jax.motion.skeleton import HUMANML3D, facing
+from motion_jax.motion.smoothing import gaussian_filter1d
 
 SIDES = ("left", "right")
 JOINT = {name: number for number, name in enumerate(HUMANML3D.joints)}
@@ -80,7 +81,6 @@ class Body:
     return np.stack([x * cos - z * sin, y, x * sin + z * cos], -1)
 
   def smooth(self, values: np.ndarray, seconds: float) -> np.ndarray:
-    from scipy.ndimage import gaussian_filter1d
     return gaussian_filter1d(values, seconds * self.fps, axis=0, mode="nearest")
 
   def spans(self, flags: np.ndarray, least: float = 0.0, gap: float = 0.0) -> list[tuple[int, int]]:

@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from motion_jax.control.signal import NUM_JOINTS, ControlSignal
@@ -22,14 +23,14 @@ HORIZON = 160          # frames; targets farther ahead are left out
 AHEAD = (10, 20, 40)   # frames ahead at which the reference path is given
 # Where people's joints usually are, metres to the left, ahead and over the floor of the place below the pelvis, and how
 # far they stray from there: rounded over the train clips of CMU and Bandai, both sides alike.
-_USUAL = jnp.array([
+_USUAL = np.array([
     [0.00, 0.00, 0.95], [0.06, 0.00, 0.87], [-0.06, 0.00, 0.87], [0.00, -0.01, 1.08], [0.08, 0.08, 0.50],
     [-0.08, 0.08, 0.50], [0.00, 0.00, 1.23], [0.08, -0.08, 0.12], [-0.08, -0.08, 0.12], [0.00, 0.00, 1.28],
     [0.09, 0.02, 0.03], [-0.09, 0.02, 0.03], [0.00, 0.02, 1.49], [0.07, 0.01, 1.40], [-0.07, 0.01, 1.40],
     [0.00, 0.04, 1.59], [0.19, -0.02, 1.41], [-0.19, -0.02, 1.41], [0.29, -0.01, 1.25], [-0.29, -0.01, 1.25],
-    [0.30, 0.10, 1.18], [-0.30, 0.10, 1.18]])
-_STRAYS = jnp.array([0.05, 0.05, 0.05, 0.05, 0.08, 0.08, 0.05, 0.10, 0.10, 0.05, 0.12, 0.12, 0.06, 0.05, 0.05, 0.07,
-                     0.06, 0.06, 0.11, 0.11, 0.20, 0.20])
+    [0.30, 0.10, 1.18], [-0.30, 0.10, 1.18]], np.float32)
+_STRAYS = np.array([0.05, 0.05, 0.05, 0.05, 0.08, 0.08, 0.05, 0.10, 0.10, 0.05, 0.12, 0.12, 0.06, 0.05, 0.05, 0.07,
+                    0.06, 0.06, 0.11, 0.11, 0.20, 0.20], np.float32)
 _REACH, _MOVES = 5, 0.15  # frames on both sides, and metres between them, that show a direction
 
 
@@ -177,11 +178,11 @@ def features(signal: ControlSignal, frames_per_latent: int = 4, start: Float[Arr
 # three motions have one pattern, the third has two, one over the other.
 
 PELVIS = 0
-ENDS = jnp.array([HUMANML3D.joints.index(name) for name in
-                  ("pelvis", "left_foot", "right_foot", "head", "left_wrist", "right_wrist")])
+ENDS = np.array([HUMANML3D.joints.index(name) for name in
+                 ("pelvis", "left_foot", "right_foot", "head", "left_wrist", "right_wrist")])
 # Chances of the kinds of joints: the path, the whole body, one of ENDS, any few; and of the kinds of frames.
-_JOINTS = jnp.log(jnp.array([0.45, 0.2, 0.2, 0.15]))
-_FRAMES = jnp.log(jnp.array([0.05, 0.05, 0.1, 0.2, 0.5, 0.1]))  # 1, 2, 5, a quarter, all, a stretch
+_JOINTS = np.array([0.45, 0.2, 0.2, 0.15], np.float32)
+_FRAMES = np.array([0.05, 0.05, 0.1, 0.2, 0.5, 0.1], np.float32)  # 1, 2, 5, a quarter, all, a stretch
 
 
 def draw_frames(key: jax.Array, count: Int[Array, ""], num_frames: Int[Array, ""], length: int
@@ -195,10 +196,10 @@ def _pattern(key, num_frames, length):
   """(given (length, J, 3), heading (length,))."""
   joint_key, end_key, few_key, frame_key, time_key, high_key, heading_key, stretch_key = jax.random.split(key, 8)
   joint = jnp.arange(NUM_JOINTS)
-  kind = jax.random.categorical(joint_key, _JOINTS)
+  kind = jax.random.categorical(joint_key, jnp.log(_JOINTS))
   joints = jnp.stack([joint == PELVIS, joint >= 0, joint == jax.random.choice(end_key, ENDS),
                       jax.random.bernoulli(few_key, 0.25, (NUM_JOINTS,))])[kind]
-  how = jax.random.categorical(frame_key, _FRAMES)
+  how = jax.random.categorical(frame_key, jnp.log(_FRAMES))
   counts = jnp.stack([jnp.ones_like(num_frames), jnp.full_like(num_frames, 2), jnp.full_like(num_frames, 5),
                       jnp.maximum(num_frames // 4, 1), num_frames, num_frames])
   a, b = jnp.sort(jax.random.randint(stretch_key, (2,), 0, jnp.maximum(num_frames, 1)))

@@ -24,6 +24,7 @@ from motion_jax.motion import rotations as rot
 from motion_jax.motion.pinned_feet import stands
 from motion_jax.motion.root_paths import along
 from motion_jax.motion.skeleton import HUMANML3D
+from motion_jax.motion.smoothing import gaussian_filter1d
 from motion_jax.utils.errors import InputError
 
 _FAR, _TURNED = 0.12, 0.35  # metres, radians off, from which the body is carried step by step
@@ -111,7 +112,6 @@ def _posed(joints: np.ndarray, wanted: Callable[[np.ndarray], ControlSignal], le
 
 def _carried(joints: np.ndarray, signal: ControlSignal, fps: float) -> np.ndarray:
   """The motion with its body carried near its targets, and turned, step by step."""
-  from scipy.ndimage import gaussian_filter1d
   places, given = np.asarray(signal.positions, np.float64)[0], np.asarray(signal.given)[0]
   ground = [0, 2]
   aim, targeted = joints[:, 0, ground].copy(), given[:, 0, ground].all(-1)
@@ -152,7 +152,6 @@ def _carried(joints: np.ndarray, signal: ControlSignal, fps: float) -> np.ndarra
 
 def _smoothed(points: np.ndarray, sigma: float) -> np.ndarray:
   """Points (T, K) by a Gaussian of sigma frames that continues straight beyond the ends."""
-  from scipy.ndimage import gaussian_filter1d
   pad = int(4 * sigma)
   beside = min(pad, len(points) - 1)
   far = np.arange(1, pad + 1)[:, None] / max(beside, 1)
@@ -287,7 +286,6 @@ STIFF = np.concatenate([np.full(3, _ROOT), *(np.full(width, turn.stiff) for turn
 
 def hinges(joints: Float[np.ndarray, "t 22 3"]) -> dict[int, np.ndarray]:
   """{number of the turn: axes (T, 3)} of elbows and knees: at right angles to the limb's two bones, and smooth."""
-  from scipy.ndimage import gaussian_filter1d
   across = rot.unit(joints[:, 1] - joints[:, 2], 1e-9)
   found = {}
   for number, turn in enumerate(TURNS):

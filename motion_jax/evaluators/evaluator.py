@@ -137,7 +137,7 @@ def load_evaluator(name="evaluator-small", text=None) -> Evaluator:
   run = runs.load_run(name, tuple(KINDS))
   reader = functools.cache(lambda: _reader(run, text))
   with checkpoint.building(run.folder):
-    params = jax.tree.map(jnp.asarray, run.params())
+    params = jax.device_put(run.params())
     return _assemble(run.folder.name, run.folder, run.config, run.stats, params, reader)
 
 

@@ -19,6 +19,7 @@ from motion_jax.export import gif, render
 from motion_jax.export.body import default_colors, make_figure
 from motion_jax.export.scene import body_at, from_above, marks_of
 from motion_jax.motion.retiming import resample
+from motion_jax.motion.smoothing import gaussian_filter1d
 from motion_jax.utils import progress, stopping
 from motion_jax.utils.atomic import atomic_path
 from motion_jax.utils.errors import EncoderError, InputError
@@ -286,7 +287,6 @@ def _azimuth(figure, azimuth, default):
 
 def _cameras(figure, fps, size, mode, azimuth):
   """One camera per frame."""
-  from scipy.ndimage import gaussian_filter1d
   view, elevation = VIEWS.get(mode, (35, 13))
   mode = "auto" if mode in VIEWS else mode
   joints, num_frames = np.concatenate([figure.joints, figure.a, figure.b], axis=1), len(figure.joints)

@@ -94,8 +94,9 @@ class TextToMotionModel(Able):
                        "as text")
     run.check_encoder(encoder)
     self.stats: Stats = run.stats
-    self.frozen = jax.tree.map(jnp.asarray, run.frozen(frozen_shapes) if frozen_shapes else {})
-    self.params = jax.tree.map(jnp.asarray, run.params(shapes))
+    # In one call, which compiles nothing: jnp.asarray is a small program for every shape.
+    self.frozen = jax.device_put(run.frozen(frozen_shapes) if frozen_shapes else {})
+    self.params = jax.device_put(run.params(shapes))
 
   if not TYPE_CHECKING:
     def __getattr__(self, name):
@@ -269,6 +270,22 @@ def each(value: Any, prompts: Sequence[str]) -> list[Any]:
   return values
 
 
+def random_keys(seeds: Sequence[int]) -> jax.Array:
+  """Keys (N,) of seeds as of `jax.random.key`; keys of the default kind are made without compiling anything."""
+  if jax.config.jax_default_prng_impl != "threefry2x32" or jax.config.jax_enable_x64:
+    return jnp.stack([jax.random.key(seed) for seed in seeds])
+  data = np.array([[0, seed & 0xffffffff] for seed in seeds], np.uint32)
+  return jax.random.wrap_key_data(data, impl="threefry2x32")
+
+
+def select_keys(keys: jax.Array, rows: Sequence[int]) -> jax.Array:
+  """Some of the keys (N,), without compiling anything."""
+  rows = np.asarray(rows, int)
+  if not jnp.issubdtype(keys.dtype, jax.dtypes.prng_key):
+    return np.asarray(keys)[rows]
+  return jax.random.wrap_key_data(np.asarray(jax.random.key_data(keys))[rows], impl=jax.random.key_impl(keys))
+
+
 def keys_of(rng: jax.Array | None, seeds: Iterable[int] | None, count: int, seed: int | None = None
             ) -> tuple[jax.Array, list[Any]]:
   """(keys (count,), seeds or Nones): from seeds, from seed, seed + 1, ..., or from a key folded with each motion's
@@ -292,7 +309,7 @@ def keys_of(rng: jax.Array | None, seeds: Iterable[int] | None, count: int, seed
     if len(seeds) != count:
       raise InputError(f"got {len(seeds)} seeds for {count} motions")
     seeds = [checked(seed, -SEEDS[1], SEEDS[1], "seed") for seed in seeds]
-    return jnp.stack([jax.random.key(seed) for seed in seeds]), seeds
+    return random_keys(seeds), seeds
   rng = jax.random.key(0) if rng is None else rng
   is_array = isinstance(rng, jax.Array | np.ndarray)
   if not (is_array and (jnp.issubdtype(rng.dtype, jax.dtypes.prng_key) and rng.shape == ()

@@ -4,6 +4,7 @@ from collections.abc import Iterable
 import numpy as np
 from jaxtyping import Bool, Float, Num
 
+from motion_jax.motion.smoothing import gaussian_filter1d
 from motion_jax.shapes import Array
 
 _FADE = 12      # frames over which an offset of pose and speed fades: 0.6 s at 20 frames a second
@@ -74,7 +75,6 @@ def eased(joints: Num[Array, "t j 3"], borders: Iterable[int], fps: float = 20.0
   fading within 0.3 s to either side, joints are smoothed by a Gaussian of 0.1 s, which changes little where nothing
   jumps. Frames farther away stay as they are.
   """
-  from scipy.ndimage import gaussian_filter1d
   joints = np.asarray(joints)
   result, frames = joints.astype(np.float64), np.arange(len(joints))
   weight = np.zeros(len(joints))

@@ -15,6 +15,7 @@ from motion_jax.motion.contacts import feet_stand
 from motion_jax.motion.pinned_feet import pin_feet
 from motion_jax.motion.retarget import floor_height, with_lengths
 from motion_jax.motion.skeleton import HUMANML3D, Skeleton
+from motion_jax.motion.smoothing import gaussian_filter1d
 from motion_jax.motion.splicing import Meeting, laid, meeting
 from motion_jax.shapes import Array
 
@@ -180,7 +181,7 @@ def _calmed(joints, first, past, skeleton, fps):
   A limb that makes for its new pose at once turns there from where it was kept, within the time of a fade; inside it is
   smoothed.
   """
-  from scipy.ndimage import gaussian_filter1d, maximum_filter1d
+  from scipy.ndimage import maximum_filter1d
   parents = np.maximum(skeleton.parents, 0)
   bones = joints - joints[:, parents]
   length = np.linalg.norm(bones, axis=-1, keepdims=True)
@@ -221,7 +222,7 @@ def _unit(vectors):
 
 def _lifted(body, floor, skeleton):
   """The new frames (N, J, 3), raised where feet would be under the floor."""
-  from scipy.ndimage import gaussian_filter1d, maximum_filter1d
+  from scipy.ndimage import maximum_filter1d
   sunk = np.maximum(floor - body[:, skeleton.left_feet + skeleton.right_feet, 1].min(1), 0)
   lift = gaussian_filter1d(maximum_filter1d(sunk, 5), 1.0, mode="constant")  # none in the kept frames beside them
   return body + lift[:, None, None] * [0, 1, 0]

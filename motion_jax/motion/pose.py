@@ -22,6 +22,7 @@ from motion_jax.motion.skeleton import (
   t_pose,
   unit_or_nearest,
 )
+from motion_jax.motion.smoothing import gaussian_filter1d
 from motion_jax.shapes import Array
 
 Tree = list[list[int]]  # the children of each joint
@@ -260,7 +261,6 @@ def _smooth_twist(evidence: Float[np.ndarray, "t 2"], own: Float[np.ndarray, " t
   The cheapest path over a circle of angles, by dynamic programming: evidence that turns about from one frame to the
   next, as that of a nearly straight limb does, is passed over where following it would be a jump.
   """
-  from scipy.ndimage import gaussian_filter1d
   num, reach = 72, max(1, round(_TWIST_SPEED / fps / (2 * np.pi / 72)))
   angles = np.arange(num) * 2 * np.pi / num
   target, weight = np.arctan2(evidence[:, 1], evidence[:, 0]) + own, np.linalg.norm(evidence, axis=-1)

@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float, Num
 from motion_jax.motion.pinned_feet import pin_feet
 from motion_jax.motion.retarget import floor_height, with_lengths
 from motion_jax.motion.skeleton import HUMANML3D, Skeleton
+from motion_jax.motion.smoothing import gaussian_filter1d
 from motion_jax.shapes import Array
 
 FLIGHT = 0.1     # by how much the rate of a flight may differ from 1
@@ -41,7 +42,7 @@ def retimed(joints: Num[Array, "t j 3"], rate: float, skeleton: Skeleton = HUMAN
   Joints have the skeleton's bone lengths, and so has the result.
   """
   from scipy.interpolate import CubicSpline
-  from scipy.ndimage import binary_dilation, gaussian_filter1d
+  from scipy.ndimage import binary_dilation
   joints = np.asarray(joints, np.float64)
   if not len(joints):
     return joints

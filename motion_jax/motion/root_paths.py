@@ -14,6 +14,7 @@ from motion_jax.motion.contacts import velocity
 from motion_jax.motion.pinned_feet import pin_feet
 from motion_jax.motion.retarget import floor_height
 from motion_jax.motion.skeleton import HUMANML3D, Skeleton
+from motion_jax.motion.smoothing import gaussian_filter1d
 from motion_jax.shapes import Array
 
 SMALLEST = {"walk": 1.2, "run": 3.0}  # metres: the radius that a foot can stand on without twisting
@@ -25,7 +26,6 @@ _LEAN = 0.7        # of the lean that balances a point mass: feet are set a litt
 
 def course(joints: Num[Array, "t j 3"], fps: float = 20.0) -> tuple[Float[np.ndarray, "t 2"], Float[np.ndarray, " t"]]:
   """Where a body goes: x and z (T, 2) of its pelvis without the sway of the steps, and metres gone until each frame."""
-  from scipy.ndimage import gaussian_filter1d
   root = np.asarray(joints, np.float64)[:, 0][:, [0, 2]]
   pad = int(4 * _STEP * fps)
   # Beyond its ends a path is extrapolated by its last second: a filter without that slows it down.
@@ -94,7 +94,6 @@ def _moved(joints, turn, path, goal):
 
 def _lean(body, turn, gone, goal, floor, fps):
   """Leans bodies (T, J, 3) into their curves about the ground below them. In place."""
-  from scipy.ndimage import gaussian_filter1d
   speed = np.gradient(gone) * fps
   push = gaussian_filter1d(speed * np.gradient(turn) * fps, _STEP * fps, mode="nearest")  # v^2 / r, to the left
   lean = np.arctan(_LEAN * push / _G)

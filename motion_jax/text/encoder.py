@@ -47,7 +47,7 @@ class TextEncoder:
 
   def __init__(self, parts, name, known_words=(), max_words=None, level="words", folder=None):
     """folder: a folder of the user; None for encoders that ship, are downloaded or have no files."""
-    self.model, self.params, self.tokenizer = parts.model, jax.tree.map(jnp.asarray, parts.params), parts.tokenizer
+    self.model, self.params, self.tokenizer = parts.model, jax.device_put(parts.params), parts.tokenizer
     self.name, self.level, self.fingerprint, self.dim = name, level, parts.fingerprint, self.model.width
     self.max_words = min(max_words or self.model.max_positions, self.model.max_positions)
     self.known_words, self.folder = frozenset(known_words), folder

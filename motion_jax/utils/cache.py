@@ -16,7 +16,7 @@ import threading
 import jax
 import numpy as np
 
-from motion_jax.utils import progress, timing
+from motion_jax.utils import executables, progress, timing
 from motion_jax.utils.atomic import atomic_path
 
 MOST_FILES = 200  # of each kind; the oldest are removed
@@ -123,7 +123,7 @@ def kept_shapes(name, module, make):
 
 
 class Program:
-  """A jitted function whose traced program is cached: a second process neither traces nor lowers it again.
+  """A jitted function whose compiled program is cached: a second process neither traces nor compiles it again.
 
   fn(*static, *arrays, **arrays) with `num_static` hashable choices first; about: what else fn depends on, such as
   modules that it closes over, by their repr. Without a cache folder it is `jax.jit` and nothing else.
@@ -140,45 +140,42 @@ class Program:
       return self.jitted(*args, **named)
     static, arrays = args[:self.num_static], (args[self.num_static:], named)
     leaves, tree = jax.tree.flatten(arrays)
-    shapes = tuple(repr(jax.typeof(leaf)) for leaf in leaves)
-    options = tuple(str(getattr(jax.config, name, None)) for name in _OPTIONS)
-    found = static, tree, shapes, options
-    with self._lock:
-      if found not in self._loaded:
-        with timing.part("program"), progress.part("compiling, which the first motion of a kind needs"):
-          key = key_of(self.name, *self.about, *map(repr, static), tree, shapes, options, jax.default_backend())
-          self._loaded[found] = self._load(key, static, tree, leaves)
-    return self._loaded[found](*leaves)
+    options = tuple([str(getattr(jax.config, name, None)) for name in _OPTIONS])
+    found = static, tree, tuple([_type_of(leaf) for leaf in leaves]), options
+    run = self._loaded.get(found)
+    if run is None:
+      with self._lock:
+        if found not in self._loaded:
+          with timing.part("program"), progress.part("compiling, which the first motion of a kind needs"):
+            self._loaded[found] = self._load(static, tree, leaves, options)
+        run = self._loaded[found]
+    return run(*leaves)
 
-  def _load(self, key, static, tree, leaves):
-    """The program of that key, a function of the leaves alone, traced and kept if it is not there."""
+  def _load(self, static, tree, leaves, options):
+    """The program for these types, a function of the leaves alone, compiled and stored if it is not in the cache."""
     def plain(*leaves):
       arrays, named = jax.tree.unflatten(tree, leaves)
       return self.jitted(*static, *arrays, **named)
 
-    from jax import export
-    payload = read("programs", key)
-    _name_tuples(tree)
+    if not executables.can_store(leaves):
+      return plain
+    types = [repr(jax.typeof(leaf)) for leaf in leaves]
+    key = key_of(executables.machine(), self.name, *self.about, *map(repr, static), tree, *types, options)
+    stored = read("programs", key)
     try:
-      if payload is None:
-        payload = bytes(export.export(jax.jit(plain))(*leaves).serialize())
-        write("programs", key, payload)
-      # Also the first time through what was kept: then compiled code is found again by the second.
-      return jax.jit(export.deserialize(bytearray(payload)).call).lower(*leaves).compile()
-    except (ValueError, TypeError, NotImplementedError, ImportError):
-      return plain  # a device whose calls cannot be kept: slower to start, the same motion
+      if stored is not None:
+        return executables.load(stored)
+    except executables.ERRORS:
+      pass  # of another machine or build after all: it is compiled and replaced
+    try:
+      run, stored = executables.compile_and_store(plain, leaves)
+    except executables.ERRORS:
+      return plain  # a device whose programs cannot be stored: slower to start, the same motion
+    write("programs", key, stored)
+    return run
 
 
-@functools.cache
-def _named(kind):
-  from jax import export
-  export.register_namedtuple_serialization(kind, serialized_name=f"{kind.__module__}.{kind.__qualname__}")
-
-
-def _name_tuples(tree):
-  """Makes the named tuples of arguments known to jax's export: states that a program is given and gives back."""
-  node = tree.node_data()
-  if node and issubclass(node[0], tuple) and hasattr(node[0], "_fields"):
-    _named(node[0])
-  for child in tree.children():
-    _name_tuples(child)
+def _type_of(leaf):
+  """What of an argument decides which program it needs."""
+  dtype = getattr(leaf, "dtype", None)
+  return jax.typeof(leaf) if dtype is None else (leaf.shape, dtype, getattr(leaf, "weak_type", False))

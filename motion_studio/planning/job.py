@@ -4,10 +4,10 @@ from collections.abc import Sequence
 from typing import Any, Self
 
 import jax
-import numpy as np
 
 from motion_jax.control.constraints import Constraint
 from motion_jax.control.signal import ControlSignal
+from motion_jax.models.base import select_keys
 from motion_jax.models.results import Motion
 from motion_studio.language import Plan
 from motion_studio.planning.planner import Planner
@@ -47,7 +47,7 @@ class Job:
   def select(self, rows: Sequence[int], **changed: Any) -> Self:
     """The job of these motions alone, with other values of some fields."""
     some = lambda values: [values[i] for i in rows]
-    own = dict(prompts=some(self.prompts), frames=some(self.frames), keys=self.keys[np.array(rows)],
+    own = dict(prompts=some(self.prompts), frames=some(self.frames), keys=select_keys(self.keys, rows),
                seeds=some(self.seeds), constraints=some(self.constraints), plans=some(self.plans),
                targets=some(self.targets), notes=some(self.notes),
                motions=some(self.motions) if self.motions else [])

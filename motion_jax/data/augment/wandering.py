@@ -12,6 +12,7 @@ from motion_jax.analysis.describe import FPS
 from motion_jax.data.augment.parts import MOST, new_clip
 from motion_jax.data.clip import Clip
 from motion_jax.motion.root_paths import SMALLEST, bent, course
+from motion_jax.motion.smoothing import gaussian_filter1d
 
 _NAMES_A_PATH = re.compile(r"\b(left|right|turn\w*|line|straight|circ\w+|curv\w+|arc|zigzag|diagonal\w*|corner\w*|"
                            r"u-turn|path|square|clockwise|counterclockwise|around|round)\b")
@@ -44,7 +45,6 @@ def wandering(parts, rng) -> Iterator[Clip | None]:
 
 def _turning(length, smallest, rng):
   """angle(l) of a path of random bits, none narrower in radius than `smallest`, metres."""
-  from scipy.ndimage import gaussian_filter1d
   ends, curves = [0.0], []
   while ends[-1] < length:
     ends.append(ends[-1] + rng.uniform(*_BITS))

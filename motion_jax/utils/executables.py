@@ -1,0 +1,165 @@
+"""Compiled programs as bytes: what a second process loads instead of tracing, lowering and compiling a function again.
+
+A stored program is a JSON header, which says what the outputs are, and the executable as XLA serializes it. It belongs
+to one machine and one version of everything: `machine` is part of its key. Nothing is unpickled. Where this version of
+jax or the device cannot serialize, or arguments are spread over several devices, `can_store` is false.
+"""
+import functools
+import hashlib
+import importlib
+import json
+import os
+import platform
+import sys
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+# With these jax looks into the results of each call, which a stored program does not.
+_CHECKS = ("jax_debug_nans", "jax_debug_infs", "jax_disable_jit", "jax_no_execution")
+
+
+def can_store(leaves: Sequence[Any]) -> bool:
+  """Whether a program of these arguments can be stored: one process, and one device that holds all of them."""
+  if jax.config.jax_default_device is not None or any(getattr(jax.config, name, False) for name in _CHECKS):
+    return False
+  client = jax.devices()[0].client
+  if not all(hasattr(client, name) for name in ("serialize_executable", "deserialize_executable")):
+    return False
+  if jax.device_count() == 1:
+    return True
+  return jax.process_count() == 1 and all(
+      leaf.devices() == {jax.devices()[0]} for leaf in leaves if isinstance(leaf, jax.Array))
+
+
+@functools.cache
+def machine() -> str:
+  """A digest of what compiled code depends on beside versions: the device, the processor's abilities, XLA's flags."""
+  device = jax.devices()[0]
+  about = [device.platform, device.device_kind, device.client.platform_version, platform.machine(), platform.system(),
+           os.environ.get("XLA_FLAGS", ""), str(_num_cpus()), _processor()]
+  library = _library(device.client)
+  if getattr(library, "__file__", None):
+    stat = os.stat(library.__file__)
+    about.append(f"{stat.st_size} {stat.st_mtime_ns}")  # of a build that has the version number of another
+  return hashlib.sha256("\n".join(about).encode()).hexdigest()
+
+
+def _library(client):
+  """The extension module of jaxlib in which a client's type is."""
+  return sys.modules[type(client).__module__]
+
+
+def _num_cpus():
+  return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+
+
+def _processor():
+  """Model and instruction sets of the first processor."""
+  try:
+    with open("/proc/cpuinfo", encoding="utf-8", errors="replace") as file:
+      lines = file.read(16_384).split("\n\n")[0].splitlines()
+  except OSError:
+    return platform.processor()
+  names = ("model name", "flags", "features", "cpu part", "cpu variant", "cpu implementer")
+  return "\n".join(line for line in lines if line.lower().startswith(names))
+
+
+def compile_and_store(fn: Callable, leaves: Sequence[Any]) -> tuple[Callable, bytes]:
+  """(the compiled function of a flat list of arrays, the bytes from which `load` makes it again)."""
+  kinds = [_key_kind(leaf) for leaf in leaves]
+  about: dict[str, Any] = {}
+
+  def plain(*arrays):  # of plain arrays alone, no keys
+    found, tree = jax.tree.flatten(fn(*(array if kind is None else jax.random.wrap_key_data(array, impl=kind)
+                                        for array, kind in zip(arrays, kinds))))
+    about.update(tree=_describe(jax.tree.unflatten(tree, range(len(found)))), keys=[_key_kind(leaf) for leaf in found])
+    return [jnp.asarray(leaf, leaf.dtype) if kind is None else jax.random.key_data(leaf)
+            for leaf, kind in zip(map(jnp.asarray, found), about["keys"])]
+
+  lowered = jax.jit(plain, keep_unused=True).lower(*(
+      leaf if kind is None else jax.random.key_data(leaf) for leaf, kind in zip(leaves, kinds)))
+  # Stored by the caller: jax need not keep the same program a second time.
+  usual = jax.config.jax_persistent_cache_min_compile_time_secs
+  jax.config.update("jax_persistent_cache_min_compile_time_secs", 1e9)
+  try:
+    executable = lowered.compile().runtime_executable()
+  finally:
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", usual)
+  header = json.dumps(about).encode()
+  payload = executable.client.serialize_executable(executable)
+  return _callable(executable, about), len(header).to_bytes(4, "little") + header + payload
+
+
+def load(stored: bytes) -> Callable:
+  """The function that `compile_and_store` stored. Raises one of `ERRORS` where that cannot be done."""
+  size = int.from_bytes(stored[:4], "little")
+  device = jax.devices()[0]
+  devices = _library(device.client).DeviceList((device,))
+  executable = device.client.deserialize_executable(stored[4 + size:], devices, None)
+  return _callable(executable, json.loads(stored[4:4 + size]))
+
+
+# What jaxlib raises for bytes or arguments that it does not take, and what is missing in another version of it.
+ERRORS = (RuntimeError, ValueError, TypeError, AttributeError, ImportError, LookupError, NotImplementedError)
+
+
+def _callable(executable, about):
+  """The function of a flat list of arrays that runs an executable."""
+  tree, kinds = jax.tree.structure(_build(about["tree"])), about["keys"]
+  has_keys = any(kinds)
+
+  def run(*leaves):
+    arrays = [leaf if type(leaf) is _ARRAY else _on_device(leaf) for leaf in leaves]
+    found = [arrays[0] for arrays in executable.execute_sharded(arrays).disassemble_into_single_device_arrays()]
+    if has_keys:
+      found = [leaf if kind is None else jax.random.wrap_key_data(leaf, impl=kind) for leaf, kind in zip(found, kinds)]
+    return jax.tree.unflatten(tree, found)
+
+  return run
+
+
+_ARRAY = type(jax.device_put(np.zeros(())))
+
+
+def _on_device(leaf):
+  return jax.device_put(leaf) if _key_kind(leaf) is None else jax.random.key_data(leaf)
+
+
+def _key_kind(leaf):
+  """The name of the generator of random keys, None of other arrays."""
+  dtype = getattr(leaf, "dtype", None)
+  if dtype is None or not jax.dtypes.issubdtype(dtype, jax.dtypes.prng_key):
+    return None
+  return str(jax.random.key_impl(leaf))
+
+
+# --- trees as JSON: tuples, lists, dicts, named tuples ----------------------------------------------------------------
+
+
+def _describe(node):
+  if node is None or isinstance(node, int):
+    return node
+  if isinstance(node, dict):
+    return {"dict": [[key, _describe(value)] for key, value in node.items()]}
+  if isinstance(node, tuple | list):
+    kind = type(node)
+    name = kind.__name__ if kind in (tuple, list) else f"{kind.__module__}:{kind.__qualname__}"
+    return {name: [_describe(value) for value in node]}
+  raise NotImplementedError(f"got outputs in a {type(node).__name__}, expected tuples, lists, dicts and named tuples")
+
+
+def _build(node):
+  if not isinstance(node, dict):
+    return node
+  (name, values), = node.items()
+  if name == "dict":
+    return {key: _build(value) for key, value in values}
+  values = [_build(value) for value in values]
+  if name in ("tuple", "list"):
+    return tuple(values) if name == "tuple" else values
+  module, _, kind = name.partition(":")
+  return functools.reduce(getattr, kind.split("."), importlib.import_module(module))._make(values)
