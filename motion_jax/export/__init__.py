@@ -59,7 +59,7 @@ def save(clip, path, **options) -> list[pathlib.Path]:
   Several clips share an .html page or a picture, a row each; other kinds become name_0.ext, name_1.ext, ... Options go
   to the writer (`help(motion_jax.export.video)` and so on). A file appears whole or not at all.
   """
-  clips = [clip] if isinstance(clip, Clip) else list(clip)
+  clips = list(clip) if isinstance(clip, list | tuple) else [clip]
   if not clips:
     raise ValueError(f"got no clip to write to {path}")
   path = pathlib.Path(check_output(path))
@@ -89,7 +89,7 @@ def page(clip) -> str:
 
 
 def _with_22_joints(clip):
-  if clip.skeleton is not SNAPMOGEN:
+  if getattr(clip, "skeleton", None) is not SNAPMOGEN:
     return clip
   return clip.replace(joints=to_22(clip.joints), skeleton=HUMANML3D, features=None)
 

@@ -40,6 +40,7 @@ class Figure(NamedTuple):
   b: np.ndarray       # (T, P, 3)
   ahead: np.ndarray   # (T, 3) unit vectors on the ground: where the pelvis faces
   floor: float        # height of the ground: 0, unless the recording plainly has its own elsewhere
+  skinned: bool = True  # drawn as the mannequin's skin; False: as its parts are
 
 
 _SOLE = 0.06  # metres (of the person above) by which a foot's balls may be raised: soles, and toes that roll off
@@ -49,8 +50,11 @@ _AT_ZERO = (-0.1, 0.25)  # metres: a body whose lowest point is outside has its 
 def make_figure(clip, pose: Pose | None = None) -> Figure:
   """Poses the mannequin on every frame of a Clip, its soles as thick as its feet stand high.
 
-  pose: the clip's own bones by default; another, in metres, is shown where its joints are.
+  pose: the clip's own bones by default; another, in metres, is shown where its joints are. A motion that is no Clip
+  and has a method `figure`, as a robot's, is drawn as that.
   """
+  if hasattr(clip, "figure"):
+    return clip.figure()
   skeleton = clip.skeleton
   if pose is None:
     joints = np.asarray(clip.joints, np.float64) * skeleton.unit

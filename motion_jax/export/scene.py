@@ -94,9 +94,10 @@ def marks_of(signal: ControlSignal | None, floor: float) -> Marks:
 
 
 def body_at(figure: Any, t: int, colors: np.ndarray, move: Any = 0) -> render.Body:
-  """The mannequin at frame t, its parts in colors (P, 3), moved by move (3,)."""
+  """The body at frame t, its parts in colors (P, 3), moved by move (3,)."""
   radii = (np.array([getattr(part, name) for part in figure.parts]) for name in ("a_radius", "b_radius"))
-  return render.Body(figure.a[t] + move, figure.b[t] + move, *radii, colors, pose_mesh(figure, t, colors, move))
+  mesh = pose_mesh(figure, t, colors, move) if figure.skinned else None
+  return render.Body(figure.a[t] + move, figure.b[t] + move, *radii, colors, mesh)
 
 
 def _ball(place):

@@ -14,7 +14,6 @@ import textwrap
 import numpy as np
 from PIL import Image, ImageColor, ImageDraw, ImageFont
 
-from motion_jax.data.clip import Clip
 from motion_jax.export import gif, render
 from motion_jax.export.body import default_colors, make_figure
 from motion_jax.export.scene import body_at, from_above, marks_of
@@ -162,7 +161,7 @@ def strip(clip, path, num=8, height=360, azimuth=None, caption=None, colors=None
   (spread=True forces this). Pass a list of clips for one row each. control: a `ControlSignal` (1, T) of constraints
   to draw, or one for each; a motion that goes somewhere is then seen from above.
   """
-  path, clips = pathlib.Path(path), [clip] if isinstance(clip, Clip) else clip
+  path, clips = pathlib.Path(path), list(clip) if isinstance(clip, list | tuple) else [clip]
   signals = control if isinstance(control, list | tuple) else [control] * len(clips)
   rows = [_strip(one, num, height, azimuth, caption, colors, spread, signal) for one, signal in zip(clips, signals)]
   width = max(needed for needed, _ in rows)

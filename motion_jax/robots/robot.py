@@ -1,0 +1,239 @@
+"""A robot: its MuJoCo model and which of its bodies follow which human joints. Needs the extra `robot` (mujoco, mink).
+
+The world of a robot has z up, x ahead and y to the left, metres, as MuJoCo and ROS have it; `to_robot_axes` turns from
+y up, z ahead, x to the left. Configurations `qpos` are MuJoCo's: root position (3), root quaternion (w, x, y, z), then
+an angle in radians for each joint.
+"""
+import dataclasses
+import json
+import pathlib
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, Num
+
+from motion_jax.motion import rotations as rot
+from motion_jax.shapes import Array
+from motion_jax.utils.errors import InputError
+from motion_jax.utils.numerals import named
+
+ASSETS = pathlib.Path(__file__).parent / "assets"
+SHIPPED = ("g1",)
+SIDES = ("left", "right")
+PARTS = ("pelvis", "torso", *(f"{side}_{part}" for side in SIDES for part in (
+    "hip", "knee", "ankle", "shoulder", "elbow", "wrist")))
+_AXES = np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])  # x' = z, y' = x, z' = y
+SITE = "part:"  # before the name of a part in the name of its site
+_SOLE = 0.01  # metres above its lowest point up to which a foot's shape is its sole
+
+
+def to_robot_axes(points: Num[Array, "*lead 3"]) -> Float[np.ndarray, "*lead 3"]:
+  """Points (..., 3) with y up, z ahead in a robot's axes: z up, x ahead."""
+  return np.asarray(points, np.float64) @ _AXES.T
+
+
+def from_robot_axes(points: Num[Array, "*lead 3"]) -> Float[np.ndarray, "*lead 3"]:
+  """The inverse of `to_robot_axes`."""
+  return np.asarray(points, np.float64) @ _AXES
+
+
+def turn_to_robot_axes(turned: Num[np.ndarray, "*lead 4"]) -> Float[np.ndarray, "*lead 4"]:
+  """World rotations (..., 4), quaternions (w, x, y, z), in a robot's axes."""
+  return np.concatenate([turned[..., :1], to_robot_axes(turned[..., 1:])], axis=-1)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Robot:
+  """A humanoid. Made by `load`.
+
+  model: mujoco.MjModel, with a site named after each part; parts: {human part of PARTS: (body, point (3,) in its
+  frame)}; stand: angles of the upright pose with hanging arms;
+  fixed: joints that do not move; apart: pairs of lists of bodies that must not touch; orders: named orders of joints.
+  """
+  name: str
+  title: str
+  model: Any
+  parts: dict[str, tuple[str, Float[np.ndarray, " 3"]]]
+  stand: dict[str, float]
+  fixed: tuple[str, ...] = ()
+  apart: tuple = ()
+  orders: dict[str, tuple[str, ...]] = dataclasses.field(default_factory=dict)
+  licence: str = ""
+
+  @property
+  def joints(self) -> tuple[str, ...]:
+    """The hinges, in MuJoCo's order."""
+    return tuple(self.model.joint(j).name for j in range(1, self.model.njnt))
+
+  @property
+  def moving(self) -> tuple[str, ...]:
+    """The joints that are not fixed."""
+    return tuple(name for name in self.joints if name not in self.fixed)
+
+  @property
+  def body_names(self) -> tuple[str, ...]:
+    """All bodies of the robot, depth first, as MuJoCo has them."""
+    return tuple(self.model.body(b).name for b in range(1, self.model.nbody))
+
+  @property
+  def ranges(self) -> Float[np.ndarray, "n 2"]:
+    """The limits of the joints, radians; infinite where a joint has none."""
+    limited = self.model.jnt_limited[1:, None].astype(bool)
+    return np.where(limited, self.model.jnt_range[1:], [-np.inf, np.inf])
+
+  def standing(self) -> Float[np.ndarray, " q"]:
+    """The upright configuration, soles on the floor."""
+    qpos = np.zeros(self.model.nq)
+    qpos[3] = 1
+    for name, angle in self.stand.items():
+      qpos[7 + self.joints.index(name)] = angle
+    places, turned = self.kinematics(qpos[None])
+    low = min((places[0, b] + rot.rotate(turned[0, b][None], points))[:, 2].min() for b, points in self.soles())
+    qpos[2] -= low
+    return qpos
+
+  def kinematics(self, qpos: Num[np.ndarray, "t q"]) -> tuple[Float[np.ndarray, "t b 3"], Float[np.ndarray, "t b 4"]]:
+    """World positions (T, B, 3) and quaternions (w, x, y, z) (T, B, 4) of all bodies, in the order of `body_names`."""
+    import mujoco
+    data = mujoco.MjData(self.model)
+    places = np.empty((len(qpos), self.model.nbody - 1, 3))
+    turned = np.empty((len(qpos), self.model.nbody - 1, 4))
+    for t, row in enumerate(qpos):
+      data.qpos[:] = row
+      mujoco.mj_kinematics(self.model, data)
+      places[t], turned[t] = data.xpos[1:], data.xquat[1:]
+    return places, turned
+
+  def index(self, part: str) -> int:
+    """The number of the body of a human part, in the order of `body_names`."""
+    return self.body_names.index(self.parts[part][0])
+
+  def place(self, part: str, places: Num[np.ndarray, "t b 3"], turned: Num[np.ndarray, "t b 4"]
+            ) -> Float[np.ndarray, "t 3"]:
+    """Where a human part is (T, 3), by what `kinematics` gave."""
+    body = self.index(part)
+    return places[:, body] + rot.rotate(turned[:, body], self.parts[part][1][None])
+
+  def soles(self) -> list[tuple[int, Float[np.ndarray, "n 3"]]]:
+    """[(body, points (N, 3) of its sole in the body's frame)] of the left and the right foot."""
+    return [self._sole(self.index(f"{side}_ankle")) for side in SIDES]
+
+  def _sole(self, body):
+    model, found = self.model, []
+    for geom in np.flatnonzero(model.geom_bodyid == body + 1):
+      center, half = model.geom_aabb[geom, :3], model.geom_aabb[geom, 3:]
+      corners = center + half * np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
+      found.append(model.geom_pos[geom] + rot.rotate(model.geom_quat[geom][None], corners))
+    if not found:
+      return body, np.zeros((1, 3))
+    points = np.concatenate(found)
+    return body, points[points[:, 2] < points[:, 2].min() + _SOLE]
+
+  def with_joints(self, count: int | None) -> "Robot":
+    """The same robot with fewer moving joints, as its description names them; None: all."""
+    return self if count is None or count == len(self.moving) else dataclasses.replace(
+        self, fixed=self._fixed_for(count))
+
+  def _fixed_for(self, count):
+    known = self.orders.get("fixed", {})
+    if str(count) not in known:
+      choices = named(sorted({str(len(self.joints)), *known}))
+      raise InputError(f"got {count} joints for robot {self.name}, expected {choices}")
+    return tuple(known[str(count)])
+
+
+def load(name: str | pathlib.Path, mapping: str | pathlib.Path | Mapping[str, str] | None = None) -> Robot:
+  """A shipped robot by name ("g1"), or one of an MJCF (.xml) or URDF (.urdf) file with a mapping.
+
+  mapping: {human part: body, or [body, [x, y, z]] for a point in the body's frame}, parts as in PARTS, or a JSON file
+  of it; the file may also be a whole description like that of a shipped robot (keys bodies, stand, apart). Raises
+  InputError for a file that is no humanoid on a free base.
+  """
+  path = pathlib.Path(name)
+  if path.suffix.lower() not in (".xml", ".urdf", ".mjcf"):
+    if str(name) not in SHIPPED:
+      raise InputError(f"got robot {str(name)!r}, expected {named(SHIPPED)}, or an MJCF or URDF file with --mapping")
+    path, mapping = ASSETS / str(name) / "robot.json", None
+    about = json.loads(path.read_text())
+    path = path.with_name(about["model"])
+  else:
+    about = _description(path, mapping)
+  parts = {part: _body_and_point(path, part, value) for part, value in about["bodies"].items()}
+  model = _model(path, parts)
+  joints = [model.joint(j).name for j in range(1, model.njnt)]
+  unknown = [joint for joint in about.get("stand", {}) if joint not in joints]
+  if unknown:
+    raise InputError(f"{path}: the upright pose names the joints {named(unknown)}; the robot has {named(joints)}")
+  return Robot(about.get("name", path.stem), about.get("title", path.stem), model, parts,
+               dict(about.get("stand", {})), (), tuple(about.get("apart", ())),
+               about.get("orders", {}) | {"fixed": about.get("fixed", {})}, about.get("licence", ""))
+
+
+def _description(path, mapping):
+  if mapping is None:
+    template = ", ".join(f'"{part}": "..."' for part in PARTS)
+    raise InputError(f"{path}: a robot of your own needs a mapping file {{{template}}} with its bodies; give it by "
+                     "--mapping FILE.json (mapping=)")
+  if not isinstance(mapping, Mapping):
+    from motion_jax.utils.input_files import parse_json
+    from motion_jax.utils.text_files import read_text
+    mapping = parse_json(read_text(pathlib.Path(mapping)), str(mapping))
+    if not isinstance(mapping, dict):
+      raise InputError(f"got a mapping of type {type(mapping).__name__}, expected {{human part: body}}")
+  return dict(mapping) if "bodies" in mapping else {"bodies": mapping}
+
+
+def _body_and_point(path, part, value):
+  body, point = (value, (0, 0, 0)) if isinstance(value, str) else value if len(value or ()) == 2 else (None, None)
+  point = np.asarray(point if body else 0, np.float64)
+  if not isinstance(body, str) or point.shape != (3,):
+    raise InputError(f"{path}: the mapping gives {part} the value {str(value)[:60]}, expected a body, or [body, [x, y, "
+                     "z]] for a point in its frame")
+  return body, point
+
+
+def _check_mapping(path, parts, names):
+  missing, foreign = [part for part in PARTS if part not in parts], [part for part in parts if part not in PARTS]
+  absent = sorted({body for body, _ in parts.values()} - names)
+  if foreign:
+    raise InputError(f"{path}: the mapping names {named(foreign)}, expected the parts {', '.join(PARTS)}")
+  if missing:
+    raise InputError(f"{path}: the mapping lacks {named(missing)}; the robot has the bodies {named(sorted(names))}")
+  if absent:
+    raise InputError(f"{path}: the mapping names the bodies {named(absent)}; the robot has {named(sorted(names))}")
+  points = {part: (body, *point) for part, (body, point) in parts.items() if part != "torso"}
+  shared = [part for part in points if list(points.values()).count(points[part]) > 1]
+  if shared:
+    raise InputError(f"{path}: the mapping gives {named(shared)} one point of {parts[shared[0]][0]}; each part needs a "
+                     "body or a point of its own, such as [\"body\", [0.1, 0, 0]]")
+
+
+def _model(path, parts):
+  """The compiled model on a free base, with hinges alone, and a site for each part."""
+  try:
+    import mujoco
+  except ImportError:
+    raise InputError("robots need MuJoCo and mink: pip install 'motion-jax[robot]'") from None
+  if not path.is_file():
+    raise FileNotFoundError(f"there is no file {path}")
+  try:
+    spec = mujoco.MjSpec.from_file(str(path))
+    roots = spec.worldbody.bodies
+    if len(roots) == 1 and not any(joint.type == mujoco.mjtJoint.mjJNT_FREE for joint in roots[0].joints):
+      roots[0].add_freejoint()
+    _check_mapping(path, parts, {body.name for body in spec.bodies})
+    for part, (body, point) in parts.items():
+      spec.body(body).add_site(name=SITE + part, pos=point)
+    model = spec.compile()
+  except InputError:
+    raise
+  except (ValueError, RuntimeError) as error:
+    raise InputError(f"{path}: MuJoCo cannot read this robot: {' '.join(str(error).split())[:200]}") from None
+  kinds = set(model.jnt_type[1:].tolist())
+  if model.njnt < 2 or model.jnt_type[0] != mujoco.mjtJoint.mjJNT_FREE:
+    raise InputError(f"{path}: got {model.njnt} joints below {len(roots)} root bodies, expected one humanoid, whose "
+                     "only free joint is its root's")
+  if kinds - {int(mujoco.mjtJoint.mjJNT_HINGE)}:
+    raise InputError(f"{path}: the robot has sliding or ball joints; expected hinges below the root")
+  return model

@@ -1,0 +1,224 @@
+"""Robots: kinematics and orders equal other people's files; a motion is followed within the robot's limits."""
+import json
+
+import numpy as np
+import pytest
+
+from motion_jax import export, robots
+from motion_jax.data.clip import Clip
+from motion_jax.data.datasets.synthetic import synthetic_clips
+from motion_jax.motion import rotations as rot
+from motion_jax.robots.formats import body_arrays
+from motion_jax.robots.robot import from_robot_axes, to_robot_axes
+from motion_jax.robots.targets import targets_of
+from motion_jax.utils.errors import InputError
+from motion_studio import cli
+from tests import fixtures
+
+LIMB = """<body name="{s}_hip" pos="0 {y} -0.08"><joint name="{s}_hip_x" axis="1 0 0" range="-0.6 0.6"/>
+  <joint name="{s}_hip_y" axis="0 1 0" range="-2 1"/><geom type="capsule" size="0.04" fromto="0 0 0 0 0 -0.35"/>
+  <body name="{s}_knee" pos="0 0 -0.38"><joint name="{s}_knee" axis="0 1 0" range="0 2.4"/>
+   <geom type="capsule" size="0.035" fromto="0 0 0 0 0 -0.35"/>
+   <body name="{s}_ankle" pos="0 0 -0.38"><joint name="{s}_ankle" axis="0 1 0" range="-0.9 0.6"/>
+    <geom type="box" pos="0.04 0 -0.03" size="0.1 0.04 0.02"/></body></body></body>"""
+ARM = """<body name="{s}_shoulder" pos="0 {y} 0.3"><joint name="{s}_shoulder_y" axis="0 1 0" range="-3 3"/>
+  <joint name="{s}_shoulder_x" axis="1 0 0" range="-2 2"/><geom type="capsule" size="0.03" fromto="0 0 0 0 0 -0.25"/>
+  <body name="{s}_elbow" pos="0 0 -0.27"><joint name="{s}_elbow" axis="0 1 0" range="-2.3 0"/>
+   <geom type="capsule" size="0.03" fromto="0 0 0 0 0 -0.22"/></body></body>"""
+
+
+def humanoid(limb=LIMB, free='<freejoint name="root"/>'):
+  """A small humanoid with 15 joints, as MJCF."""
+  sides = "".join(limb.format(s=s, y=y) for s, y in (("left", 0.1), ("right", -0.1)))
+  arms = "".join(ARM.format(s=s, y=y) for s, y in (("left", 0.18), ("right", -0.18)))
+  return (f'<mujoco><compiler angle="radian"/><worldbody><body name="base" pos="0 0 0.9">{free}'
+          f'<geom type="box" size="0.06 0.1 0.06"/>{sides}<body name="chest" pos="0 0 0.1">'
+          f'<joint name="waist" axis="0 0 1" range="-1 1"/><geom type="box" pos="0 0 0.2" size="0.05 0.1 0.15"/>{arms}'
+          "</body></body></worldbody></mujoco>")
+
+
+def mapping():
+  parts = {"pelvis": "base", "torso": "chest"}
+  for s in ("left", "right"):
+    parts |= {f"{s}_{part}": f"{s}_{part}" for part in ("hip", "knee", "ankle", "shoulder", "elbow")}
+    parts[f"{s}_wrist"] = [f"{s}_elbow", [0, 0, -0.25]]
+  return parts
+
+
+@pytest.fixture(scope="module")
+def g1():
+  return robots.load("g1")
+
+
+@pytest.fixture(scope="module")
+def walk():
+  clip = next(clip for clip in synthetic_clips(seed=0) if "walk" in clip.captions[0].text)
+  return clip.cut(0, min(clip.num_frames, 40))
+
+
+@pytest.fixture(scope="module")
+def followed(g1, walk):
+  return robots.retarget(walk, g1)
+
+
+def test_kinematics_and_orders_are_those_of_a_file_that_others_wrote(g1):
+  file = fixtures.load("robots/g1_bodies.npz")
+  qpos = np.concatenate([file["body_pos_w"][:, 0], file["body_quat_w"][:, 0], file["joint_pos"]], axis=1)
+  found = body_arrays(robots.RobotMotion(g1, qpos.astype(float), float(file["fps"][0])))
+  for key, bound in (("joint_pos", 0), ("body_pos_w", 1e-6), ("body_quat_w", 1e-6)):
+    assert np.abs(found[key] - file[key]).max() <= bound
+  inner = slice(1, -1)  # central differences have no neighbour at the ends
+  np.testing.assert_allclose(found["joint_vel"][inner], file["joint_vel"][inner], atol=1e-4)
+  np.testing.assert_allclose(found["body_ang_vel_w"][inner], file["body_ang_vel_w"][inner], atol=0.3)
+
+
+def test_isaaclab_order_is_the_published_permutation(g1):
+  il = [0, 6, 12, 1, 7, 13, 2, 8, 14, 3, 9, 15, 22, 4, 10, 16, 23, 5, 11, 17, 24, 18, 25, 19, 26, 20, 27, 21, 28]
+  qpos = np.tile(g1.standing(), (2, 1))
+  qpos[:, 7:] = np.arange(29) / 100
+  motion = robots.RobotMotion(g1, qpos, 50.0)
+  np.testing.assert_allclose(body_arrays(motion, "isaaclab")["joint_pos"][0], qpos[0, 7:][il], rtol=1e-6)
+
+
+@pytest.mark.parametrize("name, order", [("g1_xyzw.csv", "xyzw"), ("g1_wxyz.csv", "wxyz")])
+def test_the_quaternion_order_of_a_csv_is_read_off_the_pelvis(g1, name, order):
+  with pytest.warns(UserWarning, match="states no rate"):
+    motion = robots.read_csv(fixtures.path(f"robots/{name}"), g1)
+  assert motion.meta["quaternion_order"] == order
+  up = rot.rotate(motion.qpos[:, 3:7], np.array([0.0, 0, 1])[None])
+  assert up[:, 2].min() > 0.9
+
+
+def test_an_order_that_the_file_does_not_show_is_refused(g1, tmp_path):
+  rows = np.zeros((3, 36))
+  rows[:, 3:7] = [0.5, 0.5, 0.5, 0.5]
+  np.savetxt(tmp_path / "lying.csv", rows, delimiter=",")
+  with pytest.raises(InputError, match="--quaternion wxyz or xyzw"):
+    robots.read_csv(tmp_path / "lying.csv", g1)
+
+
+@pytest.mark.parametrize("damage, message", [
+    (lambda rows: rows[:, :35], "got 35 numbers, expected 36"),
+    (lambda rows: rows * [*[1] * 3, *[2] * 4, *[1] * 29], "expected a quaternion of length 1"),
+    (lambda rows: rows * [*[1] * 7, *[57.3] * 29], "look like degrees")])
+def test_a_damaged_csv_is_refused(g1, tmp_path, damage, message):
+  rows = np.loadtxt(fixtures.path("robots/g1_wxyz.csv"), delimiter=",")
+  np.savetxt(tmp_path / "bad.csv", damage(rows), delimiter=",")
+  with pytest.raises(InputError, match=message):
+    robots.read_csv(tmp_path / "bad.csv", g1, fps=30)
+
+
+def test_the_robot_follows_within_its_limits(g1, walk, followed):
+  report = robots.report(followed, walk)
+  assert report.feet[0] < 10 and report.pelvis[0] < 40 and report.hands[0] < 60
+  low, high = g1.ranges.T
+  assert (followed.angles >= low - 1e-3).all() and (followed.angles <= high + 1e-3).all()
+  assert report.largest_step <= 20 / 50 + 1e-6
+  assert report.in_floor < 30
+
+
+def test_a_foot_that_stands_stays_in_its_place(g1):
+  joints = synthetic_clips(seed=1)[0].joints[:1]
+  still = Clip(np.repeat(joints, 30, axis=0), captions=())
+  motion = robots.retarget(still, g1)
+  places, _ = g1.kinematics(motion.qpos)
+  assert targets_of(still, g1, 50.0).planted.any()
+  for side in ("left", "right"):
+    assert np.ptp(places[5:, g1.index(f"{side}_ankle")], axis=0).max() < 0.004
+
+
+def test_the_same_motion_gives_the_same_configurations(g1, walk, followed):
+  np.testing.assert_array_equal(robots.retarget(walk, g1).qpos, followed.qpos)
+
+
+def test_fixed_joints_do_not_move(g1, walk):
+  robot = g1.with_joints(23)
+  motion = robots.retarget(walk.cut(0, 10), robot)
+  fixed = [robot.joints.index(name) for name in robot.fixed]
+  assert len(robot.moving) == 23 and np.abs(motion.angles[:, fixed]).max() < 1e-5
+
+
+@pytest.mark.parametrize("format", ["unitree_xyzw", "kimodo_wxyz"])
+def test_what_is_written_is_read_back(g1, followed, tmp_path, format):
+  path, about = robots.write(followed, tmp_path / "walk", format)
+  assert path.name == f"walk.{format}.csv" and np.loadtxt(path, delimiter=",").shape[1] == 36
+  stated = json.loads(about.read_text())
+  assert stated["quaternion_order"] == format[-4:] and stated["fps"] == 30 and len(stated["joint_order"]) == 29
+  back, expected = robots.read_csv(path, g1), followed.at_rate(30.0)
+  np.testing.assert_allclose(back.qpos, expected.qpos, atol=1e-5)
+  assert back.fps == 30
+
+
+@pytest.mark.parametrize("format", sorted(set(robots.FORMATS) - {"unitree_xyzw", "kimodo_wxyz"}))
+def test_npz_formats_hold_plain_arrays(followed, tmp_path, format):
+  path, about = robots.write(followed, tmp_path / "walk", format)
+  with np.load(path, allow_pickle=False) as file:
+    assert {key: file[key].shape for key in file.files}
+  assert json.loads(about.read_text())["axes"].startswith("z up")
+
+
+def test_the_way_back_shows_the_same_hands(g1, walk, followed):
+  clip = followed.to_clip()
+  places, turned = g1.kinematics(followed.qpos)
+  wrist = from_robot_axes(g1.place("left_wrist", places, turned))
+  np.testing.assert_allclose(clip.joints[:, 20], wrist, atol=1e-5)
+  np.testing.assert_allclose(to_robot_axes(from_robot_axes(wrist)), wrist, atol=1e-12)
+
+
+def test_a_robot_of_ones_own(tmp_path, walk):
+  (tmp_path / "small.xml").write_text(humanoid())
+  robot = robots.load(tmp_path / "small.xml", mapping())
+  motion = robots.retarget(walk.cut(0, 15), robot)
+  assert motion.qpos.shape[1] == 7 + 15 and robots.report(motion, walk.cut(0, 15)).feet[0] < 30
+  export.strip(motion, tmp_path / "small.png", num=2, height=80)
+  assert (tmp_path / "small.png").stat().st_size > 500
+
+
+@pytest.mark.parametrize("change, message", [
+    (lambda parts: parts.pop("left_knee"), "lacks left_knee"),
+    (lambda parts: parts.update(tail="base"), "names tail"),
+    (lambda parts: parts.update(left_knee="nothing"), "names the bodies nothing"),
+    (lambda parts: parts.update(left_knee="left_hip"), "one point of left_hip"),
+    (lambda parts: parts.update(left_knee=["left_hip"]), "expected a body, or")])
+def test_a_wrong_mapping_is_one_sentence(tmp_path, change, message):
+  (tmp_path / "small.xml").write_text(humanoid())
+  parts = mapping()
+  change(parts)
+  with pytest.raises(InputError, match=message):
+    robots.load(tmp_path / "small.xml", parts)
+
+
+@pytest.mark.parametrize("text, message", [
+    ("<mujoco><worldbody>", "cannot read this robot"),
+    ("<mujoco><worldbody/></mujoco>", "expected one humanoid|names the bodies"),
+    (humanoid(LIMB.replace('axis="0 1 0" range="0 2.4"', 'type="slide" axis="0 1 0" range="0 1"')), "sliding")])
+def test_a_file_that_is_no_humanoid_is_refused(tmp_path, text, message):
+  (tmp_path / "bad.xml").write_text(text)
+  with pytest.raises(InputError, match=message):
+    robots.load(tmp_path / "bad.xml", mapping())
+
+
+def test_a_robot_without_a_mapping_gets_a_template(tmp_path):
+  (tmp_path / "small.xml").write_text(humanoid())
+  with pytest.raises(InputError, match="--mapping FILE.json"):
+    robots.load(tmp_path / "small.xml")
+
+
+def test_the_command_writes_files_and_a_report(walk, tmp_path, capsys):
+  export.npz(walk.cut(0, 12), tmp_path / "walk.npz")
+  assert cli.main(["retarget", f"{tmp_path}/walk.npz", "--format", "unitree_xyzw,mujoco", "--picture",
+                   f"{tmp_path}/walk.png"]) == 0
+  printed = capsys.readouterr().out
+  assert "largest step of a joint" in printed and (tmp_path / "walk.mujoco.npz").is_file()
+  assert cli.main(["retarget", f"{tmp_path}/walk.unitree_xyzw.csv", "--out", f"{tmp_path}/back.bvh"]) == 0
+  assert (tmp_path / "back.bvh").is_file()
+
+
+@pytest.mark.parametrize("arguments, message", [
+    (["--format", "nao"], "got robot format 'nao'"), (["--robot", "r2d2"], "got robot 'r2d2'"),
+    (["--joints", "24"], "expected 23, 29"), (["--out", "x.csv"], "expected a stem"),
+    (["--picture", "x.txt"], "expected a file that ends in")])
+def test_the_command_refuses_in_one_line(walk, tmp_path, capsys, arguments, message):
+  export.npz(walk.cut(0, 4), tmp_path / "walk.npz")
+  assert cli.main(["retarget", f"{tmp_path}/walk.npz", *arguments]) == 1
+  assert message in capsys.readouterr().err
