@@ -27,6 +27,7 @@ _KINDS = {
     "norm": {"weight": ("scale", None), "bias": ("bias", None)},
     "scale": {"weight": ("scale", None)},
     "array": {"": ("", None)},
+    "transposed": {"": ("", np.transpose)},
     "conv_transpose": {"weight": ("kernel", lambda w: w.transpose(2, 0, 1)[::-1]), "bias": ("bias", None)},
     "first_state": {"": ("", lambda h: h.squeeze(1))},
     "gru": {f"{theirs}_l0{direction}": (f"{part}/{ours}", turn)
@@ -38,9 +39,12 @@ _KINDS = {
     "qkv_in": {"in_proj_weight": _split("kernel", "qkv", np.transpose),
                "in_proj_bias": _split("bias", "qkv", lambda b: b)},
     "qkv": {"weight": _split("kernel", "qkv", np.transpose), "bias": _split("bias", "qkv", lambda b: b)},
+    "qkv_plain": {"weight": _split("kernel", "qkv", np.transpose)},
+    "kernel": {"weight": ("kernel", lambda w: w.T)},
     "patches": {"weight": ("kernel", lambda w: w.reshape(len(w), -1).T), "bias": ("bias", None)},
     "first": {"": ("", lambda a: a.squeeze(0))},
     "first_row": {"": ("", lambda a: a.squeeze((0, 1)))},
+    "middle": {"": ("", lambda a: a.squeeze(1))},
 }
 
 
@@ -133,3 +137,14 @@ def post_norm_names(theirs, ours):
   return {f"{theirs}.self_attn": (ours, "attention_in"), f"{theirs}.self_attn.out_proj": (f"{ours}/out", "dense"),
           f"{theirs}.linear1": (f"{ours}/mlp_in", "dense"), f"{theirs}.linear2": (f"{ours}/mlp_out", "dense"),
           f"{theirs}.norm1": (f"{ours}/attn_norm", "norm"), f"{theirs}.norm2": (f"{ours}/mlp_norm", "norm")}
+
+
+def post_norm_decoder_names(theirs, ours):
+  """PyTorch's TransformerDecoderLayer as `nets.post_norm`'s."""
+  table = {f"{theirs}.linear1": (f"{ours}/mlp_in", "dense"), f"{theirs}.linear2": (f"{ours}/mlp_out", "dense"),
+           f"{theirs}.norm1": (f"{ours}/attn_norm", "norm"), f"{theirs}.norm2": (f"{ours}/cross_norm", "norm"),
+           f"{theirs}.norm3": (f"{ours}/mlp_norm", "norm")}
+  for attention, name in (("self_attn", "self_attn"), ("multihead_attn", "cross_attn")):
+    table |= {f"{theirs}.{attention}": (f"{ours}/{name}", "qkv_in"),
+              f"{theirs}.{attention}.out_proj": (f"{ours}/{name}/o", "dense")}
+  return table

@@ -1,10 +1,11 @@
-"""Diffusion in discrete steps, noise predicted, as MARDM's DDPM variant does it (docs/papers/cdamd.md#diffusion-mlp).
+"""Diffusion in discrete steps: tables, and samplers of networks that predict the noise or the clean data.
 
-Steps count upwards in noise, 0 being the cleanest, the other way round than the times elsewhere in this package: they
-are indices of the tables below, and what enters the network.
+MARDM's DDPM variant (docs/papers/cdamd.md#diffusion-mlp), MDM (docs/papers/mdm.md#diffusion), MLD
+(docs/papers/mld.md#diffusion) and MotionStreamer's head. Steps count upwards in noise, 0 being the cleanest, the other
+way round than the times elsewhere in this package: they are indices of the tables below, and what enters the network.
 """
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -14,6 +15,7 @@ from jaxtyping import Float, Int
 from motion_jax.shapes import Array
 
 Table = Float[np.ndarray, " n"]
+
 
 class Schedule(NamedTuple):
   """Tables (N,) in float64: the variance that each step adds, what is left of the data, and how to go one step back.
@@ -52,12 +54,52 @@ def cosine_schedule(num_steps: int = 50) -> Schedule:
   return schedule_of(np.minimum(1 - left((index + 1) / num_steps) / left(index / num_steps), 0.999))
 
 
-def respace(schedule: Schedule, num_steps: int) -> Schedule:
-  """A schedule of num_steps of the given one's steps, evenly spread, its first and last among them."""
-  total = len(schedule.betas)
-  if not 1 <= num_steps <= total:
-    raise ValueError(f"got {num_steps} sampler steps, expected 1 to the {total} of training")
-  chosen = np.round(np.linspace(0, total - 1, num_steps)).astype(int) if num_steps > 1 else np.array([0])
+def linear_schedule(num_steps: int = 1000) -> Schedule:
+  """Variances rising in a straight line, from 1e-4 to 0.02 for 1,000 steps."""
+  scale = 1000 / num_steps
+  return schedule_of(np.linspace(scale * 1e-4, scale * 0.02, num_steps))
+
+
+def scaled_linear_schedule(num_steps: int = 1000, start: float = 0.00085, end: float = 0.012) -> Schedule:
+  """Variances whose square roots rise in a straight line, as latent diffusion has them."""
+  return schedule_of(np.linspace(np.sqrt(start), np.sqrt(end), num_steps) ** 2)
+
+
+def spaced_steps(total: int, spacing: int | str) -> Int[np.ndarray, " n"]:
+  """Which of the `total` steps of training a sampler makes, rising.
+
+  A number: that many, evenly spread, the first and the last among them. Several, "10,15,20": that many of each of as
+  many equal parts of training. "ddim50": 50 steps at the first whole stride that gives as many.
+  """
+  if isinstance(spacing, str) and spacing.startswith("ddim"):
+    wanted = int(spacing.removeprefix("ddim"))
+    for stride in range(1, total):
+      if len(range(0, total, stride)) == wanted:
+        return np.arange(0, total, stride)
+    raise ValueError(f"got {wanted} sampler steps at a whole stride, which {total} steps of training do not have")
+  counts = [int(part) for part in str(spacing).split(",")]
+  parts, rest = divmod(total, len(counts))
+  chosen: list[int] = []
+  first = 0
+  for i, count in enumerate(counts):
+    size = parts + (i < rest)
+    if not 1 <= count <= size:
+      raise ValueError(f"got {count} sampler steps, expected 1 to the {size} of training")
+    stride, place = (size - 1) / (count - 1) if count > 1 else 1.0, 0.0
+    for _ in range(count):  # added up as the reference does, whose rounding decides about halves
+      chosen.append(first + round(place))
+      place += stride
+    first += size
+  return np.array(sorted(set(chosen)))
+
+
+def respace(schedule: Schedule, spacing: int | str) -> Schedule:
+  """A schedule of some of the given one's steps: see `spaced_steps`."""
+  return at_steps(schedule, spaced_steps(len(schedule.betas), spacing))
+
+
+def at_steps(schedule: Schedule, chosen: Int[np.ndarray, " n"]) -> Schedule:
+  """A schedule of these steps (N,) of the given one, rising."""
   kept = schedule.alphas_cumprod[chosen]
   return schedule_of(1 - kept / np.append(1.0, kept[:-1]), schedule.steps[chosen])
 
@@ -77,25 +119,105 @@ def loss_rows(predict: Callable, schedule: Schedule, x1: Float[Array, "*lead c"]
   return ((predicted - noise) ** 2).mean(-1)
 
 
-def step_back(schedule: Schedule, x: Float[Array, "*lead c"], predicted: Float[Array, "*lead c"],
+def _row(table: Table, index: Any, like: Array) -> Array:
+  """Entries of a table for indices (...), to be multiplied with an array (..., C)."""
+  return jnp.asarray(table, like.dtype)[index][..., None]
+
+
+def x1_of_noise(schedule: Schedule, x: Float[Array, "*lead c"], noise: Float[Array, "*lead c"],
+                index: int | Int[Array, "*#lead"]) -> Float[Array, "*lead c"]:
+  """The clean data that x (..., C) at table row index (...) means with this noise."""
+  return (_row(schedule.sqrt_recip_alphas_cumprod, index, x) * x
+          - _row(schedule.sqrt_recipm1_alphas_cumprod, index, x) * noise)
+
+
+def noise_of_x1(schedule: Schedule, x: Float[Array, "*lead c"], x1: Float[Array, "*lead c"],
+                index: int | Int[Array, "*#lead"]) -> Float[Array, "*lead c"]:
+  """The noise in x (..., C) at table row index (...) if x1 is its clean data."""
+  return ((_row(schedule.sqrt_recip_alphas_cumprod, index, x) * x - x1)
+          / _row(schedule.sqrt_recipm1_alphas_cumprod, index, x))
+
+
+def posterior_mean(schedule: Schedule, x: Float[Array, "*lead c"], x1: Float[Array, "*lead c"],
+                   index: int | Int[Array, "*#lead"]) -> Float[Array, "*lead c"]:
+  """The mean of the step before, given x (..., C) at table row index (...) and its clean data."""
+  return _row(schedule.posterior_mean_coef1, index, x) * x1 + _row(schedule.posterior_mean_coef2, index, x) * x
+
+
+def step_back(schedule: Schedule, x: Float[Array, "*lead c"], x1: Float[Array, "*lead c"],
               index: int | Int[Array, ""], noise: Float[Array, "*lead c"], temperature: float = 1.0
               ) -> Float[Array, "*lead c"]:
-  """One ancestral step from table row `index` () to the one before, given the predicted noise; row 0 adds none."""
-  row = lambda table: jnp.asarray(table, x.dtype)[index]
-  x1 = row(schedule.sqrt_recip_alphas_cumprod) * x - row(schedule.sqrt_recipm1_alphas_cumprod) * predicted
-  mean = row(schedule.posterior_mean_coef1) * x1 + row(schedule.posterior_mean_coef2) * x
-  std = jnp.exp(0.5 * row(schedule.posterior_log_variance_clipped))
-  return mean + jnp.where(index > 0, std * temperature, 0.0) * noise
+  """One ancestral step from table row `index` () to the one before, given the clean data; row 0 adds no noise."""
+  std = jnp.exp(0.5 * jnp.asarray(schedule.posterior_log_variance_clipped, x.dtype)[index])
+  return posterior_mean(schedule, x, x1, index) + jnp.where(index > 0, std * temperature, 0.0) * noise
+
+
+PREDICTS = ("noise", "x1")  # what a network says of x
+
+
+def clean_of(predicts: str, schedule: Schedule, x: Float[Array, "*lead c"], predicted: Float[Array, "*lead c"],
+             index: int | Int[Array, "*#lead"]) -> Float[Array, "*lead c"]:
+  """The clean data that a network's output, one of `PREDICTS`, means."""
+  if predicts not in PREDICTS:
+    raise ValueError(f"got a network that predicts {predicts!r}, expected {' or '.join(PREDICTS)}")
+  return predicted if predicts == "x1" else x1_of_noise(schedule, x, predicted, index)
+
+
+def ancestral_path(predict: Callable, schedule: Schedule, x: Float[Array, "*lead c"], fresh: Callable,
+                   temperature: float = 1.0, predicts: str = "noise", replace: Callable = lambda x1: x1
+                   ) -> Float[Array, " n *lead c"]:
+  """What noise x (..., C) becomes after each step back, (N, ..., C), the last one data.
+
+  predict(x, step ()) -> noise or clean data (..., C), as `predicts` says; fresh(m) is the noise of the m-th step back,
+  m a traced integer from 0; replace(x1) changes the clean data that a prediction means, to paint a known part over it.
+  """
+  def back(x, m):
+    x = _back(predict, schedule, x, m, fresh, temperature, predicts, replace)
+    return x, x
+
+  return jax.lax.scan(back, x, jnp.arange(len(schedule.betas)))[1]
 
 
 def ancestral(predict: Callable, schedule: Schedule, x: Float[Array, "*lead c"], fresh: Callable,
-              temperature: float = 1.0) -> Float[Array, "*lead c"]:
-  """Carries noise x (..., C) to data; predict(x, step ()) -> noise (..., C); fresh(m) is the noise of the m-th step
-  back, m a traced integer from 0."""
-  last = len(schedule.betas) - 1
+              temperature: float = 1.0, predicts: str = "noise", replace: Callable = lambda x1: x1
+              ) -> Float[Array, "*lead c"]:
+  """Carries noise x (..., C) to data: the last of `ancestral_path`."""
+  back = lambda x, m: (_back(predict, schedule, x, m, fresh, temperature, predicts, replace), None)
+  return jax.lax.scan(back, x, jnp.arange(len(schedule.betas)))[0]
+
+
+def _predicted(predict: Callable, schedule: Schedule, x: Array, index: Any) -> Array:
+  """The network's output; it is given the step of training that a row of the table stands for."""
+  return predict(x, jnp.asarray(schedule.steps)[index])
+
+
+def _back(predict: Callable, schedule: Schedule, x: Array, m: Any, fresh: Callable, temperature: float, predicts: str,
+          replace: Callable) -> Array:
+  index = len(schedule.betas) - 1 - m
+  x1 = replace(clean_of(predicts, schedule, x, _predicted(predict, schedule, x, index), index))
+  return step_back(schedule, x, x1, index, fresh(m), temperature)
+
+
+def ddim_path(predict: Callable, schedule: Schedule, x: Float[Array, "*lead c"], end: float = 1.0,
+              predicts: str = "noise") -> Float[Array, " n *lead c"]:
+  """What noise x (..., C) becomes after each step of DDIM without noise, (N, ..., C); predict as in `ancestral_path`.
+
+  end: what is left of the data after the last step: 1, or that of the cleanest training step.
+  """
+  before = np.append(end, schedule.alphas_cumprod[:-1])
 
   def back(x, m):
-    predicted = predict(x, jnp.asarray(schedule.steps)[last - m])
-    return step_back(schedule, x, predicted, last - m, fresh(m), temperature), None
+    index = len(schedule.betas) - 1 - m
+    predicted = _predicted(predict, schedule, x, index)
+    x1 = clean_of(predicts, schedule, x, predicted, index)
+    noise = predicted if predicts == "noise" else noise_of_x1(schedule, x, x1, index)
+    x = _row(np.sqrt(before), index, x) * x1 + _row(np.sqrt(1 - before), index, x) * noise
+    return x, x
 
-  return jax.lax.scan(back, x, jnp.arange(last + 1))[0]
+  return jax.lax.scan(back, x, jnp.arange(len(schedule.betas)))[1]
+
+
+def ddim(predict: Callable, schedule: Schedule, x: Float[Array, "*lead c"], end: float = 1.0, predicts: str = "noise"
+         ) -> Float[Array, "*lead c"]:
+  """Carries noise x (..., C) to data: the last of `ddim_path`."""
+  return ddim_path(predict, schedule, x, end, predicts)[-1]

@@ -13,7 +13,7 @@ import flax.linen as nn
 import jax
 import jax.numpy as jnp
 
-from motion_jax.nets.convs import uniform_fan_in
+from motion_jax.nets.gru import GRU
 from motion_jax.nets.layers import promote_to_f32
 from motion_jax.nets.masks import padding_mask
 from motion_jax.nets.post_norm import PostNormLayer, sinusoids
@@ -56,34 +56,6 @@ class MovementDecoder(nn.Module):
     return _dense(self.features, self.dtype, "out")(x)
 
 
-class GRU(nn.Module):
-  """A GRU in one direction: x (B, L, W), real_mask (B, L), h (B, H) -> the state after the last real step.
-
-  Gates are in the order reset, update, new; the reset gate acts after the hidden bias.
-  """
-  width: int
-  reverse: bool = False
-  dtype: Any = jnp.float32
-
-  @nn.compact
-  def __call__(self, x, real_mask, h):
-    init = uniform_fan_in(self.width)
-    weight = lambda name, *shape: self.param(name, init, shape).astype(self.dtype)
-    w_in, b_in = weight("w_in", x.shape[-1], 3 * self.width), weight("b_in", 3 * self.width)
-    w_hidden, b_hidden = weight("w_hidden", self.width, 3 * self.width), weight("b_hidden", 3 * self.width)
-
-    def step(h, inputs):
-      given, real = inputs
-      reset_in, update_in, new_in = jnp.split(given, 3, axis=-1)
-      reset_h, update_h, new_h = jnp.split(h @ w_hidden + b_hidden, 3, axis=-1)
-      update = nn.sigmoid(update_in + update_h)
-      new = jnp.tanh(new_in + nn.sigmoid(reset_in + reset_h) * new_h)
-      return jnp.where(real[:, None], (1 - update) * new + update * h, h), None
-
-    steps = (x.astype(self.dtype) @ w_in + b_in).swapaxes(0, 1), real_mask.T
-    return jax.lax.scan(step, h, steps, reverse=self.reverse)[0]
-
-
 class SequenceEncoder(nn.Module):
   """A sequence to one vector: x (B, L, W), lengths (B,) -> (B, dim); steps beyond a length have no influence.
 
@@ -99,8 +71,8 @@ class SequenceEncoder(nn.Module):
     first = self.param("first_state", nn.initializers.normal(1.0), (2, self.width)).astype(self.dtype)
     real_mask = padding_mask(lengths, x.shape[1])
     start = lambda i: jnp.broadcast_to(first[i], (x.shape[0], self.width))
-    ahead = GRU(self.width, dtype=self.dtype, name="forward")(x, real_mask, start(0))
-    back = GRU(self.width, reverse=True, dtype=self.dtype, name="backward")(x, real_mask, start(1))
+    ahead = GRU(self.width, dtype=self.dtype, name="forward")(x, start(0), real_mask)[:, -1]
+    back = GRU(self.width, reverse=True, dtype=self.dtype, name="backward")(x, start(1), real_mask)[:, 0]
     x = _dense(self.width, self.dtype, "mix")(jnp.concatenate([ahead, back], axis=-1))
     x = nn.LayerNorm(epsilon=1e-5, dtype=self.dtype, use_fast_variance=False, name="norm")(x)
     return _dense(self.dim, self.dtype, "out")(nn.leaky_relu(x, 0.2))

@@ -106,39 +106,52 @@ class Attention(nn.Module):
   """Multi-head attention in three steps: `queries`, `keys_values`, `attend`.
 
   Queries and keys are RMS-normalized over the whole width before the heads are split (docs/papers/cmdm.md#causal-dit);
-  not so with normalize=False. `rotary` turns them between the steps, so that a cache can hold keys that are not tied to
-  a position yet. drop, where it is given, acts on the weights. implementation: of `dot_product_attention`.
+  with normalize="head" those of each head have length 1 instead, with normalize=False they are left as they are.
+  `rotary` turns them between the steps, so that a cache can hold keys that are not tied to a position yet. drop, where
+  it is given, acts on the weights. logit_scale, where it is not 0, is what scores are multiplied by instead of being
+  divided by sqrt(K); it is saved with the parameters, and no gradient reaches it. implementation: of
+  `dot_product_attention`.
   Shapes: x (B, L, D); q, k, v (B, L, H, D / H); attn_mask (B or 1, 1, L, S).
   """
   width: int
   num_heads: int
   dtype: Any = jnp.float32
-  normalize: bool = True
+  normalize: bool | str = True
   kernel_init: Callable = nn.initializers.xavier_uniform()
   implementation: str = "xla"
+  use_bias: bool = True
+  logit_scale: float = 0.0
 
   def setup(self) -> None:
     if self.width % self.num_heads:
       raise ValueError(f"got width {self.width} for {self.num_heads} heads, expected a multiple")
-    dense = lambda *axes: Dense(self.width, axes, kernel_init=self.kernel_init, dtype=self.dtype)
+    dense = lambda *axes: Dense(self.width, axes, use_bias=self.use_bias, kernel_init=self.kernel_init,
+                                dtype=self.dtype)
     self.q, self.k, self.v = (dense("embed", "heads") for _ in range(3))
     self.o = dense("heads", "embed")
-    norm = lambda: RMSNorm(dtype=self.dtype, axes=("heads",)) if self.normalize else lambda x: x
+    norm = lambda: RMSNorm(dtype=self.dtype, axes=("heads",)) if self.normalize is True else lambda x: x
     self.norm_q, self.norm_k = norm(), norm()
+    if self.logit_scale:
+      self.scale = self.param("logit_scale", nn.initializers.constant(self.logit_scale), ())
 
   def _heads(self, x: Float[Array, "b l d"]) -> Float[Array, "b l h k"]:
     return x.reshape(x.shape[:-1] + (self.num_heads, self.width // self.num_heads))
 
+  def _unit(self, x: Float[Array, "b l h k"]) -> Float[Array, "b l h k"]:
+    return x if self.normalize != "head" else x / jnp.maximum(jnp.linalg.norm(x, axis=-1, keepdims=True), 1e-12)
+
   def queries(self, x: Float[Array, "b l d"]) -> Float[Array, "b l h k"]:
-    return self._heads(self.norm_q(self.q(x)))
+    q = self._unit(self._heads(self.norm_q(self.q(x))))
+    return q * jax.lax.stop_gradient(self.scale).astype(q.dtype) if self.logit_scale else q
 
   def keys_values(self, x: Float[Array, "b s d"]) -> tuple[Float[Array, "b s h k"], Float[Array, "b s h k"]]:
-    return self._heads(self.norm_k(self.k(x))), self._heads(self.v(x))
+    return self._unit(self._heads(self.norm_k(self.k(x)))), self._heads(self.v(x))
 
   def attend(self, q: Float[Array, "b l h k"], k: Float[Array, "b s h k"], v: Float[Array, "b s h k"],
              attn_mask: Bool[Array, "#b 1 #l s"] | None = None,
              drop: Callable[..., Any] | None = None) -> Float[Array, "b l d"]:
-    y = dot_product_attention(q, k, v, attn_mask, drop=drop, implementation=self.implementation)
+    y = dot_product_attention(q, k, v, attn_mask, scaled=not self.logit_scale, drop=drop,
+                              implementation=self.implementation)
     return self.o(y.reshape(y.shape[:-2] + (self.width,)))
 
   def __call__(self, x: Float[Array, "b l d"], context: Float[Array, "b s d"] | None = None,

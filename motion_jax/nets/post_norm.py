@@ -1,12 +1,13 @@
-"""The transformer layer of 2017, which text encoders, teachers and evaluators of the field still use."""
+"""The transformer layers of 2017, which text encoders, teachers, evaluators and many generators of the field use."""
 from typing import Any
 
 import flax.linen as nn
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Bool, Float
 
-from motion_jax.nets.attention import dot_product_attention
+from motion_jax.nets.attention import Attention, dot_product_attention
 from motion_jax.nets.layers import promote_to_f32
 from motion_jax.shapes import Array
 
@@ -50,9 +51,52 @@ class PostNormLayer(nn.Module):
     return norm("mlp_norm")(x + drop(dense(width, "mlp_out")(y)))
 
 
+class PostNormDecoderLayer(nn.Module):
+  """PyTorch's TransformerDecoderLayer: self-attention, attention to a memory, a feed-forward part; each is added and
+  then normalized.
+
+  Shapes: x (B, T, D), memory (B, M, D), attn_mask (B or 1, 1, 1 or T, T) of the self-attention, memory_mask (B, M),
+  True = may attend; None: everything -> (B, T, D). dropout as in `PostNormLayer`.
+  """
+  num_heads: int
+  mlp_width: int
+  dropout: float = 0.1
+  dtype: Any = jnp.float32
+
+  @nn.compact
+  def __call__(self, x: Float[Array, "b t d"], memory: Float[Array, "b m d"],
+               attn_mask: Bool[Array, "#b 1 #t t"] | None = None, deterministic: bool = True,
+               memory_mask: Bool[Array, "b m"] | None = None) -> Float[Array, "b t d"]:
+    width = x.shape[-1]
+    attention = lambda name: Attention(width, self.num_heads, self.dtype, normalize=False, name=name)
+    norm = lambda name: nn.LayerNorm(epsilon=1e-5, dtype=self.dtype, use_fast_variance=False, name=name)
+    dense = lambda size, name: nn.Dense(size, dtype=self.dtype, name=name)
+    drop = lambda y: nn.Dropout(self.dropout, deterministic=deterministic)(y)
+    drop_weights = None if deterministic or not self.dropout else nn.Dropout(self.dropout, deterministic=False)
+    y = attention("self_attn")(x, attn_mask=attn_mask, drop=drop_weights)
+    x = norm("attn_norm")(x + drop(y))
+    cross_mask = None if memory_mask is None else memory_mask[:, None, None, :]
+    x = norm("cross_norm")(x + drop(attention("cross_attn")(x, memory, cross_mask, drop=drop_weights)))
+    y = drop(ACTIVATIONS["gelu"](dense(self.mlp_width, "mlp_in")(x)))
+    return norm("mlp_norm")(x + drop(dense(width, "mlp_out")(y)))
+
+
 def sinusoids(length: int, width: int, dtype: Any = jnp.float32) -> Float[Array, "{length} {width}"]:
   """The fixed positions (length, width): even columns sine, odd columns cosine, base 10000."""
   wide = promote_to_f32(dtype)
   rate = 10_000.0 ** (-jnp.arange(0, width, 2, dtype=wide) / width)
   angle = jnp.arange(length, dtype=wide)[:, None] * rate
   return jnp.stack([jnp.sin(angle), jnp.cos(angle)], axis=-1).reshape(length, -1)[:, :width].astype(dtype)
+
+
+def sinusoid_table(length: int, width: int, cosines_first: bool = False) -> Float[np.ndarray, "{length} {width}"]:
+  """Embeddings of the integers 0 .. length - 1, base 10000, as a table in float64: pairs of sine and cosine, as in
+  `sinusoids`, or, cosines_first, all cosines and then all sines.
+
+  In float32 the angle of step 999 is off by up to 1e-4, so a table is computed here and rounded where it is used.
+  """
+  rates = 10_000.0 ** (-np.arange(0, width, 2) / width)
+  angles = np.arange(length)[:, None] * rates
+  if cosines_first:
+    return np.concatenate([np.cos(angles), np.sin(angles)], axis=-1)
+  return np.stack([np.sin(angles), np.cos(angles)], axis=-1).reshape(length, -1)[:, :width]

@@ -9,8 +9,7 @@ import flax.linen as nn
 import jax.numpy as jnp
 from jaxtyping import Bool, Float
 
-from motion_jax.nets.attention import Attention
-from motion_jax.nets.post_norm import ACTIVATIONS, PostNormLayer, sinusoids
+from motion_jax.nets.post_norm import PostNormDecoderLayer, PostNormLayer, sinusoids
 from motion_jax.shapes import Array
 
 Rows = tuple[Float[Array, "b d"], Float[Array, "b d"], Float[Array, "b t d"]]  # mean, log-variance, rows
@@ -43,30 +42,6 @@ class GaussianTokens(nn.Module):
     return x[:, 0], x[:, 1], x[:, 2:]
 
 
-class DecoderLayer(nn.Module):
-  """PyTorch's TransformerDecoderLayer: attention to real rows, attention to a memory (B, M, D), feed-forward part; each
-  is added and then normalized. x (B, T, D), attn_mask (B, 1, 1, T)."""
-  num_heads: int
-  mlp_width: int
-  dropout: float = 0.1
-  dtype: Any = jnp.float32
-
-  @nn.compact
-  def __call__(self, x: Float[Array, "b t d"], memory: Float[Array, "b m d"], attn_mask: Bool[Array, "b 1 1 t"],
-               deterministic: bool = True) -> Float[Array, "b t d"]:
-    width = x.shape[-1]
-    attention = lambda name: Attention(width, self.num_heads, self.dtype, normalize=False, name=name)
-    norm = lambda name: nn.LayerNorm(epsilon=1e-5, dtype=self.dtype, use_fast_variance=False, name=name)
-    dense = lambda size, name: nn.Dense(size, dtype=self.dtype, name=name)
-    drop = lambda y: nn.Dropout(self.dropout, deterministic=deterministic)(y)
-    drop_weights = None if deterministic or not self.dropout else nn.Dropout(self.dropout, deterministic=False)
-    y = attention("self_attn")(x, attn_mask=attn_mask, drop=drop_weights)
-    x = norm("attn_norm")(x + drop(y))
-    x = norm("cross_norm")(x + drop(attention("cross_attn")(x, memory, drop=drop_weights)))
-    y = drop(ACTIVATIONS["gelu"](dense(self.mlp_width, "mlp_in")(x)))
-    return norm("mlp_norm")(x + drop(dense(width, "mlp_out")(y)))
-
-
 class LatentDecoder(nn.Module):
   """z (B, D), frame_mask (B, T) -> motions (B, T, F), zeros where not real. Queries are the positions alone."""
   features: int
@@ -83,7 +58,7 @@ class LatentDecoder(nn.Module):
     x: Array = jnp.broadcast_to(places, (*frame_mask.shape, z.shape[-1]))
     x = nn.Dropout(self.dropout, deterministic=deterministic)(x)
     for i in range(self.depth):
-      layer = DecoderLayer(self.num_heads, self.mlp_width, self.dropout, self.dtype, name=f"layer{i}")
+      layer = PostNormDecoderLayer(self.num_heads, self.mlp_width, self.dropout, self.dtype, name=f"layer{i}")
       # One key, so its weight is 1: queries and keys of the attention to z change nothing and never learn.
       x = layer(x, z[:, None], frame_mask[:, None, None, :], deterministic)
     return jnp.where(frame_mask[..., None], nn.Dense(self.features, dtype=self.dtype, name="out")(x), 0.0)

@@ -92,7 +92,7 @@ def run_diffusion_ddpm(fixture, dtype):
     made[f"{name}_sample"] = jax.jit(lambda x, fresh=fresh, temperature=temperature: ddpm.ancestral(
         noise_of, schedule, x, fresh.__getitem__, temperature))(given[f"{name}_start"])
     step = jax.jit(lambda x, m, fresh=fresh, temperature=temperature: ddpm.step_back(
-        schedule, x, noise_of(x, last - m), last - m, fresh[m], temperature))
+        schedule, x, ddpm.x1_of_noise(schedule, x, noise_of(x, last - m), last - m), last - m, fresh[m], temperature))
     path = [given[f"{name}_start"]]
     for m in range(last + 1):
       path.append(step(path[-1], m))

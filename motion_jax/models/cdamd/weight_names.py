@@ -1,24 +1,6 @@
 """Names of CDAMD's and MARDM's released generators; those of their autoencoders: `models.autoencoder_weights`."""
-
-
+from motion_jax.convert.names import below, diffusion_mlp_names
 from motion_jax.convert.state import Table
-
-
-def _below(table, theirs, ours):
-  return {theirs + name: (ours + path, kind) for name, (path, kind) in table.items()}
-
-
-def diffusion_mlp_names(depth: int, prefix: str = "net.", ours: str = "") -> Table:
-  """CDAMD's and MARDM's diffusion head (docs/papers/cdamd.md#diffusion-mlp), below `prefix` there and `ours` here."""
-  table = {"time_embed.mlp.0": ("time_in", "dense"), "time_embed.mlp.2": ("time_out", "dense"),
-           "cond_embed": ("condition_in", "dense"), "input_proj": ("x_in", "dense"),
-           "final_layer.linear": ("out", "dense"), "final_layer.adaLN_modulation.1": ("film", "dense")}
-  for i in range(depth):
-    table |= {f"res_blocks.{i}.in_ln": (f"block{i}/norm", "norm"),
-              f"res_blocks.{i}.mlp.0": (f"block{i}/ff_in", "dense"),
-              f"res_blocks.{i}.mlp.2": (f"block{i}/ff_out", "dense"),
-              f"res_blocks.{i}.adaLN_modulation.1": (f"block{i}/film", "dense")}
-  return _below(table, prefix, ours)
 
 
 def _generator_names(table, head_depth):
@@ -27,7 +9,7 @@ def _generator_names(table, head_depth):
             "cond_emb": ("inputs/text_in", "dense")}
   if head_depth is None:
     return table
-  return _below(table, "", "transformer/") | diffusion_mlp_names(head_depth, "DiffMLPs.net.", "head/")
+  return below(table, "", "transformer/") | diffusion_mlp_names(head_depth, "DiffMLPs.net.", "head/")
 
 
 def masked_transformer_names(depth: int, head_depth: int | None = None) -> Table:

@@ -5,7 +5,7 @@ Source: docs/papers/cmdm.md#checkpoint-names.
 from collections.abc import Mapping
 from typing import Any
 
-from motion_jax.convert.state import Table, from_torch, post_norm_names, select
+from motion_jax.convert.state import Table, from_torch, post_norm_decoder_names, post_norm_names, select
 from motion_jax.text import bert
 
 TEXT = "text_encoder.text_model."
@@ -49,13 +49,7 @@ def tmr_names(depth: int = 6) -> Table:
     for i in range(depth):
       table |= post_norm_names(f"{side}.seqTransEncoder.layers.{i}", f"{side}/layer{i}")
   for i in range(depth):
-    theirs, ours = f"motion_decoder.seqTransDecoder.layers.{i}", f"motion_decoder/layer{i}"
-    for attention, name in (("self_attn", "self_attn"), ("multihead_attn", "cross_attn")):
-      table |= {f"{theirs}.{attention}": (f"{ours}/{name}", "qkv_in"),
-                f"{theirs}.{attention}.out_proj": (f"{ours}/{name}/o", "dense")}
-    table |= {f"{theirs}.linear1": (f"{ours}/mlp_in", "dense"), f"{theirs}.linear2": (f"{ours}/mlp_out", "dense"),
-              f"{theirs}.norm1": (f"{ours}/attn_norm", "norm"), f"{theirs}.norm2": (f"{ours}/cross_norm", "norm"),
-              f"{theirs}.norm3": (f"{ours}/mlp_norm", "norm")}
+    table |= post_norm_decoder_names(f"motion_decoder.seqTransDecoder.layers.{i}", f"motion_decoder/layer{i}")
   return table
 
 

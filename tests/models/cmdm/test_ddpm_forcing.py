@@ -70,7 +70,8 @@ def test_fifty_steps_are_those_of_a_schedule_with_fifty():
   x, predicted, fresh = np.random.default_rng(0).standard_normal((3, 1, 50, 4)).astype(np.float32)
   now = np.arange(50)
   made = ddpm_forcing.step(steps, jnp.asarray(x), predicted, now, now + 1, fresh)
-  back = jax.jit(lambda x, predicted, index, noise: ddpm.step_back(schedule, x, predicted, index, noise))
+  back = jax.jit(lambda x, predicted, index, noise: ddpm.step_back(
+      schedule, x, ddpm.x1_of_noise(schedule, x, predicted, index), index, noise))
   expected = [back(x[0, m], predicted[0, m], 49 - m, fresh[0, m]) for m in range(50)]
   np.testing.assert_allclose(made[0], expected, rtol=2e-4, atol=2e-5)
   held = ddpm_forcing.step(steps, jnp.asarray(x), predicted, now, now, fresh)

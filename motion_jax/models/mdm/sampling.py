@@ -1,0 +1,81 @@
+"""Motion from captions with MDM: all frames at once, or, as DiP, block after block."""
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Bool, Float
+
+from motion_jax.diffusion import ddpm, guidance
+from motion_jax.shapes import Array, Net
+
+
+class Plan(NamedTuple):
+  """How it is sampled; hashable. train_steps: those of training, num_steps: those made (`ddpm.spaced_steps`)."""
+  train_steps: int = 1000
+  num_steps: int | str = 1000
+  solver: str = "ancestral"  # or "ddim"
+  guided: bool = True
+
+
+def schedule_of(plan: Plan) -> ddpm.Schedule:
+  return ddpm.respace(ddpm.cosine_schedule(plan.train_steps), plan.num_steps)
+
+
+class Condition(NamedTuple):
+  """What the network reads beside the noisy frames; each may be None but text_emb. See `nets.motion_denoiser`."""
+  text_emb: Any
+  text_mask: Any = None
+  frame_mask: Any = None
+  prefix: Any = None
+  goals: Any = None
+
+
+def predictor(net: Net, plan: Plan, params: Any, condition: Condition, scale: Any) -> Callable:
+  """predict(x (B, T, F), step ()) -> clean features, guided by scale () or (B,), both branches in one batch of 2 B."""
+  text = condition.text_emb
+  if plan.guided:
+    condition = jax.tree.map(lambda a: jnp.concatenate([a, a]), condition)
+    # Parity: no caption is a vector of zeros in front of the layer, whose bias stays; words keep their mask.
+    condition = condition._replace(text_emb=jnp.concatenate([text, jnp.zeros_like(text)]))
+  scale = jnp.asarray(scale, text.dtype)
+  scale = scale[:, None, None] if scale.ndim else scale
+
+  def predict(x, step):
+    rows = jnp.concatenate([x, x]) if plan.guided else x
+    made = net.apply(params, rows, jnp.broadcast_to(step, len(rows)), *condition)
+    return guidance.combine(*jnp.split(made, 2), scale) if plan.guided else made
+
+  return predict
+
+
+def denoise(net: Net, plan: Plan, params: Any, condition: Condition, scale: Any, draw: Callable,
+            known: Float[Array, "b t f"] | None = None, known_mask: Bool[Array, "b t f"] | None = None
+            ) -> Float[Array, "b t f"]:
+  """Clean features (B, T, F); draw(0) is the noise to begin with, draw(m) that of the m-th step. Pure.
+
+  known, where known_mask, is painted over the clean features that the network predicts, in every step; the noisy
+  features are left as they are.
+  """
+  replace = (lambda x1: x1) if known is None else lambda x1: jnp.where(known_mask, known, x1)
+  predict, schedule = predictor(net, plan, params, condition, scale), schedule_of(plan)
+  if plan.solver == "ddim":
+    return ddpm.ddim(lambda x, t: replace(predict(x, t)), schedule, draw(0), predicts="x1")
+  return ddpm.ancestral(predict, schedule, draw(0), lambda m: draw(m + 1), predicts="x1", replace=replace)
+
+
+def denoise_blocks(net: Net, plan: Plan, params: Any, text_emb: Float[Array, "n b s e"],
+                   text_mask: Bool[Array, "n b s"] | None, scale: Any, prefix: Float[Array, "b p f"], draw: Callable
+                   ) -> Float[Array, "b n*t f"]:
+  """DiP: N blocks (B, N * T, F) in sequence, each from its own caption and the last frames of the one before.
+
+  draw(k, m): noise (B, T, F) of block k; prefix (B, P, F): clean frames that the first block continues.
+  """
+  def block(prefix, inputs):
+    k, text, mask = inputs
+    condition = Condition(text, mask, jnp.ones((len(text), draw(0, 0).shape[1]), bool), prefix)
+    made = denoise(net, plan, params, condition, scale, lambda m: draw(k, m))
+    return jnp.concatenate([prefix, made], axis=1)[:, -prefix.shape[1]:], made
+
+  made = jax.lax.scan(block, prefix, (jnp.arange(len(text_emb)), text_emb, text_mask))[1]
+  return made.swapaxes(0, 1).reshape(len(prefix), -1, made.shape[-1])
