@@ -99,7 +99,7 @@ def load_frozen(folder: str, fields: ConfigDict, stage: str, config: ConfigDict,
   return net, variables, stats_lib.load_stats(folder, config.data.layout)
 
 
-def demand_alike(folder, theirs, fields):
+def demand_alike(folder: str, theirs: ConfigDict, fields: ConfigDict) -> None:
   """Raises ValueError where the autoencoder in a folder is not that of a config's section."""
   alike: dict[str, Any] = dict(dropout=0.0, hide_padding=False)  # frozen, it has no dropout; windows have no padding
   theirs, fields = module_fields(theirs), module_fields(fields)

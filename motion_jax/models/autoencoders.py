@@ -84,7 +84,7 @@ def autoencoder_shapes(net: Autoencoder, quantizer: Any = None) -> Any:
   return jax.eval_shape(lambda: {**net.init(jax.random.key(0), x), **codebooks()})
 
 
-def item_keys(rng, batch):
+def item_keys(rng: jax.Array, batch: Mapping[str, Any]) -> jax.Array:
   """One key per item, by its place in the whole batch: the same noise on one device as on many."""
   return jax.vmap(lambda i: jax.random.fold_in(rng, i))(batch["index"])
 

@@ -1,20 +1,28 @@
 """Batches of captioned clips for methods whose generators read padded clips and a sentence vector."""
 import functools
+from collections.abc import Callable
+from typing import Any
+
+from ml_collections import ConfigDict
 
 from motion_jax.data import batches, store
+from motion_jax.data.sources import FeatureSet
 from motion_jax.text.captions import vary_subject
+from motion_jax.text.encoder import TextEncoder
 
 _RULES = ("frames_per_latent", "crop_frames", "keep_long", "shorten_rate")  # of `batches.TextItems`
 
 
-def items_of(config, data):
+def items_of(config: ConfigDict, data: FeatureSet) -> batches.TextItems:
+  """The captioned clips of a config's data, as they are cut and padded."""
   weights = batches.balance_weights(data.groups, config.data.balance) if config.data.balance else None
   rules = {name: config.data[name] for name in _RULES if name in config.data}  # the length estimator's has them not
   return batches.TextItems(data.features, data.captions, config.data.min_frames, config.data.max_frames,
                            tuple(config.data.lengths), weights=weights, **rules)
 
 
-def captioned(config, data, encoder, encoders=None):
+def captioned(config: ConfigDict, data: FeatureSet, encoder: TextEncoder, encoders: Any = None
+              ) -> tuple[Callable[..., dict[str, Any]], int]:
   """(next_batch, how many clips there are): padded clips with the sentence vectors of their captions, or these and
   their words.
 

@@ -31,15 +31,17 @@ if TYPE_CHECKING:
   from motion_jax.nets.post_norm import PostNormDecoderLayer, PostNormLayer, sinusoid_table, sinusoids
   from motion_jax.nets.skip_transformer import SkipTransformer
   from motion_jax.nets.tmr import TMR
+  from motion_jax.nets.token_gpt import CodeGPT
+  from motion_jax.nets.token_transformers import MaskedCodeTransformer, ResidualCodeTransformer
   from motion_jax.nets.vit import ViT
 
-__all__ = ["Attention", "Autoencoder", "CausalConv", "CausalDiT", "CausalVAE", "ControlAdapter", "ConvStack", "Dense",
-           "DiffusionMLP", "Dropout", "GRU", "GatedTransformer", "Generator", "LatentGenerator",
-           "LatentLlama", "LengthEstimator", "LlamaBlock", "MaskedTransformer", "MotionDenoiser",
-           "MotionPatches", "PartTMR", "PostNormDecoderLayer", "PostNormLayer", "RMSNorm",
-           "SkipTransformer", "TMR", "TokenDenoiser", "TokenVAE", "ViT", "block_causal_mask",
-           "broadcast_to_length", "dot_product_attention", "dual_causal_mask", "known_or_past_mask",
-           "latent_mask", "layer_norm", "padding_mask", "promote_to_f32", "rotary", "sample_latent",
-           "sinusoid_table", "sinusoids", "sliding_mask", "timestep_embedding", "with_text"]
+__all__ = ["Attention", "Autoencoder", "CausalConv", "CausalDiT", "CausalVAE", "CodeGPT", "ControlAdapter",
+           "ConvStack", "Dense", "DiffusionMLP", "Dropout", "GRU", "GatedTransformer", "Generator", "LatentGenerator",
+           "LatentLlama", "LengthEstimator", "LlamaBlock", "MaskedCodeTransformer", "MaskedTransformer",
+           "MotionDenoiser", "MotionPatches", "PartTMR", "PostNormDecoderLayer", "PostNormLayer", "RMSNorm",
+           "ResidualCodeTransformer", "SkipTransformer", "TMR", "TokenDenoiser", "TokenVAE", "ViT",
+           "block_causal_mask", "broadcast_to_length", "dot_product_attention", "dual_causal_mask",
+           "known_or_past_mask", "latent_mask", "layer_norm", "padding_mask", "promote_to_f32", "rotary",
+           "sample_latent", "sinusoid_table", "sinusoids", "sliding_mask", "timestep_embedding", "with_text"]
 
 __getattr__, __dir__ = lazy.attach(__name__)

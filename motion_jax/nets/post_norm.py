@@ -5,10 +5,10 @@ import flax.linen as nn
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from motion_jax.nets.attention import Attention, dot_product_attention
-from motion_jax.nets.layers import promote_to_f32
+from motion_jax.nets.layers import Dropout, promote_to_f32
 from motion_jax.shapes import Array
 
 ACTIVATIONS = {
@@ -24,7 +24,8 @@ class PostNormLayer(nn.Module):
 
   BERT's layer, and with eps 1e-5 PyTorch's TransformerEncoderLayer. Shapes: x (B, S, D), key_mask (B, S) True = real,
   or None, bias (H, S, S) or None is added to the scores -> (B, S, D). dropout acts on attention weights, inside the
-  feed-forward part and on both branches, where `deterministic` is False; it then draws from the "dropout" rng.
+  feed-forward part and on both branches, where `deterministic` is False; it then draws from the "dropout" rng. items
+  (B,), places in the whole batch, switch it on too; then what an item loses does not depend on the others.
   """
   num_heads: int
   mlp_width: int
@@ -32,20 +33,23 @@ class PostNormLayer(nn.Module):
   eps: float = 1e-5
   dropout: float = 0.0
   dtype: Any = jnp.float32
+  kernel_init: Any = nn.linear.default_kernel_init
 
   @nn.compact
   def __call__(self, x: Float[Array, "b s d"], key_mask: Bool[Array, "#b s"] | None = None, deterministic: bool = True,
-               bias: Float[Array, "h s s"] | None = None) -> Float[Array, "b s d"]:
+               bias: Float[Array, "h s s"] | None = None, items: Int[Array, " b"] | None = None
+               ) -> Float[Array, "b s d"]:
     width = x.shape[-1]
-    dense = lambda size, name: nn.Dense(size, dtype=self.dtype, name=name)
+    dense = lambda size, name: nn.Dense(size, dtype=self.dtype, kernel_init=self.kernel_init, name=name)
     norm = lambda name: nn.LayerNorm(epsilon=self.eps, dtype=self.dtype, use_fast_variance=False, name=name)
-    drop = lambda y: nn.Dropout(self.dropout, deterministic=deterministic)(y)
+    drop = lambda y: (nn.Dropout(self.dropout, deterministic=deterministic)(y) if items is None else
+                      Dropout(self.dropout)(y, items))
     heads = lambda y: y.reshape(*y.shape[:-1], self.num_heads, width // self.num_heads)
 
     query, key, value = (heads(dense(width, name)(x)) for name in ("query", "key", "value"))
     mixed = dot_product_attention(query, key, value, None if key_mask is None else key_mask[:, None, None, :],
                                   None if bias is None else bias[None],
-                                  drop=None if deterministic or not self.dropout else drop)
+                                  drop=None if (deterministic and items is None) or not self.dropout else drop)
     x = norm("attn_norm")(x + drop(dense(width, "out")(mixed.reshape(x.shape))))
     y = drop(ACTIVATIONS[self.activation](dense(self.mlp_width, "mlp_in")(x)))
     return norm("mlp_norm")(x + drop(dense(width, "mlp_out")(y)))

@@ -58,6 +58,7 @@ def train(codebooks: vq.Codebook, x: Float[Array, "b l c"], num_active: int | In
           ) -> tuple[Quantized, vq.Codebook]:
   """Quantizes x (B, L, C) by sampled codes and moves the codebooks -> (Quantized, codebooks).
 
+  temperature: of the distribution over codes; 0: the nearest code, without noise.
   num_active (): levels in use, the others neither quantize nor learn. All gradients go to x: straight through from
   `quantized`, and from the commitment.
   """
@@ -70,7 +71,8 @@ def train(codebooks: vq.Codebook, x: Float[Array, "b l c"], num_active: int | In
     before = vq.Codebook(*(field[level] for field in codebooks))
     frozen = jax.lax.stop_gradient(residual)
     book = vq.initialise(before, frozen, noise.start[level], axis_name)
-    chosen = vq.sample(book.codes, frozen, noise.gumbel[level], temperature)
+    chosen = vq.sample(book.codes, frozen, noise.gumbel[level], temperature) if temperature else (
+        vq.nearest(book.codes, frozen))
     codes = book.codes[chosen]
     book, counts = vq.update(book, frozen, chosen, noise.replace[level], decay, axis_name)
     terms.append(jnp.where(active, jnp.stack([((residual - codes) ** 2).mean(), vq.perplexity(counts),

@@ -52,6 +52,9 @@ def make_schedule(config, num_steps):
   else:
     factor, peak = _optax_schedule(kind, config, num_steps), 1.0
   begin = optax.linear_schedule(1 / (warmup + 1), 1.0, warmup) if warmup else optax.constant_schedule(1.0)
+  if warmup and config.get("warmup") == "released":
+    # Parity: MoMask's and T2M-GPT's loops begin with the second step and end before the last; the rate stays below lr.
+    begin = lambda step: jnp.minimum(step + 2, warmup) / (warmup + 1)
   return lambda step: peak * factor(step) * begin(step)
 
 
