@@ -132,7 +132,7 @@ def _kicks(body):
   peaks = []
   for side in (0, 1):
     over = height[:, side] - height[:, 1 - side]
-    for peak in find_peaks(over, height=0.35, distance=max(1, int(0.3 * body.fps)), prominence=0.25)[0]:
+    for peak in find_peaks(over, height=0.35, distance=max(1, int(0.3 * body.fps)), prominence=0.25):
       near = slice(max(0, peak - int(0.4 * body.fps)), peak + int(0.4 * body.fps) + 1)
       fast, other = body.toes[near, side].max(), body.toes[near, 1 - side].max()
       if (fast > 3.5 and fast > 1.5 * other and body.knees[near, side][over[near] > 0.3].max() > 125
@@ -147,7 +147,7 @@ def feet_up(body: "Body") -> int:
   like one though it is slow or the leg stays bent."""
   height, near = body.joints[:, PAIR["foot"], 1], int(0.4 * body.fps)
   found = [peak for side in (0, 1) for peak in find_peaks(
-      height[:, side] - height[:, 1 - side], height=0.4, distance=max(near, 1), prominence=0.25)[0]]
+      height[:, side] - height[:, 1 - side], height=0.4, distance=max(near, 1), prominence=0.25)]
   return sum(bool(np.median(body.speed[max(0, peak - near):peak + near + 1]) < 1.5) for peak in found)
 
 
@@ -277,7 +277,7 @@ def _punches(body):
   frames = lambda seconds: max(1, int(seconds * body.fps))
   peaks = []
   for side in (0, 1):
-    for peak in find_peaks(fast[:, side], height=PUNCH, distance=frames(0.3))[0].tolist():
+    for peak in find_peaks(fast[:, side], height=PUNCH, distance=frames(0.3)).tolist():
       before, soon = slice(max(0, peak - frames(0.4)), peak + 1), slice(peak, peak + frames(0.25))
       top = peak + int(reach[soon, side].argmax())
       near = slice(max(0, peak - frames(0.3)), min(peak + frames(0.3) + 1, body.num))
@@ -326,7 +326,7 @@ def _swings(body, first, past, side):
   if reach < 0.06:
     return 0, False, 0.0
   gap = max(1, int(0.2 * body.fps))
-  tops, bottoms = (find_peaks(sign * wave, prominence=max(0.3 * reach, 0.05), distance=gap)[0] for sign in (1, -1))
+  tops, bottoms = (find_peaks(sign * wave, prominence=max(0.3 * reach, 0.05), distance=gap) for sign in (1, -1))
   count = max(len(tops), len(bottoms))
   period = np.median(np.diff(tops)) if len(tops) > 1 else len(wave)
   even = len(tops) > 2 and np.diff(tops).max() < 1.6 * np.diff(tops).min()
@@ -338,7 +338,7 @@ def _period(wave):
   """Frames after which a signal is most like itself, by autocorrelation; 0 where nothing repeats."""
   wave = wave - wave.mean()
   same = np.correlate(wave, wave, mode="full")[len(wave) - 1:] / np.arange(len(wave), 0, -1)
-  peaks = find_peaks(same[:max(4, int(0.7 * len(wave)))])[0]
+  peaks = find_peaks(same[:max(4, int(0.7 * len(wave)))])
   return int(peaks[same[peaks].argmax()]) if len(peaks) else 0
 
 
