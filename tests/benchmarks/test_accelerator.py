@@ -6,6 +6,7 @@ import sys
 
 import pytest
 
+ABOUT = dict(device="x", jax="y")
 BENCHMARKS = pathlib.Path(__file__).parents[2] / "benchmarks"
 
 
@@ -16,7 +17,14 @@ def accelerator(monkeypatch):
   return accelerator
 
 
-def test_pieces_are_kept_and_what_failed_leaves_the_others(accelerator, tmp_path):
+@pytest.fixture
+def results(monkeypatch):
+  monkeypatch.syspath_prepend(str(BENCHMARKS))
+  import results
+  return results
+
+
+def test_pieces_are_kept_and_what_failed_leaves_the_others(accelerator, results, tmp_path):
   calls = []
 
   def fine():
@@ -28,11 +36,11 @@ def test_pieces_are_kept_and_what_failed_leaves_the_others(accelerator, tmp_path
     raise MemoryError("none left")
 
   wanted = {"train/a/float32": broken, "train/b/float32": fine}
-  assert accelerator.measure(tmp_path, wanted, 100)
-  assert accelerator.measure(tmp_path, wanted, 100) and calls == ["broken", "fine"]
+  assert results.measure(tmp_path, wanted, 100, ABOUT)
+  assert results.measure(tmp_path, wanted, 100, ABOUT) and calls == ["broken", "fine"]
   assert json.loads((tmp_path / "train-a-float32.json").read_text())["error"] == "MemoryError: none left"
-  assert not accelerator.measure(tmp_path, {"train/c/float32": fine}, -1)
-  accelerator.write(tmp_path / "matmul-float32.json", dict(piece="matmul/float32", tflops=0.004, device="x", jax="y"))
+  assert not results.measure(tmp_path, {"train/c/float32": fine}, -1, ABOUT)
+  results.write(tmp_path / "matmul-float32.json", dict(piece="matmul/float32", tflops=0.004, **ABOUT))
   accelerator.table(tmp_path)
   text = (tmp_path / "README.md").read_text()
   assert "MemoryError: none left" in text
@@ -50,8 +58,8 @@ def test_a_piece_of_each_kind_gives_its_numbers(accelerator):
 
 
 @pytest.mark.slow
-def test_every_piece_runs(accelerator, tmp_path):
-  assert accelerator.measure(tmp_path, accelerator.pieces(tiny=True), 10_000)
+def test_every_piece_runs(accelerator, results, tmp_path):
+  assert results.measure(tmp_path, accelerator.pieces(tiny=True), 10_000, ABOUT)
   rows = [json.loads(path.read_text()) for path in tmp_path.glob("*.json")]
   assert len(rows) == len(accelerator.pieces(tiny=True)) and not [row for row in rows if "error" in row]
 
