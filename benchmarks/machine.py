@@ -6,6 +6,7 @@ import os
 import pathlib
 import platform
 import resource
+import subprocess
 import time
 
 QUIET = 0.2  # cores that other work may use beside a measurement on a quiet machine
@@ -79,3 +80,34 @@ def _busy_seconds():
     return None
   user, nice, system, _, _, irq, softirq, steal = map(int, fields)
   return (user + nice + system + irq + softirq + steal) / os.sysconf("SC_CLK_TCK")
+
+
+def commit(checkout: pathlib.Path) -> str:
+  """The commit of a checkout, with "-dirty" where files differ from it."""
+  ran = subprocess.run(["git", "-C", checkout, "describe", "--always", "--dirty"], capture_output=True, text=True)
+  return ran.stdout.strip() or "unknown"
+
+
+class Memory:
+  """The largest memory that this process held since `__init__`, beyond what it held then: `peak_mb`, None elsewhere
+  than on Linux."""
+
+  def __init__(self):
+    self._at_first = self._status("VmRSS")
+    with contextlib.suppress(OSError):
+      pathlib.Path("/proc/self/clear_refs").write_text("5")  # the peak begins again from what is held now
+
+  def peak_mb(self) -> float | None:
+    peak = self._status("VmHWM")
+    return None if peak is None or self._at_first is None else peak - self._at_first
+
+  def held_mb(self) -> float | None:
+    return self._status("VmRSS")
+
+  @staticmethod
+  def _status(name):
+    try:
+      lines = pathlib.Path("/proc/self/status").read_text().splitlines()
+    except OSError:
+      return None
+    return next((int(line.split()[1]) / 1024 for line in lines if line.startswith(f"{name}:")), None)

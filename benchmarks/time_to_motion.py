@@ -185,11 +185,6 @@ def pair(old, row, part, key, form):
   return " → ".join(f"{median(one, key):{form}}" for one in found) if all(found) else ""
 
 
-def commit_of(checkout):
-  ran = subprocess.run(["git", "-C", checkout, "describe", "--always", "--dirty"], capture_output=True, text=True)
-  return ran.stdout.strip() or "unknown"
-
-
 def main():
   parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
   parser.add_argument("--checkout", type=pathlib.Path, default=ROOT, help="code to measure (this checkout)")
@@ -203,7 +198,7 @@ def main():
     print(comparison(*(json.loads(path.read_text()) for path in args.compare)))
     return
   checkout = args.checkout.resolve()
-  found = dict(commit=commit_of(checkout), date=machine.today(), machine=machine.describe(), rounds=args.rounds,
+  found = dict(commit=machine.commit(checkout), date=machine.today(), machine=machine.describe(), rounds=args.rounds,
                each_cold=args.each_cold, rows=measure(checkout, args.kinds, args.rounds, args.each_cold))
   print(table(found))
   if args.out:
