@@ -14,7 +14,9 @@ def load(name: str | os.PathLike = "cmdm-small", text: str | os.PathLike | None 
 
   text: another folder of the encoder. raw: the last weights of a run, not the average that it kept beside them.
   """
-  run = runs.load_run(name, tuple(registry.model_stages()), raw)
+  stage = runs.stage_of(name)
+  is_model = stage is not None and registry.model_of(stage) is not None  # imports no other method
+  run = runs.load_run(name, None if is_model else tuple(registry.model_stages()), raw)
   with checkpoint.building(run.folder):
     encoder = load_text_encoder(text or run.text, level=run.config.frozen.text_level)
     return registry.model_of(run.stage)(run, encoder)

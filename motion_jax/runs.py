@@ -111,6 +111,14 @@ def resolve_run(name: str | os.PathLike, stage: str | Sequence[str] | None = Non
                           f"{', '.join(shipped) or 'of this kind none does'}{did_you_mean(name, shipped)}")
 
 
+def stage_of(name: str | os.PathLike) -> str | None:
+  """The stage of the run in a folder, or of the shipped run of that name; None where there is no such run."""
+  try:
+    return checkpoint.load_config(resolve_run(name)).get("stage")
+  except (OSError, TypeError, ValueError):
+    return None
+
+
 def load_run(name: str | os.PathLike, stage: str | Sequence[str] | None = None, raw: bool = False) -> Run:
   """The run in a folder, or the shipped run of that name. stage: the stage, or those, that its config may have.
 

@@ -7,14 +7,17 @@ transparent, which reduces the file to a third.
 import struct
 
 import numpy as np
-from PIL import GifImagePlugin, Image
+
+from motion_jax.utils.lazy import LazyModule
+
+GifImagePlugin, Image = (LazyModule(f"PIL.{name}") for name in ("GifImagePlugin", "Image"))
 
 _COLORS, _PLAIN = 64, 6  # colours, and those of the ground; more make files larger and look the same
 _TOLERANCE = 8           # of 255: a pixel is rewritten only if it differs by more from the one shown
 _CLEAR = 255             # the colour number of transparent pixels
 
 
-def common_palette(images) -> Image.Image:
+def common_palette(images) -> "Image.Image":
   """A palette of 64 colours for a whole film, from some of its images (H, W, 3) uint8."""
   pixels = np.concatenate([image.reshape(-1, 3) for image in images])
   # A few colours weighted by frequency, for the ground; for the others each tone counts once.

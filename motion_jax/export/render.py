@@ -6,9 +6,11 @@ A camera looks at a ground with a grid; bodies stand on it, shaded, with soft sh
 from typing import NamedTuple
 
 import numpy as np
-from PIL import Image, ImageDraw, ImageFilter
 
 from motion_jax.export.raster import Mesh, draw_mesh
+from motion_jax.utils.lazy import LazyModule
+
+Image, ImageDraw, ImageFilter = (LazyModule(f"PIL.{name}") for name in ("Image", "ImageDraw", "ImageFilter"))
 
 _LIGHT = np.array([0.45, 0.8, 0.42]) / np.linalg.norm([0.45, 0.8, 0.42])  # direction towards the light, camera frame
 _SKY = np.array([0.965, 0.972, 0.984], np.float32)

@@ -12,7 +12,6 @@ import subprocess
 import textwrap
 
 import numpy as np
-from PIL import Image, ImageColor, ImageDraw, ImageFont
 
 from motion_jax.export import gif, render
 from motion_jax.export.body import default_colors, make_figure
@@ -23,7 +22,11 @@ from motion_jax.utils import progress, stopping
 from motion_jax.utils.atomic import atomic_path
 from motion_jax.utils.errors import EncoderError, InputError
 from motion_jax.utils.install import pip_install
+from motion_jax.utils.lazy import LazyModule
 from motion_jax.utils.nearest import did_you_mean
+
+Image, ImageColor, ImageDraw, ImageFont = (
+  LazyModule(f"PIL.{name}") for name in ("Image", "ImageColor", "ImageDraw", "ImageFont"))
 
 INK, _PALE_INK = (52, 56, 66), (225, 228, 235)
 VIEWS = {"front": (0, 13), "side": (90, 13), "top": (0, 89), "three-quarter": (35, 13)}  # azimuth, elevation, degrees

@@ -1,8 +1,11 @@
 """Keyword arguments of a model's methods: an unknown name is an error with a suggestion."""
-import difflib
 import functools
 from collections.abc import Callable, Sequence
 from typing import Any
+
+from motion_jax.utils.lazy import LazyModule
+
+difflib = LazyModule("difflib")
 
 # What other programs, or other calls, name so; the first of ours that a call has is the hint.
 OTHERS = {

@@ -1,5 +1,4 @@
 """The vocabulary of training captions, and the words of a prompt that are not in it."""
-import difflib
 import functools
 import heapq
 import re
@@ -46,6 +45,7 @@ def _is_name(before, word, after):
 def closest_word(word: str, known: Iterable[str]) -> str:
   """The known word closest to a misspelled one, "" where none is close: wlaks -> walks."""
   lower = word.lower()
+  import difflib
   near = difflib.get_close_matches(lower, [one for one in known if one[:1] == lower[:1]], 1, 0.8)
   return near[0] if near and len(lower) > 3 else ""
 

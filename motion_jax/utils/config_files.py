@@ -1,13 +1,13 @@
 """Configs by name or path: NAME[:SIZE] of one that ships, or FILE.py[:SIZE] of one's own."""
-import difflib
 import importlib.util
 import pathlib
-from typing import Any
-
-from ml_collections import ConfigDict
+from typing import TYPE_CHECKING, Any
 
 from motion_jax import configs
 from motion_jax.utils.errors import InputError
+
+if TYPE_CHECKING:
+  from ml_collections import ConfigDict
 
 FOLDER = pathlib.Path(configs.__path__[0])  # where the configs lie that ship
 
@@ -51,13 +51,14 @@ def _path_of(file):
   if own in [*names(), *recipes()]:
     return FOLDER / f"{own}.py"
   known = [*names(), *recipes()]
+  import difflib
   near = difflib.get_close_matches(path.stem, [pathlib.PurePath(name).name for name in known], 1, 0.5)
   hint = next(f"; did you mean {name}?" for name in known if name.endswith(near[0])) if near else (
       f"; it is the path of a Python file, or one of {', '.join(known)}")
   raise FileNotFoundError(f"there is no config {file!r}{hint}")
 
 
-def lines_of(config: ConfigDict) -> list[str]:
+def lines_of(config: "ConfigDict") -> list[str]:
   """A config in readable lines, one a section: "section: field=value field=value"."""
   plain = {name: value.to_dict() if hasattr(value, "to_dict") else value for name, value in config.items()}
   single = [f"{name}={_written(value)}" for name, value in plain.items() if not isinstance(value, dict)]
@@ -80,6 +81,6 @@ def _written(value):
   return f"{value:g}" if isinstance(value, float) else repr(value) if value == "" or " " in str(value) else str(value)
 
 
-def module_fields(section: ConfigDict) -> dict[str, Any]:
+def module_fields(section: "ConfigDict") -> dict[str, Any]:
   """A section of a config as fields of a Flax module: lists become tuples, which can be hashed."""
   return {name: tuple(value) if isinstance(value, list | tuple) else value for name, value in section.to_dict().items()}

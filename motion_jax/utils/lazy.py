@@ -2,7 +2,6 @@
 import ast
 import importlib
 import importlib.util
-import inspect
 import sys
 from collections.abc import Callable
 from typing import Any
@@ -15,7 +14,8 @@ def attach(package: str) -> tuple[Callable[[str], Any], Callable[[], list[str]]]
   imported when it is first used; submodules are found by name, too.
   """
   module = sys.modules[package]
-  source_of = {alias.name: node.module for block in ast.parse(inspect.getsource(module)).body
+  source = module.__spec__.loader.get_source(package)
+  source_of = {alias.name: node.module for block in ast.parse(source).body
                if isinstance(block, ast.If) and "TYPE_CHECKING" in ast.unparse(block.test)
                for node in block.body if isinstance(node, ast.ImportFrom) for alias in node.names}
 
@@ -32,6 +32,18 @@ def attach(package: str) -> tuple[Callable[[str], Any], Callable[[], list[str]]]
     return value
 
   return getattr_, lambda: sorted({*source_of, *vars(module)})
+
+
+class LazyModule:
+  """A module that is imported when one of its names is first used: `Image = LazyModule("PIL.Image")`."""
+
+  def __init__(self, name: str) -> None:
+    self._name = name
+
+  def __getattr__(self, attribute: str) -> Any:
+    value = getattr(importlib.import_module(self._name), attribute)
+    setattr(self, attribute, value)
+    return value
 
 
 def _is_package(name):

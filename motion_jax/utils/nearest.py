@@ -1,8 +1,6 @@
 """Suggest the nearest known name for a mistyped one."""
-import difflib
-
-
 def did_you_mean(name, known) -> str:
   """"; did you mean X?" for the known name that is most like a mistyped one, "" where none is."""
+  import difflib
   near = difflib.get_close_matches(str(name), [str(one) for one in known], 1, 0.6)
   return f"; did you mean {near[0]}?" if near else ""

@@ -7,7 +7,7 @@ A package names them in its pyproject.toml, and nothing of motion_jax is edited 
 """
 import functools
 import importlib
-import importlib.metadata
+import pathlib
 import sys
 from collections.abc import Callable, Iterator, MutableMapping
 from typing import Any, TypeVar
@@ -73,4 +73,20 @@ def _object(entry):
 @functools.lru_cache(maxsize=64)
 def _entry_points(group, _path):
   """{name: entry point} of a group; looked for once for each sys.path."""
+  if not _may_be_added(_path):
+    return {}
+  import importlib.metadata
   return {entry.name: entry for entry in importlib.metadata.entry_points(group=group)}
+
+
+@functools.lru_cache(maxsize=64)
+def _may_be_added(path):
+  """Whether a package on sys.path may have entry points of ours; importing importlib.metadata would take longer."""
+  folders = [pathlib.Path(folder or ".") for folder in path]
+  if any(folder.is_file() for folder in folders):
+    return True  # an archive, which only importlib.metadata reads
+  try:
+    return any(b"[motion_jax." in file.read_bytes() for folder in folders
+               for file in folder.glob("*-info/entry_points.txt"))
+  except OSError:
+    return True

@@ -218,7 +218,6 @@ def _load_pipeline(args, ability=None):
     from motion_studio.steps import Warn
   with timing.part("model"), progress.part(f"reading the model {args.model}"):
     model = loading.load(args.model)
-  shared.import_ahead("scipy.ndimage", "scipy.linalg")  # for cleanup and files, while JAX reads the program
   if ability and not model.can(ability):
     raise InputError(cannot(model.id, ability))
   return pipeline.Pipeline(model, [step for step in pipeline.STEPS if not isinstance(step, Warn)])

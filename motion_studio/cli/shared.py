@@ -1,8 +1,6 @@
 """Flags and functions of several commands."""
 import argparse
-import importlib
 import pathlib
-import threading
 
 from motion_jax.utils import progress
 from motion_jax.utils.errors import InputError
@@ -76,11 +74,6 @@ def config_of(args):
       one = len(args.data) == 1
       config.data.update(folder=args.data[0] if one else "", folders=() if one else tuple(args.data))
   return overrides.applied(args.overrides, config)
-
-
-def import_ahead(*names):
-  """Imports modules in a background thread; an import elsewhere waits for it."""
-  threading.Thread(target=lambda: [importlib.import_module(name) for name in names], daemon=True).start()
 
 
 def add_out(parser, default, files):
