@@ -1,4 +1,4 @@
-"""Measurements as files, one a row, so that a run that is cut short loses at most one and goes on where it was."""
+"""Measurements as files, one a row, so that a run that is cut short loses at most one and continues where it was."""
 import json
 import pathlib
 import sys
