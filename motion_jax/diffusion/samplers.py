@@ -1,11 +1,15 @@
-"""Solvers that carry noise along a table of times; the plain form, which the fast one is tested against.
+"""Solvers whose steps are given beforehand, so that a row never feels its batch-mates; `ode.dopri5` chooses its own.
 
-Their steps are given beforehand, so a row never feels its batch-mates; `ode.dopri5` chooses its own.
+`euler` and `heun` carry noise along a table of times, one per frame: the plain form, which the fast one is tested
+against. `runge_kutta` takes equal steps of any method of `METHODS`.
 """
 from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import jax
-from jaxtyping import Float
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float, Int
 
 from motion_jax.shapes import Array
 
@@ -35,33 +39,64 @@ def heun(velocity: Velocity, x: Float[Array, "*lead c"], times: Float[Array, " n
   return jax.lax.scan(step, x, (times[:-1], times[1:]))[0]
 
 
-def midpoint(velocity: Velocity, x: Float[Array, "*lead c"], times: Float[Array, " n #l"]) -> Float[Array, "*lead c"]:
-  """Like `euler`, with the velocity in the middle of a step: second order, two evaluations a step."""
-
-  def step(x, interval):
-    t, t_next = interval
-    width = (t_next - t)[:, None]
-    middle = x + width / 2 * velocity(x, t)
-    return x + width * velocity(middle, (t + t_next) / 2), None
-
-  return jax.lax.scan(step, x, (times[:-1], times[1:]))[0]
-
-
-def rk4(velocity: Velocity, x: Float[Array, "*lead c"], times: Float[Array, " n #l"]) -> Float[Array, "*lead c"]:
-  """Kutta's 3/8 rule: fourth order, four evaluations a step."""
-  # Parity: this one, not the classical rule, is what torchdiffeq calls rk4.
-
-  def step(x, interval):
-    t, t_next = interval
-    width = (t_next - t)[:, None]
-    k1 = velocity(x, t)
-    k2 = velocity(x + width * k1 / 3, t + (t_next - t) / 3)
-    k3 = velocity(x + width * (k2 - k1 / 3), t + (t_next - t) * 2 / 3)
-    k4 = velocity(x + width * (k1 - k2 + k3), t_next)
-    return x + width * (k1 + 3 * (k2 + k3) + k4) / 8, None
-
-  return jax.lax.scan(step, x, (times[:-1], times[1:]))[0]
-
-
 SOLVERS = {"euler": euler, "heun": heun}  # those that frame-wise sampling knows too
-FIXED_STEP = SOLVERS | {"midpoint": midpoint, "rk4": rk4}
+
+
+class Method(NamedTuple):
+  """An explicit Runge-Kutta method of up to 4 evaluations a step, as arrays: all methods are one program.
+
+  nodes (4,): where in a step each evaluation is; stages (4, 4): what it adds of the velocities before it; weights (4,):
+  of all of them in the step; count: how many evaluations there are.
+  """
+  nodes: Float[Array, "4"]
+  stages: Float[Array, "4 4"]
+  weights: Float[Array, "4"]
+  count: Int[Array, ""]
+
+
+def _method(nodes, stages, weights):
+  table = np.zeros((4, 4), np.float64)
+  for i, row in enumerate(stages):
+    table[i + 1, :len(row)] = row
+  pad = lambda row: np.pad(np.array(row, np.float64), (0, 4 - len(row)))
+  return Method(pad(nodes), table, pad(weights), np.int32(len(nodes)))
+
+
+METHODS = {
+    "euler": _method([0], [], [1]),
+    "heun": _method([0, 1], [[1]], [1 / 2, 1 / 2]),
+    "midpoint": _method([0, 1 / 2], [[1 / 2]], [0, 1]),
+    # Parity: Kutta's 3/8 rule, not the classical one, is what torchdiffeq calls rk4.
+    "rk4": _method([0, 1 / 3, 2 / 3, 1], [[1 / 3], [-1 / 3, 1], [1, -1, 1]], [1 / 8, 3 / 8, 3 / 8, 1 / 8]),
+}
+
+
+def runge_kutta(velocity: Callable[..., Array], x: Float[Array, "*lead c"], method: Method, num_steps: Any,
+                prepare: Callable[[Float[Array, " n"]], Any] = lambda times: times, together: int = 4
+                ) -> Float[Array, "*lead c"]:
+  """Carries x from t = 0 to 1 in num_steps equal steps of a method; both may be traced.
+
+  velocity(x, ready) where ready is of prepare(times (N,)), its leading axis taken: what a velocity computes of the time
+  alone is computed for N = `together` evaluations at once.
+  """
+  method = jax.tree.map(lambda a: jnp.asarray(a, None if a.dtype.kind == "i" else x.dtype), method)
+  num_steps = jnp.asarray(num_steps, jnp.int32)
+  width, total = 1 / num_steps.astype(x.dtype), num_steps * method.count
+  mix = lambda weights, slopes: width * jnp.tensordot(weights, slopes, 1)
+
+  def chunk(i, state):
+    index = i * together + jnp.arange(together)
+    step, stage = index // method.count, index % method.count
+    ready = prepare((step + method.nodes[stage]) * width)
+
+    def evaluate(j, state):
+      x, slopes = state
+      here = jnp.take(stage, j)
+      slope = velocity(x + mix(method.stages[here], slopes), jax.tree.map(lambda a: a[j], ready))
+      slopes = slopes.at[here].set(slope)
+      return jnp.where(here == method.count - 1, x + mix(method.weights, slopes), x), slopes
+
+    return jax.lax.fori_loop(0, jnp.minimum(together, total - i * together), evaluate, state)
+
+  chunks = (total + together - 1) // together
+  return jax.lax.fori_loop(0, chunks, chunk, (x, jnp.zeros((4, *x.shape), x.dtype)))[0]

@@ -116,14 +116,6 @@ def left_to_right(length: int) -> Float[np.ndarray, "1 {length}"]:
   return -np.arange(length, dtype=np.float32)[None]
 
 
-def unmasked_table(masked: Bool[Array, "n b l"]) -> Bool[Array, "n b l"]:
-  """(N, B, L): which latents keep what an iteration gives them, those that no later one finds masked.
-
-  The other rows of an iteration are thrown away, so only these need the solver: of a motion of 30 latents 30 of 187.
-  """
-  return masked & ~jnp.concatenate([masked[1:], jnp.zeros_like(masked[:1])])
-
-
 # --- editing -----------------------------------------------------------------------------------------------------
 
 

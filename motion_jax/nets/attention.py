@@ -150,8 +150,11 @@ class Attention(nn.Module):
   def attend(self, q: Float[Array, "b l h k"], k: Float[Array, "b s h k"], v: Float[Array, "b s h k"],
              attn_mask: Bool[Array, "#b 1 #l s"] | None = None,
              drop: Callable[..., Any] | None = None) -> Float[Array, "b l d"]:
-    y = dot_product_attention(q, k, v, attn_mask, scaled=not self.logit_scale, drop=drop,
-                              implementation=self.implementation)
+    return self.output(dot_product_attention(q, k, v, attn_mask, scaled=not self.logit_scale, drop=drop,
+                                             implementation=self.implementation))
+
+  def output(self, y: Float[Array, "b l h k"]) -> Float[Array, "b l d"]:
+    """The last layer, on the heads' weighted values; on the values themselves where there is a single one."""
     return self.o(y.reshape(y.shape[:-2] + (self.width,)))
 
   def __call__(self, x: Float[Array, "b l d"], context: Float[Array, "b s d"] | None = None,

@@ -19,52 +19,86 @@ XAVIER = nn.initializers.xavier_uniform()
 
 class ResBlock(nn.Module):
   """Two layers on a modulated norm; x, y (..., D). As initialised it is the identity."""
+  width: int
   dtype: Any
 
-  @nn.compact
-  def __call__(self, x: Float[Array, "*lead d"], y: Float[Array, "*lead d"]) -> Float[Array, "*lead d"]:
-    width = x.shape[-1]
-    film = Dense(3 * width, ("embed", "film"), kernel_init=nn.initializers.zeros, dtype=self.dtype, name="film")(
-        nn.silu(y))
-    shift, scale, gate = jnp.split(film, 3, axis=-1)
-    h = nn.LayerNorm(epsilon=1e-6, dtype=self.dtype, use_fast_variance=False, name="norm")(x) * (1 + scale) + shift
-    h = nn.silu(Dense(width, ("embed", "mlp"), kernel_init=XAVIER, dtype=self.dtype, name="ff_in")(h))
-    return x + gate * Dense(width, ("mlp", "embed"), kernel_init=XAVIER, dtype=self.dtype, name="ff_out")(h)
+  def setup(self) -> None:
+    self.film = Dense(3 * self.width, ("embed", "film"), kernel_init=nn.initializers.zeros, dtype=self.dtype)
+    self.norm = nn.LayerNorm(epsilon=1e-6, dtype=self.dtype, use_fast_variance=False)
+    self.ff_in = Dense(self.width, ("embed", "mlp"), kernel_init=XAVIER, dtype=self.dtype)
+    self.ff_out = Dense(self.width, ("mlp", "embed"), kernel_init=XAVIER, dtype=self.dtype)
+
+  def modulation(self, y: Float[Array, "*lead d"]) -> Float[Array, "*lead e"]:
+    """Shift, scale and gate side by side (..., 3 D); it does not depend on x."""
+    return self.film(nn.silu(y))
+
+  def run(self, x: Float[Array, "*lead d"], modulation: Float[Array, "*#lead e"]) -> Float[Array, "*lead d"]:
+    shift, scale, gate = jnp.split(modulation, 3, axis=-1)
+    h = nn.silu(self.ff_in(self.norm(x) * (1 + scale) + shift))
+    return x + gate * self.ff_out(h)
+
+  def __call__(self, x: Float[Array, "*lead d"], y: Float[Array, "*#lead d"]) -> Float[Array, "*lead d"]:
+    return self.run(x, self.modulation(y))
 
 
 class DiffusionMLP(nn.Module):
-  """x (..., C) noisy latents at t (...), condition (..., H) -> velocity or noise (..., C)."""
+  """x (..., C) noisy latents at t (...), condition (..., H) -> velocity or noise (..., C).
+
+  `modulation` is what depends on t and condition alone, three fifths of the parameters; a solver can compute it for
+  several times together. `run` is the rest.
+  """
   latent_dim: int = 512
   width: int = 1792
   depth: int = 16
   dtype: Any = jnp.float32
   remat: bool = False  # a gradient computes what is inside of a block once more, instead of keeping it
 
-  @nn.compact
+  def setup(self) -> None:
+    dense = lambda size, *axes, init=XAVIER: Dense(size, axes, kernel_init=init, dtype=self.dtype)
+    normal = nn.initializers.normal(0.02)
+    self.time_in = dense(self.width, None, "mlp", init=normal)
+    self.time_out = dense(self.width, "mlp", "embed", init=normal)
+    self.condition_in, self.x_in = dense(self.width, None, "embed"), dense(self.width, None, "embed")
+    block = nn.remat(ResBlock) if self.remat else ResBlock
+    self.blocks = [block(self.width, self.dtype, name=f"block{i}") for i in range(self.depth)]
+    self.film = dense(2 * self.width, "embed", "film", init=nn.initializers.zeros)
+    self.out = dense(self.latent_dim, "embed", None, init=nn.initializers.zeros)
+    self.norm = layer_norm(1e-6, self.dtype)
+
+  def _level(self, t, condition):
+    # Parity: raw t in [0, 1] enters the sinusoids of the flow, not t * 1000.
+    numbers = timestep_embedding(jnp.asarray(t).astype(promote_to_f32(self.dtype)))
+    return self.time_out(nn.silu(self.time_in(numbers))) + self.condition_in(condition.astype(self.dtype))
+
+  def modulation(self, t: Num[Array, "*#lead"], condition: Float[Array, "*#lead h"]) -> tuple[Array, ...]:
+    """Of each block (..., 3 D), and of the last layer (..., 2 D)."""
+    y = self._level(t, condition)
+    return (*(block.modulation(y) for block in self.blocks), self.film(nn.silu(y)))
+
+  def run(self, x: Float[Array, "*lead c"], modulation: tuple[Array, ...]) -> Float[Array, "*lead c"]:
+    """Velocity or noise (..., C) of x, with what `modulation` gives."""
+    x = self.x_in(x.astype(self.dtype))
+    for block, film in zip(self.blocks, modulation):
+      x = block.run(x, film)
+    return self._output(x, modulation[-1])
+
+  def _output(self, x, film):
+    shift, scale = jnp.split(film, 2, axis=-1)
+    return self.out(self.norm(x) * (1 + scale) + shift)
+
   def __call__(self, x: Float[Array, "*lead c"], t: Num[Array, "*#lead"], condition: Float[Array, "*#lead h"]
                ) -> Float[Array, "*lead c"]:
-    dense = lambda size, name, *axes, init=XAVIER: Dense(size, axes, kernel_init=init, dtype=self.dtype, name=name)
-    normal = nn.initializers.normal(0.02)
-    # Parity: raw t in [0, 1] enters the sinusoids of the flow, not t * 1000.
-    numbers = timestep_embedding(jnp.broadcast_to(t, x.shape[:-1]).astype(promote_to_f32(self.dtype)))
-    level = dense(self.width, "time_out", "mlp", "embed", init=normal)(
-        nn.silu(dense(self.width, "time_in", None, "mlp", init=normal)(numbers)))
-    y = level + dense(self.width, "condition_in", None, "embed")(condition.astype(self.dtype))
-    x = dense(self.width, "x_in", None, "embed")(x.astype(self.dtype))
-    block = nn.remat(ResBlock) if self.remat else ResBlock
-    for i in range(self.depth):
-      x = block(self.dtype, name=f"block{i}")(x, y)
-    film = dense(2 * self.width, "film", "embed", "film", init=nn.initializers.zeros)(nn.silu(y))
-    shift, scale = jnp.split(film, 2, axis=-1)
-    out = dense(self.latent_dim, "out", "embed", None, init=nn.initializers.zeros)
-    return out(layer_norm(1e-6, self.dtype)(x) * (1 + scale) + shift)
+    y, x = self._level(t, condition), self.x_in(x.astype(self.dtype))
+    for block in self.blocks:
+      x = block(x, y)
+    return self._output(x, self.film(nn.silu(y)))
 
 
 class Generator(nn.Module):
   """A masked transformer and its diffusion head, as they are trained and saved together.
 
   transformer: a `MaskedTransformer` or `GatedTransformer`; head: a `DiffusionMLP`. `condition` is the one's call,
-  `predict` the other's.
+  `predict` the other's; `text_state`, `window`, `modulation` and `run` are the same passes in parts.
   """
   transformer: Any
   head: Any
@@ -75,6 +109,18 @@ class Generator(nn.Module):
   def predict(self, x: Float[Array, "*lead c"], t: Num[Array, "*#lead"], condition: Float[Array, "*#lead h"]
               ) -> Float[Array, "*lead c"]:
     return self.head(x, t, condition)
+
+  def text_state(self, text_emb: Float[Array, "b s e"]) -> tuple[Any, ...]:
+    return self.transformer.text_state(text_emb)
+
+  def window(self, *args: Any, **named: Any) -> tuple[Float[Array, "b w h"], tuple[Any, ...]]:
+    return self.transformer.window(*args, **named)
+
+  def modulation(self, t: Num[Array, "*#lead"], condition: Float[Array, "*#lead h"]) -> tuple[Array, ...]:
+    return self.head.modulation(t, condition)
+
+  def run(self, x: Float[Array, "*lead c"], modulation: tuple[Array, ...]) -> Float[Array, "*lead c"]:
+    return self.head.run(x, modulation)
 
   def mask_token(self) -> Float[Array, "1 1 c"]:
     return self.transformer.mask_token()

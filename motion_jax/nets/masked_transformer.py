@@ -4,9 +4,10 @@ CDAMD's and, as its baseline, MARDM's (docs/papers/cdamd.md#masked-transformer).
 stream of their last block, to `nets.diffusion_mlp`, which makes a latent of each row.
 """
 import functools
-from typing import Any
+from typing import Any, NamedTuple
 
 import flax.linen as nn
+import jax
 import jax.numpy as jnp
 from jaxtyping import Bool, Float, Int
 
@@ -34,6 +35,24 @@ def size(name: str, **fields: Any) -> dict[str, Any]:
   return SIZES[name] | fields
 
 
+Cache = tuple[Array, Array]  # keys and values (B, L, H, D / H) of one block's self-attention
+
+
+def with_window(cache: Cache | None, window: Cache, start: Any) -> Cache:
+  """The cache with the keys and values of a window at the positions from start on; None: the window is everything."""
+  if cache is None:
+    return window
+  put = lambda old, new: jax.lax.dynamic_update_slice_in_dim(old, new, start, axis=1)
+  return put(cache[0], window[0]), put(cache[1], window[1])
+
+
+def empty_caches(transformer: Any, batch: int, length: int) -> tuple[Cache, ...]:
+  """Caches of all blocks for `window`, before its first."""
+  shape = (batch, length, transformer.num_heads, transformer.width // transformer.num_heads)
+  return tuple((jnp.zeros(shape, transformer.dtype), jnp.zeros(shape, transformer.dtype))
+               for _ in range(transformer.depth))
+
+
 class Inputs(nn.Module):
   """What both transformers begin with: latents and words as tokens, and the latent that stands for a masked one."""
   latent_dim: int
@@ -48,12 +67,15 @@ class Inputs(nn.Module):
     self.text_in = Dense(self.width, (None, "embed"), kernel_init=NORMAL, dtype=self.dtype)
     self.drop = Dropout(self.dropout)
 
-  def embed(self, tokens: Float[Array, "b l d"], items: Int[Array, " b"] | None) -> Float[Array, "b l d"]:
-    """Tokens (B, L, D) with their fixed positions, then dropout."""
-    return self.drop(tokens + sinusoids(tokens.shape[1], tokens.shape[2], self.dtype), items)
+  def embed(self, tokens: Float[Array, "b l d"], items: Int[Array, " b"] | None, start: Any = 0, length: int = 0
+            ) -> Float[Array, "b l d"]:
+    """Tokens (B, L, D) with their fixed positions from start on, of length at most, then dropout."""
+    table = sinusoids(length or tokens.shape[1], tokens.shape[2], self.dtype)
+    return self.drop(tokens + jax.lax.dynamic_slice_in_dim(table, start, tokens.shape[1]), items)
 
-  def latents(self, x: Float[Array, "b l c"], items: Int[Array, " b"] | None) -> Float[Array, "b l d"]:
-    return self.embed(self.x_in(x.astype(self.dtype)), items)
+  def latents(self, x: Float[Array, "b l c"], items: Int[Array, " b"] | None, start: Any = 0, length: int = 0
+              ) -> Float[Array, "b l d"]:
+    return self.embed(self.x_in(x.astype(self.dtype)), items, start, length)
 
   def words(self, text_emb: Float[Array, "b s e"]) -> Float[Array, "b s d"]:
     return self.text_in(text_emb.astype(self.dtype) * self.text_scale)
@@ -63,38 +85,66 @@ class Inputs(nn.Module):
     return self.mask_latent
 
 
+class TextState(NamedTuple):
+  """What a caption gives to one block: scale and shift of each norm (B, 1, D), and keys and values (B, S, H, D / H) of
+  the cross-attention or, where there is a single token to attend to, its output (B, 1, D)."""
+  modulation: tuple[tuple[Array, Array], ...]
+  cross: Any
+
+
 class Block(nn.Module):
   """Self-attention, cross-attention to the conditions, feed-forward, each behind a norm that the caption modulates.
 
   Shapes: x (B, L, D), cond (B, S + L, D), text (B, 1, D), masks (B, 1, L, L) and (B, 1, L, S + L) -> (B, L, D).
   """
+  width: int
   num_heads: int
   ff_width: int
   dropout: float
   dtype: Any
   attention: str = "xla"
 
-  @nn.compact
+  def setup(self) -> None:
+    dense = lambda size, *axes: Dense(size, axes, kernel_init=NORMAL, dtype=self.dtype)
+    attention = lambda: Attention(self.width, self.num_heads, self.dtype, normalize=False, kernel_init=NORMAL,
+                                  implementation=self.attention)
+    self.scale1, self.scale2, self.scale3 = (dense(self.width, "embed", "film") for _ in range(3))
+    self.shift1, self.shift2, self.shift3 = (dense(self.width, "embed", "film") for _ in range(3))
+    self.self_attn, self.cross_attn = attention(), attention()
+    self.ff_in, self.ff_out = dense(self.ff_width, "embed", "mlp"), dense(self.width, "mlp", "embed")
+    self.norm = layer_norm(1e-5, self.dtype)
+    self.drops = [Dropout(self.dropout, name=f"Dropout_{i}") for i in range(5)]
+
+  def text_state(self, cond: Float[Array, "b s d"], text: Float[Array, "b 1 d"], training: bool = False) -> TextState:
+    scales, shifts = (self.scale1, self.scale2, self.scale3), (self.shift1, self.shift2, self.shift3)
+    keys, values = self.cross_attn.keys_values(cond)
+    # A softmax over a single key is 1, whatever the query; training drops that weight, too, and init needs all layers.
+    single = keys.shape[1] == 1 and not training and not self.is_initializing()
+    return TextState(tuple((scale(text), shift(text)) for scale, shift in zip(scales, shifts)),
+                     self.cross_attn.output(values) if single else (keys, values))
+
+  def run(self, x: Float[Array, "b w d"], state: TextState, attn_mask: Bool[Array, "#b 1 w l"],
+          cross_mask: Bool[Array, "b 1 w s"], items: Int[Array, " b"] | None = None, cache: Cache | None = None,
+          start: Any = 0) -> tuple[Float[Array, "b w d"], Cache]:
+    """x at the positions from start on, others' keys and values being in the cache -> (y, the cache with these)."""
+    drop_weights = None if items is None or not self.dropout else functools.partial(self.drops[0], items=items)
+    norm = lambda x, i: self.norm(x) * (1 + state.modulation[i][0]) + state.modulation[i][1]
+    y = norm(x, 0)
+    cache = with_window(cache, self.self_attn.keys_values(y), start)
+    y = self.self_attn.attend(self.self_attn.queries(y), *cache, attn_mask, drop_weights)
+    x = x + self.drops[1](y, items)
+    if isinstance(state.cross, tuple):
+      y = self.cross_attn.attend(self.cross_attn.queries(norm(x, 1)), *state.cross, cross_mask, drop_weights)
+      x = x + self.drops[2](y, items)
+    else:
+      x = x + state.cross
+    y = self.drops[3](nn.gelu(self.ff_in(norm(x, 2)), approximate=False), items)
+    return x + self.drops[4](self.ff_out(y), items), cache
+
   def __call__(self, x: Float[Array, "b l d"], cond: Float[Array, "b s d"], text: Float[Array, "b 1 d"],
                attn_mask: Bool[Array, "#b 1 l l"], cross_mask: Bool[Array, "b 1 l s"],
                items: Int[Array, " b"] | None = None) -> Float[Array, "b l d"]:
-    width = x.shape[-1]
-    dense = lambda size, name, *axes: Dense(size, axes, kernel_init=NORMAL, dtype=self.dtype, name=name)
-    drop = lambda y: Dropout(self.dropout)(y, items)
-    drop_weights = None if items is None or not self.dropout else functools.partial(Dropout(self.dropout), items=items)
-    attention = lambda name: Attention(width, self.num_heads, self.dtype, normalize=False, kernel_init=NORMAL,
-                                       implementation=self.attention, name=name)
-
-    def norm(x, i):
-      scale, shift = (dense(width, f"{name}{i}", "embed", "film")(text) for name in ("scale", "shift"))
-      return layer_norm(1e-5, self.dtype)(x) * (1 + scale) + shift
-
-    y = attention("self_attn")(norm(x, 1), attn_mask=attn_mask, drop=drop_weights)
-    x = x + drop(y)
-    y = attention("cross_attn")(norm(x, 2), cond, cross_mask, drop=drop_weights)
-    x = x + drop(y)
-    y = drop(nn.gelu(dense(self.ff_width, "ff_in", "embed", "mlp")(norm(x, 3)), approximate=False))
-    return x + drop(dense(width, "ff_out", "mlp", "embed")(y))
+    return self.run(x, self.text_state(cond, text, items is not None), attn_mask, cross_mask, items)[0]
 
 
 class MaskedTransformer(nn.Module):
@@ -134,11 +184,34 @@ class MaskedTransformer(nn.Module):
     # Parity: the code adds learned positions to the sines, at their initial size of 1.
     self.positions = self.param("positions", nn.initializers.normal(1.0), (1, self.max_length, self.width))
     block = nn.remat(Block) if self.remat else Block
-    self.blocks = [block(self.num_heads, self.ff_width, self.dropout, self.dtype, self.attention, name=f"block{i}")
-                   for i in range(self.depth)]
+    self.blocks = [block(self.width, self.num_heads, self.ff_width, self.dropout, self.dtype, self.attention,
+                         name=f"block{i}") for i in range(self.depth)]
 
   def mask_token(self) -> Float[Array, "1 1 c"]:
     return self.inputs.mask_token()
+
+  def text_state(self, text_emb: Float[Array, "b s e"]) -> tuple[TextState, ...]:
+    """What `window` takes of a caption, of each block."""
+    words = self.inputs.words(text_emb)
+    return tuple(block.text_state(words, words[:, :1]) for block in self.blocks)
+
+  def window(self, x: Float[Array, "b w c"], state: tuple[TextState, ...], attn_mask: Bool[Array, "#b 1 w l"],
+             text_mask: Bool[Array, "b s"] | None = None, caches: tuple[Cache, ...] | None = None, start: Any = 0
+             ) -> tuple[Float[Array, "b w d"], tuple[Cache, ...]]:
+    """Conditions of W latents from position start on, and the keys and values of all L positions, which these join.
+
+    Without caches the window is everything. As `__call__` without codes.
+    """
+    positions = jax.lax.dynamic_slice_in_dim(self.positions, start, x.shape[1], axis=1)
+    y = self.inputs.latents(x, None, start, attn_mask.shape[-1]) + positions.astype(self.dtype)
+    if text_mask is None:
+      text_mask = jnp.ones((x.shape[0], 1), bool)
+    cross_mask = jnp.broadcast_to(text_mask[:, None, None], (x.shape[0], 1, x.shape[1], text_mask.shape[1]))
+    made = []
+    for i, block in enumerate(self.blocks):
+      y, cache = block.run(y, state[i], attn_mask, cross_mask, cache=caches and caches[i], start=start)
+      made.append(cache)
+    return y, tuple(made)
 
   def prior(self, codes: Int[Array, "b l *q"]) -> Float[Array, "b l d"]:
     """Prior tokens (B, L, D). Several levels have a row of their own added and are averaged, one alone has not."""
@@ -175,29 +248,42 @@ class MaskedTransformer(nn.Module):
 
 class GatedBlock(nn.Module):
   """Self-attention and feed-forward whose scale, shift and gate come from the caption; the identity at first."""
+  width: int
   num_heads: int
   ff_width: int
   dropout: float
   dtype: Any
   attention: str = "xla"
 
-  @nn.compact
+  def setup(self) -> None:
+    dense = lambda size, *axes: Dense(size, axes, kernel_init=NORMAL, dtype=self.dtype)
+    self.film = Dense(6 * self.width, ("embed", "film"), kernel_init=nn.initializers.zeros, dtype=self.dtype)
+    self.self_attn = Attention(self.width, self.num_heads, self.dtype, normalize=False, kernel_init=NORMAL,
+                               implementation=self.attention)
+    self.ff_in, self.ff_out = dense(self.ff_width, "embed", "mlp"), dense(self.width, "mlp", "embed")
+    self.norm = layer_norm(1e-6, self.dtype)
+    self.drops = [Dropout(self.dropout, name=f"Dropout_{i}") for i in range(2)]
+
+  def text_state(self, text: Float[Array, "b 1 d"]) -> tuple[Array, ...]:
+    """Shift, scale and gate (B, 1, D) of the attention, then of the feed-forward."""
+    return tuple(jnp.split(self.film(nn.silu(text)), 6, axis=-1))
+
+  def run(self, x: Float[Array, "b w d"], state: tuple[Array, ...], attn_mask: Bool[Array, "#b 1 w l"],
+          items: Int[Array, " b"] | None = None, cache: Cache | None = None, start: Any = 0
+          ) -> tuple[Float[Array, "b w d"], Cache]:
+    """As `Block.run`."""
+    shift1, scale1, gate1, shift2, scale2, gate2 = state
+    drop_weights = None if items is None or not self.dropout else functools.partial(self.drops[0], items=items)
+    y = self.norm(x) * (1 + scale1) + shift1
+    cache = with_window(cache, self.self_attn.keys_values(y), start)
+    y = self.self_attn.attend(self.self_attn.queries(y), *cache, attn_mask, drop_weights)
+    x = x + gate1 * self.drops[1](y, items)
+    y = nn.gelu(self.ff_in(self.norm(x) * (1 + scale2) + shift2), approximate=True)
+    return x + gate2 * self.ff_out(y), cache
+
   def __call__(self, x: Float[Array, "b l d"], text: Float[Array, "b 1 d"], attn_mask: Bool[Array, "#b 1 l l"],
                items: Int[Array, " b"] | None = None) -> Float[Array, "b l d"]:
-    width = x.shape[-1]
-    dense = lambda size, name, *axes: Dense(size, axes, kernel_init=NORMAL, dtype=self.dtype, name=name)
-    film = Dense(6 * width, ("embed", "film"), kernel_init=nn.initializers.zeros, dtype=self.dtype, name="film")(
-        nn.silu(text))
-    shift1, scale1, gate1, shift2, scale2, gate2 = jnp.split(film, 6, axis=-1)
-    norm = layer_norm(1e-6, self.dtype)
-    drop = lambda y: Dropout(self.dropout)(y, items)
-    attention = Attention(width, self.num_heads, self.dtype, normalize=False, kernel_init=NORMAL,
-                          implementation=self.attention, name="self_attn")
-    drop_weights = None if items is None or not self.dropout else functools.partial(Dropout(self.dropout), items=items)
-    y = attention(norm(x) * (1 + scale1) + shift1, attn_mask=attn_mask, drop=drop_weights)
-    x = x + gate1 * drop(y)
-    y = nn.gelu(dense(self.ff_width, "ff_in", "embed", "mlp")(norm(x) * (1 + scale2) + shift2), approximate=True)
-    return x + gate2 * dense(width, "ff_out", "mlp", "embed")(y)
+    return self.run(x, self.text_state(text), attn_mask, items)[0]
 
 
 class GatedTransformer(nn.Module):
@@ -220,11 +306,26 @@ class GatedTransformer(nn.Module):
   def setup(self) -> None:
     self.inputs = Inputs(self.latent_dim, self.width, self.text_scale, self.dropout, self.dtype)
     block = nn.remat(GatedBlock) if self.remat else GatedBlock
-    self.blocks = [block(self.num_heads, self.ff_width, self.dropout, self.dtype, self.attention, name=f"block{i}")
-                   for i in range(self.depth)]
+    self.blocks = [block(self.width, self.num_heads, self.ff_width, self.dropout, self.dtype, self.attention,
+                         name=f"block{i}") for i in range(self.depth)]
 
   def mask_token(self) -> Float[Array, "1 1 c"]:
     return self.inputs.mask_token()
+
+  def text_state(self, text_emb: Float[Array, "b s e"]) -> tuple[tuple[Array, ...], ...]:
+    text = self.inputs.words(text_emb[:, :1])
+    return tuple(block.text_state(text) for block in self.blocks)
+
+  def window(self, x: Float[Array, "b w c"], state: tuple[tuple[Array, ...], ...], attn_mask: Bool[Array, "#b 1 w l"],
+             text_mask: Bool[Array, "b s"] | None = None, caches: tuple[Cache, ...] | None = None, start: Any = 0
+             ) -> tuple[Float[Array, "b w d"], tuple[Cache, ...]]:
+    """As `MaskedTransformer.window`."""
+    length = attn_mask.shape[-1]
+    y, made = self.inputs.latents(x, None, start, length), []
+    for i, block in enumerate(self.blocks):
+      y, cache = block.run(y, state[i], attn_mask, cache=caches and caches[i], start=start)
+      made.append(cache)
+    return y, tuple(made)
 
   def __call__(self, x: Float[Array, "b l c"], text_emb: Float[Array, "b s e"], attn_mask: Bool[Array, "#b 1 l l"],
                codes: Int[Array, "b l *q"] | None = None, prior_mask: Bool[Array, " b"] | None = None,

@@ -2,6 +2,7 @@
 
 An item's numbers depend on its own key alone, so they are the same in any batch and on any number of devices.
 """
+import functools
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
@@ -58,9 +59,9 @@ def draw_step(rng: jax.Array, keys: jax.Array, length: int, channels: int, confi
 _SHARED = 1 << 30  # in the place of an iteration: of the noise that all latents share
 
 
-def make_draw(keys: jax.Array, length: int, channels: int, shared: float = 0.0) -> Callable[..., Array]:
-  """draw(k, j) for `make_latents`: noise (B, L, C) that depends on a motion's key, iteration, step and place, nothing
-  else, so neither padding nor batch-mates change it. keys (B,).
+def make_draw(keys: jax.Array, channels: int, shared: float = 0.0) -> Callable[..., Array]:
+  """draw(k, j, places) for `make_latents`: noise (B, R, C) of places (B, R) in iterations k (B, R), which depends on a
+  motion's key, iteration, step j and place, nothing else, so neither padding nor batch-mates change it. keys (B,).
 
   shared: of the noise's variance, how much is of one draw for all latents of a motion. The head makes each latent from
   noise of its own, so what the transformer leaves open, such as where exactly the body is, is decided again for every
@@ -69,9 +70,9 @@ def make_draw(keys: jax.Array, length: int, channels: int, shared: float = 0.0) 
   """
   fold = jax.random.fold_in
 
-  def draw(k, j):
-    of_place = lambda key, place: jax.random.normal(fold(fold(fold(key, k), j), place), (channels,))
-    own = jax.vmap(lambda key: jax.vmap(lambda place: of_place(key, place))(jnp.arange(length)))(keys)
+  def draw(k, j, places):
+    of_place = lambda key, k, place: jax.random.normal(fold(fold(fold(key, k), j), place), (channels,))
+    own = jax.vmap(jax.vmap(of_place, (None, 0, 0)))(keys, k, places)
     if not shared:
       return own
     common = jax.vmap(lambda key: jax.random.normal(fold(fold(key, _SHARED), j), (1, channels)))(keys)
@@ -87,8 +88,13 @@ def draw_order(keys: jax.Array, lengths: Sequence[int] | Array, length: int, ord
   if order == "left_to_right":
     numbers: Any = np.broadcast_to(masking.left_to_right(length), (len(lengths), length))
   elif order == "random":
-    of_place = lambda key, place: jax.random.uniform(jax.random.fold_in(jax.random.fold_in(key, 2**31 - 1), place))
-    numbers = jax.vmap(lambda key: jax.vmap(lambda place: of_place(key, place))(jnp.arange(length)))(keys)
+    numbers = _random_order(keys, length)
   else:
     raise ValueError(f"got order {order!r}, expected random or left_to_right")
   return np.where(np.arange(length) < np.asarray(lengths)[:, None], numbers, np.inf)
+
+
+@functools.partial(jax.jit, static_argnums=1)
+def _random_order(keys, length):
+  of_place = lambda key, place: jax.random.uniform(jax.random.fold_in(jax.random.fold_in(key, 2**31 - 1), place))
+  return jax.vmap(lambda key: jax.vmap(lambda place: of_place(key, place))(jnp.arange(length)))(keys)

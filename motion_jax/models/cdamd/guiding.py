@@ -21,25 +21,24 @@ VARIANCE = 0.05  # of a finished latent, in units of that of all latents: how fa
 
 @flax.struct.dataclass
 class Settling:
-  """A signal of all frames (B, T), and what makes joints of features."""
+  """What makes joints of features, and the number of Gauss-Newton steps."""
   mean: Any
   std: Any
-  signal: ControlSignal
+  num_times: Any
   layout: str = flax.struct.field(pytree_node=False, default="coordinates")
-  num_times: int = flax.struct.field(pytree_node=False, default=4)
 
   @classmethod
-  def of(cls, stats: Stats, signal: ControlSignal, num_times: int = 4) -> Self:
-    return cls(stats.mean, stats.std, signal, stats.layout.name, num_times)
+  def of(cls, stats: Stats, num_times: int) -> Self:
+    return cls(stats.mean, stats.std, num_times, stats.layout.name)
 
-  def settle(self, codec: AutoencoderCodec, latents: Float[Array, "b l c"], real_mask: Bool[Array, "b l"]
-             ) -> Float[Array, "b l c"]:
+  def settle(self, codec: AutoencoderCodec, latents: Float[Array, "b l c"], real_mask: Bool[Array, "b l"],
+             signal: ControlSignal) -> Float[Array, "b l c"]:
+    """Latents pulled towards a signal of all frames (B, 4 L)."""
     layout = get_layout(self.layout)
 
     def residual(z):
       features = codec.decode(z, real_mask) * self.std + self.mean
       turned, _ = layout.root_path(features)
-      return guidance.residual(self.signal, layout.to_joints(features), -2 * jnp.arctan2(turned[..., 2],
-                                                                                        turned[..., 0]))
+      return guidance.residual(signal, layout.to_joints(features), -2 * jnp.arctan2(turned[..., 2], turned[..., 0]))
 
     return guidance.refine(residual, latents, jnp.where(real_mask[..., None], VARIANCE, 0.0), self.num_times)

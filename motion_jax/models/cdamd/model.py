@@ -1,11 +1,9 @@
 """CDAMD ready to use: motion from prompts, and edits of existing motions."""
 import dataclasses
 from collections.abc import Iterable, Sequence
-from functools import partial
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
@@ -16,10 +14,10 @@ from motion_jax.models import arguments, cdamd
 from motion_jax.models import length as lengths
 from motion_jax.models import mask_schedule as masking
 from motion_jax.models.base import TextToMotionModel, keys_of
-from motion_jax.models.cdamd import draws
+from motion_jax.models.batches import in_batches
+from motion_jax.models.cdamd import draws, unmasking
 from motion_jax.models.cdamd.guiding import Settling
 from motion_jax.models.cdamd.options import CdamdSampling
-from motion_jax.models.cdamd.unmasking import most_unmasked
 from motion_jax.models.known_motion import clip_of, on_our_body
 from motion_jax.models.pasting import Spans
 from motion_jax.models.results import Motion, Motions, captions_in_a_row, features_of, gathered, make_motions
@@ -28,8 +26,8 @@ from motion_jax.motion.cleanup import clean_up
 from motion_jax.motion.filling import in_spans, runs_of
 from motion_jax.motion.representations import get_layout
 from motion_jax.nets.autoencoder import Autoencoder
+from motion_jax.nets.diffusion_mlp import Generator
 from motion_jax.nets.length_estimator import LengthEstimator
-from motion_jax.nets.masks import padding_mask
 from motion_jax.runs import Run
 from motion_jax.shapes import Array
 from motion_jax.text.captions import of_a_person
@@ -39,6 +37,7 @@ from motion_jax.utils import cache
 from motion_jax.utils.config_files import module_fields
 from motion_jax.utils.numerals import checked
 
+WINDOW = 4  # positions of a latent-by-latent decoding iteration that the transformer computes; others are cached
 CONTROL_STEPS = 4  # Gauss-Newton steps of guidance by constraints
 _PAST = 8  # frames of the past that a further segment is conditioned on; with more, a second squat may be left out
 
@@ -69,17 +68,16 @@ class CdamdModel(TextToMotionModel):
       shapes["length"] = lengths.length_shapes(self.length, text_dim)
     super().__init__(run, encoder, text_dim, self.autoencoder.frames_per_latent, shapes,
                      cache.kept_shapes("cdamd.generator", self.net, lambda: cdamd.generator_shapes(self.net)))
-    # All motions are padded to the training length, whose positions are known, and compiled once.
+    # All motions are padded to the training length, whose positions are known.
     self.max_latents = config.data.max_frames // self.frames_per_latent
     self.codec = AutoencoderCodec.of(self.autoencoder, self.frozen)
-    self._generate = cache.Program("cdamd.generate", partial(_generate, self.net), 1, (self.net,))
-    self._edit = cache.Program("cdamd.edit", partial(_edit, self.net), 1, (self.net,))
+    self.programs = Programs(self.net, self.length)
 
   def estimated_frames(self, prompt: str) -> int | None:
     """The median length by the length estimator, at most that of training; None for a run without one."""
     if self.length is None:
       return None
-    logits: Any = self.length.apply(self.frozen["length"], self.encoder([of_a_person(prompt)])[0][:, 0])
+    logits = self.programs.length(self.frozen["length"], self.encoder([of_a_person(prompt)])[0][:, 0])
     return min(int(lengths.middle_frames(logits, self.frames_per_latent)[0]), self.config.data.max_frames)
 
   def sample(self, prompts: Sequence[str], frames: Sequence[int], keys: jax.Array, seeds: Sequence[int | None],
@@ -94,14 +92,14 @@ class CdamdModel(TextToMotionModel):
         ("control_steps", CONTROL_STEPS), ("refinements", 0)))
     frames = [count // self.frames_per_latent * self.frames_per_latent for count in frames]
     every = np.arange(self.max_latents) < np.array(frames)[:, None] // self.frames_per_latent
-    plan, masked, scale, about = self._tables(keys, every, **sampling)
-    text_emb, text_mask = self.encode_words(prompts)
-    guidance: dict[str, Any] = {}
+    made, about = self._latents(np.zeros(every.shape + (self.net.transformer.latent_dim,), np.float32), every, every,
+                                prompts, keys, sampling)
     if signal is not None and steps:
       signal = signal.slice_frames(0, self.max_latents * self.frames_per_latent)
-      guidance, about = dict(settling=Settling.of(self.stats, signal, steps)), about | dict(control_steps=steps)
-    made = self._generate(plan, self.params, self.codec, text_emb=text_emb, text_mask=text_mask, masked=masked,
-                          real_mask=jnp.asarray(every), scale=scale, keys=keys, **guidance)
+      about = about | dict(control_steps=steps)
+      made = in_batches(self.programs.settle, made, every, signal,
+                        shared=(self.codec, Settling.of(self.stats, steps)))
+    made = in_batches(self.programs.decode, made, every, shared=(self.codec,))
     captions = [captions_in_a_row([prompt], [count], self.fps) for prompt, count in zip(prompts, frames)]
     return make_motions(self, made, frames, captions, seeds, about, cleanup)
 
@@ -202,16 +200,14 @@ class CdamdModel(TextToMotionModel):
   def _inpainted(self, features, edited, prompts, keys, sampling):
     """(normalized features (B, T, F), record of the sampling) of features [(T, F)], not normalized, with the latents
     edited (B, L) sampled."""
-    plan, masked, scale, about = self._tables(keys, edited, **sampling)
     unit, length = self.frames_per_latent, self.max_latents * self.frames_per_latent
     padded = np.zeros((len(features), length, self.stats.layout.dim), np.float32)
     for row, x in zip(padded, features):  # the last frame fills its latent
       row[:len(x) + -len(x) % unit] = self.stats.normalize(np.pad(x, ((0, -len(x) % unit), (0, 0)), mode="edge"))
-    real = padding_mask(jnp.array([-(-len(x) // unit) for x in features]), self.max_latents)
-    text_emb, text_mask = self.encode_words(prompts)
-    made = self._edit(plan, self.params, self.codec, padded, text_emb=text_emb, text_mask=text_mask, masked=masked,
-                      real_mask=real, scale=scale, keys=keys)
-    return np.asarray(made), about
+    real = np.arange(self.max_latents) < np.array([[-(-len(x) // unit)] for x in features])
+    latents = in_batches(self.programs.encode, padded, real, shared=(self.codec,))
+    made, about = self._latents(latents, edited, real, prompts, keys, sampling)
+    return in_batches(self.programs.decode, made, real, shared=(self.codec,)), about
 
   def encode_words(self, prompts: Sequence[str]) -> tuple[Array, Array | None]:
     """(text_emb, text_mask or None) as the model was trained: sentence vectors, or these and their words."""
@@ -219,19 +215,32 @@ class CdamdModel(TextToMotionModel):
       return self.encoder(prompts)[0], None
     return self.encoder.sentence_and_words(prompts, at_least=min(self.config.data.max_words, self.encoder.max_words))
 
-  def _tables(self, keys, editable, **sampling):
-    """(Plan, masked (N, B, L), guidance scale, record of the sampling) for latents editable (B, L)."""
+  def _latents(self, latents, editable, real, prompts, keys, sampling):
+    """(latents (B, L, C) with those sampled that are editable (B, L), record of the sampling)."""
     chosen = self.sampling(**sampling)
-    order_of = draws.draw_order(keys, np.full(len(keys), self.max_latents), self.max_latents, chosen.order)
-    counts = masking.masked_counts(chosen.num_iterations, editable.sum(-1))
-    masked = masking.masked_table(np.where(editable, order_of, np.inf), counts)
-    # Rounded up to even numbers, so that few lengths are compiled.
-    most = 2 * -(-most_unmasked(counts) // 2)
-    plan = cdamd.make_plan(solver=chosen.solver, num_steps=chosen.num_steps, mask=chosen.mask,
-                           guided=chosen.guidance_scale != 1.0, num_rows=most if chosen.unmasked_only else None,
-                           ddpm_steps=self.config.loss.ddpm_steps, temperature=chosen.temperature,
-                           shared_noise=chosen.shared_noise)
-    return plan, masked, chosen.guidance_scale, chosen.about() | dict(model=self.id)
+    text_emb, text_mask = self.encode_words(prompts)
+    order = draws.draw_order(keys, np.full(len(keys), self.max_latents), self.max_latents, chosen.order)
+    masked = masking.masked_table(np.where(editable, order, np.inf),
+                                  masking.masked_counts(chosen.num_iterations, editable.sum(-1)))
+    schedule = unmasking.schedule(masked, chosen.unmasked_only)
+    most = unmasking.most_unmasked(masking.masked_counts(chosen.num_iterations, [self.max_latents]))
+    # Of choices that a program depends on there are few: one row at a time where an iteration seldom unmasks two, else
+    # as many as it unmasks of the longest motion; a window of 4 positions where that is enough.
+    num_rows = (1 if most <= 2 else 2 * -(-most // 2)) if chosen.unmasked_only else None
+    window = min(WINDOW, self.max_latents)
+    small = num_rows == 1 and chosen.mask == "causal" and unmasking.span(schedule.made_at) <= window
+    plan, steps = cdamd.make_plan(
+        solver=chosen.solver, num_steps=chosen.num_steps, mask=chosen.mask, guided=chosen.guidance_scale != 1.0,
+        num_rows=num_rows, ddpm_steps=self.config.loss.ddpm_steps, temperature=chosen.temperature,
+        shared_noise=chosen.shared_noise, window=window if small else None).split()
+
+    def run(latents, real, text_emb, text_mask, made_at, drawn_at, keys, params, *shared):
+      return self.programs.latents(plan, params, latents, real, text_emb, text_mask,
+                                   unmasking.Schedule(made_at, drawn_at, schedule.num_iterations), keys, *shared)
+
+    made = in_batches(run, latents, real, text_emb, text_mask, schedule.made_at, schedule.drawn_at, keys,
+                      shared=(self.params, np.float32(chosen.guidance_scale), steps))
+    return made, chosen.about() | dict(model=self.id)
 
   def _edited(self, task, keep, change, count):
     """(1, L): the latents of a clip of count frames that are sampled; a latent is kept whole or not at all."""
@@ -248,14 +257,18 @@ class CdamdModel(TextToMotionModel):
 MODELS = {"cdamd.generator": CdamdModel}
 
 
-def _draw(net, plan, keys, real):
-  return draws.make_draw(keys, real.shape[1], net.transformer.latent_dim, plan.shared_noise)
+class Programs:
+  """What is compiled, each once for all lengths, kinds and numbers of motions."""
 
+  def __init__(self, net: Generator, length: LengthEstimator | None) -> None:
+    def latents(plan, params, latents, real_mask, text_emb, text_mask, schedule, keys, scale, steps):
+      draw = draws.make_draw(keys, net.transformer.latent_dim, plan.shared_noise)
+      return cdamd.make_latents(net, plan, params, latents, text_emb=text_emb, text_mask=text_mask, schedule=schedule,
+                                real_mask=real_mask, scale=scale, draw=draw, steps=steps)
 
-def _generate(net, plan, params, codec, *, keys, real_mask, **given):
-  return cdamd.generate(net, plan, params, codec, real_mask=real_mask, draw=_draw(net, plan, keys, real_mask), **given)
-
-
-def _edit(net, plan, params, codec, features, *, keys, real_mask, **given):
-  return cdamd.edit(net, plan, params, codec, features, real_mask=real_mask, draw=_draw(net, plan, keys, real_mask),
-                    **given)
+    self.latents = cache.Program("cdamd.latents", latents, 1, (net,))
+    self.encode = cache.Program("cdamd.encode", lambda features, real_mask, codec: codec.encode(features, real_mask))
+    self.decode = cache.Program("cdamd.decode", lambda latents, real_mask, codec: codec.decode(latents, real_mask))
+    self.settle = cache.Program("cdamd.settle", lambda latents, real_mask, signal, codec, settling: settling.settle(
+        codec, latents, real_mask, signal))
+    self.length = cache.Program("cdamd.length", lambda params, text_emb: length.apply(params, text_emb), 0, (length,))

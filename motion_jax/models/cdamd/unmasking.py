@@ -1,57 +1,105 @@
-"""Sampling by unmasking: in each decoding iteration masked latents are made, and all but a few of them masked again,
-until none is left.
+"""Sampling by unmasking: each decoding iteration samples some of the masked latents, until none is left.
 
-The tables of `mask_schedule` say which latents each iteration finds masked. What an iteration makes of a latent that
-the next one hides again is lost, so it suffices to solve for the others: the same motion from the same noise, as a
-solver with fixed steps treats every row alone, at a sixth of the cost.
+A schedule (`schedule`) says in which iteration each latent is sampled for good. The reference samples in
+every iteration all that are still masked and discards most results; here the diffusion head runs on the latents that an
+iteration unmasks, `Plan.num_rows` at a time: the same motion, as a solver with fixed steps treats every row alone.
+
+With `Plan.window` the transformer runs on the positions that can have changed since the iteration before, and attends
+to cached keys and values of those before them: exact under the causal mask, where a latent sees none after it.
 """
 from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from motion_jax.models import mask_schedule as masking
 from motion_jax.shapes import Array
 
 
-def most_unmasked(counts: Int[Array, "n b"]) -> int:
+class Schedule(NamedTuple):
+  """In which decoding iteration each latent (B, L) is sampled for good, counting from 0; -1: it is kept.
+
+  made_at: among the iterations of its motion that unmask anything; drawn_at: among all, which its noise depends on.
+  num_iterations (): of the longest motion.
+  """
+  made_at: Int[Array, "b l"]
+  drawn_at: Int[Array, "b l"]
+  num_iterations: Int[Array, ""]
+
+
+def schedule(masked: Bool[np.ndarray, "n b l"], unmasked_only: bool = True) -> Schedule:
+  """The schedule of a table of masked latents (N, B, L). unmasked_only: iterations that unmask nothing are left out."""
+  last = len(masked) - 1 - np.argmax(masked[::-1], axis=0)
+  drawn_at = made_at = np.where(masked.any(0), last, -1).astype(np.int32)
+  if unmasked_only:
+    made_at = np.stack([np.searchsorted(np.unique(row[row >= 0]), row) for row in drawn_at]).astype(np.int32)
+    made_at = np.where(drawn_at < 0, -1, made_at)
+  count = made_at.max() + 1 if unmasked_only else len(masked)
+  return Schedule(made_at, drawn_at, np.int32(count))
+
+
+def span(made_at: Int[np.ndarray, "b l"]) -> int:
+  """The most positions that a decoding iteration has to compute under the causal mask, if keys and values of those
+  before are cached: from the first that the iteration before unmasked to the last that this one does."""
+  widest, first = 0, 0
+  for k in range(made_at.max() + 1):
+    places = np.flatnonzero((made_at == k).any(0))
+    widest, first = max(widest, places[-1] + 1 - first), places[0]
+  return int(widest)
+
+
+def most_unmasked(counts: Int[np.ndarray, "n b"]) -> int:
   """The most latents that one iteration of counts (N, B) unmasks in one motion: rows that its solver needs."""
   return int(-np.diff(counts, axis=0, append=0).min())
 
 
-def sample(condition: Callable[..., Array], solve: Callable[..., Array], draw: Callable[..., Array],
-           latents: Float[Array, "b l c"], masked: Bool[Array, "n b l"], mask_latent: Float[Array, "1 1 c"],
-           num_rows: int | None = None) -> Float[Array, "n b l c"]:
-  """Latents after each decoding iteration (N, B, L, C), the last ones those of the motion.
+class State(NamedTuple):
+  """Latents (B, L, C) and the keys and values of all positions, with a window."""
+  latents: Float[Array, "b l c"]
+  caches: Any
 
-  condition(z (B, L, C), masked (B, L)) -> (G B, L, H), G branches of guidance one after the other. solve(condition
-  (G B, R, H), rows (B, R), fresh) -> (B, R, C), where fresh(j) is the j-th noise (B, R, C) that it needs and rows say
-  which of its results are wanted. draw(k, j) -> that noise (B, L, C) for all latents in iteration k. Both integers may
-  be traced. latents (B, L, C): what is never masked stays as it is there, to the bit. masked (N, B, L). num_rows, see
-  `most_unmasked`: solve only for the latents that the iteration unmasks; None solves for all that are masked, as the
-  reference does.
+
+def decoding_step(condition: Callable[..., Any], solve: Callable[..., Array], draw: Callable[..., Array],
+                  schedule: Schedule, mask_latent: Float[Array, "1 1 c"], num_rows: int | None, window: int | None
+                  ) -> Callable[..., State]:
+  """step(k, state) -> the state after decoding iteration k. Pure; k may be traced.
+
+  condition(z (B, W, C), masked (B, L), caches, start) -> ((G B, W, H), caches), G branches of guidance one after the
+  other; W is the window, from position start on, or all L. solve(condition (G B, R, H), rows (B, R), fresh) ->
+  (B, R, C), where fresh(j) is the j-th noise (B, R, C) that it needs and rows say which of its results are used.
+  draw(k (B, R), j, places (B, R)) -> that noise, of iterations k. num_rows R: only latents that the iteration unmasks,
+  R of each motion at a time; None: all that are masked, as the reference does.
   """
-  num_iterations, batch, length = masked.shape
-  wanted = masked if num_rows is None else masking.unmasked_table(masked)
-  row = jnp.arange(batch)[:, None]
+  made_at, (batch, length) = schedule.made_at, schedule.made_at.shape
+  row, size = jnp.arange(batch)[:, None], num_rows or length
 
-  def make(z, k, masked, wanted):
-    z = jnp.where(masked[..., None], mask_latent.astype(z.dtype), z)
-    # The wanted places first, in order; of a motion with fewer of them others follow, whose results are dropped.
-    places = jnp.argsort(~wanted, axis=-1, stable=True)[:, :num_rows] if num_rows is not None else (
-        jnp.broadcast_to(jnp.arange(length), (batch, length)))
-    rows = wanted[row, places]
-    conditions = condition(z, masked)
+  def step(k, state):
+    z, masked = state.latents, made_at >= k
+    wanted = masked if num_rows is None else made_at == k
+    start: Any = 0
+    if window is not None:  # from the first latent that this iteration or the one before changes
+      changed = ((made_at == k) | (made_at == k - 1)).any(0)
+      start = jnp.where(k == 0, 0, jnp.minimum(jnp.argmax(changed), length - window))
+    seen = jnp.where(masked[..., None], mask_latent.astype(z.dtype), z)
+    if window is not None:
+      seen = jax.lax.dynamic_slice_in_dim(seen, start, window, axis=1)
+    conditions, caches = condition(seen, masked, state.caches, start)
     branches = conditions.shape[0] // batch
-    conditions = jnp.take_along_axis(conditions, jnp.tile(places, (branches, 1))[..., None], axis=1)
-    made = solve(conditions, rows, lambda j: draw(k, j)[row, places]).astype(z.dtype)
-    return z.at[row, places].set(jnp.where(rows[..., None], made, z[row, places]))
+    # The wanted places first, in order; others follow, whose results are dropped.
+    order = jnp.argsort(~wanted, axis=-1, stable=True)
 
-  def iteration(z, given):
-    k, masked, wanted = given
-    z = jax.lax.cond(wanted.any(), make, lambda z, *_: z, z, k, masked, wanted)
-    return z, z
+    def chunk(i, z):
+      places = jax.lax.dynamic_slice_in_dim(order, i * size, size, axis=1)
+      rows = wanted[row, places]
+      at = jnp.tile(places - start, (branches, 1))[..., None]
+      rows_of = jnp.take_along_axis(conditions, jnp.clip(at, 0, conditions.shape[1] - 1), axis=1)
+      drawn_at = jnp.broadcast_to(k, places.shape) if num_rows is None else schedule.drawn_at[row, places]
+      made = solve(rows_of, rows, lambda j: draw(drawn_at, j, places)).astype(z.dtype)
+      return z.at[row, places].set(jnp.where(rows[..., None], made, z[row, places]))
 
-  return jax.lax.scan(iteration, latents, (jnp.arange(num_iterations), jnp.asarray(masked), jnp.asarray(wanted)))[1]
+    chunks = (wanted.sum(-1).max() + size - 1) // size
+    return State(jax.lax.fori_loop(0, chunks, chunk, z), caches)
+
+  return step
