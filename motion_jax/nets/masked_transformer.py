@@ -38,12 +38,19 @@ def size(name: str, **fields: Any) -> dict[str, Any]:
 Cache = tuple[Array, Array]  # keys and values (B, L, H, D / H) of one block's self-attention
 
 
-def with_window(cache: Cache | None, window: Cache, start: Any) -> Cache:
+def with_window(cache: Cache | None, window: Cache, start: Int[Array, " b"] | None) -> Cache:
   """The cache with the keys and values of a window at the positions from start on; None: the window is everything."""
-  if cache is None:
+  if cache is None or start is None:
     return window
-  put = lambda old, new: jax.lax.dynamic_update_slice_in_dim(old, new, start, axis=1)
-  return put(cache[0], window[0]), put(cache[1], window[1])
+  put = jax.vmap(functools.partial(jax.lax.dynamic_update_slice_in_dim, axis=0))
+  return put(cache[0], window[0], start), put(cache[1], window[1], start)
+
+
+def rows_from(table: Float[Array, "l d"], start: Int[Array, " b"] | None, count: int) -> Float[Array, "#b w d"]:
+  """`count` rows of a table of positions, from the first or, for each motion, from start on."""
+  if start is None:
+    return table[None, :count]
+  return jax.vmap(lambda first: jax.lax.dynamic_slice_in_dim(table, first, count))(start)
 
 
 def empty_caches(transformer: Any, batch: int, length: int) -> tuple[Cache, ...]:
@@ -67,14 +74,14 @@ class Inputs(nn.Module):
     self.text_in = Dense(self.width, (None, "embed"), kernel_init=NORMAL, dtype=self.dtype)
     self.drop = Dropout(self.dropout)
 
-  def embed(self, tokens: Float[Array, "b l d"], items: Int[Array, " b"] | None, start: Any = 0, length: int = 0
-            ) -> Float[Array, "b l d"]:
-    """Tokens (B, L, D) with their fixed positions from start on, of length at most, then dropout."""
+  def embed(self, tokens: Float[Array, "b l d"], items: Int[Array, " b"] | None,
+            start: Int[Array, " b"] | None = None, length: int = 0) -> Float[Array, "b l d"]:
+    """Tokens (B, L, D) with their fixed positions, from start on of `length`, then dropout."""
     table = sinusoids(length or tokens.shape[1], tokens.shape[2], self.dtype)
-    return self.drop(tokens + jax.lax.dynamic_slice_in_dim(table, start, tokens.shape[1]), items)
+    return self.drop(tokens + rows_from(table, start, tokens.shape[1]), items)
 
-  def latents(self, x: Float[Array, "b l c"], items: Int[Array, " b"] | None, start: Any = 0, length: int = 0
-              ) -> Float[Array, "b l d"]:
+  def latents(self, x: Float[Array, "b l c"], items: Int[Array, " b"] | None,
+              start: Int[Array, " b"] | None = None, length: int = 0) -> Float[Array, "b l d"]:
     return self.embed(self.x_in(x.astype(self.dtype)), items, start, length)
 
   def words(self, text_emb: Float[Array, "b s e"]) -> Float[Array, "b s d"]:
@@ -125,7 +132,7 @@ class Block(nn.Module):
 
   def run(self, x: Float[Array, "b w d"], state: TextState, attn_mask: Bool[Array, "#b 1 w l"],
           cross_mask: Bool[Array, "b 1 w s"], items: Int[Array, " b"] | None = None, cache: Cache | None = None,
-          start: Any = 0) -> tuple[Float[Array, "b w d"], Cache]:
+          start: Int[Array, " b"] | None = None) -> tuple[Float[Array, "b w d"], Cache]:
     """x at the positions from start on, others' keys and values being in the cache -> (y, the cache with these)."""
     drop_weights = None if items is None or not self.dropout else functools.partial(self.drops[0], items=items)
     norm = lambda x, i: self.norm(x) * (1 + state.modulation[i][0]) + state.modulation[i][1]
@@ -196,14 +203,14 @@ class MaskedTransformer(nn.Module):
     return tuple(block.text_state(words, words[:, :1]) for block in self.blocks)
 
   def window(self, x: Float[Array, "b w c"], state: tuple[TextState, ...], attn_mask: Bool[Array, "#b 1 w l"],
-             text_mask: Bool[Array, "b s"] | None = None, caches: tuple[Cache, ...] | None = None, start: Any = 0
-             ) -> tuple[Float[Array, "b w d"], tuple[Cache, ...]]:
-    """Conditions of W latents from position start on, and the keys and values of all L positions, which these join.
+             text_mask: Bool[Array, "b s"] | None = None, caches: tuple[Cache, ...] | None = None,
+             start: Int[Array, " b"] | None = None) -> tuple[Float[Array, "b w d"], tuple[Cache, ...]]:
+    """Conditions of W latents of each motion from position start (B,) on, and the caches of all L, which these join.
 
-    Without caches the window is everything. As `__call__` without codes.
+    Without start the window is everything. As `__call__` without codes.
     """
-    positions = jax.lax.dynamic_slice_in_dim(self.positions, start, x.shape[1], axis=1)
-    y = self.inputs.latents(x, None, start, attn_mask.shape[-1]) + positions.astype(self.dtype)
+    positions = rows_from(self.positions[0], start, x.shape[1]).astype(self.dtype)
+    y = self.inputs.latents(x, None, start, attn_mask.shape[-1]) + positions
     if text_mask is None:
       text_mask = jnp.ones((x.shape[0], 1), bool)
     cross_mask = jnp.broadcast_to(text_mask[:, None, None], (x.shape[0], 1, x.shape[1], text_mask.shape[1]))
@@ -269,7 +276,7 @@ class GatedBlock(nn.Module):
     return tuple(jnp.split(self.film(nn.silu(text)), 6, axis=-1))
 
   def run(self, x: Float[Array, "b w d"], state: tuple[Array, ...], attn_mask: Bool[Array, "#b 1 w l"],
-          items: Int[Array, " b"] | None = None, cache: Cache | None = None, start: Any = 0
+          items: Int[Array, " b"] | None = None, cache: Cache | None = None, start: Int[Array, " b"] | None = None
           ) -> tuple[Float[Array, "b w d"], Cache]:
     """As `Block.run`."""
     shift1, scale1, gate1, shift2, scale2, gate2 = state
@@ -317,8 +324,8 @@ class GatedTransformer(nn.Module):
     return tuple(block.text_state(text) for block in self.blocks)
 
   def window(self, x: Float[Array, "b w c"], state: tuple[tuple[Array, ...], ...], attn_mask: Bool[Array, "#b 1 w l"],
-             text_mask: Bool[Array, "b s"] | None = None, caches: tuple[Cache, ...] | None = None, start: Any = 0
-             ) -> tuple[Float[Array, "b w d"], tuple[Cache, ...]]:
+             text_mask: Bool[Array, "b s"] | None = None, caches: tuple[Cache, ...] | None = None,
+             start: Int[Array, " b"] | None = None) -> tuple[Float[Array, "b w d"], tuple[Cache, ...]]:
     """As `MaskedTransformer.window`."""
     length = attn_mask.shape[-1]
     y, made = self.inputs.latents(x, None, start, length), []

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from motion_jax.diffusion import guidance
-from motion_jax.diffusion.samplers import FIXED_STEP, euler
+from motion_jax.diffusion.samplers import METHODS, SOLVERS, euler, runge_kutta
 from motion_jax.diffusion.schedules import staircase
 
 MEAN, STD = 0.7, 0.4
@@ -22,7 +22,7 @@ def error(solver, num_steps, lag):
   """The flow carries x0 to MEAN + STD x0, since x_t = t MEAN + sqrt(t^2 STD^2 + (1 - t)^2) x0."""
   x0 = jax.random.normal(jax.random.key(0), (3, 5, 4), jnp.float64)
   times = jnp.asarray(staircase(num_steps, 5, lag), jnp.float64)
-  return float(jnp.abs(FIXED_STEP[solver](gaussian_velocity, x0, times) - (MEAN + STD * x0)).max())
+  return float(jnp.abs(SOLVERS[solver](gaussian_velocity, x0, times) - (MEAN + STD * x0)).max())
 
 
 @pytest.mark.parametrize("solver, order", [("euler", 1), ("heun", 2)])
@@ -40,8 +40,8 @@ def test_order_on_a_growing_flow(solver, order):
   """x' = (1 + t) x, x(1) = x(0) exp(3 / 2): no symmetry, which on Gaussian data lends midpoint a third order."""
   x0 = np.array([[[0.3, -1.0]]])
   with jax.enable_x64(True):
-    errors = [float(jnp.abs(FIXED_STEP[solver](lambda x, t: (1 + t[:, None]) * x, jnp.asarray(x0), jnp.linspace(
-        0, 1, n + 1)[:, None]) - x0 * np.exp(1.5)).max()) for n in (20, 40, 80)]
+    run = jax.jit(lambda method, n: runge_kutta(lambda x, t: (1 + t) * x, jnp.asarray(x0), method, n))
+    errors = [float(jnp.abs(run(METHODS[solver], n) - x0 * np.exp(1.5)).max()) for n in (20, 40, 80)]
   for ratio in (errors[0] / errors[1], errors[1] / errors[2]):
     assert abs(ratio - 2 ** order) < 0.1 * 2 ** order
 
@@ -50,6 +50,16 @@ def test_euler_goes_by_where_a_step_begins():
   """x' = t in two steps: 0.5 * 0 + 0.5 * 0.5, where the ends of the steps would give 0.75 at the same order."""
   x = euler(lambda x, t: jnp.broadcast_to(t[:, None], x.shape), jnp.zeros((1, 1, 1)), jnp.array([[0.0], [0.5], [1.0]]))
   np.testing.assert_allclose(x, 0.25, rtol=1e-6)
+
+
+@pytest.mark.parametrize("solver", ["euler", "heun"])
+def test_equal_steps_are_a_table_of_times(solver):
+  """The same numbers as by a table, whatever is computed together of the times."""
+  x0 = jax.random.normal(jax.random.key(0), (2, 3, 4))
+  table = SOLVERS[solver](gaussian_velocity, x0, jnp.linspace(0, 1, 6)[:, None])
+  for together in (1, 3, 8):
+    made = runge_kutta(lambda x, t: gaussian_velocity(x, t[None]), x0, METHODS[solver], 5, together=together)
+    np.testing.assert_allclose(made, table, rtol=0, atol=2e-6)
 
 
 def test_a_waiting_latent_does_not_move():

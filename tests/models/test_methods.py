@@ -59,7 +59,7 @@ def test_nobody_asks_a_model_what_it_is():
 
 def test_choices_are_those_that_there_are():
   assert set(CMDM_SOLVERS["flow"]) == set(samplers.SOLVERS) and CMDM_SOLVERS["ddpm"] == ddpm_forcing.SOLVERS
-  assert set(CDAMD_SOLVERS) == {*samplers.FIXED_STEP, "dopri5", "ddpm"} and set(MASKS) == set(LATENT_MASKS)
+  assert set(CDAMD_SOLVERS) == {*samplers.METHODS, "dopri5", "ddpm"} and set(MASKS) == set(LATENT_MASKS)
 
 
 def test_choices_are_the_configs_where_nobody_makes_them():

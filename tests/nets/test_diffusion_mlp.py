@@ -53,9 +53,8 @@ def run_diffusion_sit(fixture, dtype):
       jax.debug.callback(lambda: calls.append(1))  # counts what runs, not what is traced
       return both(4.0)(x, t)
 
-    times = np.linspace(0, 1, steps + 1, dtype=dtype)[:, None]
-    made[f"ode_{name}"] = jax.jit(lambda x, solver=solver, velocity=velocity, times=times: samplers.FIXED_STEP[solver](
-        velocity, x, times))(given["start"])
+    made[f"ode_{name}"] = jax.jit(lambda x, velocity=velocity, method=samplers.METHODS[solver], steps=steps:
+                                  samplers.runge_kutta(velocity, x, method, steps))(given["start"])
     jax.block_until_ready(made[f"ode_{name}"])
     jax.effects_barrier()
     made[f"evaluations_{name}"] = len(calls)

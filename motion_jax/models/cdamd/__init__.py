@@ -48,6 +48,7 @@ if TYPE_CHECKING:
     generate,
     make_latents,
     make_plan,
+    start_decoding,
   )
   from motion_jax.models.cdamd.stages import (
     frozen_shapes,
@@ -60,6 +61,6 @@ if TYPE_CHECKING:
 __all__ = ["DISTANCES", "Plan", "autoencoder_shapes", "autoencoder_stage", "autoencoder_terms", "edit",
            "empty_codebooks", "frozen_shapes", "generate", "generator_loss", "generator_shapes", "generator_stage",
            "l1", "make_generator", "make_latents", "make_plan", "prior_codes", "rvq_stage", "rvq_terms", "smooth_l1",
-           "trained_mask"]
+           "start_decoding", "trained_mask"]
 
 __getattr__, __dir__ = lazy.attach(__name__)

@@ -74,7 +74,9 @@ def start_decoding(net: Net, plan: Plan, params: Any, latents: Float[Array, "b l
     attn_mask = twice(latent_mask(plan.mask, real_mask & ~masked, real_mask))
     if plan.window is None:
       return net.apply(params, twice(z), text, attn_mask, words_mask, method="window")[0], caches
-    attn_mask = jax.lax.dynamic_slice_in_dim(attn_mask, start, plan.window, axis=2)
+    start = twice(start)
+    places = start[:, None] + jnp.arange(plan.window)
+    attn_mask = jnp.take_along_axis(attn_mask, places[:, None, :, None], axis=2)
     return net.apply(params, twice(z), text, attn_mask, words_mask, caches, start, method="window")
 
   def solve(condition, rows, fresh):

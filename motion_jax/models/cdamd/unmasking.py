@@ -41,12 +41,14 @@ def schedule(masked: Bool[np.ndarray, "n b l"], unmasked_only: bool = True) -> S
 
 
 def span(made_at: Int[np.ndarray, "b l"]) -> int:
-  """The most positions that a decoding iteration has to compute under the causal mask, if keys and values of those
-  before are cached: from the first that the iteration before unmasked to the last that this one does."""
-  widest, first = 0, 0
-  for k in range(made_at.max() + 1):
-    places = np.flatnonzero((made_at == k).any(0))
-    widest, first = max(widest, places[-1] + 1 - first), places[0]
+  """The window that the causal mask needs: the most positions of a motion from the first that a decoding iteration
+  unmasked to the last that the next one does."""
+  widest = 0
+  for row in made_at:
+    first = 0
+    for k in range(row.max() + 1):
+      places = np.flatnonzero(row == k)
+      widest, first = max(widest, places[-1] + 1 - first), places[0]
   return int(widest)
 
 
@@ -67,24 +69,23 @@ def decoding_step(condition: Callable[..., Any], solve: Callable[..., Array], dr
   """step(k, state) -> the state after decoding iteration k. Pure; k may be traced.
 
   condition(z (B, W, C), masked (B, L), caches, start) -> ((G B, W, H), caches), G branches of guidance one after the
-  other; W is the window, from position start on, or all L. solve(condition (G B, R, H), rows (B, R), fresh) ->
+  other; W is the window, from positions start (B,) on, or all L. solve(condition (G B, R, H), rows (B, R), fresh) ->
   (B, R, C), where fresh(j) is the j-th noise (B, R, C) that it needs and rows say which of its results are used.
   draw(k (B, R), j, places (B, R)) -> that noise, of iterations k. num_rows R: only latents that the iteration unmasks,
   R of each motion at a time; None: all that are masked, as the reference does.
   """
-  made_at, (batch, length) = schedule.made_at, schedule.made_at.shape
+  made_at, drawn_at, (batch, length) = *map(jnp.asarray, schedule[:2]), schedule.made_at.shape
   row, size = jnp.arange(batch)[:, None], num_rows or length
 
   def step(k, state):
     z, masked = state.latents, made_at >= k
     wanted = masked if num_rows is None else made_at == k
-    start: Any = 0
-    if window is not None:  # from the first latent that this iteration or the one before changes
-      changed = ((made_at == k) | (made_at == k - 1)).any(0)
-      start = jnp.where(k == 0, 0, jnp.minimum(jnp.argmax(changed), length - window))
     seen = jnp.where(masked[..., None], mask_latent.astype(z.dtype), z)
-    if window is not None:
-      seen = jax.lax.dynamic_slice_in_dim(seen, start, window, axis=1)
+    start: Any = None
+    if window is not None:  # from the first latent that this iteration or the one before changes
+      changed = (made_at == k) | (made_at == k - 1)
+      start = jnp.where(k == 0, 0, jnp.minimum(jnp.argmax(changed, axis=1), length - window))
+      seen = seen[row, start[:, None] + jnp.arange(window)]
     conditions, caches = condition(seen, masked, state.caches, start)
     branches = conditions.shape[0] // batch
     # The wanted places first, in order; others follow, whose results are dropped.
@@ -93,10 +94,10 @@ def decoding_step(condition: Callable[..., Any], solve: Callable[..., Array], dr
     def chunk(i, z):
       places = jax.lax.dynamic_slice_in_dim(order, i * size, size, axis=1)
       rows = wanted[row, places]
-      at = jnp.tile(places - start, (branches, 1))[..., None]
+      at = jnp.tile(places if start is None else places - start[:, None], (branches, 1))[..., None]
       rows_of = jnp.take_along_axis(conditions, jnp.clip(at, 0, conditions.shape[1] - 1), axis=1)
-      drawn_at = jnp.broadcast_to(k, places.shape) if num_rows is None else schedule.drawn_at[row, places]
-      made = solve(rows_of, rows, lambda j: draw(drawn_at, j, places)).astype(z.dtype)
+      iteration = jnp.broadcast_to(k, places.shape) if num_rows is None else drawn_at[row, places]
+      made = solve(rows_of, rows, lambda j: draw(iteration, j, places)).astype(z.dtype)
       return z.at[row, places].set(jnp.where(rows[..., None], made, z[row, places]))
 
     chunks = (wanted.sum(-1).max() + size - 1) // size

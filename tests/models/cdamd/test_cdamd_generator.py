@@ -14,7 +14,7 @@ from motion_jax.models import cdamd
 from motion_jax.models import mask_schedule as masking
 from motion_jax.models.cdamd import draws as draws_lib
 from motion_jax.models.cdamd import setup as setups
-from motion_jax.models.cdamd.unmasking import most_unmasked
+from motion_jax.models.cdamd import unmasking
 from motion_jax.nets.autoencoder import Autoencoder
 from motion_jax.nets.masks import padding_mask
 from motion_jax.training.setup import untrained
@@ -39,18 +39,19 @@ def small():
   return net, tree.unflatten([jnp.asarray(0.3 * draw.normal(size=a.shape), a.dtype) for a in leaves])
 
 
-def make(lengths, length=LENGTH, order="random", seed=0, dtype=jnp.float32, unmasked_only=True, **fields):
+def make(lengths, length=LENGTH, order="random", seed=0, dtype=jnp.float32, unmasked_only=True, num_rows=2,
+         num_iterations=ITERATIONS, **fields):
   """-> (latents (B, L, C), masked (N, B, L)) of our own draws; motion i has the key of i, wherever it stands."""
   net, params = small()
   keys = jax.vmap(lambda i: jax.random.fold_in(jax.random.key(seed), i))(jnp.arange(len(lengths)))
-  counts = masking.masked_counts(ITERATIONS, lengths)
+  counts = masking.masked_counts(num_iterations, lengths)
   masked = masking.masked_table(draws_lib.draw_order(keys, lengths, length, order), counts)
-  plan = cdamd.make_plan(num_rows=most_unmasked(counts) if unmasked_only else None, **fields)
+  plan = cdamd.make_plan(num_rows=num_rows if unmasked_only else None, **fields)
   real = padding_mask(jnp.asarray(lengths), length)
   text = jnp.asarray(np.random.default_rng(1).normal(size=(4, 1, 6))[:len(lengths)], dtype)
   net = net if dtype == jnp.float32 else _wide()
-  made = _make(net, plan, length, cast(params, dtype), text, masked, real, keys)
-  return np.asarray(made[-1]), masked
+  schedule = unmasking.schedule(masked, unmasked_only)
+  return np.asarray(_make(net, plan, length, cast(params, dtype), text, schedule, real, keys)), masked
 
 
 def _wide():
@@ -61,11 +62,11 @@ def _wide():
 
 
 @functools.partial(jax.jit, static_argnums=(0, 1, 2))
-def _make(net, plan, length, params, text, masked, real, keys):
+def _make(net, plan, length, params, text, schedule, real, keys):
   channels = net.transformer.latent_dim
   latents = jnp.zeros((len(keys), length, channels), text.dtype)
-  return cdamd.make_latents(net, plan, params, latents, text_emb=text, masked=masked, real_mask=real, scale=3.0,
-                            draw=draws_lib.make_draw(keys, length, channels))
+  return cdamd.make_latents(net, plan, params, latents, text_emb=text, schedule=schedule, real_mask=real, scale=3.0,
+                            draw=draws_lib.make_draw(keys, channels))
 
 
 @pytest.mark.parametrize("solver, mask", [
@@ -92,17 +93,50 @@ def test_padding_and_batch_mates_are_invisible():
 def test_left_to_right_never_looks_ahead():
   """Under the causal mask a motion's beginning does not depend on how long it goes on."""
   short, masked = make([9], num_steps=2, order="left_to_right")
-  first = masking.unmasked_table(masked)[:, 0].argmax(0)
-  assert (np.diff(first) >= 0).all()
+  assert (np.diff(unmasking.schedule(masked).made_at[0]) >= 0).all()
   with pytest.raises(ValueError, match="'middle'.*random or left_to_right"):
     make([9], order="middle")
 
 
+@pytest.mark.parametrize("num_iterations, num_rows", [(9, 1), (9, 2), (6, 1)])
+def test_a_window_with_a_cache_is_the_whole_pass(num_iterations, num_rows):
+  """Left to right under the causal mask: earlier latents are computed once. In float64 only rounding is left."""
+  with jax.enable_x64(True):
+    run = functools.partial(make, [9, 6, 1], order="left_to_right", num_iterations=num_iterations, solver="euler",
+                            num_steps=2, dtype=jnp.float64, num_rows=num_rows)
+    whole, masked = run()
+    made_at = unmasking.schedule(masked).made_at
+    assert unmasking.span(made_at) == {9: 3, 6: 4}[num_iterations]
+    windowed, _ = run(window=4)
+  np.testing.assert_allclose(windowed, whole, rtol=0, atol=1e-12)
+  assert np.abs(whole[0]).min() > 0
+  with pytest.raises(ValueError, match="got a window with the mask 'bcm'"):
+    cdamd.make_plan(window=4, mask="bcm")
+
+
+def test_a_schedule_leaves_idle_iterations_out():
+  masked = np.array([[[1, 1, 0], [1, 1, 1]], [[1, 0, 0], [1, 1, 1]], [[1, 0, 0], [1, 1, 0]], [[1, 0, 0], [0, 1, 0]]],
+                    bool)
+  made = unmasking.schedule(masked)
+  assert made.made_at.tolist() == [[1, 0, -1], [1, 2, 0]] and made.num_iterations == 3
+  assert made.drawn_at.tolist() == [[3, 0, -1], [2, 3, 1]]
+  assert unmasking.schedule(masked, unmasked_only=False).num_iterations == 4
+  assert unmasking.span(np.array([[2, 2, 1, 0, 0]])) == 5  # the first iteration needs what comes before
+  assert unmasking.span(np.array([[0, 1, 1, 2, 3]])) == 3
+
+
+def test_solvers_of_fixed_steps_are_one_program():
+  plans = {cdamd.make_plan(solver=solver, num_steps=steps).split()[0]
+           for solver, steps in (("euler", 3), ("midpoint", 10), ("rk4", 1))}
+  assert len(plans) == 1 and cdamd.make_plan(solver="dopri5").split()[1] is None
+
+
 def test_noise_that_is_shared():
   keys = jax.random.split(jax.random.key(3), 400)
-  draw = lambda shared, keys=keys, k=1: np.asarray(draws_lib.make_draw(keys, 6, 4, shared)(k, 0))
+  places = lambda keys: np.broadcast_to(np.arange(6), (len(keys), 6))
+  draw = lambda shared, keys=keys, k=1: np.asarray(draws_lib.make_draw(keys, 4, shared)(
+      np.full_like(places(keys), k), 0, places(keys)))
   alone, half, one = (draw(shared) for shared in (0.0, 0.5, 1.0))
-  np.testing.assert_array_equal(alone, np.asarray(draws_lib.make_draw(keys, 6, 4)(1, 0)))
   assert (one == one[:, :1]).all() and (one == draw(1.0, k=2)).all() and not (alone == draw(0.0, k=2)).any()
   np.testing.assert_array_equal(draw(0.5, keys[7:8])[0], half[7])  # batch-mates change nothing
   for noise, shared in ((alone, 0), (half, 0.5), (one, 1)):
@@ -124,13 +158,14 @@ def test_an_edit_changes_what_it_should():
   counts = masking.masked_counts(ITERATIONS, edited.sum(-1))
   keys = jax.random.split(jax.random.key(0), 1)
   masked = masking.masked_table(np.where(edited, draws_lib.draw_order(keys, [9], 9), np.inf), counts)
+  schedule = unmasking.schedule(masked)
 
-  text, draw = jnp.ones((1, 1, 6)), draws_lib.make_draw(keys, 9, 3)
-  plan = cdamd.make_plan(solver="euler", num_steps=2, num_rows=most_unmasked(counts))
+  text, draw = jnp.ones((1, 1, 6)), draws_lib.make_draw(keys, 3)
+  plan = cdamd.make_plan(solver="euler", num_steps=2, num_rows=unmasking.most_unmasked(counts))
   latents = jax.jit(lambda x: codec.encode(x, real))(x)
   run = jax.jit(lambda z, mask: cdamd.make_latents(
-      net, plan._replace(mask=mask), params, z, text_emb=text, masked=masked, real_mask=real, scale=3.0,
-      draw=draw)[-1], static_argnums=1)
+      net, plan._replace(mask=mask), params, z, text_emb=text, schedule=schedule, real_mask=real, scale=3.0,
+      draw=draw), static_argnums=1)
   for mask in ("causal", "bcm"):
     made = np.asarray(run(latents, mask))
     np.testing.assert_array_equal(made[~edited], np.asarray(latents)[~edited])
@@ -139,7 +174,7 @@ def test_an_edit_changes_what_it_should():
     assert (moved > 1e-5).all() if mask == "bcm" else not moved.any()
 
   kept = np.repeat(~edited, 4, axis=1)
-  run = jax.jit(lambda x: cdamd.edit(net, plan, params, codec, x, text_emb=text, masked=masked, real_mask=real,
+  run = jax.jit(lambda x: cdamd.edit(net, plan, params, codec, x, text_emb=text, schedule=schedule, real_mask=real,
                                      scale=3.0, draw=draw))
   assert np.abs(run(x) - x).max(-1)[kept].min() > 0  # nothing is pasted: kept latents are decoded, too
 

@@ -11,6 +11,7 @@ from motion_jax.models import cdamd
 from motion_jax.models import mask_schedule as masking
 from motion_jax.models.autoencoder_weights import autoencoder_names
 from motion_jax.models.cdamd import draws as draws_lib
+from motion_jax.models.cdamd import unmasking
 from motion_jax.models.cdamd.weight_names import mardm_names, masked_transformer_names
 from motion_jax.nets.autoencoder import Autoencoder
 from motion_jax.nets.masks import padding_mask
@@ -113,10 +114,17 @@ def recorded_draw(fixture, prefix, masked, dtype):
 
 
 @functools.partial(jax.jit, static_argnums=(0, 1, 2))
-def recorded_latents(net, plan, scale, params, latents, text, masked, real, noise):
-  """Compiled once for all runs of a size."""
-  return cdamd.make_latents(net, plan, params, latents, text_emb=text, masked=masked, real_mask=real, scale=scale,
-                            draw=lambda k, j: noise[k, j])
+def recorded_latents(net, plan, scale, params, latents, text, schedule, real, noise):
+  """The latents after each decoding iteration (N, B, L, C); compiled once for all runs of a size."""
+  row = jnp.arange(len(latents))[:, None]
+  state, step = cdamd.start_decoding(net, plan, params, latents, text_emb=text, schedule=schedule, real_mask=real,
+                                     scale=scale, draw=lambda k, j, places: noise[k, j, row, places])
+
+  def iteration(state, k):
+    state = step(k, state)
+    return state, state.latents
+
+  return jax.lax.scan(iteration, state, jnp.arange(len(noise)))[1]
 
 
 def run_iterations(fixture, dtype, net, params, latents, masked, real, prefix="", **fields):
@@ -124,7 +132,7 @@ def run_iterations(fixture, dtype, net, params, latents, masked, real, prefix=""
   noise, dense = recorded_draw(fixture, prefix, masked, dtype)
   text = jnp.asarray(fixture["in/text"], dtype)[:, None]
   made = recorded_latents(net, cdamd.make_plan(**fields), fixture.meta["arguments"]["scale"], params, latents, text,
-                          masked, real, noise)
+                          unmasking.schedule(masked, unmasked_only=False), real, noise)
   return {"rounds": made, "latents": made[-1].swapaxes(1, 2), "masked": masked, "counts": masked.sum(-1),
           **{f"start_dense{k}": array for k, array in enumerate(dense)}}
 

@@ -1,0 +1,25 @@
+"""Any number of motions runs in batches of a few sizes, and each keeps its own result."""
+import numpy as np
+import pytest
+
+from motion_jax.models.batches import SIZES, batch_sizes, in_batches
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 4, 5, 15, 16, 33, 320])
+def test_sizes_hold_all_motions_and_are_half_full(count):
+  sizes = batch_sizes(count)
+  assert set(sizes) <= set(SIZES) and count <= sum(sizes) <= 2 * count and sum(sizes[:-1]) < count
+
+
+def test_rows_come_back_in_order():
+  seen = []
+
+  def run(x, mask, tree, scale):
+    seen.append(len(x))
+    assert mask is None and len(tree["a"]) == len(x)
+    return scale * x + tree["a"]
+
+  x = np.arange(7.0)[:, None] * np.ones(3)
+  made = in_batches(run, x, None, {"a": x}, shared=(2.0,))
+  np.testing.assert_array_equal(made, 3 * x)
+  assert seen == [4, 4]
