@@ -127,17 +127,17 @@ def sample_cdamd(dtype, batch, tiny=False, attention="xla") -> Program:
   real = np.ones((batch, length), bool)
   order = draws.draw_order(keys_of(batch), np.full(batch, length), length, "random")
   counts = mask_schedule.masked_counts(2 if tiny else 10, real.sum(-1))
-  masked = np.asarray(mask_schedule.masked_table(np.asarray(order), counts))
+  schedule = unmasking.schedule(np.asarray(mask_schedule.masked_table(np.asarray(order), counts)))
   plan = cdamd.make_plan(num_steps=2 if tiny else 10, num_rows=unmasking.most_unmasked(counts))
 
-  def make(params, parts, text_emb, masked, keys):
-    draw = draws.make_draw(keys, length, net.transformer.latent_dim)
+  def make(params, parts, text_emb, keys):
+    draw = draws.make_draw(keys, net.transformer.latent_dim)
     return cdamd.generate(net, plan, params, AutoencoderCodec.of(autoencoder, parts), real_mask=jnp.asarray(real),
-                          text_emb=text_emb, masked=masked, scale=jnp.float32(4.0), draw=draw)
+                          text_emb=text_emb, schedule=schedule, scale=jnp.float32(4.0), draw=draw)
 
   arguments = lambda: (filled(cdamd.generator_shapes(net)), filled(parts),
                        jax.random.normal(jax.random.key(2), (batch, 1, net.transformer.text_dim)),
-                       jnp.asarray(masked), keys_of(batch))
+                       keys_of(batch))
   return Program(jax.jit(make), arguments, batch, length * autoencoder.frames_per_latent)
 
 

@@ -3,7 +3,7 @@
 `euler` and `heun` carry noise along a table of times, one per frame: the plain form, which the fast one is tested
 against. `runge_kutta` takes equal steps of any method of `METHODS`.
 """
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import jax
@@ -54,7 +54,7 @@ class Method(NamedTuple):
   count: Int[Array, ""]
 
 
-def _method(nodes, stages, weights):
+def _method(nodes: Sequence[float], stages: Sequence[Sequence[float]], weights: Sequence[float]) -> Method:
   table = np.zeros((4, 4), np.float64)
   for i, row in enumerate(stages):
     table[i + 1, :len(row)] = row
@@ -77,8 +77,13 @@ def runge_kutta(velocity: Callable[..., Array], x: Float[Array, "*lead c"], meth
   """Carries x from t = 0 to 1 in num_steps equal steps of a method; both may be traced.
 
   velocity(x, ready) where ready is of prepare(times (N,)), its leading axis taken: what a velocity computes of the time
-  alone is computed for N = `together` evaluations at once.
+  alone is computed for N evaluations at once, at most `together`.
   """
+  if not any(isinstance(one, jax.Array) for one in (num_steps, method.count)):
+    known = int(num_steps) * int(method.count)
+    together = max(n for n in range(1, together + 1) if known % n == 0)  # so that both loops have known lengths
+  else:
+    known = None
   method = jax.tree.map(lambda a: jnp.asarray(a, None if a.dtype.kind == "i" else x.dtype), method)
   num_steps = jnp.asarray(num_steps, jnp.int32)
   width, total = 1 / num_steps.astype(x.dtype), num_steps * method.count
@@ -96,7 +101,7 @@ def runge_kutta(velocity: Callable[..., Array], x: Float[Array, "*lead c"], meth
       slopes = slopes.at[here].set(slope)
       return jnp.where(here == method.count - 1, x + mix(method.weights, slopes), x), slopes
 
-    return jax.lax.fori_loop(0, jnp.minimum(together, total - i * together), evaluate, state)
+    return jax.lax.fori_loop(0, together if known else jnp.minimum(together, total - i * together), evaluate, state)
 
-  chunks = (total + together - 1) // together
+  chunks = known // together if known else (total + together - 1) // together
   return jax.lax.fori_loop(0, chunks, chunk, (x, jnp.zeros((4, *x.shape), x.dtype)))[0]

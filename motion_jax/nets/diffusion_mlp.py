@@ -65,7 +65,7 @@ class DiffusionMLP(nn.Module):
     self.out = dense(self.latent_dim, "embed", None, init=nn.initializers.zeros)
     self.norm = layer_norm(1e-6, self.dtype)
 
-  def _level(self, t, condition):
+  def _level(self, t: Num[Array, "*lead"], condition: Float[Array, "*lead2 h"]) -> Float[Array, "*lead3 d"]:
     # Parity: raw t in [0, 1] enters the sinusoids of the flow, not t * 1000.
     numbers = timestep_embedding(jnp.asarray(t).astype(promote_to_f32(self.dtype)))
     return self.time_out(nn.silu(self.time_in(numbers))) + self.condition_in(condition.astype(self.dtype))
@@ -82,7 +82,7 @@ class DiffusionMLP(nn.Module):
       x = block.run(x, film)
     return self._output(x, modulation[-1])
 
-  def _output(self, x, film):
+  def _output(self, x: Float[Array, "*lead d"], film: Float[Array, "*#lead e"]) -> Float[Array, "*lead c"]:
     shift, scale = jnp.split(film, 2, axis=-1)
     return self.out(self.norm(x) * (1 + scale) + shift)
 

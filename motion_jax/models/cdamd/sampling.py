@@ -107,7 +107,8 @@ def make_latents(net: Net, plan: Plan, params: Any, latents: Float[Array, "b l c
   guidance; draw: see `draws.make_draw`; steps: instead of the plan's solver and num_steps.
   """
   state, step = start_decoding(net, plan, params, latents, schedule=schedule, **given)
-  return jax.lax.fori_loop(0, schedule.num_iterations, step, state).latents
+  count = schedule.num_iterations
+  return jax.lax.fori_loop(0, count if isinstance(count, jax.Array) else int(count), step, state).latents
 
 
 def generate(net: Net, plan: Plan, params: Any, codec: AutoencoderCodec, *, real_mask: Bool[Array, "b l"],
