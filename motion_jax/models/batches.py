@@ -1,9 +1,12 @@
 """Batches of fixed sizes, so that any number of motions runs the same few compiled programs."""
+import functools
 from collections.abc import Callable, Sequence
 from typing import Any
 
 import jax
 import numpy as np
+
+from motion_jax.models.base import select_keys
 
 SIZES = (1, 4, 32)
 
@@ -29,7 +32,13 @@ def in_batches(run: Callable[..., Any], *rows: Any, shared: tuple[Any, ...] = ()
   made, first = [], 0
   for size in batch_sizes(count):
     here = np.minimum(np.arange(first, first + size), count - 1)
-    batch = jax.tree.map(lambda a, here=here: a[here], rows)
+    batch = jax.tree.map(functools.partial(_select, here), rows)
     made.append(np.asarray(run(*batch, *shared))[:count - first])
     first += size
   return np.concatenate(made)
+
+
+def _select(rows, array):
+  """The rows of an array, without compiling anything."""
+  is_key = jax.numpy.issubdtype(array.dtype, jax.dtypes.prng_key)
+  return select_keys(array, rows) if is_key else np.asarray(array)[rows]
