@@ -8,9 +8,8 @@ import pathlib
 
 import numpy as np
 
-from motion_jax.export.rig import rigged
+from motion_jax.export.rig import on_rig
 from motion_jax.motion import rotations as rot
-from motion_jax.motion.pose import TIPS
 from motion_jax.utils.atomic import atomic_path
 
 _UNITS = {"centimetres": 100.0, "metres": 1.0}
@@ -21,29 +20,33 @@ _ORDER, _ARM_ORDER = "YZX", "ZXY"
 _ARM = ("collar", "shoulder", "elbow", "wrist")
 
 
-def bvh(clip, path, unit="centimetres", exact=False) -> pathlib.Path:
+def bvh(clip, path, unit="centimetres", exact=False, rig=None) -> pathlib.Path:
   """Writes a clip as BVH, y up, facing +z, one line per frame at the clip's rate.
 
-  unit: "centimetres" (most programs expect them) or "metres". Only the root has position channels: the joints are those
-  of the rigid skeleton that is nearest to the motion, millimetres away (`export.rig_error`). exact=True adds position
-  channels wherever that is more than half a millimetre; programs differ in what these mean (instead of the OFFSET in
-  Blender, besides it in three.js), and some refuse them.
+  unit: "centimetres" (most programs expect them) or "metres". rig: names, tree and rest pose of another program
+  (`motion.rigs`), such as "mixamo"; the rest pose is a T-pose, of Unreal's rigs an A-pose.
+
+  Only the root has position channels: the joints are those of the rigid skeleton that is nearest to the motion,
+  millimetres away (`export.rig_error`). exact=True adds position channels wherever that is more than half a
+  millimetre; programs differ in what these mean (instead of the OFFSET in Blender, besides it in three.js), and some
+  refuse them.
   """
   path = pathlib.Path(path)
   if unit not in _UNITS:
     raise ValueError(f"got unit {unit!r}, expected one of {', '.join(_UNITS)}")
   scale = _UNITS[unit]
-  skeleton = clip.skeleton
-  pose = rigged(clip, exact)
+  pose = on_rig(clip, rig, exact)
+  names, parents = pose.rig.names, pose.rig.parents
   moving = np.linalg.norm(pose.shifts, axis=-1).max(0) > 5e-4
-  moving[0] = True
-  orders = [_ARM_ORDER if name.endswith(_ARM) else _ORDER for name in skeleton.joints]
+  moving[[0, pose.pelvis]] = True
+  arms = {number for name, number in pose.rig.joints.items() if name.endswith(_ARM)}
+  orders = [_ARM_ORDER if j in arms else _ORDER for j in range(len(names))]
   angles = [euler(pose.rotations[:, j], order) for j, order in enumerate(orders)]
   lines, order = ["HIERARCHY"], []
 
   def write(joint, depth):
-    pad, name = "  " * depth, skeleton.joints[joint]
-    children = [k for k, parent in enumerate(skeleton.parents) if parent == joint]
+    pad, name = "  " * depth, names[joint]
+    children = [k for k, parent in enumerate(parents) if parent == joint]
     channels = [f"{axis}position" for axis in "XYZ"] * int(moving[joint])
     channels += [f"{axis}rotation" for axis in orders[joint]]
     order.append(joint)
@@ -53,14 +56,13 @@ def bvh(clip, path, unit="centimetres", exact=False) -> pathlib.Path:
     for child in children:
       write(child, depth + 1)
     if not children:
-      side, _, kind = name.rpartition("_")
-      end = np.array(TIPS.get(kind, (0, 0.05, 0))) * [-1 if side == "right" else 1, 1, 1] * scale
-      lines.extend([f"{pad}  End Site", f"{pad}  {{", f"{pad}    OFFSET {_numbers(end)}", f"{pad}  }}"])
+      lines.extend([f"{pad}  End Site", f"{pad}  {{", f"{pad}    OFFSET {_numbers(pose.tips[joint] * scale)}",
+                    f"{pad}  }}"])
     lines.append(f"{pad}}}")
 
   write(0, 0)
   places = pose.offsets + pose.shifts
-  places[:, 0] = pose.root
+  places[:, pose.pelvis] = pose.root
   columns = [np.concatenate(([places[:, j] * scale] if moving[j] else []) + [np.degrees(angles[j])], axis=1)
              for j in order]
   lines += ["MOTION", f"Frames: {clip.num_frames}", f"Frame Time: {1 / clip.fps:.8f}"]

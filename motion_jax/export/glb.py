@@ -14,20 +14,23 @@ import numpy as np
 
 from motion_jax.export.body import COLORS, make_figure
 from motion_jax.export.mesh import make_skins, rest_joints
-from motion_jax.export.rig import rigged
+from motion_jax.export.rig import on_rig, rigged
+from motion_jax.motion import rotations as rot
 from motion_jax.utils.atomic import atomic_path
 
 FLOAT, SHORT, BYTE = 5126, 5123, 5121
 
 
-def glb(clip, path, exact=False) -> pathlib.Path:
+def glb(clip, path, exact=False, rig=None) -> pathlib.Path:
   """Writes a clip as a .glb: nodes named like the joints, one skin, one animation at the clip's rate, metres, y up.
 
-  Joints only turn, and the root moves; exact=True also moves those whose place rotations miss by half a millimetre.
+  rig: names, tree and rest pose of another program (`motion.rigs`), such as "mixamo". Joints only turn,
+  and the root moves; exact=True also moves those whose place rotations miss by half a millimetre.
   """
   path = pathlib.Path(path)
   skeleton = clip.skeleton
-  pose = rigged(clip, exact)
+  pose, moved = rigged(clip, exact), on_rig(clip, rig, exact)
+  own = [moved.rig.joints[name] for name in skeleton.joints]  # the nodes that carry the mesh
   figure = make_figure(clip, pose)
   rest = rest_joints(pose.offsets, skeleton)
   skins = make_skins(figure.parts, rest, skeleton)
@@ -35,11 +38,13 @@ def glb(clip, path, exact=False) -> pathlib.Path:
   materials = [_material(skin.group, COLORS[skin.group]) for skin in skins]
   meshes = [_primitive(buffer, skin, number) for number, skin in enumerate(skins)]
   inverse = np.tile(np.eye(4), (skeleton.num_joints, 1, 1))
-  inverse[:, :3, 3] = -rest
+  inverse[:, :3, :3] = rot.to_matrix(moved.rig.arm_rest(skeleton))  # the mesh is bound in the T-pose
+  inverse[:, :3, 3] = -np.einsum("jab,jb->ja", inverse[:, :3, :3], rest)
   inverse = buffer.add(inverse.transpose(0, 2, 1).reshape(-1, 16), FLOAT, "MAT4")  # glTF stores columns
-  children = [[k for k, parent in enumerate(skeleton.parents) if parent == j] for j in range(skeleton.num_joints)]
-  nodes = [{"name": name, "translation": (rest[0] if j == 0 else pose.offsets[j]).tolist()}
-           | ({"children": children[j]} if children[j] else {}) for j, name in enumerate(skeleton.joints)]
+  names, parents = moved.rig.names, moved.rig.parents
+  children = [[k for k, parent in enumerate(parents) if parent == j] for j in range(len(names))]
+  nodes = [{"name": name, "translation": (rest[0] if j == moved.pelvis else moved.offsets[j]).tolist()}
+           | ({"children": children[j]} if children[j] else {}) for j, name in enumerate(names)]
   nodes.append({"name": "mannequin", "mesh": 0, "skin": 0})
   nodes.append({"name": clip.id, "children": [0]})  # the mesh stands beside it: only joints move a skin
   caption = clip.captions[0].text if clip.captions else clip.id
@@ -47,10 +52,10 @@ def glb(clip, path, exact=False) -> pathlib.Path:
                                       if value}
   document = {
       "asset": {"version": "2.0", "generator": "motion_jax", "extras": about},
-      "scene": 0, "scenes": [{"nodes": [skeleton.num_joints, skeleton.num_joints + 1]}], "nodes": nodes,
+      "scene": 0, "scenes": [{"nodes": [len(names), len(names) + 1]}], "nodes": nodes,
       "materials": materials, "meshes": [{"name": "mannequin", "primitives": meshes}],
-      "skins": [{"skeleton": 0, "joints": list(range(skeleton.num_joints)), "inverseBindMatrices": inverse}],
-      "animations": [_animation(buffer, pose, clip.fps, caption)],
+      "skins": [{"skeleton": 0, "joints": own, "inverseBindMatrices": inverse}],
+      "animations": [_animation(buffer, moved, clip.fps, caption)],
       "accessors": buffer.accessors, "bufferViews": buffer.views, "buffers": [{"byteLength": len(buffer.data)}]}
   text = json.dumps(document, separators=(",", ":")).encode()
   text += b" " * (-len(text) % 4)
@@ -107,10 +112,10 @@ def _animation(buffer, pose, fps, name):
     samplers.append({"input": times, "output": buffer.add(values, FLOAT, shape), "interpolation": "LINEAR"})
     channels.append({"sampler": len(samplers) - 1, "target": {"node": joint, "path": path}})
 
-  add(0, "translation", pose.root, "VEC3")
+  add(pose.pelvis, "translation", pose.root, "VEC3")
   for joint in range(pose.rotations.shape[1]):
     if np.abs(pose.rotations[:, joint, 1:]).max() > 1e-7:
       add(joint, "rotation", pose.rotations[:, joint, [1, 2, 3, 0]], "VEC4")  # glTF writes w last
-    if joint and np.linalg.norm(pose.shifts[:, joint], axis=-1).max() > 5e-4:
+    if joint != pose.pelvis and np.linalg.norm(pose.shifts[:, joint], axis=-1).max() > 5e-4:
       add(joint, "translation", pose.offsets[joint] + pose.shifts[:, joint], "VEC3")
   return {"name": name, "samplers": samplers, "channels": channels}

@@ -13,6 +13,7 @@ from jaxtyping import Float, Num
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.joint_names import Tree, plain
 from motion_jax.motion.named_bodies import NamedBody
+from motion_jax.motion.rigs import Rig, all_rigs
 from motion_jax.motion.skeleton import HUMANML3D, SKELETONS, Skeleton
 from motion_jax.shapes import Array
 from motion_jax.utils.numerals import named, shortened
@@ -161,6 +162,9 @@ def map_joints(names: Sequence[str], positions: Num[Array, "t n 3"], mapping: st
   label = None if mapping else table_of(source)
   if label:
     return _by_table(source, names, label), label
+  rig = None if mapping else rig_of(names)
+  if rig is not None and _raised(source, rig):
+    return np.stack([source[rig.names[rig.joints[joint]]] for joint in HUMANML3D.joints], axis=1), rig.title
   return _by_names(source, names, mapping or {}, parents)
 
 
@@ -172,6 +176,25 @@ def table_of(source: Source) -> str:
       if label != "cmu_asf" or source.length("root", "lhipjoint") > 1e-6:
         return label
   return ""
+
+
+def rig_of(names: Sequence[str]) -> Rig | None:
+  """The rig with joints in between all of whose names a file has; the one with most names of several.
+
+  Rigs without joints in between are found by their names alone (`joint_names`), as files have them with and without
+  prefixes.
+  """
+  own = {plain(name) for name in names}
+  found = [rig for rig in all_rigs().values() if len(rig.names) > len(rig.joints) and own >= set(map(plain, rig.names))]
+  return max(found, key=lambda rig: len(rig.names), default=None)
+
+
+def _raised(source, rig):
+  """Whether the pelvis is above the hips, as HumanML3D's is; else `NamedBody` places it and the spine."""
+  at = {joint: rig.names[number] for joint, number in rig.joints.items()}
+  hips = source.between(at["left_hip"], at["right_hip"], 0.5)
+  leg = source.length(at["left_hip"], at["left_knee"]) + source.length(at["left_knee"], at["left_ankle"])
+  return np.median(np.linalg.norm(source[at["pelvis"]] - hips, axis=-1)) > 0.05 * leg
 
 
 def skeleton_of(names: Sequence[str]) -> Skeleton:

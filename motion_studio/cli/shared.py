@@ -88,11 +88,16 @@ def outputs_of(args, out=None):
   with progress.part("starting"):
     from motion_jax.export import check_output
   film_options(args)
+  if getattr(args, "rig", None) is not None:
+    from motion_jax.motion.rigs import get_rig
+    get_rig(args.rig)
   return [check_output(part) for part in (out or args.out).split(",")]
 
 
 def add_rig(parser):
   """The flags of .bvh and .glb files."""
+  parser.add_argument("--rig", metavar="NAME", help="joint names, tree and rest pose of another program in .bvh and "
+                      ".glb: mixamo, unity, ue5, vrm, rigify ...; motion-jax rigs lists them (HumanML3D's)")
   parser.add_argument("--bvh-unit", choices=tuple(BVH_UNITS), default="cm",
                       help="unit of .bvh files: cm (common; in Blender import with scale 0.01) or m")
   parser.add_argument("--exact-joints", action="store_true",
@@ -113,7 +118,7 @@ def file_options(args, out):
   kind = pathlib.Path(out).suffix.lower()
   found = film_options(args) if kind in FILMS else {}
   if kind in RIGS:
-    found["exact"] = args.exact_joints
+    found |= {"exact": args.exact_joints, "rig": args.rig}
   if kind == ".bvh":
     found["unit"] = BVH_UNITS[args.bvh_unit]
   return found

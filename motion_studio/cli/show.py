@@ -19,12 +19,26 @@ def add_to(commands):
   models = commands.add_parser("models", help="list the shipped models with size, licence and speed")
   models.set_defaults(run=_models)
 
+  rigs = commands.add_parser("rigs", help="list the rigs that motion is written for by --rig")
+  rigs.set_defaults(run=_rigs)
+
 
 def _render(args):
   outputs = shared.outputs_of(args, args.out or str(pathlib.Path(args.file).with_suffix(".html")))
   clip = shared.read_motion(args.file, args)
   print(f"{args.file}: {clip.num_frames} frames, {clip.seconds:.1f} s at {clip.fps:g} frames a second")
   shared.save(args, [shared.trimmed(args, clip)], outputs)
+
+
+def _rigs(args):
+  from motion_jax.motion.rigs import all_rigs
+  print("--rig NAME writes .bvh and .glb files with the joint names, tree and rest pose of another program:")
+  for name, rig in all_rigs().items():
+    also = f"; also {', '.join(rig.aliases)}" if rig.aliases else ""
+    pose = {"T": "T-pose", "A": "A-pose"}[rig.rest]
+    print(f"  {name:<18} {rig.title}: {len(rig.names)} joints, {pose}, from {rig.names[0]}{also}")
+  print("Files with these joint names are read without a mapping, and so are many others; an error message says what a "
+        "file lacks.")
 
 
 def _models(args):

@@ -38,9 +38,9 @@ def world_matrices(gltf, num_frames):
   """(T, J, 4, 4) of the joints' nodes, by playing the animation."""
   animation, joints = gltf.animations[0], gltf.skins[0].joints
   local = {}
-  for number in joints:
+  for number, node in enumerate(gltf.nodes):
     local[number] = np.tile(np.eye(4), (num_frames, 1, 1))
-    local[number][:, :3, 3] = gltf.nodes[number].translation
+    local[number][:, :3, 3] = node.translation or 0
   for channel in animation.channels:
     values = read(gltf, animation.samplers[channel.sampler].output)
     if channel.target.path == "rotation":

@@ -1,0 +1,87 @@
+"""Rigs: files with other programs' joint names hold the same motion, and are read back."""
+import numpy as np
+import pytest
+from pygltflib import GLTF2
+
+from motion_jax import export
+from motion_jax.export.rig import on_rig
+from motion_jax.motion import rigs
+from motion_jax.motion import rotations as rot
+from motion_jax.motion.skeleton import HUMANML3D, KIT
+from motion_jax.utils.errors import InputError
+from motion_studio import cli
+from tests.export.test_bvh import walk
+from tests.export.test_glb import read, world_matrices
+
+ALL = sorted(rigs.all_rigs())
+
+
+def places_of(moved):
+  """Joint positions (T, N, 3) of a RigMotion by forward kinematics."""
+  places = np.zeros((*moved.turned.shape[:2], 3))
+  for joint, parent in enumerate(moved.rig.parents):
+    if joint == moved.pelvis:
+      places[:, joint] = moved.root
+    elif parent >= 0:
+      places[:, joint] = places[:, parent] + rot.rotate(moved.turned[:, parent], moved.offsets[joint][None])
+  return places
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_every_rig_has_the_22_joints_in_the_same_places(name):
+  clip, rig = walk(8, 0.2), rigs.get_rig(name)
+  moved, plain = on_rig(clip, rig), on_rig(clip)
+  assert set(rig.joints) == set(HUMANML3D.joints) and len(set(rig.names)) == len(rig.names)
+  assert all(parent < joint for joint, parent in enumerate(rig.parents))
+  found = places_of(moved)[:, [rig.joints[joint] for joint in HUMANML3D.joints]]
+  off = np.abs(found - places_of(plain)).max()
+  assert off < (0.02 if name == "biped" else 1e-9)  # arms of a biped hang on the neck and turn with it
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_a_bvh_of_a_rig_is_read_back(name, tmp_path):
+  clip = walk(8, 0.2)
+  export.save(clip, tmp_path / "plain.bvh")
+  export.save(clip, tmp_path / "rig.bvh", rig=name)
+  expected, found = (export.load(tmp_path / file, unit="cm") for file in ("plain.bvh", "rig.bvh"))
+  assert np.abs(found.joints - expected.joints).max() < (0.02 if name == "biped" else 0.001)
+
+
+@pytest.mark.parametrize("name", ["mixamo", "ue5", "rigify"])
+def test_the_skin_of_a_glb_is_the_same_on_every_rig(name, tmp_path):
+  clip = walk(5, 0.2)
+  skins = []
+  for rig in (None, name):
+    export.save(clip, tmp_path / "clip.glb", rig=rig)
+    gltf = GLTF2().load(str(tmp_path / "clip.glb"))
+    world = world_matrices(gltf, clip.num_frames)
+    inverse = read(gltf, gltf.skins[0].inverseBindMatrices).reshape(-1, 4, 4).transpose(0, 2, 1)
+    skins.append(world @ inverse)
+  rig = rigs.get_rig(name)
+  assert gltf.nodes[gltf.skins[0].joints[0]].name == rig.names[rig.joints["pelvis"]]
+  np.testing.assert_allclose(skins[1], skins[0], atol=1e-5)
+
+
+def test_a_rest_pose_with_lowered_arms(tmp_path):
+  moved = on_rig(walk(2), "ue4")
+  elbow, wrist = (moved.offsets[moved.rig.joints[f"left_{part}"]] for part in ("elbow", "wrist"))
+  for bone in (elbow, wrist):
+    np.testing.assert_allclose(bone[1] / bone[0], -1, atol=1e-6)
+
+
+def test_an_unknown_rig_and_another_skeleton_are_refused(tmp_path):
+  with pytest.raises(InputError, match="did you mean|expected one of"):
+    rigs.get_rig("mixammo")
+  kit = walk(4).on_skeleton(KIT)
+  with pytest.raises(InputError, match="HumanML3D's 22"):
+    export.save(kit, tmp_path / "kit.bvh", rig="mixamo")
+
+
+def test_the_command_line_lists_and_writes_rigs(tmp_path, capsys):
+  assert cli.main(["rigs"]) == 0
+  assert all(name in capsys.readouterr().out for name in ("mixamo",))
+  export.npz(walk(6), tmp_path / "walk.npz")
+  assert cli.main(["render", f"{tmp_path}/walk.npz", "--rig", "mixamo", "--out", f"{tmp_path}/walk.bvh"]) == 0
+  assert "JOINT mixamorig:LeftUpLeg" in (tmp_path / "walk.bvh").read_text()
+  assert cli.main(["render", f"{tmp_path}/walk.npz", "--rig", "nothing", "--out", f"{tmp_path}/b.bvh"]) == 1
+  assert "got rig 'nothing'" in capsys.readouterr().err
