@@ -19,7 +19,6 @@ from motion_jax.motion.stats import Stats
 from motion_jax.runs import Run
 from motion_jax.text.captions import SUBJECTS
 from motion_jax.text.encoder import TextEncoder
-from motion_jax.training import checkpoint
 from motion_jax.utils.errors import InputError
 from motion_jax.utils.numerals import SEEDS, as_float, checked, format_value, require_numbers, shortened
 from motion_jax.utils.text_files import is_text
@@ -144,8 +143,7 @@ class TextToMotionModel(Able):
   def captions(self) -> TrainingCaptions:
     """Statistics of the captions that it was trained on; empty where its folder does not keep them."""
     subjects = SUBJECTS if self.config.data.get("vary_subject") else ()  # training had these, too
-    texts, frames = checkpoint.load_lengths(self.folder) or ([], [])
-    return TrainingCaptions(texts, frames, self.encoder, self.fps, subjects)
+    return TrainingCaptions.of_folder(self.folder, self.encoder, self.fps, subjects)
 
   # --- lengths ---------------------------------------------------------------------------------------------------
 

@@ -5,6 +5,7 @@ depends on: the code of this package, versions of jax, sizes and contents. A fil
 its digest, so a damaged one is replaced. Caching changes no numbers: arrays are read back bit for bit, and a program is
 the same that would have been traced.
 """
+import contextlib
 import functools
 import hashlib
 import io
@@ -12,6 +13,7 @@ import json
 import os
 import pathlib
 import threading
+import time
 
 import jax
 import numpy as np
@@ -20,6 +22,9 @@ from motion_jax.utils import executables, progress, timing
 from motion_jax.utils.atomic import atomic_path
 
 MOST_FILES = 200  # of each kind; the oldest are removed
+MOST_BYTES = 1 << 29  # likewise
+MOST_ANSWERS = 2000  # in each file of answers
+SLOW = 0.02  # seconds from which an answer is worth writing
 _MAGIC = b"motion_jax 1\n"
 _folder: pathlib.Path | None = None
 # What else decides how a function is traced.
@@ -78,16 +83,20 @@ def read(kind, key, folder=None) -> bytes | None:
 
 
 def write(kind, key, payload: bytes, folder=None):
-  """Caches bytes under a key, and at most MOST_FILES of a kind. A folder that cannot be written costs time only."""
+  """Caches bytes under a key, at most MOST_FILES and MOST_BYTES of a kind; not in a folder that cannot be written."""
   folder = folder or _folder
   if folder is None:
     return
   try:
     with atomic_path(folder / kind / key) as temporary:
       temporary.write_bytes(_MAGIC + hashlib.sha256(payload).digest() + payload)
-    known = sorted((folder / kind).glob("[0-9a-f]*"), key=lambda path: path.stat().st_mtime)
-    for path in known[:-MOST_FILES]:
-      path.unlink(missing_ok=True)
+    known = sorted(((path.stat(), path) for path in (folder / kind).glob("[0-9a-f]*")),
+                   key=lambda one: one[0].st_mtime, reverse=True)
+    total = 0
+    for number, (stat, path) in enumerate(known):
+      total += stat.st_size
+      if number >= MOST_FILES or number and total > MOST_BYTES:
+        path.unlink(missing_ok=True)
   except OSError:
     pass
 
@@ -120,6 +129,38 @@ def kept_shapes(name, module, make):
     return shapes
   is_leaf = lambda node: isinstance(node, list)
   return jax.tree.map(lambda leaf: jax.ShapeDtypeStruct(tuple(leaf[0]), leaf[1]), json.loads(payload), is_leaf=is_leaf)
+
+
+class Answers:
+  """Answers to questions that take long, as JSON values: in memory, and on disk under a kind and what they depend on.
+
+  The file is read at the first question and written after each answer that took long, at most MOST_ANSWERS in it.
+  """
+
+  def __init__(self, kind="", *about):
+    self._kind, self._about, self._known, self._key, self._lock = kind, about, {}, None, threading.Lock()
+
+  def __call__(self, question, compute):
+    if self._key is None and self._kind and _folder is not None:
+      self._read()
+    if question not in self._known:
+      start = time.perf_counter()
+      answer = compute()
+      with self._lock:
+        self._known[question] = answer
+        if len(self._known) > MOST_ANSWERS:
+          del self._known[next(iter(self._known))]
+        if self._key and time.perf_counter() - start > SLOW:
+          write(self._kind, self._key, json.dumps(self._known).encode())
+      return answer
+    return self._known[question]
+
+  def _read(self):
+    with self._lock:
+      if self._key is None:
+        self._key = key_of(self._kind, *self._about)
+        with contextlib.suppress(ValueError, TypeError):
+          self._known = json.loads(read(self._kind, self._key) or b"{}") | self._known
 
 
 class Program:

@@ -48,8 +48,8 @@ def _of_words(planner, prompt, words):
 def _of_phrase(planner, action):
   """A note on an action, a plan or a prompt, with known words in an unknown combination; "" for one that is known."""
   prompt = action if isinstance(action, str) else action.text
-  if planner.repertoire is None or planner.model.captions.knows(prompt):
-    return ""
+  if not planner.model.captions or planner.model.captions.knows(prompt):
+    return ""  # before the repertoire, which reads all captions
   found = planner.repertoire.judge(action)
   if found.known and not found.few or not found.nearest:
     return ""

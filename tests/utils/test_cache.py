@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from motion_jax import export
-from motion_jax.utils import cache, timing
+from motion_jax.utils import cache, executables, timing
 from motion_studio import cli
 from tests.conftest import ROOT, devices_env
 
@@ -82,6 +82,21 @@ def test_arrays_and_shapes_come_back_as_they_were(kept):
     assert cache.kept_shapes("net", "about", make) == shapes
 
 
+def test_answers_are_computed_once(kept, monkeypatch):
+  monkeypatch.setattr(cache, "SLOW", 0.0)
+  ask = lambda answers, question: answers(question, lambda: [question, computed.append(question)])
+  computed = []
+  first = cache.Answers("captions", "a")
+  for question in ("one", "two", "one"):
+    assert ask(first, question) == [question, None]
+  assert ask(cache.Answers("captions", "a"), "two") == ["two", None] and computed == ["one", "two"]
+  ask(cache.Answers("captions", "b"), "two")
+  assert computed == ["one", "two", "two"], "of other captions"
+  for path in (kept / "captions").iterdir():
+    path.write_bytes(path.read_bytes()[:-1])
+  assert ask(cache.Answers("captions", "a"), "one") == ["one", None] and len(computed) == 4, "a damaged file"
+
+
 def test_the_oldest_files_go(kept, monkeypatch):
   monkeypatch.setattr(cache, "MOST_FILES", 3)
   for number in range(6):
@@ -116,7 +131,7 @@ def test_generating_from_the_cache_gives_the_same_bits(tiny_run, tmp_path, monke
     np.testing.assert_array_equal(clip.joints, plain.joints)
     np.testing.assert_array_equal(clip.features, plain.features)
     if name == "first":  # the second finds everything: nothing is traced
-      monkeypatch.setattr(jax.export, "export", lambda *_: pytest.fail("traced again"))
+      monkeypatch.setattr(executables, "compile_and_store", lambda *_: pytest.fail("compiled again"))
     line = capsys.readouterr().out.splitlines()[-1]
     assert all(part in line for part in ("imports", "model", "text", "program", "sample", "cleanup", "files", "in all"))
 
