@@ -5,6 +5,7 @@ lies between the products (norms, activations, softmax, rotations) is left out: 
 that follow from these counts are lower limits.
 """
 import collections
+import math
 import re
 from collections.abc import Iterator
 from typing import Any, NamedTuple
@@ -52,6 +53,25 @@ def collectives(program: str) -> dict[str, int]:
   """{operation: how often the text of a lowered program has it}, those of loops once."""
   found = {name: len(re.findall(rf"\bstablehlo\.{name}\b", program)) for name in COLLECTIVES}
   return {name: count for name, count in found.items() if count}
+
+
+def transfers(program: str) -> dict[str, tuple[int, int]]:
+  """{operation: (how often, bytes of its results on one device)} of the text of a compiled program, loops once.
+
+  Where a lowered program is sharded by jit, it has no collectives yet: XLA's partitioner adds them.
+  """
+  found: dict[str, tuple[int, int]] = {}
+  for line in program.splitlines():
+    if call := _CALL.search(line):
+      count, size = found.get(call[2], (0, 0))
+      found[call[2]] = count + 1, size + sum(
+          math.prod(map(int, filter(None, dims.split(",")))) * int(bits or 8) // 8
+          for bits, dims in _ARRAY.findall(call[1]))
+  return found
+
+
+_CALL = re.compile(rf"= (.*?) ({'|'.join(name.replace('_', '-') for name in COLLECTIVES)})(?:-start)?\(")
+_ARRAY = re.compile(r"\b(?:pred|[a-z]+?)(\d*)\[([\d,]*)\]")
 
 
 def size_of(leaf) -> float:

@@ -207,7 +207,7 @@ def _line(folder, pass_by, _):
     pass_by("in the evaluation")
     return {"wave": float(np.sin(100 * np.asarray(params["w"]).sum()))}  # the best may be any of them
 
-  config = ml_collections.ConfigDict(dict(seed=0, mesh=dict(map="auto", shard_state=False), optimizer=common.optimizer(
+  config = ml_collections.ConfigDict(dict(seed=0, mesh=common.mesh(), optimizer=common.optimizer(
       0.1, ema_decay=0.9, skip_loss=1e3), train=common.train(STEPS, 1, SAVE_EVERY, best="max wave", max_skips=3)))
   loop.train(config, folder, Stage(lambda batch, rng: {"w": jax.random.normal(rng, (3,))}, loss, None), next_batch,
              resume=not checkpoint.is_fresh(folder), evaluate=evaluate)

@@ -14,11 +14,21 @@ KIT_EVALUATED = ("kit", "64", "63")
 
 
 def experiment(stage, seed):
-  """A config that names its stage, and how its step is mapped over the devices (training/train_step.py)."""
+  """A config that names its stage, and how its step is mapped over the devices."""
   config = ml_collections.ConfigDict()
   config.stage, config.seed = stage, seed
-  config.mesh = dict(map="auto", shard_state=False)
+  config.mesh = mesh()
   return config
+
+
+def mesh():
+  """The section `mesh`: how a step is mapped over devices (docs/pods.md).
+
+  map: "auto", "pmap" or "shard_map". layout: "replicated", "tensor" or "fully_sharded"; rules: pairs of a name of axes
+  (nets/partitioning.py) and "data" or "model", in place of the layout's. data, model: number of devices that a batch,
+  and one copy of the parameters, is split over; data 0: all that model leaves.
+  """
+  return dict(map="auto", layout="replicated", rules=(), data=0, model=1)
 
 
 def data_and_size(name, data, sizes):

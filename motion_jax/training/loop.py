@@ -135,9 +135,8 @@ class States:
     self._mesh, self._next_batch = mesh, next_batch
     init_rng = jax.random.fold_in(rng, 2**31 - 1)  # no step folds in this number
     optimizer = config.optimizer
-    init = jax.jit(lambda batch, key: init_state(stage, tx, batch, key, optimizer.ema_decay > 0,
-                                                 optimizer.skip_spikes > 0))
-    self._initial = lambda: mesh.put(init(example, init_rng))
+    init = lambda batch, key: init_state(stage, tx, batch, key, optimizer.ema_decay > 0, optimizer.skip_spikes > 0)
+    self._initial = lambda: mesh.init(init, example, init_rng)
     self.saver = Saver(workdir, config.train.keep_last, config.train.save_every)
     self.outputs = Outputs(workdir, config, evaluate, draw)
     self.guards = Guards(config)

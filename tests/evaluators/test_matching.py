@@ -160,7 +160,7 @@ def test_each_network_is_clipped_alone():
 def test_the_best_weights_are_kept(tmp_path):
   """Also when a run is resumed: step 2 was the best of four."""
   def run(num_steps, resume):
-    config = ml_collections.ConfigDict(dict(seed=0, mesh=dict(map="auto", shard_state=False),
+    config = ml_collections.ConfigDict(dict(seed=0, mesh=common.mesh(),
                                              optimizer=common.optimizer(0.1, beta2=0.9),
                                              train=common.train(num_steps, 1, 1, best="min held_out_loss")))
     stage = Stage(lambda batch, rng: {"w": jnp.zeros(1)},

@@ -203,7 +203,7 @@ def test_a_process_that_fails_is_not_waited_for(tmp_path, who):
 @pytest.mark.slow
 def test_a_sharded_state_is_saved_by_both_and_goes_on_in_one_and_back(tmp_path):
   """Each process writes its part; with a whole state the first one writes all."""
-  sharded = "--config.mesh.shard_state=True"
+  sharded = "--config.mesh.layout=fully_sharded"
   train(tmp_path / "a", 2, 2, 1)
   train(tmp_path / "b", 2, 2, 1, sharded)
   assert_alike(numbers(tmp_path / "a"), numbers(tmp_path / "b"), 1e-4)

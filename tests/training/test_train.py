@@ -50,7 +50,7 @@ def _next_batch(step):
 def _config(num_steps, **optimizer):
   config = ml_collections.ConfigDict()
   config.seed = 0
-  config.mesh = dict(map="auto", shard_state=False)
+  config.mesh = common.mesh()
   config.optimizer = common.optimizer(**dict(learning_rate=1e-2, warmup_steps=1, beta2=0.99, clip_norm=1.0,
                                              ema_decay=0.9) | optimizer)
   config.train = common.train(num_steps, 1, 2)
@@ -362,7 +362,7 @@ def test_schedules(kind, expected):
 
 def drifting(folder, values, num_steps=None, resume=False, slices=None, best="min held_out_loss"):
   """Trains a number that grows by about 0.1 a step; `values` {step: held-out number}, saved at every second step."""
-  config = ml_collections.ConfigDict(dict(seed=0, mesh=dict(map="auto", shard_state=False), optimizer=common.optimizer(
+  config = ml_collections.ConfigDict(dict(seed=0, mesh=common.mesh(), optimizer=common.optimizer(
       0.1, beta2=0.9),
       train=common.train(num_steps or max(values), 1, 2, best=best)))
   stage = Stage(lambda batch, rng: {"w": jnp.zeros(1)},

@@ -38,7 +38,8 @@ def steps(config, where, count=2):
   config, _ = fit.resolve(config)
   stage, next_batch, frozen, *_ = fit.setups()[config.stage](config)
   tx = optimizers.make_optimizer(config.optimizer, 10)
-  state = where.put(train_step.init_state(stage, tx, next_batch(0), jax.random.key(0), config.optimizer.ema_decay > 0))
+  init = lambda batch, rng: train_step.init_state(stage, tx, batch, rng, config.optimizer.ema_decay > 0)
+  state = where.init(init, next_batch(0), jax.random.key(0))
   step = where.compiled(train_step.make_train_step(stage, tx, config.optimizer.ema_decay, config.optimizer.skip_loss,
                                                    accumulate_steps=config.optimizer.accumulate_steps))
   frozen, losses = where.put(frozen or {}), []
@@ -56,28 +57,6 @@ def run(name, folder):
                                                                strict=True) if a.tobytes() != b.tobytes()]
   assert not differ and losses == theirs, (name, differ, losses, theirs)
   np.savez(f"{folder}/{jax.device_count()}.npz", *jax.tree.leaves((state.params, losses)))
-
-
-def run_sharded():
-  """A sharded state against one that all devices hold: the same losses, and each device holds an eighth of it."""
-  config = tiny("cmdm_denoiser", model=dict(width=32), optimizer=dict(clip_norm=0.5))
-  where = mesh.Mesh(shard_state=True)
-  _, whole = steps(config, mesh.Mesh())
-  _, cut = steps(config, where)
-  for one, other in zip(whole, cut, strict=True):
-    for key, value in one.items():
-      np.testing.assert_allclose(other[key], value, rtol=1e-4, err_msg=key)
-  params = {"a": np.zeros((32, 96)), "b": np.zeros(7)}
-  placed = where.put(train_step.TrainState(np.zeros(()), params, params, None))
-  assert [leaf.addressable_shards[0].data.shape for leaf in jax.tree.leaves(placed)] == [(), (32, 12), (7,)] + [
-      (32, 12), (7,)]
-
-
-@pytest.mark.slow
-def test_a_sharded_state_learns_what_a_whole_one_learns():
-  code = "from tests.training import test_train_step; test_train_step.run_sharded()"
-  done = processes.run(["-c", code], devices_env(8))
-  assert done.returncode == 0, done.stderr[-3000:]
 
 
 @pytest.mark.slow
@@ -110,7 +89,7 @@ def test_a_batch_in_parts_is_the_whole_batch(name):
 
 def _one_step(stage, tx):
   where, batch = mesh.Pmap(), _next_batch(0)
-  state = where.put(train_step.init_state(stage, tx, batch, jax.random.key(0)))
+  state = where.init(lambda *args: train_step.init_state(stage, tx, *args), batch, jax.random.key(0))
   return where.compiled(train_step.make_train_step(stage, tx, 0.9))(state, {}, where.rows(batch), jax.random.key(1))
 
 

@@ -13,7 +13,7 @@ def get_config():
                      max_frames=64, lengths=(64,))
   config.optimizer = dict(learning_rate=1e-2, schedule="constant", warmup_steps=0, beta1=0.9, beta2=0.99,
                           weight_decay=0.0, clip_norm=0.0, ema_decay=0.0, skip_loss=0.0)
-  config.mesh = dict(map="auto", shard_state=False)
+  config.mesh = dict(map="auto")
   config.sampler = dict(guidance_scale=2.0, spread=0.1)
   config.train = dict(start="", num_steps=2, log_every=1, save_every=2, best="")
   return config.lock()

@@ -1,0 +1,150 @@
+"""A state is sharded by fields of the config; what it learns is the same."""
+import json
+import math
+
+import jax
+import jax.numpy as jnp
+import ml_collections
+import numpy as np
+import pytest
+from jax.sharding import AbstractMesh
+
+from benchmarks.counting import transfers
+from configs import common
+from motion_jax import fit
+from motion_jax.nets.partitioning import LAYOUTS, axes_of, shardings
+from motion_jax.training import mesh, optimizers, train_step
+from motion_jax.utils.errors import InputError
+from tests import processes
+from tests.conftest import devices_env
+from tests.training.test_train_step import steps, tiny
+
+SHARDED, TENSOR = LAYOUTS["fully_sharded"], LAYOUTS["tensor"]
+
+
+def _spec(axes, shape, rules, data=4, model=2):
+  there = AbstractMesh((data, model), ("data", "model"))
+  return tuple(shardings({"a": axes}, {"a": jax.ShapeDtypeStruct(shape, jnp.float32)}, there, rules)["a"].spec)
+
+
+@pytest.mark.parametrize("axes, shape, rules, spec", [
+    (("embed", "mlp"), (32, 64), TENSOR, (None, "model")),
+    (("embed", "mlp"), (32, 64), SHARDED, ("data", "model")),
+    (("heads", "embed"), (32, 64), SHARDED, ("model", "data")),
+    (("layers", "embed", "mlp"), (3, 32, 64), SHARDED, (None, "data", "model")),
+    (("heads",), (4096,), SHARDED, ("model",)),
+    (("embed",), (4096,), SHARDED, (None,)),           # vectors stay whole over data,
+    (("layers", "embed"), (8, 4096), SHARDED, (None, None)),
+    (("embed", None), (16, 8), SHARDED, (None, None)),  # and small arrays
+    (("embed", None), (30, 64), SHARDED, (None, "data")),  # 30 is no multiple of 4: another axis
+    ((None, None, None), (3, 64, 128), SHARDED, (None, None, "data")),  # no names: the longest one
+    ((None, None), (33, 77), SHARDED, (None, None)),
+    (("embed", "mlp"), (32, 64), (("mlp", "data"),), (None, "data")),
+    (("embed", "mlp"), (32, 64), (("*", "data"),), (None, "data")),
+    (("embed", "mlp"), (32, 64), (), (None, None))])
+def test_rules_place_the_axes_of_an_array(axes, shape, rules, spec):
+  assert _spec(axes, shape, rules) == spec
+
+
+def test_an_axis_of_the_mesh_with_one_device_shards_nothing():
+  assert _spec(("embed", "mlp"), (32, 63), SHARDED, data=1, model=1) == (None, None)
+
+
+def test_a_width_that_the_mesh_does_not_divide_is_refused():
+  with pytest.raises(InputError, match=r"got mesh.model 8 and an axis 'mlp' of 100 in \['a'\], expected a divisor; try "
+                                       "mesh.model 4, or another width"):
+    _spec(("embed", "mlp"), (32, 100), TENSOR, model=8)
+
+
+@pytest.mark.parametrize("fields, said", [
+    (dict(map="all"), "got mesh.map 'all', expected one of auto, pmap, shard_map"),
+    (dict(layout="cut"), "got mesh.layout 'cut', expected one of replicated, tensor, fully_sharded"),
+    (dict(rules=(("embed", "rows"),)), "got mesh.rules that place an axis on 'rows', expected pairs"),
+    (dict(model=2), "got mesh.model 2 and mesh.layout 'replicated', which shards nothing; expected mesh.model 1"),
+    (dict(layout="tensor", map="pmap"), "got mesh.map 'pmap' with a sharded state"),
+    (dict(layout="tensor", data=3), "got mesh.data 3 and mesh.model 1 on 1 devices, expected a product of 1 .*try "
+                                    "mesh.data 0, mesh.model 1"),
+    (dict(layout="tensor", model=2), "got mesh.data 0 and mesh.model 2 on 1 devices")])
+def test_a_mesh_that_cannot_be_is_refused(fields, said):
+  with pytest.raises(InputError, match=said):
+    mesh.make_mesh(ml_collections.ConfigDict(common.mesh() | fields))
+
+
+@pytest.mark.parametrize("name", ["adamw", "muon", "adafactor"])
+def test_optimizer_state_and_average_are_sharded_as_parameters(name):
+  """Except adafactor's, which keeps sums over one axis of an array."""
+  config, _ = fit.resolve(tiny("cmdm_denoiser", model=dict(width=32), optimizer=dict(name=name)))
+  stage, next_batch, *_ = fit.setups()[config.stage](config)
+  tx = optimizers.make_optimizer(config.optimizer, 10)
+  init = lambda *args: train_step.init_state(stage, tx, *args)
+  args = next_batch(0), jax.random.key(0)
+  shapes = jax.eval_shape(init, *args)
+  placed = shardings(axes_of(init, *args), shapes, AbstractMesh((4, 2), ("data", "model")), SHARDED)
+  of = lambda tree: {shape.shape: sharding.spec for shape, sharding in zip(
+      jax.tree.leaves(tree[0]), jax.tree.leaves(tree[1]), strict=True) if len(shape.shape) > 1}
+  params = of((shapes.params, placed.params))
+  assert params == of((shapes.ema_params, placed.ema_params)) and {"data", "model"} < set().union(*params.values())
+  inside = of((shapes.opt_state, placed.opt_state))
+  kept = {shape: spec for shape, spec in inside.items() if shape in params and math.prod(shape) > 1}
+  assert kept == {shape: params[shape] for shape in kept} and (name == "adafactor" or len(kept) == len(params))
+
+
+def test_one_device_is_a_mesh_too():
+  """The mapping by jit, on which nothing is sharded, against pmap."""
+  config = tiny("cmdm_denoiser")
+  (state, losses), (other, theirs) = (steps(config, where) for where in (mesh.Mesh(rules=SHARDED), mesh.Pmap()))
+  for one, two in zip(jax.tree.leaves((state, losses)), jax.tree.leaves((other, theirs)), strict=True):
+    np.testing.assert_allclose(one, two, rtol=1e-4, atol=1e-6)
+
+
+# --- eight devices ----------------------------------------------------------------------------------------------------
+
+MESHES = {"replicated": (8, 1, ()), "fully sharded": (8, 1, SHARDED), "4 x 2": (4, 2, SHARDED),
+          "tensor": (2, 4, TENSOR)}
+CONFIGS = {
+    "denoiser": lambda: tiny("cmdm_denoiser", model=dict(width=64, num_heads=4, ff_width=128),
+                             optimizer=dict(clip_norm=0.5)),
+    "generator": lambda: tiny("cdamd_generator"),
+    "tokenizer": lambda: tiny("cmdm_tokenizer", frozen=dict(teacher=""), loss=dict(micro_batch=4)),
+    "rvq": lambda: tiny("cdamd_rvq"),
+}
+
+
+class Recorded(mesh.Mesh):
+  """A mesh that keeps in `seen` what its step sends, and the bytes of its state: of all of it, and on one device."""
+
+  def compiled(self, train_step):
+    jitted = super().compiled(train_step)
+
+    def step(state, *args):
+      if not hasattr(self, "seen"):
+        leaves, params = jax.tree.leaves(state), jax.tree.leaves(state.params)
+        self.seen = dict(sent=transfers(jitted.lower(state, *args).compile().as_text()),
+                         state=sum(leaf.nbytes for leaf in leaves), params=sum(leaf.nbytes for leaf in params),
+                         on_one=sum(leaf.addressable_shards[0].data.nbytes for leaf in leaves))
+      return jitted(state, *args)
+
+    return step
+
+
+def measured(name, path):
+  """Writes, for each of MESHES: losses of two steps, norms of the parameters after them, what a step sends."""
+  found = {}
+  for kind, where in MESHES.items():
+    where = Recorded(*where)
+    state, losses = steps(CONFIGS[name](), where)
+    norms = [float(np.linalg.norm(leaf)) for leaf in jax.tree.leaves(state.params)]
+    found[kind] = where.seen | dict(losses=losses, norms=norms)
+  path.write_text(json.dumps(found))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", CONFIGS)
+def test_every_layout_learns_the_same(tmp_path, name):
+  """Losses of two steps up to the rounding of sums in another order."""
+  code = (f"import pathlib; from tests.training import test_mesh; "
+          f"test_mesh.measured({name!r}, pathlib.Path({str(tmp_path / 'found.json')!r}))")
+  done = processes.run(["-c", code], devices_env(8))
+  assert done.returncode == 0, done.stderr[-3000:]
+  found = json.loads((tmp_path / "found.json").read_text())
+  print(json.dumps({kind: {k: v for k, v in one.items() if k != "norms"} for kind, one in found.items()}, indent=1))
