@@ -1,4 +1,5 @@
 """A state is sharded by fields of the config; what it learns is the same."""
+import importlib.metadata
 import json
 import math
 
@@ -141,10 +142,38 @@ def measured(name, path):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", CONFIGS)
 def test_every_layout_learns_the_same(tmp_path, name):
-  """Losses of two steps up to the rounding of sums in another order."""
+  """Losses of two steps, and what the parameters are then, up to the rounding of sums in another order."""
   code = (f"import pathlib; from tests.training import test_mesh; "
           f"test_mesh.measured({name!r}, pathlib.Path({str(tmp_path / 'found.json')!r}))")
   done = processes.run(["-c", code], devices_env(8))
   assert done.returncode == 0, done.stderr[-3000:]
   found = json.loads((tmp_path / "found.json").read_text())
-  print(json.dumps({kind: {k: v for k, v in one.items() if k != "norms"} for kind, one in found.items()}, indent=1))
+  whole = found["replicated"]
+  for kind, one in found.items():
+    for ours, theirs in zip(one["losses"], whole["losses"], strict=True):
+      assert ours.keys() == theirs.keys()
+      for key, value in theirs.items():
+        np.testing.assert_allclose(ours[key], value, rtol=1e-4, atol=1e-6, err_msg=f"{kind}: {key}")
+    np.testing.assert_allclose(one["norms"], whole["norms"], rtol=1e-4, atol=1e-5, err_msg=kind)
+  assert whole["on_one"] == whole["state"] > 4 * found["fully sharded"]["on_one"]
+  if name == "denoiser":
+    check_transfers(found)
+
+
+def check_transfers(found):
+  """What the step of a denoiser of one layer sends, in calls and bytes on one device."""
+  sent, params = {kind: one["sent"] for kind, one in found.items()}, found["replicated"]["params"]
+  of = lambda kind, name: sent[kind].get(name, (0, 0))[1]
+  assert sent["replicated"].keys() == {"all-reduce"} and 0 <= of("replicated", "all-reduce") - params < 100
+  # Sharded parameters are gathered once forwards, and those that a gradient needs once more backwards.
+  assert 0.5 * params < of("fully sharded", "all-gather") < 2 * params
+  assert of("4 x 2", "all-gather") < 0.6 * of("fully sharded", "all-gather")
+  assert of("tensor", "all-gather") < 0.2 * params  # no parameters, only what a modulation gives
+  assert found["tensor"]["on_one"] < 0.3 * found["tensor"]["state"]
+  if importlib.metadata.version("jaxlib").startswith("0.10."):  # the partitioner's choices in detail
+    counts = {kind: {name: count for name, (count, _) in calls.items()} for kind, calls in sent.items()}
+    assert counts == {
+        "replicated": {"all-reduce": 2},
+        "fully sharded": {"all-reduce": 17, "all-gather": 16, "all-to-all": 3},
+        "4 x 2": {"all-reduce": 30, "all-gather": 16, "all-to-all": 10, "collective-permute": 3},
+        "tensor": {"all-reduce": 19, "all-gather": 1, "all-to-all": 7, "collective-permute": 3}}
