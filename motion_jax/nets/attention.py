@@ -31,19 +31,29 @@ class RMSNorm(nn.Module):
     return (y * scale).astype(self.dtype)
 
 
+def rotary_table(positions: Num[Array, "*lead l"], size: int, dtype: Any = jnp.float32, base: float = 10_000.0
+                 ) -> tuple[Float[Array, "*lead l 1 half"], Float[Array, "*lead l 1 half"]]:
+  """Cosine and sine by which `turn` turns size channels at positions (..., L)."""
+  half, dtype = size // 2, promote_to_f32(dtype)
+  angles = positions[..., None].astype(dtype) * base ** (-jnp.arange(half, dtype=dtype) / half)
+  return jnp.cos(angles)[..., None, :], jnp.sin(angles)[..., None, :]
+
+
+def turn(x: Float[Array, "*lead l h k"], table: tuple[Array, Array]) -> Float[Array, "*lead l h k"]:
+  """Adjacent pairs of channels of x (..., L, H, K), turned by a `rotary_table` of its positions."""
+  cos, sin = table
+  even, odd = x[..., 0::2], x[..., 1::2]
+  turned = jnp.stack([even * cos - odd * sin, even * sin + odd * cos], axis=-1)
+  return turned.reshape(x.shape).astype(x.dtype)
+
+
 def rotary(x: Float[Array, "*lead l h k"], positions: Num[Array, "*#lead l"], base: float = 10_000.0
            ) -> Float[Array, "*lead l h k"]:
   """Turns adjacent pairs of channels by position * base^(-2 i / K): x (..., L, H, K), positions (L,) or (..., L).
 
   Scores then depend on differences of positions only, so positions may be shifted all together.
   """
-  half = x.shape[-1] // 2
-  dtype = promote_to_f32(x.dtype)
-  angles = positions[..., None].astype(dtype) * base ** (-jnp.arange(half, dtype=dtype) / half)
-  cos, sin = (f(angles)[..., None, :] for f in (jnp.cos, jnp.sin))
-  even, odd = x[..., 0::2], x[..., 1::2]
-  turned = jnp.stack([even * cos - odd * sin, even * sin + odd * cos], axis=-1)
-  return turned.reshape(x.shape).astype(x.dtype)
+  return turn(x, rotary_table(positions, x.shape[-1], x.dtype, base))
 
 
 def dot_product_attention(q: Float[Array, "b l h k"], k: Float[Array, "b s h k"], v: Float[Array, "b s h k"],

@@ -4,16 +4,18 @@ Source: docs/papers/cmdm.md#causal-dit, #masks.
 
 The whole network is `__call__`. The sampler uses the same layers in pieces, because most of what they compute does not
 change from step to step: `modulation` depends on the noise level only, `text_keys_values` on the caption only, and keys
-and values of finished latents stay as they are; `window` runs the latents that are being denoised against them.
+and values of finished latents stay as they are; `window` runs the latents that are being denoised against them. The
+pieces run one layer `depth` times over stacked parameters (`stack_layers`), which is one layer to compile.
 """
 from typing import Any, NamedTuple
 
 import flax.linen as nn
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Bool, Float, Num
 
-from motion_jax.nets.attention import Attention, rotary
+from motion_jax.nets.attention import Attention, rotary_table, turn
 from motion_jax.nets.layers import Dense, broadcast_to_length, timestep_embedding
 from motion_jax.shapes import Array
 
@@ -31,20 +33,20 @@ def size(name: str, **fields: Any) -> dict[str, Any]:
 
 
 class Text(NamedTuple):
-  """What a layer's cross-attention needs of captions: keys and values (B, S, H, D / H), mask (B, S), or (B, L, S) where
-  the latents of one motion have words of their own.
+  """What cross-attention needs of captions: keys and values (B, S, H, D / H) of a layer, or (depth, B, S, H, D / H) of
+  all; mask (B, S), or (B, L, S) where the latents of one motion have words of their own.
 
   null (1, 1, D), if there, is the layer's whole output for a dropped caption: its words are all alike, so attention to
   them is a constant (docs/papers/cmdm.md#text). A batch of 2 B then means B latents with their captions and B without.
   """
-  k: Float[Array, "b s h k"]
-  v: Float[Array, "b s h k"]
+  k: Float[Array, "*depth b s h k"]
+  v: Float[Array, "*depth b s h k"]
   mask: Bool[Array, "b *l s"]
-  null: Float[Array, "1 1 d"] | None = None
+  null: Float[Array, "*depth 1 1 d"] | None = None
 
 
-# Of one layer: keys and values of latents.
-KeysValues = tuple[Float[Array, "b _ h k"], Float[Array, "b _ h k"]]
+# Keys and values of latents, of one layer or of all, (depth, B, L, H, K).
+KeysValues = tuple[Float[Array, "*depth b _ h k"], Float[Array, "*depth b _ h k"]]
 
 
 class Block(nn.Module):
@@ -89,14 +91,16 @@ class Block(nn.Module):
     return jnp.concatenate([y, jnp.broadcast_to(text.null, y.shape)])
 
   def step(self, x: Float[Array, "b l d"], modulation: Float[Array, "#b #l 6 d"], text: Text,
-           attn_mask: Bool[Array, "#b 1 l s"], positions: Num[Array, "*#b l"], past: KeysValues | None = None
+           attn_mask: Bool[Array, "#b 1 l s"], table: tuple[Array, Array], past: KeysValues | None = None
            ) -> tuple[Float[Array, "b l d"], KeysValues]:
-    """-> (x, (k, v)) with the keys and values of x, keys not turned; past (k, v), keys turned, stand before them."""
+    """-> (x, (k, v)) with the keys and values of x, keys not turned; past (k, v), keys turned, stand before them.
+
+    table: `rotary_table` of the positions of x."""
     shift1, scale1, gate1, shift2, scale2, gate2 = (part[..., 0, :] for part in jnp.split(modulation, 6, axis=-2))
     y = self._modulated(self.norm1(x), scale1, shift1)
     q, (k, v) = self.self_attn.queries(y), self.self_attn.keys_values(y)
     new = k, v
-    q, k = rotary(q, positions), rotary(k, positions)
+    q, k = turn(q, table), turn(k, table)
     if past is not None:
       k, v = (jnp.concatenate([a.astype(b.dtype), b], axis=1) for a, b in zip(past, (k, v)))
     x = x + gate1 * self.self_attn.attend(q, k, v, attn_mask)
@@ -175,9 +179,32 @@ class CausalDiT(nn.Module):
     t = t if self.time_scale == 1 else t * self.time_scale
     return self.time_out(nn.silu(self.time_in(timestep_embedding(t))))
 
+  def stack_layers(self, params: Any) -> Any:
+    """Parameters with all layers in one: leaves of "blocks" and "adapters" (depth, ...) in the place of those of each
+    layer. The sampler's methods take them so, and stack them in every call where they are not; `__call__` does not."""
+    layers = dict(params["params"])
+    for kind in ("block", "adapter"):
+      rows = [layers.pop(name) for name in (f"{kind}{i}" for i in range(self.depth)) if name in layers]
+      if rows:
+        layers[f"{kind}s"] = jax.tree.map(
+            lambda *leaves: (np if isinstance(leaves[0], np.ndarray) else jnp).stack(leaves), *rows)
+    return {"params": layers}
+
+  def _stacked(self, kind: str) -> Any:
+    """The stacked parameters of "blocks" or "adapters"."""
+    own = self.variables["params"]
+    return own[kind] if kind in own else self.stack_layers({"params": own})["params"][kind]
+
+  def _block(self) -> Block:
+    return Block(self.width, self.num_heads, self.ff_width, self.dtype, parent=None)
+
   def modulation(self, t: Float[Array, "*lead"]) -> Float[Array, "depth *lead 6 d"]:
     """Everything that depends on t alone, for all layers: (depth, ..., 6, D)."""
-    return jnp.stack(self._modulations(t))
+    if not self.use_adaln:
+      return jnp.stack(self._modulations(t))
+    level, block = self.level(t), self._block()
+    of_layer = lambda params: block.apply({"params": params}, level, method="modulation")
+    return jax.lax.map(of_layer, self._stacked("blocks"))
 
   def _modulations(self, t: Float[Array, "*lead"]) -> list[Float[Array, "*lead 6 d"]]:
     level = self.level(t)
@@ -188,14 +215,21 @@ class CausalDiT(nn.Module):
     return [block.modulation(level) for block in self.blocks]
 
   def text_keys_values(self, text_emb: Float[Array, "b s e"], text_mask: Bool[Array, " b *l"], with_null: bool = False
-                       ) -> tuple[Text, ...]:
+                       ) -> Text:
     """Keys and values of the words for all layers, from text_emb (B, S, E) and text_mask (B, S).
 
     with_null adds the constants for latents without a caption: its word features are 0 (docs/papers/cmdm.md#text).
     """
     words = self.text_in(text_emb.astype(self.dtype))
     null_word = self.text_in(jnp.zeros((1, 1, self.text_dim), self.dtype)) if with_null else None
-    return tuple(block.text(words, text_mask, null_word) for block in self.blocks)
+    block = self._block()
+
+    def of_layer(params):
+      text = block.apply({"params": params}, words, text_mask, null_word, method="text")
+      return text.k, text.v, text.null
+
+    k, v, null = jax.lax.map(of_layer, self._stacked("blocks"))
+    return Text(k, v, text_mask, null)
 
   def control_tokens(self, control: Float[Array, "b l n"]) -> Float[Array, "b l control"]:
     """Embeds the constraints once per motion, for all layers: control (B, L, N) -> (B, L, depth * rank + 1).
@@ -208,34 +242,43 @@ class CausalDiT(nn.Module):
     hidden = nn.silu(self.control_in(control.astype(self.dtype)))
     return jnp.concatenate([self.control_out(hidden), control[..., :1].astype(self.dtype)], axis=-1)
 
-  def turn_keys(self, cache: tuple[KeysValues, ...], positions: Num[Array, " p"]) -> tuple[KeysValues, ...]:
-    """Cached (k, v) of all layers with the keys turned to positions (P,), as `window` takes them."""
-    positions = positions if self.use_rope else jnp.zeros_like(positions)
-    return tuple((rotary(k, positions), v) for k, v in cache)
+  def _table(self, positions: Num[Array, "*#b w"]) -> tuple[Array, Array]:
+    return rotary_table(positions * self.use_rope, self.width // self.num_heads, self.dtype)
+
+  def turn_keys(self, cache: KeysValues, positions: Num[Array, " p"]) -> KeysValues:
+    """Cached (k, v) (depth, B, P, H, K) with the keys turned to positions (P,), as `window` takes them."""
+    k, v = cache
+    return turn(k, self._table(positions)), v
 
   def window(self, x: Float[Array, "b w c"], t: Float[Array, "#b w"],
-             modulation: Float[Array, "depth #b #w 6 d"] | list, text: tuple[Text, ...],
+             modulation: Float[Array, "depth #b #w 6 d"], text: Text,
              attn_mask: Bool[Array, "#b 1 w s"], positions: Num[Array, "*#b w"],
-             past: tuple[KeysValues, ...] | None = None, control: Float[Array, "_ w control"] | None = None
-             ) -> tuple[Float[Array, "b w c"], tuple[KeysValues, ...]]:
+             past: KeysValues | None = None, control: Float[Array, "_ w control"] | None = None
+             ) -> tuple[Float[Array, "b w c"], KeysValues]:
     """Velocity of a window of latents and its keys and values: x (B, W, C), modulation (depth, B or 1, W, 6, D).
 
-    text: of text_keys_values. positions (W,) or (B, W). past: per layer (k, v) (B, P, H, K), keys turned, that stand
+    text: of text_keys_values. positions (W,) or (B, W). past: (k, v) (depth, B, P, H, K), keys turned, that stand
     before the window; attn_mask (B or 1, 1, W, P + W) says which of them are there. control: of control_tokens.
-    -> (velocity, ((k, v), ...)), keys not turned.
+    -> (velocity, (k, v)) with the keys and values of x (depth, B, W, H, K), keys not turned.
     """
     latents, x = x, self.x_in(x.astype(self.dtype))
     if not self.use_adaln:
       x = x + self.level(t)
-    positions = positions if self.use_rope else jnp.zeros_like(positions)
-    parts = None if control is None else jnp.split(control, [control.shape[-1] - 1], axis=-1)
-    control_emb = [] if parts is None else jnp.split(parts[0], self.depth, axis=-1)
-    new = []
-    for i, block in enumerate(self.blocks):
-      x = x if parts is None else self.adapters[i](x, control_emb[i], parts[1], t)
-      x, keys_values = block.step(x, modulation[i], text[i], attn_mask, positions, None if past is None else past[i])
-      new.append(keys_values)
-    return self._to_velocity(self.out(x), latents, t), tuple(new)
+    block, table, added = self._block(), self._table(positions), None
+    if control is not None:
+      adapter, has_control = ControlAdapter(self.width, self.dtype, parent=None), control[..., -1:]
+      added = self._stacked("adapters"), jnp.stack(jnp.split(control[..., :-1], self.depth, axis=-1))
+
+    def layer(x, row):
+      params, modulation, k, v, null, past, added = row
+      if added is not None:
+        x = adapter.apply({"params": added[0]}, x, added[1], has_control, t)
+      return block.apply({"params": params}, x, modulation, Text(k, v, text.mask, null), attn_mask, table, past,
+                         method="step")
+
+    rows = self._stacked("blocks"), modulation, text.k, text.v, text.null, past, added
+    x, new = jax.lax.scan(layer, x, rows)
+    return self._to_velocity(self.out(x), latents, t), new
 
   def _to_velocity(self, y: Float[Array, "b l c"], x: Float[Array, "b l c"], t: Float[Array, "#b l"]
                    ) -> Float[Array, "b l c"]:
@@ -267,8 +310,15 @@ class CausalDiT(nn.Module):
     if t.shape[1] != length:
       modulation = [broadcast_to_length(part, length // t.shape[1]) for part in modulation]
       t = jnp.repeat(t, length // t.shape[1], axis=1)
-    text = self.text_keys_values(text_emb, text_mask)
-    return self.window(x, t, modulation, text, attn_mask, jnp.arange(length), control=added)[0]
+    words, table = self.text_in(text_emb.astype(self.dtype)), self._table(jnp.arange(length))
+    control_emb = [] if added is None else jnp.split(added[..., :-1], self.depth, axis=-1)
+    latents, x = x, self.x_in(x.astype(self.dtype))
+    if not self.use_adaln:
+      x = x + self.level(t)
+    for i, block in enumerate(self.blocks):
+      x = x if added is None else self.adapters[i](x, control_emb[i], added[..., -1:], t)
+      x, _ = block.step(x, modulation[i], block.text(words, text_mask), attn_mask, table)
+    return self._to_velocity(self.out(x), latents, t)
 
   def _scanned(self, x: Float[Array, "b l c"], t: Float[Array, "b m"], text_emb: Float[Array, "b s e"],
                attn_mask: Bool[Array, "#b 1 l l"], text_mask: Bool[Array, "b *m s"],
@@ -277,12 +327,12 @@ class CausalDiT(nn.Module):
     optimizer each layer has its own."""
     level, words = self.level(t), self.text_in(text_emb.astype(self.dtype))
     plain = None if self.use_adaln else self._modulations(t)[0]
-    count, positions = x.shape[1] // t.shape[1], jnp.arange(x.shape[1]) * self.use_rope
+    count, table = x.shape[1] // t.shape[1], self._table(jnp.arange(x.shape[1]))
     t = jnp.repeat(t, count, axis=1)
 
     def layer(block, x):
       modulation = broadcast_to_length(block.modulation(level) if plain is None else plain, count)
-      return block.step(x, modulation, block.text(words, text_mask), attn_mask, positions)[0], None
+      return block.step(x, modulation, block.text(words, text_mask), attn_mask, table)[0], None
 
     latents, x = x, self.x_in(x.astype(self.dtype))
     if not self.use_adaln:

@@ -10,9 +10,9 @@ from motion_jax.shapes import Array
 class FrameWiseNetwork(Protocol):
   """A linen module with a velocity per latent frame, whose attention can look at cached keys and values.
 
-  `CausalDiT` is one. Methods are called through `apply(params, ..., method="window")`. A network with captions also has
-  `text_keys_values(text_emb, text_mask, with_null)`, one that takes constraints `control_tokens(control)`; what these
-  return is text and control of `window`, which are None without.
+  `CausalDiT` is one. Methods are called through `apply(stack_layers(params), ..., method="window")`. A network with
+  captions also has `text_keys_values(text_emb, text_mask, with_null)`, one that takes constraints
+  `control_tokens(control)`; what these return is text and control of `window`, which are None without.
   """
   latent_dim: int  # C
   width: int       # of all heads together
@@ -24,14 +24,17 @@ class FrameWiseNetwork(Protocol):
   def apply(self) -> Any:
     """That of every linen module."""
 
+  def stack_layers(self, params: Any) -> Any:
+    """Parameters as the methods below take them."""
+
   def modulation(self, t: Float[Array, " n"]) -> Array:
     """What depends on the time alone, computed once for all times (N,) of a sampler."""
 
   def window(self, x: Float[Array, "b w c"], t: Float[Array, "#b w"], modulation: Any,
              text: Any, attn_mask: Bool[Array, "#b 1 w k"], positions: Any, past: Any = None, control: Any = None
              ) -> tuple[Array, Any]:
-    """(velocity of the latents x at times t, ((keys, values) of each layer, unturned)). Keys are those of past, as
-    `turn_keys` returns them, followed by those of x; both (B, L, num_heads, width / num_heads)."""
+    """(velocity of the latents x at times t, (keys, values) of all layers, unturned). Keys are those of past, as
+    `turn_keys` returns them, followed by those of x; both (depth, B, L, num_heads, width / num_heads)."""
 
   def turn_keys(self, cache: Any, positions: Any) -> Any:
-    """Cached ((keys, values) of each layer), keys with their positions applied, which count from the window."""
+    """Cached (keys, values) of all layers, keys with their positions applied, which count from the window."""

@@ -11,8 +11,9 @@ losses        of the tokenizer
 stages        what is trained, as pure functions
 setup         a config becomes a stage with its data
 streaming     the frame-wise sampler: one step that offline and live sampling share
-sampling      generating and going on, by that step or by the plain loop that it is tested against
+sampling      generating and going on as pure functions, by that step or by the plain loop that it is tested against
 networks      networks with their weights, compiled
+loop          the step driven from the host: motion of any length and kind by one program
 model         ready to use; `multi_prompt` tells several prompts in a row, `live` never ends
 weights       the authors' PyTorch files
 
@@ -39,18 +40,16 @@ if TYPE_CHECKING:
     tokenizer_terms,
   )
   from motion_jax.models.cmdm.sampling import (
-    MotionStream,
+    block_constants,
+    block_control,
+    block_pull,
+    block_words,
     chain_segment,
     chained,
     extend,
     generate,
     generate_whole,
-    init_stream,
     plain_velocity,
-    stream_control,
-    stream_start,
-    stream_step,
-    stream_words,
     words_of_latents,
   )
   from motion_jax.models.cmdm.stages import (
@@ -60,10 +59,11 @@ if TYPE_CHECKING:
     tokenizer_stage,
   )
 
-__all__ = ["DISTANCE_PAIRS", "LAST_LAYERS", "MotionStream", "RECONSTRUCTIONS", "align_factor", "align_loss",
-           "align_ratio", "align_terms", "chain_segment", "chained", "denoiser_shapes", "denoiser_stage", "extend",
-           "frozen_shapes", "gaussian_nll", "generate", "generate_whole", "init_stream", "kl_to_standard_normal",
-           "plain_velocity", "pool_teacher", "set_distances", "smooth_l1", "stream_control", "stream_start",
-           "stream_step", "stream_words", "tokenizer_stage", "tokenizer_terms", "words_of_latents"]
+__all__ = ["DISTANCE_PAIRS", "LAST_LAYERS", "RECONSTRUCTIONS", "align_factor", "align_loss", "align_ratio",
+           "align_terms",
+           "block_constants", "block_control", "block_pull", "block_words", "chain_segment", "chained",
+           "denoiser_shapes", "denoiser_stage", "extend", "frozen_shapes", "gaussian_nll", "generate", "generate_whole",
+           "kl_to_standard_normal", "plain_velocity", "pool_teacher", "set_distances", "smooth_l1", "tokenizer_stage",
+           "tokenizer_terms", "words_of_latents"]
 
 __getattr__, __dir__ = lazy.attach(__name__)

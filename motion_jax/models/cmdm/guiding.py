@@ -86,13 +86,12 @@ class Guide:
     cut = lambda a: jax.lax.dynamic_slice_in_dim(a, at * self.codec.frames_per_latent, frames, axis=1)
     return guidance.residual(jax.tree.map(cut, self.signal), *self._world(behind, latents)[:2])
 
-  def pull(self, behind: Behind, base: Any, latents: Float[Array, "b w c"], velocity: Float[Array, "b w c"],
-           t: Float[Array, " w"], moves: Bool[Array, " w"]) -> Float[Array, "b w c"]:
+  def pull(self, behind: Behind, base: Any, clean: Float[Array, "b w c"], t: Float[Array, " w"],
+           moves: Bool[Array, " w"]) -> Float[Array, "b w c"]:
     """What is to be added to the clean latents that a window at times t (W,) means, where latents move. base: how many
     latents lie before it."""
     left, t_of = jnp.where(moves, 1 - t, 0.0)[:, None], jnp.where(moves, t, 1.0)[:, None]
     variance = (left ** 2 / (left ** 2 + t_of ** 2))[None]  # of clean latents at t, where they have variance 1
-    clean = latents + (1 - t)[:, None] * velocity
     return guidance.newton_step(lambda z: self._residual(behind, base - self.first, z), clean, variance, self.num_steps)
 
   def settle(self, latents: Float[Array, "b l c"]) -> Float[Array, "b l c"]:

@@ -1,30 +1,22 @@
 """Streams: motion without end, block after block from one step, with prompts that may change on the way."""
 import copy
-import dataclasses
 from collections.abc import Sequence
-from typing import Any, NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Int
 
 from motion_jax.control.signal import ControlSignal
 from motion_jax.data.clip import Caption
-from motion_jax.models import cmdm
 from motion_jax.models.cmdm import multi_prompt, streaming
-from motion_jax.models.cmdm.guiding import Behind, Guide
+from motion_jax.models.cmdm.loop import SamplingLoop
 from motion_jax.models.cmdm.networks import CmdmNetworks
+from motion_jax.models.cmdm.offline import CAPTIONS
 from motion_jax.models.cmdm.options import CmdmSampling
+from motion_jax.models.cmdm.paths import Path, heading_of
 from motion_jax.models.results import Motion
-from motion_jax.motion import rotations as rot
 from motion_jax.motion.cleanup import Cleaner
-from motion_jax.motion.representations import Representation, root_path, to_joints
 from motion_jax.text.contrast import Contrast
-
-_LENGTH = 50   # latents whose constraints are compiled together; longer ones by doubling
-_CAPTIONS = 4  # different captions that a window may show before its step is compiled for twice as many
-
 
 Segments = Sequence[tuple[str, int | None]]  # prompts and their frames
 
@@ -47,23 +39,15 @@ class LiveStream:
                contrast: Contrast | None = None) -> None:
     """segments: [(prompt, frames)] in sequence, the last without end."""
     self._model, self._plan, self.num_frames, self._contrast = model, plan, num_frames, contrast
-    constants, latents, decoder = model.compiled.stream_start(plan, model.codec, model.params, keys)
-    self._sampler = streaming.Sampler(model.dit, plan, model.params, streaming.Constants(*constants), None,
-                                      sampling.guidance_scale, keys)
-    self._state = cmdm.MotionStream(streaming.Stream(*latents), decoder)
-    self._steps, self._frames, self._given = 0, 0, 0  # frames: that are decided; given: of them, once cleaned
-    self._path: _Path | None = None
-    self._tokens: np.ndarray | None = None  # of what the stream is held to (1, L, N), from block _tokens_from on
-    self._tokens_from = 0
-    self._signal: ControlSignal | None = None
+    self._loop = SamplingLoop(model, plan, np.array([sampling.guidance_scale]), keys)
+    self._frames, self._given = 0, 0  # frames: that are decided; given: of them, once cleaned
     self._drift = np.zeros(2)  # x and z by which the cleanup, that lets feet not slide, has moved the body
     self._waiting = np.zeros((0, 2))  # x and z of the body, as decoded, in frames that wait for their cleanup
-    self._before: Any = None  # the decoder's memory and the path before the window's oldest block
     layout = model.stats.layout
     self._cleaner = Cleaner(layout.skeleton, model.fps) if cleanup and layout.has_fixed_bones else None
     self._script = [(0, 0)]  # (block, slot): from that block on the caption of that slot
     (prompt, *_), self._waiting_prompts = self._scheduled(segments, 0)
-    self._bank = [prompt] * _CAPTIONS
+    self._bank = [prompt] * CAPTIONS
     self._encode()
 
   def __repr__(self) -> str:
@@ -78,6 +62,15 @@ class LiveStream:
   @property
   def block_seconds(self) -> float:
     return self.block_frames / self._model.fps
+
+  @property
+  def _steps(self) -> int:
+    return self._loop.steps
+
+  @property
+  def _path(self) -> Path | None:
+    """Where the body, as decoded, has got to."""
+    return self._loop.paths[0]
 
   @property
   def delay(self) -> float:
@@ -168,52 +161,9 @@ class LiveStream:
     """
     if signal is not None and signal.batch != 1:
       raise ValueError(f"got constraints of {signal.batch} motions, a stream is one")
-    model = self._model
-    self._tokens, self._signal, guide = None, None, None
-    if signal is not None and not signal.is_empty:
-      if model.dit.control:
-        # Of the frames that can still change; lengths doubled from ten seconds on, so that few are compiled.
-        first, count = self._base * self.block_frames, _LENGTH * model.frames_per_latent
-        while count < signal.frames - first:
-          count *= 2
-        start = np.array([[*self.place, 0.0 if self._path is None else _heading(self._path)]], np.float32)
-        self._tokens_from = self._base
-        self._tokens = np.asarray(model.compiled.stream_control(
-            model.codec, model.params, signal.slice_frames(first, first + count), start))
-      if control_steps:
-        self._signal = jax.tree.map(np.asarray, signal)
-        guide = Guide.of(model.codec, model.stats, self._window(self._signal), control_steps)
-    self._sampler = dataclasses.replace(self._sampler, control=None, guide=guide)
+    start = np.array([[*self.place, 0.0 if self._path is None else heading_of(self._path)]], np.float32)
+    self._loop.hold(signal, control_steps, start)
     return self._frames
-
-  @property
-  def _base(self) -> int:
-    """The window's oldest block."""
-    return max(self._steps - self._plan.age, 0)
-
-  def _window(self, signal: ControlSignal) -> ControlSignal:
-    """The frames of a window of blocks from the oldest one on."""
-    first = self._base * self.block_frames
-    return signal.slice_frames(first, first + self._plan.width * self.block_frames)
-
-  def _held(self) -> tuple[streaming.Sampler, streaming.Stream]:
-    """Sampler and state of the next step, with what the window is held to."""
-    sampler, latents, size, base = self._sampler, self._state.latents, self._plan.block, self._base
-    if self._tokens is not None:
-      first = (base - self._tokens_from) * size
-      window = self._tokens[:, first:first + self._plan.width * size]
-      missing = self._plan.width * size - window.shape[1]
-      sampler = dataclasses.replace(sampler, control=np.pad(window, ((0, 0), (0, missing), (0, 0))), control_first=base)
-    if self._signal is None or sampler.guide is None:
-      return sampler, latents._replace(behind=None)
-    guide = dataclasses.replace(sampler.guide, signal=_moved(self._window(self._signal), -self._drift),
-                                first=base * size)
-    behind = guide.begin()
-    if base:
-      decoder, path = self._before
-      behind = Behind(decoder, *(jnp.asarray(a, jnp.float32)[None]
-                                 for a in (path.row, path.place[::2], _heading(path))))
-    return dataclasses.replace(sampler, guide=guide), latents._replace(behind=behind)
 
   def show(self, seconds: float = 10.0) -> Motion:
     """The next seconds as a Motion, which a notebook shows in its viewer; the next call continues from there."""
@@ -239,22 +189,20 @@ class LiveStream:
     other = copy.copy(self)
     other.num_frames, other._bank, other._script = num_frames, list(self._bank), list(self._script)
     other._waiting_prompts = list(self._waiting_prompts)
-    other._cleaner = copy.deepcopy(self._cleaner)
+    other._loop, other._cleaner = copy.copy(self._loop), copy.deepcopy(self._cleaner)
     return other
 
   def _encode(self) -> None:
     emb, mask = self._model.encode_words(self._bank, self._contrast)
-    text = self._model.compiled.stream_words(self._plan.guided, self._model.params, emb[None], mask[None])
-    self._sampler = dataclasses.replace(self._sampler, text=text)
+    self._loop.say(emb[None], mask[None])
 
-  def _captions(self, active: int) -> tuple[Int[jax.Array, "1 {active}"], Int[jax.Array, "1 {active}"] | None]:
-    """The slots (1, active) of the window's blocks, and the first block that each of them sees (None: any)."""
-    blocks = max(self._steps - self._plan.age, 0) + np.arange(active)
+  def _captions(self) -> tuple[Int[np.ndarray, "1 w"], Int[np.ndarray, "1 w"] | None]:
+    """The slots (1, W) of the window's blocks, and the first block that each of them sees (None: any)."""
+    blocks = self._loop.base + np.arange(self._plan.width)
     starts, slots = (np.array(column) for column in zip(*self._script))
     at = np.maximum(np.searchsorted(starts, blocks, side="right") - 1, 0)
-    as_row = lambda values: jnp.asarray(values[None], jnp.int32)
     memory = self._plan.memory  # the very first words have nothing before them
-    return as_row(slots[at]), None if memory is None else as_row(starts[at] - memory)
+    return slots[at][None], None if memory is None else starts[at][None] - memory
 
   def __iter__(self) -> "LiveStream":
     return self
@@ -273,20 +221,12 @@ class LiveStream:
     while self._waiting_prompts and self._waiting_prompts[0][0] <= self._steps:
       first, prompt = self._waiting_prompts.pop(0)
       self._begin(prompt, first)
-    plan, layout, width = self._plan, self._model.stats.layout, -(-self._plan.width // 2)
-    # Two compiled widths: the start and the rest.
-    active = min(-(-min(self._steps + 1, plan.width) // width) * width, plan.width)
-    sampler, latents = self._held()
-    before = self._state.decoder, self._path
-    self._state, made, _ = self._model.compiled.stream_step(
-        active, self._steps > plan.age, self._model.codec, sampler, self._state._replace(latents=latents),
-        *self._captions(active))
-    self._before = before
-    self._steps += 1
-    if self._steps < plan.age:
+    layout = self._model.stats.layout
+    block = self._loop.step(*self._captions(), self._drift[None])
+    if block is None:
       return np.zeros((0, layout.skeleton.num_joints, 3), np.float32)
-    features = self._model.stats.denormalize(np.asarray(made))[0]
-    joints, self._path = _continue_path(features, self._path, layout)
+    features = self._model.stats.denormalize(self._loop.decode(block))
+    joints, features = self._loop.follow(features)[0], features[0]
     if self.num_frames is not None:
       joints = joints[:self.num_frames - self._frames]
     self._frames += len(joints)
@@ -300,38 +240,3 @@ class LiveStream:
         joints = np.concatenate([joints, self._cleaner.flush()])
     self._given += len(joints)
     return joints
-
-
-def _moved(signal: ControlSignal, by: np.ndarray) -> ControlSignal:
-  """A signal whose places over the ground are moved by x and z (2,)."""
-  offset = np.array([by[0], 0, by[1]], np.float32)
-  return dataclasses.replace(signal, positions=np.where(signal.given, signal.positions + offset, 0))
-
-
-class _Path(NamedTuple):
-  """Where a stream has got to: the last row of features, its heading (4,) and its place (3,)."""
-  row: np.ndarray
-  heading: np.ndarray
-  place: np.ndarray
-
-
-def _heading(path: _Path) -> float:
-  return float(-2 * np.arctan2(path.heading[2], path.heading[0]))
-
-
-def _continue_path(features: Float[np.ndarray, "n f"], past: _Path | None, layout: Representation
-                   ) -> tuple[Float[np.ndarray, "n j 3"], _Path]:
-  """Joints (n, J, 3) of the next rows of a stream (n, F), going on from where the last ones ended -> (joints, past).
-
-  Heading and place are summed in float64: after an hour's walk they are as exact as at the start.
-  """
-  rows = features if past is None else np.concatenate([past.row, features])
-  joints = to_joints(rows, layout).astype(np.float64)
-  heading, path = root_path(rows, layout)
-  if past is not None:
-    # Seen from the row that old and new rows share: in some layouts a row holds the step to it.
-    place, turn = path[0] * [1, 0, 1], rot.multiply(rot.conjugate(past.heading), heading[0])
-    joints = rot.rotate(turn, joints - place)[1:] + past.place
-    path = rot.rotate(turn, path - place) + past.place
-    heading = rot.multiply(rot.multiply(heading, rot.conjugate(heading[0])), past.heading)
-  return joints.astype(np.float32), _Path(rows[-1:], heading[-1], path[-1] * [1, 0, 1])

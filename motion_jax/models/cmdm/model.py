@@ -3,6 +3,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 import jax
+import numpy as np
 
 from motion_jax.control.signal import ControlSignal
 from motion_jax.data.clip import Clip
@@ -10,7 +11,6 @@ from motion_jax.models import arguments
 from motion_jax.models.base import keys_of
 from motion_jax.models.cmdm import multi_prompt as multi
 from motion_jax.models.cmdm import streaming
-from motion_jax.models.cmdm.guiding import Guide
 from motion_jax.models.cmdm.live import LiveStream
 from motion_jax.models.cmdm.networks import CmdmNetworks
 from motion_jax.models.cmdm.options import CmdmSampling
@@ -18,7 +18,6 @@ from motion_jax.models.known_motion import KnownMotion, at_rate, clip_of
 from motion_jax.models.results import Motion, Motions, captions_in_a_row, go_on, make_motions
 from motion_jax.shapes import Array
 from motion_jax.text.contrast import Contrast
-from motion_jax.utils import timing
 from motion_jax.utils.errors import InputError
 from motion_jax.utils.numerals import checked
 
@@ -51,23 +50,14 @@ class CmdmModel(CmdmNetworks):
     control_steps, refinements = (checked(sampling.pop(name, usual), 0, 100, name) for name, usual in (
         ("control_steps", CONTROL_STEPS), ("refinements", REFINEMENTS)))
     plan, chosen, contrast, about = self.plan_of(**sampling)
-    # Whole blocks are independent of what follows them; a few more of them spare a compilation for every new length.
-    blocks = -(-max(frames) // (plan.block * self.vae.frames_per_latent * 4)) * 4
-    plan = plan._replace(context=min(plan.context, max(self.context, blocks * plan.block)))  # no more than there is
-    run = self.compiled.generate if plan.lag else self.compiled.generate_whole
-    if not plan.lag:
-      plan = plan._replace(context=max(plan.context, blocks * plan.block))
-    with timing.part("text"):
-      text_emb, text_mask = self.encode_words(prompts, contrast)
-    guidance: dict[str, Any] = {}
+    blocks = -(-max(frames) // (plan.block * self.frames_per_latent))
+    control: dict[str, Any] = {}
     if signal is not None:
       signal = signal.slice_frames(0, blocks * plan.block * self.frames_per_latent)
-      guidance = dict(control=signal) if self.dit.control else {}
-      guidance |= dict(guide=Guide.of(self.codec, self.stats, signal, control_steps, refinements)
-                       ) if control_steps else {}
+      control = dict(signal=signal, control_steps=control_steps, refinements=refinements)
       about |= dict(control_steps=control_steps, refinements=refinements)
-    made = run(plan.fitted(blocks), blocks, self.params, self.codec, text_emb=text_emb, text_mask=text_mask,
-               scale=chosen.guidance_scale, keys=keys, **guidance)
+    made = multi.run(self, plan, chosen, [[prompt] for prompt in prompts], np.zeros((len(prompts), blocks), np.int32),
+                     keys, contrast, **control)
     captions = [captions_in_a_row([prompt], [count], self.fps) for prompt, count in zip(prompts, frames)]
     return make_motions(self, made, frames, captions, seeds, about, cleanup)
 
@@ -182,7 +172,8 @@ class CmdmModel(CmdmNetworks):
     """(plan for motions of any length, all choices of sampling, contrast guidance, record of them) of `CmdmSampling`
     choices."""
     chosen = self.sampling(**sampling)
-    guided = chosen.guidance_scale != 1.0
+    # A scale of 1 is the network without guidance: where others are usual it shares their program.
+    guided = 1.0 != chosen.guidance_scale or 1.0 != self.sampling().guidance_scale
     plan = streaming.make_plan(chosen.num_steps, chosen.steps_apart or 1, self.dit.block, chosen.context, guided=guided,
                                solver=chosen.solver, memory=chosen.memory)
     plan, about = plan._replace(lag=chosen.steps_apart), chosen.about() | dict(model=self.id)

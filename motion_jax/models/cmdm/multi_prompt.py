@@ -3,13 +3,16 @@
 Both run on whole clips; `live` is the streaming form. Prompts change on a grid of blocks (3 latents, 12 frames, 0.6 s).
 """
 from collections.abc import Sequence
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float, Num
+from jaxtyping import Bool, Float, Int, Num
 
-from motion_jax.models.cmdm import streaming
+from motion_jax.models.cmdm import offline, streaming
+from motion_jax.models.cmdm.guiding import Guide
+from motion_jax.models.cmdm.loop import SamplingLoop, decode_all
 from motion_jax.models.cmdm.networks import CmdmNetworks
 from motion_jax.models.cmdm.options import CmdmSampling
 from motion_jax.motion.cleanup import clean_up
@@ -52,7 +55,7 @@ def captions_of(model: CmdmNetworks, prompts: Sequence[Sequence[str]], contrast:
   padded = [list(row) + [row[-1]] * (count - len(row)) for row in prompts]
   names = list(dict.fromkeys(prompt for row in padded for prompt in row))
   emb, mask = model.encode_words(names, contrast)
-  index = jnp.asarray([[names.index(prompt) for prompt in row] for row in padded])
+  index = np.array([[names.index(prompt) for prompt in row] for row in padded])
   return emb[index], mask[index]
 
 
@@ -72,16 +75,37 @@ def stream(model: CmdmNetworks, plan: streaming.Plan, sampling: CmdmSampling, pr
   """
   frames_per_block = plan.block * model.frames_per_latent
   blocks, totals = zip(*(borders(counts, frames_per_block) for counts in frames))
-  num_blocks = -(-max(map(sum, blocks)) // _BUCKET) * _BUCKET
-  segment = _segments(blocks, num_blocks)
-  plan = plan._replace(context=min(plan.context, max(model.context, num_blocks * plan.block)))
-  plan = plan.fitted(num_blocks)._replace(captions=streaming.captions_seen(segment, plan.fitted(num_blocks).width))
-  run = model.compiled.generate if plan.lag else model.compiled.generate_whole
-  text_emb, text_mask = captions_of(model, prompts, contrast)
-  features = run(plan, num_blocks, model.params, model.codec, text_emb=text_emb, text_mask=text_mask,
-                 scale=sampling.guidance_scale, keys=keys, segment=jnp.asarray(segment))
+  segment = _segments(blocks, max(map(sum, blocks)))
+  features = run(model, plan, sampling, prompts, segment, keys, contrast)
   ends = [np.minimum(np.cumsum(counts) * frames_per_block, total).tolist() for counts, total in zip(blocks, totals)]
   return features, totals, ends
+
+
+def run(model: CmdmNetworks, plan: streaming.Plan, sampling: CmdmSampling, prompts: Sequence[Sequence[str]],
+        segment: Int[np.ndarray, "b n"], keys: jax.Array, contrast: Contrast | None = None, **control: Any
+        ) -> Float[Array, "b t f"]:
+  """Normalized features of motions whose blocks have the captions that segment (B, num_blocks) says; control: of
+  `offline.Request`. A plan without a lag cleans all latents together, by a program for each length."""
+  length = segment.shape[1] * plan.block
+  plan = plan._replace(context=min(plan.context, max(model.context, length)))  # no more than there is
+  if plan.lag:
+    keys = np.asarray(jax.random.key_data(keys))
+    scale = np.full(len(prompts), sampling.guidance_scale, np.float32)
+    return offline.sample(model, plan, offline.Request(prompts, segment, keys, scale, contrast, **control))
+  num_blocks = -(-segment.shape[1] // _BUCKET) * _BUCKET
+  segment = np.pad(segment, ((0, 0), (0, num_blocks - segment.shape[1])), mode="edge")
+  plan = plan._replace(context=max(plan.context, num_blocks * plan.block))
+  text_emb, text_mask = captions_of(model, prompts, contrast)
+  guidance: dict[str, Any] = {}
+  signal, control_steps = control.get("signal"), control.get("control_steps", 0)
+  if signal is not None:
+    signal = signal.slice_frames(0, num_blocks * plan.block * model.frames_per_latent)
+    guidance = dict(control=signal) if model.dit.control else {}
+    guidance |= dict(guide=Guide.of(model.codec, model.stats, signal, control_steps, control["refinements"])
+                     ) if control_steps else {}
+  return model.compiled.generate_whole(
+      plan.fitted(num_blocks), num_blocks, model.params, model.codec, text_emb=text_emb, text_mask=text_mask,
+      scale=sampling.guidance_scale, keys=keys, segment=segment, **guidance)
 
 
 def chain(model: CmdmNetworks, plan: streaming.Plan, sampling: CmdmSampling, prompts: Sequence[Sequence[str]],
@@ -97,10 +121,10 @@ def chain(model: CmdmNetworks, plan: streaming.Plan, sampling: CmdmSampling, pro
   made = [np.concatenate(parts)
           for parts in _chained(model, plan, sampling, prompts, counts, [[] for _ in counts], keys, contrast,
                                num_past)]
-  longest = -(-max(map(len, made)) // 12) * 12
+  longest = max(map(len, made))
   latents = np.stack([np.pad(z, ((0, longest - len(z)), (0, 0))) for z in made])
   ends = [(np.cumsum(row) * frames_per_latent).tolist() for row in counts]
-  return model.compiled.decode(model.codec, latents), [row[-1] for row in ends], ends
+  return decode_all(model, latents), [row[-1] for row in ends], ends
 
 
 def _chained(model, plan, sampling, prompts, counts, made, keys, contrast, num_past):
@@ -131,7 +155,7 @@ def _chained(model, plan, sampling, prompts, counts, made, keys, contrast, num_p
 # --- going on from a motion that exists --------------------------------------------------------------------------
 
 
-def encode_past(model: CmdmNetworks, joints: Num[np.ndarray, "t j 3"], count: int) -> Float[Array, "1 p c"]:
+def encode_past(model: CmdmNetworks, joints: Num[np.ndarray, "t j 3"], count: int) -> Float[np.ndarray, "1 p c"]:
   """Clean latents (1, P, C) of the last frames of joints (T, J, 3), as many as there are up to `count`."""
   frames_per_latent = model.frames_per_latent
   least = max(frames_per_latent, 3)
@@ -140,8 +164,10 @@ def encode_past(model: CmdmNetworks, joints: Num[np.ndarray, "t j 3"], count: in
   # A row of features looks one frame ahead: the body is taken to go on as it does for one frame more.
   ahead = np.concatenate([joints, 2 * joints[-1:] - joints[-2:-1]])
   features = model.stats.normalize(to_features(ahead, model.stats.layout, model.config.data.mode))
-  count = min(count, len(features) // frames_per_latent)
-  return model.compiled.encode(model.codec, jnp.asarray(features[None, -count * frames_per_latent:]))
+  known = min(count, len(features) // frames_per_latent)
+  # Causal: what stands behind them changes no latent, so that one length is compiled.
+  padded = np.pad(features[-known * frames_per_latent:], ((0, (count - known) * frames_per_latent), (0, 0)))
+  return np.asarray(model.compiled.encode(model.codec, padded[None]))[:, :known]
 
 
 def extend(model: CmdmNetworks, plan: streaming.Plan, sampling: CmdmSampling, joints: Num[np.ndarray, "t j 3"],
@@ -160,25 +186,19 @@ def extend(model: CmdmNetworks, plan: streaming.Plan, sampling: CmdmSampling, jo
   given = past.shape[1]
   if way == "stream":
     blocks, total = borders(frames, plan.block * frames_per_latent)
-    num_blocks, old = -(-sum(blocks) // _BUCKET) * _BUCKET, -(-given // (_BUCKET * plan.block)) * _BUCKET
-    segment = _segments([blocks], num_blocks) + 1  # caption 0 is the past's
-    plan = plan.fitted(num_blocks)
-    plan = plan._replace(captions=streaming.captions_seen(segment, plan.width))
-    padded = jnp.pad(past, ((0, 0), (old * plan.block - given, 0), (0, 0)))
-    text_emb, text_mask = captions_of(model, [[past_prompt, *prompts]], contrast)
-    new = model.compiled.extend(
-        plan, num_blocks, model.params, text_emb=text_emb, text_mask=text_mask, scale=sampling.guidance_scale,
-        keys=keys, past=padded, count=given, segment=jnp.asarray(segment),
-        past_segment=jnp.zeros((1, old), jnp.int32))
+    request = offline.Request([[past_prompt, *prompts]], _segments([blocks], sum(blocks)) + 1, keys,
+                              np.array([sampling.guidance_scale]), contrast)  # caption 0 is the past's
+    loop = SamplingLoop(model, plan, request.scale, keys)
+    new = np.concatenate(list(offline.blocks(loop, request, past)), axis=1)
     ends = np.minimum(np.cumsum(blocks) * plan.block * frames_per_latent, total)
   else:
     counts = [max(1, int(number) // frames_per_latent) for number in frames]
-    parts = _chained(model, plan, sampling, [prompts], [counts], [[np.asarray(past[0])]], keys, contrast,
+    parts = _chained(model, plan, sampling, [prompts], [counts], [[past[0]]], keys, contrast,
                      given)[0]
     new, ends = np.concatenate(parts[1:])[None], np.cumsum(counts) * frames_per_latent
-  whole = model.compiled.decode(model.codec, jnp.concatenate([known, jnp.asarray(new)], axis=1))
   border = known.shape[1] * frames_per_latent
-  features = model.stats.denormalize(np.asarray(whole))[0, :border + int(ends[-1])]
+  whole = decode_all(model, np.concatenate([known, new], axis=1))
+  features = model.stats.denormalize(whole)[0, :border + int(ends[-1])]
   shadow = to_joints(features, model.stats.layout)
   contacts = model.stats.layout.contacts(features)
   if cleanup and model.stats.layout.has_fixed_bones and contacts is not None:

@@ -1,8 +1,9 @@
 """CMDM's networks with their weights, compiled: the base of generation, multi-prompt motion and streams."""
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Num
@@ -10,6 +11,8 @@ from jaxtyping import Bool, Float, Num
 from motion_jax.latents import VaeCodec
 from motion_jax.models import cmdm
 from motion_jax.models.base import TextToMotionModel
+from motion_jax.models.cmdm import streaming
+from motion_jax.models.cmdm.guiding import Guide
 from motion_jax.nets.causal_dit import CausalDiT
 from motion_jax.nets.causal_vae import CausalVAE
 from motion_jax.runs import Run
@@ -22,27 +25,28 @@ from motion_jax.utils.config_files import module_fields
 
 
 class Compiled(NamedTuple):
-  """The functions of `cmdm` that a model runs, compiled on first use for each new shape."""
-  generate: Callable
+  """The functions that a model runs, compiled on first use for each new shape. A step has one shape for motions of any
+  length and kind."""
+  advance: Callable    # of `streaming`: one step
+  constants: Callable  # of `sampling`, as those below
+  words: Callable
+  control: Callable
+  pull: Callable
+  settle: Callable
+  encode: Callable
+  decode: Callable     # one block
   generate_whole: Callable
   chain_segment: Callable
-  extend: Callable
-  stream_start: Callable
-  stream_words: Callable
-  stream_control: Callable
-  stream_step: Callable
-  encode: Callable
-  decode: Callable
 
 
 def _compile(dit: CausalDiT) -> Compiled:
   program = lambda fn, num_static, *modules: cache.Program(fn.__name__, partial(fn, *modules), num_static, modules)
   return Compiled(
-      generate=program(cmdm.generate, 2, dit), generate_whole=program(cmdm.generate_whole, 2, dit),
-      chain_segment=program(cmdm.chain_segment, 2, dit), extend=program(cmdm.extend, 2, dit),
-      stream_start=program(cmdm.stream_start, 1, dit), stream_words=program(cmdm.stream_words, 1, dit),
-      stream_control=program(cmdm.stream_control, 0, dit), stream_step=program(cmdm.stream_step, 2),
-      encode=program(VaeCodec.encode, 0), decode=program(VaeCodec.decode, 0))
+      advance=program(streaming.advance, 1, dit), constants=program(cmdm.block_constants, 2, dit),
+      words=program(cmdm.block_words, 1, dit), control=program(cmdm.block_control, 0, dit),
+      pull=program(cmdm.block_pull, 1), settle=program(Guide.settle, 0), encode=program(VaeCodec.encode, 0),
+      decode=program(VaeCodec.decode_step, 0), generate_whole=program(cmdm.generate_whole, 2, dit),
+      chain_segment=program(cmdm.chain_segment, 2, dit))
 
 
 class CmdmNetworks(TextToMotionModel):
@@ -60,6 +64,27 @@ class CmdmNetworks(TextToMotionModel):
     self.codec = VaeCodec.of(self.vae, self.frozen)
     self.context = config.data.max_frames // self.vae.frames_per_latent // self.dit.block * self.dit.block
     self.compiled = _compile(self.dit)
+    self._constants: dict[Any, streaming.Constants] = {}
+    self._stacked: Any = None
+
+  @property
+  def stacked(self) -> Any:
+    """The denoiser's parameters with all layers in one, as its sampler takes them; stacked once."""
+    if self._stacked is None or self._stacked[0] is not self.params:
+      rows = self.dit.stack_layers(jax.tree.map(np.asarray, self.params))
+      self._stacked, self._constants = (self.params, jax.tree.map(jnp.asarray, rows)), {}
+    return self._stacked[1]
+
+  def constants_of(self, plan: streaming.Plan) -> streaming.Constants:
+    """What a plan's times decide, computed once; tables of 64, 128, ... rows, so that numbers of steps share
+    programs."""
+    params, rows = self.stacked, 64
+    while rows <= plan.num_steps:
+      rows *= 2
+    steps = plan._replace(lag=1, width=1, context=plan.block, memory=None)
+    if steps not in self._constants:
+      self._constants[steps] = streaming.Constants(*self.compiled.constants(steps, rows, params))
+    return self._constants[steps]
 
   def reconstruct(self, features: Num[Array, "t f"]) -> Float[np.ndarray, "_ f"]:
     """Features (T, F) through the tokenizer and back, T cut to whole latents."""

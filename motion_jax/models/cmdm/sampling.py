@@ -1,7 +1,6 @@
-"""Motion from CMDM's denoiser: frame-wise sampling, the plain loop it is tested against, and a stream's step."""
-import dataclasses
+"""Motion from CMDM's denoiser as pure functions: frame-wise sampling, and the plain loop it is tested against."""
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -12,7 +11,7 @@ from motion_jax.control.signal import ControlSignal
 from motion_jax.diffusion import guidance, samplers, schedules
 from motion_jax.latents import VaeCodec
 from motion_jax.models.cmdm import continuation, ddpm_forcing, streaming
-from motion_jax.models.cmdm.guiding import Guide
+from motion_jax.models.cmdm.guiding import Behind, Guide
 from motion_jax.nets.causal_dit import CausalDiT
 from motion_jax.nets.masks import padding_mask, sliding_mask
 from motion_jax.shapes import Array
@@ -26,17 +25,15 @@ def generate(dit: CausalDiT, plan: streaming.Plan, num_blocks: int, params: Any,
   block (lag = num_steps). keys (B,): one per motion. Pure; dit, plan and num_blocks are static.
 
   With segment (B, num_blocks), text_emb (B, G, S, E) and text_mask (B, G, S) are G captions a motion, and segment says
-  which of them each block has; plan.captions is that of `streaming.captions_seen`. control, of the frames that are
-  made, is for a network that was trained to keep to it; guide, of as many, pulls any.
+  which of them each block has. control, of the frames that are made, is for a network that was trained to keep to it;
+  guide, of as many, pulls any.
   """
   sampler = streaming.bind(dit, plan, params, text_emb=text_emb, text_mask=text_mask, scale=scale, keys=keys,
                            control=told_of(codec, control))
   if guide is None:
     return codec.decode(sampler.sample(num_blocks, segment=segment))
   guide = guide.over((num_blocks + plan.width) * plan.block * codec.frames_per_latent)  # as far as a window reaches
-  # One width: what is compiled for each holds the decoder and its derivatives.
-  made = dataclasses.replace(sampler, guide=guide).sample(num_blocks, buckets=1, segment=segment)
-  return codec.decode(guide.settle(made))
+  return codec.decode(guide.settle(sampler.replace(guide=guide).sample(num_blocks, segment=segment)))
 
 
 def generate_whole(dit: CausalDiT, plan: streaming.Plan, num_blocks: int, params: Any, codec: VaeCodec, *,
@@ -147,50 +144,29 @@ def extend(dit: CausalDiT, plan: streaming.Plan, num_blocks: int, params: Any, *
   return sampler.sample(num_blocks, segment=segment, state=state)
 
 
-class MotionStream(NamedTuple):
-  """State of a stream of motion: latents in denoising, and the decoder's memory."""
-  latents: streaming.Stream
-  decoder: Any
+def block_words(dit: CausalDiT, guided: bool, params: Any, text_emb: Float[Array, "b g s e"],
+                text_mask: Bool[Array, "b g s"]) -> tuple[Any, Any, Any]:
+  """Keys, values and constant of captions, see `streaming.encode_text`, as a bare tuple: a kept program gives back no
+  named tuple that it is not given."""
+  text = streaming.encode_text(dit, params, text_emb, text_mask, guided)
+  return text.k, text.v, text.null
 
 
-def init_stream(codec: VaeCodec, sampler: streaming.Sampler) -> MotionStream:
-  """The state of a stream before its first block."""
-  return MotionStream(sampler.init(), codec.init_decode_state(len(sampler.keys)))
+def block_constants(dit: CausalDiT, plan: streaming.Plan, rows: int, params: Any) -> tuple:
+  """`streaming.make_constants` as a bare tuple."""
+  return tuple(streaming.make_constants(dit, params, plan, rows))
 
 
-def stream_start(dit: CausalDiT, plan: streaming.Plan, codec: VaeCodec, params: Any, keys: jax.Array
-                 ) -> tuple[tuple, tuple, Any]:
-  """The sampler's constants and the state of a stream that begins, as bare tuples: of `streaming.Constants`, of
-  `streaming.Stream`, and the decoder's memory. A kept program gives back no named tuple that it is not given."""
-  constants = streaming.make_constants(dit, params, plan)
-  state = init_stream(codec, streaming.Sampler(dit, plan, params, constants, None, 1.0, keys))
-  return tuple(constants), tuple(state.latents), state.decoder
-
-
-def stream_words(dit: CausalDiT, guided: bool, params: Any, text_emb: Float[Array, "b *g s e"],
-                 text_mask: Bool[Array, "b *g s"]) -> Any:
-  """What a stream knows of its captions, see `streaming.encode_text`."""
-  return streaming.encode_text(dit, params, text_emb, text_mask, guided)
-
-
-def stream_control(dit: CausalDiT, codec: VaeCodec, params: Any, control: ControlSignal, start: Float[Array, "b 3"]
-                   ) -> Float[Array, "b l n"]:
-  """`CausalDiT.control_tokens` of constraints on a stream's frames from here on, where a body stands at start: x, z and
+def block_control(dit: CausalDiT, codec: VaeCodec, params: Any, control: ControlSignal, start: Float[Array, "b 3"]
+                  ) -> Float[Array, "b l n"]:
+  """`CausalDiT.control_tokens` of constraints on the frames from here on, where a body stands at start: x, z and
   heading."""
   features = conditioning.features(control, codec.frames_per_latent, start)
   return jnp.asarray(dit.apply(params, features, method="control_tokens"))
 
 
-def stream_step(active: int, use_cache: bool, codec: VaeCodec, sampler: streaming.Sampler, state: MotionStream,
-                caption: Int[Array, "b {active}"] | None = None, since: Int[Array, "b {active}"] | None = None
-                ) -> tuple[MotionStream, Float[Array, "b t f"], Bool[Array, ""]]:
-  """One block further -> (state, normalized features (B, frames of a block, F), done), the step of `generate`.
-
-  active, use_cache, caption (B, active), which of the sampler's captions the blocks of the window have, and since
-  (B, active), what they see: see `streaming.Sampler.step`. Until done is true the features mean nothing and the decoder
-  has not moved.
-  """
-  latents, block, done = sampler.step(state.latents, active=active, use_cache=use_cache, caption=caption, since=since)
-  features, decoder = codec.decode_step(block, state.decoder)
-  decoder = jax.tree.map(lambda new, old: jnp.where(done, new, old), decoder, state.decoder)
-  return MotionStream(latents, decoder), features, done
+def block_pull(layout: streaming.Layout, guide: Guide, behind: tuple, times: Float[Array, " n"], now: tuple,
+               latents: Float[Array, "b w c"], clean: Float[Array, "b w c"], iteration: Any, every: Any
+               ) -> Float[Array, "b w c"]:
+  """`streaming.pull`, given bare tuples."""
+  return streaming.pull(layout, guide, Behind(*behind), times, streaming.Window(*now), latents, clean, iteration, every)

@@ -1,17 +1,20 @@
 """Frame-wise sampling at constant cost: a window of latents in denoising, a cache of those that are done.
 
-One pure step, `Sampler.step`, carries the window through `lag` Euler iterations, after which one more block of latents
-is clean. Offline sampling is `lax.scan` over it, streaming calls it once a block: they cannot differ. What makes it
-cheap changes no number (docs/papers/cmdm.md#cache):
+One pure step carries the window through `lag` Euler iterations, after which one more block of latents is clean. Offline
+sampling is `lax.scan` over it (`Sampler.sample`), applications and streams call it once a block from a loop on the host
+(`loop`): they cannot differ. What makes it cheap changes no number (docs/papers/cmdm.md#cache):
 
 - A block at age A = ceil(num_steps / lag) such steps is clean. It stays in the window for one step more, at t = 1, so
   that its final keys and values are known; then they go to a ring cache and the block is never computed again.
-- Blocks that have not begun are not computed: `active` is how many slots of the window are.
 - What depends on the time alone is a table over the num_steps + 1 times; what depends on the caption alone is computed
   once; the branch without caption attends to a constant.
 - Every block has a caption of its own. A new one begins with a new block; keys and values of older blocks depend on
   their own captions, which do not change, so the cache stays exact and nothing is computed again. With `Plan.memory`
   blocks of a new caption see only the last few before it: what one was doing holds back what one is to do.
+
+All steps have the same shapes, so that one program serves motions of any length and kind: blocks that have not begun
+are computed, but seen by none that has, and an empty cache is a masked one. A given past enters by the same step, block
+by block at t = 1 (`Sampler.prefill`).
 
 A latent attends to `context` latents, its own block included (`nets.masks.sliding_mask`). Cached keys are kept unturned
 and positions count from the window, so they never grow and an hour of motion is as exact as a second.
@@ -21,7 +24,6 @@ block 0  o o * .            o in denoising, * done, computed once more for its k
 block 1    o o * .
 block 2      o o * .
 """
-import dataclasses
 from typing import Any, NamedTuple
 
 import flax
@@ -37,9 +39,25 @@ from motion_jax.models.cmdm import ddpm_forcing
 from motion_jax.nets.frame_wise import FrameWiseNetwork
 from motion_jax.shapes import Array, Net
 
+_ANY = -2**30  # before all blocks that there are
+
+
+class Layout(NamedTuple):
+  """The choices that the program of a step depends on; hashable, so that jit can specialize on it."""
+  block: int    # latents per block
+  context: int  # latents that a latent attends to
+  width: int    # blocks in the window
+  guided: bool
+  solver: str = "euler"
+
+  @property
+  def ring(self) -> int:
+    """Blocks in the cache."""
+    return max(self.context // self.block - 1, 1)
+
 
 class Plan(NamedTuple):
-  """The choices that shapes and loops depend on; hashable, so that jit can specialize on it."""
+  """All choices of frame-wise sampling; hashable."""
   num_steps: int
   lag: int      # iterations between the starts of two blocks; num_steps is autoregressive
   block: int    # latents per block
@@ -47,8 +65,11 @@ class Plan(NamedTuple):
   width: int    # blocks in the window
   guided: bool
   solver: str = "euler"
-  captions: int = 1  # how many different captions the blocks of one window may have
   memory: int | None = None  # blocks before a caption's first one that its blocks see; None: all within the context
+
+  @property
+  def layout(self) -> Layout:
+    return Layout(self.block, self.context, self.width, self.guided, self.solver)
 
   @property
   def age(self) -> int:
@@ -58,7 +79,12 @@ class Plan(NamedTuple):
   @property
   def ring(self) -> int:
     """Blocks in the cache."""
-    return max(self.context // self.block - 1, 1)
+    return self.layout.ring
+
+  def pulled(self, iteration: Any) -> Any:
+    """Whether a guide pulls in an iteration of a step: in every second one, which costs half; the one that finishes a
+    block is among them."""
+    return (iteration - (self.num_steps - 1) % self.lag) % min(self.lag, 2) == 0
 
   def fitted(self, num_blocks: int) -> "Plan":
     """The same plan with a window no wider than a motion of this number of blocks."""
@@ -66,7 +92,7 @@ class Plan(NamedTuple):
 
 
 def make_plan(num_steps: int, lag: int, block: int, context: int, num_blocks: int | None = None, guided: bool = True,
-              solver: str = "euler", captions: int = 1, memory: int | None = None) -> Plan:
+              solver: str = "euler", memory: int | None = None) -> Plan:
   """A plan of a memory in latents; with num_blocks its window is no wider than the motion. Raises ValueError."""
   if num_steps < 1 or not 1 <= lag <= num_steps:
     raise ValueError(f"got num_steps {num_steps} and lag {lag}; expected 1 <= lag <= num_steps (lag = num_steps is "
@@ -78,17 +104,19 @@ def make_plan(num_steps: int, lag: int, block: int, context: int, num_blocks: in
                      f"{memory // block * block}")
   if solver not in (*SOLVERS, *ddpm_forcing.SOLVERS):
     raise ValueError(f"got solver {solver!r}, expected one of {', '.join((*SOLVERS, *ddpm_forcing.SOLVERS))}")
-  plan = Plan(num_steps, lag, block, context, -(-num_steps // lag) + 1, guided, solver, captions,
+  plan = Plan(num_steps, lag, block, context, -(-num_steps // lag) + 1, guided, solver,
               None if memory is None else memory // block)
   return plan.fitted(num_blocks) if num_blocks else plan
 
 
 class Stream(NamedTuple):
   """State between two steps; B motions side by side, 2 B rows in the cache when guided."""
-  steps: jax.Array    # () how many steps are done
-  latents: jax.Array  # (B, width * block, C), the window
-  cache: Any          # per layer (k, v), (rows, ring * block, H, K), keys unturned
-  past: jax.Array     # () how many latents were given before the first block, see `Sampler.prefill`
+  steps: Any    # () how many steps are done; negative while a past is filled in
+  latents: Any  # (B, width * block, C), the window
+  cache: Any    # (k, v), (depth, rows, ring * block, H, K), keys unturned
+  oldest: Any   # (k, v), (depth, rows, block, H, K), of the window's oldest block in its last iteration
+  clean: Any    # like latents: the clean latents that they meant in the last iteration, of flows
+  past: Any     # () how many latents were given before the first block, see `Sampler.prefill`
   behind: Any = None  # the state after the latents that left the window, for guided samplers
 
 
@@ -100,11 +128,28 @@ class Constants(NamedTuple):
   steps: ddpm_forcing.Steps | None = None
 
 
-def make_constants(dit: Net, params: Any, plan: Plan) -> Constants:
+class Window(NamedTuple):
+  """Where a step stands, and what is seen there. Made by `window_at`, in numpy or inside of a trace."""
+  steps: Any      # () how many steps were done before
+  moves: Any      # () whether the window moves on to the next block
+  slot: Any       # () where the block that left it goes in the cache, in latents
+  begins: Any     # () where the block that begins lies in the window, in latents
+  blocks: Any     # (W,) the blocks of the window, counted from the first that is sampled
+  levels: Any     # (W,) iterations that each has behind it; negative: not begun
+  num_steps: Any  # () of a block
+  attn_mask: Any  # (rows or 1, 1, W * block, (ring + W) * block) what latents see of cache and window
+  positions: Any  # (ring * block,) of cached keys
+  caption: Any    # (B, W) which of the captions each block has
+
+
+def make_constants(dit: Net, params: Any, plan: Plan, rows: int = 0) -> Constants:
+  """The tables of a plan. rows: their length, that several numbers of steps share a program; by default
+  num_steps + 1."""
+  padded = lambda a: jnp.pad(a, (0, max(rows - len(a), 0)), mode="edge")
   if plan.solver in ddpm_forcing.SOLVERS:
-    steps = ddpm_forcing.make_steps(plan.num_steps, plan.solver)
+    steps = jax.tree.map(padded, ddpm_forcing.make_steps(plan.num_steps, plan.solver))
     return Constants(steps.times, dit.apply(params, steps.times, method="modulation"), steps)
-  times = jnp.asarray(time_of_level(range(plan.num_steps + 1), plan.num_steps))
+  times = padded(jnp.asarray(time_of_level(range(plan.num_steps + 1), plan.num_steps)))
   return Constants(times, dit.apply(params, times, method="modulation"))
 
 
@@ -115,16 +160,23 @@ def encode_text(dit: Net, params: Any, text_emb: Float[Array, "b *g s e"], text_
   With G captions a motion, (B, G, S, E) and (B, G, S), their words stand side by side, G * S of them; masks keep G.
   """
   words = text_emb.reshape(text_emb.shape[0], -1, text_emb.shape[-1])
+  text_mask = text_mask.reshape(text_mask.shape[0], -1, text_mask.shape[-1])
   return dit.apply(params, words, text_mask, guided, method="text_keys_values")
 
 
-def block_noise(keys: jax.Array, index: Any, plan: Plan, channels: int) -> Float[Array, "b l {channels}"]:
-  """Noise (B, block, C) of block `index`: a function of each motion's key and the block's place in it, nothing else."""
+def block_noise(keys: jax.Array, index: Any, plan: Plan | Layout, channels: int) -> Float[Array, "b l {channels}"]:
+  """Noise (B, block, C) of block `index`: a function of each motion's key and the block's place in it, nothing else.
+
+  keys (B,), or their data (B, 2)."""
   draw = lambda key: jax.random.normal(jax.random.fold_in(key, index), (plan.block, channels))
-  return jax.vmap(draw)(keys)
+  return jax.vmap(draw)(_typed(keys))
 
 
-def fresh_noise(keys: jax.Array, blocks: Int[Array, " w"], levels: Int[Array, " w"], plan: Plan, channels: int
+def _typed(keys):
+  return keys if jnp.issubdtype(keys.dtype, jax.dtypes.prng_key) else jax.random.wrap_key_data(keys)
+
+
+def fresh_noise(keys: jax.Array, blocks: Int[Array, " w"], levels: Int[Array, " w"], plan: Plan | Layout, channels: int
                 ) -> Float[Array, "b l {channels}"]:
   """Noise (B, W * block, C) that a DDPM's step adds to each of W blocks: of each motion's key, the block's index (W,)
   and the step (W,) that it takes, and of nothing else."""
@@ -132,60 +184,8 @@ def fresh_noise(keys: jax.Array, blocks: Int[Array, " w"], levels: Int[Array, " 
     key = jax.random.fold_in(key, 2**31 - 1)  # no block has this index, so its first noise is another
     return jax.random.normal(jax.random.fold_in(jax.random.fold_in(key, index), level), (plan.block, channels))
 
-  noise = jax.vmap(lambda key: jax.vmap(lambda index, level: draw(key, index, level))(blocks, levels))(keys)
+  noise = jax.vmap(lambda key: jax.vmap(lambda index, level: draw(key, index, level))(blocks, levels))(_typed(keys))
   return noise.reshape(len(keys), -1, channels)
-
-
-def _words_of_blocks(text, caption, size):
-  """Text whose masks show each latent the words of its block's caption only; caption (B, blocks) or None."""
-  if caption is None:
-    return text
-  mask = text[0].mask[:, None] & (caption[:, :, None, None] == jnp.arange(text[0].mask.shape[1])[:, None])
-  mask = jnp.repeat(mask.reshape(mask.shape[:2] + (-1,)), size, axis=1)
-  return tuple(layer._replace(mask=mask) for layer in text)
-
-
-def _window_mask(query_blocks, key_blocks, plan, since=None):
-  """(1, 1, Q * block, K * block): block-causal and no farther back than the context.
-
-  since (B, Q): the first block that each block of queries sees; the mask has B rows then, twice as many if guided.
-  """
-  spread = lambda a: jnp.repeat(a, plan.block, axis=-1)
-  apart = spread(query_blocks)[:, None] - spread(key_blocks)[None, :]
-  mask = ((apart >= 0) & (apart < plan.context // plan.block))[None, None]
-  if since is None:
-    return mask
-  mask &= spread(key_blocks) >= spread(since)[:, None, :, None]
-  return jnp.concatenate([mask, mask]) if plan.guided else mask
-
-
-def segments(plan: Plan, num_blocks: int, buckets: int = 2, prefilled: bool = False) -> list[tuple[int, int, bool]]:
-  """[(steps, active, use_cache)]: the runs of steps that share one compiled width, for num_blocks in all.
-
-  Widths are rounded up to `buckets` sizes, so that ramp-up and drain share code. prefilled: the cache is full from
-  the start.
-  """
-  width = -(-plan.width // buckets)
-  runs: list[tuple[int, int, bool]] = []
-  for at in range(plan.age + num_blocks - 1):
-    base = max(at - plan.age, 0)
-    needed = min(at + 1, num_blocks) - base
-    key = (min(-(-needed // width) * width, plan.width), prefilled or at > plan.age)
-    if runs and runs[-1][1:] == key:
-      runs[-1] = (runs[-1][0] + 1, *key)
-    else:
-      runs.append((1, *key))
-  return runs
-
-
-def captions_seen(segment: Int[Array, "b n"], width: int) -> int:
-  """How many captions a window of `width` blocks shows at most, up to a power of two: a plan's `captions`.
-
-  segment (B, num_blocks): rising integers, which caption each block has.
-  """
-  segment = np.asarray(segment)
-  last = segment[:, np.minimum(np.arange(segment.shape[1]) + width - 1, segment.shape[1] - 1)]
-  return 1 << int((last - segment).max()).bit_length()
 
 
 def seen_since(plan: Plan, segment: Int[Array, "b n"] | None) -> Int[Array, "b n"] | None:
@@ -195,39 +195,153 @@ def seen_since(plan: Plan, segment: Int[Array, "b n"] | None) -> Int[Array, "b n
   """
   if plan.memory is None or segment is None:
     return None
-  starts = jnp.where(jnp.diff(segment, axis=1, prepend=-1) != 0, jnp.arange(segment.shape[1]), 0)
-  begins = jax.lax.cummax(starts, axis=1)
-  return jnp.where(begins == 0, -2**30, begins - plan.memory)  # a block before all that there are
+  xp = jnp if isinstance(segment, jax.Array) else np
+  starts = xp.where(xp.diff(segment, axis=1, prepend=-1) != 0, xp.arange(segment.shape[1]), 0)
+  begins = jax.lax.cummax(starts, axis=1) if xp is jnp else np.maximum.accumulate(starts, axis=1)
+  return xp.where(begins == 0, _ANY, begins - plan.memory)
 
 
-def window_captions(plan: Plan, text: Any, segment: Int[Array, "b n"] | None, base: Any, active: int
-                    ) -> tuple[Any, Int[Array, "b {active}"] | None]:
-  """The part of a long text that the window sees, and its blocks' captions therein: (text, caption (B, active)).
+def oldest_block(plan: Plan, steps: Any) -> Any:
+  """The oldest block of the window after a number of steps; negative while a past is filled in."""
+  xp = jnp if isinstance(steps, jax.Array) else np
+  return xp.where(steps < 0, steps, xp.maximum(steps - plan.age, 0))
 
-  segment (B, num_blocks): rising, which of the G captions of text each block has; None where there is one for all. The
-  cost is that of plan.captions captions, however many the motion has.
+
+def window_at(plan: Plan, steps: Any, past: Any, caption: Int[Array, "b w"], since: Int[Array, "b w"] | None = None
+              ) -> Window:
+  """The window of the step after `steps` others, behind `past` given latents, traced if any argument is.
+
+  caption (B, W): which of the captions in text each of its blocks is made with. since (B, W): the first block that each
+  sees, `seen_since`; None: all within the context.
   """
-  if segment is None:
-    return text, None
-  ids = segment[:, jnp.clip(base + jnp.arange(active), 0, segment.shape[1] - 1)]
-  batch, count, words = text[0].mask.shape
-  if count <= plan.captions:
-    return text, ids
-  chosen = jnp.minimum(ids[:, :1] + jnp.arange(plan.captions), count - 1)
-  pick = lambda a: a[jnp.arange(batch)[:, None], chosen]
-  side_by_side = lambda a: pick(a.reshape((batch, count, words) + a.shape[2:])).reshape(
-      (batch, plan.captions * words) + a.shape[2:])
-  cut = lambda layer: layer._replace(k=side_by_side(layer.k), v=side_by_side(layer.v), mask=pick(layer.mask))
-  return tuple(map(cut, text)), ids - ids[:, :1]
+  xp = jnp if any(isinstance(a, jax.Array) for a in (steps, past, caption, since)) else np
+  size, slots, within = plan.block, xp.arange(plan.ring), xp.arange(plan.block)
+  base = oldest_block(plan, steps)
+  blocks = base + xp.arange(plan.width)
+  held = base - 1 - (base - 1 - slots) % plan.ring  # the block that a slot of the ring holds
+  seen = xp.concatenate([held, blocks])
+  spread = lambda a: xp.repeat(a, size, axis=-1)
+  positions = spread(seen - base) * size + xp.tile(within, len(seen))
+  apart = spread(blocks)[:, None] - spread(seen)[None]
+  # Block-causal, no farther back than the context, and nothing before what was given.
+  mask = ((apart >= 0) & (apart < plan.context // size) & (positions + base * size >= -past))[None, None]
+  if since is not None:
+    mask = mask & (spread(seen) >= spread(since)[:, None, :, None])
+    mask = xp.concatenate([mask, mask]) if plan.guided else mask
+  levels = xp.where(blocks < 0, plan.num_steps, (steps - blocks) * plan.lag)
+  number = lambda a: xp.asarray(a, xp.int32)
+  return Window(number(steps), xp.asarray((steps <= 0) | (steps > plan.age)), number((base - 1) % plan.ring * size),
+                number((steps - base) * size), number(blocks), number(levels), number(plan.num_steps), mask,
+                number(positions[:plan.ring * size]), number(caption))
+
+
+def first_state(dit: Net, layout: Layout, batch: int, xp: Any = jnp) -> Stream:
+  """The state before the first step: nothing in window and cache."""
+  dtype = jax.dtypes.canonicalize_dtype(np.float64)  # that of `block_noise`
+  rows, head = batch * (2 if layout.guided else 1), (dit.num_heads, dit.width // dit.num_heads)
+  pair = lambda blocks: tuple(xp.zeros((dit.depth, rows, blocks * layout.block, *head), dit.dtype) for _ in range(2))
+  window = xp.zeros((batch, layout.width * layout.block, dit.latent_dim), dtype)
+  return Stream(xp.int32(0), window, pair(layout.ring), pair(1), window, xp.int32(0))
+
+
+def _words_of_blocks(text, caption, size):
+  """Text whose mask shows each latent the words of its block's caption only; caption (B, blocks)."""
+  if text is None:
+    return None
+  mask = text.mask[:, None] & (caption[:, :, None, None] == jnp.arange(text.mask.shape[1])[:, None])
+  return text._replace(mask=jnp.repeat(mask.reshape(mask.shape[:2] + (-1,)), size, axis=1))
+
+
+def begin(dit: Net, layout: Layout, keys: jax.Array, state: Stream, now: Window, given: Any = 0.0,
+          fresh: Any = True) -> Stream:
+  """The state in which the next block has begun, and that before the window, if it moves on, is in the cache.
+
+  given (B, block, C): clean latents of a block before the first one, in the place of noise. fresh: False leaves the
+  state as it is.
+  """
+  size = layout.block
+
+  def put(into, new, at, axis, if_):
+    old = jax.lax.dynamic_slice_in_dim(into, at, size, axis)
+    return jax.lax.dynamic_update_slice_in_dim(into, jnp.where(if_, new.astype(into.dtype), old), at, axis)
+
+  moves = now.moves & fresh
+  cache = jax.tree.map(lambda ring, new: put(ring, new, now.slot, 2, moves), state.cache, state.oldest)
+  latents = jnp.where(moves, jnp.roll(state.latents, -size, axis=1), state.latents)
+  noise = block_noise(keys, now.steps, layout, dit.latent_dim)
+  latents = put(latents, jnp.where(now.steps < 0, given, noise), now.begins, 1, fresh)
+  return state._replace(cache=cache, latents=latents)
+
+
+def iterate(dit: Net, layout: Layout, params: Any, constants: Constants, text: Any, scale: Any, keys: jax.Array,
+            control: Any, state: Stream, now: Window, first: Any, last: Any) -> Stream:
+  """The state after iterations first to last, last excluded, of a step.
+
+  scale: of guidance, () or (B,). control (B, W * block, N): of `CausalDiT.control_tokens`, None for a network without.
+  """
+  size, within = layout.block, jnp.arange(layout.width * layout.block)
+  scale = jnp.reshape(scale, (-1, 1, 1))
+  # Parity: the paper has this cache, the code recomputes everything; the results agree to rounding.
+  past = dit.apply(params, state.cache, now.positions, method="turn_keys")
+  text = _words_of_blocks(text, now.caption, size)
+  spread = lambda a: jnp.repeat(a, size)
+
+  def velocity_at(latents, level):
+    modulation = jnp.repeat(constants.modulation[:, level], size, axis=1)[:, None]
+    x = jnp.concatenate([latents, latents]) if layout.guided else latents
+    velocity, new = dit.apply(params, x, spread(constants.times[level])[None], modulation, text, now.attn_mask, within,
+                              past, control, method="window")
+    if layout.guided:
+      velocity = combine(*jnp.split(velocity, 2), scale)
+    return velocity.astype(latents.dtype), jax.tree.map(lambda a, old: a[:, :, :size].astype(old.dtype), new,
+                                                        state.oldest)
+
+  def iteration(i, carry):
+    latents = carry[0]
+    level, then = (jnp.clip(now.levels + j, 0, now.num_steps) for j in (i, i + 1))
+    velocity, oldest = velocity_at(latents, level)
+    if constants.steps is not None:  # the network says noise
+      noise: Any = 0.0
+      if layout.solver == "ancestral":
+        noise = fresh_noise(keys, now.blocks, level, layout, dit.latent_dim).astype(latents.dtype)
+      return ddpm_forcing.step(constants.steps, latents, velocity, spread(level), spread(then), noise), oldest, latents
+    step = spread(constants.times[then] - constants.times[level])[:, None]
+    if layout.solver == "heun":
+      velocity = (velocity + velocity_at(latents + step * velocity, then)[0]) / 2
+    return latents + step * velocity, oldest, latents + (1 - spread(constants.times[level]))[:, None] * velocity
+
+  latents, oldest, clean = jax.lax.fori_loop(first, last, iteration, (state.latents, state.oldest, state.clean))
+  return state._replace(latents=latents, oldest=oldest, clean=clean)
+
+
+def pull(layout: Layout, guide: Any, behind: Any, times: Array, now: Window, latents: Float[Array, "b w c"],
+         clean: Float[Array, "b w c"], iteration: Any, every: Any) -> Float[Array, "b w c"]:
+  """Latents of a window after an iteration, pulled towards constraints; every: how many iterations a pull stands for.
+
+  guide: a `guiding.Guide`; behind: where the motion stands before the window.
+  """
+  level, then = (jnp.clip(now.levels + i, 0, now.num_steps) for i in (iteration, iteration + 1))
+  spread = lambda a: jnp.repeat(a, layout.block)
+  moves, t = spread(level < then), spread(times[level])
+  share = spread(times[then] - times[level]) / jnp.where(moves, 1 - t, 1.0)
+  pulled = guide.pull(behind, now.blocks[0] * layout.block, clean, t, moves).astype(latents.dtype)
+  return latents + jnp.minimum(every * share, 1.0)[:, None] * pulled
+
+
+def advance(dit: Net, layout: Layout, params: Any, constants: Constants, text: Any, scale: Any, keys: jax.Array,
+            control: Any, state: Stream, now: Window, given: Any, first: Any, last: Any) -> Stream:
+  """`begin`, before iteration 0, and `iterate`: the program of a step."""
+  state = begin(dit, layout, keys, state, now, given, first == 0)
+  return iterate(dit, layout, params, constants, text, scale, keys, control, state, now, first, last)
 
 
 @flax.struct.dataclass
 class Sampler:
   """Frame-wise sampling of B motions, bound to all that stays the same from step to step. Made by `bind`.
 
-  dit, plan: network and choices, static. params of the network; constants: `make_constants`; text: `encode_text`;
-  scale: of guidance; keys (B,): one per motion; control: the embedded constraints. A
-  pytree: a jitted function takes it as one argument.
+  dit, plan: network and choices, static. params of the network, stacked; constants: `make_constants`; text:
+  `encode_text`; scale: of guidance; keys (B,): one per motion; control: the embedded constraints. A pytree: a jitted
+  function takes it as one argument.
   """
   dit: Any = flax.struct.field(pytree_node=False)
   plan: Plan = flax.struct.field(pytree_node=False)
@@ -242,144 +356,91 @@ class Sampler:
 
   def init(self) -> Stream:
     """The state before the first step."""
-    dit, plan, keys = self.dit, self.plan, self.keys
-    noise = [block_noise(keys, index, plan, dit.latent_dim) for index in range(plan.width)]
-    rows = keys.shape[0] * (2 if plan.guided else 1)
-    shape = (rows, plan.ring * plan.block, dit.num_heads, dit.width // dit.num_heads)
-    empty = jnp.zeros(shape, dit.dtype)
-    cache = tuple((empty, empty) for _ in range(dit.depth))
-    return Stream(jnp.zeros((), jnp.int32), jnp.concatenate(noise, axis=1), cache, jnp.zeros((), jnp.int32),
-                  None if self.guide is None else self.guide.begin())
+    state = first_state(self.dit, self.plan.layout, len(self.keys))
+    return state if self.guide is None else state._replace(behind=self.guide.begin())
 
   def prefill(self, state: Stream, *, past: Float[Array, "b p c"], count: Any, caption: Int[Array, "b k"] | None = None
               ) -> Stream:
     """A state as of `init` with clean latents behind it: the motion continues the last `count` of past (B, P, C).
 
     P is whole blocks, and the past ends where block 0 begins; what stands before its last `count` latents is ignored.
-    One pass at t = 1 fills the cache with what these latents would have left there. caption (B, P / block): which of
-    the captions in text each block of the past was made with.
+    Block after block enters the window at t = 1 and leaves its keys and values in the cache. caption (B, P / block):
+    which of the captions in text each block of the past was made with.
     """
-    plan, size, length = self.plan, self.plan.block, past.shape[1]
+    size, length = self.plan.block, past.shape[1]
     if length % size:
       raise ValueError(f"got a past of {length} latents, expected whole blocks of {size}; pad it in front")
-    blocks, real = jnp.arange(length // size), jnp.arange(length) >= length - count
-    attn_mask = _window_mask(blocks, blocks, plan) & real
-    x = jnp.concatenate([past, past]) if plan.guided else past
-    modulation = self.constants.modulation[:, -1][:, None, None]
-    _, new = self.dit.apply(self.params, x, jnp.ones(x.shape[:2], self.constants.times.dtype), modulation,
-                            _words_of_blocks(self.text, caption, size), attn_mask, jnp.arange(length), method="window")
-    kept = plan.ring * size
-    fill = lambda ring, new: jnp.pad(new[:, -kept:], ((0, 0), (max(kept - length, 0), 0), (0, 0), (0, 0))).astype(
-        ring.dtype)
-    return state._replace(cache=jax.tree.map(fill, state.cache, new), past=jnp.asarray(count, jnp.int32))
+    blocks = jnp.stack(jnp.split(past, length // size, axis=1))
+    state = state._replace(steps=jnp.int32(-len(blocks)), past=jnp.asarray(count, jnp.int32))
 
-  def step(self, state: Stream, *, active: int, use_cache: bool, caption: Int[Array, "b {active}"] | None = None,
-           since: Int[Array, "b {active}"] | None = None) -> tuple[Stream, Float[Array, "b n c"], Bool[Array, ""]]:
+    def fill(state, given):
+      return self._advanced(state, self._window(state, caption, None, len(blocks)), given, 1), None
+
+    return jax.lax.scan(fill, state, blocks)[0]
+
+  def _window(self, state, caption, since, offset=0):
+    """`window_at` with captions (B, N) and sights (B, N) of all blocks, the first of them block -offset."""
+    at = oldest_block(self.plan, state.steps) + jnp.arange(self.plan.width) + offset
+    of_window = lambda rows: rows[:, jnp.clip(at, 0, rows.shape[1] - 1)]
+    caption = jnp.zeros((len(self.keys), self.plan.width), jnp.int32) if caption is None else of_window(caption)
+    return window_at(self.plan, state.steps, state.past, caption, None if since is None else of_window(since))
+
+  def _advanced(self, state, now, given, count):
+    """The state one block further, of `count` iterations."""
+    dit, plan, control = self.dit, self.plan, None
+    if self.control is not None:
+      first = (now.blocks[0] - self.control_first) * plan.block
+      control = jax.lax.dynamic_slice_in_dim(self.control, first, plan.width * plan.block, axis=1)
+      control = jnp.where(now.steps < 0, 0, control)
+    state = begin(dit, plan.layout, self.keys, state, now, given)
+    run = lambda state, first, last: iterate(dit, plan.layout, self.params, self.constants, self.text, self.scale,
+                                             self.keys, control, state, now, first, last)
+    if self.guide is None:
+      return run(state, 0, count)._replace(steps=state.steps + 1)
+
+    def guided(i, state):
+      state = run(state, i, i + 1)
+      pulled = lambda: pull(plan.layout, self.guide, state.behind, self.constants.times, now, state.latents,
+                            state.clean, i, min(plan.lag, 2))
+      return state._replace(latents=jax.lax.cond(plan.pulled(i), pulled, lambda: state.latents))
+
+    state = jax.lax.fori_loop(0, count, guided, state)
+    leaves = (now.steps >= plan.age)  # the oldest block: the next step's window is without it
+    behind = self.guide.move_on(state.behind, state.latents[:, :plan.block])
+    behind = jax.tree.map(lambda new, old: jnp.where(leaves, new, old), behind, state.behind)
+    return state._replace(steps=state.steps + 1, behind=behind)
+
+  def step(self, state: Stream, *, caption: Int[Array, "b w"] | None = None, since: Int[Array, "b w"] | None = None
+           ) -> tuple[Stream, Float[Array, "b n c"], Bool[Array, ""]]:
     """One block further: (state, block (B, block, C), done) where done says that the block is a clean one.
 
-    The first plan.age - 1 steps give none. active: slots of the window that are computed, counted from its oldest
-    block; all begun blocks must be among them. use_cache = False is for steps before anything is in the cache.
-    caption (B, active): which of the G captions in text each of these blocks is made with; None where there is one.
-    since (B, active): the first block that each sees, `seen_since`; None: all within the context.
+    The first plan.age - 1 steps give none. caption, since (B, W): of the window's blocks, see `window_at`.
     """
-    dit, plan, params, constants, scale, keys = (
-        self.dit, self.plan, self.params, self.constants, self.scale, self.keys)
-    size, age = plan.block, plan.age
-    # Parity: the paper has this cache, the code recomputes everything; the results agree to rounding.
-    base = jnp.maximum(state.steps - age, 0)  # the oldest block of the window
-    blocks = base + jnp.arange(active)
-    level = (state.steps - blocks) * plan.lag  # iterations that each block has behind it; negative: not begun
-    within = jnp.arange(active * size)
-    past, attn_mask = None, _window_mask(blocks, blocks, plan, since)
-    text = _words_of_blocks(self.text, caption, size)
-    if use_cache:
-      slots = jnp.arange(plan.ring)
-      held = base - 1 - (base - 1 - slots) % plan.ring  # the block that a slot of the ring holds; negative: none yet
-      positions = jnp.repeat((held - base) * size, size) + jnp.tile(jnp.arange(size), plan.ring)
-      past = dit.apply(params, state.cache, positions, method="turn_keys")
-      real = positions + base * size >= -state.past
-      attn_mask = jnp.concatenate([_window_mask(blocks, held, plan, since) & real, attn_mask], axis=-1)
+    caption = jnp.zeros((len(self.keys), self.plan.width), jnp.int32) if caption is None else caption
+    return self._stepped(state, window_at(self.plan, state.steps, state.past, caption, since))
 
-    control = None
-    if self.control is not None:
-      control = jax.lax.dynamic_slice_in_dim(self.control, (base - self.control_first) * size, active * size, axis=1)
+  def _stepped(self, state, now):
+    plan = self.plan
+    state = self._advanced(state, now, 0.0, plan.lag)
+    finished = jnp.maximum(now.steps - plan.age + 1, 0)  # the block that became clean in this step
+    block = jax.lax.dynamic_slice_in_dim(state.latents, (finished - now.blocks[0]) * plan.block, plan.block, axis=1)
+    return state, block, now.steps >= plan.age - 1
 
-    def velocity_at(latents, now):
-      t = jnp.repeat(constants.times[now], size)
-      modulation = jnp.repeat(constants.modulation[:, now], size, axis=1)[:, None]
-      x = jnp.concatenate([latents, latents]) if plan.guided else latents
-      velocity, new = dit.apply(params, x, t[None], modulation, text, attn_mask, within, past,
-                                control, method="window")
-      if plan.guided:
-        with_text, without = jnp.split(velocity, 2)
-        velocity = combine(with_text, without, scale)
-      return velocity.astype(latents.dtype), new
-
-    def iteration(latents, i):
-      now = jnp.clip(level + i, 0, plan.num_steps)
-      then = jnp.clip(level + i + 1, 0, plan.num_steps)
-      velocity, new = velocity_at(latents, now)
-      if constants.steps is not None:  # the network says noise
-        fresh: Any = 0.0
-        if plan.solver == "ancestral":
-          fresh = fresh_noise(keys, blocks, now, plan, dit.latent_dim).astype(latents.dtype)
-        spread = lambda a: jnp.repeat(a, size)
-        moved = ddpm_forcing.step(constants.steps, latents, velocity, spread(now), spread(then), fresh)
-        return moved, jax.tree.map(lambda a: a[:, :size], new)
-      step = jnp.repeat(constants.times[then] - constants.times[now], size)[:, None]
-      if plan.solver == "heun":
-        velocity = (velocity + velocity_at(latents + step * velocity, then)[0]) / 2
-      step = step * velocity
-      if self.guide is not None:
-        # In every second iteration, for two of them, which costs half; the one that finishes a block is among them.
-        every, last = min(plan.lag, 2), (plan.num_steps - 1) % plan.lag
-        moves, t = jnp.repeat(now < then, size), jnp.repeat(constants.times[now], size)
-        share = jnp.repeat(constants.times[then] - constants.times[now], size) / jnp.where(moves, 1 - t, 1.0)
-        pull = jax.lax.cond((i - last) % every == 0, lambda: self.guide.pull(
-            state.behind, base * size, latents, velocity, t, moves).astype(latents.dtype), lambda: 0 * latents)
-        step += jnp.minimum(every * share, 1.0)[:, None] * pull
-      return latents + step, jax.tree.map(lambda a: a[:, :size], new)
-
-    window, oldest = jax.lax.scan(iteration, state.latents[:, :active * size], jnp.arange(plan.lag))
-    latents = state.latents.at[:, :active * size].set(window)
-    finished = jnp.maximum(state.steps - age + 1, 0)  # the block that became clean in this step
-    block = jax.lax.dynamic_slice_in_dim(latents, (finished - base) * size, size, axis=1)
-
-    # The window moves on once its oldest block has been computed at t = 1.
-    moves = state.steps >= age
-    cache = jax.tree.map(
-        lambda ring, new: jnp.where(moves, jax.lax.dynamic_update_slice_in_dim(
-            ring, new[-1].astype(ring.dtype), base % plan.ring * size, axis=1), ring), state.cache, oldest)
-    behind = state.behind
-    if self.guide is not None:
-      behind = jax.tree.map(lambda new, old: jnp.where(moves, new, old), self.guide.move_on(behind, latents[:, :size]),
-                            behind)
-    noise = block_noise(keys, base + plan.width, plan, dit.latent_dim).astype(latents.dtype)
-    latents = jnp.where(moves, jnp.concatenate([latents[:, size:], noise], axis=1), latents)
-    return Stream(state.steps + 1, latents, cache, state.past, behind), block, state.steps >= age - 1
-
-  def sample(self, num_blocks: int, *, buckets: int = 2, segment: Int[Array, "b {num_blocks}"] | None = None,
+  def sample(self, num_blocks: int, *, segment: Int[Array, "b {num_blocks}"] | None = None,
              state: Stream | None = None) -> Float[Array, "b l c"]:
     """Clean latents (B, num_blocks * block, C), all in one trace: `lax.scan` over `step`.
 
-    segment: see `window_captions`. state: one of `prefill`, to go on from a past; `init` if left out.
+    segment: rising, which of the captions in text each block has. state: one of `prefill`, to go on from a past; `init`
+    if left out.
     """
-    plan = self.plan
-    runs, blocks, since = segments(plan, num_blocks, buckets, state is not None), [], seen_since(plan, segment)
-    state = self.init() if state is None else state
-    for count, active, use_cache in runs:
+    plan, since = self.plan, seen_since(self.plan, segment)
 
-      def body(state, _, active=active, use_cache=use_cache):
-        base = jnp.maximum(state.steps - plan.age, 0)
-        words, caption = window_captions(plan, self.text, segment, base, active)
-        sees = None if since is None else since[:, jnp.clip(base + jnp.arange(active), 0, num_blocks - 1)]
-        sampler = dataclasses.replace(self, text=words)
-        state, block, _ = sampler.step(state, active=active, use_cache=use_cache, caption=caption, since=sees)
-        return state, block
+    def body(state, _):
+      state, block, _ = self._stepped(state, self._window(state, segment, since))
+      return state, block
 
-      state, made = jax.lax.scan(body, state, None, length=count)
-      blocks.append(made)
-    made = jnp.concatenate(blocks)[plan.age - 1:]  # (num_blocks, B, block, C)
+    _, made = jax.lax.scan(body, self.init() if state is None else state, None, length=plan.age + num_blocks - 1)
+    made = made[plan.age - 1:]  # (num_blocks, B, block, C)
     return jnp.moveaxis(made, 0, 1).reshape(len(self.keys), num_blocks * plan.block, self.dit.latent_dim)
 
 
@@ -388,6 +449,7 @@ def bind(dit: FrameWiseNetwork, plan: Plan, params: Any, *, text_emb: Float[Arra
          control: Float[Array, "b l n"] | None = None) -> Sampler:
   """A sampler for captions text_emb (B, S, E), text_mask (B, S), or G of them a motion, see `encode_text`; None for a
   network without captions. control (B, L, N): of `control.conditioning.features`."""
+  params = dit.stack_layers(params)
   return Sampler(dit, plan, params, make_constants(dit, params, plan),
                  None if text_emb is None or text_mask is None else encode_text(
                      dit, params, text_emb, text_mask, plan.guided), scale, keys,

@@ -1,0 +1,188 @@
+"""Frame-wise sampling from a loop on the host over one compiled step: motion of any length and kind by one program.
+
+`streaming.Sampler.sample` is the same under `lax.scan`, for which every length and kind is a program of its own.
+"""
+from typing import Any
+
+import jax
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from motion_jax.control.signal import ControlSignal
+from motion_jax.models.cmdm import streaming
+from motion_jax.models.cmdm.guiding import Behind, Guide
+from motion_jax.models.cmdm.networks import CmdmNetworks
+from motion_jax.models.cmdm.paths import Path, continue_path, heading_of
+from motion_jax.nets.causal_dit import Text
+
+_LENGTH = 50  # latents whose constraints are compiled together; longer ones by doubling
+
+
+class SamplingLoop:
+  """Motions side by side, one block further with each `step`; what they show is set in between.
+
+    loop = SamplingLoop(model, plan, scale, keys)
+    loop.say(text_emb, text_mask)
+    while ...:
+      block = loop.step(caption, since)      # (B, block, C), None while nothing is clean yet
+      features = loop.decode(block)
+  """
+
+  def __init__(self, model: CmdmNetworks, plan: streaming.Plan, scale: Float[np.ndarray, " b"], keys: Any) -> None:
+    """scale (B,): of guidance; keys (B,), or their data (B, 2): one per motion."""
+    self.model, self.plan, self.batch = model, plan, len(keys)
+    self._keys = keys if isinstance(keys, np.ndarray) else np.asarray(jax.random.key_data(keys))
+    self._scale = np.asarray(scale, np.float32)
+    self._constants = model.constants_of(plan)
+    self._state = streaming.first_state(model.dit, plan.layout, self.batch, np)
+    zeros = jax.eval_shape(lambda: model.codec.init_decode_state(self.batch))
+    self._decoder = self._decoder_before = jax.tree.map(lambda a: np.zeros(a.shape, a.dtype), zeros)
+    self.paths: list[Path | None] = [None] * self.batch
+    self._paths_before = self.paths
+    self._text: Any = None
+    self._tokens: np.ndarray | None = None  # of what motions are held to (B, L, N), from block _tokens_from on
+    self._tokens_from = 0
+    self._signal: ControlSignal | None = None
+    self._guide: Guide | None = None
+
+  @property
+  def steps(self) -> int:
+    return int(self._state.steps)
+
+  @property
+  def base(self) -> int:
+    """The window's oldest block."""
+    return int(streaming.oldest_block(self.plan, self.steps))
+
+  def say(self, text_emb: Float[np.ndarray, "b g s e"], text_mask: Bool[np.ndarray, "b g s"]) -> None:
+    """Sets the captions that blocks choose from; blocks that are begun may keep theirs."""
+    k, v, null = self.model.compiled.words(self.plan.guided, self.model.stacked, text_emb, text_mask)
+    self._text = Text(k, v, np.asarray(text_mask), null)
+
+  # --- constraints -------------------------------------------------------------------------------------------------
+
+  def hold(self, signal: ControlSignal | None, control_steps: int, start: Float[np.ndarray, "b 3"]) -> None:
+    """Holds the frames that can still change to a signal (B, T) of frames from the beginning on; None: to nothing.
+
+    A network trained on constraints gets them as far ahead as it looks; latents are pulled to them by control_steps
+    conjugate gradient steps in every second iteration. start: x, z and heading of the bodies.
+    """
+    model = self.model
+    self._tokens, self._signal, self._guide = None, None, None
+    if signal is None or signal.is_empty:
+      return
+    if model.dit.control:
+      # Of the frames that can still change; lengths doubled from ten seconds on, so that few are compiled.
+      first, count = self.base * self.plan.block * model.frames_per_latent, _LENGTH * model.frames_per_latent
+      while count < signal.frames - first:
+        count *= 2
+      self._tokens_from = self.base
+      self._tokens = np.asarray(model.compiled.control(
+          model.codec, model.stacked, signal.slice_frames(first, first + count), start))
+    if control_steps:
+      self._signal = jax.tree.map(np.asarray, signal)
+      self._guide = Guide.of(model.codec, model.stats, self._signal, control_steps)
+
+  def _control(self) -> Float[np.ndarray, "b l n"] | None:
+    """The embedded constraints of the window; zeros where there are none."""
+    if self._tokens is None:
+      return None
+    length = self.plan.width * self.plan.block
+    first = (self.base - self._tokens_from) * self.plan.block
+    window = self._tokens[:, first:first + length]
+    return np.pad(window, ((0, 0), (0, length - window.shape[1]), (0, 0)))
+
+  def _behind(self) -> Behind:
+    """Where bodies stand before the window."""
+    if not self.base:
+      row = np.zeros((self.batch, 1, self.model.stats.layout.dim), np.float32)
+      zeros = jax.tree.map(np.zeros_like, self._decoder)
+      return Behind(zeros, row, np.zeros((self.batch, 2), np.float32), np.zeros(self.batch, np.float32))
+    rows = [(path.row, path.place[::2], heading_of(path)) for path in self._paths_before]
+    return Behind(self._decoder_before, *(np.stack(part).astype(np.float32) for part in zip(*rows)))
+
+  def _pulled(self, now: streaming.Window, iteration: int, drift: Float[np.ndarray, "b 2"]) -> None:
+    """Pulls the latents of the window after an iteration."""
+    plan, fpl = self.plan, self.model.frames_per_latent
+    first = self.base * plan.block * fpl
+    window = self._signal.slice_frames(first, first + plan.width * plan.block * fpl)
+    offset = np.stack([drift[:, 0], 0 * drift[:, 0], drift[:, 1]], axis=-1).astype(np.float32)[:, None, None]
+    window = window.replace(positions=np.where(window.given, window.positions - offset, 0))
+    guide = self._guide.replace(signal=window, first=np.int32(self.base * plan.block))
+    self._state = self._state._replace(latents=self.model.compiled.pull(
+        plan.layout, guide, tuple(self._behind()), self._constants.times, tuple(now), self._state.latents,
+        self._state.clean, np.int32(iteration), np.int32(min(plan.lag, 2))))
+
+  # --- steps -------------------------------------------------------------------------------------------------------
+
+  def _advance(self, now, given, first, last, control):
+    model = self.model
+    self._state = model.compiled.advance(
+        self.plan.layout, model.stacked, self._constants, self._text, self._scale, self._keys, control, self._state,
+        now, given, np.int32(first), np.int32(last))
+
+  def prefill(self, past: Float[np.ndarray, "b p c"], caption: int) -> None:
+    """Puts clean latents (B, P, C), made with this caption, before the first block."""
+    size, count = self.plan.block, past.shape[1]
+    past = np.pad(np.asarray(past), ((0, 0), (-count % size, 0), (0, 0)))
+    blocks = np.split(past, past.shape[1] // size, axis=1)
+    self._state = self._state._replace(steps=np.int32(-len(blocks)), past=np.int32(count))
+    captions = np.full((self.batch, self.plan.width), caption)
+    for block in blocks:
+      now = streaming.window_at(self.plan, self.steps, count, captions, self._any())
+      self._advance(now, block, 0, 1, None)
+      self._state = self._state._replace(steps=np.int32(now.steps + 1))
+
+  def _any(self):
+    return np.full((self.batch, self.plan.width), -2**30)
+
+  def step(self, caption: Int[np.ndarray, "b w"], since: Int[np.ndarray, "b w"] | None = None,
+           drift: Float[np.ndarray, "b 2"] | None = None) -> Float[np.ndarray, "b n c"] | None:
+    """One more block begins, and those under way come as much nearer to clean: the one that became clean, if any.
+
+    caption (B, W): which of the captions each block of the window has; since (B, W): see `streaming.window_at`. drift:
+    x and z by which bodies are seen elsewhere than where they are decoded.
+    """
+    plan, age = self.plan, self.plan.age
+    since = self._any() if since is None else since
+    now = streaming.window_at(plan, self.steps, int(self._state.past), caption, since)
+    given, control = np.zeros((self.batch, plan.block, self.model.dit.latent_dim), np.float32), self._control()
+    if self._guide is None:
+      self._advance(now, given, 0, plan.lag, control)
+    else:
+      drift, first = np.zeros((self.batch, 2)) if drift is None else drift, 0
+      for iteration in range(plan.lag):
+        if plan.pulled(iteration) or iteration == plan.lag - 1:
+          self._advance(now, given, first, iteration + 1, control)
+          first = iteration + 1
+          if plan.pulled(iteration):
+            self._pulled(now, iteration, drift)
+    self._state = self._state._replace(steps=np.int32(now.steps + 1))
+    if now.steps < age - 1:
+      return None
+    at = int(now.steps - age + 1 - now.blocks[0]) * plan.block
+    return np.asarray(self._state.latents)[:, at:at + plan.block]
+
+  def decode(self, block: Float[np.ndarray, "b n c"]) -> Float[np.ndarray, "b t f"]:
+    """Normalized features of the next clean block."""
+    self._decoder_before = self._decoder
+    features, self._decoder = self.model.compiled.decode(self.model.codec, block, self._decoder)
+    return np.asarray(features)
+
+  def follow(self, features: Float[np.ndarray, "b t f"]) -> list[Float[np.ndarray, "t j 3"]]:
+    """Joints of the next rows of features, not normalized: where each body has got to is kept."""
+    made = [continue_path(rows, path, self.model.stats.layout) for rows, path in zip(features, self.paths)]
+    self._paths_before, self.paths = self.paths, [path for _, path in made]
+    return [joints for joints, _ in made]
+
+
+def decode_all(model: CmdmNetworks, latents: Float[np.ndarray, "b l c"]) -> Float[np.ndarray, "b t f"]:
+  """Normalized features of latents, block after block by the program of a stream."""
+  size, length = model.dit.block, latents.shape[1]
+  latents = np.pad(latents, ((0, 0), (0, -length % size), (0, 0)))
+  zeros = jax.eval_shape(lambda: model.codec.init_decode_state(len(latents)))
+  state, made = jax.tree.map(lambda a: np.zeros(a.shape, a.dtype), zeros), []
+  for block in np.split(latents, latents.shape[1] // size, axis=1):
+    features, state = model.compiled.decode(model.codec, block, state)
+    made.append(np.asarray(features))
+  return np.concatenate(made, axis=1)[:, :length * model.frames_per_latent]
