@@ -196,7 +196,7 @@ class CausalDiT(nn.Module):
     return own[kind] if kind in own else self.stack_layers({"params": own})["params"][kind]
 
   def _block(self) -> Block:
-    return Block(self.width, self.num_heads, self.ff_width, self.dtype, parent=None)
+    return Block(self.width, self.num_heads, self.ff_width, self.dtype, self.attention, parent=None)
 
   def modulation(self, t: Float[Array, "*lead"]) -> Float[Array, "depth *lead 6 d"]:
     """Everything that depends on t alone, for all layers: (depth, ..., 6, D)."""

@@ -167,14 +167,23 @@ class Program:
   """A jitted function whose compiled program is cached: a second process neither traces nor compiles it again.
 
   fn(*static, *arrays, **arrays) with `num_static` hashable choices first; about: what else fn depends on, such as
-  modules that it closes over, by their repr. Without a cache folder it is `jax.jit` and nothing else.
+  modules that it closes over, by their repr. light: compiled by `executables.light_options`. Without a cache folder it
+  is `jax.jit` and nothing else.
   """
 
-  def __init__(self, name, fn, num_static=0, about=()):
-    self.name, self.num_static, self.about = name, num_static, tuple(map(repr, about))
-    self.jitted = jax.jit(fn, static_argnums=tuple(range(num_static)))
+  def __init__(self, name, fn, num_static=0, about=(), light=False):
+    self.name, self.num_static, self.about, self.light = name, num_static, tuple(map(repr, about)), light
+    self._fn, self._static = fn, tuple(range(num_static))
     self._loaded = {}
     self._lock = threading.Lock()  # of several threads one makes it, and the others wait
+
+  @functools.cached_property
+  def jitted(self):
+    """The function itself, compiled by jax for each new type of its arguments."""
+    return jax.jit(self._fn, static_argnums=self._static, compiler_options=self._options())
+
+  def _options(self):
+    return executables.light_options() if self.light else {}
 
   def __call__(self, *args, **named):
     if _folder is None:
@@ -194,12 +203,13 @@ class Program:
 
   def _load(self, static, tree, leaves, options):
     """The program for these types, a function of the leaves alone, compiled and stored if it is not in the cache."""
-    def plain(*leaves):
+    def call(fn, *leaves):
       arrays, named = jax.tree.unflatten(tree, leaves)
-      return self.jitted(*static, *arrays, **named)
+      return fn(*static, *arrays, **named)
 
+    jitted = functools.partial(call, self.jitted)
     if not executables.can_store(leaves):
-      return plain
+      return jitted
     types = [repr(jax.typeof(leaf)) for leaf in leaves]
     key = key_of(executables.machine(), self.name, *self.about, *map(repr, static), tree, *types, options)
     stored = read("programs", key)
@@ -209,9 +219,9 @@ class Program:
     except executables.ERRORS:
       pass  # of another machine or build after all: it is compiled and replaced
     try:
-      run, stored = executables.compile_and_store(plain, leaves)
+      run, stored = executables.compile_and_store(functools.partial(call, self._fn), leaves, self._options())
     except executables.ERRORS:
-      return plain  # a device whose programs cannot be stored: slower to start, the same motion
+      return jitted  # a device whose programs cannot be stored: slower to start, the same motion
     write("programs", key, stored)
     return run
 

@@ -115,7 +115,7 @@ def test_random_constraints_are_met_by_the_motion_they_were_drawn_from():
 @functools.partial(jax.jit, static_argnums=(0, 1, 7))
 def sampled(dit, plan, params, constants, text, keys, control, num_blocks):
   tokens = None if control is None else streaming.control_tokens(dit, plan, params, control)
-  return streaming.Sampler(dit, plan, params, constants, text, SCALE, keys, tokens).sample(num_blocks, buckets=2)
+  return streaming.Sampler(dit, plan, params, constants, text, SCALE, keys, tokens).sample(num_blocks)
 
 
 def test_a_network_that_has_not_learned_from_constraints_makes_what_it_made():
@@ -171,8 +171,7 @@ def test_fast_is_plain_and_streaming_is_offline_under_control():
       # As a live stream has it: from the window's oldest block on.
       base = max(at - plan.age, 0)
       now = jnp.pad(tokens[at >= changed_at], ((0, 0), (0, 60), (0, 0)))[:, 3 * base:3 * base + 24]
-      state, block, done = step(sampler.replace(control=now, control_first=base), state, active=endless.width,
-                                use_cache=at > plan.age)
+      state, block, done = step(sampler.replace(control=now, control_first=base), state)
       blocks += [block] if done else []
     return jnp.concatenate(blocks, axis=1)
 

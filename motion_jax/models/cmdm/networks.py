@@ -40,7 +40,8 @@ class Compiled(NamedTuple):
 
 
 def _compile(dit: CausalDiT) -> Compiled:
-  program = lambda fn, num_static, *modules: cache.Program(fn.__name__, partial(fn, *modules), num_static, modules)
+  program = lambda fn, num_static, *modules: cache.Program(
+      fn.__name__, partial(fn, *modules), num_static, modules, light=True)
   return Compiled(
       advance=program(streaming.advance, 1, dit), constants=program(cmdm.block_constants, 2, dit),
       words=program(cmdm.block_words, 1, dit), control=program(cmdm.block_control, 0, dit),
@@ -72,7 +73,7 @@ class CmdmNetworks(TextToMotionModel):
     """The denoiser's parameters with all layers in one, as its sampler takes them; stacked once."""
     if self._stacked is None or self._stacked[0] is not self.params:
       rows = self.dit.stack_layers(jax.tree.map(np.asarray, self.params))
-      self._stacked, self._constants = (self.params, jax.tree.map(jnp.asarray, rows)), {}
+      self._stacked, self._constants = (self.params, jax.device_put(rows)), {}
     return self._stacked[1]
 
   def constants_of(self, plan: streaming.Plan) -> streaming.Constants:

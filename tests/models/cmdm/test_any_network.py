@@ -23,6 +23,9 @@ class Toy(nn.Module):
     self.projections = nn.Dense(3 * self.width)
     self.out = nn.Dense(self.latent_dim)
 
+  def stack_layers(self, params):
+    return params
+
   def modulation(self, t):
     return t[None, :, None]
 
@@ -32,9 +35,10 @@ class Toy(nn.Module):
   def window(self, x, t, modulation, text, attn_mask, positions, past=None, control=None):
     heads = lambda a: a.reshape(*a.shape[:2], self.num_heads, -1)
     query, *new = map(heads, jnp.split(self.projections(x) + modulation[0], 3, axis=-1))
-    keys, values = new if past is None else (jnp.concatenate(pair, axis=1) for pair in zip(past[0], new))
+    keys, values = new if past is None else (
+        jnp.concatenate([of_layer[0], one], axis=1) for of_layer, one in zip(past, new))
     y = nn.dot_product_attention(query, keys, values, mask=attn_mask)
-    return self.out(y.reshape(*x.shape[:2], -1)), (tuple(new),)
+    return self.out(y.reshape(*x.shape[:2], -1)), tuple(one[None] for one in new)
 
   def velocity(self, x, t, attn_mask):
     return self.window(x, t, self.modulation(t)[:, None], None, attn_mask, None)[0]

@@ -10,7 +10,7 @@ import pytest
 from motion_jax.diffusion import guidance, samplers
 from motion_jax.diffusion.schedules import staircase, staircase_levels
 from motion_jax.models import cmdm
-from motion_jax.models.cmdm import streaming
+from motion_jax.models.cmdm import offline, streaming
 from motion_jax.nets.masks import block_causal_mask, padding_mask, sliding_mask
 from tests import fixtures
 from tests.golden import Fixture, check, golden, recordings
@@ -102,18 +102,17 @@ def setting(num_steps, lag, block, context, num_blocks=None, batch=2, guided=Tru
   text_emb = jax.random.normal(jax.random.key(9), (batch, 4, dit.text_dim))
   text_mask = jnp.arange(4) < jnp.array([[4], [2], [3]])[:batch]
   # A gentle network: a random one multiplies a step's rounding by its steepness.
-  params = jax.tree.map(lambda a: 0.5 * a, params)
+  params = dit.stack_layers(jax.tree.map(lambda a: 0.5 * a, params))
   constants = make_constants(dit, params, plan)
   return dit, plan, params, constants, text_emb, text_mask, keys
 
 
-@functools.partial(jax.jit, static_argnums=(0, 1, 7, 8))
-def fast(dit, plan, params, constants, text, scale, keys, num_blocks, buckets=1, segment=None):
-  sampler = streaming.Sampler(dit, plan, params, constants, text, scale, keys)
-  return sampler.sample(num_blocks, buckets=buckets, segment=segment)
+@functools.partial(jax.jit, static_argnums=(0, 1, 7))
+def fast(dit, plan, params, constants, text, scale, keys, num_blocks, segment=None):
+  return streaming.Sampler(dit, plan, params, constants, text, scale, keys).sample(num_blocks, segment=segment)
 
 
-step = jax.jit(streaming.Sampler.step, static_argnames=("active", "use_cache"))
+step = jax.jit(streaming.Sampler.step)
 
 
 def streamed(dit, plan, params, constants, text, keys, num_blocks, scale=SCALE, segment=None):
@@ -126,7 +125,7 @@ def streamed(dit, plan, params, constants, text, keys, num_blocks, scale=SCALE, 
       caption = jnp.asarray(segment[:, np.minimum(window, num_blocks - 1)])
     since = streaming.seen_since(plan, segment)
     sees = None if since is None else since[:, np.minimum(window, num_blocks - 1)]
-    state, block, done = step(sampler, state, active=plan.width, use_cache=at > plan.age, caption=caption, since=sees)
+    state, block, done = step(sampler, state, caption=caption, since=sees)
     if done:
       blocks.append(block)
   return jnp.concatenate(blocks, axis=1), state
@@ -153,7 +152,7 @@ def test_fast_is_plain_and_streaming_is_offline(name):
   num_steps, lag, block, context, num_blocks = PLANS[name]
   dit, plan, params, constants, text_emb, text_mask, keys = setting(num_steps, lag, block, context, num_blocks)
   text = encode_text(dit, params, text_emb, text_mask)
-  made = fast(dit, plan, params, constants, text, SCALE, keys, num_blocks, 2)
+  made = fast(dit, plan, params, constants, text, SCALE, keys, num_blocks)
   length = num_blocks * block
   assert made.shape == (2, length, 5)
 
@@ -189,9 +188,7 @@ def test_every_block_has_its_own_words(block, context, num_blocks):
   dit, plan, params, constants, _, _, keys = setting(6, 2, block, context, num_blocks)
   text_emb, text_mask, text = told(dit, params)
   segment = np.stack([np.sort(np.arange(num_blocks) % 5), np.arange(num_blocks) // 3]).astype(np.int32)
-  plan = plan._replace(captions=streaming.captions_seen(segment, plan.width))
-  assert plan.captions == {14: 2, 9: 4, 7: 4}[num_blocks]
-  made = fast(dit, plan, params, constants, text, SCALE, keys, num_blocks, 2, segment)
+  made = fast(dit, plan, params, constants, text, SCALE, keys, num_blocks, segment)
 
   length = num_blocks * block
   noise = jnp.concatenate([streaming.block_noise(keys, i, plan, 5) for i in range(num_blocks)], axis=1)
@@ -215,7 +212,7 @@ def test_every_block_has_its_own_words(block, context, num_blocks):
   # In another place and with a companion of other captions: as in the batch.
   twice = np.array([1, 1])
   text = encode_text(dit, params, text_emb[twice], text_mask[twice])
-  again = fast(dit, plan, params, constants, text, SCALE, keys[twice], num_blocks, 2, segment[twice])
+  again = fast(dit, plan, params, constants, text, SCALE, keys[twice], num_blocks, segment[twice])
   assert_close(again[:1], made[1:], 2e-6)
 
 
@@ -226,7 +223,7 @@ def test_one_caption_for_all_is_the_plain_run():
   twice = encode_text(dit, params, jnp.stack([text_emb] * 2, axis=1), jnp.stack([text_mask] * 2, axis=1))
   segment = np.array([[0, 0, 1, 1], [0, 1, 1, 1]], np.int32)
   plain = fast(dit, plan, params, constants, text, SCALE, keys, 4)
-  assert_close(fast(dit, plan._replace(captions=2), params, constants, twice, SCALE, keys, 4, 1, segment), plain, 2e-6)
+  assert_close(fast(dit, plan, params, constants, twice, SCALE, keys, 4, segment), plain, 2e-6)
 
 
 @pytest.mark.parametrize("memory, guided", [
@@ -239,8 +236,8 @@ def test_new_words_look_back_no_farther_than_the_memory(memory, guided):
   text_emb, text_mask, _ = told(dit, params)
   text = encode_text(dit, params, text_emb, text_mask, guided)
   segment = np.stack([np.sort(np.arange(num_blocks) % 4), np.arange(num_blocks) // 5]).astype(np.int32)
-  plan = streaming.make_plan(6, 2, block, 12, num_blocks, guided, captions=4, memory=memory)
-  made = fast(dit, plan, params, constants, text, SCALE, keys, num_blocks, 2, segment)
+  plan = streaming.make_plan(6, 2, block, 12, num_blocks, guided, memory=memory)
+  made = fast(dit, plan, params, constants, text, SCALE, keys, num_blocks, segment)
 
   begins = np.array([[np.argmax(row == value) for value in row] for row in segment])
   since = np.repeat(np.where(begins, begins * block - memory, 0), block, axis=1)
@@ -254,11 +251,11 @@ def test_new_words_look_back_no_farther_than_the_memory(memory, guided):
 
   if memory == 0:
     other = encode_text(dit, params, text_emb.at[:, 0].add(1.0), text_mask, guided)
-    changed = np.abs(fast(dit, plan, params, constants, other, SCALE, keys, num_blocks, 2, segment) - made).max(2)
+    changed = np.abs(fast(dit, plan, params, constants, other, SCALE, keys, num_blocks, segment) - made).max(2)
     first = np.repeat(segment == 0, block, axis=1)
     assert (changed[~first] < 2e-6).all() and (changed[first] > 1e-4).all()
-  every = fast(dit, plan._replace(memory=None), params, constants, text, SCALE, keys, num_blocks, 2, segment)
-  longest = fast(dit, plan._replace(memory=4), params, constants, text, SCALE, keys, num_blocks, 2, segment)
+  every = fast(dit, plan._replace(memory=None), params, constants, text, SCALE, keys, num_blocks, segment)
+  longest = fast(dit, plan._replace(memory=4), params, constants, text, SCALE, keys, num_blocks, segment)
   assert_close(longest, every, 2e-6)
   assert np.abs(made - every).max() > 1e-3
 
@@ -271,8 +268,8 @@ def test_a_memory_is_of_whole_blocks():
 
 def test_captions_seen():
   segment = np.array([[0, 0, 0, 1, 1, 2, 3, 4, 4, 4]])
-  assert [streaming.captions_seen(segment, width) for width in (1, 2, 3, 4, 10)] == [1, 2, 4, 4, 8]
-  assert streaming.captions_seen(np.zeros((2, 5), int), 3) == 1
+  assert [offline.captions_seen(segment, width) for width in (1, 2, 3, 4, 10)] == [1, 2, 4, 4, 8]
+  assert offline.captions_seen(np.zeros((2, 5), int), 3) == 1
 
 
 @pytest.mark.parametrize("lag", [2, 4])
@@ -343,7 +340,7 @@ def test_an_endless_stream_stays_as_it_is(monkeypatch):
   assert bool(jnp.isfinite(state.latents).all())
 
   late = state._replace(steps=state.steps + plan.ring * 100_000)
-  run = lambda state: step(sampler, state, active=plan.width, use_cache=True)[:2]
+  run = lambda state: step(sampler, state)[:2]
   (now, block), (then, late_block) = run(state), run(late)
   np.testing.assert_array_equal(block, late_block)
   chex.assert_trees_all_equal(now.cache, then.cache)
@@ -371,20 +368,6 @@ def test_bfloat16_stays_near():
                encode_text(half, params, text_emb, text_mask), SCALE, keys, 3)
   assert rough.dtype == jnp.float32
   assert float(jnp.abs(rough - exact).mean() / jnp.abs(exact).mean()) < 0.1
-
-
-@pytest.mark.parametrize("num_blocks", [1, 2, 5, 25, 26, 60])
-@pytest.mark.parametrize("lag", [2, 3, 50])
-def test_segments_cover_all_that_has_begun(num_blocks, lag):
-  plan = streaming.make_plan(50, lag, 3, 48, num_blocks)
-  at = 0
-  for count, active, use_cache in streaming.segments(plan, num_blocks):
-    for _ in range(count):
-      base = max(at - plan.age, 0)
-      assert min(at + 1, num_blocks) - base <= active <= plan.width
-      assert use_cache == (base > 0 and at > plan.age)
-      at += 1
-  assert at == plan.age + num_blocks - 1
 
 
 def test_bad_plans_are_told():
