@@ -102,7 +102,7 @@ def setting(num_steps, lag, block, context, num_blocks=None, batch=2, guided=Tru
   text_emb = jax.random.normal(jax.random.key(9), (batch, 4, dit.text_dim))
   text_mask = jnp.arange(4) < jnp.array([[4], [2], [3]])[:batch]
   # A gentle network: a random one multiplies a step's rounding by its steepness.
-  params = dit.stack_layers(jax.tree.map(lambda a: 0.5 * a, params))
+  params = jax.tree.map(lambda a: 0.5 * a, params)
   constants = make_constants(dit, params, plan)
   return dit, plan, params, constants, text_emb, text_mask, keys
 
