@@ -9,7 +9,6 @@ compiled plain and fast samplers ask for beside the weights. Latents only, four 
 changes no time. Where the plain loop is long, --max-plain of its steps are timed and scaled (marked *).
 """
 import argparse
-import functools
 import os
 import platform
 import resource
@@ -85,22 +84,12 @@ def stream_times(dit, plan, params, text_emb, text_mask, keys, scale, num_furthe
   """Seconds to the first block of a stream, and the median between further ones, once compiled."""
   bind = jax.jit(lambda params, text_emb, text_mask, keys: streaming.bind(
       dit, plan, params, text_emb=text_emb, text_mask=text_mask, scale=scale, keys=keys))
-  sampler, steps = bind(params, text_emb, text_mask, keys), {}
-
-  def step(state, at):
-    width = -(-plan.width // 2)  # the widths of `streaming.segments`
-    active = min(-(-min(at + 1, plan.width) // width) * width, plan.width)
-    kind = active, at > plan.age
-    if kind not in steps:
-      run = functools.partial(streaming.Sampler.step, active=kind[0], use_cache=kind[1])
-      steps[kind] = jax.jit(run).lower(sampler, state).compile()
-    return steps[kind](sampler, state)
-
-  init = jax.jit(streaming.Sampler.init)
+  sampler, step, init = bind(params, text_emb, text_mask, keys), jax.jit(streaming.Sampler.step), jax.jit(
+      streaming.Sampler.init)
   for warm in (True, False):
     start, state, times = time.perf_counter(), init(sampler), []
-    for at in range(plan.age + (3 if warm else num_further)):
-      state, block, done = step(state, at)
+    for _ in range(plan.age + (3 if warm else num_further)):
+      state, block, done = step(sampler, state)
       jax.block_until_ready(block)
       if done:
         times.append(time.perf_counter() - start)

@@ -281,14 +281,17 @@ def stub_networks():
     def latents(plan, length, params, *, past, keys, **given):
       return np.zeros((len(keys), length - past.shape[1], dit.latent_dim), np.float32)
 
-    def longer(plan, num_blocks, params, **given):
-      return np.zeros((1, num_blocks * plan.block, dit.latent_dim), np.float32)
+    def advance(layout, params, constants, text, scale, keys, control, state, *given):
+      return state
+
+    def decode(codec, z, state):
+      return still(codec, *z.shape[:2]), state
 
     return networks.Compiled(
-        generate=motion, generate_whole=motion, chain_segment=latents, extend=longer, stream_start=None,
-        stream_words=None, stream_control=None, stream_step=None,
+        advance=advance, constants=lambda *given: (None, None, None), words=lambda *given: (None, None, None),
+        control=None, pull=None, settle=None, generate_whole=motion, chain_segment=latents,
         encode=lambda codec, x: np.zeros((len(x), x.shape[1] // codec.frames_per_latent, dit.latent_dim), np.float32),
-        decode=lambda codec, z: still(codec, *z.shape[:2]))
+        decode=decode)
 
   def still(codec, count, length):
     return np.zeros((count, length * codec.frames_per_latent, codec.net.features), np.float32)

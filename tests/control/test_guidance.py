@@ -11,8 +11,9 @@ from motion_jax.control import conditioning, guidance
 from motion_jax.control import signal as signals
 from motion_jax.models import cmdm
 from motion_jax.models.base import keys_of
-from motion_jax.models.cmdm import live, networks, streaming
+from motion_jax.models.cmdm import networks, streaming
 from motion_jax.models.cmdm.guiding import Guide
+from motion_jax.models.cmdm.loop import SamplingLoop
 from motion_jax.training.setup import untrained
 from tests.control.test_conditioning import asked
 
@@ -179,19 +180,20 @@ def _told(model):
 @pytest.mark.slow
 def test_a_stream_is_told_what_is_asked_of_its_window_from_where_its_body_stands(model):
   told, signal = _told(model), hand(frame=130, frames=160)
-  stream = told.stream("a person walks", seed=1, cleanup=False, **SAMPLING)
-  while stream._base < 2:
-    stream.step()
-  first, size = stream._base * stream.block_frames, stream._plan.block
-  stream.hold(signal, control_steps=0)
-  start = np.array([[*stream.place, live._heading(stream._path)]], np.float32)
+  plan = told.plan_of(**SAMPLING)[0]
+  emb, mask = told.encode_words(["a person walks"] * 4)
+  loop = SamplingLoop(told, plan, np.ones(1), keys_of(None, [1], 1)[0])
+  loop.say(emb[None], mask[None])
+  run = lambda: loop.step(np.zeros((1, plan.width), int))
+  while loop.base < 2:
+    run()
+  first, size, start = loop.base * 12, plan.block, np.array([[0.5, 0.2, 0.1]], np.float32)
+  loop.hold(signal, 0, start)
   ahead = conditioning.features(signal.slice_frames(first, first + 200), 4, start)
   tokens = told.dit.apply(told.params, ahead, method="control_tokens")
   for passed in range(3):
-    window = stream._held()[0]
-    assert window.control_first == stream._base
-    np.testing.assert_allclose(window.control, tokens[:, passed * size:(passed + stream._plan.width) * size], atol=1e-5)
-    stream.step()
+    np.testing.assert_allclose(loop.control, tokens[:, passed * size:(passed + plan.width) * size], atol=1e-5)
+    run()
 
 
 @pytest.mark.slow

@@ -175,7 +175,7 @@ def test_a_stream_takes_a_long_prompt_on_the_way(model):
 @pytest.mark.slow
 def test_few_prompts_compile_anew(model):
   """Prompts of 70 to 120 word pieces, and streams that go from short to long and back: two widths."""
-  count = lambda run: (run(), model.compiled.generate.jitted._cache_size())[1]
+  count = lambda run: (run(), model.compiled.advance.jitted._cache_size())[1]
   words = LONG.split()
   make = lambda size: model.generate(" ".join(words[:size]), num_frames=48, seeds=[0], cleanup=True, **FAST)
   first = count(lambda: make(66))
@@ -185,7 +185,7 @@ def test_few_prompts_compile_anew(model):
   def compiled(prompt):
     stream.say(prompt)
     assert np.isfinite([next(stream) for _ in range(4)]).all()
-    return model.compiled.stream_step.jitted._cache_size()
+    return model.compiled.advance.jitted._cache_size()
 
   compiled("someone runs"), compiled(LONG)
   settled = compiled("someone runs")

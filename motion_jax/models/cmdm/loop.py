@@ -83,8 +83,9 @@ class SamplingLoop:
       self._signal = jax.tree.map(np.asarray, signal)
       self._guide = Guide.of(model.codec, model.stats, self._signal, control_steps)
 
-  def _control(self) -> Float[np.ndarray, "b l n"] | None:
-    """The embedded constraints of the window; zeros where there are none."""
+  @property
+  def control(self) -> Float[np.ndarray, "b w n"] | None:
+    """The embedded constraints of the window; None where there are none."""
     if self._tokens is None:
       return None
     length = self.plan.width * self.plan.block
@@ -146,7 +147,7 @@ class SamplingLoop:
     plan, age = self.plan, self.plan.age
     since = self._any() if since is None else since
     now = streaming.window_at(plan, self.steps, int(self._state.past), caption, since)
-    given, control = np.zeros((self.batch, plan.block, self.model.dit.latent_dim), np.float32), self._control()
+    given, control = np.zeros((self.batch, plan.block, self.model.dit.latent_dim), np.float32), self.control
     if self._guide is None:
       self._advance(now, given, 0, plan.lag, control)
     else:

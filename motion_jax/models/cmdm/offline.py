@@ -59,17 +59,16 @@ def _batch(model, plan, request):
   if control is not None:
     control = control if not control.is_empty else None
     loop.hold(control, request.control_steps, np.zeros((loop.batch, 3), np.float32))
-  is_pulled, made = control is not None and request.control_steps, []
-  features = []
+  is_pulled = control is not None and request.control_steps > 0
+  latents, features = [], []
   for block in blocks(loop, request):
-    made.append(block)
-    if not (is_pulled and request.refinements):
-      features.append(loop.decode(block))
-      if is_pulled:
-        loop.follow(model.stats.denormalize(features[-1]))
+    latents.append(block)
+    features.append(loop.decode(block))
+    if is_pulled:
+      loop.follow(model.stats.denormalize(features[-1]))
   if not (is_pulled and request.refinements):
     return np.concatenate(features, axis=1)
-  return decode_all(model, _settled(model, np.concatenate(made, axis=1), request))
+  return decode_all(model, _settled(model, np.concatenate(latents, axis=1), request))
 
 
 def blocks(loop: SamplingLoop, request: Request, past: Float[np.ndarray, "b p c"] | None = None

@@ -269,7 +269,8 @@ def begin(dit: Net, layout: Layout, keys: jax.Array, state: Stream, now: Window,
   cache = jax.tree.map(lambda ring, new: put(ring, new, now.slot, 2, moves), state.cache, state.oldest)
   latents = jnp.where(moves, jnp.roll(state.latents, -size, axis=1), state.latents)
   noise = block_noise(keys, now.steps, layout, dit.latent_dim)
-  latents = put(latents, jnp.where(now.steps < 0, given, noise), now.begins, 1, fresh)
+  begins = (now.begins < layout.width * size) & fresh  # of a window as wide as the motion the last ones never do
+  latents = put(latents, jnp.where(now.steps < 0, given, noise), now.begins, 1, begins)
   return state._replace(cache=cache, latents=latents)
 
 
