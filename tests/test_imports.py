@@ -2,6 +2,7 @@
 import ast
 import importlib
 import inspect
+import os
 import pathlib
 import re
 import subprocess
@@ -111,6 +112,14 @@ def test_the_tests_have_what_the_studio_needs():
   assert any("studio" in requirement.partition("[")[2] for requirement in extras["test"])
   names = {re.split(r"[<>=\[]", requirement)[0] for extra in ("studio", "test") for requirement in extras[extra]}
   assert {"starlette", "uvicorn", "websockets", "httpx2", "motionmcp-sdk"} <= names
+
+
+def test_importing_starts_no_device():
+  """Otherwise --simulate-devices and --coordinator would come too late."""
+  code = ("import motion_studio.cli, motion_studio.pipeline, motion_jax.fit, motion_jax.evaluation.run, jax; "
+          "jax.config.update('jax_num_cpu_devices', 3); assert jax.device_count() == 3")
+  env = {name: value for name, value in os.environ.items() if name != "XLA_FLAGS"} | {"JAX_PLATFORMS": "cpu"}
+  subprocess.run([sys.executable, "-c", code], check=True, cwd=ROOT, env=env)
 
 
 ROOMS = ("nets", "quant", "diffusion", "motion", "metrics", "text", "analysis", "data", "control", "evaluation",

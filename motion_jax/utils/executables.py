@@ -128,10 +128,10 @@ ERRORS = (RuntimeError, ValueError, TypeError, AttributeError, ImportError, Look
 def _callable(executable, about):
   """The function of a flat list of arrays that runs an executable."""
   tree, kinds = jax.tree.structure(_build(about["tree"])), about["keys"]
-  has_keys = any(kinds)
+  has_keys, array = any(kinds), _array_type()
 
   def run(*leaves):
-    arrays = [leaf if type(leaf) is _ARRAY else _on_device(leaf) for leaf in leaves]
+    arrays = [leaf if type(leaf) is array else _on_device(leaf) for leaf in leaves]
     found = [arrays[0] for arrays in executable.execute_sharded(arrays).disassemble_into_single_device_arrays()]
     if has_keys:
       found = [leaf if kind is None else jax.random.wrap_key_data(leaf, impl=kind) for leaf, kind in zip(found, kinds)]
@@ -140,7 +140,10 @@ def _callable(executable, about):
   return run
 
 
-_ARRAY = type(jax.device_put(np.zeros(())))
+@functools.cache
+def _array_type():
+  """The type of JAX's arrays; no constant of this file, as an import must not start the devices."""
+  return type(jax.device_put(np.zeros(())))
 
 
 def _on_device(leaf):
