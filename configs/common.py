@@ -52,8 +52,10 @@ def evaluated_size(name):
 def data(**fields):
   """The section `data` on HumanML3D; folder or folders: its location. kinematic_captions: whether clips of archives get
   captions by kinematics beside their own (docs/captions.md). augment: number of new clips of each kind made of the
-  training clips of archives, as a share of these (docs/augmentation.md)."""
+  training clips of archives, as a share of these (docs/augmentation.md). feature_bias: what the std of turn, root and
+  contacts of a data set's own statistics is divided by; 0: nothing (docs/papers/momask.md#statistics)."""
   return dict(name="humanml3d", folder="", folders=(), mode="benchmark", mirror=False, kinematic_captions=False,
+              feature_bias=0.0,
               augment=dict(stitched=0.0, bent_paths=0.0, idle=0.0, counted=0.0, excerpts=0.0, seats=0.0,
                            wandering=0.0, time_warp=0.0)) | fields
 
@@ -82,13 +84,14 @@ def optimizer(learning_rate, **fields):
 
   name, fields: any optimizer of optax and its arguments; schedule, schedule_fields: the same for the learning rate
   (training/optimizers.py). A step is skipped if its loss is above skip_loss, or its gradient above skip_spikes times
-  the median of those before; 0 skips none. accumulate_steps: number of parts of a device's batch, which are computed
+  the median of those before; 0 skips none. warmup: "full", or "released" as in MoMask's and T2M-GPT's code
+  (docs/papers/momask.md#training). accumulate_steps: number of parts of a device's batch, which are computed
   one after the other in less memory, for a step that is the same up to rounding.
   """
   return dict(name="adamw", fields={}, learning_rate=learning_rate, schedule="constant", schedule_fields={},
               cooldown_steps=0, warmup_steps=0, beta1=0.9, beta2=0.999, weight_decay=0.0, clip_norm=0.0, ema_decay=0.0,
               skip_loss=0.0, skip_spikes=0.0, accumulate_steps=1, final_rate=0.0, boundaries=(), gamma=0.1, rates={},
-              clip_parts=()) | fields
+              clip_parts=(), warmup="full") | fields
 
 
 def train(num_steps, log_every, save_every, **fields):

@@ -177,9 +177,11 @@ class RvqCodec(LatentCodec):
     """Features, of frame_mask (B, T), to code indices (B, L, Q) and code vectors of each level (Q, B, L, C)."""
     return rvq.encode(self._codes, self.net.apply(self.params, features, real_mask=frame_mask, method="encode"))
 
-  def decode(self, indices: Int[Array, "b l q"], num_levels: int | None = None) -> Float[Array, "b t f"]:
+  def decode(self, indices: Int[Array, "b l q"], num_levels: int | None = None,
+             real_mask: Bool[Array, "b l"] | None = None) -> Float[Array, "b t f"]:
     """Code indices (B, L, Q) to features, from the first num_levels levels only if that is given."""
-    return self.net.apply(self.params, rvq.decode(self._codes, indices, num_levels), method="decode")
+    vectors = rvq.decode(self._codes, indices, num_levels)
+    return self.net.apply(self.params, vectors, real_mask=real_mask, method="decode")
 
   def reconstruct(self, features: Float[Array, "b t f"], frame_mask: Bool[Array, "b t"] | None = None
                   ) -> Float[Array, "b t f"]:

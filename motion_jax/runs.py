@@ -32,7 +32,8 @@ if TYPE_CHECKING:
 
 PRETRAINED = pathlib.Path(__file__).parent / "pretrained"
 # {stage of a generator: stage of the tokenizer that it holds}
-TOKENIZERS = {"cmdm.denoiser": "cmdm.tokenizer", "cdamd.generator": "cdamd.autoencoder"}
+TOKENIZERS = {"cmdm.denoiser": "cmdm.tokenizer", "cdamd.generator": "cdamd.autoencoder",
+              "momask.masked": "momask.rvq", "t2m_gpt.gpt": "t2m_gpt.vq"}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -142,10 +143,13 @@ _TEXT_ITEMS = {"data.frames_per_latent": 4, "data.crop_frames": 0, "data.keep_lo
 _EVALUATOR = {"frozen.text": "", "data.max_frames": 196,
               "model.columns": lambda config: get_layout(config["data"]["layout"]).dim}
 _CAPTIONED_EVALUATOR = _EVALUATOR | _TEXT_ITEMS
+_QUANTIZER = _MOTION_ERRORS | {"data.released_windows": False, "data.short_window": 0, "quantizer.learn": "means",
+                              "data.one_per_clip": False}
 # {stage: {field: value}} of the fields that a config may leave out, "" for all stages. Configs of converted checkpoints
 # say nothing about training, and a method from outside the package names only the fields that it needs.
 DEFAULTS: dict[str, dict[str, Any]] = {
-    "": {"data.mode": "benchmark", "data.kinematic_captions": False, "data.augment": {},
+    "": {"data.feature_bias": 0.0, "optimizer.warmup": "full", "data.mode": "benchmark",
+         "data.kinematic_captions": False, "data.augment": {},
          "optimizer.name": "adamw", "optimizer.fields": {}, "optimizer.schedule_fields": {},
          "optimizer.boundaries": (), "optimizer.gamma": 0.1, "optimizer.skip_loss": 0.0,
          "optimizer.final_rate": 0.0,
@@ -173,13 +177,21 @@ DEFAULTS: dict[str, dict[str, Any]] = {
         "sampler.schedule": "fss",
         "sampler.solver": lambda config: "ancestral" if config["model"].get("predicts") == "ddpm" else "euler"},
     "cdamd.autoencoder": _MOTION_ERRORS | {"data.released_windows": False, "data.short_window": 0,
+                                            "data.one_per_clip": False,
                                             "loss.latent_noise": 0.0},
     "cdamd.rvq": _MOTION_ERRORS | {"data.released_windows": False, "data.short_window": 0,
-                                   "quantizer.learn": "means"},
+                                   "quantizer.learn": "means", "data.one_per_clip": False},
     "cdamd.generator": _TEXT_ITEMS | _STORE | {
         "train.remat": False, "train.attention": "xla", "frozen.text_level": "sentence", "frozen.length": "",
         "length": {}, "loss.mask_draw": "count", "data.vary_subject": 0.0, "sampler.edit_mask": "bcm"},
     "cdamd.length": {"data.vary_subject": 0.0},
+    "momask.rvq": _QUANTIZER,
+    "momask.masked": _TEXT_ITEMS | {"data.vary_subject": 0.0, "frozen.text_level": "sentence", "frozen.residual": "",
+                                    "frozen.length": "", "residual": {}, "length": {}},
+    "momask.residual": _TEXT_ITEMS | {"data.vary_subject": 0.0},
+    "momask.length": {"data.vary_subject": 0.0},
+    "t2m_gpt.vq": _QUANTIZER,
+    "t2m_gpt.gpt": {"data.vary_subject": 0.0, "data.shorten_rate": 1 / 3, "frozen.text_level": "sentence"},
     "evaluator.movement": {},
     "evaluator.matching": _CAPTIONED_EVALUATOR | {"frozen.glove": ""},
     "evaluator.t2m": _EVALUATOR,

@@ -78,12 +78,12 @@ def test_imports_point_up(path):
         f"{part} imports {name}")
 
 
-@pytest.mark.parametrize("method", ["tmr", "cmdm", "cdamd"])
+@pytest.mark.parametrize("method", ["tmr", "cmdm", "cdamd", "momask", "t2m_gpt"])
 def test_a_method_imports_no_other(method):
   """What methods share is below them, but for the teachers, which any of them may be aligned with."""
   for path in (ROOT / "motion_jax" / "models" / method).glob("*.py"):
     for name in _imports(ast.parse(path.read_text())):
-      other = re.match(r"motion_jax\.models\.(tmr|cmdm|cdamd)\b", name)
+      other = re.match(r"motion_jax\.models\.(tmr|cmdm|cdamd|momask|t2m_gpt)\b", name)
       assert not other or other[1] in (method, "tmr"), f"{path} imports {name}"
 
 
@@ -123,7 +123,7 @@ def test_importing_starts_no_device():
 
 
 ROOMS = ("nets", "quant", "diffusion", "motion", "metrics", "text", "analysis", "data", "control", "evaluation",
-         "models.tmr", "models.cmdm", "models.cdamd")
+         "models.tmr", "models.cmdm", "models.cdamd", "models.momask", "models.t2m_gpt")
 
 
 @pytest.mark.parametrize("room", ROOMS)

@@ -12,6 +12,7 @@ import numpy as np
 from motion_jax.convert.state import from_torch, load_checkpoint, select
 from motion_jax.motion.representations import layout_for
 from motion_jax.motion.stats import ABSOLUTE, load_stats, save_stats
+from motion_jax.nets.post_norm import sinusoids
 from motion_jax.text.encoder import load_text_encoder
 from motion_jax.training import checkpoint
 from motion_jax.training.setup import text_identity
@@ -105,6 +106,23 @@ def read_part(path, wanted=(), others=(), choices=()):
     digest = hashlib.file_digest(file, "sha256").hexdigest()
   part = ", ".join(wanted) if nested else ""
   return NetworkState(state, dict(file=pathlib.Path(path).name, part=part, sha256=digest), tuple(sorted(left)))
+
+
+def without_clip(part):
+  """The part less a text encoder that lies in it; the encoder's own folder holds that."""
+  clip = [name for name in part.state if name.startswith("clip_model.")]
+  if not clip:
+    return part
+  return part._replace(state={name: array for name, array in part.state.items() if name not in clip},
+                       left=(*part.left, f"clip_model ({len(clip)} tensors)"))
+
+
+def check_sinusoids(part, name, width):
+  """The table of fixed positions is a formula here; raises ValueError if the file's is another one."""
+  if name in part.state:
+    table = np.asarray(part.state[name]).reshape(-1, width)[:200]
+    if np.abs(table - sinusoids(len(table), width)).max() > 1e-3:
+      raise ValueError(f"{part.source['file']} has positions {name} other than sines and cosines of base 10000")
 
 
 def network(what, part, module, fields, shapes, table, ignore=()):

@@ -1,13 +1,13 @@
 """PyTorch files to flat dicts of arrays, and those to parameters by a table of names."""
 import pathlib
-import re
 
 import flax
 import numpy as np
 
+from motion_jax.convert import torch_files
 from motion_jax.utils.input_files import load_safetensors
-from motion_jax.utils.install import pip_install
 
+_DEEPEST, _MOST = 32, 1_000_000  # levels and entries of a checkpoint
 Table = dict[str, tuple[str, str]]  # {name of the reference: (our path, kind of `_KINDS`)}
 
 
@@ -49,7 +49,7 @@ _KINDS = {
 
 
 def load_state(path):
-  """A flat dict of numpy arrays from a .safetensors file or a PyTorch checkpoint, which is never unpickled in full.
+  """A flat dict of numpy arrays from a .safetensors file or a PyTorch checkpoint, which is never unpickled.
 
   A checkpoint that nests its weights gives keys joined by "/": "ema_model/x_embedder.weight".
   """
@@ -63,33 +63,25 @@ def load_checkpoint(path):
     raise FileNotFoundError(f"there is no checkpoint {path}")
   if path.suffix == ".safetensors":
     return load_safetensors(path, advice="it is no whole safetensors file: fetch it again"), set()
-  try:
-    import torch
-  except ImportError as error:
-    raise ValueError(f"reading {path.name} needs torch: {pip_install('convert')}, or give a .safetensors file"
-                     ) from error
-  try:
-    state = torch.load(path, map_location="cpu", weights_only=True)
-  except Exception as error:  # torch tells a damaged file by whatever its reader stumbled over
-    foreign = re.search(r"GLOBAL ([\w.]+)", str(error))
-    if foreign:
-      raise ValueError(f"{path} holds a {foreign[1]} besides tensors and plain values; reading such a thing can run "
-                       "code, so it is refused. Where you trust the file, save its tensors alone, with "
-                       "torch.save(state_dict) or safetensors, and convert that") from error
-    reason = str(error).strip().splitlines() or [type(error).__name__]
-    raise ValueError(f"{path} is no whole PyTorch checkpoint ({reason[0]}); fetch it again") from error
+  state = torch_files.load(path)
   if not isinstance(state, dict):
     raise ValueError(f"{path} holds a {type(state).__name__}, expected a dict of tensors")
-  flat = {}
+  flat, seen = {}, 0
 
-  def collect(prefix, value):
+  def collect(prefix, value, depth):
+    nonlocal seen
+    seen += 1
+    if depth > _DEEPEST or seen > _MOST:  # dictionaries that hold each other have no end
+      raise ValueError(f"{path} nests its entries without end; expected a dict of tensors")
     if isinstance(value, dict):
       for key, inner in value.items():
-        collect(f"{prefix}/{key}" if prefix else str(key), inner)
-    elif isinstance(value, torch.Tensor):
-      flat[prefix] = value.float().contiguous().numpy()
+        collect(f"{prefix}/{key}" if prefix else str(key), inner, depth + 1)
+    elif isinstance(value, np.ndarray):
+      if value.dtype.kind == "c":
+        raise ValueError(f"{path} holds complex numbers ({prefix}), which no network here has")
+      flat[prefix] = np.ascontiguousarray(value, np.float32)
 
-  collect("", state)
+  collect("", state, 0)
   return flat, {str(key) for key in state} - {name.split("/")[0] for name in flat}
 
 

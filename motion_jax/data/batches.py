@@ -68,7 +68,8 @@ class Windows:
   features: list of normalized (T_i, F); clips shorter than the window are left out. released: see `window_starts`.
   groups: the action of each clip; with balance > 0 windows are drawn with replacement, those of rare groups more often
   (`balance_weights`), else each occurs once per epoch. short: length of the windows of every second batch, which then
-  includes shorter clips and more beginnings of clips; 0: no such batches.
+  includes shorter clips and more beginnings of clips; 0: no such batches. one_per_clip: one window a clip and epoch, at
+  a random place, so that short clips count as much as long ones (docs/papers/t2m_gpt.md#vq-vae).
   """
   features: list[np.ndarray]
   window: int = 64
@@ -77,11 +78,14 @@ class Windows:
   groups: list[str] | None = None
   balance: float = 0.0
   short: int = 0
+  one_per_clip: bool = False
 
   def __post_init__(self):
     if self.short:
       object.__setattr__(self, "shorter", dataclasses.replace(self, window=self.short, short=0))
     starts = window_starts([len(x) for x in self.features], self.window, self.stride, self.released)
+    if self.one_per_clip:
+      starts = np.array([(i, 0) for i, x in enumerate(self.features) if len(x) >= self.window], int).reshape(-1, 2)
     if not len(starts):
       raise ValueError(f"none of {len(self.features)} clips has the {self.window} frames of a window")
     missed = sum(len(x) < self.window for x in self.features)
@@ -108,7 +112,11 @@ class Windows:
       drawn = epoch_indices(len(self), batch_size, seed, step)
     else:
       drawn = np.minimum(np.searchsorted(self.upto, step_rng(seed, 5, step).random(batch_size), "right"), len(self) - 1)
-    chosen = self.starts[drawn[rows]]
+    chosen = self.starts[drawn]
+    if self.one_per_clip:
+      spare = np.array([len(self.features[i]) - self.window + 1 for i, _ in chosen])
+      chosen = np.stack([chosen[:, 0], step_rng(seed, 6, step).integers(spare)], axis=1)
+    chosen = chosen[rows]
     return {"features": np.stack([self.features[i][s:s + self.window] for i, s in chosen]),
             "index": np.arange(batch_size)[rows]}
 

@@ -22,7 +22,7 @@ from motion_jax.data.datasets.base import TextItem, augment_shares, clip_items
 from motion_jax.data.datasets.records import RecordedFeatures
 from motion_jax.data.datasets.registry import DATASETS, dataset_of, get_dataset
 from motion_jax.motion.representations import FeatureLayout, get_layout
-from motion_jax.motion.stats import Stats, compute_stats
+from motion_jax.motion.stats import Stats, biased_std, compute_stats
 from motion_jax.utils.errors import InputError
 
 
@@ -108,7 +108,8 @@ def load_features(config, split="train", stats=None, captioned=True) -> FeatureS
   if kept is None:
     return _load_features(config, split, stats, captioned)
   key = _key(config, split, captioned)
-  own = stats.fingerprint if stats else (bool(config.get("per_axis")), bool(config.get("per_column")))
+  own = stats.fingerprint if stats else (
+      bool(config.get("per_axis")), bool(config.get("per_column")), config.get("feature_bias", 0.0))
   if (key, own) not in kept:
     data = _load_features(config, split, stats, captioned)
     kept[key, own] = kept[key, data.stats.fingerprint] = data
@@ -137,7 +138,7 @@ def _load_features(config, split, stats, captioned):
   if not items:
     places = ", ".join(config.get("folders") or [config.get("folder") or "procedural motion"])
     raise ValueError(f"data of {config.name!r} ({places}) has no clips in split {split!r}")
-  features = [item.features for item in items]
+  given, features = stats, [item.features for item in items]
   # Of clips that were captured only: a run on more that is made of them starts from the weights of one without.
   captured = [item.features for item in items if not item.made]
   for item in items:
@@ -146,6 +147,8 @@ def _load_features(config, split, stats, captioned):
     stats = compute_stats(captured, layout, config.get("per_axis", False), config.get("per_column", False))
   elif stats is None:
     stats = dataset.stats(config, layout, captured)
+  if given is None and config.get("feature_bias", 0.0):  # docs/papers/momask.md#statistics
+    stats = dataclasses.replace(stats, std=biased_std(stats.std, config.feature_bias))
   normalized = [x.normalized(stats) if isinstance(x, RecordedFeatures) else stats.normalize(x) for x in features]
   return FeatureSet(normalized, [list(item.captions) for item in items],
                     [item.group or item.id for item in items], [item.id for item in items], stats, layout, tokens,

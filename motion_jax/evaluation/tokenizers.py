@@ -19,7 +19,8 @@ from motion_jax.nets.masks import padding_mask
 from motion_jax.training import checkpoint
 from motion_jax.utils.config_files import module_fields
 
-STAGES = ("cmdm.tokenizer", "cmdm.denoiser", "cdamd.autoencoder", "cdamd.rvq", "cdamd.generator")
+STAGES = ("cmdm.tokenizer", "cmdm.denoiser", "cdamd.autoencoder", "cdamd.rvq", "cdamd.generator", "momask.rvq",
+          "momask.masked", "t2m_gpt.vq", "t2m_gpt.gpt")
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -48,13 +49,13 @@ def load_tokenizer(run, raw=False) -> Tokenizer:
   """
   run = runs.load_run(run, STAGES, raw)
   config, stage = run.config, run.stage
-  inside = stage in ("cmdm.denoiser", "cdamd.generator")
+  inside = stage in runs.TOKENIZERS
   fields = module_fields(config.tokenizer if inside else config.model)
   name = checkpoint.FROZEN if inside else run.params_file
   net = (CausalVAE if stage.startswith("cmdm") else Autoencoder)(**fields)
   if stage.startswith("cmdm"):
     codec, shapes = VaeCodec, cmdm.frozen_shapes(net)[TOKENIZER]
-  elif stage == "cdamd.rvq":
+  elif runs.TOKENIZERS.get(stage, stage) in ("cdamd.rvq", "momask.rvq", "t2m_gpt.vq"):
     codec, shapes = RvqCodec, cdamd.autoencoder_shapes(net, config.quantizer)
   else:
     codec, shapes = AutoencoderCodec, cdamd.autoencoder_shapes(net)

@@ -1,16 +1,17 @@
 """Released weights of the networks that several methods share: autoencoder, RVQ-VAE, length estimator."""
 import pathlib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import jax
 import ml_collections
 import numpy as np
 
-from motion_jax.convert.parts import Network, network, read_part
+from motion_jax.convert.parts import Network, network, read_part, write
 from motion_jax.convert.state import Table, from_torch
 from motion_jax.models import length as lengths
 from motion_jax.models.autoencoders import autoencoder_shapes
+from motion_jax.motion.stats import Stats
 from motion_jax.nets.autoencoder import Autoencoder
 from motion_jax.nets.length_estimator import LengthEstimator
 from motion_jax.quant.vq import codebook_of
@@ -41,6 +42,12 @@ def rvq_names(num_levels: int = 4, num_halvings: int = 2, depth: int = 3) -> Tab
   """RVQ-VAE of CDAMD (docs/papers/cdamd.md#rvq), the codes of level q under codes/q."""
   levels = {f"quantizer.layers.{q}.codebook": (f"codes/{q}", "array") for q in range(num_levels)}
   return autoencoder_names(num_halvings, depth) | levels
+
+
+def one_level(state: Mapping[str, Any]) -> dict[str, Any]:
+  """T2M-GPT's VQ-VAE under the names of an RVQ-VAE of one level."""
+  return {name.removeprefix("vqvae.").replace("quantizer.codebook", "quantizer.layers.0.codebook"): array
+          for name, array in state.items()}
 
 
 def rvq_from_torch(state: Mapping[str, Any], num_levels: int = 4, num_halvings: int = 2, depth: int = 3
@@ -82,12 +89,16 @@ def autoencoder(path: str | pathlib.Path) -> Network:
   return network(what, part, net, fields, autoencoder_shapes(net), table)
 
 
-def rvq(path: str | pathlib.Path) -> Network:
+def rvq(path: str | pathlib.Path, choices: Sequence[str] = ("vq_model", "net"),
+        turn: Callable[[dict[str, Any]], dict[str, Any]] = dict) -> Network:
   """A released RVQ-VAE, "vq_model" (or "net") of latest.tar or net_best_fid.tar; params are {"params", "codebooks"}.
+
+  choices: entries that may hold it; turn: renames its tensors.
 
   Files hold the codes and neither their running sums nor counts: training continues as if each was used once.
   """
-  what, part = "RVQ-VAE", read_part(path, choices=("vq_model", "net"))
+  what, part = "RVQ-VAE", read_part(path, choices=choices)
+  part = part._replace(state=turn(part.state))
   fields = _layers(part, what)
   num_levels = max(part.count(r"quantizer\.layers\.(\d+)\.codebook"), 1)
   shapes = [part.shape(f"quantizer.layers.{level}.codebook", what, 2) for level in range(num_levels)]
@@ -109,3 +120,13 @@ def length_estimator(path: str | pathlib.Path) -> Network:
   net = LengthEstimator(num_classes=part.shape("output.11.weight", what, 2)[0], width=width)
   fields = dict(num_classes=net.num_classes, width=width, dropout=0.2)
   return network(what, part, net, fields, lengths.length_shapes(net, text_dim), length_estimator_names())
+
+
+def write_tokenizer(out: str | pathlib.Path, made: Network, stats: Stats, stage: str) -> list[Network]:
+  """The run folder of an autoencoder or RVQ-VAE alone -> its Network."""
+  fields = dict(made.fields)
+  config: dict[str, Any] = dict(stage=stage, frozen={}, data=dict(layout=stats.layout.name))
+  if "num_levels" in fields:
+    config |= dict(quantizer={name: fields.pop(name) for name in ("num_levels", "num_codes")})
+  write(out, config | dict(model=fields), [made], made.params, stats)
+  return [made]

@@ -17,6 +17,8 @@ from motion_jax.utils.plugins import Registry
 METHODS: Registry[str] = Registry("motion_jax.methods", {
     "cmdm": "motion_jax.models.cmdm",
     "cdamd": "motion_jax.models.cdamd",
+    "momask": "motion_jax.models.momask",
+    "t2m_gpt": "motion_jax.models.t2m_gpt",
 }, read=lambda entry: entry.value)
 
 # Motion-language teachers: trained like a method, but they generate no motion.

@@ -24,6 +24,17 @@ def add_to(commands):
   cdamd.add_argument("--diffusion", choices=("flow", "ddpm"), default="flow",
                      help="how the DiffMLPs were trained: SiT-XL (flow) or DDPM-XL; their tensors have the same shapes")
   cdamd.set_defaults(run=_convert_cdamd)
+  momask = convert.add_parser("momask", help="MoMask's RVQ-VAE, masked and residual transformer; without the masked "
+                                             "one, the run of the RVQ-VAE")
+  momask.add_argument("--tokenizer", required=True, metavar="FILE", help="net_best_fid.tar of the RVQ-VAE")
+  momask.add_argument("--masked", metavar="FILE", help="latest.tar of the masked transformer")
+  momask.add_argument("--residual", metavar="FILE", help="net_best_fid.tar of the residual transformer")
+  momask.add_argument("--length", metavar="FILE", help="finest.tar of the length estimator")
+  momask.set_defaults(run=_convert_momask)
+  gpt = convert.add_parser("t2m_gpt", help="T2M-GPT's VQ-VAE and GPT; without a GPT, the run of the VQ-VAE")
+  gpt.add_argument("--tokenizer", required=True, metavar="FILE", help="net_last.pth of the VQ-VAE")
+  gpt.add_argument("--gpt", metavar="FILE", help="net_best_fid.pth of the GPT")
+  gpt.set_defaults(run=_convert_t2m_gpt)
   teacher = convert.add_parser("teacher", help="Part-TMR, TMR or MotionPatches, motion-language teachers")
   teacher.add_argument("file", help="best_model.pt; of TMR its checkpoint, or the folder of its three parts")
   teacher.set_defaults(run=_convert_teacher)
@@ -34,6 +45,7 @@ def add_to(commands):
                          help="clip-vit-base-patch16: the word pieces of the CLIP-type one")
   evaluator.set_defaults(run=_convert_evaluator)
   for part, whose in ((released, "training data"), (cdamd, "training data (of coordinates Mean_abs.npy, Std_abs.npy)"),
+                      (momask, "training (its meta folder)"), (gpt, "training (VQVAEV3_CB1024_CMT_H1024_NRES3/meta)"),
                       (teacher, "training data"), (evaluator, "evaluator")):
     part.add_argument("--stats", required=True, metavar="FOLDER",
                       help=f"Mean.npy and Std.npy of the {whose}, which checkpoints do not contain")
@@ -41,6 +53,7 @@ def add_to(commands):
                       help="number of attention heads, for sizes other than the papers'")
     part.add_argument("--out", required=True, metavar="FOLDER", help="new folder to write")
   for part, name in ((released, "distilbert-base-uncased"), (cdamd, "clip-vit-base-patch32"),
+                     (momask, "clip-vit-base-patch32"), (gpt, "clip-vit-base-patch32"),
                      (teacher, "distilbert-base-uncased")):
     part.add_argument("--text-encoder", metavar="FOLDER", help=f"{name}, as Hugging Face lays it out")
 
@@ -58,6 +71,21 @@ def _convert_cdamd(args):
   _print_converted(args, write_cdamd(args.out, args.tokenizer, args.stats, args.generator, args.rvq,
                                   args.length, args.text_encoder, args.weights, args.heads, args.diffusion))
   if args.generator:
+    print(f"try it: motion-jax generate \"a person waves\" --model {args.out}")
+
+
+def _convert_momask(args):
+  from motion_jax.models.momask.weights import write_momask
+  _print_converted(args, write_momask(args.out, args.tokenizer, args.stats, args.masked, args.residual, args.length,
+                                      args.text_encoder, args.heads))
+  if args.masked:
+    print(f"try it: motion-jax generate \"a person waves\" --model {args.out}")
+
+
+def _convert_t2m_gpt(args):
+  from motion_jax.models.t2m_gpt.weights import write_t2m_gpt
+  _print_converted(args, write_t2m_gpt(args.out, args.tokenizer, args.stats, args.gpt, args.text_encoder, args.heads))
+  if args.gpt:
     print(f"try it: motion-jax generate \"a person waves\" --model {args.out}")
 
 

@@ -1,6 +1,5 @@
 """Released weights are taken over whole or refused: every tensor of a checkpoint is accounted for."""
 import json
-import sys
 
 import jax
 import jax.numpy as jnp
@@ -53,7 +52,7 @@ def test_no_tensor_is_left_over_and_none_made_up():
   assert from_torch(state() | {"pe": np.zeros(4)}, TABLE, ignore=("pe",))
 
 
-def test_files(tmp_path, monkeypatch):
+def test_files(tmp_path):
   arrays = {name: array.astype(np.float32) for name, array in state().items()}
   save_file(arrays, tmp_path / "weights.safetensors")
   loaded = load_state(tmp_path / "weights.safetensors")
@@ -64,9 +63,8 @@ def test_files(tmp_path, monkeypatch):
     load_state(tmp_path / "cut.safetensors")
   with pytest.raises(FileNotFoundError, match="no checkpoint"):
     load_state(tmp_path / "nothing.tar")
-  (tmp_path / "latest.tar").write_bytes(b"not read without torch")
-  monkeypatch.setitem(sys.modules, "torch", None)
-  with pytest.raises(ValueError, match="needs torch"):
+  (tmp_path / "latest.tar").write_bytes(b"no checkpoint at all")
+  with pytest.raises(ValueError, match="no whole PyTorch checkpoint .no zip archive."):
     load_state(tmp_path / "latest.tar")
 
 
@@ -308,7 +306,7 @@ def test_a_checkpoint_with_code_is_refused_and_not_run(tmp_path, monkeypatch):
     load_state("cut.tar")
   assert "\n" not in str(told.value)
   torch.save(torch.ones(3), "bare.tar")
-  with pytest.raises(ValueError, match="holds a Tensor, expected a dict"):
+  with pytest.raises(ValueError, match="holds a ndarray, expected a dict"):
     load_state("bare.tar")
   loaded, plain = load_checkpoint("fine.tar")
   assert plain == {"ep"} and loaded["ae/weight"].dtype == np.float32

@@ -43,7 +43,8 @@ def test_what_a_model_can_do_are_methods_of_it(method):
     assert set(model.abilities) <= set(ABILITIES)
     assert all(callable(getattr(model, ability)) for ability in model.abilities)
     assert registry.model_of(stage) is model and stage in registry.setups()
-  assert registry.model_stages("edit") == ["cdamd.generator"] and registry.model_stages("stream") == ["cmdm.denoiser"]
+  assert set(registry.model_stages("edit")) >= {"cdamd.generator", "momask.masked"}
+  assert "cmdm.denoiser" in registry.model_stages("stream")
   with pytest.raises(ValueError, match="got the ability 'fly', expected one of generate"):
     object.__new__(TextToMotionModel).can("fly")
 

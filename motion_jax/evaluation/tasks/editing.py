@@ -67,7 +67,8 @@ def editor(candidate, protocol, real, task):
     # Parity: the released script edits with the mask that it samples with; --sampling mask=bcm is ours.
     model, options = candidate.model, dict(candidate.options)
     cleanup = options.pop("cleanup", False)
-    options = {"mask": model.config.sampler.mask, "guidance_scale": candidate.guidance_scale} | options
+    own = {"mask": model.config.sampler.mask} if "mask" in model.options.described() else {}
+    options = own | {"guidance_scale": candidate.guidance_scale} | options
     motions = [real[i][:count] for i, count in zip(jobs.places, jobs.frames)]
     if protocol.paste or cleanup:
       keys, seeds = keys_of(None, jobs.seeds, len(motions))

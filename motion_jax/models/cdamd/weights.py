@@ -4,20 +4,29 @@ import re
 from typing import Any
 
 import ml_collections
-import numpy as np
 from ml_collections import ConfigDict
 
 from motion_jax import paper_tables, runs
-from motion_jax.convert.parts import Network, check_free, heads_of, network, read_part, stats_of, text_files, write
+from motion_jax.convert.parts import (
+  Network,
+  check_free,
+  check_sinusoids,
+  heads_of,
+  network,
+  read_part,
+  stats_of,
+  text_files,
+  without_clip,
+  write,
+)
 from motion_jax.latents import AutoencoderCodec
 from motion_jax.models import cdamd
-from motion_jax.models.autoencoder_weights import autoencoder, length_estimator, rvq
+from motion_jax.models.autoencoder_weights import autoencoder, length_estimator, rvq, write_tokenizer
 from motion_jax.models.cdamd.weight_names import (
   mardm_names,
   masked_transformer_names,
 )
 from motion_jax.nets.masked_transformer import SIZES, GatedTransformer
-from motion_jax.nets.post_norm import sinusoids
 from motion_jax.training import checkpoint
 
 # (width, depth) -> heads. Not of the paper's own size, which has none that divide it.
@@ -38,11 +47,7 @@ def generator(path: str | pathlib.Path, weights: str = "ema", num_heads: int | N
   """
   if weights not in WEIGHTS:
     raise ValueError(f"got weights {weights!r}, expected one of {', '.join(WEIGHTS)}")
-  part = read_part(path, choices=WEIGHTS[weights], others=sum(WEIGHTS.values(), ()))
-  clip = [name for name in part.state if name.startswith("clip_model.")]
-  if clip:  # the text encoder's folder holds it
-    part = part._replace(state={name: array for name, array in part.state.items() if name not in clip},
-                         left=(*part.left, f"clip_model ({len(clip)} tensors)"))
+  part = without_clip(read_part(path, choices=WEIGHTS[weights], others=sum(WEIGHTS.values(), ())))
   kind = "mardm" if any(name.startswith("MARTransformer.") for name in part.state) else "cdamd"
   what = {"mardm": "MARDM generator", "cdamd": "CDAMD generator"}[kind]
   stack, widening = {"mardm": ("MARTransformer.", "mlp.fc1"), "cdamd": ("seqTransEncoder.layers.", "ff.0")}[kind]
@@ -61,16 +66,8 @@ def generator(path: str | pathlib.Path, weights: str = "ema", num_heads: int | N
   fields = dict(transformer=transformer, head=head)
   net = cdamd.make_generator(ml_collections.ConfigDict(fields))
   names = mardm_names if kind == "mardm" else masked_transformer_names
-  _check_positions(part, width)
+  check_sinusoids(part, POSITIONS, width)
   return network(what, part, net, fields, cdamd.generator_shapes(net), names(depth, head["depth"]), (POSITIONS,))
-
-
-def _check_positions(part, width):
-  """The table of fixed positions is a formula here; raises ValueError if the file's is another one."""
-  if POSITIONS in part.state:
-    table = np.asarray(part.state[POSITIONS]).reshape(-1, width)[:200]
-    if np.abs(table - sinusoids(len(table), width)).max() > 1e-3:
-      raise ValueError(f"{part.source['file']} has positions {POSITIONS} other than sines and cosines of base 10000")
 
 
 # --- writing -----------------------------------------------------------------------------------------------------
@@ -95,7 +92,9 @@ def write_cdamd(out: str | pathlib.Path, tokenizer_file: str | pathlib.Path | No
                      "tokenizer alone, or an RVQ-VAE alone")
   if generator_file is None:
     read, file = (autoencoder, tokenizer_file) if rvq_file is None else (rvq, rvq_file)
-    return _write_tokenizer(out, read(file), stats)  # type: ignore[arg-type]  # one of the two is given
+    made = read(file)  # type: ignore[arg-type]  # one of the two is given
+    stage = "cdamd.autoencoder" if rvq_file is None else "cdamd.rvq"
+    return write_tokenizer(out, made, stats_of(stats, made.fields["features"]), stage)
   if tokenizer_file is None:
     raise ValueError("a generator makes latents; give the file of the tokenizer that makes motion of them, too")
 
@@ -131,19 +130,6 @@ def write_cdamd(out: str | pathlib.Path, tokenizer_file: str | pathlib.Path | No
   config["frozen"] = dict(text=str(text or TEXT), tokenizer=checkpoint.FROZEN)
   write(out, config, networks, gen.params, stats, frozen, files)
   return networks
-
-
-def _write_tokenizer(out, made, stats):
-  stats = stats_of(stats, made.fields["features"])
-  fields = dict(made.fields)
-  config: dict[str, Any] = dict(frozen={}, data=dict(layout=stats.layout.name))
-  if made.what == "RVQ-VAE":
-    quantizer = {name: fields.pop(name) for name in ("num_levels", "num_codes")}
-    config |= dict(stage="cdamd.rvq", quantizer=quantizer)
-  else:
-    config |= dict(stage="cdamd.autoencoder")
-  write(out, config | dict(model=fields), [made], made.params, stats)
-  return [made]
 
 
 def _check_prior(prior, tokenizer, transformer):

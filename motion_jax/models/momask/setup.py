@@ -1,0 +1,91 @@
+"""Training set-ups of MoMask: its RVQ-VAE, its two transformers, its length estimator."""
+from typing import Any
+
+import jax
+from ml_collections import ConfigDict
+
+from motion_jax import runs
+from motion_jax.data import sources
+from motion_jax.latents import TOKENIZER
+from motion_jax.models import length_setup
+from motion_jax.models.autoencoder_setup import load_frozen, rvq
+from motion_jax.models.momask.stages import masked_stage, residual_shapes, residual_stage
+from motion_jax.models.text_batches import captioned
+from motion_jax.nets.token_transformers import ResidualCodeTransformer
+from motion_jax.text.encoder import TextEncoder, load_text_encoder
+from motion_jax.training import checkpoint
+from motion_jax.training.setup import TrainingSetup, caption_lengths, encoder_files, held_out
+from motion_jax.utils.config_files import module_fields
+
+MASKED, RESIDUAL = "momask.masked", "momask.residual"
+
+
+def masked(config: ConfigDict) -> TrainingSetup:
+  """The masked transformer; with it lie a residual transformer and a length estimator, where the config names them."""
+  def more(encoder):
+    found = {"residual": load_residual(config, encoder)} if config.frozen.residual else {}
+    return found | ({"length": length_setup.load_length(config.frozen.length, encoder)} if config.frozen.length else {})
+
+  return _transformer(config, masked_stage(config), more)
+
+
+def residual(config: ConfigDict) -> TrainingSetup:
+  """The residual transformer."""
+  if config.model.num_levels != config.quantizer.num_levels:
+    raise ValueError(f"got model.num_levels = {config.model.num_levels}, the quantizer has "
+                     f"{config.quantizer.num_levels} levels; make them agree")
+  return _transformer(config, residual_stage(config), lambda encoder: {})
+
+
+def _transformer(config, stage, more):
+  if config.model.num_codes != config.quantizer.num_codes:
+    raise ValueError(f"got model.num_codes = {config.model.num_codes}, the quantizer has {config.quantizer.num_codes} "
+                     "codes; make them agree")
+  _, variables, stats = load_frozen(config.frozen.tokenizer, config.tokenizer, "momask.rvq", config, config.quantizer)
+  data = sources.load_features(config.data, stats=stats)
+  encoder = load_text_encoder(config.frozen.text, level="sentence")
+  if encoder.dim != config.model.text_dim:
+    raise ValueError(f"text encoder {config.frozen.text!r} gives {encoder.dim} numbers a sentence, the model takes "
+                     f"model.text_dim = {config.model.text_dim}; make them agree")
+  frozen = {TOKENIZER: variables} | more(encoder)
+  next_batch, num_items = captioned(config, data, encoder)
+  files = {checkpoint.LENGTHS: caption_lengths(data), **encoder_files(encoder)}
+  evaluate = _held_out_loss(config, stage, frozen, data.stats, encoder)
+  return TrainingSetup(stage, next_batch, frozen, evaluate, data.stats, files, num_items)
+
+
+def _held_out_loss(config, stage, frozen, stats, encoder, num_batches=4):
+  """evaluate(params): loss and accuracy on the same few batches of held-out clips and the same draws every time."""
+  next_batch, _ = captioned(config, held_out(config, stats, captioned=True), encoder)
+  predict = jax.jit(stage.predict)
+
+  def evaluate(params):
+    parts = [predict(params, frozen, next_batch(i), jax.random.key(i)) for i in range(num_batches)]
+    total = {name: sum(float(part[name]) for part in parts) for name in parts[0]}
+    return {f"held_out_{name}": round(total[name] / total["weight"], 5) for name in ("loss", "accuracy")}
+
+  return evaluate
+
+
+def load_residual(config: ConfigDict, encoder: TextEncoder) -> Any:
+  """Parameters of the residual transformer that config.frozen.residual names, of the same codes and text."""
+  folder = config.frozen.residual
+  run = runs.load_run(folder, RESIDUAL)
+  run.check_encoder(encoder)
+  own, wanted = run.config.quantizer.to_dict(), config.quantizer.to_dict()
+  if own != wanted:
+    raise ValueError(f"{folder} was trained on codes of {own}, this config says {wanted}; train both transformers on "
+                     "one RVQ-VAE")
+  return run.params(residual_shapes(ResidualCodeTransformer(**module_fields(run.config.model))))
+
+
+def resolved(config: ConfigDict) -> dict[str, Any]:
+  """What the masked transformer's config takes over: the sizes of its residual transformer and length estimator."""
+  found = length_setup.fields_of(config)
+  if config.frozen.residual:
+    found["residual"] = runs.load_run(config.frozen.residual, RESIDUAL).config.model.to_dict()
+  return found
+
+
+RESOLVED = {MASKED: resolved}
+SETUPS = {"momask.rvq": rvq, MASKED: masked, RESIDUAL: residual, "momask.length": length_setup.length_setup}

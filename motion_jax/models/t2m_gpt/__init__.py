@@ -1,0 +1,32 @@
+"""T2M-GPT on a page: "Generating Human Motion from Textual Descriptions with Discrete Representations".
+
+A VQ-VAE turns four frames each into one of 512 codes. A causal transformer reads the caption, then the codes so far,
+and gives the next one, until it gives the end: so it decides on a motion's length. While it trains, half of the codes
+that it reads are random, as its own will be wrong now and then.
+
+  features (B, T, F) -> codes (B, T / 4); caption -> code, code, ..., end -> decode -> features
+
+losses    of the transformer; those of the VQ-VAE: `models.autoencoders`
+items     clips as rows of codes
+stages    what is trained, as pure functions
+setup     a config becomes a stage with its data
+sampling  one code after the other, with a cache
+model     ready to use
+weights   the authors' PyTorch files
+
+Numbers follow the released code (docs/papers/t2m_gpt.md); where the paper differs a comment starts with "Parity".
+"""
+from typing import TYPE_CHECKING
+
+from motion_jax.utils import lazy
+
+if TYPE_CHECKING:
+  from motion_jax.models.t2m_gpt.items import CodeItems, encode_clips, target_row
+  from motion_jax.models.t2m_gpt.losses import corrupt, gpt_loss
+  from motion_jax.models.t2m_gpt.sampling import categorical, greedy, sample
+  from motion_jax.models.t2m_gpt.stages import gpt_shapes, gpt_stage
+
+__all__ = ["CodeItems", "categorical", "corrupt", "encode_clips", "gpt_loss", "gpt_shapes", "gpt_stage", "greedy",
+           "sample", "target_row"]
+
+__getattr__, __dir__ = lazy.attach(__name__)

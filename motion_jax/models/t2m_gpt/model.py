@@ -1,0 +1,76 @@
+"""T2M-GPT ready to use: motion from prompts, of a length of its own or of one that is given."""
+from collections.abc import Sequence
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from motion_jax.control.signal import ControlSignal
+from motion_jax.latents import TOKENIZER, RvqCodec
+from motion_jax.models.autoencoders import autoencoder_shapes
+from motion_jax.models.base import Frames, TextToMotionModel
+from motion_jax.models.results import Motions, captions_in_a_row, make_motions
+from motion_jax.models.t2m_gpt import sampling as sampler
+from motion_jax.models.t2m_gpt.options import T2mGptSampling
+from motion_jax.models.t2m_gpt.stages import gpt_shapes
+from motion_jax.motion.representations import get_layout
+from motion_jax.nets.autoencoder import Autoencoder
+from motion_jax.nets.token_gpt import CodeGPT
+from motion_jax.runs import Run
+from motion_jax.text.encoder import TextEncoder
+from motion_jax.training import checkpoint
+from motion_jax.utils import cache
+from motion_jax.utils.config_files import module_fields
+
+_OWN = 0  # in the place of a number of frames: the end code decides
+
+
+class T2mGptModel(TextToMotionModel):
+  """T2M-GPT ready to use. Without a length a motion ends where the model ends it; with one, the end is put off."""
+  options = T2mGptSampling
+
+  def __init__(self, run: Run, encoder: TextEncoder) -> None:
+    config = run.config
+    checkpoint.demand(config, run.folder, data__max_frames=(1, 100_000))
+    tokenizer, self.net = Autoencoder(**module_fields(config.tokenizer)), CodeGPT(**module_fields(config.model))
+    shapes = {TOKENIZER: autoencoder_shapes(tokenizer, config.quantizer)}
+    super().__init__(run, encoder, self.net.text_dim, tokenizer.frames_per_latent, shapes, gpt_shapes(self.net))
+    self.codec = RvqCodec(tokenizer, self.frozen[TOKENIZER])
+    self.max_seconds = (self.net.max_length - 1) * self.frames_per_latent / get_layout(
+        config.data.layout).skeleton.fps
+    self._generate = cache.Program("t2m_gpt.generate", partial(_generate, self.net, tokenizer), 1,
+                                   (self.net, tokenizer))
+
+  def frames_of(self, prompts: Sequence[str], num_frames: Frames, seconds: Frames) -> list[int]:
+    """Lengths as given; 0 for each prompt where none is: the end code decides."""
+    if num_frames is None and seconds is None:
+      return [_OWN] * len(prompts)
+    return super().frames_of(prompts, num_frames, seconds)
+
+  def sample(self, prompts: Sequence[str], frames: Sequence[int], keys: jax.Array, seeds: Sequence[int | None],
+             cleanup: bool, sampling: dict[str, Any], signal: ControlSignal | None = None) -> Motions:
+    """One pass: motions of prompts, a key each. Lengths are cut to whole codes (4 frames)."""
+    chosen, unit = self.sampling(**sampling), self.frames_per_latent
+    counts = np.array(frames) // unit
+    fewest = np.where(counts > 0, counts, 1)
+    most = np.where(counts > 0, counts, self.net.max_length - 1)
+    made, num_codes = self._generate(chosen.draw, self.params, self.codec.params, self.encoder(prompts)[0][:, 0], keys,
+                                     jnp.asarray(fewest), jnp.asarray(most), jnp.float32(chosen.temperature))
+    frames = [int(count) * unit for count in np.asarray(num_codes)]
+    captions = [captions_in_a_row([prompt], [count], self.fps) for prompt, count in zip(prompts, frames)]
+    return make_motions(self, made, frames, captions, seeds, chosen.about() | dict(model=self.id), cleanup)
+
+
+MODELS = {"t2m_gpt.gpt": T2mGptModel}
+
+
+def _generate(net, tokenizer, draw, params, codec, text_emb, keys, fewest, most, temperature):
+  """(normalized features (B, 4 n, F), numbers of codes (B,)) of captions; each clip is decoded as if alone."""
+  choose = sampler.greedy if draw == "greedy" else sampler.categorical(keys, temperature)
+  codes = sampler.sample(net, params, text_emb, choose, fewest, most)
+  real = codes >= 0
+  # Parity: the reference decodes a batch as one long sequence.
+  features = RvqCodec(tokenizer.clone(hide_padding=True), codec).decode(codes[..., None], real_mask=real)
+  return features, real.sum(-1)
