@@ -10,7 +10,7 @@ import pytest
 from motion_jax.data.batches import step_rng
 from motion_jax.evaluators import stages as matching
 from motion_jax.evaluators.networks import ClipEvaluator, T2MEvaluator
-from motion_jax.models import cdamd, cmdm
+from motion_jax.models import cdamd, cmdm, momask, t2m_gpt
 from motion_jax.models import length as lengths
 from motion_jax.models.cmdm.streaming import block_noise, make_plan
 from motion_jax.models.tmr.space import make_teacher, teacher_shapes
@@ -18,6 +18,8 @@ from motion_jax.nets.autoencoder import Autoencoder
 from motion_jax.nets.causal_dit import CausalDiT
 from motion_jax.nets.causal_vae import CausalVAE
 from motion_jax.nets.length_estimator import LengthEstimator
+from motion_jax.nets.token_gpt import CodeGPT
+from motion_jax.nets.token_transformers import MaskedCodeTransformer, ResidualCodeTransformer
 from motion_jax.text.bert import bert_fields
 from motion_jax.utils import config_files
 from tests.conftest import load_config
@@ -63,6 +65,14 @@ COUNTS = {
     ("tmr", "kit"): 16_124_667, ("motion_patches", "full"): 86_228_225, ("motion_patches", "small"): 365_441,
     ("motion_patches", "mini"): 180_289, ("motion_patches", "tiny"): 20_849, ("motion_patches", "kit"): 86_228_225,
     ("cdamd_autoencoder", "mini"): 1_168_898, ("cdamd_rvq", "mini"): 742_562, ("cdamd_generator", "mini"): 1_967_936,
+    # The codes of the codebooks are counted in.
+    ("momask_rvq", "full"): 21_009_671, ("momask_rvq", "kit"): 20_972_795, ("momask_rvq", "laptop"): 856_231,
+    ("momask_rvq", "tiny"): 34_683, ("momask_masked", "full"): 12_048_768, ("momask_masked", "laptop"): 1_574_976,
+    ("momask_masked", "tiny"): 2_784, ("momask_residual", "full"): 13_364_224,
+    ("momask_residual", "laptop"): 1_588_160, ("momask_residual", "tiny"): 2_848, ("t2m_gpt_vq", "full"): 19_698_951,
+    ("t2m_gpt_vq", "kit"): 19_662_075, ("t2m_gpt_vq", "laptop"): 807_079, ("t2m_gpt_vq", "tiny"): 34_619,
+    # Less a table of 51 x 1,024 that the released code never reads.
+    ("t2m_gpt_gpt", "full"): 228_311_040, ("t2m_gpt_gpt", "laptop"): 2_251_008, ("t2m_gpt_gpt", "tiny"): 4_256,
     # laptop: as mini where there is one, else as small, with other numbers of steps.
     ("cmdm_tokenizer", "laptop"): 1_384_199, ("cmdm_denoiser", "laptop"): 1_265_696, ("part_tmr", "laptop"): 482_753,
     ("cdamd_autoencoder", "laptop"): 1_168_898, ("cdamd_rvq", "laptop"): 742_562,
@@ -89,11 +99,17 @@ def _counted(config, size):
     words = bert_fields(dict(model_type="distilbert", vocab_size=4, dim=768, n_layers=0, n_heads=1, hidden_dim=4))
     teacher = make_teacher(config.model, config.data.layout)
     shapes = teacher_shapes(teacher, words, config.data.layout)["motion"]
-  elif config.stage in ("cdamd.autoencoder", "cdamd.rvq"):  # of the codebooks the codes alone
+  elif config.stage in ("cdamd.autoencoder", "cdamd.rvq", "momask.rvq", "t2m_gpt.vq"):  # of codebooks the codes alone
     shapes = cdamd.autoencoder_shapes(Autoencoder(**config.model), config.get("quantizer"))
     shapes = shapes["params"], shapes.get("codebooks", {"codes": ()})["codes"]
   elif config.stage == "cdamd.generator":
     shapes = cdamd.generator_shapes(cdamd.make_generator(config.model))
+  elif config.stage == "momask.masked":
+    shapes = momask.masked_shapes(MaskedCodeTransformer(**config.model))
+  elif config.stage == "momask.residual":
+    shapes = momask.residual_shapes(ResidualCodeTransformer(**config.model))
+  elif config.stage == "t2m_gpt.gpt":
+    shapes = t2m_gpt.gpt_shapes(CodeGPT(**config.model))
   elif config.stage == "cdamd.length":  # of sentence vectors of CLIP, MiniLM and the encoder for tests
     shapes = lengths.length_shapes(LengthEstimator(**config.model), {"small": 384, "tiny": 32}.get(size, 512))
   elif config.stage == "evaluator.movement":

@@ -32,6 +32,8 @@ SIZES = {  # all that can be written behind a config's colon, but the words of c
                         "mardm_ddpm_67", "mardm_263", "mardm_snapmogen", "mardm_kit", "small", "laptop", "mini",
                         "tiny", "mardm_small", "mardm_mini", "mardm_tiny", "mardm_snapmogen_tiny", "kit_small"],
     "cdamd_length": ["full", "kit", "small", "laptop", "tiny"],
+    **dict.fromkeys(("momask_rvq", "momask_masked", "momask_residual", "t2m_gpt_vq", "t2m_gpt_gpt"),
+                    ["full", "kit", "laptop", "tiny", "kit_laptop", "kit_tiny"]),
     "evaluator_movement": ["full", "66", "67", "kit", "64", "63", "small", "laptop", "tiny"],
     "evaluator_matching": ["full", "66", "67", "kit", "64", "63", "small", "laptop", "tiny"],
     "evaluator_clip": ["67", "66", "full", "kit", "64", "63", "small", "laptop", "tiny"],
@@ -81,6 +83,17 @@ MARDM = {  # cdamd.md#mardm
     "optimizer.gamma": 0.1, "optimizer.ema_decay": 0.9999, "sampler.num_iterations": 18, "sampler.guidance_scale": 4.5,
     "model.transformer.width": 1024, "model.transformer.depth": 1, "model.transformer.num_heads": 16,
     "model.transformer.ff_width": 4096, "loss.prior_levels": 0}
+MOMASK_RVQ = ADAMW | {  # momask.md#rvq, #training
+    "train.num_epochs": 50, "data.batch_size": 256, "data.window": 64, "data.stride": 1, "data.feature_bias": 25.0,
+    "optimizer.learning_rate": 2e-4, "optimizer.warmup_steps": 2_000, "optimizer.boundaries": (151_999, 251_999),
+    "optimizer.gamma": 0.05, "loss.position_weight": 0.5, "loss.commitment_weight": 0.02, "loss.velocity_weight": 0.0,
+    "quantizer.num_levels": 6, "quantizer.num_codes": 512, "quantizer.drop_rate": 0.2, "quantizer.temperature": 0.5,
+    "model.dropout": 0.2, "seed": 3407}
+MOMASK = ADAMW | {  # momask.md#transformers, #training
+    "train.num_epochs": 500, "data.batch_size": 64, "data.min_frames": 40, "data.feature_bias": 25.0,
+    "optimizer.learning_rate": 2e-4, "optimizer.warmup_steps": 2_000, "optimizer.boundaries": (50_000,),
+    "optimizer.gamma": 0.1, "optimizer.weight_decay": 1e-5, "model.width": 384, "model.depth": 8, "model.num_heads": 6,
+    "model.ff_width": 1024, "model.dropout": 0.2, "seed": 3407}
 MATCHING = {  # cdamd.md#matching-evaluator
     "train.num_epochs": 300, "data.batch_size": 32, "optimizer.learning_rate": 1e-4, "optimizer.clip_norm": 0.5,
     "optimizer.beta2": 0.999, "loss.margin": 10.0, "train.best": "min held_out_loss", "data.max_words": 20}
@@ -121,6 +134,12 @@ FACTS = {
     ("cdamd_generator", "mardm_kit"): MARDM | KIT | {"optimizer.boundaries": (20_000,), "sampler.guidance_scale": 2.5},
     ("cdamd_generator", "mardm_snapmogen"): MARDM | {"data.min_frames": 128, "data.max_frames": 320,
                                                      "data.keep_long": True},
+    ("momask_rvq", "full"): MOMASK_RVQ,
+    ("momask_rvq", "kit"): MOMASK_RVQ | {"train.num_epochs": 500, "data.batch_size": 512, "quantizer.drop_rate": 0.5,
+                                         "optimizer.gamma": 0.1},
+    **{(f"momask_{name}", size): MOMASK | ({} if size == "full" else {
+        "optimizer.boundaries": (20_000,), "data.batch_size": 16, "data.min_frames": 24})
+       for name in ("masked", "residual") for size in ("full", "kit")},
     ("cdamd_length", "full"): {"train.num_epochs": 300, "data.batch_size": 64, "optimizer.learning_rate": 1e-4,
                                "optimizer.clip_norm": 0.5, "data.min_frames": 40},  # cdamd.md#length
     ("cdamd_length", "kit"): {"train.num_epochs": 300, "data.batch_size": 64, "data.min_frames": 24},

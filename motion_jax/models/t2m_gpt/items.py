@@ -31,7 +31,7 @@ def encode_clips(codec: RvqCodec, features: Sequence[np.ndarray], seed: int, bat
   """Codes of each clip (T, F), encoded as if alone, cut to whole codes at a place that seed and number decide."""
   unit = codec.frames_per_latent
   longest = -(-max(map(len, features)) // unit) * unit
-  alone = dataclasses.replace(codec, net=codec.net.clone(hide_padding=True))
+  alone = dataclasses.replace(codec, net=codec.net.clone(hide_padding=True), params=jax.device_put(codec.params))
   encode = jax.jit(lambda x, mask: alone.encode(x, mask)[0][..., 0])
   made = []
   for first in range(0, len(features), batch_size):
