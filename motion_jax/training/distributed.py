@@ -216,12 +216,12 @@ class Agreement:
     return tuple(found[:-1])
 
 
-def compile_together(function, *args):
-  """Compiles a jitted function for these arguments in every process, before any of them calls it.
+def compile_together(compile_for, *args):
+  """Calls a function that compiles for these arguments in every process, before any of them runs what it compiled.
 
   CPU processes connect at their first sum over devices and wait 30 seconds at most (Gloo): a process that compiles
   longer would find the others gone.
   """
   if jax.process_count() > 1:
-    function.lower(*args).compile()
+    compile_for(*args)
     wait_for_all("the step is compiled")

@@ -13,6 +13,7 @@ import numpy as np
 from tqdm import tqdm
 
 from motion_jax.training import checkpoint
+from motion_jax.training.compiling import Step, is_small
 from motion_jax.training.distributed import Agreement, compile_together, end_together
 from motion_jax.training.guards import BATCH, Guards, Watchdog, check_finite, keep_batch
 from motion_jax.training.mesh import make_mesh
@@ -52,9 +53,9 @@ def train(config, workdir, stage, next_batch, frozen=None, resume=False, evaluat
   states = States(config, workdir, mesh, stage, tx, example, rng, next_batch, evaluate, draw)
   state = states.begin(resume)
   frozen = mesh.put(frozen or {})
-  train_step = mesh.compiled(make_train_step(
+  train_step = Step(mesh.compiled(make_train_step(
       stage, tx, config.optimizer.ema_decay, config.optimizer.skip_loss, config.optimizer.skip_spikes,
-      config.optimizer.accumulate_steps, tuple(config.train.get("freeze", ()))))
+      config.optimizer.accumulate_steps, tuple(config.train.get("freeze", ())))), quick=is_small(state.params))
   step = first = int(state.step)
   batch_size, rows = len(example["index"]), slice(None)
   if jax.process_count() > 1:
@@ -81,7 +82,7 @@ def train(config, workdir, stage, next_batch, frozen=None, resume=False, evaluat
         raise InputError(f"the batch of step {step} cannot be made ({type(error).__name__}: {reason(error)}); step "
                          f"{states.saver.latest} is saved, --resume continues there once the data are whole") from error
       if step == first:
-        compile_together(train_step, state, frozen, batch, rng)
+        compile_together(train_step.compile, state, frozen, batch, rng)
       if profile.begin(step + 1, state):
         rates.restart()
       with jax.profiler.StepTraceAnnotation("train", step_num=step + 1):

@@ -10,6 +10,7 @@ import numpy as np
 from jax.sharding import NamedSharding, PartitionSpec
 
 from motion_jax.nets.partitioning import DATA, LAYOUTS, MODEL, axes_of, shardings
+from motion_jax.training.compiling import quick_options
 from motion_jax.training.stage import DEVICES
 from motion_jax.utils.errors import InputError
 
@@ -49,7 +50,7 @@ class Pmap:
 
   def init(self, init, *args):
     """The result of a pure function, as `put` places it."""
-    return self.put(jax.jit(init)(*args))
+    return self.put(jax.jit(init, compiler_options=quick_options())(*args))
 
   def put(self, tree):
     """Arrays on every device, as the step takes and returns them, so that it is compiled once and copies nothing."""
@@ -94,7 +95,7 @@ class Mesh:
       self._shardings = shardings(axes_of(init, *args), shapes, self.mesh, self.rules)
     else:
       self._shardings = jax.tree.map(lambda _: self._everywhere, shapes)
-    return jax.jit(init, out_shardings=self._shardings)(*args)
+    return jax.jit(init, out_shardings=self._shardings, compiler_options=quick_options())(*args)
 
   def put(self, tree):
     """See `Pmap.put`; a state as `init` sharded it. Every process passes the same arrays."""
