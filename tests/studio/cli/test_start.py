@@ -1,4 +1,4 @@
-"""What starting a command imports: help imports no array library, and generating nothing that only other commands use."""
+"""What starting a command imports: help no array library, generating nothing that only other commands use."""
 import json
 import os
 import subprocess
