@@ -41,6 +41,19 @@ def data_and_size(name, data, sizes):
   return found
 
 
+def words_of(name, sizes, *groups):
+  """(size, one word of each group, "" where there is none) of a name of words joined by "_", as in dip_kit_tiny; the
+  size is sizes[0] where it is left out."""
+  words, found = name.split("_"), []
+  for group in (sizes, *groups):
+    mine = [word for word in words if word in group]
+    found.append(mine[0] if len(mine) == 1 else "" if not mine else None)
+  if None in found or sum(bool(word) for word in found) < len(words):
+    raise ValueError(f"got size {name!r}, expected {', '.join(sizes[:-1])} or {sizes[-1]}, with one of "
+                     + " and one of ".join(", ".join(group) for group in groups) + " before it where wanted")
+  return found[0] or sizes[0], *found[1:]
+
+
 def evaluated_size(name):
   """(size, layout, its numbers a frame, how many are read) of an evaluator's name; small ones read coordinates."""
   names = ("67", "66", "kit", "64", "63", "full", "small", "laptop", "tiny")

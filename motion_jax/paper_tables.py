@@ -14,7 +14,9 @@ import json
 # What identifies the model of a row. Training length, devices, folders and the accuracy of a solver do not.
 _SECTIONS = ("stage", "model", "tokenizer", "prior", "quantizer", "loss")
 _SAMPLER = {"cmdm": ("schedule", "num_steps", "lag", "guidance_scale"),
-            "cdamd": ("num_iterations", "order", "mask", "guidance_scale")}
+            "cdamd": ("num_iterations", "order", "mask", "guidance_scale"),
+            "mdm": ("num_steps", "guidance_scale"), "mld": ("num_steps", "guidance_scale"),
+            "motionstreamer": ("num_steps", "guidance_scale")}
 
 # The papers' own models, in all tables that print their numbers.
 CMDM = {"cmdm 1": "CMDM w/ FSS", "cmdm 3-humanml3d": "CMDM", "cmdm 4": "CMDM", "cmdm 6": "CMDM w/ FSS",

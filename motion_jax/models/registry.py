@@ -19,6 +19,7 @@ METHODS: Registry[str] = Registry("motion_jax.methods", {
     "cdamd": "motion_jax.models.cdamd",
     "momask": "motion_jax.models.momask",
     "t2m_gpt": "motion_jax.models.t2m_gpt",
+    "mdm": "motion_jax.models.mdm",
 }, read=lambda entry: entry.value)
 
 # Motion-language teachers: trained like a method, but they generate no motion.

@@ -38,8 +38,8 @@ class TokenEncoder(nn.Module):
   dtype: Any
 
   @nn.compact
-  def __call__(self, x: Float[Array, "b t f"], frame_mask: Bool[Array, "b t"] | None = None, deterministic: bool = True
-               ) -> Gaussian:
+  def __call__(self, x: Float[Array, "b t f"], frame_mask: Bool[Array, "b t"] | None = None,
+               items: Int[Array, " b"] | None = None) -> Gaussian:
     count = self.num_tokens * (1 if self.distribution == "linear" else 2)
     tokens = self.param("tokens", nn.initializers.normal(1.0), (count, self.width)).astype(self.dtype)
     frames = nn.Dense(self.width, dtype=self.dtype, name="x_in")(x.astype(self.dtype))
@@ -47,7 +47,7 @@ class TokenEncoder(nn.Module):
     if frame_mask is not None:
       frame_mask = jnp.pad(frame_mask, ((0, 0), (count, 0)), constant_values=True)
     y = positions(self, "positions", y, self.max_length, self.position_kind)
-    y = SkipTransformer(**self.stack, dtype=self.dtype, name="layers")(y, frame_mask, deterministic=deterministic)
+    y = SkipTransformer(**self.stack, dtype=self.dtype, name="layers")(y, frame_mask, items=items)
     y = y[:, :count]
     if self.distribution == "linear":
       y = nn.Dense(2 * self.width, dtype=self.dtype, name="distribution")(y)
@@ -66,17 +66,17 @@ class TokenDecoder(nn.Module):
   dtype: Any
 
   @nn.compact
-  def __call__(self, z: Float[Array, "b n d"], frame_mask: Bool[Array, "b t"], deterministic: bool = True
+  def __call__(self, z: Float[Array, "b n d"], frame_mask: Bool[Array, "b t"], items: Int[Array, " b"] | None = None
                ) -> Float[Array, "b t f"]:
     count, z = z.shape[1], z.astype(self.dtype)
     y: Array = jnp.zeros((*frame_mask.shape, z.shape[-1]), self.dtype)
     stack = SkipTransformer(**self.stack, dtype=self.dtype, name="layers")
     if self.attends == "memory":
       y = positions(self, "positions", y, self.max_length, self.position_kind)
-      y = stack(y, frame_mask, z, deterministic)
+      y = stack(y, frame_mask, z, items)
     else:
       y = positions(self, "positions", jnp.concatenate([z, y], axis=1), self.max_length, self.position_kind)
-      y = stack(y, jnp.pad(frame_mask, ((0, 0), (count, 0)), constant_values=True), deterministic=deterministic)
+      y = stack(y, jnp.pad(frame_mask, ((0, 0), (count, 0)), constant_values=True), items=items)
       y = y[:, count:]
     y = nn.Dense(self.features, dtype=self.dtype, name="out")(y)
     return jnp.where(frame_mask[..., None], y, 0.0)
@@ -117,22 +117,22 @@ class TokenVAE(nn.Module):
   def latent_dim(self) -> int:
     return self.width
 
-  def encode(self, x: Float[Array, "b t f"], frame_mask: Bool[Array, "b t"] | None = None, deterministic: bool = True
-             ) -> Gaussian:
+  def encode(self, x: Float[Array, "b t f"], frame_mask: Bool[Array, "b t"] | None = None,
+             items: Int[Array, " b"] | None = None) -> Gaussian:
     """-> mean and log-variance (B, num_tokens, width)."""
-    return self.to_latent(x, frame_mask, deterministic)
+    return self.to_latent(x, frame_mask, items)
 
-  def decode(self, z: Float[Array, "b n d"], frame_mask: Bool[Array, "b t"], deterministic: bool = True
+  def decode(self, z: Float[Array, "b n d"], frame_mask: Bool[Array, "b t"], items: Int[Array, " b"] | None = None
              ) -> Float[Array, "b t f"]:
     """-> features (B, T, F) of the frames of frame_mask (B, T), 0 elsewhere."""
-    return self.to_motion(z, frame_mask, deterministic)
+    return self.to_motion(z, frame_mask, items)
 
   def __call__(self, x: Float[Array, "b t f"], noise: Float[Array, "b n d"], frame_mask: Bool[Array, "b t"],
-               deterministic: bool = True
+               items: Int[Array, " b"] | None = None
                ) -> tuple[Float[Array, "b t f"], Float[Array, "b n d"], Float[Array, "b n d"]]:
     """-> reconstruction by the latent mean + std noise, mean, log-variance."""
-    mean, logvar = self.encode(x, frame_mask, deterministic)
-    return self.decode(mean + jnp.sqrt(jnp.exp(logvar)) * noise, frame_mask, deterministic), mean, logvar
+    mean, logvar = self.encode(x, frame_mask, items)
+    return self.decode(mean + jnp.sqrt(jnp.exp(logvar)) * noise, frame_mask, items), mean, logvar
 
 
 class TokenDenoiser(nn.Module):
@@ -166,7 +166,7 @@ class TokenDenoiser(nn.Module):
 
   @nn.compact
   def __call__(self, z: Float[Array, "b n c"], t: Int[Array, " b"], text_emb: Float[Array, "b s e"],
-               deterministic: bool = True) -> Float[Array, "b n c"]:
+               items: Int[Array, " b"] | None = None) -> Float[Array, "b n c"]:
     z, text = z.astype(self.dtype), text_emb.astype(self.dtype)
     # Parity: the released code has no layer for text that is as wide as the tokens.
     words = text if self.text_dim == self.width else self.text_in(nn.relu(text))
@@ -176,10 +176,10 @@ class TokenDenoiser(nn.Module):
     place = lambda name, y: positions(self, name, y, self.max_length)
     if not self.features:
       y = place("positions", jnp.concatenate([z, tokens], axis=1))
-      return SkipTransformer(self.depth, **sizes, name="layers")(y, deterministic=deterministic)[:, :z.shape[1]]
+      return SkipTransformer(self.depth, **sizes, name="layers")(y, items=items)[:, :z.shape[1]]
     y = place("positions", nn.Dense(self.width, dtype=self.dtype, name="x_in")(z))
     memory = place("memory_positions", tokens)
     for i in range(self.depth):
-      y = PostNormDecoderLayer(**sizes, name=f"layer{i}")(y, memory, deterministic=deterministic)
+      y = PostNormDecoderLayer(**sizes, name=f"layer{i}")(y, memory, items=items)
     y = nn.LayerNorm(epsilon=1e-5, dtype=self.dtype, use_fast_variance=False, name="norm")(y)
     return nn.Dense(self.features, dtype=self.dtype, name="out")(y)

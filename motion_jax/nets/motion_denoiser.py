@@ -6,6 +6,7 @@ import jax.numpy as jnp
 from jaxtyping import Bool, Float, Int
 
 from motion_jax.nets.gru import GRU
+from motion_jax.nets.layers import Dropout
 from motion_jax.nets.post_norm import PostNormDecoderLayer, PostNormLayer, sinusoid_table
 from motion_jax.shapes import Array
 
@@ -18,7 +19,8 @@ class MotionDenoiser(nn.Module):
   text_emb (B, S, E): a sentence vector (S = 1) or words; all 0 stands for no caption. text_mask (B, S). frame_mask
   (B, T): frames that are no padding; without it padding is attended to like any frame. prefix (B, P, F): clean frames
   right before those of x, which the network reads and does not return. goals (B, num_goals, 4): three coordinates and
-  whether they count (1 or 0), of a network with goals; None: no goal and no part of its embedding.
+  whether they count (1 or 0), of a network with goals; None: no goal and no part of its embedding. items (B,), places
+  in the whole batch, switch on dropout, which needs rngs={"dropout": key}.
 
   kind "encoder": a token of time and first word in front of the frames, post-norm encoder layers over all of them.
   "decoder": frames attend to each other and to the words, each with the time added; time_token puts the time in front
@@ -53,7 +55,7 @@ class MotionDenoiser(nn.Module):
              "decoder": lambda name: PostNormDecoderLayer(**sizes, name=name),
              "gru": lambda name: GRU(self.width, dtype=self.dtype, name=name)}[self.kind]
     self.layers = [layer(f"layer{i}") for i in range(self.depth)]
-    self.drop = nn.Dropout(self.dropout)
+    self.drop = Dropout(self.dropout)
 
   def time(self, t: Int[Array, " b"]) -> Float[Array, "b d"]:
     """The embedding (B, D) of steps (B,)."""
@@ -71,7 +73,7 @@ class MotionDenoiser(nn.Module):
   def __call__(self, x: Float[Array, "b t f"], t: Int[Array, " b"], text_emb: Float[Array, "b s e"],
                text_mask: Bool[Array, "b s"] | None = None, frame_mask: Bool[Array, "b t"] | None = None,
                prefix: Float[Array, "b p f"] | None = None, goals: Float[Array, "b g 4"] | None = None,
-               deterministic: bool = True) -> Float[Array, "b t f"]:
+               items: Int[Array, " b"] | None = None) -> Float[Array, "b t f"]:
     length = x.shape[1]
     time, words = self.time(t)[:, None], self.text(text_emb)
     if goals is not None:
@@ -88,15 +90,15 @@ class MotionDenoiser(nn.Module):
       y = jnp.concatenate([token, y], axis=1)
       if frame_mask is not None:
         frame_mask = jnp.pad(frame_mask, ((0, 0), (1, 0)), constant_values=True)
-    y = self.drop(y + jnp.asarray(sinusoid_table(*y.shape[1:]), self.dtype), deterministic=deterministic)
+    y = self.drop(y + jnp.asarray(sinusoid_table(*y.shape[1:]), self.dtype), items)
     attn_mask = None if frame_mask is None else frame_mask[:, None, None, :]
     for i, layer in enumerate(self.layers):
       if self.kind == "encoder":
-        y = layer(y, frame_mask, deterministic)
+        y = layer(y, frame_mask, items=items)
       elif self.kind == "decoder":
-        y = layer(y, words + time, attn_mask, deterministic, text_mask)
+        y = layer(y, words + time, attn_mask, memory_mask=text_mask, items=items)
       else:
         # Parity: the released code runs its GRU over the batch instead of over time (docs/papers/mdm.md#network).
-        y = y if i == 0 else self.drop(y, deterministic=deterministic)
+        y = y if i == 0 else self.drop(y, items)
         y = layer(y, jnp.zeros((len(y), self.width), y.dtype))
     return self.out(y[:, -length:])

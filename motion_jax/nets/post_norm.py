@@ -1,4 +1,5 @@
 """The transformer layers of 2017, which text encoders, teachers, evaluators and many generators of the field use."""
+from collections.abc import Callable
 from typing import Any
 
 import flax.linen as nn
@@ -17,6 +18,13 @@ ACTIVATIONS = {
     "gelu_pytorch_tanh": lambda x: jax.nn.gelu(x, approximate=True),
     "relu": jax.nn.relu,
 }
+
+
+def _dropout(rate: float, deterministic: bool, items: Array | None) -> tuple[Callable[[Array], Array], bool]:
+  """(dropout, whether it does anything): of each item by its place in the whole batch, or of the batch as it is."""
+  if items is not None:
+    return lambda y: Dropout(rate)(y, items), rate > 0
+  return lambda y: nn.Dropout(rate, deterministic=deterministic)(y), not deterministic and rate > 0
 
 
 class PostNormLayer(nn.Module):
@@ -70,13 +78,16 @@ class PostNormDecoderLayer(nn.Module):
   @nn.compact
   def __call__(self, x: Float[Array, "b t d"], memory: Float[Array, "b m d"],
                attn_mask: Bool[Array, "#b 1 #t t"] | None = None, deterministic: bool = True,
-               memory_mask: Bool[Array, "b m"] | None = None) -> Float[Array, "b t d"]:
+               memory_mask: Bool[Array, "b m"] | None = None, items: Int[Array, " b"] | None = None
+               ) -> Float[Array, "b t d"]:
     width = x.shape[-1]
     attention = lambda name: Attention(width, self.num_heads, self.dtype, normalize=False, name=name)
     norm = lambda name: nn.LayerNorm(epsilon=1e-5, dtype=self.dtype, use_fast_variance=False, name=name)
     dense = lambda size, name: nn.Dense(size, dtype=self.dtype, name=name)
-    drop = lambda y: nn.Dropout(self.dropout, deterministic=deterministic)(y)
-    drop_weights = None if deterministic or not self.dropout else nn.Dropout(self.dropout, deterministic=False)
+    drop, drops = _dropout(self.dropout, deterministic, items)
+    # A module of this one, not of the attention that calls it.
+    of_weights = Dropout(self.dropout) if items is not None else nn.Dropout(self.dropout, deterministic=deterministic)
+    drop_weights = None if not drops else of_weights if items is None else lambda y: of_weights(y, items)
     y = attention("self_attn")(x, attn_mask=attn_mask, drop=drop_weights)
     x = norm("attn_norm")(x + drop(y))
     cross_mask = None if memory_mask is None else memory_mask[:, None, None, :]

@@ -3,7 +3,7 @@ from typing import Any
 
 import flax.linen as nn
 import jax.numpy as jnp
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from motion_jax.nets.post_norm import PostNormDecoderLayer, PostNormLayer
 from motion_jax.shapes import Array
@@ -14,7 +14,7 @@ class SkipTransformer(nn.Module):
 
   Outputs of the first half are joined, in the opposite order, to inputs of the second: of 5 layers, down0, down1,
   middle, up0 (with down1's), up1 (with down0's). key_mask (B, L), True = may be attended to. memory (B, M, D): with it
-  layers are a decoder's, which also attend to it.
+  layers are a decoder's, which also attend to it. items: see `PostNormLayer`.
   """
   depth: int = 9
   num_heads: int = 4
@@ -24,7 +24,8 @@ class SkipTransformer(nn.Module):
 
   @nn.compact
   def __call__(self, x: Float[Array, "b l d"], key_mask: Bool[Array, "b l"] | None = None,
-               memory: Float[Array, "b m d"] | None = None, deterministic: bool = True) -> Float[Array, "b l d"]:
+               memory: Float[Array, "b m d"] | None = None, items: Int[Array, " b"] | None = None
+               ) -> Float[Array, "b l d"]:
     if self.depth % 2 == 0:
       raise ValueError(f"got {self.depth} layers with skip connections, expected an odd number")
 
@@ -32,8 +33,8 @@ class SkipTransformer(nn.Module):
       kind = PostNormLayer if memory is None else PostNormDecoderLayer
       made = kind(self.num_heads, self.mlp_width, dropout=self.dropout, dtype=self.dtype, name=name)
       if memory is None:
-        return made(x, key_mask, deterministic)
-      return made(x, memory, None if key_mask is None else key_mask[:, None, None, :], deterministic)
+        return made(x, key_mask, items=items)
+      return made(x, memory, None if key_mask is None else key_mask[:, None, None, :], items=items)
 
     kept = []
     for i in range(self.depth // 2):

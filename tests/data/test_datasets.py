@@ -9,7 +9,7 @@ from motion_jax import fit as training
 from motion_jax.data.batches import TextItems
 from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.data.sources import load_features
-from motion_jax.models.cmdm.live import _continue_path
+from motion_jax.models.moving_path import continue_path
 from motion_jax.models.tmr import space
 from motion_jax.motion import representations as F
 from motion_jax.motion.skeleton import SNAPMOGEN
@@ -103,7 +103,7 @@ def test_streamed_path_is_that_of_the_whole(name):
   whole = F.to_joints(features, name)
   past, joints = None, []
   for rows in np.split(features, [1, 4, 11, 12, 40]):
-    part, past = _continue_path(rows, past, F.get_layout(name))
+    part, past = continue_path(rows, past, F.get_layout(name))
     joints.append(part)
   assert np.abs(np.concatenate(joints) - whole).max() * F.get_layout(name).skeleton.unit < 1e-5
 

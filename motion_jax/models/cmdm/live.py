@@ -13,7 +13,7 @@ from motion_jax.models.cmdm.loop import SamplingLoop
 from motion_jax.models.cmdm.networks import CmdmNetworks
 from motion_jax.models.cmdm.offline import CAPTIONS
 from motion_jax.models.cmdm.options import CmdmSampling
-from motion_jax.models.cmdm.paths import Path, heading_of
+from motion_jax.models.moving_path import Path, heading_of
 from motion_jax.models.results import Motion
 from motion_jax.motion.cleanup import Cleaner
 from motion_jax.text.contrast import Contrast

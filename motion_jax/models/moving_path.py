@@ -1,4 +1,4 @@
-"""Where a stream of features has got to: joints of its next rows go on from those before."""
+"""The path of a motion that comes in pieces: each begins where the one before ended."""
 from typing import NamedTuple
 
 import numpy as np
@@ -9,19 +9,19 @@ from motion_jax.motion.representations import Representation, root_path, to_join
 
 
 class Path(NamedTuple):
-  """The last row of features, its heading (4,) and its place (3,)."""
+  """Where a stream has got to: the last row of features, its heading (4,) and its place (3,)."""
   row: np.ndarray
   heading: np.ndarray
   place: np.ndarray
 
 
 def heading_of(path: Path) -> float:
-  """Radians about +Y."""
+  """The angle, in radians, that the body has turned about the vertical."""
   return float(-2 * np.arctan2(path.heading[2], path.heading[0]))
 
 
 def continue_path(features: Float[np.ndarray, "n f"], past: Path | None, layout: Representation
-                   ) -> tuple[Float[np.ndarray, "n j 3"], Path]:
+                  ) -> tuple[Float[np.ndarray, "n j 3"], Path]:
   """Joints (n, J, 3) of the next rows of a stream (n, F), going on from where the last ones ended -> (joints, past).
 
   Heading and place are summed in float64: after an hour's walk they are as exact as at the start.

@@ -1,0 +1,49 @@
+"""The training set-up of MDM and DiP."""
+import numpy as np
+from ml_collections import ConfigDict
+
+from motion_jax.data import sources
+from motion_jax.models.captioned_batches import batches_of, held_out_loss, text_encoder
+from motion_jax.models.mdm.losses import TERMS
+from motion_jax.models.mdm.stages import denoiser_stage
+from motion_jax.models.motion_errors import STATS
+from motion_jax.training import checkpoint
+from motion_jax.training.setup import TrainingSetup, caption_lengths, encoder_files
+from motion_jax.utils.errors import InputError
+
+NUM_PREFIXES, PREFIXES = 32, "prefixes"  # beginnings of training motions that a run of DiP keeps, to begin from
+
+
+def denoiser(config: ConfigDict) -> TrainingSetup:
+  data = sources.load_features(config.data)
+  if data.layout.dim != config.model.features:
+    raise InputError(f"got model.features = {config.model.features}, layout {data.layout.name!r} has {data.layout.dim} "
+                     "numbers a frame; make them agree")
+  context = config.diffusion.context
+  if context >= config.data.max_frames:
+    raise InputError(f"got diffusion.context = {context} frames of data.max_frames = {config.data.max_frames}, "
+                     "expected fewer")
+  encoder = text_encoder(config, config.model.text_dim)
+  next_batch, num_items = batches_of(config, data, encoder)
+  frozen = {}
+  if any(config.loss[name] for name in TERMS[1:]):
+    frozen[STATS] = {"mean": data.stats.mean, "std": data.stats.std}
+  if context:
+    frozen[PREFIXES] = prefixes(data.features, context)
+  stage = denoiser_stage(config)
+  given = config.copy_and_resolve_references().unlock()
+  given.loss.drop_rate = given.model.dropout = 0.0
+  evaluate = held_out_loss(config, data.stats, encoder, denoiser_stage(given).loss, frozen)
+  files = {checkpoint.LENGTHS: caption_lengths(data), **encoder_files(encoder)}
+  return TrainingSetup(stage, next_batch, frozen, evaluate, data.stats, files, num_items)
+
+
+def prefixes(features: list[np.ndarray], context: int) -> np.ndarray:
+  """(NUM_PREFIXES, context, F): how that many motions begin, the same ones again where there are fewer."""
+  long = [x for x in features if len(x) >= context]
+  chosen = np.linspace(0, len(long) - 1, NUM_PREFIXES).round().astype(int)
+  return np.stack([long[i][:context] for i in chosen]).astype(np.float32)
+
+
+SETUPS = {"mdm.denoiser": denoiser, "mdm.dip": denoiser}
+RESOLVED = {}

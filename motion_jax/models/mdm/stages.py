@@ -1,0 +1,73 @@
+"""What MDM trains, as a pure function: the denoiser of whole motions or, as DiP, of the frames after a prefix."""
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from ml_collections import ConfigDict
+
+from motion_jax.diffusion import ddpm
+from motion_jax.models.mdm.losses import TERMS, mdm_terms
+from motion_jax.models.motion_errors import STATS
+from motion_jax.motion.representations import get_layout
+from motion_jax.nets.initial import initial_as_pytorch
+from motion_jax.nets.masks import padding_mask
+from motion_jax.nets.motion_denoiser import MotionDenoiser
+from motion_jax.training.stage import Stage, mixed_precision
+
+
+def denoiser_stage(config: ConfigDict) -> Stage:
+  """Trains the denoiser. Batch: features (B, T, F), num_frames (B,), text_emb (B, S, E), text_mask (B, S), index (B,).
+
+  The first config.diffusion.context frames are given as they are, and carry no loss. With a weight for positions or
+  contacts frozen["stats"] holds mean and std of the features.
+  """
+  plain = MotionDenoiser(**config.model)
+  net, layout = mixed_precision(plain, config), get_layout(config.data.layout)
+  schedule, context = ddpm.cosine_schedule(config.diffusion.num_steps), config.diffusion.context
+  weights = {name: config.loss[name] for name in TERMS if config.loss[name]}
+  feet = (*layout.skeleton.left_feet, *layout.skeleton.right_feet)
+
+  def split(x):
+    return (x[:, :context], x[:, context:]) if context else (None, x)
+
+  def init(batch, rng):
+    prefix, x = split(jnp.asarray(batch["features"][:1]))
+    params = plain.init(rng, x, jnp.zeros(1, int), batch["text_emb"][:1], batch["text_mask"][:1], prefix=prefix)
+    return initial_as_pytorch(params, rng, alike="layer")
+
+  def errors(params, frozen, batch, rng, drop_rate, dropout):
+    prefix, x1 = split(batch["features"])
+    real = split(padding_mask(batch["num_frames"], batch["features"].shape[1])[..., None])[1][..., 0]
+    keys = jax.vmap(lambda i: jax.random.split(jax.random.fold_in(rng, i), 3))(batch["index"])
+    t = jax.vmap(lambda key: jax.random.randint(key, (), 0, config.diffusion.num_steps))(keys[:, 0])
+    noise = jax.vmap(lambda key: jax.random.normal(key, x1.shape[1:], x1.dtype))(keys[:, 1])
+    drop = jax.vmap(lambda key: jax.random.bernoulli(key, drop_rate))(keys[:, 2])
+    text = jnp.where(drop[:, None, None], 0.0, batch["text_emb"])
+    more: dict[str, Any] = dict(items=batch["index"], rngs={"dropout": rng}) if dropout else {}
+    made = net.apply(params, ddpm.add_noise(schedule, x1, noise, t[:, None]), t, text, batch["text_mask"],
+                     real if config.loss.mask_frames else None, prefix, **more)
+    joints = None
+    if weights.keys() & {"positions", "contacts"}:
+      whole = lambda x: x if prefix is None else jnp.concatenate([prefix, x], axis=1)
+      joints = tuple(layout.to_joints(whole(x) * frozen[STATS]["std"] + frozen[STATS]["mean"])[:, context:]
+                     for x in (made, x1))
+    return made, mdm_terms(made, x1, real, weights, joints=joints, feet=feet)
+
+  def loss(params, frozen, batch, step, rng):
+    terms = errors(params, frozen, batch, rng, config.loss.drop_rate, config.model.dropout > 0)[1]
+    return {name: value.sum() for name, value in terms.items()}, batch["index"].shape[0]
+
+  def predict(params, frozen, batch, rng):
+    """Clean features of noisy ones, all captions given, and the sums and weight of their loss."""
+    made, terms = errors(params, frozen, batch, jax.random.key(0) if rng is None else rng, 0.0, False)
+    return {"features": made, "loss": terms["loss"].sum(), "weight": batch["index"].shape[0]}
+
+  return Stage(init, loss, predict, in_parts=True,
+               about_loss="squared error of the clean features of real frames, in units of their deviation")
+
+
+def denoiser_shapes(net: MotionDenoiser) -> Any:
+  """Shapes of the parameters, to check a file against."""
+  x, text = jnp.zeros((1, 2, net.features)), jnp.zeros((1, 1, net.text_dim))
+  goals = jnp.zeros((1, net.num_goals, 4)) if net.num_goals else None
+  return jax.eval_shape(lambda: net.init(jax.random.key(0), x, jnp.zeros(1, int), text, goals=goals))
