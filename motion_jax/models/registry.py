@@ -20,6 +20,8 @@ METHODS: Registry[str] = Registry("motion_jax.methods", {
     "momask": "motion_jax.models.momask",
     "t2m_gpt": "motion_jax.models.t2m_gpt",
     "mdm": "motion_jax.models.mdm",
+    "mld": "motion_jax.models.mld",
+    "motionstreamer": "motion_jax.models.motionstreamer",
 }, read=lambda entry: entry.value)
 
 # Motion-language teachers: trained like a method, but they generate no motion.

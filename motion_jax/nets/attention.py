@@ -148,7 +148,9 @@ class Attention(nn.Module):
     return x.reshape(x.shape[:-1] + (self.num_heads, self.width // self.num_heads))
 
   def _unit(self, x: Float[Array, "b l h k"]) -> Float[Array, "b l h k"]:
-    return x if self.normalize != "head" else x / jnp.maximum(jnp.linalg.norm(x, axis=-1, keepdims=True), 1e-12)
+    if self.normalize != "head":
+      return x
+    return x / jnp.sqrt(jnp.maximum((x * x).sum(-1, keepdims=True), 1e-24))  # of nothing a gradient of 0, not nan
 
   def queries(self, x: Float[Array, "b l d"]) -> Float[Array, "b l h k"]:
     q = self._unit(self._heads(self.norm_q(self.q(x))))

@@ -81,6 +81,16 @@ class TextEncoder:
       row[:len(feature)] = feature
     return text_emb, np.arange(length) < np.array([len(f) for f in features])[:, None]
 
+  def no_caption(self):
+    """The sentence vector (1, E) of an empty caption: of its special word pieces, zeros where it has none."""
+    ids = self._encode("").ids
+    if not ids:
+      return np.zeros((1, len(self._sentence.projection)), np.float32)
+    padded = min(-(-len(ids) // 8) * 8, self.model.max_positions)
+    rows = np.asarray(_hidden(self.model, self.params, *_pad([ids], padded)))[0, :len(ids)]
+    vector = np.nan_to_num(self._sentence.vectors([rows]))
+    return _unit(vector) if self._sentence.unit and vector.any() else vector
+
   def sentence(self, sentences):
     """One unit vector per caption, (B, E), at any level: captions of similar meaning are close."""
     return _unit(self._sentence.vectors(self._features(sentences)))

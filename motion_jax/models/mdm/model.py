@@ -13,12 +13,13 @@ from motion_jax.data.clip import Clip
 from motion_jax.models import arguments, pasting
 from motion_jax.models.base import TextToMotionModel, keys_of
 from motion_jax.models.block_stream import BlockModel, BlockState
+from motion_jax.models.known_motion import at_rate, clip_of
 from motion_jax.models.mdm import editing, sampling
 from motion_jax.models.mdm.options import MdmSampling
 from motion_jax.models.mdm.setup import NUM_PREFIXES, PREFIXES
 from motion_jax.models.mdm.stages import denoiser_shapes
 from motion_jax.models.motion_errors import STATS
-from motion_jax.models.results import Motion, Motions, captions_in_a_row, make_motions
+from motion_jax.models.results import Motion, Motions, captions_in_a_row, gathered, make_motions
 from motion_jax.nets.masks import padding_mask
 from motion_jax.nets.motion_denoiser import MotionDenoiser
 from motion_jax.runs import Run
@@ -113,7 +114,19 @@ class MdmModel(MdmNetwork):
       raise ValueError("say what to make by one of task, keep and change")
     keys, seeds = keys_of(rng, seeds, len(clips), seed)
     new = lambda count: pasting.requested_frames(count, task, keep, change)
-    return pasting.edited(self, clips, prompts, new, keys, seeds, cleanup, sampling, task or "spans")
+    made = pasting.edited(self, clips, prompts, new, keys, seeds, cleanup, sampling, task or "spans")
+    part = self.sampling(**sampling).part
+    return made if part == "body" else gathered([self._with_kept_joints(*one, part) for one in zip(made, clips)])
+
+  def _with_kept_joints(self, motion, clip, part):
+    """The motion with the joints of the other part as the clip has them; borders were blended for whole bodies."""
+    skeleton = self.stats.layout.skeleton
+    own = at_rate(clip_of(clip, self.stats.layout), self.fps, skeleton)
+    legs = sorted({0, *skeleton.chains[0], *skeleton.chains[1]})
+    kept = legs if part == "upper_body" else [0, *(j for j in range(skeleton.num_joints) if j not in legs)]
+    joints = np.array(motion.joints)
+    joints[:, kept] = own[:, kept]
+    return motion.replace(joints=joints)
 
   def inpaint(self, features: Sequence[Float[np.ndarray, "_ f"]], new: Sequence[Bool[np.ndarray, " _"]],
               prompts: Sequence[str], keys: jax.Array, sampling: dict[str, Any]

@@ -20,7 +20,6 @@ class Plan(NamedTuple):
   """How it is sampled; hashable. train_steps: those of the head's training."""
   train_steps: int = 50
   num_steps: int = 50
-  temperature: float = 1.0
   guided: bool = True
 
 
@@ -44,9 +43,10 @@ def begin(net: Net, plan: Plan, params: Any, text_emb: Float[Array, "b e"], no_t
   return Segment(cache._replace(length=jnp.asarray(num_past + 1, jnp.int32)), rows[:, num_past])
 
 
-def draw_latent(net: Net, plan: Plan, params: Any, segment: Segment, scale: Any, draw: Callable
-                ) -> Float[Array, "b c"]:
-  """The next latent (B, C); draw(0) is the noise to begin with, draw(m) that of the m-th step of the head."""
+def draw_latent(net: Net, plan: Plan, params: Any, segment: Segment, scale: Any, draw: Callable,
+                temperature: Any = 1.0) -> Float[Array, "b c"]:
+  """The next latent (B, C); draw(0) is the noise to begin with, draw(m) that of the m-th step of the head, which the
+  temperature scales."""
   schedule = ddpm.respace(ddpm.cosine_schedule(plan.train_steps), plan.num_steps)
 
   def predict(x, step):
@@ -54,7 +54,7 @@ def draw_latent(net: Net, plan: Plan, params: Any, segment: Segment, scale: Any,
     made = net.apply(params, rows, jnp.broadcast_to(step, len(rows)), segment.condition, method="predict")
     return guidance.combine(*jnp.split(made, 2), scale) if plan.guided else made
 
-  return ddpm.ancestral(predict, schedule, draw(0), lambda m: draw(m + 1), plan.temperature)
+  return ddpm.ancestral(predict, schedule, draw(0), lambda m: draw(m + 1), temperature)
 
 
 def follow(net: Net, plan: Plan, params: Any, segment: Segment, latent: Float[Array, "b c"]) -> Segment:

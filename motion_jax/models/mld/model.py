@@ -1,0 +1,84 @@
+"""MLD ready to use: motion from prompts, and motions through its VAE and back."""
+from collections.abc import Sequence
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float, Num
+
+from motion_jax.control.signal import ControlSignal
+from motion_jax.models.base import TextToMotionModel
+from motion_jax.models.captioned_batches import NO_CAPTION
+from motion_jax.models.mld import sampling
+from motion_jax.models.mld.options import MldSampling
+from motion_jax.models.mld.stages import VAE, denoiser_shapes, frozen_shapes, reconstruct
+from motion_jax.models.results import Motions, captions_in_a_row, make_motions
+from motion_jax.nets.latent_diffusion import TokenDenoiser, TokenVAE
+from motion_jax.nets.masks import padding_mask
+from motion_jax.runs import Run
+from motion_jax.shapes import Array
+from motion_jax.text.encoder import TextEncoder
+from motion_jax.training import checkpoint
+from motion_jax.utils import cache
+from motion_jax.utils.config_files import module_fields
+from motion_jax.utils.errors import InputError
+
+
+class MldModel(TextToMotionModel):
+  """MLD ready to use. One latent is a whole motion, so nothing of a motion is edited or streamed."""
+  abilities = ("generate", "reconstruct")
+  options = MldSampling
+
+  def __init__(self, run: Run, encoder: TextEncoder) -> None:
+    config = run.config
+    checkpoint.demand(config, run.folder, data__max_frames=(1, 100_000), diffusion__num_steps=(1, 100_000),
+                      sampler__guidance_scale=(-1e3, 1e3))
+    self.vae, self.net = TokenVAE(**module_fields(config.tokenizer)), TokenDenoiser(**module_fields(config.model))
+    sizes = self.vae, self.net.text_dim
+    super().__init__(run, encoder, self.net.text_dim, 1,
+                     cache.kept_shapes("mld.frozen", sizes, lambda: frozen_shapes(*sizes)),
+                     cache.kept_shapes("mld.denoiser", (self.net, self.vae.num_tokens),
+                                       lambda: denoiser_shapes(self.net, self.vae.num_tokens)))
+    self.max_seconds = config.data.max_frames / self.stats.layout.fps
+    self._generate = cache.Program("mld.generate", partial(_generate, self.net, self.vae), 1, (self.net, self.vae))
+
+  def plan_of(self, chosen: MldSampling) -> sampling.Plan:
+    steps = self.config.diffusion.num_steps
+    if chosen.num_steps > steps:
+      raise InputError(f"got {chosen.num_steps} sampler steps, this model was trained with {steps}; give at most as "
+                       "many")
+    return sampling.Plan(steps, chosen.num_steps, chosen.solver, self.config.diffusion.predicts,
+                         chosen.guidance_scale != 1.0)
+
+  def sample(self, prompts: Sequence[str], frames: Sequence[int], keys: jax.Array, seeds: Sequence[int | None],
+             cleanup: bool, sampling: dict[str, Any], signal: ControlSignal | None = None) -> Motions:
+    """One pass: motions of prompts, a key each; sampling: choices of `MldSampling`."""
+    chosen = self.sampling(**sampling)
+    real = padding_mask(jnp.asarray(frames), self.config.data.max_frames)  # one length for all, compiled once
+    made = self._generate(self.plan_of(chosen), self.params, self.frozen[VAE], self.encoder(prompts)[0],
+                          self.frozen[NO_CAPTION], real, chosen.guidance_scale, keys)
+    captions = [captions_in_a_row([prompt], [count], self.fps) for prompt, count in zip(prompts, frames)]
+    return make_motions(self, made, frames, captions, seeds, chosen.about() | dict(model=self.id), cleanup)
+
+  def reconstruct(self, features: Num[Array, "t f"]) -> Float[np.ndarray, "t f"]:
+    """Features (T, F) through the VAE and back, by the mean of their latent."""
+    if len(features) > self.vae.max_length - 2 * self.vae.num_tokens:
+      raise InputError(f"got a motion of {len(features)} frames, MLD's VAE has positions for "
+                       f"{self.vae.max_length - 2 * self.vae.num_tokens}; cut a part out of it")
+    x = jnp.asarray(self.stats.normalize(np.asarray(features))[None])
+    made = reconstruct(self.vae, self.frozen[VAE], x, jnp.ones(x.shape[:2], bool))
+    return self.stats.denormalize(np.asarray(made))[0]
+
+
+def _generate(net, vae, plan, params, vae_params, text_emb, no_text_emb, real, scale, keys):
+  shape = (vae.num_tokens, vae.width)
+  draw = lambda m: jax.vmap(lambda key: jax.random.normal(jax.random.fold_in(key, m), shape))(keys)
+  text_emb = jnp.asarray(text_emb)
+  without = jnp.broadcast_to(no_text_emb[None], text_emb.shape)
+  z = sampling.denoise(net, plan, params, text_emb, without, scale, draw)
+  return vae.apply(vae_params, z, real, method="decode")
+
+
+MODELS = {"mld.denoiser": MldModel}

@@ -1,0 +1,77 @@
+"""Training set-ups of MLD: its VAE and its denoiser."""
+from typing import Any
+
+import jax
+import numpy as np
+from ml_collections import ConfigDict
+
+from motion_jax import runs
+from motion_jax.data import batches, sources
+from motion_jax.models.captioned_batches import NO_CAPTION, batches_of, held_out_loss, text_encoder, text_items
+from motion_jax.models.mld.stages import VAE, denoiser_stage, reconstruct, vae_shapes, vae_stage
+from motion_jax.models.motion_errors import STATS
+from motion_jax.motion import stats as stats_lib
+from motion_jax.motion.stats import Stats
+from motion_jax.nets.latent_diffusion import TokenVAE
+from motion_jax.training import checkpoint
+from motion_jax.training.setup import (
+  TrainingSetup,
+  caption_lengths,
+  encoder_files,
+  held_out,
+  reconstruction_error,
+  untrained,
+)
+from motion_jax.utils.config_files import module_fields
+from motion_jax.utils.errors import InputError
+
+
+def vae(config: ConfigDict) -> TrainingSetup:
+  data = sources.load_features(config.data)
+  items, net = text_items(config, data), TokenVAE(**config.model)
+  validation, length = held_out(config, data.stats).features, config.data.max_frames
+  compiled = jax.jit(lambda params, x, real: reconstruct(net, params, x, real))
+
+  def evaluate(params):
+    real = np.ones((1, length), bool)
+    error = reconstruction_error(lambda x: compiled(params, x, real), validation, data.stats, length)
+    return {"held_out_mm": round(error, 2)}
+
+  def next_batch(step, rows=batches.ALL):
+    batch = items.batch(min(config.data.batch_size, len(items)), config.seed, step, rows)
+    return {name: batch[name] for name in ("features", "num_frames", "index")}
+
+  frozen = {STATS: {"mean": data.stats.mean, "std": data.stats.std}}
+  return TrainingSetup(vae_stage(config), next_batch, frozen, evaluate, data.stats, {}, len(items))
+
+
+def denoiser(config: ConfigDict) -> TrainingSetup:
+  if config.model.width != config.tokenizer.width:
+    raise InputError(f"got model.width = {config.model.width}, the latents of config.tokenizer have "
+                     f"{config.tokenizer.width} numbers; make them agree")
+  params, stats = load_vae(config.frozen.tokenizer, config)
+  data = sources.load_features(config.data, stats=stats)
+  encoder = text_encoder(config, config.model.text_dim)
+  next_batch, num_items = batches_of(config, data, encoder)
+  frozen = {VAE: params, NO_CAPTION: encoder.no_caption()}
+  given = config.copy_and_resolve_references().unlock()
+  given.loss.drop_rate = given.model.dropout = 0.0
+  evaluate = held_out_loss(config, data.stats, encoder, denoiser_stage(given).loss, frozen)
+  files = {checkpoint.LENGTHS: caption_lengths(data), **encoder_files(encoder)}
+  return TrainingSetup(denoiser_stage(config), next_batch, frozen, evaluate, data.stats, files, num_items)
+
+
+def load_vae(folder: str, config: ConfigDict) -> tuple[Any, Stats]:
+  """(parameters, stats) of a trained VAE; "random-init" makes one to try things out."""
+  net = TokenVAE(**module_fields(config.tokenizer))
+  if folder == "random-init":
+    return untrained(vae_shapes(net)), sources.load_features(config.data).stats
+  run = runs.load_run(folder, "mld.vae")
+  if TokenVAE(**module_fields(run.config.model)).clone(dropout=0.0) != net.clone(dropout=0.0):
+    raise InputError(f"the VAE in {folder} is {module_fields(run.config.model)}, config.tokenizer says "
+                     f"{module_fields(config.tokenizer)}; make them agree")
+  return run.params(vae_shapes(net)), stats_lib.load_stats(run.folder, config.data.layout)
+
+
+SETUPS = {"mld.vae": vae, "mld.denoiser": denoiser}
+RESOLVED = {}

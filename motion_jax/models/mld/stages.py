@@ -1,0 +1,103 @@
+"""What MLD trains, as pure functions: the transformer VAE and, on its latents, the denoiser."""
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from ml_collections import ConfigDict
+
+from motion_jax.diffusion import ddpm
+from motion_jax.models.captioned_batches import NO_CAPTION
+from motion_jax.models.mld.losses import prediction_error, vae_terms
+from motion_jax.models.motion_errors import STATS
+from motion_jax.motion.representations import get_layout
+from motion_jax.nets.initial import initial_as_pytorch
+from motion_jax.nets.latent_diffusion import TokenDenoiser, TokenVAE
+from motion_jax.nets.masks import padding_mask
+from motion_jax.training.stage import Stage, mixed_precision
+
+VAE = "vae"  # the name of the autoencoder's parameters among the frozen parts of a denoiser
+
+
+def vae_stage(config: ConfigDict) -> Stage:
+  """Trains the VAE on whole padded clips: features (B, T, F), num_frames (B,), index (B,). frozen["stats"]: mean and
+  std of the features."""
+  plain, layout = TokenVAE(**config.model), get_layout(config.data.layout)
+  net, weights = mixed_precision(plain, config), {name: config.loss[name] for name in ("features", "joints", "kl")}
+  shape = (plain.num_tokens, plain.width)
+
+  def init(batch, rng):
+    x = jnp.asarray(batch["features"][:1])
+    params = plain.init(rng, x, jnp.zeros((1, *shape)), jnp.ones(x.shape[:2], bool))
+    return initial_as_pytorch(params, rng, xavier=True)
+
+  def loss(params, frozen, batch, step, rng):
+    x, real = batch["features"], padding_mask(batch["num_frames"], batch["features"].shape[1])
+    noise = jax.vmap(lambda i: jax.random.normal(jax.random.fold_in(rng, i), shape))(batch["index"])
+    more: dict[str, Any] = dict(items=batch["index"], rngs={"dropout": rng}) if config.model.dropout else {}
+    made, *gaussian = net.apply(params, x, noise, real, **more)
+    stats = frozen[STATS]
+    joints = tuple(layout.to_joints(one * stats["std"] + stats["mean"]) * layout.skeleton.unit for one in (made, x))
+    terms = vae_terms(made, x, joints, *gaussian, weights)
+    return {name: value.sum() for name, value in terms.items()}, x.shape[0]
+
+  def predict(params, frozen, batch, rng):
+    real = padding_mask(batch["num_frames"], batch["features"].shape[1])
+    return {"features": reconstruct(plain, params, batch["features"], real)}
+
+  return Stage(init, loss, predict, in_parts=True,
+               about_loss="smooth L1 of features and of joints in metres, and a little of the KL divergence")
+
+
+def reconstruct(vae: TokenVAE, params: Any, x: Any, real: Any) -> Any:
+  """Features (B, T, F) there and back, by the mean of the latent."""
+  return vae.apply(params, vae.apply(params, x, real, method="encode")[0], real, method="decode")
+
+
+def denoiser_stage(config: ConfigDict) -> Stage:
+  """Trains the denoiser on draws of the frozen VAE. Batch: features (B, T, F), num_frames (B,), text_emb (B, 1, E),
+  index (B,). frozen: `VAE`, and `NO_CAPTION` (1, E)."""
+  plain, vae = TokenDenoiser(**config.model), TokenVAE(**config.tokenizer)
+  net, schedule = mixed_precision(plain, config), ddpm.scaled_linear_schedule(config.diffusion.num_steps)
+  shape = (vae.num_tokens, vae.width)
+
+  def init(batch, rng):
+    params = plain.init(rng, jnp.zeros((1, *shape)), jnp.zeros(1, int), batch["text_emb"][:1])
+    return initial_as_pytorch(params, rng, xavier=True)
+
+  def loss(params, frozen, batch, step, rng):
+    keys = jax.vmap(lambda i: jax.random.split(jax.random.fold_in(rng, i), 4))(batch["index"])
+    normal = lambda keys: jax.vmap(lambda key: jax.random.normal(key, shape))(keys)
+    real = padding_mask(batch["num_frames"], batch["features"].shape[1])
+    mean, logvar = vae.apply(frozen[VAE], batch["features"], real, method="encode")
+    z = mean + jnp.exp(logvar / 2) * normal(keys[:, 0])
+    t = jax.vmap(lambda key: jax.random.randint(key, (), 0, config.diffusion.num_steps))(keys[:, 1])
+    noise = normal(keys[:, 2])
+    drop = jax.vmap(lambda key: jax.random.bernoulli(key, config.loss.drop_rate))(keys[:, 3])
+    text = jnp.where(drop[:, None, None], frozen[NO_CAPTION][None], batch["text_emb"])
+    more: dict[str, Any] = dict(items=batch["index"], rngs={"dropout": rng}) if config.model.dropout else {}
+    made = net.apply(params, ddpm.add_noise(schedule, z, noise, t[:, None]), t, text, **more)
+    errors = prediction_error(made, noise if config.diffusion.predicts == "noise" else z)
+    return {"loss": errors.sum()}, len(errors)
+
+  def predict(params, frozen, batch, rng):
+    real = padding_mask(batch["num_frames"], batch["features"].shape[1])
+    return {"latents": vae.apply(frozen[VAE], batch["features"], real, method="encode")[0]}
+
+  return Stage(init, loss, predict, in_parts=True, about_loss="squared error of the noise in latents, 1 at first")
+
+
+def vae_shapes(vae: TokenVAE) -> Any:
+  """Shapes of the VAE's parameters."""
+  x, noise = jnp.zeros((1, 2, vae.features)), jnp.zeros((1, vae.num_tokens, vae.width))
+  return jax.eval_shape(lambda: vae.init(jax.random.key(0), x, noise, jnp.ones((1, 2), bool)))
+
+
+def denoiser_shapes(net: TokenDenoiser, num_tokens: int) -> Any:
+  """Shapes of the denoiser's parameters."""
+  return jax.eval_shape(lambda: net.init(jax.random.key(0), jnp.zeros((1, num_tokens, net.width)), jnp.zeros(1, int),
+                                         jnp.zeros((1, 1, net.text_dim))))
+
+
+def frozen_shapes(vae: TokenVAE, text_dim: int) -> dict[str, Any]:
+  """Shapes of what a denoiser's run keeps beside its parameters."""
+  return {VAE: vae_shapes(vae), NO_CAPTION: jax.ShapeDtypeStruct((1, text_dim), jnp.float32)}

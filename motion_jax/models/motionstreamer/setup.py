@@ -1,0 +1,95 @@
+"""Training set-ups of MotionStreamer: its causal autoencoder and its generator."""
+import jax
+import numpy as np
+from ml_collections import ConfigDict
+
+from motion_jax import runs
+from motion_jax.data import batches, sources
+from motion_jax.latents import VaeCodec
+from motion_jax.models.captioned_batches import NO_CAPTION, batches_of, held_out_loss, text_encoder
+from motion_jax.models.motionstreamer.stages import (
+  END,
+  generator_stage,
+  tokenizer_shapes,
+  tokenizer_stage,
+)
+from motion_jax.motion import stats as stats_lib
+from motion_jax.motion.stats import Stats
+from motion_jax.nets.causal_vae import CausalVAE
+from motion_jax.training import checkpoint
+from motion_jax.training.setup import (
+  TrainingSetup,
+  caption_lengths,
+  encoder_files,
+  held_out,
+  held_stats,
+  reconstruction_error,
+  resolve_epochs,
+  untrained,
+)
+from motion_jax.utils.config_files import module_fields
+from motion_jax.utils.errors import InputError
+
+TOKENIZER, GENERATOR = "motionstreamer.tokenizer", "motionstreamer.generator"
+
+
+def tokenizer(config: ConfigDict) -> TrainingSetup:
+  data = sources.load_features(config.data, stats=held_stats(config), captioned=False)
+  windows = batches.Windows(data.features, config.data.window, config.data.stride, groups=data.groups,
+                            balance=config.data.balance)
+  validation, vae = held_out(config, data.stats).features, CausalVAE(**config.model)
+  reconstruct = jax.jit(lambda params, x: VaeCodec(vae, params).reconstruct(x))
+
+  def evaluate(params):
+    return {"held_out_mm": round(reconstruction_error(lambda x: reconstruct(params, x), validation, data.stats), 2)}
+
+  def next_batch(step, rows=batches.ALL):
+    return windows.batch(config.data.batch_size, config.seed, step, rows)
+
+  return TrainingSetup(tokenizer_stage(config), next_batch, {}, evaluate, data.stats, {}, len(windows))
+
+
+def generator(config: ConfigDict) -> TrainingSetup:
+  codec, stats = load_tokenizer(config.frozen.tokenizer, config)
+  if config.model.transformer.latent_dim != codec.net.latent_dim:
+    raise InputError(f"got model.transformer.latent_dim = {config.model.transformer.latent_dim}, the tokenizer's "
+                     f"latents have {codec.net.latent_dim} channels; make them agree")
+  data = sources.load_features(config.data, stats=stats)
+  encoder = text_encoder(config, config.model.transformer.text_dim)
+  if codec.mean is None:  # a bare autoencoder's latents have no scale yet
+    codec = codec.fitted(data.features) if config.loss.unit_latents else codec.unscaled()
+  next_batch, num_items = batches_of(config, data, encoder)
+  config = resolve_epochs(config, num_items)  # the share of replaced latents rises to the end of training
+  frozen = codec.parts | {END: end_latent(codec), NO_CAPTION: encoder.no_caption()}
+  given = config.copy_and_resolve_references().unlock()
+  given.loss.update(drop_rate=0.0, crop_rate=0.0)
+  evaluate = held_out_loss(config, data.stats, encoder, generator_stage(given).loss, frozen)
+  files = {checkpoint.LENGTHS: caption_lengths(data), **encoder_files(encoder)}
+  return TrainingSetup(generator_stage(config), next_batch, frozen, evaluate, data.stats, files, num_items)
+
+
+def end_latent(codec: VaeCodec) -> np.ndarray:
+  """(C,): the latent of frames of zeros, a pose that no body takes."""
+  nothing = np.zeros((1, codec.frames_per_latent, codec.net.features), np.float32)
+  return np.asarray(codec.encode(nothing))[0, 0]
+
+
+def load_tokenizer(folder: str, config: ConfigDict) -> tuple[VaeCodec, Stats]:
+  """(codec, stats) of a trained autoencoder, without a scale of its latents (None), or of the one that a generator's
+  run stands on; "random-init" makes one to try things out."""
+  vae = CausalVAE(**module_fields(config.tokenizer))
+  if folder == "random-init":
+    return VaeCodec(vae, untrained(tokenizer_shapes(vae)), None, None), sources.load_features(config.data).stats
+  run = runs.load_run(folder, (TOKENIZER, GENERATOR))
+  fields = run.config.tokenizer if run.stage == GENERATOR else run.config.model
+  if CausalVAE(**module_fields(fields)) != vae:
+    raise InputError(f"the tokenizer in {folder} is {module_fields(fields)}, config.tokenizer says "
+                     f"{module_fields(config.tokenizer)}; make them agree")
+  stats = stats_lib.load_stats(run.folder, config.data.layout)
+  if run.stage == GENERATOR:
+    return VaeCodec.of(vae, run.frozen()), stats
+  return VaeCodec(vae, run.params(tokenizer_shapes(vae)), None, None), stats
+
+
+SETUPS = {TOKENIZER: tokenizer, GENERATOR: generator}
+RESOLVED = {}
