@@ -5,7 +5,7 @@
   ... --config mdm_denoiser:words           the same, frames attending to words of DistilBERT
   ... --config mdm_denoiser:dip             DiP: 40 frames after 20, 10 steps
   ... --config mdm_denoiser:kit             KIT's 251 numbers; essential: HumanML3D's first 67
-  ... --config mdm_denoiser:laptop          on archives; tiny: two steps on procedural motion
+  ... --config mdm_denoiser:small           on archives; laptop: fewer steps; tiny: two steps on procedural motion
 
 How sizes are written: docs/configs.md; here words are joined by "_": one of fast, words and dip, one of the data, and a
 size, as in dip_tiny. `full` is the released code's configuration (docs/papers/mdm.md#training): 17.9 M parameters,
@@ -16,7 +16,7 @@ Expected: none of these sizes but `tiny` has been run.
 from motion_jax import paper_tables
 from motion_jax.configs import common
 
-SIZES = ("full", "laptop", "tiny")
+SIZES = ("full", "small", "laptop", "tiny")
 DATA = {"kit": (251, dict(layout="full_kit", min_frames=24)), "essential": (67, dict(layout="essential"))}
 KINDS = ("fast", "words", "dip")
 # Rows of the papers' tables, by what a name says beside its size.
@@ -54,7 +54,7 @@ def get_config(name="full"):
   if data:
     config.model.features = DATA[data][0]
     config.data.update(DATA[data][1])
-  if size == "laptop":
+  if size in ("small", "laptop"):
     config.frozen.update(text="words", text_level="words" if config.model.kind == "decoder" else "sentence")
     config.model.update(width=256, depth=6, mlp_width=512, text_dim=128 if config.model.kind == "decoder" else 384)
     common.archives(config, batch_size=32, balance=0.5, vary_subject=0.5, max_words=24)
@@ -64,7 +64,8 @@ def get_config(name="full"):
       config.loss.mask_frames = True
     config.optimizer.update(learning_rate=5e-4, schedule="wsd", warmup_steps=100, cooldown_steps=1_000,
                             ema_decay=0.995, clip_norm=1.0)
-    config.train.update(num_steps=4_000, log_every=20, save_every=500, sample_every=2_000)
+    config.train.update(num_steps=4_000 if size == "laptop" else 12_000, log_every=20, save_every=500,
+                        sample_every=2_000)
   elif size == "tiny":
     config.frozen.text = "random-init"
     config.model.update(width=16, depth=1, num_heads=2, mlp_width=16, text_dim=32, num_steps=4)

@@ -3,7 +3,7 @@
   motion-jax train --config mld_denoiser --workdir runs/mld --data HumanML3D --config.frozen.tokenizer=runs/mld_vae \
       --config.frozen.text=CLIP-LARGE-FOLDER
   ... --config mld_denoiser:kit             KIT's 251 numbers; 67: HumanML3D's first 67
-  ... --config mld_denoiser:laptop          on archives; tiny: two steps on procedural motion
+  ... --config mld_denoiser:small           on archives; laptop: fewer steps; tiny: two steps on procedural motion
 
 How sizes are written: docs/configs.md; as in kit_tiny with a size behind. `full` is the released code's configuration
 (docs/papers/mld.md#denoiser, #training): 8.3 M parameters, 2,000 epochs of batches of 64.
@@ -31,13 +31,14 @@ def get_config(name="full"):
   config.optimizer = common.optimizer(learning_rate=1e-4, weight_decay=0.01)
   config.train = common.epochs(2_000, log_every=100, num_saves=20, sample_every=20_000)
   config.sampler = dict(guidance_scale=7.5, num_steps=50, solver="ddim")
-  if size == "laptop":
+  if size in ("small", "laptop"):
     config.frozen.text = "words"
     config.model.update(width=128, depth=5, mlp_width=384, text_dim=384)
     common.archives(config, batch_size=32, vary_subject=0.5, max_words=24)
     config.optimizer.update(learning_rate=5e-4, schedule="wsd", warmup_steps=100, cooldown_steps=1_000, clip_norm=1.0,
                             ema_decay=0.995)
-    config.train.update(num_steps=4_000, log_every=20, save_every=500, sample_every=2_000)
+    config.train.update(num_steps=4_000 if size == "laptop" else 12_000, log_every=20, save_every=500,
+                        sample_every=2_000)
   elif size == "tiny":
     config.frozen.update(tokenizer="random-init", text="random-init")  # nothing to download
     config.model.update(width=16, depth=3, num_heads=2, mlp_width=16, text_dim=32, num_steps=8)

@@ -2,7 +2,7 @@
 
   motion-jax train --config mld_vae --workdir runs/mld_vae --data HumanML3D
   ... --config mld_vae:kit                  KIT's 251 numbers; 67: HumanML3D's first 67
-  ... --config mld_vae:laptop               on archives; tiny: two steps on procedural motion
+  ... --config mld_vae:small                on archives; laptop: fewer steps; tiny: two steps on procedural motion
 
 How sizes are written: docs/configs.md; as in kit_tiny with a size behind. `full` is the released code's configuration
 (docs/papers/mld.md#vae, #training), MLD-1: 18.0 M parameters, 6,000 epochs of batches of 128.
@@ -11,7 +11,7 @@ Expected: none of these sizes but `tiny` has been run.
 """
 from motion_jax.configs import common
 
-SIZES = ("full", "laptop", "tiny")
+SIZES = ("full", "small", "laptop", "tiny")
 DATA = {"kit": (251, dict(layout="full_kit", min_frames=24)), "67": (67, dict(layout="essential"))}
 
 
@@ -29,12 +29,12 @@ def get_config(name="full"):
   if data:
     config.model.features = DATA[data][0]
     config.data.update(DATA[data][1])
-  if size == "laptop":
+  if size in ("small", "laptop"):
     config.model.update(width=128, depth=5, mlp_width=384)
     common.archives(config, min_frames=20, batch_size=32, balance=0.5, lengths=(72, 120, 196))
     config.optimizer.update(learning_rate=5e-4, schedule="wsd", warmup_steps=100, cooldown_steps=1_000, clip_norm=1.0,
                             ema_decay=0.995)
-    config.train.update(num_steps=4_000, log_every=20, save_every=500)
+    config.train.update(num_steps=4_000 if size == "laptop" else 12_000, log_every=20, save_every=500)
   elif size == "tiny":
     config.model.update(width=16, depth=3, num_heads=2, mlp_width=16)
     common.tiny(config)

@@ -3,7 +3,7 @@
   motion-jax train --config motionstreamer_generator --workdir runs/streamer --data HUMANML3D-272 \
       --config.frozen.tokenizer=runs/tae --config.frozen.text=SENTENCE-T5-FOLDER
   ... --config motionstreamer_generator:263     HumanML3D's 263 numbers at 20 frames a second; kit: KIT's 251
-  ... --config motionstreamer_generator:laptop  on archives; tiny: two steps on procedural motion
+  ... --config motionstreamer_generator:small   on archives; laptop: fewer steps; tiny: two steps on procedural motion
 
 How sizes are written: docs/configs.md; as in kit_tiny with a size behind. `full` is the released code's configuration
 (docs/papers/motionstreamer.md#transformer, #two-forward): 242.3 M parameters, 100,000 steps of 256.
@@ -38,7 +38,7 @@ def get_config(name="full"):
   config.sampler = dict(guidance_scale=4.0, num_steps=50)
   if data == "kit":
     config.data.min_frames = 24
-  if size == "laptop":
+  if size in ("small", "laptop"):
     config.frozen.text = "words"
     config.model.transformer.update(width=256, depth=6, num_heads=4, text_dim=384)
     config.model.head.update(width=400, depth=6)
@@ -46,7 +46,8 @@ def get_config(name="full"):
     common.archives(config, min_frames=20, batch_size=32, balance=0.5, vary_subject=0.5, max_words=24)
     config.optimizer.update(learning_rate=5e-4, schedule="wsd", warmup_steps=100, cooldown_steps=900, ema_decay=0.995,
                             clip_norm=1.0)
-    config.train.update(num_steps=3_000, log_every=20, save_every=500, sample_every=1_500)
+    config.train.update(num_steps=3_000 if size == "laptop" else 12_000, log_every=20, save_every=500,
+                        sample_every=1_500)
   elif size == "tiny":
     config.frozen.update(tokenizer="random-init", text="random-init")  # nothing to download
     config.model.transformer.update(latent_dim=4, width=16, depth=1, num_heads=2, text_dim=32)

@@ -13,13 +13,21 @@ from motion_jax.evaluators.networks import ClipEvaluator, T2MEvaluator
 from motion_jax.models import cdamd, cmdm, momask, t2m_gpt
 from motion_jax.models import length as lengths
 from motion_jax.models.cmdm.streaming import block_noise, make_plan
+from motion_jax.models.mdm.stages import denoiser_shapes as mdm_shapes
+from motion_jax.models.mld import stages as mld
+from motion_jax.models.motionstreamer import stages as motionstreamer
 from motion_jax.models.tmr.space import make_teacher, teacher_shapes
 from motion_jax.nets.autoencoder import Autoencoder
 from motion_jax.nets.causal_dit import CausalDiT
 from motion_jax.nets.causal_vae import CausalVAE
+from motion_jax.nets.latent_diffusion import TokenDenoiser, TokenVAE
 from motion_jax.nets.length_estimator import LengthEstimator
+<<<<<<< HEAD
 from motion_jax.nets.token_gpt import CodeGPT
 from motion_jax.nets.token_transformers import MaskedCodeTransformer, ResidualCodeTransformer
+=======
+from motion_jax.nets.motion_denoiser import MotionDenoiser
+>>>>>>> 6ed0598 (Convert the released weights of MDM, MLD and MotionStreamer; tests, counts and options of the three methods)
 from motion_jax.text.bert import bert_fields
 from motion_jax.utils import config_files
 from tests.conftest import load_config
@@ -78,6 +86,14 @@ COUNTS = {
     ("cdamd_autoencoder", "laptop"): 1_168_898, ("cdamd_rvq", "laptop"): 742_562,
     ("cdamd_generator", "laptop"): 1_967_936, ("evaluator_movement", "laptop"): 220_040,
     ("evaluator_clip", "laptop"): 1_407_489,
+    # Those of the authors' models, counted in their code (docs/papers); MLD's denoiser has 128,000 more there, which
+    # nothing reads.
+    ("mdm_denoiser", "full"): 17_880_327, ("mdm_denoiser", "words"): 26_424_583, ("mdm_denoiser", "dip"): 26_424_583,
+    ("mdm_denoiser", "kit"): 17_868_027, ("mdm_denoiser", "small"): 3_527_943, ("mdm_denoiser", "tiny"): 11_463,
+    ("mld_vae", "full"): 18_032_135, ("mld_vae", "kit"): 18_025_979, ("mld_vae", "small"): 2_313_351,
+    ("mld_denoiser", "full"): 8_221_184, ("mld_denoiser", "small"): 1_072_000,
+    ("motionstreamer_tokenizer", "full"): 76_203_312, ("motionstreamer_tokenizer", "small"): 2_936_167,
+    ("motionstreamer_generator", "full"): 242_304_796, ("motionstreamer_generator", "small"): 10_800_662,
 }
 
 
@@ -122,6 +138,16 @@ def _counted(config, size):
     shapes = jax.eval_shape(lambda: matching.init_gaussian(config.model, word_dim, jax.random.key(0)))
   elif config.stage == "evaluator.clip":
     shapes = matching.clip_shapes(ClipEvaluator(**config.model))
+  elif config.stage in ("mdm.denoiser", "mdm.dip"):
+    shapes = mdm_shapes(MotionDenoiser(**config.model))
+  elif config.stage == "mld.vae":
+    shapes = mld.vae_shapes(TokenVAE(**config.model))
+  elif config.stage == "mld.denoiser":
+    shapes = mld.denoiser_shapes(TokenDenoiser(**config.model), 1)
+  elif config.stage == "motionstreamer.tokenizer":
+    shapes = motionstreamer.tokenizer_shapes(CausalVAE(**config.model))
+  elif config.stage == "motionstreamer.generator":
+    shapes = motionstreamer.generator_shapes(motionstreamer.make_generator(config.model))
   elif config.stage == "cmdm.tokenizer":
     shapes = cmdm.frozen_shapes(CausalVAE(**config.model))["tokenizer"]
   else:

@@ -145,7 +145,7 @@ def posterior_mean(schedule: Schedule, x: Float[Array, "*lead c"], x1: Float[Arr
 
 
 def step_back(schedule: Schedule, x: Float[Array, "*lead c"], x1: Float[Array, "*lead c"],
-              index: int | Int[Array, ""], noise: Float[Array, "*lead c"], temperature: float = 1.0
+              index: int | Int[Array, ""], noise: Float[Array, "*lead c"], temperature: Any = 1.0
               ) -> Float[Array, "*lead c"]:
   """One ancestral step from table row `index` () to the one before, given the clean data; row 0 adds no noise."""
   std = jnp.exp(0.5 * jnp.asarray(schedule.posterior_log_variance_clipped, x.dtype)[index])
@@ -164,7 +164,7 @@ def clean_of(predicts: str, schedule: Schedule, x: Float[Array, "*lead c"], pred
 
 
 def ancestral_path(predict: Callable, schedule: Schedule, x: Float[Array, "*lead c"], fresh: Callable,
-                   temperature: float = 1.0, predicts: str = "noise", replace: Callable = lambda x1: x1
+                   temperature: Any = 1.0, predicts: str = "noise", replace: Callable = lambda x1: x1
                    ) -> Float[Array, " n *lead c"]:
   """What noise x (..., C) becomes after each step back, (N, ..., C), the last one data.
 
@@ -179,7 +179,7 @@ def ancestral_path(predict: Callable, schedule: Schedule, x: Float[Array, "*lead
 
 
 def ancestral(predict: Callable, schedule: Schedule, x: Float[Array, "*lead c"], fresh: Callable,
-              temperature: float = 1.0, predicts: str = "noise", replace: Callable = lambda x1: x1
+              temperature: Any = 1.0, predicts: str = "noise", replace: Callable = lambda x1: x1
               ) -> Float[Array, "*lead c"]:
   """Carries noise x (..., C) to data: the last of `ancestral_path`."""
   back = lambda x, m: (_back(predict, schedule, x, m, fresh, temperature, predicts, replace), None)
@@ -191,7 +191,7 @@ def _predicted(predict: Callable, schedule: Schedule, x: Array, index: Any) -> A
   return predict(x, jnp.asarray(schedule.steps)[index])
 
 
-def _back(predict: Callable, schedule: Schedule, x: Array, m: Any, fresh: Callable, temperature: float, predicts: str,
+def _back(predict: Callable, schedule: Schedule, x: Array, m: Any, fresh: Callable, temperature: Any, predicts: str,
           replace: Callable) -> Array:
   index = len(schedule.betas) - 1 - m
   x1 = replace(clean_of(predicts, schedule, x, _predicted(predict, schedule, x, index), index))

@@ -1,0 +1,138 @@
+"""MDM, DiP, MLD and MotionStreamer as methods: sampled, edited, continued, streamed, refused in one sentence."""
+import numpy as np
+import pytest
+
+import motion_jax as mj
+from motion_jax import fit
+from motion_jax.data.clip import Clip
+from motion_jax.models import registry
+from motion_jax.models.block_stream import prompts_by_block
+from motion_jax.motion.skeleton import HUMANML3D
+from tests.configs.test_tiny_sizes import traced_training
+from tests.conftest import load_config
+
+CONFIGS = {"mdm": ("mdm_denoiser", "tiny"), "dip": ("mdm_denoiser", "dip_tiny"), "mld": ("mld_denoiser", "tiny"),
+           "motionstreamer": ("motionstreamer_generator", "tiny")}
+BLOCKS = ("dip", "motionstreamer")
+
+
+@pytest.fixture(scope="module")
+def models(tmp_path_factory):
+  """{method: a loaded model with random parameters}, made when it is first needed."""
+  made = {}
+
+  def model(name):
+    if name not in made:
+      folder = tmp_path_factory.mktemp(name) / name
+      with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(fit.loop, "train", traced_training)
+        fit.run(load_config(*CONFIGS[name]), folder)
+      made[name] = mj.load(folder)
+    return made[name]
+
+  return model
+
+
+def walk(seconds=3.0):
+  """A body in its rest pose that glides ahead."""
+  rest = np.zeros((22, 3))
+  for joint, parent in enumerate(HUMANML3D.parents):
+    if joint:
+      rest[joint] = rest[parent] + HUMANML3D.offsets[joint]
+  rest[:, 1] -= rest[:, 1].min()
+  path = np.arange(round(seconds * 20))[:, None, None] * np.array([0, 0, 0.03])
+  return Clip((rest + path).astype(np.float32), 20.0, (), id="walk")
+
+
+@pytest.mark.parametrize("name", CONFIGS)
+@pytest.mark.slow
+def test_a_motion_depends_on_its_seed_alone(models, name):
+  model = models(name)
+  both = model.generate(["a person waves", "a person walks"], [24, 40], seeds=[1, 2])
+  alone = model.generate("a person walks", 40, seeds=[2])[0]
+  assert both.joints.shape == (2, 40, 22, 3) and alone.meta["seed"] == 2
+  np.testing.assert_allclose(both[1].joints, alone.joints, atol=1e-4)
+  other = model.generate("a person walks", 40, seeds=[3])[0]
+  assert np.abs(other.joints - alone.joints).max() > 1e-3
+  with pytest.raises(ValueError, match="trained with|expected a number|expected at most|expected a whole"):
+    model.generate("a person walks", 40, num_steps=999)
+
+
+@pytest.mark.parametrize("name", BLOCKS)
+@pytest.mark.slow
+def test_a_stream_is_the_motion(models, name):
+  model = models(name)
+  whole = model.generate("a person waves", 100, seeds=[2])[0].joints
+  streamed = np.concatenate(list(model.stream("a person waves", seed=2, num_frames=100)))
+  np.testing.assert_allclose(streamed, whole, atol=1e-4)
+  rows = [("a person waves", 40 / 20), ("a person sits", 60 / 20)]
+  told = model.multi_prompt(rows, seed=4)
+  stream = model.stream("a person waves", seed=4, num_frames=100)
+  first = [next(stream) for _ in range(40 // model.block_frames)]
+  assert stream.say("a person sits") == 40 and stream.script == [(40, "a person sits")]
+  fork = stream.fork(num_frames=100)
+  rest = list(stream)
+  np.testing.assert_array_equal(np.concatenate(rest), np.concatenate(list(fork)))
+  np.testing.assert_allclose(np.concatenate(first + rest), told.joints, atol=1e-4)
+  assert [caption.text for caption in told.captions] == ["a person waves", "a person sits"]
+
+
+@pytest.mark.parametrize("name", BLOCKS)
+@pytest.mark.slow
+def test_a_motion_is_continued(models, name):
+  clip = walk()
+  made = models(name).extend(clip, "a person jumps", seconds=2.0, seed=5)
+  np.testing.assert_array_equal(made.joints[:60], clip.joints)
+  assert len(made.joints) == 100 and np.isfinite(made.joints).all()
+
+
+@pytest.mark.slow
+def test_mdm_edits_frames_and_parts_of_the_body(models):
+  model, clip = models("mdm"), walk()
+  edited = model.edit(clip, "a person kicks", change=[(20, 40)], seed=3)
+  np.testing.assert_allclose(edited.joints[:20], clip.joints[:20], atol=1e-5)
+  assert edited.meta["made"] == [[20, 40]] and np.abs(edited.joints[25:35] - clip.joints[25:35]).max() > 1e-3
+  arms = model.edit(clip, "a person waves", change=[(20, 40)], seed=3, part="upper_body")
+  legs = [0, 1, 2, 4, 5, 7, 8, 10, 11]
+  np.testing.assert_allclose(arms.joints[:, legs], clip.joints[:, legs], atol=1e-5)
+  assert np.abs(arms.joints[25:35, 20:22] - clip.joints[25:35, 20:22]).max() > 1e-3
+  with pytest.raises(ValueError, match="got part 'legs', expected one of body, upper_body, lower_body"):
+    model.edit(clip, "a person waves", change=[(20, 40)], part="legs")
+
+
+@pytest.mark.slow
+def test_a_motion_may_end_by_itself(models):
+  model = models("motionstreamer")
+  far = model.generate("a person walks", 40, seeds=[1], ends="itself", stop_distance=0.0)[0]
+  near = model.generate("a person walks", 40, seeds=[1], ends="itself", stop_distance=1e6)[0]
+  assert (far.num_frames, near.num_frames) == (40, 4)
+  np.testing.assert_array_equal(near.joints, far.joints[:4])
+
+
+def test_prompts_change_with_whole_blocks():
+  assert prompts_by_block([("a", 40), ("b", 60)], 40) == ["a", "b", "b"]
+  assert prompts_by_block([("a", 10), ("b", 10)], 40) == ["a", "b"]
+  assert prompts_by_block([("a", 100)], 40) == ["a"] * 3
+
+
+def test_abilities_are_those_of_the_methods():
+  assert {"mdm.dip", "motionstreamer.generator"} <= set(registry.model_stages("multi_prompt"))
+  assert "mdm.denoiser" in registry.model_stages("edit") and "mld.denoiser" in registry.model_stages("reconstruct")
+
+
+def test_what_does_not_fit_is_told_in_one_sentence(tmp_path, monkeypatch):
+  monkeypatch.setattr(fit.loop, "train", traced_training)
+  fit.run(load_config("mld_vae", "tiny"), tmp_path / "vae")
+  config = load_config("mld_denoiser", "tiny").unlock()
+  config.frozen.tokenizer = str(tmp_path / "vae")
+  config.tokenizer.depth = 5
+  with pytest.raises(ValueError, match="the VAE in .* is .*'depth': 3.*, config.tokenizer says .*'depth': 5"):
+    fit.run(config.lock(), tmp_path / "other")
+  config = load_config("mdm_denoiser", "tiny").unlock()
+  config.model.text_dim = 7
+  with pytest.raises(ValueError, match="gives 32 numbers a sentence, config.model.text_dim is 7; make them agree"):
+    fit.run(config.lock(), tmp_path / "words")
+  config = load_config("mdm_denoiser", "tiny").unlock()
+  config.data.layout = "essential"
+  with pytest.raises(ValueError, match="got model.features = 263, layout 'essential' has 67 numbers a frame"):
+    fit.run(config.lock(), tmp_path / "layout")
