@@ -22,12 +22,9 @@ from motion_jax.nets.causal_dit import CausalDiT
 from motion_jax.nets.causal_vae import CausalVAE
 from motion_jax.nets.latent_diffusion import TokenDenoiser, TokenVAE
 from motion_jax.nets.length_estimator import LengthEstimator
-<<<<<<< HEAD
+from motion_jax.nets.motion_denoiser import MotionDenoiser
 from motion_jax.nets.token_gpt import CodeGPT
 from motion_jax.nets.token_transformers import MaskedCodeTransformer, ResidualCodeTransformer
-=======
-from motion_jax.nets.motion_denoiser import MotionDenoiser
->>>>>>> 6ed0598 (Convert the released weights of MDM, MLD and MotionStreamer; tests, counts and options of the three methods)
 from motion_jax.text.bert import bert_fields
 from motion_jax.utils import config_files
 from tests.conftest import load_config

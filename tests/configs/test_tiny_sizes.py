@@ -19,16 +19,13 @@ CDAMD = {"cdamd_autoencoder": {}, "cdamd_rvq": {}, "cdamd_length": {},
          "cdamd_generator": {"frozen.tokenizer": "cdamd_autoencoder", "frozen.prior": "cdamd_rvq",
                              "frozen.length": "cdamd_length"}}
 MARDM = {"cdamd_autoencoder": {}, "cdamd_generator": {"frozen.tokenizer": "cdamd_autoencoder"}}
-<<<<<<< HEAD
 MOMASK = {"momask_rvq": {}, "momask_residual": {"frozen.tokenizer": "momask_rvq"},
           "momask_masked": {"frozen.tokenizer": "momask_rvq", "frozen.residual": "momask_residual"}}
 T2M_GPT = {"t2m_gpt_vq": {}, "t2m_gpt_gpt": {"frozen.tokenizer": "t2m_gpt_vq"}}
-=======
 MDM = {"mdm_denoiser": {}}
 MLD = {"mld_vae": {}, "mld_denoiser": {"frozen.tokenizer": "mld_vae"}}
 MOTIONSTREAMER = {"motionstreamer_tokenizer": {},
                   "motionstreamer_generator": {"frozen.tokenizer": "motionstreamer_tokenizer"}}
->>>>>>> 6ed0598 (Convert the released weights of MDM, MLD and MotionStreamer; tests, counts and options of the three methods)
 EVALUATOR = {"evaluator_movement": {}, "evaluator_matching": {"frozen.movement": "evaluator_movement"}}
 
 
@@ -64,14 +61,11 @@ def traced_training(config, workdir, stage, next_batch, frozen, *_):
       for data in ("67", "263", "steps")),
     chain(MARDM, cdamd_generator="mardm"), chain(MARDM, cdamd_autoencoder="67", cdamd_generator="mardm_67"),
     chain(MARDM, cdamd_autoencoder="64", cdamd_generator="mardm_kit"),
-<<<<<<< HEAD
-    chain(MOMASK), on("kit", MOMASK), chain(T2M_GPT), on("kit", T2M_GPT), chain(EVALUATOR)])
-=======
+    chain(MOMASK), on("kit", MOMASK), chain(T2M_GPT), on("kit", T2M_GPT),
     chain(MLD), on("kit", MLD), chain(MOTIONSTREAMER), on("kit", MOTIONSTREAMER), on("272", MOTIONSTREAMER),
     chain(MDM), chain(MDM, mdm_denoiser="kit"), chain(MDM, mdm_denoiser="dip_kit"),
     chain(MDM, mdm_denoiser="words_essential"),
     chain(EVALUATOR)])
->>>>>>> 6ed0598 (Convert the released weights of MDM, MLD and MotionStreamer; tests, counts and options of the three methods)
 def test_each_stage_takes_the_runs_of_those_before_it(stages, sizes, tmp_path, monkeypatch):
   monkeypatch.setattr(fit.loop, "train", traced_training)
   for name, parts in stages.items():

@@ -43,13 +43,10 @@ def test_what_a_model_can_do_are_methods_of_it(method):
     assert set(model.abilities) <= set(ABILITIES)
     assert all(callable(getattr(model, ability)) for ability in model.abilities)
     assert registry.model_of(stage) is model and stage in registry.setups()
-<<<<<<< HEAD
   assert set(registry.model_stages("edit")) >= {"cdamd.generator", "momask.masked"}
   assert "cmdm.denoiser" in registry.model_stages("stream")
-=======
   assert set(registry.model_stages("edit")) >= {"cdamd.generator", "mdm.denoiser"}
   assert set(registry.model_stages("stream")) >= {"cmdm.denoiser", "mdm.dip", "motionstreamer.generator"}
->>>>>>> 6ed0598 (Convert the released weights of MDM, MLD and MotionStreamer; tests, counts and options of the three methods)
   with pytest.raises(ValueError, match="got the ability 'fly', expected one of generate"):
     object.__new__(TextToMotionModel).can("fly")
 
