@@ -240,10 +240,12 @@ def unjudged():
     yield
 
 
-def brief_run(name, folder, num_steps=2):
-  """A run folder of a tiny config, for tests of what is done with it. Two steps are one program with test_smoke.py."""
+def brief_run(name, folder, num_steps=2, **model):
+  """A run folder of a tiny config, for tests of what is done with it; model: fields of its section `model`. Two steps
+  of a config as it is are one program with test_smoke.py."""
   config = load_config(name, "tiny").unlock()
   config.train.num_steps = num_steps
+  config.model.update(model)
   with light_training():
     training.run(config, folder)
   return folder
