@@ -270,18 +270,20 @@ def each(value: Any, prompts: Sequence[str]) -> list[Any]:
 
 def random_keys(seeds: Sequence[int]) -> jax.Array:
   """Keys (N,) of seeds as of `jax.random.key`; keys of the default kind are made without compiling anything."""
-  if jax.config.jax_default_prng_impl != "threefry2x32" or jax.config.jax_enable_x64:
+  config: Any = jax.config
+  if config.jax_default_prng_impl != "threefry2x32" or config.jax_enable_x64:
     return jnp.stack([jax.random.key(seed) for seed in seeds])
-  data = np.array([[0, seed & 0xffffffff] for seed in seeds], np.uint32)
+  data: Any = np.array([[0, seed & 0xffffffff] for seed in seeds], np.uint32)
   return jax.random.wrap_key_data(data, impl="threefry2x32")
 
 
 def select_keys(keys: jax.Array, rows: Sequence[int]) -> jax.Array:
   """Some of the keys (N,), without compiling anything."""
-  rows = np.asarray(rows, int)
+  chosen: Any = np.asarray(rows, int)
   if not jnp.issubdtype(keys.dtype, jax.dtypes.prng_key):
-    return np.asarray(keys)[rows]
-  return jax.random.wrap_key_data(np.asarray(jax.random.key_data(keys))[rows], impl=jax.random.key_impl(keys))
+    return jax.device_put(np.asarray(keys)[chosen])
+  data: Any = np.asarray(jax.random.key_data(keys))[chosen]
+  return jax.random.wrap_key_data(data, impl=jax.random.key_impl(keys))
 
 
 def keys_of(rng: jax.Array | None, seeds: Iterable[int] | None, count: int, seed: int | None = None

@@ -4,7 +4,7 @@ import hashlib
 import os
 import pathlib
 from collections.abc import Sequence
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 
@@ -27,7 +27,9 @@ class TrainingCaptions:
 
   def __init__(self, texts: Sequence[str], frames: Sequence[int], encoder: TextEncoder, fps: float = 20.0,
                subjects: Sequence[str] = ()) -> None:
-    self._rows, self._any = (list(texts), frames), len(texts) > 0
+    self._rows: Any = (list(texts), frames)
+    self._folder: str | os.PathLike = ""
+    self._any = len(texts) > 0
     self._encoder, self._fps, self._subjects, self._answers = encoder, fps, subjects, cache.Answers()
 
   @classmethod

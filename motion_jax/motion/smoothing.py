@@ -22,11 +22,10 @@ def gaussian(values: Float[A, "*lead t k"], sigma: float) -> Float[A, "*lead t k
   return _convolve(values, gaussian_filter1d(np.eye(1, 2 * reach + 1, reach)[0], sigma, mode="constant"), "edge")
 
 
-_PADS = {"nearest": "edge", "reflect": "symmetric", "constant": "constant"}
+_PADS: dict[str, Any] = {"nearest": "edge", "reflect": "symmetric", "constant": "constant"}
 
 
-def gaussian_filter1d(values: np.ndarray, sigma: float, axis: int = -1, mode: str = "reflect", truncate: float = 4.0
-                      ) -> np.ndarray:
+def gaussian_filter1d(values: Any, sigma: float, axis: int = -1, mode: str = "reflect", truncate: float = 4.0) -> Any:
   """Values under a Gaussian of sigma samples along an axis, summed in float64 in the order of scipy's.
 
   mode: beyond the ends stand the values mirrored ("reflect"), the last one ("nearest") or zeros ("constant").
