@@ -62,7 +62,7 @@ def matmul(dtype, sides):
 def run(build):
   """A program on arguments of its shapes, with frames or samples a second."""
   program = build()
-  work = counting.work(program.function, *program.shapes(), carried=program.carried)
+  work = counting.work(program.function, *program.shapes(), carried=program.carried, loops=program.loops)
   found = timed(program.function, *jax.jit(program.arguments)(), carried=program.carried)
   rate = dict(fps=program.batch * program.frames / found["seconds"], frames=program.frames) if program.frames else dict(
       samples_per_second=program.batch / found["seconds"])

@@ -42,11 +42,14 @@ class Work(NamedTuple):
     return sum(self.products.values())
 
 
-def work(function, *shapes, carried=False) -> Work:
-  """The Work of function(*shapes), arrays or shapes; carried: its first argument is a state that it gives back."""
+def work(function, *shapes, carried=False, loops=None) -> Work:
+  """The Work of function(*shapes), arrays or shapes; carried: its first argument is a state that it gives back.
+
+  loops: how often loops run whose number of iterations depends on data; without it such a loop is a ValueError.
+  """
   state = sum(size_of(leaf) for leaf in jax.tree.leaves(shapes[0])) if carried else 0.0
   # The new state is written once, the old one read once.
-  return Work(dict(collections.Counter(_totals(jax.make_jaxpr(function)(*shapes).jaxpr))), 2 * state)
+  return Work(dict(collections.Counter(_totals(jax.make_jaxpr(function)(*shapes).jaxpr, loops))), 2 * state)
 
 
 def collectives(program: str) -> dict[str, int]:
@@ -80,19 +83,21 @@ def size_of(leaf) -> float:
   return float(np.prod(leaf.shape)) * itemsize
 
 
-def _totals(jaxpr) -> dict[Product, int]:
+def _totals(jaxpr, loops) -> dict[Product, int]:
   total: collections.Counter = collections.Counter()
   for eqn in jaxpr.eqns:
     if eqn.primitive.name in _FLOPS:
       operands = [var.aval for var in (*eqn.invars[:2], *eqn.outvars[:1])]
       total[Product(_FLOPS[eqn.primitive.name](eqn), sum(map(size_of, operands)), str(operands[0].dtype))] += 1
       continue
-    inner = [_totals(one) for one in _jaxprs(eqn.params)]
+    inner = [_totals(one, loops) for one in _jaxprs(eqn.params)]
     if eqn.primitive.name == "cond":  # one of several: the one with most to do
       inner = [max(inner, key=lambda one: Work(one).flops)]
-    if eqn.primitive.name == "while" and any(inner):
-      raise ValueError("got a while loop with matrix products, whose iterations no one can count; use jax.lax.scan")
     times = eqn.params["length"] if eqn.primitive.name == "scan" else 1
+    if eqn.primitive.name == "while" and any(inner):
+      if loops is None:
+        raise ValueError("got a while loop with matrix products, whose iterations depend on data; pass loops")
+      times = loops
     for one in inner:
       for product, count in one.items():
         total[product] += count * times

@@ -21,7 +21,7 @@ import numpy as np
 
 from motion_jax.latents import AutoencoderCodec, VaeCodec
 from motion_jax.models import cdamd, cmdm, mask_schedule
-from motion_jax.models.cdamd import draws, unmasking
+from motion_jax.models.cdamd import draws, losses, unmasking
 from motion_jax.models.cmdm import streaming
 from motion_jax.nets import causal_dit
 from motion_jax.nets.autoencoder import Autoencoder
@@ -41,7 +41,7 @@ class Program(NamedTuple):
   """function(*arguments()) is what is measured, and arguments can be traced, so that shapes need no memory.
 
   frames, batch: of motion that one call makes. carried: the first result takes the place of the first argument, which
-  is donated. steps: calls until a stream's first block.
+  is donated. steps: calls until a stream's first block. loops: how often a loop runs at most whose end depends on data.
   """
   function: Callable
   arguments: Callable[[], tuple]
@@ -49,6 +49,7 @@ class Program(NamedTuple):
   frames: int = 0
   carried: bool = False
   steps: int = 1
+  loops: int | None = None
 
   def shapes(self) -> tuple:
     """The arguments as jax.ShapeDtypeStruct."""
@@ -116,7 +117,7 @@ def stream_step(size, dtype, tiny=False, attention="xla") -> Program:
                              text_mask=text_mask, scale=jnp.float32(GUIDANCE), keys=keys_of(1))
     return sampler.init(), sampler
 
-  step = lambda state, sampler: sampler.step(state, active=plan.width, use_cache=True)
+  step = lambda state, sampler: sampler.step(state)
   return Program(jax.jit(step), arguments, 1, 4 * dit.block, carried=True, steps=plan.age)
 
 
@@ -169,7 +170,9 @@ def train_config(name, dtype, tiny=False, attention="xla") -> Program:
     config.model.teacher_dim = 0
   stage = {"cdamd_generator": cdamd.generator_stage, "cmdm_tokenizer": cmdm.tokenizer_stage,
            "cdamd_autoencoder": cdamd.autoencoder_stage, "cdamd_rvq": cdamd.rvq_stage}[name]
-  return train(config, stage, dtype, config.data.batch_size, attention)
+  program = train(config, stage, dtype, config.data.batch_size, attention)
+  # The head computes masked latents alone, in parts: all of them where each latent is masked.
+  return program._replace(loops=losses.MOST_PARTS) if name == "cdamd_generator" else program
 
 
 def train(config, make_stage, dtype, batch_size, attention="xla") -> Program:

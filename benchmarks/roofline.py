@@ -49,7 +49,7 @@ NOT_MEASURED = "not measured"
 def row_of(build) -> dict:
   """The counted work of a program and the time that it needs on each device at least."""
   program = build()
-  work = counting.work(program.function, *program.shapes(), carried=program.carried)
+  work = counting.work(program.function, *program.shapes(), carried=program.carried, loops=program.loops)
   half = sum(product.flops * count for product, count in work.products.items() if "16" in product.dtype)
   seconds = {device.name: limit(work, device) for device in DEVICES}
   return dict(flops=work.flops, half_flops=half, bytes=work.bytes, state_bytes=work.state_bytes, products=work.count,

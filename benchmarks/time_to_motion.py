@@ -89,7 +89,7 @@ def first_frame(checkout, folder):
                               env=environment(checkout, folder), stdout=subprocess.PIPE, stderr=log, text=True)
     try:
       address = studio.stdout.readline().split("is at ")[1].strip()
-      with Client(address).stream(WALK, seed=0, speed=0) as live:
+      with connected(Client(address)) as live:
         next(iter(live))
       wall = time.perf_counter() - start
     finally:
@@ -98,6 +98,17 @@ def first_frame(checkout, folder):
       log.seek(0)
       text = log.read()
   return dict(wall=wall, processor=cost.processor, others=cost.others, **compiled(text))
+
+
+def connected(client, attempts=30):
+  """A stream of a studio that may still be busy with its start, when a connection can time out."""
+  for attempt in range(attempts):
+    try:
+      return client.stream(WALK, seed=0, speed=0)
+    except TimeoutError:
+      if attempt == attempts - 1:
+        raise
+  raise ValueError(f"got {attempts} attempts, expected at least one")
 
 
 def compiled(log):

@@ -68,8 +68,10 @@ def test_products_are_counted_as_often_as_they_run():
   assert found.count == 8 and found.flops == 7 * product + conv
   assert found.bytes == 2 * (7 * (4 * 8 + 8 * 8 + 4 * 8) + 4 * 8 + 3 * 8 * 2 + 4 * 2)
   assert {one.dtype for one in found.products} == {"bfloat16"}
+  until = lambda a, b: jax.lax.while_loop(lambda x: x.sum() > 0, lambda x: x @ b, a)
   with pytest.raises(ValueError, match="while loop"):
-    counting.work(lambda a, b: jax.lax.while_loop(lambda x: x.sum() > 0, lambda x: x @ b, a), shape(4, 8), shape(8, 8))
+    counting.work(until, shape(4, 8), shape(8, 8))
+  assert counting.work(until, shape(4, 8), shape(8, 8), loops=3).flops == 3 * product
 
 
 def test_a_state_is_read_and_written_once():

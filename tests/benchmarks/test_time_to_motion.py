@@ -56,3 +56,18 @@ def test_a_block_of_own_work_is_not_others():
   with pytest.raises(ValueError), machine.cost() as failed:
     raise ValueError
   assert failed.wall > 0
+
+
+def test_a_studio_that_is_still_busy_is_called_again():
+  class Busy:
+    calls = 0
+
+    def stream(self, prompt, **fields):
+      self.calls += 1
+      if self.calls < 3:
+        raise TimeoutError
+      return "live"
+
+  assert time_to_motion.connected(Busy()) == "live"
+  with pytest.raises(TimeoutError):
+    time_to_motion.connected(Busy(), attempts=2)
