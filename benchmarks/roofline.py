@@ -8,8 +8,10 @@ Work is counted by benchmarks/counting.py from the jaxprs of benchmarks/programs
 The time of a matrix product is the larger of its operations over the device's peak and its bytes over the memory's
 bandwidth; a program's time is their sum, plus, in a training step, reading and writing parameters, moments and average
 once. That is a lower limit: norms, softmax and activations are taken as fused into the products and free, operands as
-read once in the type that is computed in, and no time passes between two products. "With launches" adds LAUNCH seconds
-a product, for a program of thousands of small products in sequence is bound by that; on a TPU, whose products are one
+read once in the type that is computed in, and no time passes between two products. A generator's training step is that
+of a batch whose latents are all masked. Training steps exchange sums over the devices (all-reduce; the codebooks of an
+RVQ also gather latents), samplers nothing; on one device that costs nothing. "With launches" adds LAUNCH seconds a
+product, for a program of thousands of small products in sequence is bound by that; on a TPU, whose products are one
 program, nothing is added.
 """
 import argparse
@@ -87,16 +89,16 @@ def tables(rows, measured=None) -> str:
     lines = []
     for row in chosen:
       found = [f"{name} {measured[row['piece'], name]:.4g} ms" for name in names if (row["piece"], name) in measured]
-      lines.append([row["piece"].partition("/")[2], row["flops"] / 1e9, row["bytes"] / 1e9, row["products"],
+      lines.append([row["piece"], row["flops"] / 1e9, row["bytes"] / 1e9, row["products"],
                     *(cell(row, device) for device in DEVICES), ", ".join(found) or NOT_MEASURED])
     if lines:
       parts.append(f"**{title}**\n\n" + results.markdown(columns, lines))
 
   both = lambda seconds, slower: f"{1000 * seconds:.3g} / {1000 * slower:.3g}"
   add("Latency of a stream: milliseconds a block of 12 frames, limit / with launches",
-      of_kind("stream"), lambda row, one: both(bare(row, one), launched(row, one)), "size, type")
+      of_kind("stream"), lambda row, one: both(bare(row, one), launched(row, one)), "program")
   add("Latency of a stream: milliseconds to the first block, if all of its steps cost what later ones do",
-      of_kind("stream"), lambda row, one: both(*(row["steps"] * of(row, one) for of in (bare, launched))), "size, type")
+      of_kind("stream"), lambda row, one: both(*(row["steps"] * of(row, one) for of in (bare, launched))), "program")
   add("Clips of 6 s, one at a time: milliseconds a clip, limit / with launches",
       [row for row in of_kind("fss", "ar", "cdamd", "decode") if row["batch"] == 1],
       lambda row, one: both(bare(row, one), launched(row, one)), "program")
@@ -106,7 +108,7 @@ def tables(rows, measured=None) -> str:
       lambda row, one: f"{rate(row, launched(row, one)):,.0f}", "program")
   add("A training step: milliseconds at least, and samples a second",
       of_kind("train"), lambda row, one: f"{1000 * bare(row, one):.3g}, "
-      f"{rate(row, bare(row, one)):,.0f}/s", "stage, type, batch")
+      f"{rate(row, bare(row, one)):,.0f}/s", "program")
   return "\n\n".join(parts)
 
 
