@@ -23,13 +23,16 @@ PREDICTION_FLOOR = 0.02  # one of the default 50 sampling steps
 ADAPTER_RANK = 128       # hidden numbers of what adds constraints to a layer's tokens
 SIZES = {"S": dict(num_heads=2, depth=4, width=512), "M": dict(num_heads=4, depth=8, width=512),
          "L": dict(num_heads=6, depth=12, width=768), "XL": dict(num_heads=8, depth=16, width=1024)}
+# Not of the paper: about 1 and 3 billion parameters, with heads of 128 channels, for meshes (docs/pods.md).
+LARGER_SIZES = {"1B": dict(num_heads=12, depth=24, width=1536), "3B": dict(num_heads=16, depth=40, width=2048)}
 
 
 def size(name: str, **fields: Any) -> dict[str, Any]:
-  """Fields of a size of the paper's Table 10; feed-forward 2 D is what its parameter counts mean."""
-  if name not in SIZES:
-    raise ValueError(f"got size {name!r}, expected one of {', '.join(SIZES)}")
-  return SIZES[name] | dict(ff_width=2 * SIZES[name]["width"]) | fields
+  """Fields of a size of the paper's Table 10 or a larger one; feed-forward 2 D is what its parameter counts mean."""
+  sizes = SIZES | LARGER_SIZES
+  if name not in sizes:
+    raise ValueError(f"got size {name!r}, expected one of {', '.join(sizes)}")
+  return sizes[name] | dict(ff_width=2 * sizes[name]["width"]) | fields
 
 
 class Text(NamedTuple):

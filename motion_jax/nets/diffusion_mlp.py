@@ -15,6 +15,8 @@ from motion_jax.nets.layers import Dense, layer_norm, promote_to_f32, timestep_e
 from motion_jax.shapes import Array
 
 XAVIER = nn.initializers.xavier_uniform()
+# Not of the paper: heads of generators of about 1 and 3 billion parameters, for meshes (docs/pods.md).
+LARGER_SIZES = {"1B": dict(width=2560, depth=24), "3B": dict(width=4096, depth=24)}
 
 
 class ResBlock(nn.Module):

@@ -22,6 +22,9 @@ NORMAL = nn.initializers.normal(0.02)
 SIZES = {"readme": dict(width=512, depth=4, num_heads=8, ff_width=1024, dropout=0.2),
          "large": dict(width=1024, depth=8, num_heads=8, ff_width=4096, dropout=0.1),
          "options": dict(width=384, depth=8, num_heads=6, ff_width=1024, dropout=0.2)}
+# Not of the paper: a quarter or a third of generators of 1 and 3 billion parameters (`diffusion_mlp.LARGER_SIZES`).
+LARGER_SIZES = {"1B": dict(width=1536, depth=4, num_heads=12, ff_width=6144, dropout=0.1),
+                "3B": dict(width=2048, depth=10, num_heads=16, ff_width=8192, dropout=0.1)}
 
 
 def size(name: str, **fields: Any) -> dict[str, Any]:
@@ -30,9 +33,10 @@ def size(name: str, **fields: Any) -> dict[str, Any]:
   Parity: the paper's (8 layers of width 1024 with 6 heads) cannot exist; "readme" is the released training command,
   "options" its options' defaults, "large" the paper's with 8 heads.
   """
-  if name not in SIZES:
-    raise ValueError(f"got size {name!r}, expected one of {', '.join(SIZES)}")
-  return SIZES[name] | fields
+  sizes = SIZES | LARGER_SIZES
+  if name not in sizes:
+    raise ValueError(f"got size {name!r}, expected one of {', '.join(sizes)}")
+  return sizes[name] | fields
 
 
 Cache = tuple[Array, Array]  # keys and values (B, L, H, D / H) of one block's self-attention

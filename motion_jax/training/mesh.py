@@ -73,29 +73,41 @@ class Mesh:
   optimizer state and average alike, so that no device holds a whole one at any time. Without rules all hold it.
   """
 
-  def __init__(self, data=0, model=1, rules=()):
-    count = jax.device_count()
+  def __init__(self, data=0, model=1, rules=(), num_devices=0):
+    """num_devices: of a machine that is not there, for which `compiled` can be lowered, and `init` not be run."""
+    count = num_devices or jax.device_count()
     if model < 1 or count % model or data and data * model != count:
       fits = max(size for size in range(1, max(model, 1) + 1) if count % size == 0)
       raise InputError(f"got mesh.data {data} and mesh.model {model} on {count} devices, expected a product of {count} "
                        f"or mesh.data 0, which takes all that mesh.model leaves; try mesh.data 0, mesh.model {fits}")
-    devices = sorted(jax.devices(), key=lambda device: (device.process_index, device.id))  # as `rows` splits
-    self.mesh = jax.sharding.Mesh(np.array(devices).reshape(-1, model), (DATA if rules else DEVICES, MODEL))
-    self._data = self.mesh.devices.shape[0]
+    self._data, names = count // model, (DATA if rules else DEVICES, MODEL)
     self.rules, self._shardings = rules, None
-    places = [place for place, device in enumerate(devices) if device.process_index == jax.process_index()]
-    self._first, self._last = places[0] // model, places[-1] // model  # of the data axis, in this process
+    if num_devices:
+      self.mesh = jax.sharding.AbstractMesh((self._data, model), names)
+    else:
+      devices = sorted(jax.devices(), key=lambda device: (device.process_index, device.id))  # as `rows` splits
+      self.mesh = jax.sharding.Mesh(np.array(devices).reshape(-1, model), names)
+      places = [place for place, device in enumerate(devices) if device.process_index == jax.process_index()]
+      self._first, self._last = places[0] // model, places[-1] // model  # of the data axis, in this process
     self._everywhere = NamedSharding(self.mesh, PartitionSpec())
     self._by_rows = NamedSharding(self.mesh, PartitionSpec(self.mesh.axis_names[0]))
 
   def init(self, init, *args):
     """The result of a pure function, computed as it is sharded; every process passes the same arguments."""
+    return jax.jit(init, out_shardings=self.shapes(init, *args)[1], compiler_options=quick_options())(*args)
+
+  def shapes(self, init, *args):
+    """(shapes, shardings) of what `init` gives."""
     shapes = jax.eval_shape(init, *args)
     if self.rules:
       self._shardings = shardings(axes_of(init, *args), shapes, self.mesh, self.rules)
     else:
       self._shardings = jax.tree.map(lambda _: self._everywhere, shapes)
-    return jax.jit(init, out_shardings=self._shardings, compiler_options=quick_options())(*args)
+    return shapes, self._shardings
+
+  def shapes_of_rows(self, batch):
+    """Shapes and shardings of a batch, as `rows` places it."""
+    return jax.tree.map(lambda a: jax.ShapeDtypeStruct(a.shape, a.dtype, sharding=self._by_rows), batch)
 
   def put(self, tree):
     """See `Pmap.put`; a state as `init` sharded it. Every process passes the same arrays."""

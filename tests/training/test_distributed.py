@@ -218,6 +218,30 @@ def test_a_sharded_state_is_saved_by_both_and_goes_on_in_one_and_back(tmp_path):
   assert numbers(tmp_path / "a")[0] == [1, 2, 3, 4, 5, 6]
 
 
+DENOISER = ("cmdm_denoiser:tiny", "--config.data.batch_size=8", "--config.model.width=32")
+SPLIT = "--config.mesh.layout=fully_sharded", "--config.mesh.model=2"
+
+
+@pytest.mark.slow
+def test_a_mesh_of_two_axes_trains_and_continues_on_another(tmp_path):
+  """Eight devices of one, two and four processes: replicated, 4 x 2 sharded, then 2 x 4 from the same files."""
+  train(tmp_path / "whole", 2, 1, 8, config=DENOISER)
+  train(tmp_path / "split", 2, 4, 2, *SPLIT, config=DENOISER)
+  assert_alike(numbers(tmp_path / "whole"), numbers(tmp_path / "split"), 1e-4)
+  train(tmp_path / "split", 4, 2, 4, "--config.mesh.layout=tensor", "--config.mesh.model=4", config=DENOISER)
+  train(tmp_path / "whole", 4, 1, 8, "--resume", *SPLIT, config=DENOISER)
+  assert_alike(numbers(tmp_path / "whole"), numbers(tmp_path / "split"), 1e-4)
+  assert numbers(tmp_path / "split")[0] == [1, 2, 3, 4]
+
+
+@pytest.mark.slow
+def test_a_sharded_run_resumes_to_the_same_bytes(tmp_path):
+  train(tmp_path / "once", 4, 1, 8, *SPLIT, config=DENOISER)
+  train(tmp_path / "twice", 2, 1, 8, *SPLIT, config=DENOISER)
+  train(tmp_path / "twice", 4, 1, 8, "--resume", *SPLIT, config=DENOISER)
+  assert_alike(numbers(tmp_path / "once"), numbers(tmp_path / "twice"), 0)
+
+
 _TOLD = """
 import os, signal, sys
 from motion_studio import cli
