@@ -34,7 +34,7 @@ def _dot(a, b):
 
 
 def newton_step(residual_of: Callable[..., Any], z: Float[Array, "b l c"], variance: Float[Array, "#b l 1"],
-                num_steps: int, tolerance: float = TOLERANCE) -> Float[Array, "b l c"]:
+                num_steps: Any, tolerance: Any = TOLERANCE) -> Float[Array, "b l c"]:
   """The step for latents z (B, L, C), of the given variances, that brings residual_of(z) near 0.
 
   A latent of variance 0 stays, and so does a motion whose residual is 0. num_steps: conjugate gradient steps.
@@ -42,22 +42,25 @@ def newton_step(residual_of: Callable[..., Any], z: Float[Array, "b l c"], varia
   found, pull = jax.vjp(residual_of, z)
   backward = lambda a: pull(a)[0]
   push = jax.linear_transpose(backward, found)  # layers with a gradient of their own (`nets.layers`) have no jvp
-  spread = jnp.sqrt(variance)
-  normal = lambda u: spread * backward(push(spread * u)[0]) + tolerance ** 2 * u
-  wanted = -spread * backward(found)
-  rows = lambda a: a[:, None, None]
+  spread, rows = jnp.sqrt(variance), lambda a: a[:, None, None]
 
-  def body(_, state):
-    u, rest, way, square = state
-    image = normal(way)
+  def body(i, state):
+    """Round 0 finds the slope, those behind it are conjugate gradient steps: one body, so that all is compiled once."""
+    u, rest, way, square, wanted = state
+    first = i == 0
+    moved = jax.tree.map(lambda a, b: jnp.where(first, a, b), found, push(spread * way)[0])
+    image = spread * backward(moved)
+    wanted = jnp.where(first, -image, wanted)
+    image = image + tolerance ** 2 * way
     curve = _dot(way, image)
-    length = rows(square / jnp.where(curve > 0, curve, 1.0))
-    u, rest = u + length * way, rest - length * image
+    length = jnp.where(first, 0.0, rows(square / jnp.where(curve > 0, curve, 1.0)))
+    u, rest = u + length * way, jnp.where(first, wanted, rest - length * image)
     fresh = _dot(rest, rest)
-    return u, rest, rest + rows(fresh / jnp.where(square > 0, square, 1.0)) * way, fresh
+    way = rest + jnp.where(first, 0.0, rows(fresh / jnp.where(square > 0, square, 1.0))) * way
+    return u, rest, way, fresh, wanted
 
-  start = (jnp.zeros_like(z), wanted, wanted, _dot(wanted, wanted))
-  u = jax.lax.fori_loop(0, num_steps, body, start)[0]
+  zero = jnp.zeros_like(z)
+  u, *_, wanted = jax.lax.fori_loop(0, num_steps + 1, body, (zero, zero, zero, _dot(zero, zero), zero))
   # Where a whole step makes it worse, the lowest point of the parabola through both ends.
   step, slope, before = spread * u, -2 * _dot(wanted, u), _dot(found, found)
   moved = residual_of(z + step)

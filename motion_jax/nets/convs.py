@@ -5,6 +5,7 @@ frames and the context and returns the output and the next context. A whole clip
 and offline cannot differ. With causal=False the same zeros lie half before and half after the clip; nothing is streamed
 then.
 """
+import functools
 import math
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -12,6 +13,7 @@ from typing import Any
 import flax.linen as nn
 import jax
 import jax.numpy as jnp
+from jax import lax
 from jaxtyping import Bool, Float, Int
 
 from motion_jax.nets.layers import Dense, Dropout
@@ -25,6 +27,42 @@ def uniform_fan_in(fan_in: int) -> Callable[..., jax.Array]:
   """PyTorch's default for weights and biases: uniform in +-1/sqrt(fan_in)."""
   bound = 1 / math.sqrt(fan_in)
   return lambda key, shape, dtype=jnp.float32: jax.random.uniform(key, shape, dtype, -bound, bound)
+
+
+@functools.partial(jax.custom_vjp, nondiff_argnums=range(2, 9))
+def conv(x: Float[Array, "b t c"], kernel: Float[Array, "k c d"], strides: Sequence[int], padding: Any,
+         lhs_dilation: Any, rhs_dilation: Sequence[int], dimension_numbers: Any, feature_group_count: int = 1,
+         precision: Any = None) -> Float[Array, "b n d"]:
+  """`lax.conv_general_dilated` of x (B, T, C) and a kernel (K, C, D) without padding, as `nn.Conv` calls it; the same
+  numbers, another gradient.
+
+  The gradient of x is a matrix product whose parts are shifted and added. XLA's CPU compiles it in half the time of the
+  convolution that is JAX's own gradient, and runs it faster.
+  """
+  return lax.conv_general_dilated(x, kernel, strides, padding, lhs_dilation, rhs_dilation, dimension_numbers,
+                                  feature_group_count, precision=precision)
+
+
+def _conv_forward(x, kernel, *choices):
+  return conv(x, kernel, *choices), (x, kernel)
+
+
+def _conv_backward(strides, padding, lhs_dilation, rhs_dilation, dimension_numbers, feature_group_count, precision,
+                   residuals, grad):
+  x, kernel = residuals
+  size, length = kernel.shape[0], x.shape[1]
+  reach = (grad.shape[1] - 1) * strides[0] + 1
+  parts = lax.dot_general(grad, kernel, (((2,), (2,)), ((), ())), precision)  # (B, N, K, C)
+  zero = jnp.zeros((), parts.dtype)
+  shifted = [lax.pad(parts[:, :, k], zero, ((0, 0, 0), (k * rhs_dilation[0], length - reach - k * rhs_dilation[0],
+                                                        strides[0] - 1), (0, 0, 0))) for k in range(size)]
+  of_kernel = jax.vjp(lambda kernel: lax.conv_general_dilated(
+      x, kernel, strides, padding, lhs_dilation, rhs_dilation, dimension_numbers, feature_group_count,
+      precision=precision), kernel)[1]
+  return sum(shifted[1:], shifted[0]), *of_kernel(grad)
+
+
+conv.defvjp(_conv_forward, _conv_backward)
 
 
 class CausalConv(nn.Module):
@@ -55,7 +93,8 @@ class CausalConv(nn.Module):
     init = uniform_fan_in(self.in_features * self.kernel)
     x = jnp.concatenate([context, x.astype(self.dtype)], axis=1)
     y = nn.Conv(self.features, (self.kernel,), strides=(self.stride,), kernel_dilation=(self.dilation,),
-                padding="VALID", kernel_init=init, bias_init=init, dtype=self.dtype, name="conv")(x)
+                padding="VALID", kernel_init=init, bias_init=init, dtype=self.dtype,
+                conv_general_dilated=conv, name="conv")(x)
     return y, x[:, x.shape[1] - self.context:]
 
   def __call__(self, x: Float[Array, "b t c"]) -> Float[Array, "b n d"]:

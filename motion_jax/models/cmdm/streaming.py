@@ -133,7 +133,6 @@ class Window(NamedTuple):
   steps: Any      # () how many steps were done before
   moves: Any      # () whether the window moves on to the next block
   slot: Any       # () where the block that left it goes in the cache, in latents
-  begins: Any     # () where the block that begins lies in the window, in latents
   blocks: Any     # (W,) the blocks of the window, counted from the first that is sampled
   levels: Any     # (W,) iterations that each has behind it; negative: not begun
   num_steps: Any  # () of a block
@@ -231,7 +230,7 @@ def window_at(plan: Plan, steps: Any, past: Any, caption: Int[Array, "b w"], sin
   levels = xp.where(blocks < 0, plan.num_steps, (steps - blocks) * plan.lag)
   number = lambda a: xp.asarray(a, xp.int32)
   return Window(number(steps), xp.asarray((steps <= 0) | (steps > plan.age)), number((base - 1) % plan.ring * size),
-                number((steps - base) * size), number(blocks), number(levels), number(plan.num_steps), mask,
+                number(blocks), number(levels), number(plan.num_steps), mask,
                 number(positions[:plan.ring * size]), number(caption))
 
 
@@ -252,26 +251,24 @@ def _words_of_blocks(text, caption, size):
   return text._replace(mask=jnp.repeat(mask.reshape(mask.shape[:2] + (-1,)), size, axis=1))
 
 
-def begin(dit: Net, layout: Layout, keys: jax.Array, state: Stream, now: Window, given: Any = 0.0,
+def begin(dit: Net, layout: Layout, keys: jax.Array, state: Stream, now: Window, given: Float[Array, "_ _ _"],
           fresh: Any = True) -> Stream:
   """The state in which the next block has begun, and that before the window, if it moves on, is in the cache.
 
-  given (B, block, C): clean latents of a block before the first one, in the place of noise. fresh: False leaves the
-  state as it is.
+  What has not begun is noise. given (B, block, C): clean latents of a block before the first one. fresh: False leaves
+  the state as it is.
   """
-  size = layout.block
+  size, moves = layout.block, now.moves & fresh
 
-  def put(into, new, at, axis, if_):
-    old = jax.lax.dynamic_slice_in_dim(into, at, size, axis)
-    return jax.lax.dynamic_update_slice_in_dim(into, jnp.where(if_, new.astype(into.dtype), old), at, axis)
+  def put(ring, new):
+    new = jnp.where(moves, new.astype(ring.dtype), jax.lax.dynamic_slice_in_dim(ring, now.slot, size, axis=2))
+    return jax.lax.dynamic_update_slice_in_dim(ring, new, now.slot, axis=2)
 
-  moves = now.moves & fresh
-  cache = jax.tree.map(lambda ring, new: put(ring, new, now.slot, 2, moves), state.cache, state.oldest)
+  noise = jax.vmap(lambda index: block_noise(keys, index, layout, dit.latent_dim), out_axes=1)(now.blocks)
+  start = jnp.where(now.steps < 0, jnp.expand_dims(given, -3), noise).reshape(state.latents.shape)
   latents = jnp.where(moves, jnp.roll(state.latents, -size, axis=1), state.latents)
-  noise = block_noise(keys, now.steps, layout, dit.latent_dim)
-  begins = (now.begins < layout.width * size) & fresh  # of a window as wide as the motion the last ones never do
-  latents = put(latents, jnp.where(now.steps < 0, given, noise), now.begins, 1, begins)
-  return state._replace(cache=cache, latents=latents)
+  begins = jnp.repeat(now.blocks >= now.steps, size)[:, None] & fresh
+  return state._replace(cache=jax.tree.map(put, state.cache, state.oldest), latents=jnp.where(begins, start, latents))
 
 
 def iterate(dit: Net, layout: Layout, params: Any, constants: Constants, text: Any, scale: Any, keys: jax.Array,
@@ -422,7 +419,7 @@ class Sampler:
 
   def _stepped(self, state, now):
     plan = self.plan
-    state = self._advanced(state, now, 0.0, plan.lag)
+    state = self._advanced(state, now, jnp.zeros((1, 1, 1)), plan.lag)
     finished = jnp.maximum(now.steps - plan.age + 1, 0)  # the block that became clean in this step
     block = jax.lax.dynamic_slice_in_dim(state.latents, (finished - now.blocks[0]) * plan.block, plan.block, axis=1)
     return state, block, now.steps >= plan.age - 1
