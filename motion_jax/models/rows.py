@@ -7,14 +7,15 @@ from typing import Any
 
 import numpy as np
 
-ROWS = (1, 4)  # sizes of a batch (docs/lab/speed.md#batches)
+MANY = 4  # rows of a batch of several; with more of them two cores are no faster (docs/lab/speed.md#batches)
 
 
-def batches(count: int, sizes: Sequence[int] = ROWS) -> Iterator[np.ndarray]:
-  """Indices of `count` motions in batches whose lengths are all in sizes; the last index is repeated to fill one up."""
+def batches(count: int) -> Iterator[np.ndarray]:
+  """Indices of `count` motions in batches of `MANY`, the last index repeated to fill one up, or of one: two motions
+  take as long one after the other as a batch that is half empty."""
   first = 0
   while first < count:
-    size = next((size for size in sizes if size >= count - first), sizes[-1])
+    size = MANY if count - first > MANY // 2 else 1
     yield np.minimum(np.arange(first, first + size), count - 1)
     first += size
 
