@@ -289,7 +289,7 @@ def stub_networks():
 
     return networks.Compiled(
         advance=advance, constants=lambda *given: (None, None, None), words=lambda *given: (None, None, None),
-        control=None, pull=None, settle=None, generate_whole=motion, chain_segment=latents,
+        control=None, pull=None, generate_whole=motion, chain_segment=latents,
         encode=lambda codec, x: np.zeros((len(x), x.shape[1] // codec.frames_per_latent, dit.latent_dim), np.float32),
         decode=decode)
 

@@ -88,8 +88,8 @@ MUTATIONS = (
     # --- streaming ------------------------------------------------------------------------------------------------
     ("ring", "motion_jax/models/cmdm/streaming.py", "(base - 1 - slots) % plan.ring", "(base - slots) % plan.ring",
      (f"{STREAMING}::test_fast_is_plain_and_streaming_is_offline[{PAST_CACHE}]",)),
-    ("window-noise", "motion_jax/models/cmdm/streaming.py", "block_noise(keys, now.steps, layout,",
-     "block_noise(keys, now.steps + 1, layout,",
+    ("window-noise", "motion_jax/models/cmdm/streaming.py", "block_noise(keys, index, layout, dit",
+     "block_noise(keys, index + 1, layout, dit",
      (f"{STREAMING}::test_fast_is_plain_and_streaming_is_offline[{PAST_CACHE}]",)),
     # --- losses ---------------------------------------------------------------------------------------------------
     ("loss-padding", "motion_jax/diffusion/paths.py", "jnp.where(latent_mask, error, 0.0).sum()", "error.sum()",

@@ -43,12 +43,13 @@ def conv(x: Float[Array, "b t c"], kernel: Float[Array, "k c d"], strides: Seque
                                   feature_group_count, precision=precision)
 
 
-def _conv_forward(x, kernel, *choices):
+def _conv_forward(x: Array, kernel: Array, *choices: Any) -> tuple[Array, tuple[Array, Array]]:
   return conv(x, kernel, *choices), (x, kernel)
 
 
-def _conv_backward(strides, padding, lhs_dilation, rhs_dilation, dimension_numbers, feature_group_count, precision,
-                   residuals, grad):
+def _conv_backward(strides: Sequence[int], padding: Any, lhs_dilation: Any, rhs_dilation: Sequence[int],
+                   dimension_numbers: Any, feature_group_count: int, precision: Any, residuals: tuple[Array, Array],
+                   grad: Array) -> tuple[Array, Array]:
   x, kernel = residuals
   size, length = kernel.shape[0], x.shape[1]
   reach = (grad.shape[1] - 1) * strides[0] + 1

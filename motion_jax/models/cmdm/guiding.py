@@ -10,6 +10,7 @@ from typing import Any, NamedTuple, Self
 import flax
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Bool, Float
 
 from motion_jax.control import guidance
@@ -27,6 +28,16 @@ class Behind(NamedTuple):
   row: Float[Array, "b 1 f"]
   place: Float[Array, "b 2"]
   heading: Float[Array, " b"]
+
+
+SETTLED = 0.05  # variance that finished latents are taken to have
+
+
+def variance_of(t: Float[Array, " w"], moves: Bool[Array, " w"]) -> Float[Array, "1 w 1"]:
+  """The variance of clean latents at times t (W,) where they have variance 1; 0 where latents do not move."""
+  xp = jnp if isinstance(t, jax.Array) else np
+  left, t_of = xp.where(moves, 1 - t, 0.0)[:, None], xp.where(moves, t, 1.0)[:, None]
+  return (left ** 2 / (left ** 2 + t_of ** 2))[None]
 
 
 @flax.struct.dataclass
@@ -90,14 +101,18 @@ class Guide:
            moves: Bool[Array, " w"]) -> Float[Array, "b w c"]:
     """What is to be added to the clean latents that a window at times t (W,) means, where latents move. base: how many
     latents lie before it."""
-    left, t_of = jnp.where(moves, 1 - t, 0.0)[:, None], jnp.where(moves, t, 1.0)[:, None]
-    variance = (left ** 2 / (left ** 2 + t_of ** 2))[None]  # of clean latents at t, where they have variance 1
-    return guidance.newton_step(lambda z: self._residual(behind, base - self.first, z), clean, variance, self.num_steps)
+    return self.newton_step(behind, base, clean, variance_of(t, moves), self.num_steps)
+
+  def newton_step(self, behind: Behind, base: Any, latents: Float[Array, "b w c"], variance: Float[Array, "1 w 1"],
+                  num_steps: Any, tolerance: Any = guidance.TOLERANCE) -> Float[Array, "b w c"]:
+    """`guidance.newton_step` of latents behind `base` others."""
+    residual = lambda z: self._residual(behind, base - self.first, z)
+    return guidance.newton_step(residual, latents, variance, num_steps, tolerance)
 
   def settle(self, latents: Float[Array, "b l c"]) -> Float[Array, "b l c"]:
     """Finished latents of whole motions, pulled num_times more."""
     if not self.num_times:
       return latents
     behind = self.begin()
-    return guidance.refine(lambda z: self._residual(behind, 0, z), latents, jnp.full((1, latents.shape[1], 1), 0.05),
+    return guidance.refine(lambda z: self._residual(behind, 0, z), latents, jnp.full((1, latents.shape[1], 1), SETTLED),
                             self.num_times)

@@ -8,9 +8,10 @@ import jax
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from motion_jax.control.guidance import TOLERANCE
 from motion_jax.control.signal import ControlSignal
 from motion_jax.models.cmdm import streaming
-from motion_jax.models.cmdm.guiding import Behind, Guide
+from motion_jax.models.cmdm.guiding import Behind, Guide, variance_of
 from motion_jax.models.cmdm.networks import CmdmNetworks
 from motion_jax.models.moving_path import Path, continue_path, heading_of
 from motion_jax.nets.causal_dit import Text
@@ -43,7 +44,7 @@ class SamplingLoop:
     self._tokens: np.ndarray | None = None  # of what motions are held to (B, L, N), from block _tokens_from on
     self._tokens_from = 0
     self._signal: ControlSignal | None = None
-    self._guide: Guide | None = None
+    self._control_steps = 0
 
   @property
   def steps(self) -> int:
@@ -68,7 +69,7 @@ class SamplingLoop:
     conjugate gradient steps in every second iteration. start: x, z and heading of the bodies.
     """
     model = self.model
-    self._tokens, self._signal, self._guide = None, None, None
+    self._tokens, self._signal, self._control_steps = None, None, control_steps
     if signal is None or signal.is_empty:
       return
     if model.dit.control:
@@ -81,7 +82,6 @@ class SamplingLoop:
           model.codec, model.stacked, signal.slice_frames(first, first + count), start))
     if control_steps:
       self._signal = jax.tree.map(np.asarray, signal)
-      self._guide = Guide.of(model.codec, model.stats, self._signal, control_steps)
 
   @property
   def control(self) -> Float[np.ndarray, "b w n"] | None:
@@ -96,23 +96,26 @@ class SamplingLoop:
   def _behind(self) -> Behind:
     """Where bodies stand before the window."""
     if not self.base:
-      row = np.zeros((self.batch, 1, self.model.stats.layout.dim), np.float32)
-      zeros = jax.tree.map(np.zeros_like, self._decoder)
-      return Behind(zeros, row, np.zeros((self.batch, 2), np.float32), np.zeros(self.batch, np.float32))
+      return behind_nothing(self.model, self.batch)
     rows = [(path.row, path.place[::2], heading_of(path)) for path in self._paths_before]
     return Behind(self._decoder_before, *(np.stack(part).astype(np.float32) for part in zip(*rows)))
 
-  def _pulled(self, now: streaming.Window, iteration: int, drift: Float[np.ndarray, "b 2"]) -> None:
-    """Pulls the latents of the window after an iteration."""
-    plan, fpl = self.plan, self.model.frames_per_latent
+  def _pull(self, now: streaming.Window, iteration: int, drift: Float[np.ndarray, "b 2"]) -> None:
+    """Pulls the latents of the window after an iteration, see `streaming.pull`."""
+    plan, fpl, model = self.plan, self.model.frames_per_latent, self.model
     first = self.base * plan.block * fpl
     window = self._signal.slice_frames(first, first + plan.width * plan.block * fpl)
     offset = np.stack([drift[:, 0], 0 * drift[:, 0], drift[:, 1]], axis=-1).astype(np.float32)[:, None, None]
     window = window.replace(positions=np.where(window.given, window.positions - offset, 0))
-    guide = self._guide.replace(signal=window, first=np.int32(self.base * plan.block))
-    self._state = self._state._replace(latents=self.model.compiled.pull(
-        plan.layout, guide, tuple(self._behind()), self._constants.times, tuple(now), self._state.latents,
-        self._state.clean, np.int32(iteration), np.int32(min(plan.lag, 2))))
+    times, level = np.asarray(self._constants.times), now.levels + iteration
+    at, then = (np.repeat(times[np.clip(one, 0, plan.num_steps)], plan.block) for one in (level, level + 1))
+    moves = at < then
+    share = np.minimum(min(plan.lag, 2) * (then - at) / np.where(moves, 1 - at, 1), 1)
+    base = np.int32(self.base * plan.block)
+    pulled = np.asarray(model.compiled.pull(
+        Guide.of(model.codec, model.stats, window).replace(first=base), tuple(self._behind()), base, self._state.clean,
+        variance_of(at, moves), np.int32(self._control_steps), np.float32(TOLERANCE)))
+    self._state = self._state._replace(latents=np.asarray(self._state.latents) + share[:, None] * pulled)
 
   # --- steps -------------------------------------------------------------------------------------------------------
 
@@ -148,7 +151,7 @@ class SamplingLoop:
     since = self._any() if since is None else since
     now = streaming.window_at(plan, self.steps, int(self._state.past), caption, since)
     given, control = np.zeros((self.batch, plan.block, self.model.dit.latent_dim), np.float32), self.control
-    if self._guide is None:
+    if self._signal is None:
       self._advance(now, given, 0, plan.lag, control)
     else:
       drift, first = np.zeros((self.batch, 2)) if drift is None else drift, 0
@@ -157,7 +160,7 @@ class SamplingLoop:
           self._advance(now, given, first, iteration + 1, control)
           first = iteration + 1
           if plan.pulled(iteration):
-            self._pulled(now, iteration, drift)
+            self._pull(now, iteration, drift)
     self._state = self._state._replace(steps=np.int32(now.steps + 1))
     if now.steps < age - 1:
       return None
@@ -175,6 +178,14 @@ class SamplingLoop:
     made = [continue_path(rows, path, self.model.stats.layout) for rows, path in zip(features, self.paths)]
     self._paths_before, self.paths = self.paths, [path for _, path in made]
     return [joints for joints, _ in made]
+
+
+def behind_nothing(model: CmdmNetworks, batch: int) -> Behind:
+  """`Guide.begin` in numpy, which compiles nothing."""
+  decoder = jax.eval_shape(lambda: model.codec.init_decode_state(batch))
+  zeros = lambda *shape: np.zeros(shape, np.float32)
+  return Behind(jax.tree.map(lambda a: np.zeros(a.shape, a.dtype), decoder), zeros(batch, 1, model.stats.layout.dim),
+                zeros(batch, 2), zeros(batch))
 
 
 def decode_all(model: CmdmNetworks, latents: Float[np.ndarray, "b l c"]) -> Float[np.ndarray, "b t f"]:

@@ -12,7 +12,6 @@ from motion_jax.latents import VaeCodec
 from motion_jax.models import cmdm
 from motion_jax.models.base import TextToMotionModel
 from motion_jax.models.cmdm import streaming
-from motion_jax.models.cmdm.guiding import Guide
 from motion_jax.nets.causal_dit import CausalDiT
 from motion_jax.nets.causal_vae import CausalVAE
 from motion_jax.runs import Run
@@ -31,8 +30,7 @@ class Compiled(NamedTuple):
   constants: Callable  # of `sampling`, as those below
   words: Callable
   control: Callable
-  pull: Callable
-  settle: Callable
+  pull: Callable       # of a window, and of finished motions that are no longer
   encode: Callable
   decode: Callable     # one block
   generate_whole: Callable
@@ -45,7 +43,7 @@ def _compile(dit: CausalDiT) -> Compiled:
   return Compiled(
       advance=program(streaming.advance, 1, dit), constants=program(cmdm.block_constants, 2, dit),
       words=program(cmdm.block_words, 1, dit), control=program(cmdm.block_control, 0, dit),
-      pull=program(cmdm.block_pull, 1), settle=program(Guide.settle, 0), encode=program(VaeCodec.encode, 0),
+      pull=program(cmdm.block_pull, 0), encode=program(VaeCodec.encode, 0),
       decode=program(VaeCodec.decode_step, 0), generate_whole=program(cmdm.generate_whole, 2, dit),
       chain_segment=program(cmdm.chain_segment, 2, dit))
 

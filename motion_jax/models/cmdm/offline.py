@@ -6,16 +6,16 @@ import jax
 import numpy as np
 from jaxtyping import Float, Int
 
+from motion_jax.control.guidance import SETTLING, TOLERANCE
 from motion_jax.control.signal import ControlSignal
 from motion_jax.models import rows
 from motion_jax.models.cmdm import streaming
-from motion_jax.models.cmdm.guiding import Guide
-from motion_jax.models.cmdm.loop import SamplingLoop, decode_all
+from motion_jax.models.cmdm.guiding import SETTLED, Guide
+from motion_jax.models.cmdm.loop import SamplingLoop, behind_nothing, decode_all
 from motion_jax.models.cmdm.networks import CmdmNetworks
 from motion_jax.text.contrast import Contrast
 
 CAPTIONS = 4  # different captions that a window shows before its step is compiled for twice as many
-_SETTLED = 16  # blocks of finished motions that are pulled together are as many, or twice that, four times, ...
 
 
 class Request(NamedTuple):
@@ -71,7 +71,7 @@ def _batch(model, plan, request):
       loop.follow(model.stats.denormalize(features[-1]))
   if not (is_pulled and request.refinements):
     return np.concatenate(features, axis=1)
-  return decode_all(model, _settled(model, np.concatenate(latents, axis=1), request))
+  return decode_all(model, _settled(model, plan, np.concatenate(latents, axis=1), request))
 
 
 def blocks(loop: SamplingLoop, request: Request, past: Float[np.ndarray, "b p c"] | None = None
@@ -116,13 +116,18 @@ class Captions:
     return places
 
 
-def _settled(model, latents, request):
-  """Finished latents (B, L, C), pulled once more all together."""
+def _settled(model, plan, latents, request):
+  """Finished latents (B, L, C), pulled once more all together (`Guide.settle`), by the program that pulls a window:
+  longer motions are as long as two of them, four, ..."""
   count, fpl = latents.shape[1], model.frames_per_latent
-  length = _SETTLED * model.dit.block
+  length = plan.width * plan.block
   while length < count:
     length *= 2
-  guide = Guide.of(model.codec, model.stats, jax.tree.map(np.asarray, request.signal.slice_frames(0, count * fpl)),
-                   request.control_steps, request.refinements)
-  padded = np.pad(latents, ((0, 0), (0, length - count), (0, 0)))
-  return np.asarray(model.compiled.settle(guide.over(length * fpl), padded))[:, :count]
+  signal = jax.tree.map(np.asarray, request.signal.slice_frames(0, count * fpl).slice_frames(0, length * fpl))
+  guide = Guide.of(model.codec, model.stats, signal).replace(first=np.int32(0))
+  latents = np.pad(latents, ((0, 0), (0, length - count), (0, 0)))
+  behind, variance = tuple(behind_nothing(model, len(latents))), np.full((1, length, 1), SETTLED, np.float32)
+  for _ in range(request.refinements):
+    latents = latents + np.asarray(model.compiled.pull(
+        guide, behind, np.int32(0), latents, variance, np.int32(SETTLING), np.float32(TOLERANCE / 2)))
+  return latents[:, :count]

@@ -165,8 +165,7 @@ def block_control(dit: CausalDiT, codec: VaeCodec, params: Any, control: Control
   return jnp.asarray(dit.apply(params, features, method="control_tokens"))
 
 
-def block_pull(layout: streaming.Layout, guide: Guide, behind: tuple, times: Float[Array, " n"], now: tuple,
-               latents: Float[Array, "b w c"], clean: Float[Array, "b w c"], iteration: Any, every: Any
-               ) -> Float[Array, "b w c"]:
-  """`streaming.pull`, given bare tuples."""
-  return streaming.pull(layout, guide, Behind(*behind), times, streaming.Window(*now), latents, clean, iteration, every)
+def block_pull(guide: Guide, behind: tuple, base: Any, latents: Float[Array, "b w c"], variance: Float[Array, "1 w 1"],
+               num_steps: Any, tolerance: Any) -> Float[Array, "b w c"]:
+  """`Guide.newton_step`, given a bare tuple."""
+  return guide.newton_step(Behind(*behind), base, latents, variance, num_steps, tolerance)

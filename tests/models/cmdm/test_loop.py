@@ -1,0 +1,54 @@
+"""Motion of any length, number and kind comes of one step program, and is what the pure sampler makes."""
+import jax
+import numpy as np
+import pytest
+
+import motion_jax as mj
+from motion_jax.models import cmdm, rows
+
+FAST = dict(num_steps=4, lag=2)
+
+
+@pytest.fixture(scope="module")
+def model(tiny_run):
+  return mj.load(tiny_run)
+
+
+def test_batches_have_two_sizes():
+  found = {count: [len(batch) for batch in rows.batches(count)] for count in (1, 2, 3, 4, 5, 7)}
+  assert found == {1: [1], 2: [1, 1], 3: [4], 4: [4], 5: [4, 1], 7: [4, 4]}
+  np.testing.assert_array_equal(np.concatenate(list(rows.batches(7))), [0, 1, 2, 3, 4, 5, 6, 6])
+  joined = rows.joined([np.ones((4, 3, 2)), np.ones((4, 5, 2))], 7)
+  assert joined.shape == (7, 5, 2) and not joined[:4, 3:].any()
+
+
+def test_one_program_serves_all_lengths_and_kinds(model):
+  """Other lengths, seeds, prompts, scales and schedules, several prompts, a stream and a continued motion."""
+  advance = model.compiled.advance.jitted
+  motion = model.generate("a person walks", num_frames=72, seed=0, **FAST)
+  count = advance._cache_size()
+  model.generate("a person waves", num_frames=120, seed=3, **FAST)
+  model.generate("a person waves", num_frames=72, seed=3, num_steps=6, lag=3, guidance_scale=1.5)
+  model.multi_prompt([("a person walks", 3.0), ("a person waves", 2.0)], seed=0, **FAST)
+  next(model.stream("a person runs", seed=1, **FAST))
+  model.extend(motion[0].joints, "a person sits", num_frames=48, seed=0, **FAST)
+  assert advance._cache_size() == count
+  model.generate(["a person walks"] * 5, num_frames=72, seed=0, **FAST)
+  several = advance._cache_size()  # four side by side: a second program
+  assert count < several <= 2 * count
+  model.generate(["a person walks"] * 9, num_frames=84, seed=0, **FAST)
+  assert advance._cache_size() == several
+
+
+def test_a_motion_is_the_same_alone_in_a_batch_and_by_the_pure_sampler(model):
+  prompts = ["a person walks", "a person waves", "a person runs"]
+  several = model.generate(prompts, num_frames=84, seeds=[5, 6, 7], **FAST)
+  alone = model.generate(prompts[1], num_frames=84, seeds=[6], **FAST)
+  np.testing.assert_allclose(several[1].features, alone[0].features, atol=2e-5)
+  plan, chosen, _, _ = model.plan_of(**FAST)
+  emb, mask = model.encode_words(prompts[1:2])
+  pure = jax.jit(cmdm.generate, static_argnums=(0, 1, 2))(
+      model.dit, plan, 7, model.params, model.codec, text_emb=emb, text_mask=mask, scale=chosen.guidance_scale,
+      keys=jax.random.key(6)[None])
+  np.testing.assert_allclose(model.stats.denormalize(np.asarray(pure))[0], alone[0].features, atol=2e-5)
+  assert np.abs(several[0].features - several[1].features).max() > 1e-2
