@@ -101,14 +101,14 @@ class RunningStats:
 
 
 def biased_std(std: Num[Array, " f"], bias: float = 5.0) -> Float[np.ndarray, " f"]:
-  """The std (F,) of full features with that of turn, root velocity, root height and contacts over `bias`.
+  """The std (F,) of features with that of turn, root velocity, root height and contacts over `bias`.
 
   MoMask's and T2M-GPT's loaders apply it twice to one array, so that their networks and the evaluator know these eight
   columns by std / 25 (docs/papers/momask.md#statistics). float32.
   """
   std = np.array(std, np.float32)
   layout = layout_for(len(std))
-  for name in ("turn", "root_velocity", "root_height", "contacts"):
+  for name in {"turn", "root_velocity", "root_height", "contacts"} & layout.blocks.keys():
     std[layout.blocks[name]] /= np.float32(bias)
   return std
 
