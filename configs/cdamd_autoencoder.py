@@ -34,7 +34,7 @@ def get_config(size="full"):
   # per_axis: one mean and std for x, y and z each over all joints, instead of one per column. balance: windows of rare
   # actions are drawn more often; 0 each once an epoch, 1 all actions alike.
   config.data = common.data(layout="coordinates", per_axis=False, batch_size=256, window=64, stride=1,
-                            released_windows=False, short_window=0, balance=0.0)
+                            released_windows=False, one_per_clip=False, short_window=0, balance=0.0)
   # Parity: the reference counts 150,000 and 250,000 from the end of the warm-up.
   config.optimizer = common.optimizer(learning_rate=2e-4, schedule="step", boundaries=(152_000, 252_000), gamma=0.05,
                                       warmup_steps=2_000, beta2=0.99)

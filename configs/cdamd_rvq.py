@@ -34,7 +34,8 @@ def get_config(size="full"):
                      commitment_weight=0.02, **common.motion_errors())
   # window 0: whole clips of min_frames to max_frames frames, padded with zeros.
   config.data = common.data(layout="coordinates", per_axis=False, batch_size=256, window=0, stride=1,
-                            released_windows=False, short_window=0, balance=0.0, min_frames=40, max_frames=196)
+                            released_windows=False, one_per_clip=False, short_window=0, balance=0.0, min_frames=40,
+                            max_frames=196)
   # Parity: the reference counts 150,000 and 250,000 from the end of the warm-up.
   config.optimizer = common.optimizer(learning_rate=2e-4, schedule="step", boundaries=(152_000, 252_000), gamma=0.05,
                                       warmup_steps=2_000, beta2=0.99)

@@ -79,7 +79,7 @@ def load_checkpoint(path):
     elif isinstance(value, np.ndarray):
       if value.dtype.kind == "c":
         raise ValueError(f"{path} holds complex numbers ({prefix}), which no network here has")
-      flat[prefix] = np.ascontiguousarray(value, np.float32)
+      flat[prefix] = np.array(value, np.float32, order="C")  # ascontiguousarray would make a vector of a number
 
   collect("", state, 0)
   return flat, {str(key) for key in state} - {name.split("/")[0] for name in flat}

@@ -67,9 +67,10 @@ def _array(storage, offset, shape, strides, dtype=None):
     raise InputError(f"a tensor of shape {shape} needs {past} numbers of a storage of {count}")
   if math.prod(shape) > max(count, _REPEATED):  # strides of 0 repeat numbers without bound
     raise InputError(f"a tensor of shape {shape} repeats the {count} numbers of its storage")
-  flat = np.frombuffer(storage.data, dtype, count)
+  # As raw bytes, for numpy has no strides of some small floats.
+  flat = np.frombuffer(storage.data, f"V{dtype.itemsize}", count)
   steps = tuple(stride * dtype.itemsize for stride in strides)
-  return np.array(np.lib.stride_tricks.as_strided(flat[offset:], shape, steps, writeable=False))
+  return np.array(np.lib.stride_tricks.as_strided(flat[offset:], shape, steps, writeable=False)).view(dtype)
 
 
 def _rebuild_tensor(storage, offset, shape, strides, *more):
@@ -152,7 +153,10 @@ def load(path: str | os.PathLike) -> Any:
     with zipfile.ZipFile(path) as archive:
       return _load_zip(archive, path)
   except InputError as error:
-    raise InputError(f"{path}: {error}" if str(path) not in str(error) else str(error)) from error
+    message = str(error)
+    if not message.startswith(str(path)):
+      message = f"{path} {message[3:]}" if message.startswith("it ") else f"{path}: {message}"
+    raise InputError(message) from error
   except (zipfile.BadZipFile, zipfile.LargeZipFile, EOFError, ValueError, KeyError, IndexError, TypeError,
           UnicodeDecodeError, OverflowError, RecursionError, AttributeError, NotImplementedError, OSError) as error:
     raise InputError(f"{path} is no whole PyTorch checkpoint ({type(error).__name__}); fetch it again") from error

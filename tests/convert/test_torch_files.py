@@ -92,6 +92,8 @@ def test_every_dtype(tmp_path, kind):
   loaded = torch_files.load(path)
   assert loaded["it"] == 3 and loaded["net"]["w"].dtype == array.dtype
   np.testing.assert_array_equal(loaded["net"]["w"], array)
+  number, _ = load_checkpoint(write(tmp_path / "n.pt", {"n": tensor("0", kind, (), (), 1, 6)}, {"0": array}))
+  assert number["n"].shape == ()
   state, plain = load_checkpoint(path)
   assert plain == {"it"} and state["net/w"].dtype == np.float32
 
@@ -155,7 +157,7 @@ HOSTILE = {
     "NEWOBJ": (lambda: b"\x80\x02ccollections\nOrderedDict\n)\x81.", "opcode NEWOBJ"),
     "EXT1": (lambda: b"\x80\x02\x82\x01.", "opcode EXT1"),
     "BUILD of a dict": (lambda: b"\x80\x02}}b.", "opcode BUILD changes a dict"),
-    "a call of a value": (lambda: b"\x80\x02X\x01\x00\x00\x00a)R.", "it calls str"),
+    "a call of a value": (lambda: b"\x80\x02X\x01\x00\x00\x00a)R.", "calls str"),
     "a storage that is none": (lambda: b"\x80\x02X\x01\x00\x00\x00aQ.", "persistent object is a str"),
     "a stack that is empty": (lambda: b"\x80\x02R.", "no whole PyTorch checkpoint"),
     "an end that is missing": (lambda: b"\x80\x02}q\x00", "no whole PyTorch checkpoint"),

@@ -121,7 +121,8 @@ def add_levels(net: Net, params: Any, codes: Int[Array, "b l"], real_mask: Bool[
     predict = lambda text: net.apply(params, jnp.tile(history, (rows, 1, 1)), jnp.full(len(text), level), text,
                                      jnp.tile(real_mask, (rows, 1)))
     logits = guided(predict, text_emb, scale)
-    allowed = logits if padding_class else logits.at[..., net.padding_code].set(-jnp.inf)
+    is_padding = jnp.arange(logits.shape[-1]) == net.padding_code
+    allowed = logits if padding_class else jnp.where(is_padding, -jnp.inf, logits)
     drawn = jnp.where(real_mask, choose(level, allowed), net.padding_code)
     return (history, drawn), (drawn, logits)
 

@@ -54,7 +54,7 @@ def nets(num_codes=9, levels=3):
 
 
 def weights(net, *inputs):
-  return untrained(jax.eval_shape(lambda: net.init(jax.random.key(0), *inputs)))
+  return jax.device_put(untrained(jax.eval_shape(lambda: net.init(jax.random.key(0), *inputs))))
 
 
 def test_an_edit_of_nothing_changes_nothing_and_padding_is_invisible():

@@ -35,7 +35,8 @@ def test_it_is_trained_loaded_and_sampled(tmp_path):
 def test_lengths_are_kept_and_batch_mates_change_nothing():
   net = CodeGPT(num_codes=6, width=8, depth=2, num_heads=2, ff_width=8, text_dim=5, max_length=12)
   text = jax.random.normal(jax.random.key(0), (3, 5))
-  params = untrained(jax.eval_shape(lambda: net.init(jax.random.key(0), jnp.zeros((1, 1), int), text[:1])))
+  params = jax.device_put(untrained(jax.eval_shape(
+      lambda: net.init(jax.random.key(0), jnp.zeros((1, 1), int), text[:1]))))
   keys = jax.random.split(jax.random.key(1), 3)
 
   @jax.jit
