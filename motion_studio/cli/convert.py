@@ -35,6 +35,18 @@ def add_to(commands):
   gpt.add_argument("--tokenizer", required=True, metavar="FILE", help="net_last.pth of the VQ-VAE")
   gpt.add_argument("--gpt", metavar="FILE", help="net_best_fid.pth of the GPT")
   gpt.set_defaults(run=_convert_t2m_gpt)
+  mdm = convert.add_parser("mdm", help="MDM's denoiser; args.json beside it says how it was trained")
+  mdm.add_argument("file", help="model#########.pt")
+  mdm.add_argument("--weights", choices=("ema", "model"), default="ema",
+                   help="averaged weights (ema), where the file has them, or the weights of the last step")
+  mdm.set_defaults(run=_convert_mdm)
+  mld = convert.add_parser("mld", help="MLD's VAE and denoiser")
+  mld.add_argument("file", help="1222_mld_humanml3d_FID041.ckpt")
+  mld.set_defaults(run=_convert_mld)
+  streamer = convert.add_parser("motionstreamer", help="MotionStreamer's causal autoencoder and generator")
+  streamer.add_argument("--tokenizer", required=True, metavar="FILE", help="net_last.pth of the causal autoencoder")
+  streamer.add_argument("--generator", required=True, metavar="FILE", help="latest.pth of the t2m_model")
+  streamer.set_defaults(run=_convert_motionstreamer)
   teacher = convert.add_parser("teacher", help="Part-TMR, TMR or MotionPatches, motion-language teachers")
   teacher.add_argument("file", help="best_model.pt; of TMR its checkpoint, or the folder of its three parts")
   teacher.set_defaults(run=_convert_teacher)
@@ -46,6 +58,7 @@ def add_to(commands):
   evaluator.set_defaults(run=_convert_evaluator)
   for part, whose in ((released, "training data"), (cdamd, "training data (of coordinates Mean_abs.npy, Std_abs.npy)"),
                       (momask, "training (its meta folder)"), (gpt, "training (VQVAEV3_CB1024_CMT_H1024_NRES3/meta)"),
+                      (mdm, "training data"), (mld, "training data"), (streamer, "training data"),
                       (teacher, "training data"), (evaluator, "evaluator")):
     part.add_argument("--stats", required=True, metavar="FOLDER",
                       help=f"Mean.npy and Std.npy of the {whose}, which checkpoints do not contain")
@@ -54,8 +67,11 @@ def add_to(commands):
     part.add_argument("--out", required=True, metavar="FOLDER", help="new folder to write")
   for part, name in ((released, "distilbert-base-uncased"), (cdamd, "clip-vit-base-patch32"),
                      (momask, "clip-vit-base-patch32"), (gpt, "clip-vit-base-patch32"),
+                     (mdm, "clip-vit-base-patch32 or, with words, distilbert-base-uncased"),
                      (teacher, "distilbert-base-uncased")):
     part.add_argument("--text-encoder", metavar="FOLDER", help=f"{name}, as Hugging Face lays it out")
+  for part, name in ((mld, "clip-vit-large-patch14"), (streamer, "sentence-t5-xxl")):  # it makes the empty caption
+    part.add_argument("--text-encoder", metavar="FOLDER", required=True, help=f"{name}, as Hugging Face lays it out")
 
 
 def _convert_cmdm(args):
@@ -87,6 +103,25 @@ def _convert_t2m_gpt(args):
   _print_converted(args, write_t2m_gpt(args.out, args.tokenizer, args.stats, args.gpt, args.text_encoder, args.heads))
   if args.gpt:
     print(f"try it: motion-jax generate \"a person waves\" --model {args.out}")
+
+
+def _convert_mdm(args):
+  from motion_jax.models.mdm.weights import write_mdm
+  _print_converted(args, write_mdm(args.out, args.file, args.stats, args.text_encoder, args.weights, args.heads))
+  print(f"try it: motion-jax generate \"a person waves\" --model {args.out}")
+
+
+def _convert_mld(args):
+  from motion_jax.models.mld.weights import write_mld
+  _print_converted(args, write_mld(args.out, args.file, args.stats, args.text_encoder, args.heads))
+  print(f"try it: motion-jax generate \"a person waves\" --model {args.out}")
+
+
+def _convert_motionstreamer(args):
+  from motion_jax.models.motionstreamer.weights import write_motionstreamer
+  _print_converted(args, write_motionstreamer(args.out, args.tokenizer, args.generator, args.stats, args.text_encoder,
+                                              args.heads))
+  print(f"try it: motion-jax generate \"a person waves\" --model {args.out}")
 
 
 def _convert_teacher(args):

@@ -1,0 +1,74 @@
+"""The released files of MDM, MLD and MotionStreamer become run folders that generate; what does not fit is refused."""
+import json
+
+import numpy as np
+import pytest
+
+from motion_jax.loading import load
+from motion_jax.models.mdm.weights import write_mdm
+from motion_jax.models.mld.weights import write_mld
+from motion_jax.models.motionstreamer.weights import write_motionstreamer
+from tests import fixtures
+from tests.convert.test_convert import save_nested, stats_folder, text_folder
+from tests.golden import Fixture
+
+
+def below(fixture, prefix):
+  return {name[len(prefix):]: a for name, a in fixture.params.items() if name.startswith(prefix)}
+
+
+def test_mdm(tmp_path):
+  state = Fixture(fixtures.path("mdm/mdm_encoder.npz")).params
+  state |= {"sequence_pos_encoder.pe": np.zeros((5, 1, 32)), "clip_model.logit_scale": np.zeros(1)}
+  file = save_nested(tmp_path / "model000475000", {"model": state, "model_avg": state}, "safetensors")
+  (tmp_path / "args.json").write_text(json.dumps(dict(diffusion_steps=4, mask_frames=True)))
+  stats, text = stats_folder(tmp_path / "stats", np.zeros(263), np.ones(263)), text_folder(tmp_path / "text", 20)
+  made, = write_mdm(tmp_path / "run", file, stats, text, num_heads=4)
+  assert made.num_params == 34919 and made.fields["kind"] == "encoder"
+  model = load(tmp_path / "run")
+  assert model.config.diffusion.num_steps == 4 and model.config.loss.mask_frames
+  assert np.isfinite(model.generate("a person walks", 24, seeds=[0])[0].features).all()
+  with pytest.raises(ValueError, match="gives 24 numbers a sentence, the denoiser was trained on 20"):
+    write_mdm(tmp_path / "other", file, stats, text_folder(tmp_path / "wide", 24), num_heads=4)
+  (tmp_path / "args.json").write_text(json.dumps(dict(context_len=20)))
+  with pytest.raises(ValueError, match=r"is a DiP \(context_len 20\), .*train one with --config mdm_denoiser:dip"):
+    write_mdm(tmp_path / "other", file, stats, text, num_heads=4)
+
+
+def test_mld(tmp_path):
+  fixture = Fixture(fixtures.path("mld/mld_sample.npz"))
+  state = fixture.params | {"t2m_moveencoder.out.bias": np.zeros(2)}
+  # The recorded 30 columns belong to no representation.
+  rows = {"vae.skel_embedding.weight": (32, 263), "vae.final_layer.weight": (263, 32), "vae.final_layer.bias": (263,)}
+  state = {name: np.zeros(rows[name], np.float32) if name in rows else a for name, a in state.items()}
+  file = save_nested(tmp_path / "1222_mld", {"state_dict": state, "epoch": 3}, "safetensors")
+  stats, text = stats_folder(tmp_path / "stats", np.zeros(263), np.ones(263)), text_folder(tmp_path / "text", 40)
+  vae, made = write_mld(tmp_path / "run", file, stats, text, num_heads=4)
+  assert (vae.fields["depth"], made.fields["depth"], vae.fields["num_tokens"]) == (3, 3, 1)
+  motion = load(tmp_path / "run").generate("a person walks", 24, seeds=[0], num_steps=2)[0]
+  assert motion.features.shape == (24, 263) and np.isfinite(motion.features).all()
+  with pytest.raises(ValueError, match="gives 24 numbers a sentence, the MLD denoiser was trained on 40"):
+    write_mld(tmp_path / "other", file, stats, text_folder(tmp_path / "wide", 24), num_heads=4)
+
+
+def test_motionstreamer(tmp_path):
+  fixture = Fixture(fixtures.path("motionstreamer/ms_generate.npz"))
+  trans, net = below(fixture, "trans."), below(fixture, "net.")
+  trans |= {name: np.array(np.log2(16 * 15), np.float32) for name in trans if name.endswith("attn.scale")}
+  files = (save_nested(tmp_path / "net_last", {"net": net}, "safetensors"),
+           save_nested(tmp_path / "latest", {"trans": trans}, "safetensors"))
+  stats, text = stats_folder(tmp_path / "stats", np.zeros(272), np.ones(272)), text_folder(tmp_path / "text", 12)
+  _, made = write_motionstreamer(tmp_path / "run", *files, stats, text, num_heads=4)
+  assert made.fields["transformer"]["max_length"] == 16  # read off the attention's scale
+  motion = load(tmp_path / "run").generate("a person walks", 24, seeds=[0], num_steps=4)[0]
+  assert motion.features.shape == (24, 272) and np.isfinite(motion.features).all()
+  with pytest.raises(ValueError, match="gives 24 numbers a sentence, the generator was trained on 12"):
+    write_motionstreamer(tmp_path / "other", *files, stats, text_folder(tmp_path / "wide", 24), num_heads=4)
+
+
+def test_weights_of_another_method_are_refused(tmp_path):
+  state = Fixture(fixtures.path("motionstreamer/ms_tae.npz")).params
+  file = save_nested(tmp_path / "net_last", {"model": state}, "safetensors")
+  stats = stats_folder(tmp_path / "stats", np.zeros(263), np.ones(263))
+  with pytest.raises(ValueError, match="is no MDM denoiser: input_process.poseEmbedding.weight is missing"):
+    write_mdm(tmp_path / "run", file, stats)
