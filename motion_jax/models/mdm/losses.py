@@ -47,7 +47,7 @@ def mdm_terms(made: Float[Array, "b t f"], real: Float[Array, "b t f"], frame_ma
   if joints is not None:
     flat = [a.reshape(*a.shape[:2], -1) for a in joints]
     if weights.get("positions"):
-      terms["positions"] = masked_l2(*flat, frame_mask)
+      terms["positions"] = masked_l2(flat[0], flat[1], frame_mask)
     if weights.get("contacts"):
       terms["contacts"] = contact_error(*joints, frame_mask, feet)
   terms["loss"] = terms["features"] + sum(weights[name] * terms[name] for name in TERMS if name in terms)
