@@ -101,7 +101,7 @@ def get_config(name="full"):
     # Chosen by measurement: docs/lab/cdamd-small.md.
     config.sampler.update(order="left_to_right", guidance_scale=3.0)
     if data == "steps":  # one latent after the other: each step continues those before it
-      config.sampler.update(num_iterations=50, guidance_scale=2.0)
+      config.sampler.update(num_iterations=50, guidance_scale=2.0, solver="euler", num_steps=4)
     if size in ("mini", "laptop"):
       config.tokenizer.update(width=128)
       config.prior.update(width=96)
