@@ -155,7 +155,9 @@ def test_every_layout_learns_the_same(tmp_path, name):
       for key, value in theirs.items():
         np.testing.assert_allclose(ours[key], value, rtol=1e-4, atol=1e-6, err_msg=f"{kind}: {key}")
     np.testing.assert_allclose(one["norms"], whole["norms"], rtol=1e-4, atol=1e-5, err_msg=kind)
-  assert whole["on_one"] == whole["state"] > 4 * found["fully sharded"]["on_one"]
+  # Most arrays of the smallest networks have fewer numbers than those that are split.
+  least = 4 if name == "denoiser" else 1.25
+  assert whole["on_one"] == whole["state"] > least * found["fully sharded"]["on_one"]
   if name == "denoiser":
     check_transfers(found)
 
