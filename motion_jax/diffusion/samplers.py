@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from motion_jax.shapes import Array
 
@@ -51,7 +51,7 @@ class Method(NamedTuple):
   nodes: Float[Array, "4"]
   stages: Float[Array, "4 4"]
   weights: Float[Array, "4"]
-  count: Int[Array, ""]
+  count: Any  # type: ignore[assignment]
 
 
 def _method(nodes: Sequence[float], stages: Sequence[Sequence[float]], weights: Sequence[float]) -> Method:

@@ -142,7 +142,7 @@ class Block(nn.Module):
     norm = lambda x, i: self.norm(x) * (1 + state.modulation[i][0]) + state.modulation[i][1]
     y = norm(x, 0)
     cache = with_window(cache, self.self_attn.keys_values(y), start)
-    y = self.self_attn.attend(self.self_attn.queries(y), *cache, attn_mask, drop_weights)
+    y = self.self_attn.attend(self.self_attn.queries(y), cache[0], cache[1], attn_mask, drop_weights)
     x = x + self.drops[1](y, items)
     if isinstance(state.cross, tuple):
       y = self.cross_attn.attend(self.cross_attn.queries(norm(x, 1)), *state.cross, cross_mask, drop_weights)
@@ -220,7 +220,7 @@ class MaskedTransformer(nn.Module):
     cross_mask = jnp.broadcast_to(text_mask[:, None, None], (x.shape[0], 1, x.shape[1], text_mask.shape[1]))
     made = []
     for i, block in enumerate(self.blocks):
-      y, cache = block.run(y, state[i], attn_mask, cross_mask, cache=caches and caches[i], start=start)
+      y, cache = block.run(y, state[i], attn_mask, cross_mask, cache=caches[i] if caches else None, start=start)
       made.append(cache)
     return y, tuple(made)
 
@@ -287,7 +287,7 @@ class GatedBlock(nn.Module):
     drop_weights = None if items is None or not self.dropout else functools.partial(self.drops[0], items=items)
     y = self.norm(x) * (1 + scale1) + shift1
     cache = with_window(cache, self.self_attn.keys_values(y), start)
-    y = self.self_attn.attend(self.self_attn.queries(y), *cache, attn_mask, drop_weights)
+    y = self.self_attn.attend(self.self_attn.queries(y), cache[0], cache[1], attn_mask, drop_weights)
     x = x + gate1 * self.drops[1](y, items)
     y = nn.gelu(self.ff_in(self.norm(x) * (1 + scale2) + shift2), approximate=True)
     return x + gate2 * self.ff_out(y), cache
@@ -334,7 +334,7 @@ class GatedTransformer(nn.Module):
     length = attn_mask.shape[-1]
     y, made = self.inputs.latents(x, None, start, length), []
     for i, block in enumerate(self.blocks):
-      y, cache = block.run(y, state[i], attn_mask, cache=caches and caches[i], start=start)
+      y, cache = block.run(y, state[i], attn_mask, cache=caches[i] if caches else None, start=start)
       made.append(cache)
     return y, tuple(made)
 

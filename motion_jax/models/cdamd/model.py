@@ -223,7 +223,7 @@ class CdamdModel(TextToMotionModel):
     masked = masking.masked_table(np.where(editable, order, np.inf),
                                   masking.masked_counts(chosen.num_iterations, editable.sum(-1)))
     schedule = unmasking.schedule(masked, chosen.unmasked_only)
-    most = unmasking.most_unmasked(masking.masked_counts(chosen.num_iterations, [self.max_latents]))
+    most = unmasking.most_unmasked(masking.masked_counts(chosen.num_iterations, np.array([self.max_latents])))
     # Of choices that a program depends on there are few: one row at a time where an iteration seldom unmasks two, else
     # as many as it unmasks of the longest motion; a window of 4 positions where that is enough.
     num_rows = (1 if most <= 2 else 2 * -(-most // 2)) if chosen.unmasked_only else None

@@ -26,7 +26,7 @@ class Schedule(NamedTuple):
   """
   made_at: Int[Array, "b l"]
   drawn_at: Int[Array, "b l"]
-  num_iterations: Int[Array, ""]
+  num_iterations: Any
 
 
 def schedule(masked: Bool[np.ndarray, "n b l"], unmasked_only: bool = True) -> Schedule:
