@@ -102,8 +102,8 @@ class CodeGPT(nn.Module):
     length = codes.shape[1] + 1
     if length > self.max_length:
       raise ValueError(f"got {length - 1} codes, this transformer has positions for {self.max_length - 1}")
-    x = jnp.concatenate([self.text_in(text_emb.astype(self.dtype))[:, None], self.code_table[codes].astype(self.dtype)],
-                        axis=1) + sinusoids(length, self.width, self.dtype)
+    tokens = [self.text_in(text_emb.astype(self.dtype))[:, None], self.code_table[codes].astype(self.dtype)]
+    x: Array = jnp.concatenate(tokens, axis=1) + sinusoids(length, self.width, self.dtype)
     for block in self.blocks[:num_blocks]:
       x = block(x, block_causal_mask(length), items)
     return x
@@ -120,7 +120,7 @@ class CodeGPT(nn.Module):
            ) -> tuple[Float[Array, "b k"], Cache]:
     """Logits (B, K + 1) of code `place`, from the code before it, which place 0 does not read, and the cache."""
     token = jnp.where(place == 0, self.text_in(text_emb.astype(self.dtype)), self.code_table[codes].astype(self.dtype))
-    x = (token + sinusoids(self.max_length, self.width, self.dtype)[place])[:, None]
+    x: Array = (token + sinusoids(self.max_length, self.width, self.dtype)[place])[:, None]
     made = []
     for block, keys, values in zip(self.blocks, *cache):
       x, *rows = block.step(x, place, keys, values)

@@ -31,7 +31,8 @@ def draw_step(keys: jax.Array, length: int, num_codes: int) -> Draws:
     one, places, codes = jax.random.split(key, 3)
     time, text = jax.random.uniform(one, (2,))
     random_codes = jax.random.randint(codes, (length,), 0, num_codes)
-    return Draws(time, text, *jax.random.uniform(places, (3, length)), random_codes)
+    order, noise, keep = jax.random.uniform(places, (3, length))
+    return Draws(time, text, order, noise, keep, random_codes)
 
   return jax.vmap(of_item)(keys)
 

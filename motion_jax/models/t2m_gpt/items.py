@@ -60,6 +60,7 @@ class CodeItems:
   end: int
   shorten_rate: float = 1 / 3
   weights: np.ndarray | None = None
+  kept: np.ndarray = dataclasses.field(init=False)  # clips that have a code and a caption
 
   def __post_init__(self) -> None:
     kept = np.array([i for i, (codes, said) in enumerate(zip(self.codes, self.captions)) if len(codes) and said], int)

@@ -23,7 +23,8 @@ def draw_step(rng: jax.Array, keys: jax.Array, length: int, num_codes: int) -> D
     keep, codes = jax.random.split(key)
     return jax.random.uniform(keep, (length,)), jax.random.randint(codes, (length,), 0, num_codes)
 
-  return Draws(*jax.vmap(of_item)(keys), jax.random.uniform(rng))
+  keep_u, random_codes = jax.vmap(of_item)(keys)
+  return Draws(keep_u, random_codes, jax.random.uniform(rng))
 
 
 def corrupt(target: Int[Array, "b m"], draws: Draws, keep_rate: float) -> Int[Array, "b n"]:

@@ -38,7 +38,7 @@ def test_it_is_trained_loaded_sampled_and_edits(folder):
   again = model.edit(both[1], "a person runs", change=[(20, 31)], seed=3)
   np.testing.assert_array_equal(edited.joints, again.joints)
   with pytest.raises(ValueError, match="everything is kept"):
-    model.edit(both[1], "a person runs", change=[(0, 0)])
+    model.edit(both[1], "a person runs", keep=[(0, 60)])
   with pytest.raises(ValueError, match="got threshold 2, expected a number from 0 to 1"):
     model.generate("a person walks", 40, threshold=2)
   config = load_config("momask_masked", "tiny").unlock()
