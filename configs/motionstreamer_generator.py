@@ -14,7 +14,7 @@ from motion_jax import paper_tables
 from motion_jax.configs import common, motionstreamer_tokenizer
 
 SIZES, DATA = motionstreamer_tokenizer.SIZES, motionstreamer_tokenizer.DATA
-PRINTED = {"": {"cmdm 1": "MotionStreamer", "cmdm 2": "MotionStreamer"}}
+PRINTED = {"": {"cmdm 1": "MotionStreamer"}}
 
 
 def get_config(name="full"):
