@@ -85,10 +85,11 @@ def spaced_steps(total: int, spacing: int | str) -> Int[np.ndarray, " n"]:
     size = parts + (i < rest)
     if not 1 <= count <= size:
       raise ValueError(f"got {count} sampler steps, expected 1 to the {size} of training")
-    stride, place = (size - 1) / (count - 1) if count > 1 else 1.0, 0.0
+    apart = (size - 1) / (count - 1) if count > 1 else 1.0
+    place = 0.0
     for _ in range(count):  # added up as the reference does, whose rounding decides about halves
       chosen.append(first + round(place))
-      place += stride
+      place += apart
     first += size
   return np.array(sorted(set(chosen)))
 

@@ -51,7 +51,7 @@ class Method(NamedTuple):
   nodes: Float[Array, "4"]
   stages: Float[Array, "4 4"]
   weights: Float[Array, "4"]
-  count: Any  # type: ignore[assignment]
+  count: Any
 
 
 def _method(nodes: Sequence[float], stages: Sequence[Sequence[float]], weights: Sequence[float]) -> Method:

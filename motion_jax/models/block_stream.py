@@ -16,7 +16,7 @@ from motion_jax.data.clip import Caption, Clip
 from motion_jax.models import arguments
 from motion_jax.models.base import TextToMotionModel, keys_of
 from motion_jax.models.known_motion import KnownMotion, at_rate, clip_of
-from motion_jax.models.moving_path import continue_path
+from motion_jax.models.moving_path import Path, continue_path
 from motion_jax.models.results import Motion, Motions, captions_in_a_row, features_of, gathered, go_on, make_motions
 from motion_jax.motion.cleanup import Cleaner
 from motion_jax.motion.representations import to_joints
@@ -29,7 +29,7 @@ Segments = Sequence[tuple[str, float | None]]  # prompts and their seconds
 class BlockState(NamedTuple):
   """Where a motion stands between two blocks: keys (B,), how many blocks there are, and what the method remembers."""
   keys: jax.Array
-  count: int
+  blocks: int
   memory: Any
 
 
@@ -46,7 +46,7 @@ def prompts_by_block(segments: Sequence[tuple[str, int]], block_frames: int) -> 
 
 class BlockModel(TextToMotionModel):
   """A model whose motion is made block after block. A method implements `begin_blocks` and `make_block`."""
-  abilities = ("generate", "sample_segments", "stream", "multi_prompt", "extend")
+  abilities: tuple[str, ...] = ("generate", "sample_segments", "stream", "multi_prompt", "extend")
   block_frames: int = 1
 
   def begin_blocks(self, keys: jax.Array, past: Float[np.ndarray, "b t f"] | None = None) -> BlockState:
@@ -187,7 +187,8 @@ class BlockStream:
                num_frames: int | None = None, cleanup: bool = False) -> None:
     """segments: [(prompt, frames)] in sequence, the last without end."""
     self._model, self._chosen, self.num_frames = model, chosen, num_frames
-    self._state, self._path, self._frames, self._steps, self._given = model.begin_blocks(keys), None, 0, 0, 0
+    self._path: Path | None = None
+    self._state, self._frames, self._steps, self._given = model.begin_blocks(keys), 0, 0, 0
     layout = model.stats.layout
     self._cleaner = Cleaner(layout.skeleton, model.fps) if cleanup and layout.has_fixed_bones else None
     self._script = self._scheduled(segments, 0)

@@ -228,7 +228,7 @@ class CausalDiT(nn.Module):
     block = self._block()
 
     def of_layer(params):
-      text = block.apply({"params": params}, words, text_mask, null_word, method="text")
+      text: Any = block.apply({"params": params}, words, text_mask, null_word, method="text")
       return text.k, text.v, text.null
 
     k, v, null = jax.lax.map(of_layer, self._stacked("blocks"))

@@ -43,7 +43,7 @@ class TokenEncoder(nn.Module):
     count = self.num_tokens * (1 if self.distribution == "linear" else 2)
     tokens = self.param("tokens", nn.initializers.normal(1.0), (count, self.width)).astype(self.dtype)
     frames = nn.Dense(self.width, dtype=self.dtype, name="x_in")(x.astype(self.dtype))
-    y = jnp.concatenate([jnp.broadcast_to(tokens, (len(x), *tokens.shape)), frames], axis=1)
+    y: Any = jnp.concatenate([jnp.broadcast_to(tokens, (len(x), *tokens.shape)), frames], axis=1)
     if frame_mask is not None:
       frame_mask = jnp.pad(frame_mask, ((0, 0), (count, 0)), constant_values=True)
     y = positions(self, "positions", y, self.max_length, self.position_kind)

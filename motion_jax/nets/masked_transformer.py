@@ -145,7 +145,8 @@ class Block(nn.Module):
     y = self.self_attn.attend(self.self_attn.queries(y), cache[0], cache[1], attn_mask, drop_weights)
     x = x + self.drops[1](y, items)
     if isinstance(state.cross, tuple):
-      y = self.cross_attn.attend(self.cross_attn.queries(norm(x, 1)), *state.cross, cross_mask, drop_weights)
+      keys, values = state.cross
+      y = self.cross_attn.attend(self.cross_attn.queries(norm(x, 1)), keys, values, cross_mask, drop_weights)
       x = x + self.drops[2](y, items)
     else:
       x = x + state.cross

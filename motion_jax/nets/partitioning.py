@@ -16,6 +16,7 @@ from typing import Any
 
 import flax.linen as nn
 import jax
+from flax.linen import spmd
 from jax.sharding import AbstractMesh, Mesh, NamedSharding, PartitionSpec
 
 from motion_jax.utils.errors import InputError
@@ -99,7 +100,7 @@ def _spec(names: Axes, shape: Sequence[int], sizes: Mapping[str, int], rules: Ru
                        f"try mesh.model {math.gcd(size, sizes[axis])}, or another width")
     if size and size % sizes[axis] == 0:
       fitting.append((name, axis))
-  spec = list(nn.logical_to_mesh_axes(names, fitting) or ())
+  spec = list(spmd.logical_to_mesh_axes(names, fitting) or ())
   for axis in (axis for name, axis in rules if name == ANY and axis not in spec):
     if free := [i for i, size in enumerate(shape) if spec[i] is None and size % sizes[axis] == 0]:
       spec[max(free, key=lambda i: shape[i])] = axis

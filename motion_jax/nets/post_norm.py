@@ -50,8 +50,8 @@ class PostNormLayer(nn.Module):
     width = x.shape[-1]
     dense = lambda size, name: nn.Dense(size, dtype=self.dtype, kernel_init=self.kernel_init, name=name)
     norm = lambda name: nn.LayerNorm(epsilon=self.eps, dtype=self.dtype, use_fast_variance=False, name=name)
-    drop = lambda y: (nn.Dropout(self.dropout, deterministic=deterministic)(y) if items is None else
-                      Dropout(self.dropout)(y, items))
+    drop: Callable[[Any], Any] = lambda y: (
+        nn.Dropout(self.dropout, deterministic=deterministic)(y) if items is None else Dropout(self.dropout)(y, items))
     heads = lambda y: y.reshape(*y.shape[:-1], self.num_heads, width // self.num_heads)
 
     query, key, value = (heads(dense(width, name)(x)) for name in ("query", "key", "value"))
@@ -86,8 +86,9 @@ class PostNormDecoderLayer(nn.Module):
     dense = lambda size, name: nn.Dense(size, dtype=self.dtype, name=name)
     drop, drops = _dropout(self.dropout, deterministic, items)
     # A module of this one, not of the attention that calls it.
-    of_weights = Dropout(self.dropout) if items is not None else nn.Dropout(self.dropout, deterministic=deterministic)
-    drop_weights = None if not drops else of_weights if items is None else lambda y: of_weights(y, items)
+    of_weights: Any = (Dropout(self.dropout) if items is not None else
+                       nn.Dropout(self.dropout, deterministic=deterministic))
+    drop_weights: Any = None if not drops else of_weights if items is None else lambda y: of_weights(y, items)
     y = attention("self_attn")(x, attn_mask=attn_mask, drop=drop_weights)
     x = norm("attn_norm")(x + drop(y))
     cross_mask = None if memory_mask is None else memory_mask[:, None, None, :]

@@ -30,7 +30,7 @@ class SkipTransformer(nn.Module):
       raise ValueError(f"got {self.depth} layers with skip connections, expected an odd number")
 
     def layer(name, x):
-      kind = PostNormLayer if memory is None else PostNormDecoderLayer
+      kind: Any = PostNormLayer if memory is None else PostNormDecoderLayer
       made = kind(self.num_heads, self.mlp_width, dropout=self.dropout, dtype=self.dtype, name=name)
       if memory is None:
         return made(x, key_mask, items=items)

@@ -1,7 +1,7 @@
 """CDAMD ready to use: motion from prompts, and edits of existing motions."""
 import dataclasses
 from collections.abc import Iterable, Sequence
-from typing import Any
+from typing import Any, cast
 
 import jax
 import numpy as np
@@ -228,7 +228,7 @@ class CdamdModel(TextToMotionModel):
     # as many as it unmasks of the longest motion; a window of 4 positions where that is enough.
     num_rows = (1 if most <= 2 else 2 * -(-most // 2)) if chosen.unmasked_only else None
     window = min(WINDOW, self.max_latents)
-    small = num_rows == 1 and chosen.mask == "causal" and unmasking.span(schedule.made_at) <= window
+    small = num_rows == 1 and chosen.mask == "causal" and unmasking.span(np.asarray(schedule.made_at)) <= window
     plan, steps = cdamd.make_plan(
         solver=chosen.solver, num_steps=chosen.num_steps, mask=chosen.mask, guided=chosen.guidance_scale != 1.0,
         num_rows=num_rows, ddpm_steps=self.config.loss.ddpm_steps, temperature=chosen.temperature,
@@ -271,4 +271,5 @@ class Programs:
     self.decode = cache.Program("cdamd.decode", lambda latents, real_mask, codec: codec.decode(latents, real_mask))
     self.settle = cache.Program("cdamd.settle", lambda latents, real_mask, signal, codec, settling: settling.settle(
         codec, latents, real_mask, signal))
-    self.length = cache.Program("cdamd.length", lambda params, text_emb: length.apply(params, text_emb), 0, (length,))
+    self.length = cache.Program(
+        "cdamd.length", lambda params, text_emb: cast(Any, length).apply(params, text_emb), 0, (length,))

@@ -32,11 +32,8 @@ if TYPE_CHECKING:
     align_loss,
     align_ratio,
     align_terms,
-    gaussian_nll,
-    kl_to_standard_normal,
     pool_teacher,
     set_distances,
-    smooth_l1,
     tokenizer_terms,
   )
   from motion_jax.models.cmdm.sampling import (
@@ -58,10 +55,10 @@ if TYPE_CHECKING:
     frozen_shapes,
     tokenizer_stage,
   )
+  from motion_jax.models.likelihoods import gaussian_nll, kl_to_standard_normal, smooth_l1
 
 __all__ = ["DISTANCE_PAIRS", "LAST_LAYERS", "RECONSTRUCTIONS", "align_factor", "align_loss", "align_ratio",
-           "align_terms",
-           "block_constants", "block_control", "block_pull", "block_words", "chain_segment", "chained",
+           "align_terms", "block_constants", "block_control", "block_pull", "block_words", "chain_segment", "chained",
            "denoiser_shapes", "denoiser_stage", "extend", "frozen_shapes", "gaussian_nll", "generate", "generate_whole",
            "kl_to_standard_normal", "plain_velocity", "pool_teacher", "set_distances", "smooth_l1", "tokenizer_stage",
            "tokenizer_terms", "words_of_latents"]

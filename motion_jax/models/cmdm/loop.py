@@ -2,6 +2,7 @@
 
 `streaming.Sampler.sample` is the same under `lax.scan`, for which every length and kind is a program of its own.
 """
+import dataclasses
 from typing import Any
 
 import jax
@@ -97,24 +98,26 @@ class SamplingLoop:
     """Where bodies stand before the window."""
     if not self.base:
       return behind_nothing(self.model, self.batch)
-    rows = [(path.row, path.place[::2], heading_of(path)) for path in self._paths_before]
+    rows = [(path.row, path.place[::2], heading_of(path)) for path in self._paths_before if path is not None]
     return Behind(self._decoder_before, *(np.stack(part).astype(np.float32) for part in zip(*rows)))
 
   def _pull(self, now: streaming.Window, iteration: int, drift: Float[np.ndarray, "b 2"]) -> None:
     """Pulls the latents of the window after an iteration, see `streaming.pull`."""
     plan, fpl, model = self.plan, self.model.frames_per_latent, self.model
     first = self.base * plan.block * fpl
+    assert self._signal is not None
     window = self._signal.slice_frames(first, first + plan.width * plan.block * fpl)
     offset = np.stack([drift[:, 0], 0 * drift[:, 0], drift[:, 1]], axis=-1).astype(np.float32)[:, None, None]
-    window = window.replace(positions=np.where(window.given, window.positions - offset, 0))
+    window = dataclasses.replace(window, positions=np.where(window.given, window.positions - offset, 0))
     times, level = np.asarray(self._constants.times), now.levels + iteration
     at, then = (np.repeat(times[np.clip(one, 0, plan.num_steps)], plan.block) for one in (level, level + 1))
     moves = at < then
     share = np.minimum(min(plan.lag, 2) * (then - at) / np.where(moves, 1 - at, 1), 1)
     base = np.int32(self.base * plan.block)
+    guide = dataclasses.replace(Guide.of(model.codec, model.stats, window), first=base)
     pulled = np.asarray(model.compiled.pull(
-        Guide.of(model.codec, model.stats, window).replace(first=base), tuple(self._behind()), base, self._state.clean,
-        variance_of(at, moves), np.int32(self._control_steps), np.float32(TOLERANCE)))
+        guide, tuple(self._behind()), base, self._state.clean, variance_of(at, moves), np.int32(self._control_steps),
+        np.float32(TOLERANCE)))
     self._state = self._state._replace(latents=np.asarray(self._state.latents) + share[:, None] * pulled)
 
   # --- steps -------------------------------------------------------------------------------------------------------

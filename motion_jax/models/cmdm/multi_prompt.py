@@ -89,9 +89,9 @@ def run(model: CmdmNetworks, plan: streaming.Plan, sampling: CmdmSampling, promp
   length = segment.shape[1] * plan.block
   plan = plan._replace(context=min(plan.context, max(model.context, length)))  # no more than there is
   if plan.lag:
-    keys = np.asarray(jax.random.key_data(keys))
+    key_data = np.asarray(jax.random.key_data(keys))
     scale = np.full(len(prompts), sampling.guidance_scale, np.float32)
-    return offline.sample(model, plan, offline.Request(prompts, segment, keys, scale, contrast, **control))
+    return offline.sample(model, plan, offline.Request(prompts, segment, key_data, scale, contrast, **control))
   num_blocks = -(-segment.shape[1] // _BUCKET) * _BUCKET
   segment = np.pad(segment, ((0, 0), (0, num_blocks - segment.shape[1])), mode="edge")
   plan = plan._replace(context=max(plan.context, num_blocks * plan.block))

@@ -1,4 +1,5 @@
 """Whole motions by the loop of a stream, some at a time (`models.rows`), which compiles nothing for another length."""
+import dataclasses
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
@@ -25,7 +26,7 @@ class Request(NamedTuple):
   """
   prompts: Sequence[Sequence[str]]
   segment: Int[np.ndarray, "m n"]
-  keys: jax.Array
+  keys: jax.Array | np.ndarray
   scale: Float[np.ndarray, " m"]
   contrast: Contrast | None = None
   signal: ControlSignal | None = None
@@ -82,7 +83,7 @@ def blocks(loop: SamplingLoop, request: Request, past: Float[np.ndarray, "b p c"
   if past is not None:
     loop.prefill(past, caption=0)
   plan, segment = loop.plan, request.segment
-  since = streaming.seen_since(plan, segment)
+  since = None if plan.memory is None else np.asarray(streaming.seen_since(plan, segment))
   for _ in range(plan.age + segment.shape[1] - 1):
     at = np.clip(loop.base + np.arange(plan.width), 0, segment.shape[1] - 1)
     block = loop.step(captions.show(segment[:, at]), None if since is None else since[:, at])
@@ -124,7 +125,7 @@ def _settled(model, plan, latents, request):
   while length < count:
     length *= 2
   signal = jax.tree.map(np.asarray, request.signal.slice_frames(0, count * fpl).slice_frames(0, length * fpl))
-  guide = Guide.of(model.codec, model.stats, signal).replace(first=np.int32(0))
+  guide = dataclasses.replace(Guide.of(model.codec, model.stats, signal), first=np.int32(0))
   latents = np.pad(latents, ((0, 0), (0, length - count), (0, 0)))
   behind, variance = tuple(behind_nothing(model, len(latents))), np.full((1, length, 1), SETTLED, np.float32)
   for _ in range(request.refinements):

@@ -1,4 +1,5 @@
 """Motion from CMDM's denoiser as pure functions: frame-wise sampling, and the plain loop it is tested against."""
+import dataclasses
 from collections.abc import Callable
 from typing import Any
 
@@ -33,7 +34,7 @@ def generate(dit: CausalDiT, plan: streaming.Plan, num_blocks: int, params: Any,
   if guide is None:
     return codec.decode(sampler.sample(num_blocks, segment=segment))
   guide = guide.over((num_blocks + plan.width) * plan.block * codec.frames_per_latent)  # as far as a window reaches
-  return codec.decode(guide.settle(sampler.replace(guide=guide).sample(num_blocks, segment=segment)))
+  return codec.decode(guide.settle(dataclasses.replace(sampler, guide=guide).sample(num_blocks, segment=segment)))
 
 
 def generate_whole(dit: CausalDiT, plan: streaming.Plan, num_blocks: int, params: Any, codec: VaeCodec, *,

@@ -290,7 +290,8 @@ def iterate(dit: Net, layout: Layout, params: Any, constants: Constants, text: A
     velocity, new = dit.apply(params, x, spread(constants.times[level])[None], modulation, text, now.attn_mask, within,
                               past, control, method="window")
     if layout.guided:
-      velocity = combine(*jnp.split(velocity, 2), scale)
+      with_text, without = jnp.split(velocity, 2)
+      velocity = combine(with_text, without, scale)
     return velocity.astype(latents.dtype), jax.tree.map(lambda a, old: a[:, :, :size].astype(old.dtype), new,
                                                         state.oldest)
 

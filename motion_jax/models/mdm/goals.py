@@ -1,6 +1,7 @@
 """Where DiP's targets are in a motion, and how far a prediction is from them (docs/papers/mdm.md#goals)."""
 from collections.abc import Sequence
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Bool, Float
 
@@ -16,7 +17,7 @@ TRAINED = (("pelvis", "heading"), ("path", "heading"), ("right_wrist", "heading"
            ("right_foot", "heading"), ("left_foot", "heading"), ())
 
 
-def places(joints: Float[Array, "b t j 3"], layout: Representation) -> Float[Array, "b 8 3"]:
+def places(joints: Float[jax.Array, "b t j 3"], layout: Representation) -> Float[jax.Array, "b 8 3"]:
   """The goals (B, 8, 3) that joints (B, T, J, 3) reach in their last frame, relative to where the motion begins."""
   names, last = layout.skeleton.joints, joints[:, -1]
   root, ahead = last[:, 0], facing(joints, layout.skeleton)[:, -1]
@@ -38,7 +39,7 @@ def conditions(goals: Float[Array, "b 8 3"], counts: Bool[Array, "b 8"]) -> Floa
 def goal_error(found: Float[Array, "b 8 3"], wanted: Float[Array, "b 8 3"], counts: Bool[Array, "b 8"]
                ) -> Float[Array, " b"]:
   """Squared errors (B,) of the coordinates that count, averaged over these, and of the heading."""
-  every = counts[..., None] & jnp.ones(3, bool)
+  every: jax.Array = jnp.asarray(counts)[..., None] & jnp.ones(3, bool)
   every = every.at[:, _PATH, 1].set(False).at[:, _HEADING].set(False)
   square = jnp.where(every, (found - wanted) ** 2, 0.0).sum((1, 2)) / (every.sum((1, 2)) + 1e-8)
   # Parity: the reference wraps the angle modulo pi, so a body that faces the other way is right.

@@ -1,7 +1,7 @@
 """MDM and DiP ready to use."""
 from collections.abc import Iterable, Sequence
 from functools import partial
-from typing import Any
+from typing import Any, cast
 
 import jax
 import jax.numpy as jnp
@@ -55,7 +55,7 @@ class MdmNetwork(TextToMotionModel):
     return self.encoder(prompts, at_least=narrowest(self.config.data.max_words))
 
   def plan_of(self, chosen: MdmSampling) -> sampling.Plan:
-    return sampling.Plan(self.config.diffusion.num_steps, chosen.num_steps, chosen.solver,
+    return sampling.Plan(self.config.diffusion.num_steps, cast(int, chosen.num_steps), cast(str, chosen.solver),
                          chosen.guidance_scale != 1.0)
 
 
@@ -171,8 +171,8 @@ class DipModel(BlockModel, MdmNetwork):
     """(normalized features of the next block, the state behind it)."""
     text_emb, text_mask = self.encode_words(prompts)
     made, prefix = self._block(self.plan_of(chosen), self.block_frames, self.params, state.memory, text_emb, text_mask,
-                               chosen.guidance_scale, state.keys, state.count)
-    return np.asarray(made), BlockState(state.keys, state.count + 1, prefix)
+                               chosen.guidance_scale, state.keys, state.blocks)
+    return np.asarray(made), BlockState(state.keys, state.blocks + 1, prefix)
 
 
 def _noise(keys, shape):

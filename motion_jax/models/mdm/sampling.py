@@ -44,7 +44,10 @@ def predictor(net: Net, plan: Plan, params: Any, condition: Condition, scale: An
   def predict(x, step):
     rows = jnp.concatenate([x, x]) if plan.guided else x
     made = net.apply(params, rows, jnp.broadcast_to(step, len(rows)), *condition)
-    return guidance.combine(*jnp.split(made, 2), scale) if plan.guided else made
+    if not plan.guided:
+      return made
+    with_text, without = jnp.split(made, 2)
+    return guidance.combine(with_text, without, scale)
 
   return predict
 
@@ -57,7 +60,7 @@ def denoise(net: Net, plan: Plan, params: Any, condition: Condition, scale: Any,
   known, where known_mask, is painted over the clean features that the network predicts, in every step; the noisy
   features are left as they are.
   """
-  replace = (lambda x1: x1) if known is None else lambda x1: jnp.where(known_mask, known, x1)
+  replace = (lambda x1: x1) if known is None else lambda x1: jnp.where(jnp.asarray(known_mask), jnp.asarray(known), x1)
   predict, schedule = predictor(net, plan, params, condition, scale), schedule_of(plan)
   if plan.solver == "ddim":
     return ddpm.ddim(lambda x, t: replace(predict(x, t)), schedule, draw(0), predicts="x1")

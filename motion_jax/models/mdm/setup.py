@@ -1,4 +1,7 @@
 """The training set-up of MDM and DiP."""
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 from ml_collections import ConfigDict
 
@@ -25,7 +28,7 @@ def denoiser(config: ConfigDict) -> TrainingSetup:
                      "expected fewer")
   encoder = text_encoder(config, config.model.text_dim)
   next_batch, num_items = batches_of(config, data, encoder)
-  frozen = {}
+  frozen: dict[str, Any] = {}
   if any(config.loss[name] for name in TERMS[1:]):
     frozen[STATS] = {"mean": data.stats.mean, "std": data.stats.std}
   if context:
@@ -46,4 +49,4 @@ def prefixes(features: list[np.ndarray], context: int) -> np.ndarray:
 
 
 SETUPS = {"mdm.denoiser": denoiser, "mdm.dip": denoiser}
-RESOLVED = {}
+RESOLVED: dict[str, Callable] = {}

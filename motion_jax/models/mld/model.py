@@ -1,7 +1,7 @@
 """MLD ready to use: motion from prompts, and motions through its VAE and back."""
 from collections.abc import Sequence
 from functools import partial
-from typing import Any
+from typing import Any, cast
 
 import jax
 import jax.numpy as jnp
@@ -46,10 +46,11 @@ class MldModel(TextToMotionModel):
 
   def plan_of(self, chosen: MldSampling) -> sampling.Plan:
     steps = self.config.diffusion.num_steps
-    if chosen.num_steps > steps:
-      raise InputError(f"got {chosen.num_steps} sampler steps, this model was trained with {steps}; give at most as "
+    num_steps, solver = cast(int, chosen.num_steps), cast(str, chosen.solver)
+    if num_steps > steps:
+      raise InputError(f"got {num_steps} sampler steps, this model was trained with {steps}; give at most as "
                        "many")
-    return sampling.Plan(steps, chosen.num_steps, chosen.solver, self.config.diffusion.predicts,
+    return sampling.Plan(steps, num_steps, solver, self.config.diffusion.predicts,
                          chosen.guidance_scale != 1.0)
 
   def sample(self, prompts: Sequence[str], frames: Sequence[int], keys: jax.Array, seeds: Sequence[int | None],

@@ -42,7 +42,10 @@ def predictor(net: Net, plan: Plan, params: Any, text_emb: Float[Array, "b s e"]
   def predict(z, step):
     rows = jnp.concatenate([z, z]) if plan.guided else z
     made = net.apply(params, rows, jnp.broadcast_to(step, len(rows)), text)
-    return guidance.combine(*jnp.split(made, 2), scale) if plan.guided else made
+    if not plan.guided:
+      return made
+    with_text, without = jnp.split(made, 2)
+    return guidance.combine(with_text, without, scale)
 
   return predict
 

@@ -1,4 +1,5 @@
 """Training set-ups of MLD: its VAE and its denoiser."""
+from collections.abc import Callable
 from typing import Any
 
 import jax
@@ -74,4 +75,4 @@ def load_vae(folder: str, config: ConfigDict) -> tuple[Any, Stats]:
 
 
 SETUPS = {"mld.vae": vae, "mld.denoiser": denoiser}
-RESOLVED = {}
+RESOLVED: dict[str, Callable] = {}

@@ -1,5 +1,5 @@
 """What MLD trains, as pure functions: the transformer VAE and, on its latents, the denoiser."""
-from typing import Any
+from typing import Any, cast
 
 import jax
 import jax.numpy as jnp
@@ -34,10 +34,10 @@ def vae_stage(config: ConfigDict) -> Stage:
     x, real = batch["features"], padding_mask(batch["num_frames"], batch["features"].shape[1])
     noise = jax.vmap(lambda i: jax.random.normal(jax.random.fold_in(rng, i), shape))(batch["index"])
     more: dict[str, Any] = dict(items=batch["index"], rngs={"dropout": rng}) if config.model.dropout else {}
-    made, *gaussian = net.apply(params, x, noise, real, **more)
+    made, mean, logvar = net.apply(params, x, noise, real, **more)
     stats = frozen[STATS]
     joints = tuple(layout.to_joints(one * stats["std"] + stats["mean"]) * layout.skeleton.unit for one in (made, x))
-    terms = vae_terms(made, x, joints, *gaussian, weights)
+    terms = vae_terms(made, x, joints, mean, logvar, weights)
     return {name: value.sum() for name, value in terms.items()}, x.shape[0]
 
   def predict(params, frozen, batch, rng):
@@ -68,7 +68,7 @@ def denoiser_stage(config: ConfigDict) -> Stage:
     keys = jax.vmap(lambda i: jax.random.split(jax.random.fold_in(rng, i), 4))(batch["index"])
     normal = lambda keys: jax.vmap(lambda key: jax.random.normal(key, shape))(keys)
     real = padding_mask(batch["num_frames"], batch["features"].shape[1])
-    mean, logvar = vae.apply(frozen[VAE], batch["features"], real, method="encode")
+    mean, logvar = cast(Any, vae.apply)(frozen[VAE], batch["features"], real, method="encode")
     z = mean + jnp.exp(logvar / 2) * normal(keys[:, 0])
     t = jax.vmap(lambda key: jax.random.randint(key, (), 0, config.diffusion.num_steps))(keys[:, 1])
     noise = normal(keys[:, 2])

@@ -166,7 +166,7 @@ def _fill(nets, plan, params, residual, codec, codes, editable, real, counts, te
   choose = sampler.chooser(sampler.noise_of(keys, length, nets.masked.num_codes, 0), plan.temperature, plan.threshold)
   base = sampler.decode_masked(nets.masked, params, codes[..., 0], editable, real, counts, text_emb,
                                scale if plan.guided else None, choose).codes[-1]
-  every = jnp.where(real, base, -1)[..., None]
+  every: Any = jnp.where(real, base, -1)[..., None]
   if nets.residual is not None:
     choose = sampler.chooser(sampler.noise_of(keys, length, nets.residual.num_codes + 1, 1), plan.residual_temperature,
                              plan.threshold)

@@ -1,7 +1,7 @@
 """MotionStreamer ready to use: whole motions, prompts in sequence, continued motions, streams."""
 from collections.abc import Sequence
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import jax
 import jax.numpy as jnp
@@ -39,7 +39,7 @@ class MotionStreamerModel(BlockModel):
   A prompt that changes begins a segment behind the newest half of the latents that a segment has places for; so does a
   segment whose places are full.
   """
-  abilities = (*BlockModel.abilities, "reconstruct")
+  abilities: tuple[str, ...] = (*BlockModel.abilities, "reconstruct")
   options = MotionStreamerSampling
 
   def __init__(self, run: Run, encoder: TextEncoder) -> None:
@@ -61,7 +61,7 @@ class MotionStreamerModel(BlockModel):
     self._encode, self._start = program("encode", VaeCodec.encode, 0), program("start", _decoder_of, 1)
 
   def plan_of(self, chosen: MotionStreamerSampling) -> sampling.Plan:
-    return sampling.Plan(self.config.diffusion.num_steps, chosen.num_steps, chosen.guidance_scale != 1.0)
+    return sampling.Plan(self.config.diffusion.num_steps, cast(int, chosen.num_steps), chosen.guidance_scale != 1.0)
 
   def begin_blocks(self, keys: jax.Array, past: Float[np.ndarray, "b t f"] | None = None) -> BlockState:
     """The state before the first latent; past: normalized features that it continues."""
@@ -81,10 +81,10 @@ class MotionStreamerModel(BlockModel):
       memory = self._begun(memory, plan, tuple(prompts))
     segment, latent, features, decoder = self._next(
         plan, self.params, self.codec, memory.segment, chosen.guidance_scale, chosen.temperature, state.keys,
-        state.count, memory.decoder)
+        state.blocks, memory.decoder)
     latents = np.concatenate([memory.latents, np.asarray(latent)[:, None]], axis=1)[:, -self.most_latents:]
     memory = Memory(segment, memory.prompts, latents, memory.rows + 1, decoder)
-    return np.asarray(features), BlockState(state.keys, state.count + 1, memory)
+    return np.asarray(features), BlockState(state.keys, state.blocks + 1, memory)
 
   def _begun(self, memory, plan, prompts):
     """A segment of these prompts behind the newest latents."""
@@ -102,7 +102,7 @@ class MotionStreamerModel(BlockModel):
       return list(frames)
     # The newest latents, as many as a segment has places for: an end before these has no meaning any more.
     latents = state.memory.latents
-    first = state.count - latents.shape[1]
+    first = state.blocks - latents.shape[1]
     near = np.linalg.norm(latents - np.asarray(self.frozen[END]), axis=-1) < chosen.stop_distance
     ends = [first + (int(np.flatnonzero(row)[0]) if row.any() else len(row)) for row in near]
     return [min(count, max(end, 1) * self.block_frames) for count, end in zip(frames, ends)]

@@ -52,7 +52,10 @@ def draw_latent(net: Net, plan: Plan, params: Any, segment: Segment, scale: Any,
   def predict(x, step):
     rows = jnp.concatenate([x, x]) if plan.guided else x
     made = net.apply(params, rows, jnp.broadcast_to(step, len(rows)), segment.condition, method="predict")
-    return guidance.combine(*jnp.split(made, 2), scale) if plan.guided else made
+    if not plan.guided:
+      return made
+    with_text, without = jnp.split(made, 2)
+    return guidance.combine(with_text, without, scale)
 
   return ddpm.ancestral(predict, schedule, draw(0), lambda m: draw(m + 1), temperature)
 

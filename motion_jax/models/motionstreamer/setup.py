@@ -1,4 +1,6 @@
 """Training set-ups of MotionStreamer: its causal autoencoder and its generator."""
+from collections.abc import Callable
+
 import jax
 import numpy as np
 from ml_collections import ConfigDict
@@ -92,4 +94,4 @@ def load_tokenizer(folder: str, config: ConfigDict) -> tuple[VaeCodec, Stats]:
 
 
 SETUPS = {TOKENIZER: tokenizer, GENERATOR: generator}
-RESOLVED = {}
+RESOLVED: dict[str, Callable] = {}
