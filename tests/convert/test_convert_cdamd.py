@@ -88,7 +88,12 @@ def generate(fixture, folder, monkeypatch, **choices):
   masked = masking.masked_table(np.where(real, order, np.inf), masking.masked_counts(num_iterations, counts))
   noise = jnp.asarray(recorded_draw(fixture, "", masked, np.float32)[0])
   monkeypatch.setattr(draws, "draw_order", lambda *_: order)
-  monkeypatch.setattr(draws, "make_draw", lambda *_: lambda k, j: noise[k, j])
+
+  def recorded_noise(keys, *_):
+    motion = jax.random.key_data(keys)[:, -1:].astype(int)  # a motion's seed, which is its place in the file
+    return lambda k, j, places: noise[k, j, motion, places]
+
+  monkeypatch.setattr(draws, "make_draw", recorded_noise)
   model = load(folder)
   model.encoder = Words(fixture["in/text"])
   with jax.default_matmul_precision("highest"):

@@ -20,6 +20,7 @@ from motion_jax.evaluation.tasks.editing import editor
 from motion_jax.evaluators.evaluator import fresh_evaluator
 from motion_jax.metrics import long_horizon as long_horizon_lib
 from motion_jax.models.base import Able
+from motion_jax.models.cdamd.options import CdamdSampling
 from motion_jax.models.cmdm import multi_prompt
 from motion_jax.models.cmdm.options import CmdmSampling
 from motion_jax.motion.representations import get_layout, to_features, to_joints
@@ -83,6 +84,7 @@ def test_a_model_edits_with_the_mask_that_it_samples_with(options, mask):
   """MARDM's is not CDAMD's."""
   class Model:
     config = load_config("cdamd_generator", "mardm")
+    options = CdamdSampling
     given = None
 
     def edits(self, clips, prompts, task, **given):

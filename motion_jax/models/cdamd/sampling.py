@@ -84,8 +84,11 @@ def start_decoding(net: Net, plan: Plan, params: Any, latents: Float[Array, "b l
     if steps is not None:
       prepare = lambda times: net.apply(params, times[:, None, None], condition[None], method="modulation")
       velocity = lambda x, ready: net.apply(params, twice(x), ready, method="run").astype(latents.dtype)
-      branches = lambda x, ready: velocity(x, ready).reshape(2, *x.shape)
-      combined = lambda x, ready: guidance.combine(branches(x, ready)[0], branches(x, ready)[1], scale)
+
+      def combined(x, ready):
+        with_text, without = jnp.split(velocity(x, ready), 2)
+        return guidance.combine(with_text, without, scale)
+
       return samplers.runge_kutta(combined if plan.guided else velocity, noise, *steps, prepare)
     predict = lambda x, t, *_: net.apply(params, x, t, condition, method="predict").astype(latents.dtype)
     predict = guidance.guided(predict, scale) if plan.guided else predict
