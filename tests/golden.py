@@ -137,16 +137,17 @@ def _runner_among(known, names):
   return None
 
 
-def recordings(*names, sharp=()):
+def recordings(*names, sharp=(), single=()):
   """Marks a test(name, precision) of recordings: each in one precision, and in the other one among the slow tests.
 
   The quick one is float32, in which all outputs are recorded; of `sharp` ones it is float64, for what a solver with
-  steps of its own makes of rounding leaves float32 little to say.
+  steps of its own makes of rounding leaves float32 little to say. single: recorded in float32 alone.
   """
   quick = lambda name, precision: (precision == "float64") == (name in sharp)
   return pytest.mark.parametrize("name, precision", [
       pytest.param(name, precision, marks=[] if quick(name, precision) else pytest.mark.slow)
-      for name in (*names, *sharp) for precision in PRECISIONS])
+      for name in (*names, *sharp, *single) for precision in PRECISIONS
+      if name not in single or quick(name, precision)])
 
 
 def check(path, precisions=tuple(PRECISIONS)):

@@ -226,7 +226,7 @@ class CdamdModel(TextToMotionModel):
     most = unmasking.most_unmasked(masking.masked_counts(chosen.num_iterations, np.array([self.max_latents])))
     # Of choices that a program depends on there are few: one row at a time where an iteration seldom unmasks two, else
     # as many as it unmasks of the longest motion; a window of 4 positions where that is enough.
-    num_rows = (1 if most <= 2 else 2 * -(-most // 2)) if chosen.unmasked_only else None
+    num_rows = (1 if most <= 2 else min(2 * -(-most // 2), self.max_latents)) if chosen.unmasked_only else None
     window = min(WINDOW, self.max_latents)
     small = num_rows == 1 and chosen.mask == "causal" and unmasking.span(np.asarray(schedule.made_at)) <= window
     plan, steps = cdamd.make_plan(

@@ -474,8 +474,9 @@ def run_pipeline(fixture, dtype):
   return made
 
 
-@recordings("rvq_eval", "mask_transformer", "mask_corruption", "mask_train_step", "mask_generate", "schedules",
-            "residual_transformer", "residual_train_step", "residual_generate", "statistics", "edit", "pipeline",
-            "rvq_train_step")
+@recordings("rvq_eval", "mask_transformer", "mask_train_step", "mask_generate", "schedules",
+            "residual_transformer", "residual_train_step", "residual_generate", "statistics", "pipeline",
+            "rvq_train_step",
+            single=("mask_corruption", "edit"))
 def test_golden(name, precision):
   assert not check(fixtures.path(f"momask/{name}.npz"), [precision]).failures

@@ -218,7 +218,8 @@ def run_pipeline(fixture, dtype):
   return made
 
 
-@recordings("vq_eval", "vq_train_step", "quantizer_train", "gpt", "gpt_train", "token_items", "gpt_sample", "pipeline")
+@recordings("vq_eval", "vq_train_step", "quantizer_train", "gpt", "gpt_train", "gpt_sample", "pipeline",
+            single=("token_items",))
 def test_golden(name, precision):
   assert not check(fixtures.path(f"t2m_gpt/{name}.npz"), [precision]).failures
 
