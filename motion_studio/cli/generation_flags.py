@@ -11,7 +11,8 @@ from motion_studio.checks import MAX_ATTEMPTS
 from motion_studio.cli import shared
 
 # Methods whose models cannot run a command.
-WITHOUT = {"multi-prompt": ("cdamd",), "extend": ("cdamd",), "edit": ("cmdm",)}
+_WHOLE = ("cdamd", "mld", "momask", "t2m_gpt")
+WITHOUT = {"multi-prompt": _WHOLE, "extend": _WHOLE, "edit": ("cmdm", "mld", "motionstreamer", "t2m_gpt")}
 
 
 def add_planning(parser):
