@@ -1,4 +1,4 @@
-"""Human motion onto robots, and robots' files in and out. Needs the extra `robot`: pip install 'motion-jax[robot]'.
+"""Human motion onto robots, and robots' files in and out. Needs the extra `robot`.
 
   robot = robots.load("g1")                      Unitree G1, or an MJCF or URDF file with a mapping
   motion = robots.retarget(clip, robot)          inverse kinematics, 50 frames a second

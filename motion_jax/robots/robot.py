@@ -16,6 +16,7 @@ from jaxtyping import Float, Num
 from motion_jax.motion import rotations as rot
 from motion_jax.shapes import Array
 from motion_jax.utils.errors import InputError
+from motion_jax.utils.install import pip_install
 from motion_jax.utils.numerals import named
 
 ASSETS = pathlib.Path(__file__).parent / "assets"
@@ -214,7 +215,7 @@ def _model(path, parts):
   try:
     import mujoco
   except ImportError:
-    raise InputError("robots need MuJoCo and mink: pip install 'motion-jax[robot]'") from None
+    raise InputError(f"robots need MuJoCo and mink: {pip_install('robot')}") from None
   if not path.is_file():
     raise FileNotFoundError(f"there is no file {path}")
   try:

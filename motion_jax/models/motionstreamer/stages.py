@@ -56,10 +56,10 @@ def tokenizer_stage(config: ConfigDict) -> Stage:
                about_loss="a sum, not a mean, over the numbers of a micro-batch; it falls below 0")
 
 
-def make_generator(config: ConfigDict) -> LatentGenerator:
-  """Transformer and head of a section model: transformer, head."""
-  transformer = LatentLlama(**config.transformer)
-  return LatentGenerator(transformer, DiffusionMLP(latent_dim=transformer.latent_dim, **config.head))
+def make_generator(config: ConfigDict, dtype: Any = jnp.float32) -> LatentGenerator:
+  """Transformer and head of a section model: transformer, head; dtype: what they compute in."""
+  transformer = LatentLlama(**config.transformer, dtype=dtype)
+  return LatentGenerator(transformer, DiffusionMLP(latent_dim=transformer.latent_dim, **config.head, dtype=dtype))
 
 
 def generator_stage(config: ConfigDict) -> Stage:
@@ -71,7 +71,7 @@ def generator_stage(config: ConfigDict) -> Stage:
   plain, vae = make_generator(config.model), CausalVAE(**config.tokenizer)
   schedule, copies = ddpm.cosine_schedule(config.diffusion.num_steps), config.loss.copies
   most, channels = config.model.transformer.max_length - 1, config.model.transformer.latent_dim
-  net = mixed_precision(plain, config)
+  net = make_generator(config.model, jnp.dtype(config.train.dtype))
 
   def init(batch, rng):
     return plain.init(rng, jnp.asarray(batch["text_emb"][:1, 0]), jnp.zeros((1, 1, channels)), jnp.zeros((1, 1), int))
