@@ -7,7 +7,7 @@ import pytest
 from motion_jax import fit
 from motion_jax.data.datasets.synthetic import synthetic_joints
 from motion_jax.models import cdamd, cmdm, motion_errors
-from motion_jax.models.cdamd.losses import with_motion_errors
+from motion_jax.models.autoencoders import with_motion_errors
 from motion_jax.models.cmdm.losses import mean_square_nll
 from motion_jax.motion.contacts import feet_stand
 from motion_jax.motion.skeleton import HUMANML3D, KIT
