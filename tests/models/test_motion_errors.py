@@ -6,7 +6,7 @@ import pytest
 
 from motion_jax import fit
 from motion_jax.data.datasets.synthetic import synthetic_joints
-from motion_jax.models import cdamd, cmdm, motion_errors
+from motion_jax.models import autoencoders, cdamd, cmdm, motion_errors
 from motion_jax.models.autoencoders import with_motion_errors
 from motion_jax.models.cmdm.losses import mean_square_nll
 from motion_jax.motion.contacts import feet_stand
@@ -181,7 +181,7 @@ def test_latents_are_off_by_a_share_of_what_they_vary():
   scales = np.array([1.0, 10.0, 0.0], np.float32)
   latents = jnp.asarray(np.random.default_rng(0).normal(size=(2, 32, 64, 3)) * scales + 5, jnp.float32)
   index = jnp.arange(64).reshape(2, 32)
-  blur = jax.vmap(lambda z, i: cdamd.stages._blurred(z, 0.2, jax.random.key(0), {"index": i}, "devices"),
+  blur = jax.vmap(lambda z, i: autoencoders._blurred(z, 0.2, jax.random.key(0), {"index": i}, "devices"),
                   axis_name="devices")
   noise = np.asarray(blur(latents, index) - latents)
   np.testing.assert_allclose(noise.std((0, 1, 2)), 0.2 * scales, rtol=0.05, atol=1e-6)
