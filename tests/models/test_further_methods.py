@@ -8,6 +8,7 @@ from motion_jax.data.clip import Clip
 from motion_jax.models import registry
 from motion_jax.models.block_stream import prompts_by_block
 from motion_jax.motion.skeleton import HUMANML3D
+from motion_studio import Pipeline
 from tests.configs.test_tiny_sizes import traced_training
 from tests.conftest import load_config
 
@@ -136,3 +137,8 @@ def test_what_does_not_fit_is_told_in_one_sentence(tmp_path, monkeypatch):
   config.data.layout = "essential"
   with pytest.raises(ValueError, match="got model.features = 263, layout 'essential' has 67 numbers a frame"):
     fit.run(config.lock(), tmp_path / "layout")
+
+
+def test_the_application_edits_with_a_model_that_has_no_masks(models):
+  edited = Pipeline(models("mdm")).edit(walk(), "a person kicks", change=[(20, 40)], seed=3, max_attempts=1)
+  assert edited.num_frames == walk().num_frames and edited.meta["made"] == [[20, 40]]
