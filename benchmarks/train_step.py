@@ -30,6 +30,7 @@ import torch
 from torch_peers import torch_denoiser, torch_generator, torch_step, torch_tokenizer
 
 from motion_jax.latents import AutoencoderCodec
+from motion_jax.models.cdamd import losses
 from motion_jax.models.cdamd import stages as cdamd
 from motion_jax.models.cmdm import stages as cmdm
 from motion_jax.nets.autoencoder import Autoencoder
@@ -63,7 +64,8 @@ def our_step(config, stage, frozen, batch):
   whole = train_step.make_train_step(stage, tx, config.optimizer.ema_decay, config.optimizer.skip_loss)
   run = where.compiled(whole)
   on_one = jax.vmap(whole, (None, None, 0, None), axis_name=DEVICES, axis_size=1)
-  flops = counting.work(on_one, state, frozen, jax.tree.map(lambda a: np.asarray(a)[None], batch), rng).flops
+  one = jax.tree.map(lambda a: np.asarray(a)[None], batch)
+  flops = counting.work(on_one, state, frozen, one, rng, loops=losses.MOST_PARTS).flops  # a generator's: all masked
   held = [state]
 
   def step():
