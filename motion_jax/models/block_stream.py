@@ -12,11 +12,12 @@ import numpy as np
 from jaxtyping import Float
 
 from motion_jax.control.signal import ControlSignal
-from motion_jax.data.clip import Caption, Clip
+from motion_jax.data.clip import Clip
 from motion_jax.models import arguments
 from motion_jax.models.base import TextToMotionModel, keys_of
 from motion_jax.models.known_motion import KnownMotion, at_rate, clip_of
 from motion_jax.models.moving_path import Path, continue_path
+from motion_jax.models.prompted_stream import PromptedStream
 from motion_jax.models.results import Motion, Motions, captions_in_a_row, features_of, gathered, go_on, make_motions
 from motion_jax.motion.cleanup import Cleaner
 from motion_jax.motion.representations import to_joints
@@ -180,7 +181,7 @@ class BlockModel(TextToMotionModel):
     return BlockStream(self, self.sampling(**sampling), keys, rows, num_frames, cleanup)
 
 
-class BlockStream:
+class BlockStream(PromptedStream):
   """Yields joints (n, J, 3) block after block; `say` changes the prompt. Made by `BlockModel.stream`."""
 
   def __init__(self, model: BlockModel, chosen: Any, keys: jax.Array, segments: Sequence[tuple[str, int | None]],
@@ -200,10 +201,6 @@ class BlockStream:
   @property
   def block_frames(self) -> int:
     return self._model.block_frames
-
-  @property
-  def block_seconds(self) -> float:
-    return self.block_frames / self._model.fps
 
   @property
   def delay(self) -> float:
@@ -269,31 +266,6 @@ class BlockStream:
     other = copy.copy(self)
     other.num_frames, other._script, other._cleaner = num_frames, list(self._script), copy.deepcopy(self._cleaner)
     return other
-
-  def show(self, seconds: float = 10.0) -> Motion:
-    """The next seconds as a Motion, which a notebook shows in its viewer; the next call continues from there."""
-    fps, first, pieces = self._model.fps, self._given, []
-    said = [(begins - first, prompt) for begins, prompt in self.script]
-    while self._given - first < seconds * fps and (joints := next(self, None)) is not None:
-      pieces.append(joints)
-    if not pieces:
-      raise InputError("this stream has ended; make another one to be shown")
-    ends = [*(start for start, _ in said[1:]), self._given - first]
-    captions = [Caption(text, max(start, 0) / fps, min(end, self._given - first) / fps)
-                for (start, text), end in zip(said, ends) if start < self._given - first and end > 0]
-    return Motion(np.concatenate(pieces), fps, tuple(captions), id="stream", source=self._model.id,
-                  license=self._model.license, skeleton=self._model.stats.layout.skeleton)
-
-  def __iter__(self) -> "BlockStream":
-    return self
-
-  def __next__(self) -> np.ndarray:
-    if self.num_frames is not None and self._frames >= self.num_frames:
-      raise StopIteration
-    joints = self.step()
-    while not len(joints):  # all of it waits for its cleanup
-      joints = self.step()
-    return joints
 
   def step(self) -> Float[np.ndarray, "n j 3"]:
     """The frames (n, J, 3) of one more block; cleaned ones come `motion.cleanup.LOOK_AHEAD` frames later."""

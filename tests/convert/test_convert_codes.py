@@ -49,8 +49,8 @@ def test_momask(released, tmp_path, capsys):
   command = ["convert", "momask", "--tokenizer", str(released["vq"]), "--masked", str(released["masked"]), "--residual",
              str(released["residual"]), "--stats", str(released["stats"]), "--heads", "3", "--out", f"{tmp_path}/run"]
   assert cli.main(command) == 0
-  told = capsys.readouterr().out
-  assert "left aside: clip_model (1 tensors), ep, total_it" in told.replace("ep, total_it, clip_model (1 tensors)",
+  printed = capsys.readouterr().out
+  assert "left aside: clip_model (1 tensors), ep, total_it" in printed.replace("ep, total_it, clip_model (1 tensors)",
                                                                            "clip_model (1 tensors), ep, total_it")
   run = runs.load_run(tmp_path / "run", "momask.masked")
   assert run.config.quantizer.to_dict() == {"num_levels": 4, "num_codes": 32}

@@ -167,8 +167,8 @@ HOSTILE = {
 @pytest.mark.parametrize("name", HOSTILE)
 def test_hostile_pickles_are_refused_by_name_and_run_nothing(tmp_path, monkeypatch, name):
   monkeypatch.chdir(tmp_path)
-  make, told = HOSTILE[name]
-  with pytest.raises(InputError, match=told) as error:
+  make, message = HOSTILE[name]
+  with pytest.raises(InputError, match=message) as error:
     torch_files.load(write(tmp_path / "a.pt", make()))
   assert "\n" not in str(error.value) and len(str(error.value)) < 500
   assert not (tmp_path / "ran").exists()
@@ -203,10 +203,10 @@ def test_entries_without_end_and_zips_that_grow_are_refused(tmp_path):
 
 
 def test_what_is_no_checkpoint_is_told(tmp_path):
-  for name, data, told in (("old.pt", pickle.dumps(0x1950a86a20f9469cfc6c, 2), "before PyTorch 1.6"),
+  for name, data, message in (("old.pt", pickle.dumps(0x1950a86a20f9469cfc6c, 2), "before PyTorch 1.6"),
                            ("page.pt", b"<html>", "no zip archive"), ("empty.pt", b"", "no zip archive")):
     (tmp_path / name).write_bytes(data)
-    with pytest.raises(InputError, match=told):
+    with pytest.raises(InputError, match=message):
       torch_files.load(tmp_path / name)
   with zipfile.ZipFile(tmp_path / "other.zip", "w") as archive:
     archive.writestr("a.txt", "a")

@@ -67,15 +67,15 @@ def test_a_stream_is_the_motion(models, name):
   streamed = np.concatenate(list(model.stream("a person waves", seed=2, num_frames=100)))
   np.testing.assert_allclose(streamed, whole, atol=1e-4)
   rows = [("a person waves", 40 / 20), ("a person sits", 60 / 20)]
-  told = model.multi_prompt(rows, seed=4)
+  whole = model.multi_prompt(rows, seed=4)
   stream = model.stream("a person waves", seed=4, num_frames=100)
   first = [next(stream) for _ in range(40 // model.block_frames)]
   assert stream.say("a person sits") == 40 and stream.script == [(40, "a person sits")]
   fork = stream.fork(num_frames=100)
   rest = list(stream)
   np.testing.assert_array_equal(np.concatenate(rest), np.concatenate(list(fork)))
-  np.testing.assert_allclose(np.concatenate(first + rest), told.joints, atol=1e-4)
-  assert [caption.text for caption in told.captions] == ["a person waves", "a person sits"]
+  np.testing.assert_allclose(np.concatenate(first + rest), whole.joints, atol=1e-4)
+  assert [caption.text for caption in whole.captions] == ["a person waves", "a person sits"]
 
 
 @pytest.mark.parametrize("name", BLOCKS)

@@ -7,21 +7,20 @@ import numpy as np
 from jaxtyping import Int
 
 from motion_jax.control.signal import ControlSignal
-from motion_jax.data.clip import Caption
 from motion_jax.models.cmdm import multi_prompt, streaming
 from motion_jax.models.cmdm.loop import SamplingLoop
 from motion_jax.models.cmdm.networks import CmdmNetworks
 from motion_jax.models.cmdm.offline import CAPTIONS
 from motion_jax.models.cmdm.options import CmdmSampling
 from motion_jax.models.moving_path import Path, heading_of
-from motion_jax.models.results import Motion
+from motion_jax.models.prompted_stream import PromptedStream
 from motion_jax.motion.cleanup import Cleaner
 from motion_jax.text.contrast import Contrast
 
 Segments = Sequence[tuple[str, int | None]]  # prompts and their frames
 
 
-class LiveStream:
+class LiveStream(PromptedStream):
   """Yields joints (n, J, 3) block after block; `say` changes what the person does. Made by `CmdmModel.stream`.
 
     stream = model.stream("a person walks", seed=1)
@@ -58,10 +57,6 @@ class LiveStream:
   @property
   def block_frames(self) -> int:
     return self._plan.block * self._model.vae.frames_per_latent
-
-  @property
-  def block_seconds(self) -> float:
-    return self.block_frames / self._model.fps
 
   @property
   def _steps(self) -> int:
@@ -165,22 +160,6 @@ class LiveStream:
     self._loop.hold(signal, control_steps, start)
     return self._frames
 
-  def show(self, seconds: float = 10.0) -> Motion:
-    """The next seconds as a Motion, which a notebook shows in its viewer; the next call continues from there."""
-    if not np.isfinite(seconds) or seconds <= 0:
-      raise ValueError(f"got {seconds} s to be shown, expected more than 0")
-    fps, first, pieces = self._model.fps, self._given, []
-    said = [(begins - first, prompt) for begins, prompt in self.script]
-    while self._given - first < seconds * fps and (joints := next(self, None)) is not None:
-      pieces.append(joints)
-    if not pieces:
-      raise ValueError("this stream has ended; make another one to be shown")
-    ends = [*(start for start, _ in said[1:]), self._given - first]
-    captions = [Caption(text, max(start, 0) / fps, min(end, self._given - first) / fps)
-                for (start, text), end in zip(said, ends) if start < self._given - first and end > 0]
-    return Motion(np.concatenate(pieces), fps, tuple(captions), id="stream", source=self._model.id,
-                  license=self._model.license, skeleton=self._model.stats.layout.skeleton)
-
   def fork(self, num_frames: int | None = None) -> "LiveStream":
     """A second stream that continues from here, to the same motion bit for bit; the two are independent.
 
@@ -203,17 +182,6 @@ class LiveStream:
     at = np.maximum(np.searchsorted(starts, blocks, side="right") - 1, 0)
     memory = self._plan.memory  # the very first words have nothing before them
     return slots[at][None], None if memory is None else starts[at][None] - memory
-
-  def __iter__(self) -> "LiveStream":
-    return self
-
-  def __next__(self) -> np.ndarray:
-    if self.num_frames is not None and self._frames >= self.num_frames:
-      raise StopIteration
-    joints = self.step()
-    while not len(joints):  # nothing is clean yet, or all of it waits for what comes behind it
-      joints = self.step()
-    return joints
 
   def step(self) -> np.ndarray:
     """One more block begins, and those under way come as much nearer to clean: the frames (n, J, 3) that this decides,
