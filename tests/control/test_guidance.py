@@ -169,20 +169,21 @@ def test_a_stream_whose_cleanup_moves_the_body_is_led_to_where_it_is_seen(model)
   assert np.abs(streamed(less) - streamed(signal)).max() > 1e-3
 
 
-def _told(model):
-  """A model that is told constraints, untrained."""
-  told = copy.copy(model)
-  told.dit = model.dit.clone(control=conditioning.size(4))
-  told.params, told.compiled = untrained(cmdm.denoiser_shapes(told.dit)), networks._compile(told.dit)
-  return told
+def _conditioned(model):
+  """A model that takes constraints as a condition, untrained."""
+  conditioned = copy.copy(model)
+  conditioned.dit = model.dit.clone(control=conditioning.size(4))
+  conditioned.params = untrained(cmdm.denoiser_shapes(conditioned.dit))
+  conditioned.compiled = networks._compile(conditioned.dit)
+  return conditioned
 
 
 @pytest.mark.slow
 def test_a_stream_is_told_what_is_asked_of_its_window_from_where_its_body_stands(model):
-  told, signal = _told(model), hand(frame=130, frames=160)
-  plan = told.plan_of(**SAMPLING)[0]
-  emb, mask = told.encode_words(["a person walks"] * 4)
-  loop = SamplingLoop(told, plan, np.ones(1), keys_of(None, [1], 1)[0])
+  conditioned, signal = _conditioned(model), hand(frame=130, frames=160)
+  plan = conditioned.plan_of(**SAMPLING)[0]
+  emb, mask = conditioned.encode_words(["a person walks"] * 4)
+  loop = SamplingLoop(conditioned, plan, np.ones(1), keys_of(None, [1], 1)[0])
   loop.say(emb[None], mask[None])
   run = lambda: loop.step(np.zeros((1, plan.width), int))
   while loop.base < 2:
@@ -190,7 +191,7 @@ def test_a_stream_is_told_what_is_asked_of_its_window_from_where_its_body_stands
   first, size, start = loop.base * 12, plan.block, np.array([[0.5, 0.2, 0.1]], np.float32)
   loop.hold(signal, 0, start)
   ahead = conditioning.features(signal.slice_frames(first, first + 200), 4, start)
-  tokens = told.dit.apply(told.params, ahead, method="control_tokens")
+  tokens = conditioned.dit.apply(conditioned.params, ahead, method="control_tokens")
   for passed in range(3):
     np.testing.assert_allclose(loop.control, tokens[:, passed * size:(passed + plan.width) * size], atol=1e-5)
     run()
@@ -199,10 +200,10 @@ def test_a_stream_is_told_what_is_asked_of_its_window_from_where_its_body_stands
 @pytest.mark.slow
 def test_a_stream_of_a_network_that_is_told_is_the_offline_motion(model):
   """The tokens that `hold` makes are those of `sample`; what is asked later changes nothing before."""
-  told, signal = _told(model), hand(frame=44)
+  conditioned, signal = _conditioned(model), hand(frame=44)
 
   def streamed(when):
-    stream, parts = told.stream("a person walks", seed=1, num_frames=FRAMES, cleanup=False, **SAMPLING), []
+    stream, parts = conditioned.stream("a person walks", seed=1, num_frames=FRAMES, cleanup=False, **SAMPLING), []
     for at in range(6):
       if at == when:
         assert stream.hold(signal, control_steps=0) == max(at - 1, 0) * 12
@@ -210,8 +211,8 @@ def test_a_stream_of_a_network_that_is_told_is_the_offline_motion(model):
     return np.concatenate(parts)[:FRAMES]
 
   live, late = streamed(0), streamed(4)
-  np.testing.assert_allclose(live, made(told, signal, control_steps=0)[0], atol=2e-3)
-  plain = made(told)[0]
+  np.testing.assert_allclose(live, made(conditioned, signal, control_steps=0)[0], atol=2e-3)
+  plain = made(conditioned)[0]
   np.testing.assert_allclose(late[:36], plain[:36], atol=2e-3)
   assert min(np.abs(live[36:] - plain[36:]).max(), np.abs(late[36:] - plain[36:]).max()) > 1e-3
 

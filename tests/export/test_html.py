@@ -78,19 +78,19 @@ def asked_of(clip, off=(0.03, 0.0, 0.04)):
 
 def test_what_was_asked_is_in_the_page_and_how_far_off_the_motion_is(tmp_path):
   clip = make()
-  asked = compile(asked_of(clip), 30)
+  signal = compile(asked_of(clip), 30)
   points = [[0.0, 0.0], [0.5, 1.0]]
-  path, = export.save(clip, tmp_path / "a.html", control=asked, way_points=points)
+  path, = export.save(clip, tmp_path / "a.html", control=signal, way_points=points)
   drawn = data_of(path)["clips"][0]["constraints"]
   assert drawn["points"] == points and [target[0] for target in drawn["targets"]] == [10]
   assert [pose["frame"] for pose in drawn["poses"]] == [24]
   joints = np.frombuffer(base64.b64decode(drawn["poses"][0]["joints"]), "<f4").reshape(22, 3)
   np.testing.assert_allclose(joints, clip.joints[24], atol=1e-5)
   assert len(np.frombuffer(base64.b64decode(drawn["poses"][0]["turned"]), "<i2")) == 22 * 4
-  assert abs(np.array(drawn["lines"][0]) - asked.positions[0, :21, 0][:, [0, 2]]).max() < 1e-4
+  assert abs(np.array(drawn["lines"][0]) - signal.positions[0, :21, 0][:, [0, 2]]).max() < 1e-4
   assert drawn["off"]["frame"] == 10 and drawn["off"]["joint"] == "left wrist" and 49 < drawn["off"]["worst"] < 51
   assert 0 < drawn["off"]["mean"] < 10
-  nothing = data_of(export.html([clip, clip], tmp_path / "b.html", control=[asked, none(1, 30)]))["clips"]
+  nothing = data_of(export.html([clip, clip], tmp_path / "b.html", control=[signal, none(1, 30)]))["clips"]
   own, other = nothing[0]["constraints"], nothing[1]["constraints"]
   assert "off" in own and "off" not in other and other["lines"] == []
 

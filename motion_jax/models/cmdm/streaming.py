@@ -33,80 +33,15 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from motion_jax.diffusion.guidance import combine
-from motion_jax.diffusion.samplers import SOLVERS
 from motion_jax.diffusion.schedules import time_of_level
 from motion_jax.models.cmdm import ddpm_forcing
+from motion_jax.models.cmdm.plan import Layout as Layout
+from motion_jax.models.cmdm.plan import Plan as Plan
+from motion_jax.models.cmdm.plan import make_plan as make_plan
 from motion_jax.nets.frame_wise import FrameWiseNetwork
 from motion_jax.shapes import Array, Net
 
 _ANY = -2**30  # before all blocks that there are
-
-
-class Layout(NamedTuple):
-  """The choices that the program of a step depends on; hashable, so that jit can specialize on it."""
-  block: int    # latents per block
-  context: int  # latents that a latent attends to
-  width: int    # blocks in the window
-  guided: bool
-  solver: str = "euler"
-
-  @property
-  def ring(self) -> int:
-    """Blocks in the cache."""
-    return max(self.context // self.block - 1, 1)
-
-
-class Plan(NamedTuple):
-  """All choices of frame-wise sampling; hashable."""
-  num_steps: int
-  lag: int      # iterations between the starts of two blocks; num_steps is autoregressive
-  block: int    # latents per block
-  context: int  # latents that a latent attends to
-  width: int    # blocks in the window
-  guided: bool
-  solver: str = "euler"
-  memory: int | None = None  # blocks before a caption's first one that its blocks see; None: all within the context
-
-  @property
-  def layout(self) -> Layout:
-    return Layout(self.block, self.context, self.width, self.guided, self.solver)
-
-  @property
-  def age(self) -> int:
-    """Steps after which a block is clean."""
-    return -(-self.num_steps // self.lag)
-
-  @property
-  def ring(self) -> int:
-    """Blocks in the cache."""
-    return self.layout.ring
-
-  def pulled(self, iteration: Any) -> Any:
-    """Whether a guide pulls in an iteration of a step: in every second one, which costs half; the one that finishes a
-    block is among them."""
-    return (iteration - (self.num_steps - 1) % self.lag) % min(self.lag, 2) == 0
-
-  def fitted(self, num_blocks: int) -> "Plan":
-    """The same plan with a window no wider than a motion of this number of blocks."""
-    return self._replace(width=min(self.width, num_blocks))
-
-
-def make_plan(num_steps: int, lag: int, block: int, context: int, num_blocks: int | None = None, guided: bool = True,
-              solver: str = "euler", memory: int | None = None) -> Plan:
-  """A plan of a memory in latents; with num_blocks its window is no wider than the motion. Raises ValueError."""
-  if num_steps < 1 or not 1 <= lag <= num_steps:
-    raise ValueError(f"got num_steps {num_steps} and lag {lag}; expected 1 <= lag <= num_steps (lag = num_steps is "
-                     "autoregressive)")
-  if block < 1 or context < block or context % block:
-    raise ValueError(f"got a context of {context} latents, expected whole blocks of {block}")
-  if memory is not None and (memory < 0 or memory % block):
-    raise ValueError(f"got a memory of {memory} latents, expected whole blocks of {block}; try "
-                     f"{memory // block * block}")
-  if solver not in (*SOLVERS, *ddpm_forcing.SOLVERS):
-    raise ValueError(f"got solver {solver!r}, expected one of {', '.join((*SOLVERS, *ddpm_forcing.SOLVERS))}")
-  plan = Plan(num_steps, lag, block, context, -(-num_steps // lag) + 1, guided, solver,
-              None if memory is None else memory // block)
-  return plan.fitted(num_blocks) if num_blocks else plan
 
 
 class Stream(NamedTuple):
