@@ -11,7 +11,7 @@ from collections.abc import Callable
 
 from motion_jax.data.clip import Clip
 from motion_jax.export.bvh import bvh
-from motion_jax.export.files import load, npy, npz
+from motion_jax.export.files import READERS, load, npy, npz
 from motion_jax.export.glb import glb
 from motion_jax.export.html import html, html_page
 from motion_jax.export.rig import rig_error as _rig_error
@@ -94,5 +94,5 @@ def _with_22_joints(clip):
   return clip.replace(joints=to_22(clip.joints), skeleton=HUMANML3D, features=None)
 
 
-__all__ = ["WRITERS", "bvh", "check_output", "frame", "frames", "glb", "html", "load", "npy", "npz", "page",
+__all__ = ["READERS", "WRITERS", "bvh", "check_output", "frame", "frames", "glb", "html", "load", "npy", "npz", "page",
            "rig_error", "save", "strip", "video"]

@@ -1,6 +1,7 @@
 """Write and read clips as plain arrays: .npz with joints and all metadata, .npy with joints only."""
 import json
 import pathlib
+from collections.abc import Callable
 
 import numpy as np
 
@@ -17,8 +18,7 @@ from motion_jax.motion.skeleton import HUMANML3D, SKELETONS
 from motion_jax.utils.atomic import atomic_path
 from motion_jax.utils.errors import InputError
 from motion_jax.utils.input_files import PickledError, load_npy, load_npz, npz_names, parse_json
-
-LOADABLE = (".npz", ".npy", ".bvh", ".amc")
+from motion_jax.utils.plugins import Registry
 
 
 def npz(clip, path) -> pathlib.Path:
@@ -64,9 +64,9 @@ def load(path, fps=None, unit="auto", up=None, mapping=None) -> Clip:
   joints that are no person's (`motion.plausibility`).
   """
   path = pathlib.Path(path)
-  read = {".npz": _load_npz, ".npy": _load_npy, ".bvh": _load_bvh, ".amc": _load_amc}.get(path.suffix.lower())
+  read = READERS.get(path.suffix.lower())
   if read is None:
-    raise ValueError(f"got {path.name!r}, expected a file that ends in {', '.join(LOADABLE)}")
+    raise ValueError(f"got {path.name!r}, expected a file that ends in {', '.join(READERS)}")
   if not path.is_file():
     raise FileNotFoundError(f"there is no file {path}")
   plausibility.check_rate(fps, str(path))
@@ -217,3 +217,8 @@ def plain(value):
   if isinstance(value, np.ndarray | np.generic):
     return value.tolist()
   return value if value is None or isinstance(value, str | int | float | bool) else str(value)
+
+
+# {extension: reader(path, fps, unit, up, mapping) -> Clip}, and those of other packages; the arguments are `load`'s.
+READERS: Registry[Callable] = Registry("motion_jax.imports", {
+    ".npz": _load_npz, ".npy": _load_npy, ".bvh": _load_bvh, ".amc": _load_amc})

@@ -6,7 +6,7 @@ from motion_studio.cli import shared
 def add_to(commands):
   """Adds this sub-command to those of `motion-jax`."""
   blend = commands.add_parser("blend", help="blend from one motion into another")
-  blend.add_argument("first", help="first motion: .npz, .npy, .bvh or .amc")
+  blend.add_argument("first", help=f"first motion: {shared.MOTION_HELP}")
   blend.add_argument("second", help="second motion; it is moved and rotated on the ground to follow the first")
   blend.add_argument("--seconds", type=real(0.1, 10, "seconds"), default=1.0, help="length of the transition (1)")
   shared.add_out(blend, "blended.html", "both.mp4,both.bvh")

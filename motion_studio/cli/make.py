@@ -49,7 +49,7 @@ def add_to(commands):
   several.set_defaults(run=_multi_prompt)
 
   extend = commands.add_parser("extend", help="continue a motion file from a prompt")
-  extend.add_argument("file", help="motion to continue: .npz, .npy, .bvh or .amc")
+  extend.add_argument("file", help=f"motion to continue: {shared.MOTION_HELP}")
   extend.add_argument("--prompt", required=True, help="what happens next; several prompts as for multi-prompt")
   extend.add_argument("--seconds", type=_SECONDS, help="length of the new part in seconds, for a single prompt")
   extend.add_argument("--past-prompt", help="what the file shows (default: its caption, else the new prompt)")
@@ -62,7 +62,7 @@ def add_to(commands):
   extend.set_defaults(run=_extend)
 
   edit = commands.add_parser("edit", help="regenerate selected frames or body parts of a motion file")
-  edit.add_argument("file", help="motion to edit: .npz, .npy, .bvh or .amc")
+  edit.add_argument("file", help=f"motion to edit: {shared.MOTION_HELP}")
   edit.add_argument("--prompt", required=True, help="what the person does in the new frames")
   part = edit.add_mutually_exclusive_group()
   part.add_argument("--task", choices=("inpainting", "outpainting", "prefix", "suffix"),

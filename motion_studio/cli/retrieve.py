@@ -7,7 +7,7 @@ def add_to(commands):
   """Adds this sub-command to those of `motion-jax`."""
   retrieve = commands.add_parser("retrieve", help="find clips nearest to a sentence, or captions nearest to a motion")
   retrieve.add_argument("query", nargs="?",
-                        help="a sentence, or an .npz, .npy, .bvh or .amc file; without a query, the recall over "
+                        help=f"a sentence, or a motion file ({shared.MOTION_HELP}); without a query, the recall over "
                              "the whole collection is printed")
   retrieve.add_argument("--data", required=True, metavar="DIR", help="an archive or a HumanML3D-layout folder")
   retrieve.add_argument("--split", help="train, val or test (default: all)")

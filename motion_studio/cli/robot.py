@@ -17,7 +17,7 @@ def add_to(commands):
       epilog="STEM.FORMAT.csv or .npz is written for each format, and a .json beside it that states robot, order of "
       "joints and quaternions, axes, units, rate and licence. Formats: " + ", ".join(_FORMATS) + ".",
       formatter_class=argparse.RawDescriptionHelpFormatter)
-  retarget.add_argument("file", help="motion file: .npz, .npy, .bvh or .amc; or a robot's .csv, to convert it back")
+  retarget.add_argument("file", help=f"motion file: {shared.MOTION_HELP}; or a robot's .csv, to convert it back")
   retarget.add_argument("--robot", default="g1", help="g1 (Unitree G1), or an MJCF (.xml) or URDF file with "
                         "--robot-mapping")
   retarget.add_argument("--robot-mapping", metavar="FILE.json", help="{human part: body of the robot}, for a robot of "

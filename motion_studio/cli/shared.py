@@ -10,7 +10,8 @@ BVH_UNITS = {"cm": "centimetres", "m": "metres"}
 FILMS = (".mp4", ".gif")
 PICTURES = (*FILMS, ".png", ".jpg", ".html")
 RIGS = (".bvh", ".glb")
-MOTION_FILES = (".npz", ".npy", ".bvh", ".amc")
+MOTION_FILES = (".npz", ".npy", ".bvh", ".amc")  # what export.load reads; a constant, so that --help starts fast
+MOTION_HELP = ", ".join(MOTION_FILES[:-1]) + f" or {MOTION_FILES[-1]}"
 
 
 class Files(argparse.Action):
