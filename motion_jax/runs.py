@@ -33,7 +33,8 @@ if TYPE_CHECKING:
 PRETRAINED = pathlib.Path(__file__).parent / "pretrained"
 # {stage of a generator: stage of the tokenizer that it holds}
 TOKENIZERS = {"cmdm.denoiser": "cmdm.tokenizer", "cdamd.generator": "cdamd.autoencoder",
-              "momask.masked": "momask.rvq", "t2m_gpt.gpt": "t2m_gpt.vq"}
+              "momask.masked": "momask.rvq", "t2m_gpt.gpt": "t2m_gpt.vq", "mld.denoiser": "mld.vae",
+              "motionstreamer.generator": "motionstreamer.tokenizer"}
 
 
 @dataclasses.dataclass(frozen=True)

@@ -87,7 +87,7 @@ class Unsampled(Able):
   folder: pathlib.Path
   config: dict = dataclasses.field(default_factory=dict)
 
-  def segment_frames(self, frames, way):
+  def segment_frames(self, frames):
     """As `CmdmModel.segment_frames`: segments have exactly the frames that were requested."""
     return list(frames)
 

@@ -1,7 +1,6 @@
 """Tokenizers of any run, alone or inside a generator's: motion to latents and back."""
 import dataclasses
 import pathlib
-from functools import partial
 from typing import Any, ClassVar
 
 import jax
@@ -9,18 +8,13 @@ import jax.numpy as jnp
 import numpy as np
 
 from motion_jax import runs
-from motion_jax.latents import TOKENIZER, AutoencoderCodec, RvqCodec, VaeCodec
-from motion_jax.models import cdamd, cmdm
+from motion_jax.latents import TOKENIZER
+from motion_jax.models import registry
 from motion_jax.models.base import Able
 from motion_jax.motion.stats import Stats
-from motion_jax.nets.autoencoder import Autoencoder
-from motion_jax.nets.causal_vae import CausalVAE
-from motion_jax.nets.masks import padding_mask
 from motion_jax.training import checkpoint
 from motion_jax.utils.config_files import module_fields
-
-STAGES = ("cmdm.tokenizer", "cmdm.denoiser", "cdamd.autoencoder", "cdamd.rvq", "cdamd.generator", "momask.rvq",
-          "momask.masked", "t2m_gpt.vq", "t2m_gpt.gpt")
+from motion_jax.utils.errors import InputError
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -45,32 +39,17 @@ class Tokenizer(Able):
 def load_tokenizer(run, raw=False) -> Tokenizer:
   """The tokenizer of a run folder or of a shipped model. raw: the last weights, if the run is a tokenizer's own.
 
-  Raises ValueError for a run without a tokenizer.
+  Raises InputError for a run without a tokenizer.
   """
-  run = runs.load_run(run, STAGES, raw)
+  known, run = registry.tokenizers(), runs.load_run(run, raw=raw)
   config, stage = run.config, run.stage
+  if stage not in known:
+    raise InputError(f"{run.folder} holds a {stage!r} run, which has no tokenizer; give the run of a tokenizer, such "
+                     "as cmdm.tokenizer, or of a generator that was trained on one, such as momask.masked")
   inside = stage in runs.TOKENIZERS
-  fields = module_fields(config.tokenizer if inside else config.model)
-  name = checkpoint.FROZEN if inside else run.params_file
-  net = (CausalVAE if stage.startswith("cmdm") else Autoencoder)(**fields)
-  if stage.startswith("cmdm"):
-    codec, shapes = VaeCodec, cmdm.frozen_shapes(net)[TOKENIZER]
-  elif runs.TOKENIZERS.get(stage, stage) in ("cdamd.rvq", "momask.rvq", "t2m_gpt.vq"):
-    codec, shapes = RvqCodec, cdamd.autoencoder_shapes(net, config.quantizer)
-  else:
-    codec, shapes = AutoencoderCodec, cdamd.autoencoder_shapes(net)
-  params = run.frozen({TOKENIZER: shapes})[TOKENIZER] if inside else run.params(shapes)
+  found = known[stage](module_fields(config.tokenizer if inside else config.model), config)
+  params = run.frozen({TOKENIZER: found.shapes})[TOKENIZER] if inside else run.params(found.shapes)
   params = jax.tree.map(jnp.asarray, params)
-  return Tokenizer(run.folder, config, run.stats, sum(leaf.size for leaf in jax.tree.leaves(params)), name,
-                   jax.jit(partial(_there_and_back, codec(net, params))))
-
-
-def _there_and_back(codec, x, num_frames, keys):
-  if isinstance(codec, VaeCodec):
-    # Parity: the released evaluation draws latents; rows of padding are encoded and decoded like all others.
-    return codec.reconstruct(x, keys)
-  unit = codec.frames_per_latent
-  frame_mask = padding_mask(num_frames, x.shape[1])
-  if isinstance(codec, RvqCodec):
-    return codec.reconstruct(x, frame_mask)
-  return codec.reconstruct(x, frame_mask, padding_mask(num_frames // unit, x.shape[1] // unit))
+  run_it = jax.jit(found.run)
+  return Tokenizer(run.folder, config, run.stats, sum(leaf.size for leaf in jax.tree.leaves(params)),
+                   checkpoint.FROZEN if inside else run.params_file, lambda *given: run_it(params, *given))

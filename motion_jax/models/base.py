@@ -52,6 +52,7 @@ class Able:
   """Something that says what it can do: `can("edit")`. Models, and what is evaluated in place of one."""
   abilities: tuple[str, ...] = ()  # of ABILITIES
   more_choices: tuple[str, ...] = ()  # of sampling, beside those of `options`
+  ways: tuple[str, ...] = ()  # of several prompts in one motion, the usual first, where `multi_prompts` has a choice
 
   def can(self, ability: str) -> bool:
     """Whether it has this ability, one of `ABILITIES`. Raises ValueError for a word that is none."""

@@ -5,6 +5,8 @@
                value}}, what a config takes over from the runs of its frozen parts; it may be empty
                Where latents can be made once and kept, STORES {stage: function(config, folder) -> str}
   model.py     MODELS {stage: class}, subclasses of `models.base.TextToMotionModel` that runs of these stages become
+               Where it has a tokenizer, TOKENIZERS {stage: function(fields, config) -> `RoundTrip`}, of its own
+               stage and of the generators whose runs hold it (`runs.TOKENIZERS`)
   options.py   OPTIONS, its `SamplingOptions`, in a file that imports no jax: the command line reads it for --help
 
 Stages are called "METHOD.PART", as "cmdm.denoiser": so a run's config says which folder knows it.
@@ -40,6 +42,11 @@ def model_stages(ability: str = "generate") -> list[str]:
           if ability in model.abilities]
 
 
+def guided_stages() -> list[str]:
+  """The stages whose runs become models that constraints guide."""
+  return [stage for stage in model_stages() if model_of(stage).takes_control]
+
+
 def setups() -> dict:
   """{stage: function(config) -> TrainingSetup} of all methods."""
   return {stage: setup for method in (*METHODS, *TEACHERS) for stage, setup in _of(method, "setup").SETUPS.items()}
@@ -53,6 +60,11 @@ def resolved() -> dict:
 def stores() -> dict:
   """{stage: function(config, folder) -> what to tell} of all methods: what `motion-jax data encode` calls."""
   return {stage: make for method in METHODS for stage, make in getattr(_of(method, "setup"), "STORES", {}).items()}
+
+
+def tokenizers() -> dict:
+  """{stage: function(fields, config) -> `round_trips.RoundTrip`} of all methods."""
+  return {stage: make for method in METHODS for stage, make in getattr(_of(method, "model"), "TOKENIZERS", {}).items()}
 
 
 def options() -> dict:

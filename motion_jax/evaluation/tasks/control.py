@@ -21,6 +21,7 @@ from motion_jax.evaluation.tasks.base import ClipTask, Found, Wanted
 from motion_jax.evaluation.tasks.generation import Generation
 from motion_jax.metrics import physics
 from motion_jax.metrics.control_scores import NAMES, control_scores
+from motion_jax.models import registry
 from motion_jax.models.base import keys_of
 from motion_jax.models.results import features_of
 from motion_jax.motion import rotations as rot
@@ -58,7 +59,11 @@ class Control(Generation):
     return Found({"real": self.harness.real_scores(replication) | dict.fromkeys(NAMES, 0.0)})
 
   def found(self, candidate, replication):
-    options = dict(candidate.options)
+    options, model = dict(candidate.options), candidate.model
+    if model.can("generate") and not (model.takes_control or options.get("exact")):
+      raise ValueError(f"{candidate.name} is a {model.config.stage} model, which samples by prompts alone; --sampling "
+                       f"exact=true projects its motions, or take a {' or a '.join(registry.guided_stages())}, which "
+                       "constraints guide")
     chosen = str(options.get("joints", "all"))
     names = JOINTS if chosen == "all" else tuple(chosen.split("+"))
     if wrong := [name for name in names if name not in JOINTS]:
@@ -232,7 +237,8 @@ def controlled_generator(candidate, signal, given, exact):
     rows = [signal[i].slice_frames(0, max(jobs.frames)) for i in jobs.places]
     constraints, model = signals.stack(rows), candidate.model
     if exact:
-      made = model.generate(jobs.captions, jobs.frames, seeds=jobs.seeds, control=constraints, **chosen)
+      guided = dict(control=constraints) if model.takes_control else {}
+      made = model.generate(jobs.captions, jobs.frames, seeds=jobs.seeds, **guided, **chosen)
       joints = [project(motion.joints, row.slice_frames(0, motion.num_frames), model.fps, warn=True).astype(np.float32)
                 for motion, row in zip(made, rows)]
       return [np.concatenate([features_of(model, one), one.reshape(len(one), -1)], axis=1) for one in joints]

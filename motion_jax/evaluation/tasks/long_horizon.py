@@ -67,12 +67,11 @@ class LongHorizon(Task):
   def found(self, candidate, replication):
     """The row of a candidate's long motions."""
     model, prompts = candidate.model, self.sequences(replication)
-    options = {"way": self.protocol.way} | dict(candidate.options)
-    way = options["way"]
-    frames = [model.segment_frames(one.frames.tolist(), way) for one in prompts]
+    options = ways_of(candidate, self.protocol.way)
+    frames = [model.segment_frames(one.frames.tolist(), *options.get("way", "").split()) for one in prompts]
     jobs = self._jobs(replication, prompts, frames)
     timed = [list(zip(one.captions, (one.frames / model.stats.layout.fps).tolist())) for one in prompts]
-    store = candidate.store(self.harness, f"multi-prompt, {way}{self._file_hash}")
+    store = candidate.store(self.harness, f"multi-prompt, {options.get('way', 'stream')}{self._file_hash}")
     made = candidate.sample(multi_prompt_generator(candidate, timed, options), store, f"r{replication:03d}", jobs,
                             f"replication {replication + 1}", BATCH)
     scored = long_horizon.score(self._pieces(made, prompts, frames, model.stats.layout), self._reference(replication),
@@ -231,6 +230,16 @@ class LongHorizon(Task):
         unit_length=1 if babel else protocol.unit_length, diversity_draws=protocol.diversity_draws,
         cosine=protocol.cosine, jerk_scale=1 / protocol.jerk_unit,
         real_jerk=physics.REAL_JERK[protocol.real_jerk] if protocol.real_jerk else None)
+
+
+def ways_of(candidate, usual=None) -> dict:
+  """The choices of a candidate for `multi_prompts`, among them the way of several prompts where its model has more than
+  one: the one that it was given, else the usual one. Raises ValueError for a way that the model does not have."""
+  options, ways = dict(candidate.options), candidate.model.ways
+  way = options.pop("way", None)
+  if way not in (None, *(ways or ("stream",))):
+    raise ValueError(f"got the choice of sampling way {way!r}, {candidate.name} knows {', '.join(ways or ('stream',))}")
+  return options | ({"way": way or usual} if ways and (way or usual) else {})
 
 
 def multi_prompt_generator(candidate, sequences, options):

@@ -10,7 +10,7 @@ import numpy as np
 from motion_jax.data.timelines import read_timelines, single_track
 from motion_jax.evaluation import samples
 from motion_jax.evaluation.tasks.base import Found, Task, Wanted
-from motion_jax.evaluation.tasks.long_horizon import BATCH, LongHorizon, multi_prompt_generator
+from motion_jax.evaluation.tasks.long_horizon import BATCH, LongHorizon, multi_prompt_generator, ways_of
 from motion_jax.metrics import timeline_scores
 from motion_jax.motion.representations import to_joints
 
@@ -44,7 +44,7 @@ class Timelines(Task):
     harness, layout = self.harness, candidate.model.stats.layout
     prompts, jobs = self._asked(replication, layout.fps)
     store = candidate.store(harness, f"timelines {prompts}")
-    made = candidate.sample(multi_prompt_generator(candidate, prompts, candidate.options), store,
+    made = candidate.sample(multi_prompt_generator(candidate, prompts, ways_of(candidate)), store,
                             f"r{replication:03d}", jobs, f"replication {replication + 1}", BATCH)
     read, mode, real = harness.evaluator.layout, harness.evaluator.mode, self._real
     embed = lambda motions: harness.embed(harness.evaluator, motions, np.array([len(x) for x in motions]))

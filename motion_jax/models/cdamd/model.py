@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float
 from motion_jax.control.signal import ControlSignal
 from motion_jax.data.clip import Caption, Clip
 from motion_jax.latents import AutoencoderCodec
-from motion_jax.models import arguments, cdamd
+from motion_jax.models import arguments, cdamd, round_trips
 from motion_jax.models import length as lengths
 from motion_jax.models import mask_schedule as masking
 from motion_jax.models.base import TextToMotionModel, keys_of
@@ -255,6 +255,8 @@ class CdamdModel(TextToMotionModel):
 
 
 MODELS = {"cdamd.generator": CdamdModel}
+TOKENIZERS = dict.fromkeys(("cdamd.autoencoder", "cdamd.generator"), round_trips.autoencoder) | {
+    "cdamd.rvq": round_trips.rvq}
 
 
 class Programs:

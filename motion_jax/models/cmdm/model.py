@@ -7,7 +7,7 @@ import numpy as np
 
 from motion_jax.control.signal import ControlSignal
 from motion_jax.data.clip import Clip
-from motion_jax.models import arguments
+from motion_jax.models import arguments, round_trips
 from motion_jax.models.base import keys_of
 from motion_jax.models.cmdm import multi_prompt as multi
 from motion_jax.models.cmdm import streaming
@@ -38,6 +38,7 @@ class CmdmModel(CmdmNetworks):
   options = CmdmSampling
   more_choices = ("negative_prompts", "control_steps", "refinements")
   takes_control = True
+  ways = multi.WAYS
 
   def sample(self, prompts: Sequence[str], frames: Sequence[int], keys: jax.Array, seeds: Sequence[int | None],
              cleanup: bool, sampling: dict[str, Any], signal: ControlSignal | None = None) -> Motions:
@@ -196,3 +197,4 @@ class CmdmModel(CmdmNetworks):
 
 
 MODELS = {"cmdm.denoiser": CmdmModel}
+TOKENIZERS = dict.fromkeys(("cmdm.tokenizer", "cmdm.denoiser"), round_trips.causal_vae)

@@ -1,5 +1,5 @@
 """MDM and DiP ready to use."""
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from functools import partial
 from typing import Any, cast
 
@@ -9,27 +9,22 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from motion_jax.control.signal import ControlSignal
-from motion_jax.data.clip import Clip
-from motion_jax.models import arguments, pasting
-from motion_jax.models.base import TextToMotionModel, keys_of
+from motion_jax.models.base import TextToMotionModel
 from motion_jax.models.block_stream import BlockModel, BlockState
-from motion_jax.models.known_motion import at_rate, clip_of
+from motion_jax.models.editing import EditingModel
 from motion_jax.models.mdm import editing, sampling
 from motion_jax.models.mdm.options import MdmSampling
 from motion_jax.models.mdm.setup import NUM_PREFIXES, PREFIXES
 from motion_jax.models.mdm.stages import denoiser_shapes
 from motion_jax.models.motion_errors import STATS
-from motion_jax.models.results import Motion, Motions, captions_in_a_row, gathered, make_motions
+from motion_jax.models.results import Motions, captions_in_a_row, make_motions
 from motion_jax.nets.masks import padding_mask
 from motion_jax.nets.motion_denoiser import MotionDenoiser
 from motion_jax.runs import Run
-from motion_jax.shapes import Array
 from motion_jax.text.encoder import TextEncoder, narrowest
 from motion_jax.training import checkpoint
 from motion_jax.utils import cache
 from motion_jax.utils.config_files import module_fields
-
-Editable = Clip | Array  # a clip of any source, joints (T, J, 3), or features (T, F), not normalized
 
 
 class MdmNetwork(TextToMotionModel):
@@ -59,7 +54,7 @@ class MdmNetwork(TextToMotionModel):
                          chosen.guidance_scale != 1.0)
 
 
-class MdmModel(MdmNetwork):
+class MdmModel(EditingModel, MdmNetwork):
   """MDM ready to use: prompts in, motion out; a motion in, the same one with new frames, or new arms in them, out.
 
   All motions are sampled at the length of training, and cut.
@@ -87,51 +82,12 @@ class MdmModel(MdmNetwork):
     return self._generate(self.plan_of(chosen), length, self.params, text_emb, text_mask, real, chosen.guidance_scale,
                           keys, known, known_mask)
 
-  @arguments.checked
-  def edit(self, clip: Editable, prompt: str, task: str | None = None, *, keep: pasting.Spans | None = None,
-           change: pasting.Spans | None = None, rng: jax.Array | None = None, seed: int | None = None,
-           seeds: Iterable[int] | None = None, cleanup: bool = False, **sampling: Any) -> Motion:
-    """An existing motion with parts of it sampled from a prompt; see `edits`."""
-    return self.edits([clip], [prompt], task, keep=keep, change=change, rng=rng, seeds=seeds, seed=seed,
-                      cleanup=cleanup, **sampling)[0]
-
-  @arguments.checked
-  def edits(self, clips: Sequence[Editable], prompts: Sequence[str], task: str | None = None, *,
-            keep: pasting.Spans | None = None, change: pasting.Spans | None = None, rng: jax.Array | None = None,
-            seeds: Iterable[int] | None = None, seed: int | None = None, cleanup: bool = False, **sampling: Any
-            ) -> Motions:
-    """The paper's editing: frames are sampled while the others are painted over what the network predicts, and put back
-    into their clips, all in one batch.
-
-    clips: of any source, or arrays: joints (T, J, 3), or features (T, F) as this model knows them, not normalized.
-    Which frames are new: a task of `utils.spans.TASKS`, or spans to keep or to change, [(0, 30), ...] in frames of this
-    model, the same in every clip. part "upper_body" or "lower_body" generates these joints alone in the new frames.
-    """
-    prompts = self.prompts_of(prompts) if prompts else []
-    if len(prompts) != len(clips) or not clips:
-      raise ValueError(f"got {len(prompts)} prompts for {len(clips)} clips; give one for each")
-    if sum(choice is not None for choice in (task, keep, change)) != 1:
-      raise ValueError("say what to make by one of task, keep and change")
-    keys, seeds = keys_of(rng, seeds, len(clips), seed)
-    new = lambda count: pasting.requested_frames(count, task, keep, change)
-    made = pasting.edited(self, clips, prompts, new, keys, seeds, cleanup, sampling, task or "spans")
-    part = self.sampling(**sampling).part
-    return made if part == "body" else gathered([self._with_kept_joints(*one, part) for one in zip(made, clips)])
-
-  def _with_kept_joints(self, motion, clip, part):
-    """The motion with the joints of the other part as the clip has them; borders were blended for whole bodies."""
-    skeleton = self.stats.layout.skeleton
-    own = at_rate(clip_of(clip, self.stats.layout), self.fps, skeleton)
-    legs = sorted({0, *skeleton.chains[0], *skeleton.chains[1]})
-    kept = legs if part == "upper_body" else [0, *(j for j in range(skeleton.num_joints) if j not in legs)]
-    joints = np.array(motion.joints)
-    joints[:, kept] = own[:, kept]
-    return motion.replace(joints=joints)
-
-  def inpaint(self, features: Sequence[Float[np.ndarray, "_ f"]], new: Sequence[Bool[np.ndarray, " _"]],
-              prompts: Sequence[str], keys: jax.Array, sampling: dict[str, Any]
-              ) -> tuple[list[Float[np.ndarray, "_ f"]], dict[str, Any]]:
-    """(features (T, F) of each motion, not normalized, with the frames of new (T,) sampled, record of the sampling)."""
+  def inpainted(self, features: Sequence[Float[np.ndarray, "_ f"]], new: Sequence[Bool[np.ndarray, " _"]],
+                prompts: Sequence[str], keys: jax.Array, sampling: dict[str, Any]
+                ) -> tuple[Float[np.ndarray, "b t f"], dict[str, Any]]:
+    """The paper's editing: given frames are painted over what the network predicts. Option part "upper_body" or
+    "lower_body": the other joints are given in the new frames, too. Returns (normalized features (B, T, F), record of
+    the sampling)."""
     chosen = self.sampling(**sampling)
     known = np.zeros((len(features), self.config.data.max_frames, self.net.features), np.float32)
     mask = np.ones(known.shape, bool)  # Parity: what lies behind the end of a motion counts as given, as zeros.
@@ -141,8 +97,8 @@ class MdmModel(MdmNetwork):
       if chosen.part != "body":
         kept[:len(x)] |= editing.kept_columns(self.stats.layout, chosen.part)
     frames = [len(x) for x in features]
-    made = self.stats.denormalize(np.asarray(self._sampled(prompts, frames, keys, chosen, known, mask)))
-    return [made[i, :count] for i, count in enumerate(frames)], chosen.about() | dict(model=self.id)
+    made = np.asarray(self._sampled(prompts, frames, keys, chosen, known, mask))
+    return made, chosen.about() | dict(model=self.id)
 
 
 class DipModel(BlockModel, MdmNetwork):

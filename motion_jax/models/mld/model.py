@@ -13,8 +13,10 @@ from motion_jax.models.base import TextToMotionModel
 from motion_jax.models.captioned_batches import NO_CAPTION
 from motion_jax.models.mld import sampling
 from motion_jax.models.mld.options import MldSampling
-from motion_jax.models.mld.stages import VAE, denoiser_shapes, frozen_shapes, reconstruct
+from motion_jax.models.mld.stages import VAE, denoiser_shapes, frozen_shapes, reconstruct, vae_shapes
 from motion_jax.models.results import Motions, captions_in_a_row, make_motions
+from motion_jax.models.round_trips import RoundTrip
+from motion_jax.nets.causal_vae import sample_latent
 from motion_jax.nets.latent_diffusion import TokenDenoiser, TokenVAE
 from motion_jax.nets.masks import padding_mask
 from motion_jax.runs import Run
@@ -73,6 +75,19 @@ class MldModel(TextToMotionModel):
     return self.stats.denormalize(np.asarray(made))[0]
 
 
+def round_trip(fields: dict[str, Any], config: Any) -> RoundTrip:
+  """Of the VAE with these fields."""
+  vae = TokenVAE(**fields)
+
+  def run(params, x, num_frames, keys):
+    real = padding_mask(num_frames, x.shape[1])
+    z, logvar = vae.apply(params, x, real, method="encode")
+    if keys is not None:  # Parity: the released evaluation draws latents.
+      z = sample_latent(z, logvar, jax.vmap(lambda key: jax.random.normal(key, z.shape[1:]))(keys))
+    return vae.apply(params, z, real, method="decode")
+  return RoundTrip(vae_shapes(vae), run)
+
+
 def _generate(net, vae, plan, params, vae_params, text_emb, no_text_emb, real, scale, keys):
   shape = (vae.num_tokens, vae.width)
   draw = lambda m: jax.vmap(lambda key: jax.random.normal(jax.random.fold_in(key, m), shape))(keys)
@@ -83,3 +98,4 @@ def _generate(net, vae, plan, params, vae_params, text_emb, no_text_emb, real, s
 
 
 MODELS = {"mld.denoiser": MldModel}
+TOKENIZERS = dict.fromkeys(("mld.vae", "mld.denoiser"), round_trip)

@@ -6,6 +6,7 @@ import jax.numpy as jnp
 from ml_collections import ConfigDict
 
 from motion_jax.diffusion import ddpm
+from motion_jax.latents import TOKENIZER
 from motion_jax.models.captioned_batches import NO_CAPTION
 from motion_jax.models.mld.losses import prediction_error, vae_terms
 from motion_jax.models.motion_errors import STATS
@@ -15,7 +16,7 @@ from motion_jax.nets.latent_diffusion import TokenDenoiser, TokenVAE
 from motion_jax.nets.masks import padding_mask
 from motion_jax.training.stage import Stage, mixed_precision
 
-VAE = "vae"  # the name of the autoencoder's parameters among the frozen parts of a denoiser
+VAE = TOKENIZER  # the name of the VAE among the frozen parts of a denoiser
 
 
 def vae_stage(config: ConfigDict) -> Stage:

@@ -1,5 +1,5 @@
 """MoMask ready to use: motion from prompts, and edits of existing motions."""
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -9,17 +9,15 @@ import numpy as np
 
 from motion_jax.control.signal import ControlSignal
 from motion_jax.latents import TOKENIZER, RvqCodec
-from motion_jax.models import arguments, pasting
 from motion_jax.models import length as lengths
 from motion_jax.models import mask_schedule as masking
+from motion_jax.models import round_trips
 from motion_jax.models.autoencoders import autoencoder_shapes
-from motion_jax.models.base import TextToMotionModel, keys_of
-from motion_jax.models.editing import decoded_edits, edited_latents, padded_features
+from motion_jax.models.editing import EditingModel, edited_latents, padded_features
 from motion_jax.models.momask import sampling as sampler
 from motion_jax.models.momask.options import MomaskSampling
 from motion_jax.models.momask.stages import masked_shapes, residual_shapes
-from motion_jax.models.pasting import Spans
-from motion_jax.models.results import Motion, Motions, captions_in_a_row, make_motions
+from motion_jax.models.results import Motions, captions_in_a_row, make_motions
 from motion_jax.motion.representations import get_layout
 from motion_jax.nets.autoencoder import Autoencoder
 from motion_jax.nets.length_estimator import LengthEstimator
@@ -49,7 +47,7 @@ class Plan(NamedTuple):
   residual_temperature: float = 1.0
 
 
-class MomaskModel(TextToMotionModel):
+class MomaskModel(EditingModel):
   """MoMask ready to use: prompts in, motion out; a motion in, the same one with new frames out."""
   abilities = ("generate", "edit")
   options = MomaskSampling
@@ -97,42 +95,10 @@ class MomaskModel(TextToMotionModel):
     captions = [captions_in_a_row([prompt], [count], self.fps) for prompt, count in zip(prompts, frames)]
     return make_motions(self, made, frames, captions, seeds, about, cleanup)
 
-  @arguments.checked
-  def edit(self, clip: Any, prompt: str, task: str | None = None, *, keep: Spans | None = None,
-           change: Spans | None = None, rng: jax.Array | None = None, seed: int | None = None,
-           seeds: Iterable[int] | None = None, cleanup: bool = False, **sampling: Any) -> Motion:
-    """An existing motion with parts of it sampled from a prompt; see `edits`."""
-    return self.edits([clip], [prompt], task, keep=keep, change=change, rng=rng, seeds=seeds, seed=seed,
-                      cleanup=cleanup, **sampling)[0]
-
-  @arguments.checked
-  def edits(self, clips: Sequence[Any], prompts: Sequence[str], task: str | None = None, *,
-            keep: Spans | None = None, change: Spans | None = None, rng: jax.Array | None = None,
-            seeds: Iterable[int] | None = None, seed: int | None = None, cleanup: bool = False, **sampling: Any
-            ) -> Motions:
-    """The paper's temporal inpainting: codes of the chosen frames sampled, all codes decoded, in one batch.
-
-    clips: of any source, joints (T, J, 3), or features (T, F), not normalized. New are a task of `utils.spans.TASKS`,
-    or spans to keep or to change, [(0, 30), ...] in frames of this model.
-    """
-    prompts = self.prompts_of(prompts) if prompts else []
-    if len(prompts) != len(clips) or not clips:
-      raise ValueError(f"got {len(prompts)} prompts for {len(clips)} clips; give one for each")
-    if sum(choice is not None for choice in (task, keep, change)) != 1:
-      raise ValueError("say what to make by one of task, keep and change")
-    keys, seeds = keys_of(rng, seeds, len(clips), seed)
-    return decoded_edits(self, self._inpainted, clips, prompts,
-                         lambda count: pasting.requested_frames(count, task, keep, change), keys, seeds, cleanup,
-                         sampling, task or "spans")
-
-  def inpaint(self, features: Sequence[np.ndarray], new: Sequence[np.ndarray], prompts: Sequence[str], keys: jax.Array,
-              sampling: dict[str, Any]) -> tuple[list[np.ndarray], dict[str, Any]]:
-    """(features (T, F) of each motion, not normalized, record of the sampling): codes with any new frame, of new (T,),
-    are sampled on all levels, and all are decoded."""
-    made, about = self._inpainted(features, new, prompts, keys, sampling)
-    return [self.stats.denormalize(x[:len(given)]) for x, given in zip(made, features)], about
-
-  def _inpainted(self, features, new, prompts, keys, sampling):
+  def inpainted(self, features: Sequence[np.ndarray], new: Sequence[np.ndarray], prompts: Sequence[str],
+                keys: jax.Array, sampling: dict[str, Any]) -> tuple[np.ndarray, dict[str, Any]]:
+    """The paper's temporal inpainting: codes with any new frame are sampled on all levels, and all are decoded. Returns
+    (normalized features (B, T, F), record of the sampling)."""
     unit = self.frames_per_latent
     edited = edited_latents(new, self.max_latents, unit)
     real = np.asarray(padding_mask(jnp.array([-(-len(x) // unit) for x in features]), self.max_latents))
@@ -153,6 +119,7 @@ class MomaskModel(TextToMotionModel):
 
 
 MODELS = {"momask.masked": MomaskModel}
+TOKENIZERS = dict.fromkeys(("momask.rvq", "momask.masked"), round_trips.rvq)
 
 
 def _encode(net, params, features, real):

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float, Num
 
 from motion_jax.latents import VaeCodec
+from motion_jax.models import round_trips
 from motion_jax.models.block_stream import BlockModel, BlockState
 from motion_jax.models.captioned_batches import NO_CAPTION
 from motion_jax.models.motionstreamer import sampling
@@ -136,3 +137,4 @@ def _decoder_of(batch, codec, latents):
 
 
 MODELS = {"motionstreamer.generator": MotionStreamerModel}
+TOKENIZERS = dict.fromkeys(("motionstreamer.tokenizer", "motionstreamer.generator"), round_trips.causal_vae)

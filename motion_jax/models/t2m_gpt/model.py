@@ -9,6 +9,7 @@ import numpy as np
 
 from motion_jax.control.signal import ControlSignal
 from motion_jax.latents import TOKENIZER, RvqCodec
+from motion_jax.models import round_trips
 from motion_jax.models.autoencoders import autoencoder_shapes
 from motion_jax.models.base import Frames, TextToMotionModel
 from motion_jax.models.results import Motions, captions_in_a_row, make_motions
@@ -64,6 +65,7 @@ class T2mGptModel(TextToMotionModel):
 
 
 MODELS = {"t2m_gpt.gpt": T2mGptModel}
+TOKENIZERS = dict.fromkeys(("t2m_gpt.vq", "t2m_gpt.gpt"), round_trips.rvq)
 
 
 def _generate(net, tokenizer, draw, params, codec, text_emb, keys, fewest, most, temperature):
