@@ -10,6 +10,7 @@ from motion_jax.data import batches, sources
 from motion_jax.latents import RvqCodec
 from motion_jax.models import motion_errors
 from motion_jax.models.autoencoders import autoencoder_shapes, autoencoder_stage, rvq_stage
+from motion_jax.models.captioned_batches import clips_of
 from motion_jax.motion import stats as stats_lib
 from motion_jax.motion.stats import Stats
 from motion_jax.nets.autoencoder import Autoencoder
@@ -35,14 +36,7 @@ def rvq(config: ConfigDict) -> TrainingSetup:
     next_batch, num_items = _windows(config, data)
   else:
     data = sources.load_features(config.data, stats=held_stats(config))
-    weights = batches.balance_weights(data.groups, config.data.balance) if config.data.balance else None
-    items = batches.TextItems(data.features, data.captions, config.data.min_frames, config.data.max_frames,
-                              (config.data.max_frames,), weights=weights)
-    num_items = len(items)
-
-    def next_batch(step, rows=batches.ALL):
-      batch = items.batch(config.data.batch_size, config.seed, step, rows)
-      return {name: batch[name] for name in ("features", "index", "num_frames")}
+    next_batch, num_items = clips_of(config, data)
 
   def reconstruct(variables, x):
     return RvqCodec(net, variables).reconstruct(x)

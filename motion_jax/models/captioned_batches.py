@@ -1,68 +1,149 @@
-"""Padded clips with the features of their captions, and the loss on held-out ones: for methods that read any words."""
+"""Padded clips with what a text encoder makes of their captions, and losses on held-out ones: for every generator."""
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import jax
 from ml_collections import ConfigDict
 
-from motion_jax.data import batches, sources
-from motion_jax.data.batches import TextItems
+from motion_jax.data import batches, sources, store
 from motion_jax.motion.stats import Stats
 from motion_jax.text.captions import vary_subject
 from motion_jax.text.encoder import TextEncoder, load_text_encoder, narrowest
-from motion_jax.training.setup import held_out
+from motion_jax.training import checkpoint
+from motion_jax.training.setup import caption_lengths, encoder_files, held_out
 from motion_jax.utils.errors import InputError
 
 NO_CAPTION = "no_text_emb"  # the name, among the frozen parts, of what an encoder makes of an empty caption (1, E)
+_RULES = ("frames_per_latent", "crop_frames", "keep_long", "shorten_rate")  # of `batches.TextItems`
+_DISTURBED = (("loss", "drop_rate"), ("loss", "crop_rate"), ("model", "dropout"))  # by chance, in training only
 
 
-def text_encoder(config: ConfigDict, text_dim: int) -> TextEncoder:
-  """The encoder that config.frozen names. Raises InputError if it gives another width than the network takes."""
-  encoder = load_text_encoder(config.frozen.text, level=config.frozen.text_level)
+def text_encoder(config: ConfigDict, text_dim: int, level: str | None = None) -> TextEncoder:
+  """The encoder that config.frozen names. Raises InputError if it gives another width than the network takes.
+
+  level: "sentence" or "words"; without it that of config.frozen.text_level.
+  """
+  encoder = load_text_encoder(config.frozen.text, level=level or config.frozen.text_level)
   if encoder.dim != text_dim:
     raise InputError(f"text encoder {config.frozen.text!r} gives {encoder.dim} numbers a "
-                     f"{encoder.level.removesuffix('s')}, config.model.text_dim is {text_dim}; make them agree")
+                     f"{encoder.level.removesuffix('s')}, the model takes text_dim = {text_dim}; make them agree")
   return encoder
 
 
-def text_items(config: ConfigDict, data: sources.FeatureSet) -> TextItems:
+def text_files(data: sources.FeatureSet, encoder: TextEncoder) -> dict[str, str | bytes]:
+  """What a generator's run folder keeps of its captions: how long their motions are, and the encoder's identity."""
+  return {checkpoint.LENGTHS: caption_lengths(data), **encoder_files(encoder)}
+
+
+def items_of(config: ConfigDict, data: sources.FeatureSet) -> batches.TextItems:
   """The clips of a data section, cut and padded as it says (`configs.common.captioned_data`)."""
   weights = batches.balance_weights(data.groups, config.data.balance) if config.data.balance else None
-  rules = {name: config.data[name] for name in ("frames_per_latent", "crop_frames", "keep_long", "shorten_rate")}
-  return TextItems(data.features, data.captions, config.data.min_frames, config.data.max_frames,
-                   tuple(config.data.lengths), weights=weights, **rules)
+  rules = {name: config.data[name] for name in _RULES if name in config.data}
+  return batches.TextItems(data.features, data.captions, config.data.min_frames, config.data.max_frames,
+                           tuple(config.data.get("lengths", (config.data.max_frames,))), weights=weights, **rules)
 
 
-def batches_of(config: ConfigDict, data: sources.FeatureSet, encoder: TextEncoder) -> tuple[Callable[..., Any], int]:
-  """(next_batch, number of clips): features (B, T, F), num_frames (B,), index (B,), text_emb (B, S, E), text_mask."""
-  encoder.check(caption for captions in data.captions for caption in captions)
-  items, words = text_items(config, data), narrowest(config.data.max_words)
+def clips_of(config: ConfigDict, data: sources.FeatureSet) -> tuple[Callable[..., Any], int]:
+  """(next_batch, number of clips) without the captions: features (B, T, F), num_frames (B,), index (B,)."""
+  items = items_of(config, data)
 
   def next_batch(step, rows=batches.ALL):
     batch = items.batch(min(config.data.batch_size, len(items)), config.seed, step, rows)
-    rng = batches.step_rng(config.seed, 2, step)
-    said = [vary_subject(caption, rng, config.data.vary_subject) for caption in batch.pop("caption")]
-    batch["text_emb"], batch["text_mask"] = encoder(said, at_least=words, rows=rows)
-    return batch
+    return {name: batch[name] for name in ("features", "num_frames", "index")}
 
   return next_batch, len(items)
 
 
-def held_out_loss(config: ConfigDict, stats: Stats, encoder: TextEncoder, loss: Callable[..., Any], frozen: Any,
-                  num_batches: int = 4) -> Callable[[Any], dict[str, float]] | None:
-  """evaluate(params): the mean of loss(params, frozen, batch, step, rng) over held-out clips, on the same batches and
-  keys every time; None where no held-out clip is long enough."""
+def batches_of(config: ConfigDict, data: sources.FeatureSet, encoder: TextEncoder, vectors: bool = False,
+               encoders: Any = None) -> tuple[Callable[..., Any], int]:
+  """(next_batch, number of clips): features (B, T, F), num_frames (B,), index (B,), and `with_text`.
+
+  encoders: the parameters by which the store config.data.store was made, whose latents then take the features' place.
+  """
+  check_captions(data, encoder)
+  items = items_of(config, data)
+  draw = items.batch
+  if encoders is not None:
+    kept = store.Store(config.data.store)
+    kept.require(store.identity_of(encoders, items, encoder))
+    encoder.recall(kept.words)
+    tables = ("latents", "codes") if config.loss.prior_levels else ("latents",)
+    draw = functools.partial(store.stored_batch, kept, items, tables, latents_look_back=False)
+
+  def next_batch(step, rows=batches.ALL):
+    batch = draw(min(config.data.batch_size, len(items)), config.seed, step, rows)
+    return with_text(batch, config, encoder, step, rows, vectors)
+
+  return next_batch, len(items)
+
+
+def check_captions(data: sources.FeatureSet, encoder: TextEncoder) -> None:
+  """Raises ValueError where the encoder cannot read a caption of the data."""
+  encoder.check(caption for captions in data.captions for caption in captions)
+
+
+def with_text(batch: dict[str, Any], config: ConfigDict, encoder: TextEncoder, step: int, rows: slice = batches.ALL,
+              vectors: bool = False) -> dict[str, Any]:
+  """A batch with the features of its captions in their place: text_emb (B, S, E), text_mask (B, S).
+
+  vectors: one vector a sentence, text_emb (B, E); of an encoder that gives words they stand in front of these.
+  """
+  rng = batches.step_rng(config.seed, 2, step)
+  captions = [vary_subject(caption, rng, config.data.vary_subject) for caption in batch.pop("caption")]
+  if vectors and encoder.level == "sentence":
+    return batch | {"text_emb": encoder(captions, rows=rows)[0]}
+  if vectors:
+    emb, mask = encoder.sentence_and_words(captions, min(config.data.max_words, encoder.max_words), rows)
+  else:
+    emb, mask = encoder(captions, at_least=narrowest(config.data.max_words), rows=rows)
+  return batch | {"text_emb": emb, "text_mask": mask}
+
+
+# --- on held-out clips --------------------------------------------------------------------------------------------
+
+
+def undisturbed(config: ConfigDict) -> ConfigDict:
+  """A copy of a config by which no caption, latent or activation is left out by chance."""
+  given = config.copy_and_resolve_references().unlock()
+  for section, name in _DISTURBED:
+    if name in given[section]:
+      given[section][name] = 0.0
+  return given
+
+
+def held_out_means(next_batch: Callable[[int], Any], measure: Callable[..., Any], frozen: Any,
+                   names: Sequence[str] = ("loss",), num_batches: int = 4) -> Callable[[Any], dict[str, float]]:
+  """evaluate(params): means, as held_out_NAME, over the same few batches with the same keys every time.
+
+  measure(params, frozen, batch, key) -> sums by their names, and by "weight" the number to divide them by; a stage's
+  `predict`, or of its loss `measured_loss`. It is compiled here.
+  """
+  compiled, batch = jax.jit(measure), functools.cache(next_batch)
+
+  def evaluate(params):
+    parts = [compiled(params, frozen, batch(i), jax.random.key(i)) for i in range(num_batches)]
+    total = {name: sum(float(part[name]) for part in parts) for name in ("weight", *names) if name in parts[0]}
+    return {f"held_out_{name}": round(value / total["weight"], 5) for name, value in total.items() if name != "weight"}
+
+  return evaluate
+
+
+def measured_loss(loss: Callable[..., Any]) -> Callable[..., Any]:
+  """A stage's loss as a `measure` of `held_out_means`."""
+  def measure(params, frozen, batch, key):
+    sums, weight = loss(params, frozen, batch, 0, key)
+    return {"loss": sums["loss"], "weight": weight}
+
+  return measure
+
+
+def held_out_loss(config: ConfigDict, stats: Stats, encoder: TextEncoder, loss: Callable[..., Any], frozen: Any
+                  ) -> Callable[[Any], dict[str, float]] | None:
+  """`held_out_means` of a stage's loss; None where no held-out clip is long enough."""
   try:
     next_batch, _ = batches_of(config, held_out(config, stats, captioned=True), encoder)
   except ValueError as error:
     print(f"note: no loss on held-out clips: {error}")
     return None
-  compiled, batch = jax.jit(loss), functools.cache(next_batch)
-
-  def evaluate(params):
-    parts = [compiled(params, frozen, batch(i), 0, jax.random.key(i)) for i in range(num_batches)]
-    return {"held_out_loss": round(sum(float(sums["loss"]) for sums, _ in parts) / sum(
-        float(weight) for _, weight in parts), 5)}
-
-  return evaluate
+  return held_out_means(next_batch, measured_loss(loss), frozen)

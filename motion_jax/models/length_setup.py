@@ -1,13 +1,12 @@
 """Set-up of the length estimator (`models.length`), and its runs as frozen parts of generators."""
 from typing import Any
 
-import jax
 from ml_collections import ConfigDict
 
 from motion_jax import runs
 from motion_jax.data import batches, sources
+from motion_jax.models.captioned_batches import batches_of, held_out_means
 from motion_jax.models.length import length_shapes, length_stage
-from motion_jax.models.text_batches import captioned
 from motion_jax.nets.length_estimator import LengthEstimator
 from motion_jax.text.encoder import TextEncoder, load_text_encoder
 from motion_jax.training.setup import TrainingSetup, encoder_files, held_out
@@ -19,17 +18,16 @@ def length_setup(config: ConfigDict) -> TrainingSetup:
   data = sources.load_features(config.data)
   encoder = load_text_encoder(config.frozen.text, level="sentence")
   stage = length_stage(config)
-  next_batch, num_items = captioned(config, data, encoder)
-  held, _ = captioned(config, held_out(config, data.stats, captioned=True), encoder)
+  next_batch, num_items = batches_of(config, data, encoder, vectors=True)
+  held, _ = batches_of(config, held_out(config, data.stats, captioned=True), encoder, vectors=True)
   without = lambda batch: {name: batch[name] for name in ("text_emb", "num_frames", "index")}
-  predict = jax.jit(stage.predict)
 
-  def evaluate(params):
-    parts = [predict(params, {}, without(held(i)), None) for i in range(4)]
-    count = sum(len(part["logits"]) for part in parts)
-    return {f"held_out_{name}": round(float(sum(part[name] for part in parts)) / count, 4)
-            for name in ("loss", "latents_off")}
+  def measure(params, frozen, batch, key):
+    sums = stage.predict(params, frozen, batch, key)
+    return {"loss": sums["loss"], "latents_off": sums["latents_off"], "weight": len(sums["logits"])}
 
+  evaluate = held_out_means(lambda i: without(held(i)), measure, {},
+                            ("loss", "latents_off"))
   return TrainingSetup(stage, lambda step, rows=batches.ALL: without(next_batch(step, rows)), {}, evaluate, data.stats,
                        encoder_files(encoder), num_items)
 

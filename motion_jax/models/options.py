@@ -108,7 +108,11 @@ class SamplingOptions:
       if getattr(self, name) is None:
         own = usual[name] if name in usual else config.sampler.get(description.key or name, description.usual)
         found[name] = own
-    return dataclasses.replace(self, **found)
+    made = dataclasses.replace(self, **found)
+    most, steps = config.get("diffusion", {}).get("num_steps"), getattr(made, "num_steps", None)
+    if most and steps and steps > most:  # trained on a table of this many noise levels
+      raise InputError(f"got {steps} sampler steps, this model was trained with {most}; give at most as many")
+    return made
 
   def about(self) -> dict[str, Any]:
     """What a file or a record says of how a motion was sampled."""

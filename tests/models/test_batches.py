@@ -23,3 +23,7 @@ def test_rows_come_back_in_order():
   made = in_batches(run, x, None, {"a": x}, shared=(2.0,))
   np.testing.assert_array_equal(made, 3 * x)
   assert seen == [4, 4]
+
+
+def test_two_motions_run_one_after_the_other():
+  assert batch_sizes(2) == [1, 1] and batch_sizes(6) == [4, 1, 1] and batch_sizes(40) == [32, 4, 4]

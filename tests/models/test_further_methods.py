@@ -131,7 +131,7 @@ def test_what_does_not_fit_is_told_in_one_sentence(tmp_path, monkeypatch):
     fit.run(config.lock(), tmp_path / "other")
   config = load_config("mdm_denoiser", "tiny").unlock()
   config.model.text_dim = 7
-  with pytest.raises(ValueError, match="gives 32 numbers a sentence, config.model.text_dim is 7; make them agree"):
+  with pytest.raises(ValueError, match="gives 32 numbers a sentence, the model takes text_dim = 7; make them agree"):
     fit.run(config.lock(), tmp_path / "words")
   config = load_config("mdm_denoiser", "tiny").unlock()
   config.data.layout = "essential"

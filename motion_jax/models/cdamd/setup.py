@@ -1,7 +1,6 @@
 """Training set-ups of CDAMD: how its two autoencoders and its generator are trained."""
 import os
 
-import jax
 import numpy as np
 from ml_collections import ConfigDict
 
@@ -11,19 +10,12 @@ from motion_jax.latents import AutoencoderCodec, RvqCodec
 from motion_jax.models import cdamd
 from motion_jax.models import length_setup as lengths
 from motion_jax.models.autoencoder_setup import autoencoder, demand_alike, load_frozen, rvq
-from motion_jax.models.text_batches import captioned, items_of
+from motion_jax.models.captioned_batches import batches_of, held_out_means, items_of, text_encoder, text_files
 from motion_jax.motion import stats as stats_lib
 from motion_jax.motion.stats import Stats
 from motion_jax.nets.autoencoder import Autoencoder
 from motion_jax.nets.masks import padding_mask
-from motion_jax.text.encoder import load_text_encoder
-from motion_jax.training import checkpoint
-from motion_jax.training.setup import (
-  TrainingSetup,
-  caption_lengths,
-  encoder_files,
-  held_out,
-)
+from motion_jax.training.setup import TrainingSetup, held_out
 from motion_jax.utils.config_files import module_fields
 
 GENERATOR = "cdamd.generator"
@@ -44,14 +36,10 @@ def _generator_parts(config):
   if codec.mean is None:  # a bare autoencoder's latents have no scale yet
     codec = codec.fitted(data.features) if config.loss.unit_latents else codec.unscaled()
   frozen |= codec.parts
-  level = config.frozen.text_level
-  encoder = load_text_encoder(config.frozen.text, level=level)
-  if config.frozen.length and level != "sentence":
+  encoder = text_encoder(config, config.model.transformer.text_dim)
+  if config.frozen.length and config.frozen.text_level != "sentence":
     raise ValueError("the length estimator reads sentence vectors; leave frozen.length empty or set "
                      "frozen.text_level = 'sentence'")
-  if encoder.dim != config.model.transformer.text_dim:
-    raise ValueError(f"text encoder {config.frozen.text!r} gives {encoder.dim} numbers a sentence, the model takes "
-                     f"model.transformer.text_dim = {config.model.transformer.text_dim}; make them agree")
   return data, encoder, codec, frozen
 
 
@@ -61,11 +49,10 @@ def generator(config: ConfigDict) -> TrainingSetup:
   encoders = dict(frozen)
   if config.frozen.length:
     frozen["length"] = lengths.load_length(config.frozen.length, encoder)
-  batch_of, num_items = captioned(config, data, encoder, encoders if config.data.store else None)
+  batch_of, num_items = batches_of(config, data, encoder, True, encoders if config.data.store else None)
   stage = cdamd.generator_stage(config)
-  files = {checkpoint.LENGTHS: caption_lengths(data), **encoder_files(encoder)}
   evaluate = _held_out_loss(config, stage, frozen, data.stats, encoder)
-  return TrainingSetup(stage, batch_of, frozen, evaluate, data.stats, files, num_items)
+  return TrainingSetup(stage, batch_of, frozen, evaluate, data.stats, text_files(data, encoder), num_items)
 
 
 def _check_fields(config):
@@ -103,19 +90,11 @@ def encode_generator(config: ConfigDict, folder: str | os.PathLike) -> str:
                       latents_look_back=False)
 
 
-def _held_out_loss(config, stage, frozen, stats, encoder, num_batches=4):
+def _held_out_loss(config, stage, frozen, stats, encoder):
   """evaluate(params): the loss as the sampler sees the network (its mask, captions, no prior, no dropout) and with the
   prior given, as the reference validates; on the same few batches of held-out clips and the same noise every time."""
-  next_batch, _ = captioned(config, held_out(config, stats, captioned=True), encoder)
-  predict = jax.jit(stage.predict)
-
-  def evaluate(params):
-    parts = [predict(params, frozen, next_batch(i), jax.random.key(i)) for i in range(num_batches)]
-    total = {name: sum(float(part[name]) for part in parts) for name in parts[0]}
-    names = {"loss": "held_out_loss", "with_prior": "held_out_with_prior"}
-    return {names[name]: round(value / total["weight"], 5) for name, value in total.items() if name in names}
-
-  return evaluate
+  next_batch, _ = batches_of(config, held_out(config, stats, captioned=True), encoder, vectors=True)
+  return held_out_means(next_batch, stage.predict, frozen, ("loss", "with_prior"))
 
 
 def load_tokenizer(folder: str, config: ConfigDict) -> tuple[AutoencoderCodec, Stats]:

@@ -1,4 +1,4 @@
-"""Whole motions by the loop of a stream, some at a time (`models.rows`), which compiles nothing for another length."""
+"""Whole motions by the loop of a stream, in batches (`models.batches`), which compiles nothing for another length."""
 import dataclasses
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
@@ -9,13 +9,14 @@ from jaxtyping import Float, Int
 
 from motion_jax.control.guidance import SETTLING, TOLERANCE
 from motion_jax.control.signal import ControlSignal
-from motion_jax.models import rows
+from motion_jax.models.batches import batches, joined, select
 from motion_jax.models.cmdm import streaming
 from motion_jax.models.cmdm.guiding import SETTLED, Guide
 from motion_jax.models.cmdm.loop import SamplingLoop, behind_nothing, decode_all
 from motion_jax.models.cmdm.networks import CmdmNetworks
 from motion_jax.text.contrast import Contrast
 
+SIZES = (1, 4)  # of batches
 CAPTIONS = 4  # different captions that a window shows before its step is compiled for twice as many
 
 
@@ -49,13 +50,12 @@ def sample(model: CmdmNetworks, plan: streaming.Plan, request: Request) -> Float
   Motions of half a window's length and less have a window of that width: a second program, which runs twice as fast."""
   half, parts = -(-plan.width // 2), []
   plan = plan.fitted(half) if request.segment.shape[1] <= half else plan
-  for index in rows.batches(len(request.prompts)):
-    signal = None if request.signal is None else jax.tree.map(lambda a, index=index: np.asarray(a)[index],
-                                                              request.signal)
+  for index in batches(len(request.prompts), SIZES):
+    signal = select(request.signal, index)
     parts.append(_batch(model, plan, request._replace(
         prompts=[request.prompts[i] for i in index], segment=request.segment[index], keys=request.keys[index],
         scale=np.asarray(request.scale)[index], signal=signal)))
-  return rows.joined(parts, len(request.prompts))
+  return joined(parts, len(request.prompts))
 
 
 def _batch(model, plan, request):

@@ -11,6 +11,7 @@ from motion_jax.control import conditioning
 from motion_jax.data import batches, sources, store
 from motion_jax.latents import TOKENIZER, VaeCodec
 from motion_jax.models import cmdm, motion_errors
+from motion_jax.models.captioned_batches import check_captions, held_out_means, measured_loss, text_files, undisturbed
 from motion_jax.models.cmdm import distill
 from motion_jax.models.cmdm.parts import most_parts, words_by_part
 from motion_jax.models.tmr import alignment
@@ -26,8 +27,6 @@ from motion_jax.text.encoder import load_text_encoder, narrowest
 from motion_jax.training import checkpoint
 from motion_jax.training.setup import (
   TrainingSetup,
-  caption_lengths,
-  encoder_files,
   held_out,
   held_stats,
   reconstruction_error,
@@ -150,7 +149,7 @@ def _denoiser_parts(config):
                      "together of several; add some with data.augment.stitched or data.augment.idle")
   items = _items(config, data, tuple(config.data.lengths), weights)
   encoder = load_text_encoder(config.frozen.text, level=config.frozen.text_level)
-  encoder.check(caption for captions in data.captions for caption in captions)
+  check_captions(data, encoder)
   if codec.mean is None:  # a bare tokenizer's latents have no scale yet
     codec = codec.fitted(data.features) if config.loss.unit_latents else codec.unscaled()
   return data, items, encoder, codec
@@ -164,7 +163,7 @@ def _items(config, data, lengths, weights=None):
                            weights=weights, **rules)
 
 
-def _held_out_loss(config, stats, encoder, codec, num_batches=4):
+def _held_out_loss(config, stats, encoder, codec):
   """evaluate(params): the loss of held-out clips, captions given; on the same cuts, times and noise every time, so that
   only the parameters make a difference. None where no held-out clip is long enough."""
   data = held_out(config, stats, captioned=True)
@@ -173,25 +172,16 @@ def _held_out_loss(config, stats, encoder, codec, num_batches=4):
   except ValueError as error:
     print(f"note: no loss on held-out clips: {error}")
     return None
-  encoder.check(caption for captions in data.captions for caption in captions)
-  given = config.copy_and_resolve_references().unlock()
-  given.loss.drop_rate = 0.0
+  check_captions(data, encoder)
   size = min(config.data.batch_size, len(items))
-  loss = jax.jit(cmdm.denoiser_stage(given).loss)
   frozen = codec.parts | motion_errors.frozen_stats(config, stats)
 
-  @functools.cache
   def batch(i):
     drawn = items.batch(size, config.seed, i)
     text_emb, text_mask = encoder(drawn.pop("caption"), at_least=config.data.max_words)
     return drawn | {"text_emb": text_emb, "text_mask": text_mask}
 
-  def evaluate(params):
-    parts = [loss(params, frozen, batch(i), 0, jax.random.key(i)) for i in range(num_batches)]
-    return {"held_out_loss": round(sum(float(sums["loss"]) for sums, _ in parts) / sum(
-        float(weight) for _, weight in parts), 5)}
-
-  return evaluate
+  return held_out_means(batch, measured_loss(cmdm.denoiser_stage(undisturbed(config)).loss), frozen)
 
 
 def denoiser(config: ConfigDict) -> TrainingSetup:
@@ -226,7 +216,6 @@ def denoiser(config: ConfigDict) -> TrainingSetup:
       batch["text_emb"], batch["text_mask"] = encoder(said, at_least=words, rows=rows)
     return batch
 
-  files = {checkpoint.LENGTHS: caption_lengths(data), **encoder_files(encoder)}
   evaluate = _held_out_loss(config, data.stats, encoder, codec)
   stage, frozen = cmdm.denoiser_stage(config), codec.parts | motion_errors.frozen_stats(config, data.stats)
   if config.distill.teacher:
@@ -234,7 +223,7 @@ def denoiser(config: ConfigDict) -> TrainingSetup:
     teacher = (runs.load_run(config.distill.teacher, "cmdm.denoiser").params(shapes) if _has_teacher(config)
                else untrained(shapes))
     stage, frozen = distill.student_stage(config), frozen | {distill.TEACHER: teacher}
-  return TrainingSetup(stage, next_batch, frozen, evaluate, data.stats, files, len(items))
+  return TrainingSetup(stage, next_batch, frozen, evaluate, data.stats, text_files(data, encoder), len(items))
 
 
 def encode_denoiser(config: ConfigDict, folder: str | os.PathLike) -> str:

@@ -6,12 +6,11 @@ import numpy as np
 from ml_collections import ConfigDict
 
 from motion_jax.data import sources
-from motion_jax.models.captioned_batches import batches_of, held_out_loss, text_encoder
+from motion_jax.models.captioned_batches import batches_of, held_out_loss, text_encoder, text_files, undisturbed
 from motion_jax.models.mdm.losses import TERMS
 from motion_jax.models.mdm.stages import denoiser_stage
 from motion_jax.models.motion_errors import STATS
-from motion_jax.training import checkpoint
-from motion_jax.training.setup import TrainingSetup, caption_lengths, encoder_files
+from motion_jax.training.setup import TrainingSetup
 from motion_jax.utils.errors import InputError
 
 NUM_PREFIXES, PREFIXES = 32, "prefixes"  # beginnings of training motions that a run of DiP keeps, to begin from
@@ -34,11 +33,8 @@ def denoiser(config: ConfigDict) -> TrainingSetup:
   if context:
     frozen[PREFIXES] = prefixes(data.features, context)
   stage = denoiser_stage(config)
-  given = config.copy_and_resolve_references().unlock()
-  given.loss.drop_rate = given.model.dropout = 0.0
-  evaluate = held_out_loss(config, data.stats, encoder, denoiser_stage(given).loss, frozen)
-  files = {checkpoint.LENGTHS: caption_lengths(data), **encoder_files(encoder)}
-  return TrainingSetup(stage, next_batch, frozen, evaluate, data.stats, files, num_items)
+  evaluate = held_out_loss(config, data.stats, encoder, denoiser_stage(undisturbed(config)).loss, frozen)
+  return TrainingSetup(stage, next_batch, frozen, evaluate, data.stats, text_files(data, encoder), num_items)
 
 
 def prefixes(features: list[np.ndarray], context: int) -> np.ndarray:

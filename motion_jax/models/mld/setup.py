@@ -7,29 +7,30 @@ import numpy as np
 from ml_collections import ConfigDict
 
 from motion_jax import runs
-from motion_jax.data import batches, sources
-from motion_jax.models.captioned_batches import NO_CAPTION, batches_of, held_out_loss, text_encoder, text_items
+from motion_jax.data import sources
+from motion_jax.models.captioned_batches import (
+  NO_CAPTION,
+  batches_of,
+  clips_of,
+  held_out_loss,
+  text_encoder,
+  text_files,
+  undisturbed,
+)
 from motion_jax.models.mld.stages import VAE, denoiser_stage, reconstruct, vae_shapes, vae_stage
 from motion_jax.models.motion_errors import STATS
 from motion_jax.motion import stats as stats_lib
 from motion_jax.motion.stats import Stats
 from motion_jax.nets.latent_diffusion import TokenVAE
-from motion_jax.training import checkpoint
-from motion_jax.training.setup import (
-  TrainingSetup,
-  caption_lengths,
-  encoder_files,
-  held_out,
-  reconstruction_error,
-  untrained,
-)
+from motion_jax.training.setup import TrainingSetup, held_out, reconstruction_error, untrained
 from motion_jax.utils.config_files import module_fields
 from motion_jax.utils.errors import InputError
 
 
 def vae(config: ConfigDict) -> TrainingSetup:
   data = sources.load_features(config.data)
-  items, net = text_items(config, data), TokenVAE(**config.model)
+  next_batch, num_items = clips_of(config, data)
+  net = TokenVAE(**config.model)
   validation, length = held_out(config, data.stats).features, config.data.max_frames
   compiled = jax.jit(lambda params, x, real: reconstruct(net, params, x, real))
 
@@ -38,12 +39,8 @@ def vae(config: ConfigDict) -> TrainingSetup:
     error = reconstruction_error(lambda x: compiled(params, x, real), validation, data.stats, length)
     return {"held_out_mm": round(error, 2)}
 
-  def next_batch(step, rows=batches.ALL):
-    batch = items.batch(min(config.data.batch_size, len(items)), config.seed, step, rows)
-    return {name: batch[name] for name in ("features", "num_frames", "index")}
-
   frozen = {STATS: {"mean": data.stats.mean, "std": data.stats.std}}
-  return TrainingSetup(vae_stage(config), next_batch, frozen, evaluate, data.stats, {}, len(items))
+  return TrainingSetup(vae_stage(config), next_batch, frozen, evaluate, data.stats, {}, num_items)
 
 
 def denoiser(config: ConfigDict) -> TrainingSetup:
@@ -55,11 +52,9 @@ def denoiser(config: ConfigDict) -> TrainingSetup:
   encoder = text_encoder(config, config.model.text_dim)
   next_batch, num_items = batches_of(config, data, encoder)
   frozen = {VAE: params, NO_CAPTION: encoder.no_caption()}
-  given = config.copy_and_resolve_references().unlock()
-  given.loss.drop_rate = given.model.dropout = 0.0
-  evaluate = held_out_loss(config, data.stats, encoder, denoiser_stage(given).loss, frozen)
-  files = {checkpoint.LENGTHS: caption_lengths(data), **encoder_files(encoder)}
-  return TrainingSetup(denoiser_stage(config), next_batch, frozen, evaluate, data.stats, files, num_items)
+  evaluate = held_out_loss(config, data.stats, encoder, denoiser_stage(undisturbed(config)).loss, frozen)
+  return TrainingSetup(denoiser_stage(config), next_batch, frozen, evaluate, data.stats, text_files(data, encoder),
+                       num_items)
 
 
 def load_vae(folder: str, config: ConfigDict) -> tuple[Any, Stats]:

@@ -1,7 +1,6 @@
 """Training set-ups of MoMask: its RVQ-VAE, its two transformers, its length estimator."""
 from typing import Any
 
-import jax
 from ml_collections import ConfigDict
 
 from motion_jax import runs
@@ -9,12 +8,11 @@ from motion_jax.data import sources
 from motion_jax.latents import TOKENIZER
 from motion_jax.models import length_setup
 from motion_jax.models.autoencoder_setup import load_frozen, rvq
+from motion_jax.models.captioned_batches import batches_of, held_out_means, text_encoder, text_files
 from motion_jax.models.momask.stages import masked_stage, residual_shapes, residual_stage
-from motion_jax.models.text_batches import captioned
 from motion_jax.nets.token_transformers import ResidualCodeTransformer
-from motion_jax.text.encoder import TextEncoder, load_text_encoder
-from motion_jax.training import checkpoint
-from motion_jax.training.setup import TrainingSetup, caption_lengths, encoder_files, held_out
+from motion_jax.text.encoder import TextEncoder
+from motion_jax.training.setup import TrainingSetup, held_out
 from motion_jax.utils.config_files import module_fields
 
 MASKED, RESIDUAL = "momask.masked", "momask.residual"
@@ -43,28 +41,12 @@ def _transformer(config, stage, more):
                      "codes; make them agree")
   _, variables, stats = load_frozen(config.frozen.tokenizer, config.tokenizer, "momask.rvq", config, config.quantizer)
   data = sources.load_features(config.data, stats=stats)
-  encoder = load_text_encoder(config.frozen.text, level="sentence")
-  if encoder.dim != config.model.text_dim:
-    raise ValueError(f"text encoder {config.frozen.text!r} gives {encoder.dim} numbers a sentence, the model takes "
-                     f"model.text_dim = {config.model.text_dim}; make them agree")
+  encoder = text_encoder(config, config.model.text_dim, "sentence")
   frozen = {TOKENIZER: variables} | more(encoder)
-  next_batch, num_items = captioned(config, data, encoder)
-  files = {checkpoint.LENGTHS: caption_lengths(data), **encoder_files(encoder)}
-  evaluate = _held_out_loss(config, stage, frozen, data.stats, encoder)
-  return TrainingSetup(stage, next_batch, frozen, evaluate, data.stats, files, num_items)
-
-
-def _held_out_loss(config, stage, frozen, stats, encoder, num_batches=4):
-  """evaluate(params): loss and accuracy on the same few batches of held-out clips and the same draws every time."""
-  next_batch, _ = captioned(config, held_out(config, stats, captioned=True), encoder)
-  predict = jax.jit(stage.predict)
-
-  def evaluate(params):
-    parts = [predict(params, frozen, next_batch(i), jax.random.key(i)) for i in range(num_batches)]
-    total = {name: sum(float(part[name]) for part in parts) for name in parts[0]}
-    return {f"held_out_{name}": round(total[name] / total["weight"], 5) for name in ("loss", "accuracy")}
-
-  return evaluate
+  next_batch, num_items = batches_of(config, data, encoder, vectors=True)
+  held, _ = batches_of(config, held_out(config, stats, captioned=True), encoder, vectors=True)
+  evaluate = held_out_means(held, stage.predict, frozen, ("loss", "accuracy"))
+  return TrainingSetup(stage, next_batch, frozen, evaluate, data.stats, text_files(data, encoder), num_items)
 
 
 def load_residual(config: ConfigDict, encoder: TextEncoder) -> Any:

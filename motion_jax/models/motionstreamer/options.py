@@ -1,13 +1,8 @@
 """How a MotionStreamer model is sampled."""
 import dataclasses
-from typing import TYPE_CHECKING
 
 from motion_jax.models.options import SamplingOptions, choice, number
-from motion_jax.utils.errors import InputError
 from motion_jax.utils.numerals import STEPS
-
-if TYPE_CHECKING:
-  from ml_collections import ConfigDict
 
 
 @dataclasses.dataclass(frozen=True)
@@ -19,14 +14,6 @@ class MotionStreamerSampling(SamplingOptions):
                             "network says that it has ended", ("length", "itself"), usual="length")
   stop_distance: float | None = number("how near a latent is to the one that ends a motion (0.1)", (0, 1e6), float,
                                        usual=0.1)
-
-  def resolved(self, config: "ConfigDict", **usual: object) -> "MotionStreamerSampling":
-    """As of any method; never more steps than training had."""
-    found = super().resolved(config, **usual)
-    if found.num_steps > config.diffusion.num_steps:
-      raise InputError(f"got {found.num_steps} sampler steps, this model was trained with "
-                       f"{config.diffusion.num_steps}; give at most as many")
-    return found
 
 
 OPTIONS = MotionStreamerSampling

@@ -8,7 +8,14 @@ from ml_collections import ConfigDict
 from motion_jax import runs
 from motion_jax.data import batches, sources
 from motion_jax.latents import VaeCodec
-from motion_jax.models.captioned_batches import NO_CAPTION, batches_of, held_out_loss, text_encoder
+from motion_jax.models.captioned_batches import (
+  NO_CAPTION,
+  batches_of,
+  held_out_loss,
+  text_encoder,
+  text_files,
+  undisturbed,
+)
 from motion_jax.models.motionstreamer.stages import (
   END,
   generator_stage,
@@ -18,11 +25,8 @@ from motion_jax.models.motionstreamer.stages import (
 from motion_jax.motion import stats as stats_lib
 from motion_jax.motion.stats import Stats
 from motion_jax.nets.causal_vae import CausalVAE
-from motion_jax.training import checkpoint
 from motion_jax.training.setup import (
   TrainingSetup,
-  caption_lengths,
-  encoder_files,
   held_out,
   held_stats,
   reconstruction_error,
@@ -63,11 +67,9 @@ def generator(config: ConfigDict) -> TrainingSetup:
   next_batch, num_items = batches_of(config, data, encoder)
   config = resolve_epochs(config, num_items)  # the share of replaced latents rises to the end of training
   frozen = codec.parts | {END: end_latent(codec), NO_CAPTION: encoder.no_caption()}
-  given = config.copy_and_resolve_references().unlock()
-  given.loss.update(drop_rate=0.0, crop_rate=0.0)
-  evaluate = held_out_loss(config, data.stats, encoder, generator_stage(given).loss, frozen)
-  files = {checkpoint.LENGTHS: caption_lengths(data), **encoder_files(encoder)}
-  return TrainingSetup(generator_stage(config), next_batch, frozen, evaluate, data.stats, files, num_items)
+  evaluate = held_out_loss(config, data.stats, encoder, generator_stage(undisturbed(config)).loss, frozen)
+  return TrainingSetup(generator_stage(config), next_batch, frozen, evaluate, data.stats, text_files(data, encoder),
+                       num_items)
 
 
 def end_latent(codec: VaeCodec) -> np.ndarray:

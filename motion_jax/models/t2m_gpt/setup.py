@@ -1,16 +1,13 @@
 """Training set-ups of T2M-GPT: its VQ-VAE, and the transformer on codes that are made once, before training."""
-import jax
 from ml_collections import ConfigDict
 
 from motion_jax.data import batches, sources
 from motion_jax.latents import TOKENIZER, RvqCodec
 from motion_jax.models.autoencoder_setup import load_frozen, rvq
+from motion_jax.models.captioned_batches import check_captions, held_out_means, text_encoder, text_files, with_text
 from motion_jax.models.t2m_gpt.items import CodeItems, encode_clips
 from motion_jax.models.t2m_gpt.stages import gpt_stage
-from motion_jax.text.captions import vary_subject
-from motion_jax.text.encoder import load_text_encoder
-from motion_jax.training import checkpoint
-from motion_jax.training.setup import TrainingSetup, caption_lengths, encoder_files, held_out
+from motion_jax.training.setup import TrainingSetup, held_out
 
 
 def gpt(config: ConfigDict) -> TrainingSetup:
@@ -20,27 +17,18 @@ def gpt(config: ConfigDict) -> TrainingSetup:
                      "codes; make them agree")
   net, variables, stats = load_frozen(config.frozen.tokenizer, config.tokenizer, "t2m_gpt.vq", config, config.quantizer)
   data = sources.load_features(config.data, stats=stats)
-  encoder = load_text_encoder(config.frozen.text, level="sentence")
-  if encoder.dim != config.model.text_dim:
-    raise ValueError(f"text encoder {config.frozen.text!r} gives {encoder.dim} numbers a sentence, the model takes "
-                     f"model.text_dim = {config.model.text_dim}; make them agree")
+  encoder = text_encoder(config, config.model.text_dim, "sentence")
   codec, stage = RvqCodec(net, variables), gpt_stage(config)
   next_batch, num_items = _rows(config, data, codec, encoder)
-  files = {checkpoint.LENGTHS: caption_lengths(data), **encoder_files(encoder)}
   held, _ = _rows(config, held_out(config, stats, captioned=True), codec, encoder)
-  predict = jax.jit(stage.predict)
-
-  def evaluate(params):
-    parts = [predict(params, {}, held(i), jax.random.key(0)) for i in range(4)]
-    total = {name: sum(float(part[name]) for part in parts) for name in parts[0]}
-    return {f"held_out_{name}": round(total[name] / total["weight"], 5) for name in ("loss", "accuracy")}
-
-  return TrainingSetup(stage, next_batch, {TOKENIZER: variables}, evaluate, data.stats, files, num_items)
+  evaluate = held_out_means(held, stage.predict, {}, ("loss", "accuracy"))
+  return TrainingSetup(stage, next_batch, {TOKENIZER: variables}, evaluate, data.stats, text_files(data, encoder),
+                       num_items)
 
 
 def _rows(config, data, codec, encoder):
   """(next_batch, how many clips there are): rows of codes with the sentence vectors of their captions."""
-  encoder.check(caption for captions in data.captions for caption in captions)
+  check_captions(data, encoder)
   least, most = config.data.min_frames, config.data.max_frames + 3  # Parity: "< 200", then cut to whole codes
   kept = [i for i, x in enumerate(data.features) if least <= len(x) <= most and data.captions[i]]
   if not kept:
@@ -53,9 +41,7 @@ def _rows(config, data, codec, encoder):
 
   def next_batch(step, rows=batches.ALL):
     batch = items.batch(config.data.batch_size, config.seed, step, rows)
-    rng = batches.step_rng(config.seed, 2, step)
-    said = [vary_subject(caption, rng, config.data.vary_subject) for caption in batch.pop("caption")]
-    return batch | {"text_emb": encoder(said, rows=rows)[0]}
+    return with_text(batch, config, encoder, step, rows, vectors=True)
 
   return next_batch, len(items)
 
