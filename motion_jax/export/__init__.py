@@ -15,15 +15,17 @@ from motion_jax.export.files import READERS, load, npy, npz
 from motion_jax.export.glb import glb
 from motion_jax.export.html import html, html_page
 from motion_jax.export.rig import rig_error as _rig_error
+from motion_jax.export.usd import usda
 from motion_jax.export.video import frame, frames, strip, video
+from motion_jax.export.vrma import vrma
 from motion_jax.motion.skeleton import HUMANML3D, SNAPMOGEN
 from motion_jax.motion.transfer import to_22
 from motion_jax.utils.plugins import Registry
 
 # {extension: writer(clip, path, **options) -> path}, and those of other packages.
 WRITERS: Registry[Callable] = Registry("motion_jax.exports", {
-    ".npz": npz, ".npy": npy, ".bvh": bvh, ".glb": glb, ".mp4": video, ".gif": video, ".html": html, ".png": strip,
-    ".jpg": strip})
+    ".npz": npz, ".npy": npy, ".bvh": bvh, ".glb": glb, ".vrma": vrma, ".usda": usda, ".mp4": video, ".gif": video,
+    ".html": html, ".png": strip, ".jpg": strip})
 _TOGETHER = (html, strip)  # several clips share one file
 _ANY_FIGURE = (npz, npy)   # the others draw or store bodies of joints whose names they know
 
@@ -95,4 +97,4 @@ def _with_22_joints(clip):
 
 
 __all__ = ["READERS", "WRITERS", "bvh", "check_output", "frame", "frames", "glb", "html", "load", "npy", "npz", "page",
-           "rig_error", "save", "strip", "video"]
+           "rig_error", "save", "strip", "usda", "video", "vrma"]

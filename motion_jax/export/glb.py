@@ -12,10 +12,8 @@ import struct
 
 import numpy as np
 
-from motion_jax.export.body import COLORS, make_figure
-from motion_jax.export.mesh import make_skins, rest_joints
-from motion_jax.export.rig import on_rig, rigged
-from motion_jax.motion import rotations as rot
+from motion_jax.export.binding import bind
+from motion_jax.export.body import COLORS
 from motion_jax.utils.atomic import atomic_path
 
 FLOAT, SHORT, BYTE = 5126, 5123, 5121
@@ -28,35 +26,43 @@ def glb(clip, path, exact=False, rig=None) -> pathlib.Path:
   and the root moves; exact=True also moves those whose place rotations miss by half a millimetre.
   """
   path = pathlib.Path(path)
-  skeleton = clip.skeleton
-  pose, moved = rigged(clip, exact), on_rig(clip, rig, exact)
-  own = [moved.rig.joints[name] for name in skeleton.joints]  # the nodes that carry the mesh
-  figure = make_figure(clip, pose)
-  rest = rest_joints(pose.offsets, skeleton)
-  skins = make_skins(figure.parts, rest, skeleton)
+  moved, own, skins, rest, inverse = bind(clip, exact, rig)
   buffer = Buffer()
   materials = [_material(skin.group, COLORS[skin.group]) for skin in skins]
   meshes = [_primitive(buffer, skin, number) for number, skin in enumerate(skins)]
-  inverse = np.tile(np.eye(4), (skeleton.num_joints, 1, 1))
-  inverse[:, :3, :3] = rot.to_matrix(moved.rig.arm_rest(skeleton))  # the mesh is bound in the T-pose
-  inverse[:, :3, 3] = -np.einsum("jab,jb->ja", inverse[:, :3, :3], rest)
-  inverse = buffer.add(inverse.transpose(0, 2, 1).reshape(-1, 16), FLOAT, "MAT4")  # glTF stores columns
-  names, parents = moved.rig.names, moved.rig.parents
-  children = [[k for k, parent in enumerate(parents) if parent == j] for j in range(len(names))]
-  nodes = [{"name": name, "translation": (rest[0] if j == moved.pelvis else moved.offsets[j]).tolist()}
-           | ({"children": children[j]} if children[j] else {}) for j, name in enumerate(names)]
+  inverse = buffer.add(inverse[own].transpose(0, 2, 1).reshape(-1, 16), FLOAT, "MAT4")  # glTF stores columns
+  nodes = rest_nodes(moved, rest[moved.pelvis])
   nodes.append({"name": "mannequin", "mesh": 0, "skin": 0})
   nodes.append({"name": clip.id, "children": [0]})  # the mesh stands beside it: only joints move a skin
+  asset, caption = describe(clip)
+  document = {
+      "asset": asset,
+      "scene": 0, "scenes": [{"nodes": [len(nodes) - 2, len(nodes) - 1]}], "nodes": nodes,
+      "materials": materials, "meshes": [{"name": "mannequin", "primitives": meshes}],
+      "skins": [{"skeleton": 0, "joints": own, "inverseBindMatrices": inverse}],
+      "animations": [animation(buffer, moved, clip.fps, caption)]}
+  return write_container(path, document, buffer)
+
+
+def describe(clip):
+  """The asset of a glTF document, and what the animation is called."""
   caption = clip.captions[0].text if clip.captions else clip.id
   about = {"fps": float(clip.fps)} | {key: value for key, value in (("caption", caption), ("license", clip.license))
                                       if value}
-  document = {
-      "asset": {"version": "2.0", "generator": "motion_jax", "extras": about},
-      "scene": 0, "scenes": [{"nodes": [len(names), len(names) + 1]}], "nodes": nodes,
-      "materials": materials, "meshes": [{"name": "mannequin", "primitives": meshes}],
-      "skins": [{"skeleton": 0, "joints": own, "inverseBindMatrices": inverse}],
-      "animations": [_animation(buffer, moved, clip.fps, caption)],
-      "accessors": buffer.accessors, "bufferViews": buffer.views, "buffers": [{"byteLength": len(buffer.data)}]}
+  return {"version": "2.0", "generator": "motion_jax", "extras": about}, caption
+
+
+def rest_nodes(moved, pelvis) -> list[dict]:
+  """The nodes of a RigMotion in its rest pose, with the pelvis at (3,)."""
+  children = [[k for k, parent in enumerate(moved.rig.parents) if parent == j] for j in range(len(moved.rig.names))]
+  return [{"name": name, "translation": (pelvis if j == moved.pelvis else moved.offsets[j]).tolist()}
+          | ({"children": children[j]} if children[j] else {}) for j, name in enumerate(moved.rig.names)]
+
+
+def write_container(path, document, buffer) -> pathlib.Path:
+  """Writes a glTF document and the Buffer that it refers to as one binary file."""
+  document |= {"accessors": buffer.accessors, "bufferViews": buffer.views,
+               "buffers": [{"byteLength": len(buffer.data)}]}
   text = json.dumps(document, separators=(",", ":")).encode()
   text += b" " * (-len(text) % 4)
   chunks = struct.pack("<II", len(text), 0x4E4F534A) + text  # "JSON"
@@ -104,7 +110,8 @@ def _material(name, color):
                                                  "roughnessFactor": 0.65}}
 
 
-def _animation(buffer, pose, fps, name):
+def animation(buffer, pose, fps, name) -> dict:
+  """A RigMotion as a glTF animation of the nodes of `rest_nodes`."""
   times = buffer.add((np.arange(len(pose.root)) / fps)[:, None], FLOAT, "SCALAR", bounds=True)
   samplers, channels = [], []
 

@@ -9,7 +9,7 @@ from motion_jax.utils.numerals import FRAME_RATES, real
 BVH_UNITS = {"cm": "centimetres", "m": "metres"}
 FILMS = (".mp4", ".gif")
 PICTURES = (*FILMS, ".png", ".jpg", ".html")
-RIGS = (".bvh", ".glb")
+RIGS = (".bvh", ".glb", ".usda")
 MOTION_FILES = (".npz", ".npy", ".bvh", ".amc")  # what export.load reads; a constant, so that --help starts fast
 MOTION_HELP = ", ".join(MOTION_FILES[:-1]) + f" or {MOTION_FILES[-1]}"
 
@@ -80,8 +80,8 @@ def config_of(args):
 def add_out(parser, default, files):
   """The flag --out of a command that writes motions; files: an example of several."""
   parser.add_argument("--out", default=default, action=Files,
-                      help="output files: .npz .npy .bvh .glb .mp4 .gif .html .png, separated by commas, such as "
-                           f"{files}")
+                      help="output files: .npz .npy .bvh .glb .vrma .usda .mp4 .gif .html .png ..., separated by "
+                           f"commas, such as {files}")
 
 
 def outputs_of(args, out=None):
@@ -96,14 +96,14 @@ def outputs_of(args, out=None):
 
 
 def add_rig(parser):
-  """The flags of .bvh and .glb files."""
-  parser.add_argument("--rig", metavar="NAME", help="joint names, tree and rest pose of another program in .bvh and "
-                      ".glb: mixamo, unity, ue5, vrm, rigify ...; motion-jax rigs lists them (HumanML3D's)")
+  """The flags of files with a rig."""
+  parser.add_argument("--rig", metavar="NAME", help="joint names, tree and rest pose of another program in .bvh, .glb "
+                      "and .usda: mixamo, unity, ue5, vrm, rigify ...; motion-jax rigs lists them (HumanML3D's)")
   parser.add_argument("--bvh-unit", choices=tuple(BVH_UNITS), default="cm",
                       help="unit of .bvh files: cm (common; in Blender import with scale 0.01) or m")
   parser.add_argument("--exact-joints", action="store_true",
-                      help="in .bvh and .glb, keep exact joint positions with position channels below the root, which "
-                           "some programs misread; default: joints only rotate, and the error is printed")
+                      help="in .bvh, .glb and .usda, keep exact joint positions with position channels below the root, "
+                           "which some programs misread; default: joints only rotate, and the error is printed")
 
 
 def save(args, clips, outputs):

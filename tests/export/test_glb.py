@@ -36,7 +36,9 @@ def read(gltf, number):
 
 def world_matrices(gltf, num_frames):
   """(T, J, 4, 4) of the joints' nodes, by playing the animation."""
-  animation, joints = gltf.animations[0], gltf.skins[0].joints
+  animation, root, joints = gltf.animations[0], 0, range(len(gltf.nodes))
+  if gltf.skins:
+    root, joints = gltf.skins[0].skeleton, gltf.skins[0].joints
   local = {}
   for number, node in enumerate(gltf.nodes):
     local[number] = np.tile(np.eye(4), (num_frames, 1, 1))
@@ -54,7 +56,7 @@ def world_matrices(gltf, num_frames):
     for child in gltf.nodes[number].children or []:
       walk(child, world[number])
 
-  walk(gltf.skins[0].skeleton, np.eye(4))
+  walk(root, np.eye(4))
   return np.stack([world[number] for number in joints], axis=1)
 
 
