@@ -170,17 +170,20 @@ def _fits(path, layout):
 
 
 def text_files(text, dim, what, usual, level="words"):
-  """{file: content} by which a run knows the text encoder in the folder `text`, {} if that is None.
+  """{file: content} by which a run knows the text encoder in the folder `text` (`encoder_of`), {} if that is None."""
+  return {} if text is None else {checkpoint.TEXT: text_identity(encoder_of(text, dim, what, usual, level))}
+
+
+def encoder_of(text, dim, what, usual, level="sentence"):
+  """The text encoder in the folder `text`.
 
   Raises ValueError unless it gives the `dim` numbers that a `what` was trained on; usual: what it mostly was.
   """
-  if text is None:
-    return {}
   encoder = load_text_encoder(text, level=level)
   if encoder.dim != dim:
     raise ValueError(f"the text encoder {text} gives {encoder.dim} numbers a {level.removesuffix('s')}, the {what} was "
                      f"trained on {dim}; give --text-encoder the encoder that it was trained on ({usual})")
-  return {checkpoint.TEXT: text_identity(encoder)}
+  return encoder
 
 
 # --- writing -----------------------------------------------------------------------------------------------------

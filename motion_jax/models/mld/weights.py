@@ -4,14 +4,23 @@ from typing import Any
 
 import numpy as np
 
-from motion_jax.convert.parts import Network, NetworkState, check_free, heads_of, network, read_part, stats_of, write
+from motion_jax.convert.parts import (
+  Network,
+  NetworkState,
+  check_free,
+  encoder_of,
+  heads_of,
+  network,
+  read_part,
+  stats_of,
+  write,
+)
 from motion_jax.convert.state import select
 from motion_jax.models.captioned_batches import NO_CAPTION
 from motion_jax.models.mld.stages import VAE, denoiser_shapes, vae_shapes
 from motion_jax.models.mld.weight_names import UNUSED, denoiser_names, vae_names
 from motion_jax.motion.representations import layout_for
 from motion_jax.nets.latent_diffusion import TokenDenoiser, TokenVAE
-from motion_jax.text.encoder import load_text_encoder
 from motion_jax.training import checkpoint
 from motion_jax.training.setup import text_identity
 
@@ -62,10 +71,7 @@ def write_mld(out: str | pathlib.Path, file: str | pathlib.Path, stats: Any, tex
   """
   check_free(out)
   vae, made = networks(file, num_heads)
-  encoder = load_text_encoder(text, level="sentence")
-  if encoder.dim != made.fields["text_dim"]:
-    raise ValueError(f"the text encoder {text} gives {encoder.dim} numbers a sentence, the MLD denoiser was trained on "
-                     f"{made.fields['text_dim']}; give --text-encoder {TEXT}")
+  encoder = encoder_of(text, made.fields["text_dim"], "MLD denoiser", TEXT)
   layout = layout_for(vae.fields["features"])
   config = dict(stage="mld.denoiser", model=made.fields | dict(num_steps=1000), tokenizer=vae.fields,
                 frozen=dict(text=str(text), text_level="sentence", tokenizer=checkpoint.FROZEN),

@@ -5,14 +5,13 @@ from typing import Any
 import ml_collections
 import numpy as np
 
-from motion_jax.convert.parts import Network, check_free, heads_of, network, read_part, stats_of, write
+from motion_jax.convert.parts import Network, check_free, encoder_of, heads_of, network, read_part, stats_of, write
 from motion_jax.latents import VaeCodec
 from motion_jax.models.captioned_batches import NO_CAPTION
 from motion_jax.models.motionstreamer.stages import END, generator_shapes, make_generator, tokenizer_shapes
 from motion_jax.models.motionstreamer.weight_names import autoencoder_names, generator_names
 from motion_jax.motion.representations import layout_for
 from motion_jax.nets.causal_vae import CausalVAE
-from motion_jax.text.encoder import load_text_encoder
 from motion_jax.training import checkpoint
 from motion_jax.training.setup import text_identity
 
@@ -69,10 +68,7 @@ def write_motionstreamer(out: str | pathlib.Path, autoencoder_file: str | pathli
   if sizes["latent_dim"] != vae.fields["latent_dim"]:
     raise ValueError(f"the generator makes latents of {sizes['latent_dim']} numbers, those of the autoencoder have "
                      f"{vae.fields['latent_dim']}; they are of different trainings")
-  encoder = load_text_encoder(text, level="sentence")
-  if encoder.dim != sizes["text_dim"]:
-    raise ValueError(f"the text encoder {text} gives {encoder.dim} numbers a sentence, the generator was trained on "
-                     f"{sizes['text_dim']}; give --text-encoder {TEXT}")
+  encoder = encoder_of(text, sizes["text_dim"], "generator", TEXT)
   codec, layout = VaeCodec(vae.module, vae.params).unscaled(), layout_for(vae.fields["features"])
   nothing = np.zeros((1, codec.frames_per_latent, vae.fields["features"]), np.float32)
   end = RELEASED_END if sizes["latent_dim"] == len(RELEASED_END) else np.asarray(codec.encode(nothing))[0, 0]
