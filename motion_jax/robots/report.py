@@ -43,6 +43,8 @@ def of(motion: RobotMotion, clip) -> Report:
   places, turned = robot.kinematics(motion.qpos)
   at = lambda part: robot.place(part, places, turned)
   distance = lambda *pairs: 1000 * np.linalg.norm(np.stack([a - b for a, b in pairs]), axis=-1)
+  planted = np.stack([target.planted for target in targets])
+  goal = lambda part: np.stack([target.limbs[part] for target in targets])
   pair = lambda found: (float(found.mean()), float(found.max()))
   hands = [(at(f"{side}_wrist"), at(f"{side}_shoulder") + _arm(targets, side, robot)) for side in SIDES]
   soles = [places[:, body, None] + rot.rotate(turned[:, body, None], sole[None]) for body, sole in robot.soles()]
@@ -54,16 +56,17 @@ def of(motion: RobotMotion, clip) -> Report:
   changes = [int(caption.start * motion.fps) for caption in motion.captions[1:] if caption.start]
   around = [steps[max(frame - 10, 0):frame + 10] for frame in changes]
   return Report(
-      pair(distance((at("pelvis"), targets.pelvis))),
-      pair(distance(*((at(f"{side}_ankle"), targets.limbs[f"{side}_ankle"]) for side in SIDES))),
+      pair(distance((at("pelvis"), np.stack([target.pelvis for target in targets])))),
+      pair(distance(*((at(f"{side}_ankle"), goal(f"{side}_ankle")) for side in SIDES))),
       pair(distance(*hands)), float(near.any(1).mean()), dict(sorted(limits.items(), key=lambda item: -item[1])),
       float(steps.max()) if steps.size else 0.0, robot.joints[int(steps.max(0).argmax())] if steps.size else "",
-      _slide(soles, targets.planted, motion.fps), 1000 * max(0.0, -float(min(sole[..., 2].min() for sole in soles))),
+      _slide(soles, planted, motion.fps), 1000 * max(0.0, -float(min(sole[..., 2].min() for sole in soles))),
       tuple(float(part.max()) for part in around if part.size))
 
 
 def _arm(targets, side, robot):
-  sizes, (upper, fore) = sizes_of(robot), targets.arms[side]
+  sizes = sizes_of(robot)
+  upper, fore = (np.stack(rows) for rows in zip(*(target.arms[side] for target in targets)))
   return sizes.upper_arm * upper + sizes.forearm * fore
 
 

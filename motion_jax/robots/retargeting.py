@@ -6,12 +6,13 @@ joint speed, and bodies that stay apart as constraints.
 import time
 
 import numpy as np
+from jaxtyping import Float, Num
 
 from motion_jax.data.clip import Clip
 from motion_jax.motion import rotations as rot
 from motion_jax.robots.motion import RobotMotion
 from motion_jax.robots.robot import SIDES, SITE, Robot
-from motion_jax.robots.targets import Targets, sizes_of, targets_of
+from motion_jax.robots.targets import Target, TargetStream, sizes_of, targets_of
 from motion_jax.utils.errors import InputError
 
 RATE = 50.0          # frames a second, the tick of most controllers
@@ -19,8 +20,12 @@ MAX_SPEED = 20.0     # radians a second of any joint
 _ITERATIONS = 4      # of inverse kinematics in a frame
 _FIRST = 60          # before the first frame, from the upright pose
 _APART = 0.01        # metres that bodies which must not touch are kept apart
+_LEVEL = np.array([1.0, 0, 0, 0])
 # (position, rotation) weights of the parts.
 _WEIGHTS = {"pelvis": (20, 10), "torso": (0, 8), "knee": (2, 0), "ankle": (80, 8), "elbow": (6, 0), "wrist": (10, 0)}
+
+_POSTURE = 0.05     # the weight with which a joint stays at its upright angle
+_STANDING = 400.0  # the position weight of an ankle that stands
 
 
 def retarget(clip: Clip, robot: Robot, fps: float = RATE) -> RobotMotion:
@@ -33,10 +38,34 @@ def retarget(clip: Clip, robot: Robot, fps: float = RATE) -> RobotMotion:
     raise InputError(f"got a motion on skeleton {clip.skeleton.name!r}, expected HumanML3D's 22 joints")
   began = time.perf_counter()
   targets = targets_of(clip, robot, fps)
-  qpos = Solver(robot, fps).run(targets)
+  solver = Solver(robot, fps)
+  qpos = np.stack([solver.step(target) for target in targets])
   meta = {"robot": robot.name, "seconds_per_second": (time.perf_counter() - began) / max(clip.seconds, 1e-9)}
-  return RobotMotion(robot, qpos, fps, targets.planted, clip.captions, clip.source, clip.license, clip.meta | meta,
-                     human=clip)
+  return RobotMotion(robot, qpos, fps, np.stack([target.planted for target in targets]), clip.captions, clip.source,
+                     clip.license, clip.meta | meta, human=clip)
+
+
+class Stream:
+  """A robot's configurations of joints that come block by block, at most `targets.DELAY` seconds behind them.
+
+  Any blocks give the same configurations, which are those of `retarget` for a motion on HumanML3D's own body with the
+  floor at 0, as all models give it.
+  """
+
+  def __init__(self, robot: Robot, source_fps: float, fps: float = RATE) -> None:
+    self.robot, self.fps = robot, fps
+    self._targets, self._solver = TargetStream(robot, fps, source_fps), Solver(robot, fps)
+
+  def push(self, joints: Num[np.ndarray, "t 22 3"]) -> Float[np.ndarray, "n q"]:
+    """Configurations (N, 7 + joints) that joints (T, 22, 3), metres, y up, have made final."""
+    return self._solved(self._targets.push(joints))
+
+  def finish(self) -> Float[np.ndarray, "n q"]:
+    """Those of the last frames; nothing comes after them."""
+    return self._solved(self._targets.finish())
+
+  def _solved(self, targets):
+    return np.array([self._solver.step(target) for target in targets]).reshape(-1, self.robot.model.nq)
 
 
 class Solver:
@@ -49,7 +78,10 @@ class Solver:
     self.configuration = mink.Configuration(model, robot.standing())
     self.tasks = {part: mink.FrameTask(SITE + part, "site", *_WEIGHTS[part.rpartition("_")[2]], lm_damping=0.01)
                   for part in robot.parts if part.rpartition("_")[2] in _WEIGHTS}
-    posture = mink.PostureTask(model, cost=0.05)
+    weights = np.full(model.nv, _POSTURE)
+    for name, weight in robot.posture.items():
+      weights[int(model.joint(name).dofadr[0])] = weight
+    posture = mink.PostureTask(model, cost=weights)
     posture.set_target(robot.standing())
     self._all = [*self.tasks.values(), posture, mink.DampingTask(model, cost=0.05)]
     self._limits = [mink.ConfigurationLimit(model)]
@@ -61,6 +93,7 @@ class Solver:
     fixed = [int(model.joint(name).dofadr[0]) for name in robot.fixed]
     self._constraints = [mink.DofFreezingTask(model, fixed)] if fixed else None
     self._begun = False
+    self._soles = robot.soles()
     self._shoulders = {side: self._in_torso(f"{side}_shoulder") for side in SIDES}
 
   def _shapes(self, bodies):
@@ -73,39 +106,44 @@ class Solver:
     torso = self.robot.index("torso")
     return rot.rotate(rot.conjugate(turned[:, torso]), self.robot.place(part, places, turned) - places[:, torso])[0]
 
-  def run(self, targets: Targets) -> np.ndarray:
-    """Configurations (T, 7 + N) of all frames of targets."""
-    return np.stack([self.step(targets, t) for t in range(len(targets.pelvis))])
-
-  def step(self, targets: Targets, t: int) -> np.ndarray:
-    """The configuration (7 + N,) of frame t."""
+  def step(self, target: Target) -> Float[np.ndarray, " q"]:
+    """The configuration (7 + N,) of the next frame."""
     import mink
     pose = lambda q, place: mink.SE3.from_rotation_and_translation(mink.SO3(rot.unit(q)), place)
-    level = np.array([1.0, 0, 0, 0])
-    self.tasks["pelvis"].set_target(pose(targets.turned["pelvis"][t], targets.pelvis[t]))
-    self.tasks["torso"].set_target(pose(targets.turned["torso"][t], np.zeros(3)))
-    for side in SIDES:
-      self.tasks[f"{side}_knee"].set_target(pose(level, targets.limbs[f"{side}_knee"][t]))
-      self.tasks[f"{side}_ankle"].set_target(pose(targets.turned[f"{side}_ankle"][t],
-                                                  targets.limbs[f"{side}_ankle"][t]))
+    self.tasks["pelvis"].set_target(pose(target.turned["pelvis"], target.pelvis))
+    self.tasks["torso"].set_target(pose(target.turned["torso"], np.zeros(3)))
+    for side, stands in zip(SIDES, target.planted):
+      # A leg that swings past gives way to one that stands.
+      self.tasks[f"{side}_ankle"].set_position_cost(_STANDING if stands else _WEIGHTS["ankle"][0])
+      self.tasks[f"{side}_knee"].set_target(pose(_LEVEL, target.limbs[f"{side}_knee"]))
     rounds = _ITERATIONS if self._begun else _FIRST
     limits = [*self._limits, self._speed] if self._begun else self._limits
+    step = 1 / self.fps / _ITERATIONS
     for _ in range(rounds):
-      self._aim_arms(targets, t, pose, level)
-      step = 1 / self.fps / _ITERATIONS
+      self._aim_arms(target, pose)
+      self._aim_feet(target, pose)
       velocity = mink.solve_ik(self.configuration, self._all, step, "daqp", damping=1e-3, limits=limits,
                                constraints=self._constraints)
       self.configuration.integrate_inplace(velocity, step)
     self._begun = True
     return self.configuration.q.copy()
 
-  def _aim_arms(self, targets, t, pose, level):
+  def _aim_arms(self, target, pose):
     """Elbows and wrists by the directions of the arms, from where the robot's own shoulders are by now."""
     data, model = self.configuration.data, self.robot.model
     torso = model.body(self.robot.parts["torso"][0]).id
     for side in SIDES:
-      upper, fore = targets.arms[side]
+      upper, fore = target.arms[side]
       shoulder = data.xpos[torso] + data.xmat[torso].reshape(3, 3) @ self._shoulders[side]
-      elbow = shoulder + self.sizes.upper_arm * upper[t]
-      self.tasks[f"{side}_elbow"].set_target(pose(level, elbow))
-      self.tasks[f"{side}_wrist"].set_target(pose(level, elbow + self.sizes.forearm * fore[t]))
+      elbow = shoulder + self.sizes.upper_arm * upper
+      self.tasks[f"{side}_elbow"].set_target(pose(_LEVEL, elbow))
+      self.tasks[f"{side}_wrist"].set_target(pose(_LEVEL, elbow + self.sizes.forearm * fore))
+
+  def _aim_feet(self, target, pose):
+    """Ankles by their targets, higher where the sole, turned as the robot's ankle can be, would be in the floor."""
+    data = self.configuration.data
+    for side, (body, sole) in zip(SIDES, self._soles):
+      ankle = target.limbs[f"{side}_ankle"].copy()
+      below = (sole @ data.xmat[body + 1].reshape(3, 3).T)[:, 2].min()
+      ankle[2] = max(ankle[2], -below)
+      self.tasks[f"{side}_ankle"].set_target(pose(target.turned[f"{side}_ankle"], ankle))

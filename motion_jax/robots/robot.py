@@ -50,7 +50,8 @@ class Robot:
 
   model: mujoco.MjModel, with a site named after each part; parts: {human part of PARTS: (body, point (3,) in its
   frame)}; stand: angles of the upright pose with hanging arms;
-  fixed: joints that do not move; apart: pairs of lists of bodies that must not touch; orders: named orders of joints.
+  fixed: joints that do not move; posture: {joint: weight with which it keeps its upright angle}; apart:
+  pairs of lists of bodies that must not touch; orders: named orders of joints.
   """
   name: str
   title: str
@@ -61,6 +62,7 @@ class Robot:
   apart: tuple = ()
   orders: dict[str, tuple[str, ...]] = dataclasses.field(default_factory=dict)
   licence: str = ""
+  posture: dict[str, float] = dataclasses.field(default_factory=dict)
 
   @property
   def joints(self) -> tuple[str, ...]:
@@ -168,7 +170,8 @@ def load(name: str | pathlib.Path, mapping: str | pathlib.Path | Mapping[str, st
     raise InputError(f"{path}: the upright pose names the joints {named(unknown)}; the robot has {named(joints)}")
   return Robot(about.get("name", path.stem), about.get("title", path.stem), model, parts,
                dict(about.get("stand", {})), (), tuple(about.get("apart", ())),
-               about.get("orders", {}) | {"fixed": about.get("fixed", {})}, about.get("licence", ""))
+               about.get("orders", {}) | {"fixed": about.get("fixed", {})}, about.get("licence", ""),
+               about.get("posture", {}))
 
 
 def _description(path, mapping):

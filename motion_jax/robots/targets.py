@@ -1,28 +1,38 @@
-"""Where a robot's bodies should be: a human motion on the robot's proportions, feet standing where they stood."""
+"""Where a robot's bodies should be: human joints on the robot's proportions, feet standing where they stood.
+
+Frames come one after another and every target depends on the frames up to DELAY seconds behind it alone, so that a live
+stream and a whole clip give the same numbers.
+"""
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Num
 
 from motion_jax.data.clip import Clip
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.contacts import feet_stand
-from motion_jax.motion.pose import to_pose
-from motion_jax.motion.retarget import retarget
-from motion_jax.motion.retiming import resample
-from motion_jax.motion.skeleton import HUMANML3D
+from motion_jax.motion.retarget import bend, floor_height, knee_side, retarget
+from motion_jax.motion.skeleton import HUMANML3D, body_axes, bone_lengths
 from motion_jax.robots.robot import SIDES, Robot, to_robot_axes, turn_to_robot_axes
 
-_BLEND = 0.12  # seconds in which a foot goes over to where it is held, and back
+DELAY = 0.4         # seconds that a target needs to see of what comes after it, at 20 frames a second in
+_BLEND = 0.12       # seconds in which a foot goes over to where it is held, and back
+_WINDOW = 0.18      # seconds before and after a frame that say whether a foot stands in it
+_LEVEL = 0.65       # radians that the line from ankle to toes falls in a foot that stands flat
+_ANKLE = 0.088      # metres of the ankle over the floor in a foot of HumanML3D's size that stands flat
+_FLAT = 0.35        # radians that a foot which stands may be off level
+_CANONICAL = 0.01   # metres by which bones of HumanML3D's own body may be off
+_LEGS = [[HUMANML3D.joints.index(f"{side}_{part}") for part in ("hip", "knee", "ankle", "foot")] for side in SIDES]
+_ARMS = [[HUMANML3D.joints.index(f"{side}_{part}") for part in ("shoulder", "elbow", "wrist")] for side in SIDES]
 
 
-class Targets(NamedTuple):
-  """Targets of T frames in a robot's axes, metres."""
-  pelvis: Float[np.ndarray, "t 3"]
-  turned: dict[str, Float[np.ndarray, "t 4"]]     # world rotations of pelvis, torso and both ankles
-  limbs: dict[str, Float[np.ndarray, "t 3"]]      # positions of knees and ankles
-  arms: dict[str, tuple[Float[np.ndarray, "t 3"], Float[np.ndarray, "t 3"]]]  # directions of upper arm and forearm
-  planted: Bool[np.ndarray, "t 2"]                # whether the left and the right foot stand
+class Target(NamedTuple):
+  """Targets of one frame in a robot's axes, metres."""
+  pelvis: Float[np.ndarray, " 3"]
+  turned: dict[str, Float[np.ndarray, " 4"]]  # world rotations of pelvis, torso and both ankles
+  limbs: dict[str, Float[np.ndarray, " 3"]]   # positions of knees and ankles
+  arms: dict[str, tuple[Float[np.ndarray, " 3"], Float[np.ndarray, " 3"]]]  # directions of upper arm and forearm
+  planted: Bool[np.ndarray, " 2"]             # whether the left and the right foot stand
 
 
 class Sizes(NamedTuple):
@@ -30,103 +40,203 @@ class Sizes(NamedTuple):
   hip: float
   thigh: float
   shin: float
-  foot: float
   upper_arm: float
   forearm: float
   hips_below_pelvis: Float[np.ndarray, " 3"]  # from the pelvis body to the middle between the hips
 
+  @property
+  def scale(self) -> float:
+    """The length of the robot's legs in those of HumanML3D's body."""
+    return (self.thigh + self.shin) / float(HUMANML3D.bone_lengths[list(HUMANML3D.leg_bones)].sum())
+
 
 def sizes_of(robot: Robot) -> Sizes:
+  """Distances between the parts of a robot in its upright pose."""
   places, turned = robot.kinematics(robot.standing()[None])
   of = lambda part: robot.place(part, places, turned)[0]
   between = lambda a, b: float(np.mean([np.linalg.norm(of(f"{side}_{a}") - of(f"{side}_{b}")) for side in SIDES]))
   hips = (of("left_hip") + of("right_hip")) / 2
-  body, sole = robot.soles()[0]
-  front = places[0, body] + rot.rotate(turned[0, body][None], sole)[:, 0].max() * np.array([1, 0, 0])
   return Sizes(float(np.linalg.norm(of("left_hip") - of("right_hip"))) / 2, between("hip", "knee"),
-               between("knee", "ankle"), max(float(front[0] - places[0, body][0]), 0.05),
-               between("shoulder", "elbow"), between("elbow", "wrist"), hips - of("pelvis"))
+               between("knee", "ankle"), between("shoulder", "elbow"), between("elbow", "wrist"), hips - of("pelvis"))
 
 
-def targets_of(clip: Clip, robot: Robot, fps: float) -> Targets:
-  """The targets of a clip of HumanML3D's 22 joints at fps frames a second.
+def targets_of(clip: Clip, robot: Robot, fps: float) -> list[Target]:
+  """The targets of a clip of HumanML3D's 22 joints at fps frames a second, by the same steps as those of a stream."""
+  stream = TargetStream(robot, fps, clip.fps)
+  return stream.push(_on_own_body(np.asarray(clip.joints, np.float64))) + stream.finish()
 
-  Legs: the motion on the robot's leg lengths (`motion.retarget`). Arms: directions alone, since a robot's shoulders are
-  elsewhere. A foot that stands is held flat on the floor in one place.
+
+def _on_own_body(joints):
+  """Joints with the bone lengths of HumanML3D's body, as all its models give them, the floor at 0."""
+  if np.abs(bone_lengths(joints, HUMANML3D).mean(0) - HUMANML3D.bone_lengths).max() > _CANONICAL:
+    return retarget(joints)
+  floor = floor_height(joints)
+  return joints - [0, floor, 0] if abs(floor) > _CANONICAL else joints
+
+
+class TargetStream:
+  """Targets of joints that come block by block; any blocks give the same targets.
+
+  A foot that stands is held in one place, flat on the floor: it goes there while it comes down, and back while it
+  lifts.
   """
-  joints = np.asarray(clip.joints, np.float64)
-  if clip.fps != fps and len(joints) > 1:
-    joints = resample(joints, clip.fps, fps)
-  sizes, names = sizes_of(robot), HUMANML3D.joints
-  place = {name: names.index(name) for name in names}
-  lengths = HUMANML3D.offsets * (sizes.thigh + sizes.shin) / HUMANML3D.bone_lengths[list(HUMANML3D.leg_bones)].sum()
-  for side in SIDES:
-    for part, length in (("knee", sizes.thigh), ("ankle", sizes.shin), ("foot", sizes.foot)):
-      bone = place[f"{side}_{part}"]
-      lengths[bone] *= length / np.linalg.norm(lengths[bone])
-  body = retarget(joints, HUMANML3D.with_offsets(lengths))
-  stands = feet_stand(body, fps, floor=0.0)
-  pose = to_pose(body, fps=fps)
-  turned = {"pelvis": pose.turned[:, 0], "torso": pose.turned[:, place["spine3"]]}
-  turned = {part: turn_to_robot_axes(q) for part, q in turned.items()}
-  world = to_robot_axes(body)
-  hips = (world[:, place["left_hip"]] + world[:, place["right_hip"]]) / 2
-  limbs, planted, ground = {}, [], []
-  for k, side in enumerate(SIDES):
-    foot = _foot(body, pose, side, stands[:, 2 * k] & stands[:, 2 * k + 1])
-    turned[f"{side}_ankle"], slope = foot
-    planted.append(stands[:, 2 * k] & stands[:, 2 * k + 1] & (slope < 0.35))
-    limbs[f"{side}_knee"], limbs[f"{side}_ankle"] = world[:, place[f"{side}_knee"]], world[:, place[f"{side}_ankle"]]
-    height = limbs[f"{side}_ankle"][:, 2]
-    still = height[planted[-1]] if planted[-1].any() else height
-    ground.append(float(np.percentile(still, 20)))
-  # The robot's ankle is nearer to the floor than a person's: legs and pelvis go down by the difference.
-  for k, side in enumerate(SIDES):
-    sole = robot.soles()[k][1]
-    bottom = -rot.rotate(turned[f"{side}_ankle"][:, None], sole[None])[..., 2].min(1)
-    ankle = limbs[f"{side}_ankle"]
-    lowered = ankle[:, 2] - ground[k] - sole[:, 2].min()
-    ankle = np.stack([ankle[:, 0], ankle[:, 1], np.maximum(lowered, bottom)], axis=-1)
-    ankle[planted[k], 2] = -sole[:, 2].min()
-    limbs[f"{side}_ankle"], turned[f"{side}_ankle"] = _held(ankle, turned[f"{side}_ankle"], planted[k], fps)
-    limbs[f"{side}_knee"] = limbs[f"{side}_knee"] - [0, 0, ground[k] + sole[:, 2].min()]
-  drop = np.mean(ground) + np.mean([sole[:, 2].min() for _, sole in robot.soles()])
-  pelvis = hips - rot.rotate(turned["pelvis"], np.broadcast_to(sizes.hips_below_pelvis, hips.shape)) - [0, 0, drop]
-  directions = lambda a, b: rot.unit(world[:, place[b]] - world[:, place[a]], eps=1e-9)
-  arms = {side: (directions(f"{side}_shoulder", f"{side}_elbow"), directions(f"{side}_elbow", f"{side}_wrist"))
-          for side in SIDES}
-  return Targets(pelvis, turned, limbs, arms, np.stack(planted, axis=1))
+
+  def __init__(self, robot: Robot, fps: float, source_fps: float) -> None:
+    self.fps, self.source_fps, self.sizes = fps, source_fps, sizes_of(robot)
+    self._soles = [points for _, points in robot.soles()]
+    self._drop = self.sizes.scale * _ANKLE + float(np.mean([sole[:, 2].min() for sole in self._soles]))
+    self._reach, self._blend = int(np.ceil(_WINDOW * fps)), max(int(round(_BLEND * fps)), 1)
+    self._source, self._moved, self._stands = _Recent(), _Recent(), _Recent()
+    self._feet = [_Foot(self._blend, sole) for sole in self._soles]
+    self._count = 0
+
+  def push(self, joints: Num[np.ndarray, "t 22 3"]) -> list[Target]:
+    """The targets that joints (T, 22, 3), metres, y up, the floor at 0, have made final."""
+    for frame in np.asarray(joints, np.float64):
+      self._source.append(frame)
+    return self._advance(False)
+
+  def finish(self) -> list[Target]:
+    """The targets of the last frames; nothing comes after them."""
+    return self._advance(True)
+
+  def _advance(self, last):
+    self._resample(last)
+    while self._stands.end + (0 if last else self._reach) < self._moved.end:
+      self._stands.append(self._stand(self._stands.end))
+    found = []
+    while self._count + (0 if last else self._blend) < self._stands.end:
+      found.append(self._target(self._count))
+      self._count += 1
+    self._source.forget(int(self._moved.end * self.source_fps / self.fps) - 2)
+    self._moved.forget(self._count - self._reach - 1)
+    self._stands.forget(self._count - 1)
+    return found
+
+  def _resample(self, last):
+    """Frames at the new rate along cubic curves through each two frames and their neighbours (Catmull-Rom)."""
+    count = self._source.end
+    ends = int(np.floor((count - 1) * self.fps / self.source_fps + 1e-6))
+    while True:
+      at = self._moved.end * self.source_fps / self.fps
+      first = int(np.floor(at + 1e-9))
+      if self._moved.end > ends if last else first + 2 >= count:
+        return
+      a, b, c, d = (self._source[first + shift] for shift in (-1, 0, 1, 2))
+      x = max(at - first, 0.0)
+      self._moved.append(b + x / 2 * (c - a + x * (2 * a - 5 * b + 4 * c - d + x * (3 * (b - c) + d - a))))
+
+  def _stand(self, k):
+    """Whether the left and the right foot stand, flat, in frame k."""
+    around = np.stack([self._moved[i] for i in range(k - self._reach, k + self._reach + 1)])
+    stands = feet_stand(around, self.fps, floor=0.0)[self._reach]
+    slopes = [abs(_slope(self._moved[k][leg[3]] - self._moved[k][leg[2]]) - _LEVEL) for leg in _LEGS]
+    return np.array([stands[0] and stands[1] and slopes[0] < _FLAT, stands[2] and stands[3] and slopes[1] < _FLAT])
+
+  def _target(self, k):
+    joints, sizes = self._moved[k], self.sizes
+    pelvis, torso = (_quaternion(axes[0]) for axes in body_axes(joints[None]))
+    world = to_robot_axes(joints * sizes.scale)
+    turned, limbs = {"pelvis": pelvis, "torso": torso}, {}
+    hips = world[[leg[0] for leg in _LEGS]] - [0, 0, self._drop]
+    for side, leg, foot, hip, column in zip(SIDES, _LEGS, self._feet, hips, range(2)):
+      coming = [self._stands[i][column] for i in range(k, k + self._blend + 1)]
+      lands = k + coming.index(True) if any(coming) else None
+      place = None if lands is None else to_robot_axes(self._moved[lands] * sizes.scale)[leg[2]]
+      yaw = None if lands is None else _yaw(_foot_turn(self._moved[lands], leg))
+      ankle, turn = foot.step(world[leg[2]] - [0, 0, sizes.scale * _ANKLE], _foot_turn(joints, leg), place, yaw)
+      side_of_knee = to_robot_axes(knee_side(joints[None], leg[:3], HUMANML3D)[0])
+      limbs[f"{side}_knee"] = _knee(hip, ankle, side_of_knee, sizes)
+      limbs[f"{side}_ankle"], turned[f"{side}_ankle"] = ankle, turn
+    at_pelvis = hips.mean(0) - rot.rotate(pelvis, sizes.hips_below_pelvis)
+    direction = lambda a, b: rot.unit(world[b] - world[a], eps=1e-9)
+    arms = {side: (direction(*arm[:2]), direction(*arm[1:])) for side, arm in zip(SIDES, _ARMS)}
+    return Target(at_pelvis, turned, limbs, arms, self._stands[k])
 
 
-def _foot(body, pose, side, stands):
-  """(rotation (T, 4) of a foot that is level where it stands, |slope| (T,) from there in radians) in a robot's axes."""
-  ankle, toes = (HUMANML3D.joints.index(f"{side}_{part}") for part in ("ankle", "foot"))
-  bone = body[:, toes] - body[:, ankle]
-  slope = np.arctan2(-bone[:, 1], np.linalg.norm(bone[:, ::2], axis=-1))
-  level = float(np.median(slope[stands])) if stands.any() else float(np.percentile(slope, 25))
-  rest = pose.offsets[toes]
-  steep = np.arctan2(-rest[1], np.linalg.norm(rest[::2]))
-  turn = rot.about_axis(np.full(len(body), steep - level), "x")
-  return turn_to_robot_axes(rot.multiply(pose.turned[:, ankle], turn)), np.abs(slope - level)
+class _Foot:
+  """Where one foot goes: as it comes, over to the place where it will stand, and back from there."""
+
+  def __init__(self, blend, sole):
+    self._blend, self._sole, self._bottom = blend, sole, float(sole[:, 2].min())
+    self._weight = self._base = 0.0      # how far it is held, and was when that began to change
+    self._passed, self._holds = blend, None  # None: before the first frame
+    self._held = self._from = self._to = np.zeros(3)  # x, y, yaw
+
+  def step(self, raw, turn, place, yaw):
+    """(ankle (3,), rotation (4,)); raw: the ankle's path with its height over that of a flat foot."""
+    if (place is not None) != self._holds:
+      first = self._holds is None
+      self._holds, self._passed, self._base = place is not None, self._blend if first else 0, self._weight
+      if self._holds:
+        goal = np.array([*place[:2], yaw])
+        start = self._held if self._weight > 0 else goal
+        start[2] = goal[2] + (start[2] - goal[2] + np.pi) % (2 * np.pi) - np.pi
+        self._from, self._to = start, goal
+    x = min(self._passed / self._blend, 1.0)
+    smooth = x * x * (3 - 2 * x)
+    self._passed += 1
+    if self._holds:
+      self._weight = self._base + (1 - self._base) * smooth
+      self._held = self._from + smooth * (self._to - self._from)
+    else:
+      self._weight = self._base * (1 - smooth)
+    flat = np.array([np.cos(self._held[2] / 2), 0, 0, np.sin(self._held[2] / 2)])
+    turn = rot.slerp(turn[None], flat[None], np.array([self._weight]))[0]
+    height = (1 - self._weight) * raw[2] - self._bottom
+    ankle = np.array([*(raw[:2] + self._weight * (self._held[:2] - raw[:2])), height])
+    ankle[2] = max(height, -rot.rotate(turn[None], self._sole)[:, 2].min())
+    return ankle, turn
 
 
-def _held(place, turned, planted, fps):
-  """Place (T, 3) and rotation (T, 4) of a foot that stays flat and where it is on average while it is planted."""
-  held, flat, weight = place.copy(), turned.copy(), planted.astype(float)
-  edges = np.flatnonzero(np.diff(np.concatenate([[0], planted.astype(int), [0]])))
-  reach = max(int(round(_BLEND * fps)), 1)
-  for first, past in zip(edges[::2], edges[1::2]):
-    ahead = rot.rotate(turned[first:past], np.broadcast_to([1.0, 0, 0], (past - first, 3))).mean(0)
-    yaw = np.arctan2(ahead[1], ahead[0])
-    low, high = max(first - reach, 0), min(past + reach, len(place))
-    span = np.arange(low, high)
-    share = np.clip(1 - np.maximum(first - span, span - past + 1) / (reach + 1), 0, 1)
-    wins = share >= weight[low:high] if (first or past < len(place)) else np.ones(len(span), bool)
-    span, share = span[wins], share[wins]
-    weight[span] = share
-    held[span, :2] = place[first:past, :2].mean(0)
-    flat[span] = [np.cos(yaw / 2), 0, 0, np.sin(yaw / 2)]
-  smooth = (weight * weight * (3 - 2 * weight))[:, None]
-  moved = place.copy()
-  moved[:, :2] += smooth * (held - place)[:, :2]
-  return moved, rot.slerp(turned, flat, smooth[:, 0])
+class _Recent:
+  """A list whose first items are forgotten; numbers before the first and behind the last give those."""
+
+  def __init__(self):
+    self._items, self._first = [], 0
+
+  @property
+  def end(self):
+    return self._first + len(self._items)
+
+  def append(self, item):
+    self._items.append(item)
+
+  def __getitem__(self, number):
+    return self._items[min(max(number - self._first, 0), len(self._items) - 1)]
+
+  def forget(self, before):
+    passed = min(max(before - self._first, 0), len(self._items) - 1)
+    if passed > 0:
+      del self._items[:passed]
+      self._first += passed
+
+
+def _slope(bone):
+  return np.arctan2(-bone[1], np.hypot(bone[0], bone[2]))
+
+
+def _foot_turn(joints, leg):
+  """The rotation (4,) in a robot's axes of a foot whose toes are level where it stands flat; its side is the shin's."""
+  _, knee, ankle, toes = (joints[j] for j in leg)
+  bone, shin = rot.unit(toes - ankle, eps=1e-9), rot.unit(knee - ankle, eps=1e-9)
+  left = rot.unit(np.cross(shin, bone), eps=1e-9)
+  ahead = rot.rotate(np.concatenate([[np.cos(_LEVEL / 2)], -np.sin(_LEVEL / 2) * left]), bone)
+  return _quaternion(np.stack([left, np.cross(ahead, left), ahead], axis=-1))
+
+
+def _quaternion(axes):
+  return turn_to_robot_axes(rot.from_matrix(axes[None])[0])
+
+
+def _yaw(turn):
+  ahead = rot.rotate(turn, np.array([1.0, 0, 0]))
+  return float(np.arctan2(ahead[1], ahead[0]))
+
+
+def _knee(hip, ankle, side, sizes):
+  """The knee of a leg from hip to ankle, which is drawn nearer where the leg does not reach it."""
+  line = ankle - hip
+  distance = np.linalg.norm(line)
+  shorter = min(1.0, 0.999 * (sizes.thigh + sizes.shin) / max(distance, 1e-9))
+  return bend(hip[None], (hip + shorter * line)[None], side[None], sizes.thigh, sizes.shin)[0]

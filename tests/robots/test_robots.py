@@ -10,7 +10,7 @@ from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.motion import rotations as rot
 from motion_jax.robots.formats import body_arrays
 from motion_jax.robots.robot import from_robot_axes, to_robot_axes
-from motion_jax.robots.targets import targets_of
+from motion_jax.robots.targets import DELAY, targets_of
 from motion_jax.utils.errors import InputError
 from motion_studio import cli
 from tests import fixtures
@@ -122,13 +122,38 @@ def test_a_foot_that_stands_stays_in_its_place(g1):
   still = Clip(np.repeat(joints, 30, axis=0), captions=())
   motion = robots.retarget(still, g1)
   places, _ = g1.kinematics(motion.qpos)
-  assert targets_of(still, g1, 50.0).planted.any()
+  assert any(target.planted.any() for target in targets_of(still, g1, 50.0))
   for side in ("left", "right"):
     assert np.ptp(places[5:, g1.index(f"{side}_ankle")], axis=0).max() < 0.004
 
 
 def test_the_same_motion_gives_the_same_configurations(g1, walk, followed):
   np.testing.assert_array_equal(robots.retarget(walk, g1).qpos, followed.qpos)
+
+
+@pytest.mark.parametrize("size", [1, 7, 40])
+def test_a_stream_gives_the_configurations_of_the_whole_clip_in_bounded_delay(g1, walk, followed, size):
+  stream, found, pushed = robots.Stream(g1, walk.fps), [], 0
+  for first in range(0, walk.num_frames, size):
+    block = walk.joints[first:first + size]
+    pushed += len(block)
+    found.append(stream.push(block))
+    assert sum(map(len, found)) / 50 >= pushed / walk.fps - DELAY - 1e-9
+  found.append(stream.finish())
+  np.testing.assert_array_equal(np.concatenate(found), followed.qpos)
+
+
+def test_planted_feet_do_not_slide_and_arms_stay_off_the_body(g1, walk, followed):
+  import mujoco
+  report = robots.report(followed, walk)
+  assert report.slide < 15 and report.in_floor < 3
+  data, distance = mujoco.MjData(g1.model), []
+  arm, trunk = (g1.model.geom(name).id for name in ("left_wrist_yaw", "torso_1"))
+  for row in followed.qpos[::5]:
+    data.qpos[:] = row
+    mujoco.mj_kinematics(g1.model, data)
+    distance.append(mujoco.mj_geomDistance(g1.model, data, arm, trunk, 1.0, None))
+  assert min(distance) > 0
 
 
 def test_fixed_joints_do_not_move(g1, walk):
