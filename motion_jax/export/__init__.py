@@ -1,7 +1,8 @@
 """Export clips to files by extension, and load files that hold a motion.
 
-  export.save(clip, "wave.mp4")      .mp4 .gif film, .png .jpg strip of moments, .html page, .glb figure, .bvh skeleton,
-  clip = export.load("wave.npz")     .npz everything, .npy joints
+  export.save(clip, "wave.mp4")      .mp4 .gif film, .png .jpg strip of moments, .html page, .glb .usda figure, .bvh
+                                     skeleton, .vrma, .csv .trc .c3d points, .amass.npz poses, .npz all, .npy joints
+  clip = export.load("wave.npz")
 """
 import errno
 import os
@@ -14,6 +15,7 @@ from motion_jax.export.bvh import bvh
 from motion_jax.export.files import READERS, load, npy, npz
 from motion_jax.export.glb import glb
 from motion_jax.export.html import html, html_page
+from motion_jax.export.points import c3d, csv, trc
 from motion_jax.export.rig import rig_error as _rig_error
 from motion_jax.export.usd import usda
 from motion_jax.export.video import frame, frames, strip, video
@@ -22,18 +24,26 @@ from motion_jax.motion.skeleton import HUMANML3D, SNAPMOGEN
 from motion_jax.motion.transfer import to_22
 from motion_jax.utils.plugins import Registry
 
+_TOGETHER = (html, strip)  # several clips share one file
+_ANY_FIGURE = (npz, npy, csv, trc, c3d)  # the others draw or store bodies of joints whose names they know
+
+
+def amass(clip, path, pelvis_offset=(0.0, 0.0, 0.0)) -> pathlib.Path:
+  """Writes the poses of SMPL-X as AMASS files hold them (`research_files.amass`)."""
+  from motion_jax.export import research_files  # half of its imports are of use to these files only
+  return research_files.amass(clip, path, pelvis_offset)
+
+
 # {extension: writer(clip, path, **options) -> path}, and those of other packages.
 WRITERS: Registry[Callable] = Registry("motion_jax.exports", {
-    ".npz": npz, ".npy": npy, ".bvh": bvh, ".glb": glb, ".vrma": vrma, ".usda": usda, ".mp4": video, ".gif": video,
-    ".html": html, ".png": strip, ".jpg": strip})
-_TOGETHER = (html, strip)  # several clips share one file
-_ANY_FIGURE = (npz, npy)   # the others draw or store bodies of joints whose names they know
+    ".npz": npz, ".npy": npy, ".bvh": bvh, ".glb": glb, ".vrma": vrma, ".usda": usda, ".csv": csv, ".trc": trc,
+    ".c3d": c3d, ".amass.npz": amass, ".mp4": video, ".gif": video, ".html": html, ".png": strip, ".jpg": strip})
 
 
 def check_output(path) -> str:
   """Raises a clear error now if `save` could not write there later; returns the path."""
   path = pathlib.Path(path)
-  if path.suffix.lower() not in WRITERS:
+  if not ending_of(path):
     raise ValueError(f"got {path.name!r}: nothing here writes {path.suffix or 'a file without extension'}; known are "
                      + " ".join(WRITERS))
   if path.is_dir():
@@ -55,6 +65,12 @@ def check_output(path) -> str:
   return os.fspath(path)
 
 
+def ending_of(path) -> str:
+  """The longest ending of a file's name that a writer is for, such as ".amass.npz"; "" for none."""
+  name = pathlib.Path(path).name.lower()
+  return max((ending for ending in WRITERS if name.endswith(ending)), key=len, default="")
+
+
 def save(clip, path, **options) -> list[pathlib.Path]:
   """Writes one clip, or a list of clips, by the path's extension; returns the paths written.
 
@@ -65,7 +81,8 @@ def save(clip, path, **options) -> list[pathlib.Path]:
   if not clips:
     raise ValueError(f"got no clip to write to {path}")
   path = pathlib.Path(check_output(path))
-  write = WRITERS[path.suffix.lower()]
+  ending = ending_of(path)
+  write = WRITERS[ending]
   if write not in _ANY_FIGURE:
     clips = [_with_22_joints(clip) for clip in clips]
   if len(clips) == 1:
@@ -77,7 +94,8 @@ def save(clip, path, **options) -> list[pathlib.Path]:
   digits = len(str(len(clips) - 1))
   signals = options.pop("control", None)  # one for each, or nothing
   each = [options if signals is None else options | {"control": signals[i]} for i in range(len(clips))]
-  return [write(one, path.with_stem(f"{path.stem}_{i:0{digits}d}"), **each[i]) for i, one in enumerate(clips)]
+  stem, kept = path.name[:-len(ending)], path.name[-len(ending):]
+  return [write(one, path.with_name(f"{stem}_{i:0{digits}d}{kept}"), **each[i]) for i, one in enumerate(clips)]
 
 
 def rig_error(clip) -> tuple[float, float, str]:

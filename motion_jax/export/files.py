@@ -10,6 +10,7 @@ from motion_jax.data.mocap.asf import AMC_FPS, read_amc
 from motion_jax.data.mocap.bvh import read_bvh
 from motion_jax.data.mocap.capture import to_clip, with_rate
 from motion_jax.data.mocap.files import read_mapping
+from motion_jax.export.points import load_c3d, load_csv, load_trc
 from motion_jax.motion import plausibility
 from motion_jax.motion.joint_arrays import pick_joints
 from motion_jax.motion.joint_maps import skeleton_of
@@ -52,13 +53,14 @@ def npy(clip, path) -> pathlib.Path:
 
 
 def load(path, fps=None, unit="auto", up=None, mapping=None) -> Clip:
-  """Reads .npz (as `npz` writes, or with a "joints" or "features" key), .npy, .bvh or .amc (its .asf beside it).
+  """Reads .npz (as `npz` writes, AMASS', Kimodo's, or with a "joints" or "features" key), .npy, .bvh, .amc (its .asf
+  beside it), .csv (joints by name, or a Unitree G1), .trc or .c3d.
 
   A .npy holds joints (T, 22, 3) or (T, 21, 3), or features (T, F) of a known layout such as HumanML3D's 263. fps: frame
   rate of the file, replacing the one that it states; by default a .npy gets its skeleton's rate, an .amc 120. Nothing
   is resampled. unit: of joints, "m", "cm", "mm", "in" or "ft"; "auto" derives it from the bones. up: the file's upward
-  axis, "y", "z" or "x"; by default y, for .bvh and .amc derived from the pose. mapping: {our joint: their
-  joint} of a .bvh or .amc whose joint names are not known (`joint_maps.map_joints`), as a dict or a JSON file.
+  axis, "y", "z" or "x"; by default y, for .bvh and .amc derived from the pose, for .c3d z. mapping: {our joint: their
+  joint} of a file whose joint names are not known (`joint_maps.map_joints`), as a dict or a JSON file.
 
   Raises FileNotFoundError, or ValueError for an unknown extension, a cut file, NaN, a shape that is no motion, or
   joints that are no person's (`motion.plausibility`).
@@ -221,4 +223,5 @@ def plain(value):
 
 # {extension: reader(path, fps, unit, up, mapping) -> Clip}, and those of other packages; the arguments are `load`'s.
 READERS: Registry[Callable] = Registry("motion_jax.imports", {
-    ".npz": _load_npz, ".npy": _load_npy, ".bvh": _load_bvh, ".amc": _load_amc})
+    ".npz": _load_npz, ".npy": _load_npy, ".bvh": _load_bvh, ".amc": _load_amc, ".csv": load_csv, ".trc": load_trc,
+    ".c3d": load_c3d})

@@ -1,16 +1,25 @@
-"""Motion files of other research programs: Kimodo's npz, AMASS' poses, and advice for MDM's results."""
+"""Motion files of other research programs: AMASS' poses, Kimodo's npz, and advice for pickles."""
+import pathlib
 import warnings
 
 import numpy as np
 
-from motion_jax.data.datasets.babel import FPS, read_recording
+from motion_jax.data.datasets.babel import read_poses
 from motion_jax.data.mocap.capture import forward_kinematics
-from motion_jax.motion.plausibility import AXES
-from motion_jax.motion.skeleton import SMPL
+from motion_jax.motion import rotations as rot
+from motion_jax.motion.plausibility import with_y_up
+from motion_jax.motion.pose import turn_ends
+from motion_jax.motion.retarget import retarget
+from motion_jax.motion.rigid import fit_pose
+from motion_jax.motion.skeleton import HUMANML3D, SMPL
+from motion_jax.utils.atomic import atomic_path
+from motion_jax.utils.errors import InputError
+from motion_jax.utils.input_files import load_npz
 
 KIMODO_FPS = 30.0
 # Of SMPL's pelvis at rest from the model's origin, metres: what AMASS' trans is counted from.
 _PELVIS = np.array([0.0, -0.22, 0.03])
+_TO_AMASS = np.array([[-1.0, 0, 0], [0, 0, 1], [0, 1, 0]])  # y up, facing +z -> z up, facing +y
 
 
 def is_amass(keys) -> bool:
@@ -19,16 +28,52 @@ def is_amass(keys) -> bool:
 
 
 def read_amass(path, up=None):
-  """Joints (T, 22, 3) of the poses in an AMASS file, metres, y up, at 30 frames a second, on a neutral adult's bones.
+  """Joints (T, 22, 3) of the poses in an AMASS file, metres, y up, and its rate, on a neutral adult's bones.
 
   up: the file's upward axis, by default "z". The body's own shape (betas) takes the SMPL body model, which is not here.
   """
-  poses = read_recording(path)
+  poses = read_poses(path)
+  pelvis = load_npz(path, ("pelvis_offset",)).get("pelvis_offset", _PELVIS)
+  if pelvis.shape != (3,):
+    raise InputError(f"{path}: got pelvis_offset {pelvis.shape}, expected (3,)")
   warnings.warn(f"{path}: AMASS poses, put on the bones of a neutral adult; for the person's own (betas), run the SMPL "
                 "body model (pip install smplx) and save its joints (frames, 22, 3)", stacklevel=2)
   local = np.tile(SMPL.offsets, (len(poses.translation), 1, 1))
-  local[:, 0] = poses.translation + _PELVIS
-  return forward_kinematics(SMPL.parents, local, poses.rotations)[0][..., AXES[up or "z"]], FPS
+  local[:, 0] = poses.translation + pelvis
+  joints = forward_kinematics(SMPL.parents, local, poses.rotations)[0]
+  return with_y_up(joints, up) if up else joints @ _TO_AMASS, poses.fps
+
+
+def amass(clip, path, pelvis_offset=(0.0, 0.0, 0.0)) -> pathlib.Path:
+  """Writes the poses of SMPL-X as AMASS files hold them, z up, facing +y: `poses` and its parts, both spellings of the
+  rate, neutral shape, hands and face at rest.
+
+  The motion is brought to a neutral adult's proportions, which is the body that readers make of it. pelvis_offset: the
+  pelvis of the reader's body model at rest, metres, which its forward kinematics adds to `trans`; it is subtracted here
+  and kept under this name. Raises InputError for a skeleton of other joints than SMPL's 22.
+  """
+  if clip.skeleton.joints != HUMANML3D.joints:
+    raise InputError(f"got a motion of skeleton {clip.skeleton.name!r} for an AMASS file, expected HumanML3D's 22 "
+                     "joints")
+  offset = np.asarray(pelvis_offset, np.float64)
+  joints = retarget(np.asarray(clip.joints, np.float64) * clip.skeleton.unit, SMPL)
+  pose = turn_ends(fit_pose(joints, SMPL, clip.fps, SMPL.offsets), joints, SMPL)
+  turn = rot.from_matrix(_TO_AMASS)
+  vectors = pose.rotations.copy()
+  vectors[:, 0] = rot.multiply(turn[None], vectors[:, 0])
+  vectors = rot.to_vector(vectors)
+  frames = len(vectors)
+  parts = {"root_orient": vectors[:, 0], "pose_body": vectors[:, 1:].reshape(frames, 63),
+           "pose_jaw": np.zeros((frames, 3)), "pose_eye": np.zeros((frames, 6)), "pose_hand": np.zeros((frames, 90))}
+  arrays = {"poses": np.concatenate(list(parts.values()), axis=1), **parts,
+            "trans": pose.root @ _TO_AMASS.T - offset, "betas": np.zeros(16), "num_betas": np.array(16),
+            "gender": np.array("neutral"), "surface_model_type": np.array("smplx"),
+            "mocap_frame_rate": np.float64(clip.fps), "mocap_framerate": np.float64(clip.fps),
+            "mocap_time_length": np.float64(frames / clip.fps), "pelvis_offset": offset,
+            "prompt": np.array(clip.captions[0].text if clip.captions else "")}
+  with atomic_path(path) as temporary:
+    np.savez_compressed(temporary, **arrays)
+  return pathlib.Path(path)
 
 
 def pickled(path) -> str:

@@ -10,7 +10,8 @@ BVH_UNITS = {"cm": "centimetres", "m": "metres"}
 FILMS = (".mp4", ".gif")
 PICTURES = (*FILMS, ".png", ".jpg", ".html")
 RIGS = (".bvh", ".glb", ".usda")
-MOTION_FILES = (".npz", ".npy", ".bvh", ".amc")  # what export.load reads; a constant, so that --help starts fast
+# What export.load reads; a constant, so that --help starts fast.
+MOTION_FILES = (".npz", ".npy", ".bvh", ".amc", ".csv", ".trc", ".c3d")
 MOTION_HELP = ", ".join(MOTION_FILES[:-1]) + f" or {MOTION_FILES[-1]}"
 
 
@@ -101,9 +102,18 @@ def add_rig(parser):
                       "and .usda: mixamo, unity, ue5, vrm, rigify ...; motion-jax rigs lists them (HumanML3D's)")
   parser.add_argument("--bvh-unit", choices=tuple(BVH_UNITS), default="cm",
                       help="unit of .bvh files: cm (common; in Blender import with scale 0.01) or m")
+  parser.add_argument("--pelvis-offset", metavar="X,Y,Z", type=_three, help="in .amass.npz, the pelvis of your body "
+                      "model at rest, metres, which its forward kinematics adds to trans (0,0,0)")
   parser.add_argument("--exact-joints", action="store_true",
                       help="in .bvh, .glb and .usda, keep exact joint positions with position channels below the root, "
                            "which some programs misread; default: joints only rotate, and the error is printed")
+
+
+def _three(text):
+  numbers = [real(-10, 10, "metres")(part) for part in text.split(",")]
+  if len(numbers) != 3:
+    raise argparse.ArgumentTypeError(f"got {text!r}, expected three numbers X,Y,Z in metres, such as 0,-0.35,0.01")
+  return tuple(numbers)
 
 
 def save(args, clips, outputs):
@@ -120,6 +130,8 @@ def file_options(args, out):
   found = film_options(args) if kind in FILMS else {}
   if kind in RIGS:
     found |= {"exact": args.exact_joints, "rig": args.rig}
+  if out.lower().endswith(".amass.npz") and args.pelvis_offset:
+    found["pelvis_offset"] = args.pelvis_offset
   if kind == ".bvh":
     found["unit"] = BVH_UNITS[args.bvh_unit]
   return found

@@ -60,6 +60,7 @@ class Piece(NamedTuple):
 class Recording(NamedTuple):
   rotations: np.ndarray    # (T, 22, 4) quaternions relative to the parents
   translation: np.ndarray  # (T, 3) metres, z up
+  fps: float = FPS
 
 
 def is_babel(folder) -> bool:
@@ -88,10 +89,18 @@ _MOST_RADIANS = 1000.0  # of a rotation vector, whose turns beyond pi mean nothi
 
 
 def read_recording(path) -> Recording:
-  """A motion file at 30 frames a second; faster ones are thinned as FlowMDM does, slower ones are an error.
+  """`read_poses` at 30 frames a second; faster files are thinned as FlowMDM does, slower ones are an error."""
+  rotations, translation, fps = read_poses(path)
+  if not FPS * 0.99 <= fps:
+    raise ValueError(f"{path} has {fps:g} frames a second, expected {FPS:g} or more")
+  if fps > FPS * 1.01:
+    frames = np.linspace(0, len(rotations) - 1, num=int(len(rotations) * FPS / fps), dtype=int)
+    rotations, translation = rotations[frames], translation[frames]
+  return Recording(rotations, translation)
 
-  It holds poses (T, 66 or more) and trans (T, 3), or root_orient and pose_body in place of poses.
-  """
+
+def read_poses(path) -> Recording:
+  """A motion file at its own rate: poses (T, 66 or more) or root_orient and pose_body, trans (T, 3), and the rate."""
   path = pathlib.Path(path)
   if not path.is_file():
     raise FileNotFoundError(f"there is no file {path}; expected SMPL poses and trans, as AMASS files hold them")
@@ -117,12 +126,9 @@ def read_recording(path) -> Recording:
   if not ((np.abs(poses) < _MOST_RADIANS).all() and np.isfinite(translation).all()):
     raise InputError(f"{path} holds NaN, infinity or angles of over {_MOST_RADIANS:g} radians; leave the file out or "
                      "take it from AMASS again")
-  if not FPS * 0.99 <= fps < np.inf:
-    raise ValueError(f"{path} has {fps:g} frames a second, expected {FPS:g} or more")
-  if fps > FPS * 1.01:
-    frames = np.linspace(0, len(poses) - 1, num=int(len(poses) * FPS / fps), dtype=int)
-    poses, translation = poses[frames], translation[frames]
-  return Recording(rot.from_vector(poses[:, :66].reshape(-1, 22, 3)), translation)
+  if not 0 < fps < np.inf:
+    raise InputError(f"{path} has {fps:g} frames a second, expected a rate")
+  return Recording(rot.from_vector(poses[:, :66].reshape(-1, 22, 3)), translation, fps)
 
 
 def read_segments(annotation, num_frames) -> list[Segment]:

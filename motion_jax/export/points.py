@@ -1,0 +1,178 @@
+"""Joint positions as tables: .csv for spreadsheets and scripts, .trc for OpenSim, .c3d for motion laboratories.
+
+All hold where joints are and not how they turn. Any of them is read by the names of its points, as a .bvh is; `mapping`
+names those that are not known.
+"""
+import pathlib
+import re
+import struct
+
+import numpy as np
+
+from motion_jax.data.clip import Clip
+from motion_jax.motion import plausibility
+from motion_jax.motion.joint_maps import map_joints, own_joints, skeleton_of
+from motion_jax.motion.skeleton import HUMANML3D
+from motion_jax.utils.atomic import atomic_path
+from motion_jax.utils.errors import InputError
+from motion_jax.utils.install import pip_install
+from motion_jax.utils.text_files import LARGEST_MOTION, read_lines
+
+_OPENSIM = np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]])    # y up, facing +z -> y up, facing +x
+_LABORATORY = np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])  # y up, facing +z -> z up, facing +x
+
+
+def _metres(clip):
+  return np.asarray(clip.joints, np.float64) * clip.skeleton.unit
+
+
+def csv(clip, path) -> pathlib.Path:
+  """Writes frame, time and x, y, z of each joint, a row per frame: seconds and metres, y up, facing +z."""
+  head = ["frame", "time", *(f"{name}_{axis}" for name in clip.skeleton.joints for axis in "xyz")]
+  rows = [",".join([str(frame), f"{frame / clip.fps:.6f}", *(f"{value:.6f}" for value in pose.ravel())])
+          for frame, pose in enumerate(_metres(clip))]
+  return _write(path, [",".join(head), *rows])
+
+
+def trc(clip, path) -> pathlib.Path:
+  """Writes the joints as OpenSim's markers: millimetres, y up, facing +x."""
+  names, rate, count = clip.skeleton.joints, f"{clip.fps:.10g}", clip.num_frames
+  lines = [f"PathFileType\t4\t(X/Y/Z)\t{pathlib.Path(path).name}",
+           "DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\tOrigDataRate\tOrigDataStartFrame\tOrigNumFrames",
+           f"{rate}\t{rate}\t{count}\t{len(names)}\tmm\t{rate}\t1\t{count}",
+           "Frame#\tTime\t" + "\t\t\t".join(names) + "\t\t",
+           "\t\t" + "\t".join(f"{axis}{number}" for number in range(1, len(names) + 1) for axis in "XYZ"), ""]
+  lines += ["\t".join([str(frame + 1), f"{frame / clip.fps:.6f}", *(f"{value:.3f}" for value in pose.ravel())])
+            for frame, pose in enumerate(1000 * _metres(clip) @ _OPENSIM.T)]
+  return _write(path, lines)
+
+
+def c3d(clip, path) -> pathlib.Path:
+  """Writes the joints as the points of a C3D file: millimetres, z up, facing +x. Needs the extra `c3d` (ezc3d)."""
+  file = _ezc3d().c3d()
+  points = np.ones((4, clip.skeleton.num_joints, clip.num_frames))
+  points[:3] = (1000 * _metres(clip) @ _LABORATORY.T).transpose(2, 1, 0)
+  file["parameters"]["POINT"]["RATE"]["value"] = [float(clip.fps)]
+  file["parameters"]["POINT"]["UNITS"]["value"] = ["mm"]
+  file["parameters"]["POINT"]["LABELS"]["value"] = tuple(clip.skeleton.joints)
+  file["data"]["points"] = points
+  with atomic_path(path) as temporary:
+    file.write(str(temporary))
+  return pathlib.Path(path)
+
+
+def load_csv(path, fps, unit, up, mapping) -> Clip:
+  """A table that names its columns as `csv` does; one of numbers alone is a robot's (`motion_jax.robots`)."""
+  lines = [line for line in read_lines(path, "CSV file", LARGEST_MOTION) if line.strip()]
+  head = [cell.strip() for cell in lines[0].split(",")] if lines else []
+  if head and all(map(_is_number, head)):
+    from motion_jax import robots
+    if len(head) not in (36, 30):
+      raise InputError(f"{path}: got {len(head)} numbers a row and no header, expected 36 or 30 (a Unitree G1: root "
+                       "position, quaternion, 29 or 23 angles), or a header of columns NAME_x, NAME_y, NAME_z")
+    return robots.read_csv(path, robots.load("g1").with_joints(len(head) - 7), None, fps).to_clip()
+  columns = {name: number for number, name in enumerate(head)}
+  names = [name[:-2] for name in head if name.endswith("_x") and {name[:-1] + "y", name[:-1] + "z"} <= set(head)]
+  if not names:
+    raise InputError(f"{path}: got the header {lines[0][:60] if lines else ''!r}, expected columns NAME_x, NAME_y, "
+                     "NAME_z of each joint, or a Unitree G1's 36 numbers a row without a header")
+  rows = _rows(path, [line.split(",") for line in lines[1:]], len(head), 2)
+  points = rows[:, [[columns[f"{name}_{axis}"] for axis in "xyz"] for name in names]]
+  if fps is None and "time" in columns and len(rows) > 1:
+    fps = _rate(rows[:, columns["time"]], path)
+  return _clip(path, names, points, fps, unit, up or "y", mapping)
+
+
+def load_trc(path, fps, unit, up, mapping) -> Clip:
+  """A .trc file's markers."""
+  lines = read_lines(path, "TRC file", LARGEST_MOTION)
+  if len(lines) < 6 or not lines[0].startswith("PathFileType"):
+    raise InputError(f"{path}: expected PathFileType and five more lines before the frames; it is cut or no TRC file")
+  about = dict(zip(lines[1].split("\t"), lines[2].split("\t")))
+  names = [name for name in lines[3].rstrip().split("\t")[2:] if name]
+  cells = [line.rstrip("\r\n").split("\t") for line in lines[5:] if line.strip()]
+  rows = _rows(path, [row[:2 + 3 * len(names)] for row in cells], 2 + 3 * len(names), 6)
+  if fps is None:
+    fps = float(about["DataRate"]) if _is_number(about.get("DataRate", "")) else _rate(rows[:, 1], path)
+  points = rows[:, 2:].reshape(len(rows), len(names), 3)
+  turned = points if up else points @ _OPENSIM
+  return _clip(path, names, turned, fps, _stated(unit, about.get("Units", "")), up or "y", mapping)
+
+
+def load_c3d(path, fps, unit, up, mapping) -> Clip:
+  """The points of a C3D file. Needs the extra `c3d`."""
+  _check_c3d(path)
+  try:
+    file = _ezc3d().c3d(str(path))
+  except (OSError, RuntimeError) as error:
+    raise InputError(f"{path} is cut or no C3D file ({str(error)[:80]})") from None
+  about = file["parameters"]["POINT"]
+  points = file["data"]["points"][:3].transpose(2, 1, 0)
+  names, units = about["LABELS"]["value"][:points.shape[1]], about.get("UNITS", {"value": []})["value"]
+  turned = points if up else points @ _LABORATORY
+  return _clip(path, names, turned, fps or float(about["RATE"]["value"][0]), _stated(unit, (units or [""])[0]),
+               up or "y", mapping)
+
+
+def _check_c3d(path):
+  """Refuses a file that ends before its frames do, which ezc3d fills with zeros. Source: c3d.org, header section."""
+  data = path.read_bytes()[:512]
+  if len(data) == 512 and data[1] == 0x50:
+    points, analog, first, last, _, scale, start = struct.unpack_from("<4Hhfh", data, 2)
+    size = (4 * points + analog) * (4 if scale < 0 else 2) * (last - first + 1) + 512 * (start - 1)
+    if path.stat().st_size >= size:
+      return
+  raise InputError(f"{path} is cut or no C3D file")
+
+
+def _clip(path, names, points, fps, unit, up, mapping):
+  """Points (T, N, 3) of a file as the joints of a known skeleton."""
+  if not np.isfinite(points).all():
+    bad = np.argwhere(~np.isfinite(points))[0]
+    raise InputError(f"{path}: point {names[bad[1]]} of frame {bad[0] + 1} is missing; fill gaps first")
+  skeleton = HUMANML3D if mapping else skeleton_of(names)
+  own = skeleton is not HUMANML3D
+  joints = own_joints(names, points, skeleton) if own else map_joints(names, points, mapping)[0]
+  joints = plausibility.to_unit(joints, skeleton, unit, up, str(path))
+  return Clip(joints.astype(np.float32), fps or skeleton.fps, id=path.stem, source=path.name, skeleton=skeleton)
+
+
+def _rows(path, cells, width, first):
+  """Numbers (T, width) of the cells of lines; first: the number of the first line."""
+  for number, row in enumerate(cells, first):
+    if len(row) != width or not all(map(_is_number, row)):
+      raise InputError(f"{path} row {number}: got {len(row)} cells, expected {width} numbers; it is cut or has gaps")
+  if not cells:
+    raise InputError(f"{path}: it has a header but no frames; it is cut")
+  return np.array(cells, np.float64)
+
+
+def _rate(times, path):
+  steps = np.diff(times)
+  if not (len(steps) and (steps > 0).all() and steps.max() < 1.1 * steps.min() + 2e-6):
+    raise InputError(f"{path}: its times do not rise evenly; give the rate by --fps (fps=)")
+  rate = float(1 / steps.mean())
+  return float(round(rate)) if abs(rate - round(rate)) < 0.01 else rate
+
+
+def _stated(unit, stated):
+  return stated.lower() if unit == "auto" and stated.lower() in plausibility.UNITS else unit
+
+
+def _is_number(cell):
+  return bool(re.fullmatch(r"\s*[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?\s*", cell))
+
+
+def _write(path, lines):
+  with atomic_path(path) as temporary:
+    temporary.write_text("\n".join(lines) + "\n", encoding="utf-8")
+  return pathlib.Path(path)
+
+
+def _ezc3d():
+  try:
+    import ezc3d
+  except ImportError:
+    raise InputError(f".c3d files are read and written by ezc3d: {pip_install('c3d')}; .trc and .csv need "
+                     "nothing") from None
+  return ezc3d

@@ -1,0 +1,86 @@
+"""Tables of joint positions: what is written is read back, and what is no motion is refused in one sentence."""
+import ezc3d
+import numpy as np
+import pytest
+
+from motion_jax import export
+from motion_jax.motion.skeleton import HUMANML3D, KIT
+from motion_jax.utils.errors import InputError
+from motion_studio import cli
+from tests.export.test_bvh import walk
+
+KINDS = [".csv", ".trc", ".c3d"]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_joints_are_read_back_in_their_places(kind, tmp_path):
+  clip = walk(30, 0.2)
+  export.save(clip, tmp_path / f"walk{kind}")
+  found = export.load(tmp_path / f"walk{kind}")
+  assert found.fps == clip.fps and found.skeleton is HUMANML3D
+  np.testing.assert_allclose(found.joints, clip.joints, atol=2e-6)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_another_skeleton_keeps_its_joints_and_unit(kind, tmp_path):
+  clip = walk(30, 0.2).on_skeleton(KIT)
+  export.save(clip, tmp_path / f"walk{kind}")
+  found = export.load(tmp_path / f"walk{kind}")
+  assert found.skeleton is KIT
+  np.testing.assert_allclose(found.joints, clip.joints, atol=2e-3)  # millimetres
+
+
+def test_opensim_and_laboratories_face_along_x(tmp_path):
+  """OpenSim: x ahead, y up, z to the right. C3D here: x ahead, y to the left, z up."""
+  clip = walk(30, 0.2)
+  ours = 1000 * clip.joints.astype(np.float64)
+  export.save(clip, tmp_path / "walk.trc")
+  export.save(clip, tmp_path / "walk.c3d")
+  rows = [line.split("\t") for line in (tmp_path / "walk.trc").read_text().splitlines()[6:]]
+  marker = np.array([[float(cell) for cell in row[2:5]] for row in rows])
+  np.testing.assert_allclose(marker, np.stack([ours[:, 0, 2], ours[:, 0, 1], -ours[:, 0, 0]], axis=1), atol=1e-3)
+  point = ezc3d.c3d(str(tmp_path / "walk.c3d"))["data"]["points"][:3, 0].T
+  np.testing.assert_allclose(point, ours[:, 0, [2, 0, 1]], atol=1e-3)
+
+
+def test_points_of_other_names_are_read_by_them_or_by_a_mapping(tmp_path):
+  clip = walk(30, 0.2)
+  export.save(clip, tmp_path / "walk.csv")
+  text = (tmp_path / "walk.csv").read_text()
+  for ours, theirs in zip(HUMANML3D.joints, (f"p{i}" for i in range(22))):
+    text = text.replace(f",{ours}_", f",{theirs}_")
+  (tmp_path / "own.csv").write_text(text)
+  with pytest.raises(InputError, match="no skeleton that is known"):
+    export.load(tmp_path / "own.csv")
+  found = export.load(tmp_path / "own.csv", mapping={joint: f"p{i}" for i, joint in enumerate(HUMANML3D.joints)})
+  np.testing.assert_allclose(found.joints, clip.joints, atol=1e-6)
+
+
+def test_several_clips_and_the_command_line(tmp_path):
+  export.save([walk(4), walk(5)], tmp_path / "walk.amass.npz")
+  assert sorted(path.name for path in tmp_path.iterdir()) == ["walk_0.amass.npz", "walk_1.amass.npz"]
+  export.npz(walk(6), tmp_path / "walk.npz")
+  names = [f"{tmp_path}/again{kind}" for kind in (*KINDS, ".amass.npz", ".vrma", ".usda")]
+  assert cli.main(["render", f"{tmp_path}/walk.npz", "--pelvis-offset", "0,-0.35,0.01", "--out", ",".join(names)]) == 0
+  with np.load(names[3]) as file:
+    assert file["pelvis_offset"].tolist() == [0, -0.35, 0.01]
+
+
+@pytest.mark.parametrize("text, sentence", [
+    ("", "header"), ("a,b\n1,2\n", "NAME_x"), ("1,2,3\n4,5,6\n", "Unitree"), ("time,hip_x,hip_y,hip_z\n", "no frames"),
+    ("time,hip_x,hip_y,hip_z\n0,1,2\n", "row 2"), ("time,hip_x,hip_y,hip_z\n0,1,nan,2\n", "row 2"),
+    ("time,hip_x,hip_y,hip_z\n0,1,2,3\n0,1,2,3\n", "rise evenly")])
+def test_a_table_that_is_no_motion_is_refused(text, sentence, tmp_path):
+  (tmp_path / "a.csv").write_text(text)
+  with pytest.raises(InputError, match=sentence):
+    export.load(tmp_path / "a.csv")
+
+
+@pytest.mark.parametrize("kind", [".trc", ".c3d"])
+def test_a_cut_file_is_refused(kind, tmp_path):
+  export.save(walk(30, 0.2), tmp_path / f"walk{kind}")
+  data = (tmp_path / f"walk{kind}").read_bytes()
+  for share in (0.02, 0.5):
+    (tmp_path / f"cut{kind}").write_bytes(data[:int(share * len(data))])
+    with pytest.raises(InputError, match="cut"):
+      export.load(tmp_path / f"cut{kind}")

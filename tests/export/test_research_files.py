@@ -1,0 +1,63 @@
+"""AMASS files: every key that readers want, and the same motion back."""
+import numpy as np
+import pytest
+
+from motion_jax import export
+from motion_jax.data.mocap.capture import forward_kinematics
+from motion_jax.motion import rotations as rot
+from motion_jax.motion.retarget import retarget
+from motion_jax.motion.skeleton import KIT, SMPL
+from motion_jax.utils.errors import InputError
+from tests.export.test_bvh import walk
+
+
+@pytest.fixture(scope="module")
+def clip():
+  return walk(30, 0.2)
+
+
+def check(found, expected):
+  """Hands and feet as they were; SMPL's hips are not level with its pelvis, so that the trunk differs by 2 cm."""
+  off = np.linalg.norm(found - expected, axis=-1).max(0)
+  assert off.max() < 0.025 and off[[7, 8, 10, 11, 20, 21]].max() < 0.005
+
+
+def test_an_amass_file_has_the_keys_of_all_its_readers(clip, tmp_path):
+  export.save(clip, tmp_path / "walk.amass.npz")
+  with np.load(tmp_path / "walk.amass.npz", allow_pickle=False) as file:
+    shapes = {name: file[name].shape for name in file.files}
+    assert str(file["gender"]) == "neutral" and str(file["surface_model_type"]) == "smplx"
+    assert file["mocap_framerate"] == file["mocap_frame_rate"] == clip.fps
+    np.testing.assert_array_equal(file["poses"][:, 3:66], file["pose_body"])
+    np.testing.assert_array_equal(file["poses"][:, :3], file["root_orient"])
+  assert shapes == {"poses": (30, 165), "root_orient": (30, 3), "pose_body": (30, 63), "pose_jaw": (30, 3),
+                    "pose_eye": (30, 6), "pose_hand": (30, 90), "trans": (30, 3), "betas": (16,), "num_betas": (),
+                    "gender": (), "surface_model_type": (), "mocap_frame_rate": (), "mocap_framerate": (),
+                    "mocap_time_length": (), "pelvis_offset": (3,), "prompt": ()}
+
+
+def test_forward_kinematics_of_the_poses_give_the_motion(clip, tmp_path):
+  """z up, facing +y; the pelvis at trans plus the body model's own, unturned."""
+  offset = np.array([0.0, -0.35, 0.01])
+  export.save(clip, tmp_path / "walk.amass.npz", pelvis_offset=offset)
+  with np.load(tmp_path / "walk.amass.npz") as file:
+    rotations = rot.from_vector(file["poses"][:, :66].reshape(-1, 22, 3))
+    local = np.tile(SMPL.offsets, (30, 1, 1))
+    local[:, 0] = file["trans"] + offset
+  placed = forward_kinematics(SMPL.parents, local, rotations)[0]
+  expected = retarget(clip.joints, SMPL)
+  check(placed[..., [0, 2, 1]] * [-1, 1, 1], expected)
+
+
+def test_an_amass_file_is_read_back_at_its_rate(clip, tmp_path):
+  export.save(clip, tmp_path / "walk.amass.npz")
+  with pytest.warns(UserWarning, match="neutral adult"):
+    found = export.load(tmp_path / "walk.amass.npz")
+  assert found.fps == clip.fps
+  check(found.joints, retarget(clip.joints, SMPL))
+
+
+def test_another_skeleton_is_refused(clip, tmp_path):
+  with pytest.raises(InputError, match="HumanML3D's 22 joints"):
+    export.save(clip.on_skeleton(KIT), tmp_path / "kit.amass.npz")
+  assert not list(tmp_path.iterdir())
