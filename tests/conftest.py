@@ -204,6 +204,31 @@ def tiny_generator(tmp_path_factory):
   return folder
 
 
+# The further methods and their tokenizers: {name: (config, size)}.
+METHODS = {"mdm": ("mdm_denoiser", "tiny"), "dip": ("mdm_denoiser", "dip_tiny"), "mld": ("mld_denoiser", "tiny"),
+           "momask": ("momask_masked", "tiny"), "t2m_gpt": ("t2m_gpt_gpt", "tiny"),
+           "motionstreamer": ("motionstreamer_generator", "tiny"), "mld vae": ("mld_vae", "tiny"),
+           "momask rvq": ("momask_rvq", "tiny"), "t2m_gpt vq": ("t2m_gpt_vq", "tiny"),
+           "motionstreamer tae": ("motionstreamer_tokenizer", "tiny")}
+
+
+@pytest.fixture(scope="session")
+def random_run(tmp_path_factory):
+  """random_run(name of `METHODS`) -> a run folder of its tiny config with random parameters, made when first needed."""
+  from tests.configs.test_tiny_sizes import traced_training  # a test module: not before pytest has rewritten it
+  made = {}
+
+  def folder(name):
+    if name not in made:
+      made[name] = tmp_path_factory.mktemp("random") / name.replace(" ", "_")
+      with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(training.loop, "train", traced_training)
+        training.run(load_config(*METHODS[name]), made[name])
+    return made[name]
+
+  return folder
+
+
 @pytest.fixture(scope="module")
 def kept_features():
   """Where many tests of a module train on the same procedural motion, its features are made once."""

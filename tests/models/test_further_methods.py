@@ -1,4 +1,6 @@
 """MDM, DiP, MLD and MotionStreamer as methods: sampled, edited, continued, streamed, refused in one sentence."""
+import functools
+
 import numpy as np
 import pytest
 
@@ -12,26 +14,14 @@ from motion_studio import Pipeline
 from tests.configs.test_tiny_sizes import traced_training
 from tests.conftest import load_config
 
-CONFIGS = {"mdm": ("mdm_denoiser", "tiny"), "dip": ("mdm_denoiser", "dip_tiny"), "mld": ("mld_denoiser", "tiny"),
-           "motionstreamer": ("motionstreamer_generator", "tiny")}
+NAMES = ("mdm", "dip", "mld", "motionstreamer")
 BLOCKS = ("dip", "motionstreamer")
 
 
 @pytest.fixture(scope="module")
-def models(tmp_path_factory):
-  """{method: a loaded model with random parameters}, made when it is first needed."""
-  made = {}
-
-  def model(name):
-    if name not in made:
-      folder = tmp_path_factory.mktemp(name) / name
-      with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(fit.loop, "train", traced_training)
-        fit.run(load_config(*CONFIGS[name]), folder)
-      made[name] = mj.load(folder)
-    return made[name]
-
-  return model
+def models(random_run):
+  """A loaded model with random parameters by the name of its method."""
+  return functools.cache(lambda name: mj.load(random_run(name)))
 
 
 def walk(seconds=3.0):
@@ -45,7 +35,7 @@ def walk(seconds=3.0):
   return Clip((rest + path).astype(np.float32), 20.0, (), id="walk")
 
 
-@pytest.mark.parametrize("name", CONFIGS)
+@pytest.mark.parametrize("name", NAMES)
 @pytest.mark.slow
 def test_a_motion_depends_on_its_seed_alone(models, name):
   model = models(name)

@@ -1,0 +1,101 @@
+"""Each further method under each protocol: rows of numbers, or one sentence that says why not."""
+import dataclasses
+import math
+import types
+
+import pytest
+
+from motion_jax.control.signal import none
+from motion_jax.evaluation import protocols, run, samples
+from motion_jax.evaluation.request import Request
+from motion_jax.evaluation.tasks import control
+from motion_jax.evaluators.evaluator import fresh_evaluator
+from motion_jax.models.base import Able
+from tests.evaluation.test_run import make_clips, write_archive
+
+_FEW = dict(pool=4, diversity_draws=3, few_draws=3, replications=1, min_frames=24)
+PROTOCOLS = {
+    "archives-66": dict(multimodality_motions=2, multimodality_pairs=1, multimodality_replications=1),
+    "editing": {}, "reconstruction": {}, "mtt": dict(released_slips=False, layouts=()),
+    "long-horizon": dict(sequences=2, segments=2, transition_frames=16), "control": {}}
+ROWS = {  # a metric of every row; what a name of a row says behind the model's
+    "archives-66": ("fid", [""]), "reconstruction": ("mpjpe", [""]), "mtt": ("tmr_m2t", [""]),
+    "long-horizon": ("peak_jerk", [""]),
+    "editing": ("fid", ["inpainting", "outpainting", "prefix", "suffix"])}
+METHODS = {  # the protocols of each; all others refuse it
+    "mdm": ["archives-66", "editing"], "dip": ["archives-66", "long-horizon", "mtt"],
+    "mld": ["archives-66", "reconstruction"], "momask": ["archives-66", "editing", "reconstruction"],
+    "t2m_gpt": ["archives-66", "reconstruction"],
+    "motionstreamer": ["archives-66", "reconstruction", "long-horizon", "mtt"],
+    "mld vae": ["reconstruction"], "momask rvq": ["reconstruction"], "t2m_gpt vq": ["reconstruction"],
+    "motionstreamer tae": ["reconstruction"]}
+REFUSALS = {
+    "archives-66": "holds a '.*' run, expected one of stage cmdm.denoiser or",
+    "editing": "has no 'edit' .*; this protocol needs the run of a|holds a '.*' run, expected one of",
+    "reconstruction": "holds a 'mdm.*' run, which has no tokenizer; give the run of a tokenizer",
+    "mtt": "has no 'multi_prompt' .*; this protocol needs the run of a|holds a '.*' run, expected one of",
+    "long-horizon": "has no 'multi_prompt' .*; this protocol needs the run of a|holds a '.*' run, expected one of",
+    "control": "samples by prompts alone; --sampling exact=true projects its motions|holds a '.*' run, expected one of"}
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory):
+  """{protocol: data}: an archive, for timelines with a file of them."""
+  home, clips = tmp_path_factory.mktemp("data"), make_clips(num=7)
+  folder = write_archive(home / "synthetic", clips)
+  first, second = (clip.captions[0].text for clip in clips[2:4])
+  (home / "timelines.txt").write_text(f"{first} # 0.0 # 3.0\n{second} # 3.0 # 6.0\n")
+  return {name: [home / "timelines.txt", folder] if name == "mtt" else [folder] for name in PROTOCOLS}
+
+
+@pytest.fixture(scope="module")
+def judges():
+  t2m, tmr = fresh_evaluator("t2m"), fresh_evaluator("tmr")
+  return {name: tmr if name == "mtt" else t2m for name in PROTOCOLS}
+
+
+def judged(runs, name, data, judges, out, **options):
+  protocol = dataclasses.replace(protocols.get_protocol(name), **_FEW | PROTOCOLS[name])
+  return run.evaluate(Request(runs, data[name], protocol, evaluator=judges[name], clip_evaluator="none", out=out,
+                              samples=out / "samples", force=True, verbose=False, **options))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method, protocol", [(method, one) for method, all_ in METHODS.items() for one in all_])
+def test_a_method_is_judged(method, protocol, random_run, data, judges, tmp_path):
+  folder = random_run(method)
+  result = judged([folder], protocol, data, judges, tmp_path)
+  metric, parts = ROWS[protocol]
+  rows = [f"{part}: {folder.name}" if part else folder.name for part in parts]
+  assert result.row_order == ["real", *rows]
+  assert all(math.isfinite(result.rows[row][metric]["mean"]) for row in rows)
+
+
+@pytest.mark.parametrize("method, protocol", [
+    (method, one) for method, all_ in METHODS.items() for one in PROTOCOLS if one not in all_])
+def test_a_method_is_refused_in_a_sentence(method, protocol, random_run, data, judges, tmp_path):
+  with pytest.raises(ValueError, match=REFUSALS[protocol]) as error:
+    judged([random_run(method)], protocol, data, judges, tmp_path)
+  assert "\n" not in str(error.value)
+
+
+def test_a_way_that_a_model_does_not_have_is_refused(random_run, data, judges, tmp_path):
+  with pytest.raises(ValueError, match="got the choice of sampling way 'chain', dip knows stream"):
+    judged([random_run("dip")], "long-horizon", data, judges, tmp_path, sampling=dict(way="chain"))
+
+
+@pytest.mark.parametrize("guides", [True, False])
+def test_only_a_guided_network_is_given_the_constraints(guides):
+  """The others sample by prompts alone, and what they sample is projected."""
+  class Model(Able):
+    takes_control = guides
+
+    def generate(self, prompts, frames, **given):
+      self.given = given
+      raise InterruptedError
+
+  candidate = types.SimpleNamespace(model=Model(), options={}, guidance_scale=None)
+  signal = none(1, 4)
+  with pytest.raises(InterruptedError):
+    control.controlled_generator(candidate, [signal], {}, exact=True)(samples.Jobs(["a"], [4], [0], [0]))
+  assert ("control" in candidate.model.given) == guides
