@@ -73,6 +73,18 @@ def report_duplicates(hashes, splits, found):
                 " = ".join(names[:3]))
 
 
+def shared_captions(captions):
+  """Facts (label, text) on the captions of val and test that are in train, word for word; captions: {split: [text]}.
+
+  Letter case, white space and a last full stop make no difference.
+  """
+  known = {split: {" ".join(text.lower().split()).rstrip(" .") for text in texts} - {""}
+           for split, texts in captions.items()}
+  return [(f"{split} captions in train", f"{len(own & known['train'])} of {len(own)} different ones "
+           f"({len(own & known['train']) / len(own):.0%}), word for word")
+          for split, own in known.items() if split in ("val", "test") and own and known.get("train")]
+
+
 def check_stats(folder, layout, own, found):
   """Reports Mean and Std that are missing, of another representation, not by block, or of other data."""
   values = {}

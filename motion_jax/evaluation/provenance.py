@@ -24,7 +24,7 @@ def describe(harness, folders, candidates, replications, devices) -> dict:
       data=dict(folders=[pathlib.Path(folder).name for folder in folders], format=test_set.format, split=protocol.split,
                 split_hash=test_set.hash, items=len(test_set), samples=harness.count, shared_with_train=test_set.shared,
                 excluded=len(test_set.excluded), excluded_clips=[list(pair) for pair in test_set.excluded]),
-      models=[dict(row=candidate.name, **candidate.about, unknown_words=_unknown(candidate.model, words),
+      models=[dict(row=candidate.name, **candidate.about, **_against_training(candidate.model, words),
                    sampled_by=candidate.sampled_by) for candidate in candidates],
       question=question(harness, candidates), seed=harness.seed, replications=replications, limit=harness.limit,
       precision=_precision(), device=_device(devices), versions=_versions(), code=commit())
@@ -52,10 +52,14 @@ def _evaluator(evaluator):
               dim=evaluator.dim)
 
 
-def _unknown(model, captions):
-  """Words of the captions that a model did not see in training; empty for a model without text."""
-  return sorted({word for caption in captions for word in model.captions.unknown_words(caption)}) if model.can(
-      "generate") else []
+def _against_training(model, captions):
+  """Words of the test captions that a model did not see in training, and how many of these captions it did see, with
+  any subject; nothing for a model without text."""
+  if not model.can("generate"):
+    return dict(unknown_words=[], captions_seen=None)
+  known = model.captions
+  return dict(unknown_words=sorted({word for caption in captions for word in known.unknown_words(caption)}),
+              captions_seen=[sum(map(known.knows, captions)), len(captions)])
 
 
 def _precision():

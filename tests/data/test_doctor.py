@@ -56,6 +56,19 @@ def test_healthy_folder(healthy):
   assert "20 (10 mirrored), train 12, val 4, test 4" in text and "healthy" in text and "263" in text
 
 
+def test_captions_of_the_test_split_in_train_are_counted(healthy, tmp_path):
+  folder = shutil.copytree(healthy, tmp_path / "some")
+  ids = {split: (folder / f"{split}.txt").read_text().split() for split in ("train", "test")}
+  for one in (ids["train"][0], ids["test"][0]):
+    (folder / "texts" / f"{one}.txt").write_text("A person  spins around.#a/DET person/NOUN spin/VERB#0.0#0.0\n")
+  facts = dict(doctor.examine(folder).facts)
+  before = dict(doctor.examine(healthy).facts)["test captions in train"]
+  assert facts["test captions in train"] != before
+  assert checks.shared_captions({"train": ["a b.", "c"], "test": ["A  b", "d", "D."], "val": ["c"]}) == [
+      ("test captions in train", "1 of 2 different ones (50%), word for word"),
+      ("val captions in train", "1 of 1 different ones (100%), word for word")]
+
+
 def test_healthy_archive(tmp_path):
   report = doctor.examine(write_archive(tmp_path / "toy"))
   assert report.ok and not [f for f in report.findings if f.level == "error"], doctor.format_report(report)

@@ -188,10 +188,11 @@ def _examine(folder, found, progress):
   checks.report_lengths(lengths, {split: [row["id"] for row in rows if row["split"] == split] for split in splits},
                       checks.SMALL_LEAST, found)
   counts = collections.Counter(row.get("split") for row in rows)
+  captions = {split: [text for row in rows if row["split"] == split for text in row["text"]] for split in splits}
   hours = len(motions.root) / FPS / 3600
   return facts + [("clips", f"{len(names)}, {len(motions.root)} frames, {hours:.2f} hours at {FPS:g} frames a second"),
                   ("pieces", f"{len(rows)}, " + ", ".join(f"{split} {count}" for split, count in counts.items())),
-                  *body.facts()]
+                  *checks.shared_captions(captions), *body.facts()]
 
 
 _ROW_FAULTS = (("is not in motions.npz", "captions of clips that are not there"),

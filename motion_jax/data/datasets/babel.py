@@ -326,6 +326,7 @@ def _examine(folder, found, progress):
   """Facts about a BABEL folder: recordings, labels, pairs of adjacent segments, and the bodies that features give."""
   folder, layout, facts = pathlib.Path(folder), get_layout("babel"), [("format", "BABEL in FlowMDM's form")]
   body, seen = checks.Body(found, layout.skeleton), collections.defaultdict(set)
+  labels = collections.defaultdict(list)
   for split in SPLITS:
     try:
       table = read_annotations(folder, split)
@@ -346,6 +347,7 @@ def _examine(folder, found, progress):
         found.add("error", "motions or labels that cannot be read", "poses, trans and fps, as AMASS files have them",
                   f"{name} ({checks.error_detail(error, folder)})"[:120])
         continue
+      labels[split] += [segment.text for segment in segments]
       num_frames += len(recording.translation)
       num_segments, num_pairs = num_segments + len(segments), num_pairs + len(pairs(segments))
       if len(recording.translation) > 1:
@@ -366,4 +368,4 @@ def _examine(folder, found, progress):
   except (FileNotFoundError, ValueError) as error:
     found.add("error", "statistics that do not fit", "delete Mean.npy and Std.npy to have them computed",
               checks.error_detail(error, folder)[:120])
-  return facts + body.facts()
+  return facts + checks.shared_captions(labels) + body.facts()

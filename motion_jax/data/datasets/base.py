@@ -198,12 +198,14 @@ def augment_shares(config) -> dict[str, float]:
 
 
 def _examine_clips(clips, found, progress):
-  bodies, hashes, splits = {}, collections.defaultdict(list), collections.defaultdict(list)
+  bodies, hashes = {}, collections.defaultdict(list)
+  splits, captions = collections.defaultdict(list), collections.defaultdict(list)
   for clip in tqdm.tqdm(clips, desc="clips", unit="clip", disable=not progress):
     body = bodies.setdefault(clip.skeleton.name, checks.Body(found, clip.skeleton, canonical=False))
     body.check(clip.id, clip.joints)
     hashes[hashlib.sha1(clip.joints.tobytes()).hexdigest()].append(clip.id)
     splits[clip.split].append(clip.id)
+    captions[clip.split] += [caption.text for caption in clip.captions]
     if not any(caption.text.strip() for caption in clip.captions):
       found.add("error", "clips without a caption", "write one, or remove the clip", clip.id)
     if clip.split not in ("train", "val", "test"):
@@ -217,6 +219,7 @@ def _examine_clips(clips, found, progress):
   checks.report_duplicates(hashes, splits, found)
   facts = [("clips", ", ".join([str(len(clips)), *(f"{split} {len(ids)}" for split, ids in splits.items())])),
            ("length", f"{sum(clip.seconds for clip in clips) / 3600:.2f} hours")]
+  facts += checks.shared_captions(captions)
   return facts + [fact for body in bodies.values() for fact in body.facts()]
 
 

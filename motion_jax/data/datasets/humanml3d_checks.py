@@ -52,7 +52,7 @@ def examine(folder, found, progress):
               "build again, or remove it where the folder is HumanML3D's or KIT-ML's own")
     return [("format", "HumanML3D layout"), ("clips", str(len(vectors)))]
   body = checks.Body(found, layout.skeleton)
-  rows, sums, hashes = {}, RunningStats(layout), collections.defaultdict(list)
+  rows, captions, sums, hashes = {}, {}, RunningStats(layout), collections.defaultdict(list)
   for name in tqdm.tqdm(sorted(vectors), desc="clips", unit="clip", disable=not progress):
     features = checks.load(folder / "new_joint_vecs" / f"{name}.npy", found)
     if features is None:
@@ -82,7 +82,7 @@ def examine(folder, found, progress):
         checks.compare_joints(saved, recovered, layout, name, found)
     body.check(name, recovered)
     if name in texts:
-      _check_texts(folder / "texts" / f"{name}.txt", name, len(features) / info["fps"], found)
+      captions[name] = _check_texts(folder / "texts" / f"{name}.txt", name, len(features) / info["fps"], found)
   body.report()
   least = humanml3d.MIN_FRAMES[layout.skeleton.name]
   checks.report_lengths(rows, splits, least, found)
@@ -98,7 +98,8 @@ def examine(folder, found, progress):
            + ", ".join(f"{split} {len(ids)}" for split, ids in splits.items())),
           ("length", f"{sum(rows.values())} rows, {seconds / 3600:.2f} hours at {info['fps']:g} frames a second, "
            f"{min(rows.values(), default=0)} to {max(rows.values(), default=0)} rows a clip"),
-          *body.facts()]
+          *checks.shared_captions({split: [text for one in ids for text in captions.get(one, ())]
+                                   for split, ids in splits.items()}), *body.facts()]
 
 
 def _splits(folder, found):
@@ -146,12 +147,13 @@ def _layout(folder, names, found):
 
 
 def _check_texts(path, name, seconds, found):
+  """The captions of a clip; their faults are added to `found`."""
   try:
     lines = read_texts(path)
   except ValueError as error:
     found.add("error", "text files that cannot be read", "each line is caption#tokens#start#end",
               f"{name} ({checks.error_detail(error, path)})"[:120])
-    return
+    return []
   if not any(line.caption for line in lines):
     found.add("error", "text files without a caption", "write one, or remove the ids", name)
   for line in lines:
@@ -162,3 +164,4 @@ def _check_texts(path, name, seconds, found):
       found.add("warning", "time tags that end before they start", "correct the seconds", name)
     elif line.start > seconds:
       found.add("warning", "time tags beyond the end of the clip", "correct the seconds", name)
+  return [line.caption for line in lines]

@@ -72,11 +72,14 @@ def examine(folder, found, progress):
   checks.report_duplicates(hashes, {split: [s.recording for s in own] for split, own in spans.items()}, found)
   if rows:
     _examine_stats(folder, sums.stats(), found)
+  by_split = {split: [text for span in own for kind in captions.get(span.id, ()) for text in kind]
+              for split, own in spans.items()}
   written = [sum(len(entry[kind]) for entry in captions.values()) for kind in (0, 1)]
   return [("format", f"SnapMoGen layout, {layout.dim} features"),
           ("recordings", f"{len(files)}, {sum(rows.values()) / FPS / 3600:.2f} hours at 30 frames a second"),
           ("spans", ", ".join(f"{split} {len(own)}" for split, own in spans.items())),
-          ("captions", f"{written[0]} by people, {written[1]} by a machine"), *body.facts()]
+          ("captions", f"{written[0]} by people, {written[1]} by a machine"),
+          *checks.shared_captions(by_split), *body.facts()]
 
 
 def _examine_stats(folder, own, found):

@@ -51,9 +51,13 @@ def _data(data):
 
 
 def _samples(provenance):
-  """Rows whose motions other code made than judged them."""
+  """Rows that know captions of the test, and rows whose motions other code made than judged them."""
   found = []
   for model in provenance.get("models") or ():
+    seen, every = model.get("captions_seen") or (0, 0)
+    if seen:
+      found.append(f"{seen} of the {every} different test captions ({seen / every:.0%}) are captions that "
+                   f"{model['row']} was trained on.")
     others = [one for one in model.get("sampled_by") or () if one.get("code") != provenance.get("code")]
     if others:
       commits = sorted({str((one.get("code") or {}).get("commit", "unknown"))[:12] for one in others})
