@@ -11,7 +11,7 @@ import motion_jax
 from motion_jax.utils import progress, stopping
 from motion_jax.utils.errors import InputError
 from motion_jax.utils.numerals import shortened
-from motion_studio.cli import blend, convert, data, evaluate, make, retrieve, robot, show, studio, train
+from motion_studio.cli import blend, convert, data, evaluate, export, make, retrieve, robot, show, studio, train
 from motion_studio.cli.parser import Parser
 from motion_studio.cli.prompts import read_prompts, read_sequences
 
@@ -102,7 +102,7 @@ def _parser():
   parser.add_argument("--version", action="version", version=f"motion-jax {motion_jax.__version__}",
                       help="print the version")
   commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-  for group in (make, blend, studio, show, data, train, evaluate, convert, retrieve, robot):
+  for group in (make, blend, studio, show, data, train, evaluate, convert, export, retrieve, robot):
     group.add_to(commands)
   return parser
 

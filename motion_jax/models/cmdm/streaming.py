@@ -186,12 +186,18 @@ def _words_of_blocks(text, caption, size):
   return text._replace(mask=jnp.repeat(mask.reshape(mask.shape[:2] + (-1,)), size, axis=1))
 
 
-def begin(dit: Net, layout: Layout, keys: jax.Array, state: Stream, now: Window, given: Float[Array, "_ _ _"],
-          fresh: Any = True) -> Stream:
+def first_latents(dit: Net, layout: Layout, keys: jax.Array, now: Window, given: Float[Array, "_ _ _"]
+                  ) -> Float[Array, "b w l c"]:
+  """What the blocks of a window begin with (B, W, block, C): each its noise, or before the first one the clean latents
+  given (B, block, C)."""
+  noise = jax.vmap(lambda index: block_noise(keys, index, layout, dit.latent_dim), out_axes=1)(now.blocks)
+  return jnp.where(now.steps < 0, jnp.expand_dims(given, -3), noise)
+
+
+def begin(layout: Layout, state: Stream, now: Window, start: Float[Array, "b _ l c"], fresh: Any = True) -> Stream:
   """The state in which the next block has begun, and that before the window, if it moves on, is in the cache.
 
-  What has not begun is noise. given (B, block, C): clean latents of a block before the first one. fresh: False leaves
-  the state as it is.
+  start: of `first_latents`, what blocks that have not begun are filled with. fresh: False leaves the state as it is.
   """
   size, moves = layout.block, now.moves & fresh
 
@@ -199,18 +205,18 @@ def begin(dit: Net, layout: Layout, keys: jax.Array, state: Stream, now: Window,
     new = jnp.where(moves, new.astype(ring.dtype), jax.lax.dynamic_slice_in_dim(ring, now.slot, size, axis=2))
     return jax.lax.dynamic_update_slice_in_dim(ring, new, now.slot, axis=2)
 
-  noise = jax.vmap(lambda index: block_noise(keys, index, layout, dit.latent_dim), out_axes=1)(now.blocks)
-  start = jnp.where(now.steps < 0, jnp.expand_dims(given, -3), noise).reshape(state.latents.shape)
+  start = jnp.broadcast_to(start, start.shape[:1] + now.blocks.shape + start.shape[2:]).reshape(state.latents.shape)
   latents = jnp.where(moves, jnp.roll(state.latents, -size, axis=1), state.latents)
   begins = jnp.repeat(now.blocks >= now.steps, size)[:, None] & fresh
   return state._replace(cache=jax.tree.map(put, state.cache, state.oldest), latents=jnp.where(begins, start, latents))
 
 
-def iterate(dit: Net, layout: Layout, params: Any, constants: Constants, text: Any, scale: Any, keys: jax.Array,
+def iterate(dit: Net, layout: Layout, params: Any, constants: Constants, text: Any, scale: Any, keys: jax.Array | None,
             control: Any, state: Stream, now: Window, first: Any, last: Any) -> Stream:
   """The state after iterations first to last, last excluded, of a step.
 
   scale: of guidance, () or (B,). control (B, W * block, N): of `CausalDiT.control_tokens`, None for a network without.
+  keys: of the noise that a DDPM's steps add, None for a flow.
   """
   size, within = layout.block, jnp.arange(layout.width * layout.block)
   scale = jnp.reshape(scale, (-1, 1, 1))
@@ -236,7 +242,7 @@ def iterate(dit: Net, layout: Layout, params: Any, constants: Constants, text: A
     velocity, oldest = velocity_at(latents, level)
     if constants.steps is not None:  # the network says noise
       noise: Any = 0.0
-      if layout.solver == "ancestral":
+      if layout.solver == "ancestral" and keys is not None:
         noise = fresh_noise(keys, now.blocks, level, layout, dit.latent_dim).astype(latents.dtype)
       return ddpm_forcing.step(constants.steps, latents, velocity, spread(level), spread(then), noise), oldest, latents
     step = spread(constants.times[then] - constants.times[level])[:, None]
@@ -265,7 +271,7 @@ def pull(layout: Layout, guide: Any, behind: Any, times: Array, now: Window, lat
 def advance(dit: Net, layout: Layout, params: Any, constants: Constants, text: Any, scale: Any, keys: jax.Array,
             control: Any, state: Stream, now: Window, given: Any, first: Any, last: Any) -> Stream:
   """`begin`, before iteration 0, and `iterate`: the program of a step."""
-  state = begin(dit, layout, keys, state, now, given, first == 0)
+  state = begin(layout, state, now, first_latents(dit, layout, keys, now, given), first == 0)
   return iterate(dit, layout, params, constants, text, scale, keys, control, state, now, first, last)
 
 
@@ -326,7 +332,7 @@ class Sampler:
       first = (now.blocks[0] - self.control_first) * plan.block
       control = jax.lax.dynamic_slice_in_dim(self.control, first, plan.width * plan.block, axis=1)
       control = jnp.where(now.steps < 0, 0, control)
-    state = begin(dit, plan.layout, self.keys, state, now, given)
+    state = begin(plan.layout, state, now, first_latents(dit, plan.layout, self.keys, now, given))
     run = lambda state, first, last: iterate(dit, plan.layout, self.params, self.constants, self.text, self.scale,
                                              self.keys, control, state, now, first, last)
     if self.guide is None:
