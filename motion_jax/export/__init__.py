@@ -1,7 +1,7 @@
 """Export clips to files by extension, and load files that hold a motion.
 
-  export.save(clip, "wave.mp4")      .mp4 .gif film, .png .jpg strip of moments, .html page, .glb .usda figure, .bvh
-                                     skeleton, .vrma, .csv .trc .c3d points, .amass.npz poses, .npz all, .npy joints
+  export.save(clip, "wave.mp4")      .mp4 .gif film, .png .jpg strip of moments, .html page, .glb .usda .fbx figure,
+                                     .bvh skeleton, .vrma, .csv .trc .c3d points, .amass.npz poses, .npz .npy arrays
   clip = export.load("wave.npz")
 """
 import errno
@@ -12,6 +12,7 @@ from collections.abc import Callable
 
 from motion_jax.data.clip import Clip
 from motion_jax.export.bvh import bvh
+from motion_jax.export.fbx import fbx, find_blender
 from motion_jax.export.files import READERS, load, npy, npz
 from motion_jax.export.glb import glb
 from motion_jax.export.html import html, html_page
@@ -36,8 +37,9 @@ def amass(clip, path, pelvis_offset=(0.0, 0.0, 0.0)) -> pathlib.Path:
 
 # {extension: writer(clip, path, **options) -> path}, and those of other packages.
 WRITERS: Registry[Callable] = Registry("motion_jax.exports", {
-    ".npz": npz, ".npy": npy, ".bvh": bvh, ".glb": glb, ".vrma": vrma, ".usda": usda, ".csv": csv, ".trc": trc,
-    ".c3d": c3d, ".amass.npz": amass, ".mp4": video, ".gif": video, ".html": html, ".png": strip, ".jpg": strip})
+    ".npz": npz, ".npy": npy, ".bvh": bvh, ".glb": glb, ".vrma": vrma, ".usda": usda, ".fbx": fbx, ".csv": csv,
+    ".trc": trc, ".c3d": c3d, ".amass.npz": amass, ".mp4": video, ".gif": video, ".html": html, ".png": strip,
+    ".jpg": strip})
 
 
 def check_output(path) -> str:
@@ -51,6 +53,8 @@ def check_output(path) -> str:
   if path.suffix.lower() == ".mp4":
     from motion_jax.export.video import find_ffmpeg
     find_ffmpeg()
+  if path.suffix.lower() == ".fbx":
+    find_blender()
   folder = path.parent
   while not folder.exists() and folder != folder.parent:
     folder = folder.parent
@@ -114,5 +118,5 @@ def _with_22_joints(clip):
   return clip.replace(joints=to_22(clip.joints), skeleton=HUMANML3D, features=None)
 
 
-__all__ = ["READERS", "WRITERS", "bvh", "check_output", "frame", "frames", "glb", "html", "load", "npy", "npz", "page",
-           "rig_error", "save", "strip", "usda", "video", "vrma"]
+__all__ = ["READERS", "WRITERS", "amass", "bvh", "c3d", "check_output", "csv", "ending_of", "fbx", "frame", "frames",
+           "glb", "html", "load", "npy", "npz", "page", "rig_error", "save", "strip", "trc", "usda", "video", "vrma"]

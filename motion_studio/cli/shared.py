@@ -9,7 +9,7 @@ from motion_jax.utils.numerals import FRAME_RATES, real
 BVH_UNITS = {"cm": "centimetres", "m": "metres"}
 FILMS = (".mp4", ".gif")
 PICTURES = (*FILMS, ".png", ".jpg", ".html")
-RIGS = (".bvh", ".glb", ".usda")
+RIGS = (".bvh", ".glb", ".usda", ".fbx")
 # What export.load reads; a constant, so that --help starts fast.
 MOTION_FILES = (".npz", ".npy", ".bvh", ".amc", ".csv", ".trc", ".c3d")
 MOTION_HELP = ", ".join(MOTION_FILES[:-1]) + f" or {MOTION_FILES[-1]}"
@@ -81,7 +81,7 @@ def config_of(args):
 def add_out(parser, default, files):
   """The flag --out of a command that writes motions; files: an example of several."""
   parser.add_argument("--out", default=default, action=Files,
-                      help="output files: .npz .npy .bvh .glb .vrma .usda .mp4 .gif .html .png ..., separated by "
+                      help="output files: .npz .npy .bvh .glb .vrma .usda .fbx .mp4 .gif .html .png ..., separated by "
                            f"commas, such as {files}")
 
 
