@@ -11,6 +11,7 @@ sys.path.insert(0, str(ROOT / "benchmarks"))
 import behaviour  # noqa: E402
 import behaviour_rules as rules  # noqa: E402
 import behaviour_sentences  # noqa: E402
+import caption_rules  # noqa: E402
 
 # What is done, and every rule that says yes to it.
 DONE = {
@@ -64,6 +65,9 @@ def test_every_sentence_is_judged_once(monkeypatch):
     joints, meta = _walk(), {}
 
   class Model:
+    def notes(self, prompts):
+      return ["not known"] * (prompts[0] == "walk forward")
+
     def __call__(self, prompts, seconds=None, seeds=None):
       assert len(prompts) == len(seeds) <= behaviour.MOST
       return [Motion] * len(prompts)
@@ -73,6 +77,40 @@ def test_every_sentence_is_judged_once(monkeypatch):
   rows = behaviour.judge(Model(), [entry for entry in listed if entry[0] in ("walk", "kick", "path")], seeds=2)
   assert {row["sentence"]: sum(row["passed"]) for row in rows if row["category"] != "path"} == {
       sentence: 2 * (category == "walk") for category, sentence, *_ in listed if category in ("walk", "kick")}
+  assert {row["sentence"] for row in rows if row["noted"]} == {"walk forward"}
   failed = [row | {"passed": [False] * len(row["passed"])} for row in rows]
   lines = behaviour.table({behaviour.ONE_PASS: failed, behaviour.BEST: rows}, "a model")
   assert any("| walk | 8 | 0 of 16, 0 % | 16 of 16, 100 % |" in line for line in lines)
+
+
+def test_rules_of_captions_pass_what_they_are_about():
+  body = lambda joints: rules.body_of(joints)
+  walk, backward, jump, wave = _walk(), _walk(speed=0.7, ways=180), _jump(0.3), _wave("left", 4)
+  assert caption_rules.leads(-45, 45)(body(walk)) and not caption_rules.leads(-45, 45)(body(backward))
+  assert caption_rules.leads(45, 135)(body(_walk(ways=90))) and not caption_rules.leads(-135, -45)(body(_walk(ways=90)))
+  assert caption_rules.goes(2.0, 9.0)(body(walk)) and not caption_rules.goes(2.0, 9.0)(body(jump))
+  there_and_back = np.concatenate([walk, walk[::-1]])
+  assert caption_rules.comes_back(body(there_and_back)) and not caption_rules.comes_back(body(walk))
+  assert caption_rules.lifts_foot(1)(body(_kick("right"))) and not caption_rules.lifts_foot(0)(body(_kick("right")))
+  assert caption_rules.lifts_hand(0)(body(wave)) and not caption_rules.lifts_hand(1)(body(wave))
+  assert caption_rules.spins()(body(_walk(360, seconds=9.0))) and not caption_rules.spins()(body(walk))
+  low = walk - np.array([0, 0.5, 0]) * np.linspace(0, 1, len(walk))[:, None, None]
+  low[..., 1] = np.maximum(low[..., 1], 0.02)
+  assert caption_rules.crouches(body(low)) and not caption_rules.crouches(body(walk))
+  for rule in (caption_rules.crawls, caption_rules.kneels, caption_rules.lies, caption_rules.trunk_bends,
+               caption_rules.reaches_low, caption_rules.hands_meet, caption_rules.reaches_head(None)):
+    assert not rule(body(walk))
+
+
+def test_halves_of_the_captions_are_apart(tmp_path):
+  """Every line is one of 4,042, in one half; another file is refused."""
+  lines = [line for kind in caption_rules.KINDS for line in kind.lines]
+  assert len(lines) == len(set(lines)) >= 300 and 0 <= min(lines) and max(lines) < 4042
+  (tmp_path / "some.txt").write_text("a person walks\n")
+  with pytest.raises(ValueError, match="not the list of captions that the rules were written for"):
+    caption_rules.sentences(tmp_path / "some.txt")
+  every = [f"caption {i}" for i in range(4042)]
+  found = {half: {caption for _, caption, *_ in caption_rules.halves(every)[half]}
+           for half in (caption_rules.DEVELOPMENT, caption_rules.FINAL)}
+  assert not found[caption_rules.DEVELOPMENT] & found[caption_rules.FINAL]
+  assert sum(map(len, found.values())) == len(lines)
