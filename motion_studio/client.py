@@ -6,6 +6,9 @@
   with studio.stream("a person walks") as live:
     for frames in live:                                   # (n, 22, 3) metres
       live.say("a person jumps")
+  with studio.stream("a person walks", pose="robot:g1") as live:
+    for rows in live.poses():                             # (n, 36) qpos, 50 a second; live.about says what they hold
+      ...
 """
 import base64
 import json
@@ -60,7 +63,10 @@ def joints_of(motion):
 
 
 class Live:
-  """Yields joints (n, J, 3) block by block; `last` is the header of the latest block, `messages` the other messages."""
+  """Yields joints (n, J, 3) block by block; `last` is the header of the latest block, `messages` the other messages.
+
+  `poses` yields the poses beside them, which `pose=` of the stream chooses, and `about` says what they hold.
+  """
 
   def __init__(self, address, start):
     from websockets.sync.client import connect
@@ -74,7 +80,18 @@ class Live:
   def say(self, prompt, **fields):
     self.send(type="prompt", prompt=prompt, **fields)
 
+  @property
+  def about(self):
+    """What a row of `poses` holds; {} before the stream has started."""
+    return next((message["pose"] for message in reversed(self.messages) if message.get("pose")), {})
+
   def __iter__(self):
+    return (joints for kind, joints in self._read() if kind == "joints")
+
+  def poses(self):
+    return (rows for kind, rows in self._read() if kind == "poses")
+
+  def _read(self):
     from websockets.exceptions import ConnectionClosed
     try:
       for message in self._socket:
@@ -84,19 +101,25 @@ class Live:
             raise ValueError(self.messages[-1]["message"])
           if self.messages[-1].get("state") in ("ended", "stopped"):
             return
-          continue
-        names = "sequence run first_frame frames joints words committed begun milliseconds fps".split()
-        size, *values = struct.unpack_from("<6xHIIIHHIIIff", message)
-        self.last = dict(zip(names, values))
-        n, count = self.last["frames"], self.last["joints"]
-        ground = np.frombuffer(message, "<f4", n * 2, size).reshape(n, 1, 2)
-        joints = np.frombuffer(message, "<f2", n * count * 3, size + 8 * n).reshape(n, count, 3).astype(np.float32)
-        joints[..., [0, 2]] += ground
-        self.last["contacts"] = np.frombuffer(message, "u1", 4 * n, size + n * (8 + 6 * count)).reshape(n, 4) > 0
-        self.send(type="ack", sequence=self.last["sequence"])
-        yield joints
+        elif message[:4] == b"MJXP":
+          size, n, width = *struct.unpack_from("<H", message, 6), *struct.unpack_from("<HH", message, 20)
+          yield "poses", np.frombuffer(message, "<f4", n * width, size).reshape(n, width)
+        else:
+          yield "joints", self._joints(message)
     except ConnectionClosed:
       return
+
+  def _joints(self, message):
+    names = "sequence run first_frame frames joints words committed begun milliseconds fps".split()
+    size, *values = struct.unpack_from("<6xHIIIHHIIIff", message)
+    self.last = dict(zip(names, values))
+    n, count = self.last["frames"], self.last["joints"]
+    ground = np.frombuffer(message, "<f4", n * 2, size).reshape(n, 1, 2)
+    joints = np.frombuffer(message, "<f2", n * count * 3, size + 8 * n).reshape(n, count, 3).astype(np.float32)
+    joints[..., [0, 2]] += ground
+    self.last["contacts"] = np.frombuffer(message, "u1", 4 * n, size + n * (8 + 6 * count)).reshape(n, 4) > 0
+    self.send(type="ack", sequence=self.last["sequence"])
+    return joints
 
   def close(self):
     self._open.__exit__(None, None, None)

@@ -59,7 +59,11 @@ def on_rig(clip: Clip, rig: str | Rig | None = None, exact: bool = False) -> Rig
   if not set(rig.joints) <= set(skeleton.joints):
     raise InputError(f"got rig {rig.name!r} for a motion of {skeleton.num_joints} joints ({skeleton.name}), expected "
                      f"HumanML3D's 22; skeleton {skeleton.name!r} is written without a rig")
-  pose = rigged(clip, exact)
+  return pose_on_rig(rigged(clip, exact), rig, skeleton)
+
+
+def pose_on_rig(pose: Pose, rig: Rig, skeleton: Skeleton) -> RigMotion:
+  """A pose of a skeleton that has the rig's joints, metres, on the rig."""
   rest, followed, parents = rig.arm_rest(skeleton), np.array(rig.followed(skeleton)), np.array(rig.parents)
   turned = rot.multiply(pose.turned, rot.conjugate(rest)[None])[:, followed]
   turned[:, followed < 0] = [1, 0, 0, 0]

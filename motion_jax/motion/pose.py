@@ -128,15 +128,16 @@ def pose_to_joints(pose: Pose, skeleton: Skeleton = HUMANML3D) -> Float[np.ndarr
   return joints
 
 
-def turn_ends(pose: Pose, joints: Float[np.ndarray, "t j 3"], skeleton: Skeleton = HUMANML3D) -> Pose:
+def turn_ends(pose: Pose, joints: Float[np.ndarray, "t j 3"], skeleton: Skeleton = HUMANML3D,
+              level: float | None = None) -> Pose:
   """The pose with toes that stay on the ground while the foot rolls over them, and hands that lie on it.
 
   No joint shows how the end of a limb is turned, but the ground does: a tip that would be below the level on which the
   toes stand bends up about the joint's hinge until it is there. In the air, and at the head, ends stay straight. joints
-  (T, J, 3): in metres.
+  (T, J, 3): in metres; level: the height of toes that stand, None: of the lowest in this motion.
   """
   feet = [j for j, name in enumerate(skeleton.joints) if name.endswith("foot")]
-  level = np.percentile(joints[:, feet, 1].min(1), 5)
+  level = np.percentile(joints[:, feet, 1].min(1), 5) if level is None else level
   local, world = pose.rotations.copy(), pose.turned.copy()
   for joint, name in enumerate(skeleton.joints):
     side, kind = side_and_kind(name)

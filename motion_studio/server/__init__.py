@@ -13,6 +13,7 @@ extra `studio`.
   multi_prompt        cache of multi-prompt motions: only what follows a change is sampled again
   constraint_report   what the page draws of constraints, and the distance of a motion from them
   streams             one live motion per WebSocket
+  poses               a robot's configurations or a rig's rotations beside the joints of a stream
   stream_constraints  constraints of a running stream
   exporting           /v1/export: files of a motion
   project             saved projects

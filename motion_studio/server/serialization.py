@@ -16,6 +16,8 @@ from motion_jax.utils.errors import InputError
 MAGIC, VERSION = b"MJXS", 1
 _HEADER = struct.Struct("<4sHHIIIHHIIIff")  # 44 bytes and 4 of padding, for an alignment of 16
 HEADER_BYTES = 48
+POSES = b"MJXP"
+_POSES = struct.Struct("<4sHHIIIHHfI")  # 32 bytes
 
 
 class Block(NamedTuple):
@@ -41,6 +43,12 @@ def pack(block: Block) -> bytes:
                         block.words, block.first_frame + len(joints), block.begun, block.milliseconds, block.fps)
   return b"".join([header.ljust(HEADER_BYTES, b"\0"), ground.tobytes(), body.astype("<f2").tobytes(),
                    np.asarray(block.contacts, np.uint8).tobytes()])
+
+
+def pack_poses(rows: np.ndarray, sequence: int, run: int, first: int, fps: float) -> bytes:
+  """Poses (N, W), rows `first` on of the run, that belong to the block `sequence`, as bytes."""
+  header = _POSES.pack(POSES, VERSION, _POSES.size, sequence, run, first, *rows.shape, fps, 0)
+  return header + np.ascontiguousarray(rows, "<f4").tobytes()
 
 
 NO_MOTION = "got no motion, expected an object with shape, joints and fps as /v1/generate returns it"

@@ -15,8 +15,9 @@ from motion_jax.utils.errors import InputError, reason
 from motion_studio.server import fields, stream_constraints
 from motion_studio.server.library import Library, live_sampling
 from motion_studio.server.limits import Limits, unknown_choices_as_input_errors
+from motion_studio.server.poses import RATE, Poses
 from motion_studio.server.request_tables import DEFAULT_AHEAD, MESSAGES
-from motion_studio.server.serialization import Block, pack
+from motion_studio.server.serialization import Block, pack, pack_poses
 
 _HISTORY = 8    # frames before a block from which its foot contacts are computed, too
 _QUEUED = 200   # messages of a page that may wait while a model compiles or a block is sampled
@@ -81,7 +82,8 @@ class Stream:
   def _on_start(self, request):
     choices = {"name": self._library.slot(request.model).name, "prompt": request.prompt,
                "seed": secrets.randbelow(1 << 31) if request.seed is None else request.seed,
-               "cleanup": request.cleanup, "sampling": request.sampling, "frames": request.frames}
+               "cleanup": request.cleanup, "sampling": request.sampling, "frames": request.frames,
+               "pose": request.pose}
     return lambda: self._begin(choices, _speed=request.speed, _keep_going=request.keep_going, _ahead=request.ahead)
 
   def _on_prompt(self, request):
@@ -213,16 +215,17 @@ class Stream:
     with unknown_choices_as_input_errors():
       live = pipeline.stream(choices["prompt"], seed=choices["seed"], num_frames=choices["frames"],
                              cleanup=choices["cleanup"], **sampling)
+    poses = choices["pose"] and Poses(choices["pose"], model.stats.layout.skeleton, model.fps)
     for name, value in settings.items():
       setattr(self, name, value)
     layout, self._choices = model.stats.layout.skeleton, choices
     self._run, self._sent, self._position, self._tail, self._paused = self._run + 1, 0, 0.0, None, False
-    self._live = _Live(live, pipeline, layout)
+    self._live = _Live(live, pipeline, layout, poses)
     self._send({"type": "started", "run": self._run, "sequence": self._sequence, "model": choices["name"],
                 "id": model.id, "seed": choices["seed"], "cleanup": choices["cleanup"], "fps": model.fps,
                 "joints": list(layout.joints), "parents": [int(parent) for parent in layout.parents],
                 "block_frames": round(live.block_seconds * model.fps), "ahead": self._ahead,
-                "sampling": model.sampling(**sampling).about()})
+                "sampling": model.sampling(**sampling).about()} | ({"pose": poses.about} if poses else {}))
     self._prompts, self._constrained_until, self._course = [], 0, None
     self._announce_prompts(choices["prompt"], 0)
     self._sent_state = ""
@@ -316,14 +319,19 @@ class Stream:
     self._send(pack(Block(self._sequence, self._run, self._sent, words, live.stream.begun, 1000 * live.spent, live.fps,
                           joints, stands)))
     live.spent = 0.0
+    if live.poses:
+      first, ends = live.poses.count, live.ends is not None and self._sent + len(joints) >= live.ends
+      if len(rows := live.poses.push(joints, ends)):
+        self._send(pack_poses(rows, self._sequence, self._run, first, RATE))
     self._sequence, self._sent = self._sequence + 1, self._sent + len(joints)
     self._send_state()
 
 
 class _Live:
-  """A stream with its pipeline, skeleton and sampling time."""
+  """A stream with its pipeline, skeleton, poses beside the joints and sampling time."""
 
-  def __init__(self, stream, pipeline, skeleton):
+  def __init__(self, stream, pipeline, skeleton, poses):
+    self.poses = poses
     self.stream, self.pipeline, self.skeleton, self.spent = stream, pipeline, skeleton, 0.0
     self.fps = pipeline.model.fps
     self.block_seconds, self.ends = stream.block_seconds, stream.num_frames
