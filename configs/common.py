@@ -116,7 +116,8 @@ def train(num_steps, log_every, save_every, **fields):
   dtype: what the stage's network computes in, "float32" or "bfloat16"; parameters, norms, softmax and losses stay
   float32. keep_last: how many training states stay, besides the best one. A run that leaves out
   max_skips steps in a row goes back to its last good state and on with other batches, max_rollbacks times at most.
-  After hang_minutes without a step it ends; 0 never. workers: processes of Grain that make batches; 0 for a thread.
+  After hang_minutes without a step it ends; 0 never. cpu_seconds: processor time of its steps, over all its slices,
+  after which it ends, too; 0: no limit. workers: processes of Grain that make batches; 0 for a thread.
   remat, where dtype is: whether a gradient computes what is inside of a network's blocks once more instead of keeping
   it: less memory, a third more work. attention, where it is: "cudnn" computes attention in 16 bits by NVIDIA's fused
   kernel; elsewhere that is the same as "xla". scan_layers, where it is: whether one layer of the network is compiled
@@ -127,7 +128,7 @@ def train(num_steps, log_every, save_every, **fields):
   """
   return dict(start="", freeze=(), dtype="float32", num_steps=num_steps, num_epochs=0, log_every=log_every,
               save_every=save_every, num_saves=20, best="", keep_last=2, max_skips=20, max_rollbacks=3,
-              hang_minutes=60.0, workers=0, tensorboard=False, sample_every=0) | fields
+              hang_minutes=60.0, workers=0, cpu_seconds=0.0, tensorboard=False, sample_every=0) | fields
 
 
 def archives(config, **fields):

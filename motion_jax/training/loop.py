@@ -13,6 +13,7 @@ import numpy as np
 from tqdm import tqdm
 
 from motion_jax.training import checkpoint
+from motion_jax.training.budget import Budget
 from motion_jax.training.compiling import Step, is_small
 from motion_jax.training.distributed import Agreement, compile_together, end_together
 from motion_jax.training.guards import BATCH, Guards, Watchdog, check_finite, keep_batch
@@ -37,7 +38,8 @@ def train(config, workdir, stage, next_batch, frozen=None, resume=False, evaluat
   frozen: arrays that the loss reads and training does not change.
   evaluate(params) -> dict of numbers, called on the averaged parameters at every save.
   max_seconds: saves and ends after so long. So does a signal, which is then in `stop` (a `stopping.Stop`); resume=True
-    continues from there to the same bytes as a run without a pause.
+    continues from there to the same bytes as a run without a pause. config.train.cpu_seconds: the same after so much
+    processor time of the run's steps, its earlier slices included (`budget.Budget`).
   profile_steps (first, last): steps to trace into profile/. draw(params, path): see `report.Outputs`.
 
   Writes checkpoints/, params.safetensors (averaged where the config has an average), metrics.jsonl, report.html and
@@ -51,7 +53,7 @@ def train(config, workdir, stage, next_batch, frozen=None, resume=False, evaluat
   rng = jax.random.key(config.seed)
   example = next_batch(0)
   states = States(config, workdir, mesh, stage, tx, example, rng, next_batch, evaluate, draw)
-  state = states.begin(resume)
+  state, budget = states.begin(resume), states.budget
   frozen = mesh.put(frozen or {})
   train_step = Step(mesh.compiled(make_train_step(
       stage, tx, config.optimizer.ema_decay, config.optimizer.skip_loss, config.optimizer.skip_spikes,
@@ -74,7 +76,8 @@ def train(config, workdir, stage, next_batch, frozen=None, resume=False, evaluat
     profile = opened(Profile(workdir, profile_steps, first))
     signals = stack.enter_context(stop or stopping.Stop())
     batches.begin(step, states.guards.batch_number(step))
-    while step < num_steps:
+    last = step if budget.is_spent else num_steps
+    while step < last:
       try:
         batch = batches.take()
       except Exception as error:
@@ -85,8 +88,10 @@ def train(config, workdir, stage, next_batch, frozen=None, resume=False, evaluat
         compile_together(train_step.compile, state, frozen, batch, rng)
       if profile.begin(step + 1, state):
         rates.restart()
+      budget.before_step(batch)
       with jax.profiler.StepTraceAnnotation("train", step_num=step + 1):
         state, metrics = train_step(state, frozen, batch, rng)
+      budget.after_step(metrics)
       step += 1
       rates.step(batches.waited)
       signals.something_to_lose()
@@ -95,7 +100,7 @@ def train(config, workdir, stage, next_batch, frozen=None, resume=False, evaluat
         rates.restart()
       states.unlogged.append(metrics)
       progress.step(step, metrics)
-      out_of_time = max_seconds is not None and time.time() - began > max_seconds
+      out_of_time = budget.is_spent or max_seconds is not None and time.time() - began > max_seconds
       signal, out_of_time = agreement.largest(signals.number or 0, int(out_of_time))
       signals.hear(signal)
 
@@ -115,7 +120,9 @@ def train(config, workdir, stage, next_batch, frozen=None, resume=False, evaluat
         states.save(step, state)
         if not ends:  # an evaluation may take minutes, which a signal does not leave
           signals.nothing_to_lose(lambda: (states.saver.wait(), end_together())[1])
+        budget.pause()
         progress.show_row(states.evaluate(step, state, hurried=bool(signal)))
+        budget.begin()
         watchdog.beat()
         rates.restart()
       if ends:
@@ -129,6 +136,7 @@ class States:
   """The states of a run, in memory and on disk: begins, checks, logs, saves, rolls back.
 
   Nothing is logged or saved before the guards have checked it. unlogged: the metrics of the steps since the last row.
+  budget: the processor time of the steps.
   """
 
   def __init__(self, config, workdir, mesh, stage, tx, example, rng, next_batch, evaluate=None, draw=None):
@@ -141,6 +149,7 @@ class States:
     self.saver = Saver(workdir, config.train.keep_last, config.train.save_every)
     self.outputs = Outputs(workdir, config, evaluate, draw)
     self.guards = Guards(config)
+    self.budget = Budget(config.train.get("cpu_seconds", 0.0))
     self.unlogged = []
 
   def begin(self, resume):
@@ -169,6 +178,7 @@ class States:
     state, record = self.saver.restore(like, tqdm.write)
     step, memory = int(state.step), record.get("memory", {})
     self.guards.restore(memory, step)
+    self.budget.restore(memory.get("cpu_seconds", 0.0))
     self.unlogged = memory.get("logged", [])
     self.outputs.begin(step)
     return self._mesh.put(state), record
@@ -193,7 +203,8 @@ class States:
     """Writes the row of metrics of the steps since the last one, and returns it."""
     means = {name: float(np.mean([metrics[name] for metrics in self.unlogged])) for name in self.unlogged[0]}
     self.unlogged = []
-    row = {"step": step, "seconds": round(time.time() - began, 1), **means, **self.guards.counts(), **rates.row(step)}
+    row = {"step": step, "seconds": round(time.time() - began, 1), **means, **self.guards.counts(), **rates.row(step),
+           "cpu_seconds": round(self.budget.spent, 2)}
     self.outputs.add(row)
     return row
 
@@ -211,7 +222,7 @@ class States:
       report_unsaved(error)
 
   def _memory(self):
-    return self.guards.memory() | {"logged": list(self.unlogged)}
+    return self.guards.memory() | {"logged": list(self.unlogged), "cpu_seconds": round(self.budget.spent, 3)}
 
   def evaluate(self, step, state, hurried=False):
     """Evaluates what was saved and keeps the best parameters; returns the numbers."""
@@ -261,7 +272,10 @@ class States:
       raise OSError(f"the state of step {step} could not be saved ({reason(error)}); the last saved one is step "
                     f"{self.saver.latest}") from error
     self.saver.prune()
-    if step < self.config.train.num_steps:
+    if self.budget.is_spent:
+      tqdm.write(f"{self.budget.spent:.4g} of {self.budget.limit:.4g} processor seconds are spent at step {step}; a "
+                 "larger train.cpu_seconds with --resume continues there")
+    elif step < self.config.train.num_steps:
       tqdm.write(f"stopped and saved at step {step}; --resume continues there")
 
   def close(self):

@@ -20,7 +20,8 @@ from motion_jax.utils.input_files import read_json_lines
 from motion_jax.utils.install import pip_install
 
 METRICS = "metrics.jsonl"
-CLOCK = ("seconds", "samples_per_second", "data_wait", "memory_mb", "mfu")  # columns that depend on the machine
+# Columns that depend on the machine.
+CLOCK = ("seconds", "cpu_seconds", "samples_per_second", "data_wait", "memory_mb", "mfu")
 _PREFIX = "events"  # of event files: TensorBoard looks for the .out.tfevents. that follows
 
 

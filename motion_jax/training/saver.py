@@ -122,8 +122,8 @@ class Saver:
   @property
   def sound(self) -> int | None:
     """The newest state not preceded by a skipped step, of those on the grid of save_every: pauses change nothing."""
-    return max((step for step in self.steps if step % self._save_every == 0 and not self._memory(step).get("streak")),
-               default=None)
+    return max((step for step in self.steps if step % self._save_every == 0
+                and not memory_of(self._folder / str(step)).get("streak")), default=None)
 
   def prune(self, best=None):
     """Removes states, except the newest ones, the best and the newest sound one."""
@@ -132,12 +132,6 @@ class Saver:
       newest = [step for step in steps if step % self._save_every == 0][-self._keep_last:] + steps[-1:]
       for step in set(steps) - {*newest, self.sound, self.best if best is None else best}:
         shutil.rmtree(self._folder / str(step), ignore_errors=True)
-
-  def _memory(self, step):
-    try:
-      return json.loads((self._folder / str(step) / RECORD).read_text())["memory"]
-    except (OSError, ValueError, KeyError):
-      return {}
 
   def restore(self, like, report=print):
     """(the newest whole state, in the shapes and types of `like`; its record). An average that `like` has no place for
@@ -199,6 +193,21 @@ class Saver:
     """Removes what a killed program left half-written."""
     for path in [*self._folder.glob(f"{ASIDE}*"), *self._folder.glob("*.orbax-checkpoint-tmp*")]:
       shutil.rmtree(path, ignore_errors=True)
+
+
+def progress(workdir) -> tuple[int, float]:
+  """(step, processor seconds) of the newest state of a run folder; zeros where there is none."""
+  saved = [path for path in pathlib.Path(workdir).glob("checkpoints/*") if path.name.isdigit()]
+  newest = max(saved, key=lambda path: int(path.name), default=None)
+  return (0, 0.0) if newest is None else (int(newest.name), float(memory_of(newest).get("cpu_seconds", 0.0)))
+
+
+def memory_of(folder):
+  """The memory of the loop that was saved in a folder checkpoints/STEP; {} where it cannot be read."""
+  try:
+    return json.loads((folder / RECORD).read_text())["memory"]
+  except (OSError, ValueError, KeyError):
+    return {}
 
 
 def fields_of(state):

@@ -31,6 +31,12 @@ def add_to(commands):
       help="resume although the config or the data have changed")
   add("--max-seconds", type=real(above=0, high=1e9, unit="seconds"), metavar="S",
       help="save and stop after this time")
+  add("--cpu-seconds", type=real(above=0, high=1e9, unit="processor seconds"), metavar="S",
+      help="save and stop when the steps of the run, its earlier slices included, have cost this much processor time "
+           "(train.cpu_seconds); with --sweep: the budget of each method, shared among its stages")
+  add("--slice", type=real(above=0, high=1e9, unit="processor seconds"), metavar="S",
+      help="with --sweep and --cpu-seconds: train in turns of this much processor time, always the method that has had "
+           "the least; may be stopped at any moment and started again")
   add("--profile-steps", type=_steps, metavar="A:B",
       help="profile steps A to B with JAX's profiler into profile/ of the run folder, such as 10:20; step 1 "
            "includes compilation")
@@ -60,8 +66,13 @@ def _train(args):
   if (args.config is None) == (args.sweep is None):
     raise InputError("got " + ("both --config and --sweep" if args.config else "neither --config nor --sweep")
                      + "; give one of them")
+  if args.slice and not (args.sweep and args.cpu_seconds):
+    raise InputError(f"got --slice without {'--cpu-seconds' if args.sweep else '--sweep'}, expected --sweep NAME "
+                     "--cpu-seconds S --slice S")
   if args.sweep:
-    return sweep.run(args.sweep, args.workdir, _of_each_run(args))
+    return sweep.run(args.sweep, args.workdir, _of_each_run(args), budget=args.cpu_seconds, slice=args.slice)
+  if args.cpu_seconds:
+    args.overrides = [*args.overrides, f"--config.train.cpu_seconds={args.cpu_seconds}"]
   from motion_jax.utils import exit_status, stopping
   with stopping.Stop(args.program) as stop:
     _run(args, stop)

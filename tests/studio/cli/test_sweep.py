@@ -1,11 +1,12 @@
 """A sweep trains each run once, goes on where it was stopped, and tells all of them in one table."""
 import json
+import pathlib
 
 import pytest
 from PIL import Image
 
 from motion_jax import charts
-from motion_jax.training import setup
+from motion_jax.training import saver, setup
 from motion_jax.training.metrics import append_metrics
 from motion_jax.utils import config_files, overrides
 from motion_jax.utils.errors import InputError
@@ -68,10 +69,14 @@ def test_a_task_of_an_array_trains_its_own_run(file, tmp_path, monkeypatch):
 
 
 def test_at_the_command_line(file, tmp_path, monkeypatch, capsys):
-  monkeypatch.setattr(sweep, "run", lambda *args: print(args) or 3)
+  monkeypatch.setattr(sweep, "run", lambda *args, **named: print(args, named) or 3)
   assert cli.main(["train", "--sweep", str(file), "--workdir", "out", "--data", "x", "--config.seed=7"]) == 3
   assert "'--data', 'x', '--config.seed=7'" in capsys.readouterr().out
-  for flags, told in (([], "neither --config nor --sweep"), (["--sweep", "a", "--config", "b"], "both --config and")):
+  assert cli.main(["train", "--sweep", str(file), "--workdir", "out", "--cpu-seconds", "9", "--slice", "2"]) == 3
+  assert "{'budget': 9.0, 'slice': 2.0}" in capsys.readouterr().out
+  for flags, told in (([], "neither --config nor --sweep"), (["--sweep", "a", "--config", "b"], "both --config and"),
+                      (["--config", "a", "--slice", "2"], "got --slice without --sweep"),
+                      (["--sweep", "a", "--slice", "2"], "got --slice without --cpu-seconds")):
     assert cli.main(["train", "--workdir", "out", *flags])
     assert told in capsys.readouterr().err
 
@@ -85,28 +90,28 @@ def test_a_task_that_is_none(file, tmp_path, monkeypatch):
 def test_what_is_no_sweep(tmp_path):
   with pytest.raises(FileNotFoundError, match="there is no sweep 'learning_rat'.*did you mean learning_rate"):
     sweep.load("learning_rat")
-  (tmp_path / "bad.py").write_text("def get_sweep(): return {'a/b': ('c', {})}")
-  with pytest.raises(InputError, match="one named 'a/b'"):
+  (tmp_path / "bad.py").write_text("def get_sweep(): return {'../b': ('c', {})}")
+  with pytest.raises(InputError, match="one named '../b'"):
     sweep.load(tmp_path / "bad.py")
   (tmp_path / "none.py").write_text("x = 1")
   with pytest.raises(InputError, match="expected Python with a function get_sweep"):
     sweep.load(tmp_path / "none.py")
 
 
-@pytest.mark.parametrize("name", ["learning_rate", "motion_prior", "motion_prior:tiny"])
+@pytest.mark.parametrize("name", ["learning_rate", "motion_prior", "motion_prior:tiny", "same_data", "same_data:tiny"])
 def test_those_that_ship_name_fields_of_their_configs(name):
-  for config, fields in sweep.load(name).values():
+  for config, fields, _ in sweep.load(name).values():
     overrides.check([f"--config.{field}={value}" for field, value in fields.items()], config_files.load(config))
 
 
 def test_the_runs_of_cdamds_figure_7_differ_in_the_prior_alone():
-  with_prior, without = (config_files.load(config) for config, _ in sweep.load("motion_prior").values())
+  with_prior, without = (config_files.load(run.config) for run in sweep.load("motion_prior").values())
   changed = {path for path, *_ in setup.changes(with_prior.to_dict(), without.to_dict())}
   assert changed == {"loss.prior_levels"} and (with_prior.loss.prior_levels, without.loss.prior_levels) == (2, 0)
 
 
 def test_held_out_numbers_are_drawn(tmp_path):
-  runs = {name: ("config", {}) for name in "ab"}
+  runs = {name: sweep.Run("config", {}) for name in "ab"}
   sweep.draw_chart(runs, tmp_path)
   assert not list(tmp_path.iterdir())
   for name in "ab":
@@ -119,6 +124,100 @@ def test_held_out_numbers_are_drawn(tmp_path):
 
 
 def test_what_all_runs_share_stands_below_the_table(tmp_path):
-  text = sweep.write_table({name: ("config", {"seed": seed, "train.num_steps": 9}) for seed, name in enumerate("ab")},
-                           tmp_path)
+  text = sweep.write_table({name: sweep.Run("config", {"seed": seed, "train.num_steps": 9})
+                            for seed, name in enumerate("ab")}, tmp_path)
   assert text.startswith("| run | seed | state |") and text.endswith("\n\nIn all runs: train.num_steps 9\n")
+
+
+class Machine:
+  """Trains a sweep's runs by writing what a run leaves, without a network: a step costs a tenth of a second.
+
+  turns: (name, limit) in order; ends: after so many turns it is killed.
+  """
+
+  def __init__(self, out, cost=0.1, ends=None):
+    self.out, self.turns, self._cost, self._ends = out, [], cost, ends
+
+  def __call__(self, command):
+    folder = pathlib.Path(command[command.index("--workdir") + 1])
+    limit = float(next(one for one in command if "cpu_seconds" in one).partition("=")[2])
+    self.turns.append((str(folder.relative_to(self.out)), limit))
+    if folder.name == "whole":
+      assert f"--config.frozen.tokenizer={folder.with_name('part')}" in command
+    if len(self.turns) == self._ends:
+      return -9
+    step, spent = saver.progress(folder)
+    step += round((limit - spent) / self._cost)
+    (folder / "checkpoints" / str(step)).mkdir(parents=True)
+    saver.write_record(folder / "checkpoints" / str(step), {"memory": {"cpu_seconds": limit}})
+    (folder / "config.json").write_text(json.dumps({"train": {"num_steps": 10**6}}))
+    return 0
+
+
+STAGES = """def get_sweep(size='tiny'):
+  return {'one/all': ('mdm_denoiser:tiny', {}, 1.0),
+          'two/part': ('mld_vae:tiny', {}, 0.4),
+          'two/whole': ('mld_denoiser:tiny', {'frozen.tokenizer': '{two/part}'}, 0.6)}
+"""
+
+
+@pytest.fixture
+def stages(tmp_path, monkeypatch):
+  monkeypatch.delenv(sweep.TASK, raising=False)
+  (tmp_path / "stages.py").write_text(STAGES)
+  return tmp_path / "stages.py"
+
+
+def test_methods_take_turns_and_a_stage_waits_for_what_it_is_made_of(stages, tmp_path):
+  machine = Machine(tmp_path)
+  assert sweep.run(stages, tmp_path, [], machine, budget=10, slice=3) == 0
+  assert machine.turns == [("one/all", 3), ("two/part", 4), ("one/all", 6), ("two/whole", 3), ("one/all", 10),
+                           ("two/whole", 6)]  # a rest of less than half a slice is no turn of its own
+  assert sweep.run(stages, tmp_path, [], machine, budget=10, slice=3) == 0 and len(machine.turns) == 6
+  assert "| two/whole | {two/part} | step 60 of 1000000 |" in (tmp_path / "sweep.md").read_text()
+
+
+@pytest.mark.parametrize("ends", [1, 2, 4, 6])
+def test_a_sweep_that_is_killed_takes_the_same_turns(stages, tmp_path, ends):
+  killed, whole = Machine(tmp_path / "a", ends=ends), Machine(tmp_path / "b")
+  assert sweep.run(stages, tmp_path / "a", [], killed, budget=10, slice=3) == 137
+  rest = Machine(tmp_path / "a")
+  assert sweep.run(stages, tmp_path / "a", [], rest, budget=10, slice=3) == 0
+  sweep.run(stages, tmp_path / "b", [], whole, budget=10, slice=3)
+  assert killed.turns[:-1] + rest.turns == whole.turns
+
+
+def test_a_larger_budget_starts_again_what_is_made_of_a_stage_that_went_further(stages, tmp_path):
+  sweep.run(stages, tmp_path, [], Machine(tmp_path), budget=10)
+  assert saver.progress(tmp_path / "two/whole") == (60, 6.0)
+  machine = Machine(tmp_path)
+  assert sweep.run(stages, tmp_path, [], machine, budget=20, slice=20) == 0
+  assert machine.turns == [("one/all", 20), ("two/part", 8), ("two/whole", 12)]
+  assert saver.progress(tmp_path / "two/whole") == (120, 12.0)
+  assert saver.progress(tmp_path / "two/whole.6s") == (60, 6.0)
+
+
+def test_a_method_that_fails_or_stands_still_leaves_the_others(stages, tmp_path, capsys):
+  machine = Machine(tmp_path)
+  call = lambda command: 1 if "two/part" in " ".join(command) else machine(command)
+  assert sweep.run(stages, tmp_path, [], call, budget=10, slice=5) == 1
+  assert [name for name, _ in machine.turns] == ["one/all"] * 2
+  assert "1 of 3 runs failed: two/part" in capsys.readouterr().err
+  assert sweep.run(stages, tmp_path / "still", [], lambda command: 0, budget=10) == 1
+
+
+def test_a_task_of_an_array_has_a_method_of_a_budget(stages, tmp_path, monkeypatch):
+  monkeypatch.setenv(sweep.TASK, "1")
+  machine = Machine(tmp_path)
+  sweep.run(stages, tmp_path, [], machine, budget=10)
+  assert machine.turns == [("two/part", 4), ("two/whole", 6)]
+
+
+@pytest.mark.parametrize("runs, told", [
+    ("{'a/x': ('c', {}, 0.5), 'a/y': ('c', {}, 0.6)}", "got shares of 1.1 .* 'a', expected shares above 0 that add up"),
+    ("{'a/x': ('c', {'f': '{a/y}'}, 0.5), 'a/y': ('c', {}, 0.5)}", "'a/x' needs 'a/y', which comes later"),
+    ("{'a/b/c': ('c', {})}", "one named 'a/b/c'"), ("{'a/x': ('c', {}, 'much')}", "is not a sweep")])
+def test_stages_that_do_not_fit(tmp_path, runs, told):
+  (tmp_path / "bad.py").write_text(f"def get_sweep(): return {runs}")
+  with pytest.raises(InputError, match=told):
+    sweep.load(tmp_path / "bad.py")
