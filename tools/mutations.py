@@ -170,8 +170,9 @@ MUTATIONS = (
      "if name not in there)", ("tests/training/test_saver.py::test_every_flipped_bit_is_found",)),
     ("copied-state", "motion_jax/training/saver.py", "np.array(leaf) if whole(leaf)", "np.asarray(leaf) if whole(leaf)",
      ("tests/training/test_saver.py::test_a_state_is_saved_as_it_was_when_the_save_began",)),
-    ("sound-state", "motion_jax/training/saver.py", "if step % self._save_every == 0\n                and not memory_of",
-     "if not memory_of", ("tests/training/test_guards.py::test_slices_of_a_run_are_rolled_back_as_the_whole_one",)),
+    ("sound-state", "motion_jax/training/saver.py",
+     "if step % self._save_every == 0\n                and not memory_of", "if not memory_of", (
+         "tests/training/test_guards.py::test_slices_of_a_run_are_rolled_back_as_the_whole_one",)),
     ("lost-run", "motion_jax/training/guards.py", "lost |= self.streak >=", "lost = self.streak >=",
      ("tests/training/test_guards.py::test_slices_of_a_run_are_rolled_back_as_the_whole_one",)),
     ("other-batches", "motion_jax/training/guards.py", "return step + self.window * WINDOW", "return step",
