@@ -82,6 +82,10 @@ def captioned_data(**fields):
   return data(frames_per_latent=4, crop_frames=0, keep_long=False, shorten_rate=1 / 3) | fields
 
 
+# SnapMoGen's 296 numbers, clips as CMDM's own there (configs/cmdm_denoiser.py): of up to 320 frames, cut out of longer.
+SNAPMOGEN = dict(name="snapmogen", layout="snapmogen", min_frames=128, max_frames=320)
+
+
 def motion_errors():
   """Weights, in a tokenizer's or denoiser's section `loss`, of errors in how the decoded motion moves; 0: off, as in
   the papers.

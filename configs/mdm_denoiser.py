@@ -4,7 +4,7 @@
   ... --config mdm_denoiser:fast            50 steps, padding masked, averaged weights
   ... --config mdm_denoiser:words           the same, frames attending to words of DistilBERT
   ... --config mdm_denoiser:dip             DiP: 40 frames after 20, 10 steps
-  ... --config mdm_denoiser:kit             KIT's 251 numbers; essential: HumanML3D's first 67
+  ... --config mdm_denoiser:kit             KIT's 251 numbers; essential: HumanML3D's first 67; snapmogen: 296
   ... --config mdm_denoiser:small           on archives; laptop: fewer steps; tiny: two steps on procedural motion
 
 How sizes are written: docs/configs.md; here words are joined by "_": one of fast, words and dip, one of the data, and a
@@ -17,10 +17,16 @@ from motion_jax import paper_tables
 from motion_jax.configs import common
 
 SIZES = ("full", "small", "laptop", "tiny")
-DATA = {"kit": (251, dict(layout="full_kit", min_frames=24)), "essential": (67, dict(layout="essential"))}
+DATA = {"kit": (251, dict(layout="full_kit", min_frames=24)), "essential": (67, dict(layout="essential")),
+        "snapmogen": (296, common.SNAPMOGEN | dict(lengths=(320,), keep_long=True, shorten_rate=0.0))}
 KINDS = ("fast", "words", "dip")
 # Rows of the papers' tables, by what a name says beside its size.
-PRINTED = {"fast": {"cmdm 1": "MDM-50Steps", "cmdm 6": "MDM-50Step"}}
+PRINTED = {"": {"authors humanml3d": "MDM", "control 263-pelvis": "MDM"},
+           "fast": {"cmdm 1": "MDM-50Steps", "cmdm 6": "MDM-50Step", "cdamd 1": "MDM-50Step",
+                    "authors humanml3d": "MDM, 50 steps"},
+           "words": {"authors humanml3d": "MDM, words"}, "dip": {"authors humanml3d": "DiP"},
+           "essential": {"control 67-pelvis": "MDM"}, "fast essential": {"cmdm 6": "MDM-50Step"},
+           "kit": {"cdamd 2": "MDM"}, "snapmogen": {"cmdm 2": "MDM"}}
 
 
 def get_config(name="full"):
@@ -71,4 +77,4 @@ def get_config(name="full"):
     config.model.update(width=16, depth=1, num_heads=2, mlp_width=16, text_dim=32, num_steps=4)
     config.diffusion.num_steps = config.sampler.num_steps = 4
     common.tiny(config)
-  return paper_tables.with_rows(config, PRINTED.get(kind, {}) if not data else {}, exact=size == "full").lock()
+  return paper_tables.with_rows(config, PRINTED.get(f"{kind} {data}".strip(), {}), exact=size == "full").lock()

@@ -3,6 +3,7 @@
   motion-jax train --config mld_denoiser --workdir runs/mld --data HumanML3D --config.frozen.tokenizer=runs/mld_vae \
       --config.frozen.text=CLIP-LARGE-FOLDER
   ... --config mld_denoiser:kit             KIT's 251 numbers; 67: HumanML3D's first 67
+  ... --config mld_denoiser:v2              on MotionLCM's latents (docs/papers/mld.md#v2)
   ... --config mld_denoiser:small           on archives; laptop: fewer steps; tiny: two steps on procedural motion
 
 How sizes are written: docs/configs.md; as in kit_tiny with a size behind. `full` is the released code's configuration
@@ -13,17 +14,18 @@ Expected: none of these sizes but `tiny` has been run.
 from motion_jax import paper_tables
 from motion_jax.configs import common, mld_vae
 
-SIZES, DATA = mld_vae.SIZES, mld_vae.DATA
-PRINTED = {"": {"cmdm 6": "MLD"}}
+SIZES, DATA, KINDS = mld_vae.SIZES, mld_vae.DATA, mld_vae.KINDS
+PRINTED = {"": {"cmdm 6": "MLD", "authors humanml3d": "MLD"}, "67": {"cmdm 6": "MLD"}, "v2": {"cmdm 1": "MLD V2"}}
 
 
 def get_config(name="full"):
-  size, data = common.words_of(name, SIZES, DATA)
+  size, data, kind = common.words_of(name, SIZES, DATA, KINDS)
   config = common.experiment("mld.denoiser", seed=1234)
   config.frozen = dict(tokenizer="runs/mld_vae", text="clip-vit-large-patch14", text_level="sentence")
   vae = mld_vae.get_config(name)
   config.tokenizer = vae.model.to_dict()
-  config.model = dict(width=256, depth=9, num_heads=4, mlp_width=1024, text_dim=768, num_steps=1_000, dropout=0.1)
+  config.model = dict(width=256, depth=9, num_heads=4, mlp_width=1024, text_dim=768, num_steps=1_000, dropout=0.1,
+                      latent_width=config.tokenizer.latent_width)
   # predicts: the noise, or the clean latent, x1.
   config.diffusion = dict(num_steps=1_000, predicts="noise")
   config.loss = dict(drop_rate=0.1)
@@ -44,4 +46,6 @@ def get_config(name="full"):
     config.model.update(width=16, depth=3, num_heads=2, mlp_width=16, text_dim=32, num_steps=8)
     config.diffusion.num_steps, config.sampler.num_steps = 8, 4
     common.tiny(config)
-  return paper_tables.with_rows(config, PRINTED.get(data, {}), exact=size == "full").lock()
+  # What is known of V2 are numbers of its configuration, so it is not the printed model.
+  rows = PRINTED.get(f"{kind} {data}".strip(), {})
+  return paper_tables.with_rows(config, rows, exact=size == "full" and not kind).lock()

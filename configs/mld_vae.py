@@ -2,6 +2,7 @@
 
   motion-jax train --config mld_vae --workdir runs/mld_vae --data HumanML3D
   ... --config mld_vae:kit                  KIT's 251 numbers; 67: HumanML3D's first 67
+  ... --config mld_vae:v2                   MotionLCM's: 16 tokens of 32 numbers (docs/papers/mld.md#v2)
   ... --config mld_vae:small                on archives; laptop: fewer steps; tiny: two steps on procedural motion
 
 How sizes are written: docs/configs.md; as in kit_tiny with a size behind. `full` is the released code's configuration
@@ -13,19 +14,22 @@ from motion_jax.configs import common
 
 SIZES = ("full", "small", "laptop", "tiny")
 DATA = {"kit": (251, dict(layout="full_kit", min_frames=24)), "67": (67, dict(layout="essential"))}
+KINDS = ("v2",)
 
 
 def get_config(name="full"):
-  size, data = common.words_of(name, SIZES, DATA)
+  size, data, kind = common.words_of(name, SIZES, DATA, KINDS)
   config = common.experiment("mld.vae", seed=1234)
   config.frozen = dict()
   config.model = dict(features=263, width=256, num_tokens=1, depth=9, num_heads=4, mlp_width=1024, dropout=0.1,
-                      max_length=500)
+                      max_length=500, latent_width=0)
   config.loss = dict(features=1.0, joints=1.0, kl=1e-4)
   config.data = common.captioned_data(layout="full", batch_size=128, min_frames=40, max_frames=196,
                                       lengths=(64, 128, 196), balance=0.0)
   config.optimizer = common.optimizer(learning_rate=1e-4, weight_decay=0.01)
   config.train = common.epochs(6_000, log_every=100, num_saves=30)
+  if kind == "v2":
+    config.model.update(num_tokens=16, latent_width=32)
   if data:
     config.model.features = DATA[data][0]
     config.data.update(DATA[data][1])

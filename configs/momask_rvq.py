@@ -1,6 +1,7 @@
 """MoMask's RVQ-VAE: motion to six codes for every four frames.
 
   motion-jax train --config momask_rvq --workdir runs/momask_rvq --data HumanML3D
+  ... --config momask_rvq:snapmogen SnapMoGen's 296 numbers
   ... --config momask_rvq:kit      KIT's 21 joints; as in kit_tiny with a size behind
   ... --config momask_rvq:laptop   on archives, minutes on a laptop; tiny: two steps on procedural motion
 
@@ -12,11 +13,12 @@ Expected: `full` and `laptop` have not been run to their end.
 from motion_jax.configs import common
 
 # Columns, layout, the columns that count twice (joint positions), quantize dropout, epochs, batch, milestone factor.
-DATA = {"": (263, "full", (4, 67), 0.2, 50, 256, 0.05), "kit": (251, "full_kit", (4, 64), 0.5, 500, 512, 0.1)}
+DATA = {"": (263, "full", (4, 67), 0.2, 50, 256, 0.05), "kit": (251, "full_kit", (4, 64), 0.5, 500, 512, 0.1),
+        "snapmogen": (296, "snapmogen", (148, 220), 0.2, 50, 256, 0.05)}
 
 
 def get_config(size="full"):
-  data, size = common.data_and_size(size, ("kit",), ("full", "laptop", "tiny"))
+  data, size = common.data_and_size(size, ("kit", "snapmogen"), ("full", "laptop", "tiny"))
   features, layout, columns, drop_rate, epochs, batch_size, gamma = DATA[data]
   config = common.experiment("momask.rvq", seed=3407)
   config.frozen = dict()
@@ -31,6 +33,8 @@ def get_config(size="full"):
   config.optimizer = common.optimizer(learning_rate=2e-4, schedule="step", boundaries=(151_999, 251_999), gamma=gamma,
                                       warmup_steps=2_000, warmup="released", beta2=0.99)
   config.train = common.epochs(epochs, log_every=50, num_saves=10)
+  if data == "snapmogen":
+    config.data.update(name=data, feature_bias=0.0)
   if size == "laptop":
     config.model.update(latent_dim=64, width=96, dropout=0.0)
     config.quantizer.update(num_levels=4, num_codes=256)

@@ -14,7 +14,7 @@ from motion_jax import paper_tables
 from motion_jax.configs import common, motionstreamer_tokenizer
 
 SIZES, DATA = motionstreamer_tokenizer.SIZES, motionstreamer_tokenizer.DATA
-PRINTED = {"": {"cmdm 1": "MotionStreamer"}}
+PRINTED = {"": {"cmdm 1": "MotionStreamer", "cmdm speed": "MotionStreamer"}, "snapmogen": {"cmdm 2": "MotionStreamer"}}
 
 
 def get_config(name="full"):
@@ -38,6 +38,9 @@ def get_config(name="full"):
   config.sampler = dict(guidance_scale=4.0, num_steps=50)
   if data == "kit":
     config.data.min_frames = 24
+  if data == "snapmogen":
+    config.model.transformer.max_length = 82  # 80 latents, the one that ends a motion, the caption
+    config.data.update(common.SNAPMOGEN | dict(lengths=(320,), keep_long=True, shorten_rate=0.0))
   if size in ("small", "laptop"):
     config.frozen.text = "words"
     config.model.transformer.update(width=256, depth=6, num_heads=4, text_dim=384)

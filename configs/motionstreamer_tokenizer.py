@@ -13,7 +13,8 @@ from motion_jax.configs import common
 
 SIZES = ("full", "small", "laptop", "tiny")
 # Numbers a frame, layout.
-DATA = {"272": (272, "motionstreamer"), "263": (263, "full"), "kit": (251, "full_kit"), "67": (67, "essential")}
+DATA = {"272": (272, "motionstreamer"), "263": (263, "full"), "kit": (251, "full_kit"), "67": (67, "essential"),
+        "snapmogen": (296, "snapmogen")}
 
 
 def get_config(name="full"):
@@ -28,6 +29,8 @@ def get_config(name="full"):
   config.optimizer = common.optimizer(learning_rate=5e-5, schedule="step", boundaries=(1_901_000,), gamma=0.05,
                                       warmup_steps=1_000, beta2=0.99)
   config.train = common.train(2_001_000, log_every=200, save_every=20_000, sample_every=100_000)
+  if data == "snapmogen":
+    config.data.name = data
   if size in ("small", "laptop"):
     config.model.update(width=192)
     common.archives(config, stride=4)

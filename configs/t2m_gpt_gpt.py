@@ -3,6 +3,7 @@
   motion-jax train --config t2m_gpt_gpt --workdir runs/t2m_gpt --data HumanML3D --config.frozen.text=CLIP-FOLDER \
       --config.frozen.tokenizer=runs/t2m_gpt_vq
   ... --config t2m_gpt_gpt:kit      KIT's 21 joints; as in kit_tiny with a size behind
+  ... --config t2m_gpt_gpt:snapmogen SnapMoGen's 296 numbers
   ... --config t2m_gpt_gpt:laptop   on archives, minutes on a laptop; tiny: two steps on procedural motion
 
 How sizes are written: docs/configs.md. `full` is the released command (docs/papers/t2m_gpt.md#training): 228.4 M
@@ -10,11 +11,15 @@ parameters, batches of 128, 300,000 steps.
 
 Expected: `full` and `laptop` have not been run to their end.
 """
+from motion_jax import paper_tables
 from motion_jax.configs import common
+
+PRINTED = {"": {"cmdm 1": "T2M-GPT", "cmdm 6": "T2M-GPT", "authors humanml3d": "T2M-GPT"},
+           "kit": {"authors kit": "T2M-GPT"}, "snapmogen": {"cmdm 2": "T2M-GPT"}}
 
 
 def get_config(size="full"):
-  data, size = common.data_and_size(size, ("kit",), ("full", "laptop", "tiny"))
+  data, size = common.data_and_size(size, ("kit", "snapmogen"), ("full", "laptop", "tiny"))
   config = common.experiment("t2m_gpt.gpt", seed=123)
   config.frozen = dict(tokenizer="runs/t2m_gpt_vq", text="clip-vit-base-patch32", text_level="sentence")
   config.tokenizer = dict(features=263, latent_dim=512, width=512, num_halvings=2, dilations=(9, 3, 1), dropout=0.0,
@@ -32,6 +37,9 @@ def get_config(size="full"):
   if data == "kit":
     config.tokenizer.features, config.data.layout, config.data.min_frames = 251, "full_kit", 24
     config.loss.keep_rate = -1.0
+  if data == "snapmogen":
+    config.tokenizer.features, config.model.max_length = 296, 82  # 80 codes, the one that ends a motion, the caption
+    config.data.update(common.SNAPMOGEN | dict(feature_bias=0.0))
   if size == "laptop":
     config.frozen.text = "words"
     config.tokenizer.update(latent_dim=64, width=96)
@@ -47,4 +55,4 @@ def get_config(size="full"):
     config.quantizer.update(num_codes=8)
     config.model.update(num_codes=8, width=16, depth=2, num_heads=2, ff_width=16, text_dim=32)
     common.tiny(config, feature_bias=0.0)
-  return config.lock()
+  return paper_tables.with_rows(config, PRINTED[data], exact=size == "full").lock()

@@ -2,6 +2,7 @@
 
   motion-jax train --config t2m_gpt_vq --workdir runs/t2m_gpt_vq --data HumanML3D
   ... --config t2m_gpt_vq:kit      KIT's 21 joints; as in kit_tiny with a size behind
+  ... --config t2m_gpt_vq:snapmogen SnapMoGen's 296 numbers
   ... --config t2m_gpt_vq:laptop   on archives, minutes on a laptop; tiny: two steps on procedural motion
 
 How sizes are written: docs/configs.md. `full` is the released command (docs/papers/t2m_gpt.md#vq-vae): 19.4 M
@@ -11,11 +12,12 @@ Expected: `full` and `laptop` have not been run to their end.
 """
 from motion_jax.configs import common
 
-DATA = {"": (263, "full", (4, 67)), "kit": (251, "full_kit", (4, 64))}
+DATA = {"": (263, "full", (4, 67)), "kit": (251, "full_kit", (4, 64)),
+        "snapmogen": (296, "snapmogen", (148, 220))}
 
 
 def get_config(size="full"):
-  data, size = common.data_and_size(size, ("kit",), ("full", "laptop", "tiny"))
+  data, size = common.data_and_size(size, ("kit", "snapmogen"), ("full", "laptop", "tiny"))
   features, layout, columns = DATA[data]
   config = common.experiment("t2m_gpt.vq", seed=123)
   config.frozen = dict()
@@ -30,6 +32,8 @@ def get_config(size="full"):
   config.optimizer = common.optimizer(learning_rate=2e-4, schedule="step", boundaries=(200_999,), gamma=0.05,
                                       warmup_steps=1_000, warmup="released", beta2=0.99)
   config.train = common.train(300_999, log_every=100, save_every=20_000)
+  if data == "snapmogen":
+    config.data.update(name=data, feature_bias=0.0)
   if size == "laptop":
     config.model.update(latent_dim=64, width=96)
     config.quantizer.update(num_codes=256)

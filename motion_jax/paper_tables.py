@@ -16,6 +16,7 @@ _SECTIONS = ("stage", "model", "tokenizer", "prior", "quantizer", "loss")
 _SAMPLER = {"cmdm": ("schedule", "num_steps", "lag", "guidance_scale"),
             "cdamd": ("num_iterations", "order", "mask", "guidance_scale"),
             "mdm": ("num_steps", "guidance_scale"), "mld": ("num_steps", "guidance_scale"),
+            "momask": ("num_iterations", "guidance_scale", "residual_scale"), "t2m_gpt": ("draw", "temperature"),
             "motionstreamer": ("num_steps", "guidance_scale")}
 
 # The papers' own models, in all tables that print their numbers.

@@ -28,8 +28,9 @@ def positions(module: nn.Module, name: str, x: Float[Array, "b l d"], max_length
 
 
 class TokenEncoder(nn.Module):
-  """x (B, T, F), frame_mask (B, T) -> mean and log-variance (B, N, D) each, of N latents."""
+  """x (B, T, F), frame_mask (B, T) -> mean and log-variance (B, N, C) each, of N latents."""
   width: int
+  latent_width: int
   num_tokens: int
   stack: Any
   distribution: str
@@ -49,16 +50,19 @@ class TokenEncoder(nn.Module):
     y = positions(self, "positions", y, self.max_length, self.position_kind)
     y = SkipTransformer(**self.stack, dtype=self.dtype, name="layers")(y, frame_mask, items=items)
     y = y[:, :count]
+    if self.latent_width:
+      y = nn.Dense(self.latent_width, dtype=self.dtype, name="narrow")(y)
     if self.distribution == "linear":
-      y = nn.Dense(2 * self.width, dtype=self.dtype, name="distribution")(y)
+      y = nn.Dense(2 * y.shape[-1], dtype=self.dtype, name="distribution")(y)
       mean, logvar = jnp.split(y, 2, axis=-1)
       return mean, logvar
     return y[:, :self.num_tokens], y[:, self.num_tokens:]
 
 
 class TokenDecoder(nn.Module):
-  """z (B, N, D), frame_mask (B, T) -> features (B, T, F), 0 where not real; queries are the positions alone."""
+  """z (B, N, C), frame_mask (B, T) -> features (B, T, F), 0 where not real; queries are the positions alone."""
   features: int
+  width: int
   stack: Any
   attends: str
   position_kind: str
@@ -69,7 +73,9 @@ class TokenDecoder(nn.Module):
   def __call__(self, z: Float[Array, "b n d"], frame_mask: Bool[Array, "b t"], items: Int[Array, " b"] | None = None
                ) -> Float[Array, "b t f"]:
     count, z = z.shape[1], z.astype(self.dtype)
-    y: Array = jnp.zeros((*frame_mask.shape, z.shape[-1]), self.dtype)
+    if z.shape[-1] != self.width:
+      z = nn.Dense(self.width, dtype=self.dtype, name="widen")(z)
+    y: Array = jnp.zeros((*frame_mask.shape, self.width), self.dtype)
     stack = SkipTransformer(**self.stack, dtype=self.dtype, name="layers")
     if self.attends == "memory":
       y = positions(self, "positions", y, self.max_length, self.position_kind)
@@ -83,11 +89,11 @@ class TokenDecoder(nn.Module):
 
 
 class TokenVAE(nn.Module):
-  """MLD's VAE: x (B, T, F) normalized features of frame_mask (B, T) <-> z (B, num_tokens, width).
+  """MLD's VAE: x (B, T, F) normalized features of frame_mask (B, T) <-> z (B, num_tokens, latent_dim).
 
   distribution: where mean and log-variance come from, tokens of their own or one "linear" layer. decoder: frames attend
   to z as to a "memory", or stand behind it in a sequence of an "encoder". positions: "learned" or "sines". The released
-  models have the first of each.
+  models have the first of each. latent_width: numbers of a latent, through a linear layer on either side; 0: width.
   """
   features: int = 263
   width: int = 256
@@ -100,6 +106,7 @@ class TokenVAE(nn.Module):
   decoder: str = "memory"
   position_kind: str = "learned"
   max_length: int = 500  # of learned positions, those of the tokens among them
+  latent_width: int = 0
   dtype: Any = jnp.float32
 
   def setup(self) -> None:
@@ -110,16 +117,17 @@ class TokenVAE(nn.Module):
     stack = dict(depth=self.depth, num_heads=self.num_heads, mlp_width=self.mlp_width, dropout=self.dropout)
     shared: dict[str, Any] = dict(stack=stack, position_kind=self.position_kind, max_length=self.max_length,
                                   dtype=self.dtype)
-    self.to_latent = TokenEncoder(self.width, self.num_tokens, distribution=self.distribution, **shared, name="encoder")
-    self.to_motion = TokenDecoder(self.features, attends=self.decoder, **shared, name="decoder")
+    self.to_latent = TokenEncoder(self.width, self.latent_width, self.num_tokens, distribution=self.distribution,
+                                  **shared, name="encoder")
+    self.to_motion = TokenDecoder(self.features, self.width, attends=self.decoder, **shared, name="decoder")
 
   @property
   def latent_dim(self) -> int:
-    return self.width
+    return self.latent_width or self.width
 
   def encode(self, x: Float[Array, "b t f"], frame_mask: Bool[Array, "b t"] | None = None,
              items: Int[Array, " b"] | None = None) -> Gaussian:
-    """-> mean and log-variance (B, num_tokens, width)."""
+    """-> mean and log-variance (B, num_tokens, latent_dim)."""
     return self.to_latent(x, frame_mask, items)
 
   def decode(self, z: Float[Array, "b n d"], frame_mask: Bool[Array, "b t"], items: Int[Array, " b"] | None = None
@@ -139,7 +147,7 @@ class TokenDenoiser(nn.Module):
   """MLD's: z (B, N, D) noisy latents at steps t (B,), text_emb (B, S, E) -> the noise, or what it learned, (B, N, D).
 
   With `features` it is the variant without a VAE: x (B, T, features) -> (B, T, features), frames attending to time and
-  words. time_dim is the width of the time's sinusoids; the released code takes that of the text.
+  words. latent_width: numbers of a latent, through a linear layer on either side; 0: width, and no layers.
   """
   width: int = 256
   depth: int = 9
@@ -150,6 +158,7 @@ class TokenDenoiser(nn.Module):
   num_steps: int = 1000
   dropout: float = 0.1
   max_length: int = 500
+  latent_width: int = 0
   dtype: Any = jnp.float32
 
   def setup(self) -> None:
@@ -175,8 +184,11 @@ class TokenDenoiser(nn.Module):
                                  dtype=self.dtype)
     place = lambda name, y: positions(self, name, y, self.max_length)
     if not self.features:
+      if self.latent_width:
+        z = nn.Dense(self.width, dtype=self.dtype, name="widen")(z)
       y = place("positions", jnp.concatenate([z, tokens], axis=1))
-      return SkipTransformer(self.depth, **sizes, name="layers")(y, items=items)[:, :z.shape[1]]
+      y = SkipTransformer(self.depth, **sizes, name="layers")(y, items=items)[:, :z.shape[1]]
+      return nn.Dense(self.latent_width, dtype=self.dtype, name="narrow")(y) if self.latent_width else y
     y = place("positions", nn.Dense(self.width, dtype=self.dtype, name="x_in")(z))
     memory = place("memory_positions", tokens)
     for i in range(self.depth):

@@ -33,7 +33,7 @@ SIZES = {  # all that can be written behind a config's colon, but the words of c
                         "tiny", "mardm_small", "mardm_mini", "mardm_tiny", "mardm_snapmogen_tiny", "kit_small"],
     "cdamd_length": ["full", "kit", "small", "laptop", "tiny"],
     **dict.fromkeys(("momask_rvq", "momask_masked", "momask_residual", "t2m_gpt_vq", "t2m_gpt_gpt"),
-                    ["full", "kit", "laptop", "tiny", "kit_laptop", "kit_tiny"]),
+                    ["full", "kit", "snapmogen", "laptop", "tiny", "kit_laptop", "kit_tiny", "snapmogen_tiny"]),
     "evaluator_movement": ["full", "66", "67", "kit", "64", "63", "small", "laptop", "tiny"],
     "evaluator_matching": ["full", "66", "67", "kit", "64", "63", "small", "laptop", "tiny"],
     "evaluator_clip": ["67", "66", "full", "kit", "64", "63", "small", "laptop", "tiny"],
@@ -140,6 +140,10 @@ FACTS = {
     **{(f"momask_{name}", size): MOMASK | ({} if size == "full" else {
         "optimizer.boundaries": (20_000,), "data.batch_size": 16, "data.min_frames": 24})
        for name in ("masked", "residual") for size in ("full", "kit")},
+    ("momask_rvq", "snapmogen"): MOMASK_RVQ | {"data.feature_bias": 0.0},
+    **{(f"momask_{name}", "snapmogen"): MOMASK | {"data.min_frames": 128, "data.max_frames": 320,
+                                                  "data.keep_long": True, "data.feature_bias": 0.0}
+       for name in ("masked", "residual")},
     ("cdamd_length", "full"): {"train.num_epochs": 300, "data.batch_size": 64, "optimizer.learning_rate": 1e-4,
                                "optimizer.clip_norm": 0.5, "data.min_frames": 40},  # cdamd.md#length
     ("cdamd_length", "kit"): {"train.num_epochs": 300, "data.batch_size": 64, "data.min_frames": 24},

@@ -64,7 +64,8 @@ def traced_training(config, workdir, stage, next_batch, frozen, *_):
     chain(MOMASK), on("kit", MOMASK), chain(T2M_GPT), on("kit", T2M_GPT),
     chain(MLD), on("kit", MLD), chain(MOTIONSTREAMER), on("kit", MOTIONSTREAMER), on("272", MOTIONSTREAMER),
     chain(MDM), chain(MDM, mdm_denoiser="kit"), chain(MDM, mdm_denoiser="dip_kit"),
-    chain(MDM, mdm_denoiser="words_essential"),
+    chain(MDM, mdm_denoiser="words_essential"), on("v2", MLD),
+    *(on("snapmogen", stages) for stages in (MOMASK, T2M_GPT, MDM, MOTIONSTREAMER)),
     chain(EVALUATOR)])
 def test_each_stage_takes_the_runs_of_those_before_it(stages, sizes, tmp_path, monkeypatch):
   monkeypatch.setattr(fit.loop, "train", traced_training)

@@ -87,7 +87,8 @@ class PaperTable:
 
 @functools.cache
 def paper_tables() -> dict[tuple[str, str], PaperTable]:
-  """All printed tables, {(system, table): PaperTable}; system is "cmdm" or "cdamd", table its number: "1", "2", ..
+  """All printed tables, {(system, table): PaperTable}; system is "cmdm" or "cdamd", table its number: "1", "2", ..; or
+  "authors", of the further methods, each row from its own paper; or "control".
 
   CMDM's Table 3 is two, "3-humanml3d" and "3-snapmogen"; "speed" holds the timings that its text states.
   """

@@ -89,7 +89,7 @@ def round_trip(fields: dict[str, Any], config: Any) -> RoundTrip:
 
 
 def _generate(net, vae, plan, params, vae_params, text_emb, no_text_emb, real, scale, keys):
-  shape = (vae.num_tokens, vae.width)
+  shape = (vae.num_tokens, vae.latent_dim)
   draw = lambda m: jax.vmap(lambda key: jax.random.normal(jax.random.fold_in(key, m), shape))(keys)
   text_emb = jnp.asarray(text_emb)
   without = jnp.broadcast_to(no_text_emb[None], text_emb.shape)

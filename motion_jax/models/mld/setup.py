@@ -44,9 +44,10 @@ def vae(config: ConfigDict) -> TrainingSetup:
 
 
 def denoiser(config: ConfigDict) -> TrainingSetup:
-  if config.model.width != config.tokenizer.width:
-    raise InputError(f"got model.width = {config.model.width}, the latents of config.tokenizer have "
-                     f"{config.tokenizer.width} numbers; make them agree")
+  latent_dim = TokenVAE(**module_fields(config.tokenizer)).latent_dim
+  if (config.model.get("latent_width") or config.model.width) != latent_dim:
+    raise InputError(f"got model.width = {config.model.width}, the latents of config.tokenizer have {latent_dim} "
+                     "numbers; make them agree, or say so by model.latent_width")
   params, stats = load_vae(config.frozen.tokenizer, config)
   data = sources.load_features(config.data, stats=stats)
   encoder = text_encoder(config, config.model.text_dim)

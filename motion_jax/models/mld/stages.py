@@ -24,7 +24,7 @@ def vae_stage(config: ConfigDict) -> Stage:
   std of the features."""
   plain, layout = TokenVAE(**config.model), get_layout(config.data.layout)
   net, weights = mixed_precision(plain, config), {name: config.loss[name] for name in ("features", "joints", "kl")}
-  shape = (plain.num_tokens, plain.width)
+  shape = (plain.num_tokens, plain.latent_dim)
 
   def init(batch, rng):
     x = jnp.asarray(batch["features"][:1])
@@ -59,7 +59,7 @@ def denoiser_stage(config: ConfigDict) -> Stage:
   index (B,). frozen: `VAE`, and `NO_CAPTION` (1, E)."""
   plain, vae = TokenDenoiser(**config.model), TokenVAE(**config.tokenizer)
   net, schedule = mixed_precision(plain, config), ddpm.scaled_linear_schedule(config.diffusion.num_steps)
-  shape = (vae.num_tokens, vae.width)
+  shape = (vae.num_tokens, vae.latent_dim)
 
   def init(batch, rng):
     params = plain.init(rng, jnp.zeros((1, *shape)), jnp.zeros(1, int), batch["text_emb"][:1])
@@ -89,14 +89,14 @@ def denoiser_stage(config: ConfigDict) -> Stage:
 
 def vae_shapes(vae: TokenVAE) -> Any:
   """Shapes of the VAE's parameters."""
-  x, noise = jnp.zeros((1, 2, vae.features)), jnp.zeros((1, vae.num_tokens, vae.width))
+  x, noise = jnp.zeros((1, 2, vae.features)), jnp.zeros((1, vae.num_tokens, vae.latent_dim))
   return jax.eval_shape(lambda: vae.init(jax.random.key(0), x, noise, jnp.ones((1, 2), bool)))
 
 
 def denoiser_shapes(net: TokenDenoiser, num_tokens: int) -> Any:
   """Shapes of the denoiser's parameters."""
-  return jax.eval_shape(lambda: net.init(jax.random.key(0), jnp.zeros((1, num_tokens, net.width)), jnp.zeros(1, int),
-                                         jnp.zeros((1, 1, net.text_dim))))
+  return jax.eval_shape(lambda: net.init(jax.random.key(0), jnp.zeros((1, num_tokens, net.latent_width or net.width)),
+                                         jnp.zeros(1, int), jnp.zeros((1, 1, net.text_dim))))
 
 
 def frozen_shapes(vae: TokenVAE, text_dim: int) -> dict[str, Any]:
