@@ -99,7 +99,8 @@ def test_a_row_goes_with_its_like(protocol, one, part, rows):
 BASELINES = {"GT", "MMM", "MoMask++", "MDM-SMPL", "MDM-SMPL w/ DiffCollage", "MDM-SMPL w/ STMC", "MotionLCM V2",
              "StableMoFusion", "EnergyMoGen", "SALAD", "MotionDiffuse", "ReMoDiffuse", "BAMM", "ACMDM-S-PS22",
              "FlowMDM", "MARDM", "PriorMDM", "GMD", "OmniControl", "TLControl", "MaskControl", "ProjFlow",
-             "MoTok-DDM-4", "MoTok-DDM-4 (RandomOne)", "MotionLCM V2+CtrlNet", "ACMDM-S+CtrlNet", "ACMDM-S+DNO", "DiP, target"}
+             "MoTok-DDM-4", "MoTok-DDM-4 (RandomOne)", "MotionLCM V2+CtrlNet", "ACMDM-S+CtrlNet", "ACMDM-S+DNO",
+             "DiP, target"}
 BASELINES |= {f"{task}: BAMM" for task in masking.TASKS}
 
 
