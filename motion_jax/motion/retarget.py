@@ -43,7 +43,7 @@ def retarget(joints: Num[Array, "*shape"], skeleton: Skeleton = HUMANML3D, feet:
   hips = [leg[0] for leg in legs]
   result += (source[:, hips] - result[:, hips]).mean(1, keepdims=True)
   if feet:
-    moves = [_foot_move(source, result, leg, skeleton.unit) for leg in legs]
+    moves = [foot_move(source, result, leg, skeleton.unit) for leg in legs]
     # Another foot height lifts or lowers the whole body once, instead of bending the knees.
     lift = np.median([move[:, 1] for move in moves])
     result[..., 1] += lift
@@ -116,7 +116,7 @@ def with_lengths(source: Float[A, "*lead t j 3"], skeleton: Skeleton) -> Float[A
   return xp.stack([joints[joint] for joint in range(skeleton.num_joints)], axis=-2)
 
 
-def _foot_move(source: Float[np.ndarray, "t j 3"], result: Float[np.ndarray, "t j 3"], leg: Sequence[int], unit: float
+def foot_move(source: Float[np.ndarray, "t j 3"], result: Float[np.ndarray, "t j 3"], leg: Sequence[int], unit: float
                ) -> Float[np.ndarray, "t 3"]:
   """How an ankle should differ from the scaled source's, (T, 3), so that neither ankle nor toes slide on the floor.
 

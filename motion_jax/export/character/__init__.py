@@ -1,0 +1,106 @@
+"""Animate a user's own rigged character: a .glb, .gltf or .vrm file comes back with further animations.
+
+Mesh, materials, textures, morph targets and the animations that it has keep their bytes: the file's JSON gets an
+animation more, and its buffer the keys behind what is there.
+"""
+import pathlib
+
+import numpy as np
+
+from motion_jax.data.mocap.files import read_mapping
+from motion_jax.data.mocap.gltf import ENDINGS, take_apart
+from motion_jax.export.character.figure import Figure, read_figure
+from motion_jax.export.character.posing import Posed, pose_figure
+from motion_jax.motion import rotations as rot
+from motion_jax.motion.skeleton import HUMANML3D
+from motion_jax.utils.errors import InputError
+
+OUTPUTS = (".glb", ".vrm")
+_MOVED = 1e-3  # of a leg: a bone that moves further from what it hangs on gets keys of its place
+
+
+def check_character(file, mapping=None) -> Figure:
+  """The character of a file, or an InputError that states what is wrong with it."""
+  file = pathlib.Path(file)
+  if file.suffix.lower() not in ENDINGS:
+    advice = "; Blender converts it: File, Import, then File, Export, glTF 2.0" * (file.suffix.lower() == ".fbx")
+    raise InputError(f"got the character {file.name!r}, expected a file that ends in {', '.join(ENDINGS)}{advice}")
+  return read_figure(file, read_mapping(mapping))
+
+
+def character(clips, path, file, mapping=None, t_pose=False) -> pathlib.Path:
+  """Writes the character of `file` with one more animation for each clip (or one clip), named by its caption.
+
+  path: .glb or .vrm. mapping: {joint of HumanML3D: bone's name}, a dict or a JSON file, for bones whose names are not
+  known (`motion.bones`). t_pose: the first frame is a T-pose. Raises InputError for a file that is no rigged character.
+  """
+  path = pathlib.Path(path)
+  if path.suffix.lower() not in OUTPUTS:
+    raise InputError(f"got {path.name!r} for a character, expected a file that ends in {' or '.join(OUTPUTS)}")
+  clips = list(clips) if isinstance(clips, list | tuple) else [clips]
+  for clip in clips:
+    if clip.skeleton is not HUMANML3D:
+      raise InputError(f"got a motion of skeleton {clip.skeleton.name!r} for a character, expected HumanML3D's 22 joints")
+  figure = check_character(file, mapping)
+  for clip in clips:
+    _add(figure, pose_figure(figure, clip, t_pose), clip)
+  return figure.document.write(path)
+
+
+def _add(figure, posed: Posed, clip):
+  """Adds an animation to the character's document."""
+  document, frames = figure.document, len(posed.turned)
+  times = document.add((np.arange(frames) / clip.fps)[:, None], "SCALAR", bounds=True)
+  samplers, channels = [], []
+
+  def add(node, kind, values, shape):
+    samplers.append({"input": times, "output": document.add(values, shape), "interpolation": "LINEAR"})
+    channels.append({"sampler": len(samplers) - 1, "target": {"node": node, "path": kind}})
+
+  for node, moved, turned in _local(figure, posed):
+    if moved is not None:
+      add(node, "translation", moved, "VEC3")
+    add(node, "rotation", rot.continuous(turned)[:, [1, 2, 3, 0]], "VEC4")
+  animations = document.json.setdefault("animations", [])
+  caption = clip.captions[0].text if clip.captions else clip.id
+  about = {"fps": float(clip.fps)} | ({"license": clip.license} if clip.license else {})
+  animations.append({"name": _unused(caption, animations), "samplers": samplers, "channels": channels, "extras": about})
+
+
+def _unused(name, animations):
+  """The name, with a number behind it if an animation has it already."""
+  there = {one.get("name") for one in animations if isinstance(one, dict)}
+  return name if name not in there else next(f"{name} {number}" for number in range(2, len(there) + 3)
+                                             if f"{name} {number}" not in there)
+
+
+def _local(figure, posed):
+  """(node, places (T, 3) or None, rotations (T, 4)) of each bone, relative to the node that it hangs on in the file."""
+  document = figure.document
+  rest = document.world(*document.rest())
+  turned = rot.multiply(figure.out[None, None], posed.turned)
+  places = rot.rotate(figure.out[None, None], posed.places) * figure.scale + figure.origin
+  bone_of = {node: bone for bone, node in enumerate(figure.nodes)}
+  for bone, node in enumerate(figure.nodes):
+    above = document.parents[node]
+    base = above
+    while base >= 0 and base not in bone_of:
+      base = document.parents[base]
+    # The node above, which stands still or is carried by the bone `base`: world = lead @ relative.
+    relative = rest[above] if above >= 0 else np.eye(4)
+    lead_turned, lead_place = np.array([[1.0, 0, 0, 0]]), np.zeros((1, 3))
+    if base >= 0:
+      anchor, held, _ = take_apart(rest[base])
+      lead_turned = rot.multiply(turned[:, bone_of[base]], rot.conjugate(held)[None])
+      lead_place = places[:, bone_of[base]] - rot.rotate(lead_turned, anchor[None])
+    _, still, _ = take_apart(relative)
+    local = rot.multiply(rot.conjugate(rot.multiply(lead_turned, still[None])), turned[:, bone])
+    inner = rot.rotate(rot.conjugate(lead_turned), places[:, bone] - lead_place)
+    moved = np.einsum("ij,tj->ti", np.linalg.inv(relative), np.concatenate([inner, np.ones((len(inner), 1))], 1))[:, :3]
+    own = np.linalg.inv(relative) @ rest[node, :, 3]
+    size = np.linalg.norm(np.linalg.inv(relative)[:3, 0]) * figure.scale
+    stays = base >= 0 and np.abs(moved - own[:3]).max() < _MOVED * size
+    yield node, None if stays else moved, rot.unit(local)
+
+
+__all__ = ["character", "check_character"]

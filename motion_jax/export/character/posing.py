@@ -1,0 +1,149 @@
+"""Put a motion on a character: every bone turns as its counterpart does, seen from a T-pose that both share.
+
+Rotations are those of the world, corrected by the rest poses: world = motion * correction * rest, where the correction
+brings the character's limbs at rest onto those of the motion's T-pose (its feet only about the vertical). So neither
+the roll of bones nor an A-pose matters. The legs then reach the feet's places by `retarget.bend_leg`: a foot that
+stands keeps standing, whatever the character's proportions.
+"""
+import dataclasses
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from motion_jax.export.character.figure import Figure
+from motion_jax.export.rig import rigged
+from motion_jax.motion import rotations as rot
+from motion_jax.motion.joint_names import SIDES
+from motion_jax.motion.pose import pose_to_joints
+from motion_jax.motion.retarget import bend_leg, floor_height, foot_move
+from motion_jax.motion.skeleton import HUMANML3D
+
+_LINES = {"shoulder": "elbow", "elbow": "wrist", "hip": "knee", "knee": "ankle"}  # the next joint of a limb
+_TURNS_WITH = {"wrist": "elbow", "foot": "ankle"}
+_FLOOR_PERCENTILE = 5  # of the lower sole's height over the clip, as in `retarget`
+
+
+class Posed(NamedTuple):
+  """The M bones of a character in its own frame and size (`Figure`), over T frames."""
+  turned: Float[np.ndarray, "t m 4"]   # world rotations
+  places: Float[np.ndarray, "t m 3"]
+
+
+def pose_figure(figure: Figure, clip, t_pose: bool = False) -> Posed:
+  """A clip of HumanML3D's 22 joints on a character. t_pose: one more frame before it, of the T-pose."""
+  pose, skeleton = rigged(clip), HUMANML3D
+  joints = pose_to_joints(pose, skeleton)
+  turned, size = pose.turned, skeleton.bone_lengths[[4, 7, 5, 8]].sum() / np.linalg.norm(
+      pose.offsets[[4, 7, 5, 8]], axis=-1).sum()
+  joints = joints * size  # a clip of a child, or of a giant, on legs of the usual length
+  fixed = corrections(figure, pose.offsets)
+  turns = _follow(figure, turned, fixed)
+  joints[..., 1] -= floor_height(joints, skeleton)
+  places = _forward(figure, turns)
+  hips = lambda at: at[:, [figure.parts["left_hip"], figure.parts["right_hip"]]].mean(1)
+  places += (joints[:, list(skeleton.hips)].mean(1) - hips(places))[:, None]
+  turns, places = _stand(figure, joints, turns, places, pose.offsets * size)
+  if t_pose:
+    still = _follow(figure, np.tile([1.0, 0, 0, 0], (1, skeleton.num_joints, 1)), fixed)
+    at = _forward(figure, still)
+    at += np.array([1, 0, 1]) * (places[:1, :1] - at[:, :1])
+    at[..., 1] -= _sole_height(figure, still, at)[0]
+    turns, places = np.concatenate([still, turns]), np.concatenate([at, places])
+  return Posed(turns, places)
+
+
+def corrections(figure: Figure, offsets: Float[np.ndarray, "j 3"]) -> Float[np.ndarray, "j 4"]:
+  """How each joint's bone turns from the character's reference pose to the T-pose of offsets (22, 3)."""
+  skeleton, parts = HUMANML3D, figure.parts
+  found = np.tile([1.0, 0, 0, 0], (skeleton.num_joints, 1))
+  of = {name: number for number, name in enumerate(skeleton.joints)}
+  for side in SIDES:
+    for limb in (("hip", "knee"), ("shoulder", "elbow")):
+      turn = np.array([1.0, 0, 0, 0])
+      for joint in limb:
+        here, after = f"{side}_{joint}", f"{side}_{_LINES[joint]}"
+        bone, goal = figure.places[parts[after]] - figure.places[parts[here]], offsets[of[after]]
+        if np.linalg.norm(bone) > 1e-6:
+          turn = rot.multiply(rot.between(rot.unit(rot.rotate(turn, bone)), rot.unit(goal)), turn)
+        found[of[here]] = turn
+    if f"{side}_foot" in parts:
+      foot = figure.places[parts[f"{side}_foot"]] - figure.places[parts[f"{side}_ankle"]]
+      goal = offsets[of[f"{side}_foot"]]
+      angle = lambda v: np.arctan2(v[0], v[2])
+      if np.hypot(foot[0], foot[2]) > 0.3 * np.linalg.norm(foot):
+        found[of[f"{side}_ankle"]] = rot.about_axis(np.array(angle(goal) - angle(foot)), "y")
+    for joint, other in _TURNS_WITH.items():
+      found[of[f"{side}_{joint}"]] = found[of[f"{side}_{other}"]]
+  return found
+
+
+def _follow(figure, turned, fixed):
+  """World rotations (T, M, 4) of the bones, from those of the motion (T, 22, 4) and the corrections (22, 4)."""
+  of = {name: number for number, name in enumerate(HUMANML3D.joints)}
+  motion = rot.multiply(turned, fixed[None])
+  result = np.empty((len(turned), len(figure.nodes), 4))
+  for joint, bone in figure.parts.items():
+    result[:, bone] = motion[:, of[joint]]
+  for bones, keys, last in ((figure.bones.spine, ("spine1", "spine2", "spine3"), True),
+                            (figure.bones.neck, ("neck", "head"), False)):
+    count = len(bones)
+    at = np.linspace(0, len(keys) - 1, count + (not last))[:count] if count > 1 or not last else [len(keys) - 1]
+    for bone, place in zip(bones, at):
+      first = min(int(place), len(keys) - 2)
+      result[:, bone] = rot.slerp(motion[:, of[keys[first]]], motion[:, of[keys[first + 1]]], place - first)
+  return rot.multiply(result, figure.turned[None])
+
+
+def _forward(figure, turns):
+  """Places (T, M, 3) of the bones, the pelvis at the origin."""
+  places = np.zeros((*turns.shape[:2], 3))
+  for bone, parent in enumerate(figure.parents):
+    if parent >= 0:
+      places[:, bone] = places[:, parent] + rot.rotate(turns[:, parent], figure.offsets[bone][None])
+  return places
+
+
+def _stand(figure, joints, turns, places, offsets):
+  """Rotations and places after the feet have gone where the motion's stand, the soles on the floor."""
+  skeleton, parts = HUMANML3D, figure.parts
+  lengths = skeleton.bone_lengths.copy()
+  result, legs = joints.copy(), [chain[1:] for chain in skeleton.chains[:2]]
+  for leg in legs:
+    names = [skeleton.joints[joint] for joint in leg]
+    for joint, name in zip(leg, names):
+      if name in parts:
+        result[:, joint] = places[:, parts[name]]
+    for joint, name, above in zip(leg[1:3], names[1:3], names[:2]):
+      lengths[joint] = np.linalg.norm(figure.offsets[parts[name]])
+    if names[3] not in parts:  # toes where the motion's T-pose has them
+      turn = rot.multiply(turns[:, parts[names[2]]], rot.conjugate(figure.turned[parts[names[2]]])[None])
+      result[:, leg[3]] = result[:, leg[2]] + rot.rotate(turn, offsets[leg[3]][None])
+  body = dataclasses.replace(skeleton, bone_lengths=lengths)
+  # In height a foot keeps its own distance from the floor: at rest toes of the character are higher, or lower.
+  high = np.mean([figure.places[parts[name], 1] for name in ("left_foot", "right_foot") if name in parts] or [0.0])
+  moves = [foot_move(joints, result, leg, 1.0) for leg in legs]
+  for move in moves:
+    move[:, 1] += high
+  lift = np.median([move[:, 1] for move in moves])
+  result[..., 1] += lift
+  turns, places = turns.copy(), places + [0, lift, 0]
+  for leg, move in zip(legs, moves):
+    bend_leg(joints, result, leg, move, body)
+    for joint, after in zip(leg[:2], leg[1:3]):
+      bone, below = parts[skeleton.joints[joint]], parts[skeleton.joints[after]]
+      now = rot.unit(rot.rotate(turns[:, bone], figure.offsets[below][None]))
+      goal = rot.unit(result[:, after] - result[:, joint])
+      turns[:, bone] = rot.unit(rot.multiply(rot.between(now, goal), turns[:, bone]))
+  root = places[:, :1] + 0
+  places = _forward(figure, turns)
+  places += root - places[:, :1]
+  low = np.percentile(_sole_height(figure, turns, places), _FLOOR_PERCENTILE)
+  places[..., 1] -= low
+  return turns, places
+
+
+def _sole_height(figure, turns, places):
+  """The height (T,) of the lowest point of both soles."""
+  return np.min([(places[:, bone, None] + rot.rotate(turns[:, bone, None], points[None]))[..., 1].min(1)
+                 for bone, points in figure.soles.items()], axis=0)
