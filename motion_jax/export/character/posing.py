@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from motion_jax.export.character.figure import Figure
+from motion_jax.export.character.neutral import eased, is_own
 from motion_jax.export.rig import rigged
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.joint_names import SIDES
@@ -38,6 +39,8 @@ def pose_figure(figure: Figure, clip, t_pose: bool = False) -> Posed:
       pose.offsets[[4, 7, 5, 8]], axis=-1).sum()
   joints = joints * size  # a clip of a child, or of a giant, on legs of the usual length
   fixed = corrections(figure, pose.offsets)
+  if not _is_own(figure, pose.offsets * size, fixed):
+    turned = eased(turned, joints, pose.offsets, clip.fps)
   turns = _follow(figure, turned, fixed)
   joints[..., 1] -= floor_height(joints, skeleton)
   places = _forward(figure, turns)
@@ -76,6 +79,18 @@ def corrections(figure: Figure, offsets: Float[np.ndarray, "j 3"]) -> Float[np.n
     for joint, other in _TURNS_WITH.items():
       found[of[f"{side}_{joint}"]] = found[of[f"{side}_{other}"]]
   return found
+
+
+def _is_own(figure, offsets, fixed):
+  """Whether the character is of the motion's own skeleton: in the T-pose its joints are where that has them."""
+  at = _forward(figure, _follow(figure, np.tile([1.0, 0, 0, 0], (1, HUMANML3D.num_joints, 1)), fixed))[0]
+  bones = figure.parts | dict(zip(("spine1", "spine2", "spine3"), figure.bones.spine)) | dict(
+      zip(("neck",), figure.bones.neck))
+  places = np.zeros((HUMANML3D.num_joints, 3))
+  known = {joint: HUMANML3D.joints.index(joint) for joint in bones}
+  for joint, number in known.items():
+    places[number] = at[bones[joint]]
+  return len(figure.bones.spine) == 3 and len(figure.bones.neck) == 1 and is_own(places, offsets, list(known.values()))
 
 
 def _follow(figure, turned, fixed):
