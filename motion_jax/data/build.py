@@ -68,9 +68,12 @@ def read_captures(folder, captions=None, mapping=None, fps=20.0, progress=False,
   stems = collections.defaultdict(list)
   for name in files:
     stems[name.rsplit(".", 1)[0]].append(name)
-  rows, unknown = {}, []
+  rows, unknown, named_clips = {}, [], set()
   for row in table:
     key = row["file"].replace("\\", "/").removeprefix("./")
+    if "#" in key and key not in files and (file := key.rpartition("#")[0]) in files:  # one clip of several in a file
+      files[key] = files[file].with_name(f"{files[file].name}#{key.rpartition('#')[2]}")
+      named_clips.add(file)
     found = [key] if key in files else stems.get(key, ())
     if len(found) > 1:
       raise InputError(f"the captions name {key!r}, which may be {named(found)}; give the file's whole name")
@@ -92,7 +95,7 @@ def read_captures(folder, captions=None, mapping=None, fps=20.0, progress=False,
         files[name], name, faults, mapping=mapping, fps=fps, source_fps=source_fps, id=_id(name), split="".join(splits),
         captions=tuple(Caption(row["caption"], row["start"], row["end"]) for row in own),
         source=first["source"] or folder.resolve().name, license=first["license"]))
-  return [clip for clip in clips if clip is not None], sorted(set(files) - set(rows))
+  return [clip for clip in clips if clip is not None], sorted(set(files) - set(rows) - named_clips)
 
 
 def read_captions(path) -> list[dict]:

@@ -12,6 +12,7 @@ from collections.abc import Callable
 
 from motion_jax.data.clip import Clip
 from motion_jax.export.bvh import bvh
+from motion_jax.export.character import character, check_character
 from motion_jax.export.fbx import fbx, find_blender
 from motion_jax.export.files import READERS, load, npy, npz
 from motion_jax.export.glb import glb
@@ -25,7 +26,7 @@ from motion_jax.motion.skeleton import HUMANML3D, SNAPMOGEN
 from motion_jax.motion.transfer import to_22
 from motion_jax.utils.plugins import Registry
 
-_TOGETHER = (html, strip)  # several clips share one file
+_TOGETHER = (html, strip, character)  # several clips share one file
 _ANY_FIGURE = (npz, npy, csv, trc, c3d)  # the others draw or store bodies of joints whose names they know
 
 
@@ -37,8 +38,8 @@ def amass(clip, path, pelvis_offset=(0.0, 0.0, 0.0)) -> pathlib.Path:
 
 # {extension: writer(clip, path, **options) -> path}, and those of other packages.
 WRITERS: Registry[Callable] = Registry("motion_jax.exports", {
-    ".npz": npz, ".npy": npy, ".bvh": bvh, ".glb": glb, ".vrma": vrma, ".usda": usda, ".fbx": fbx, ".csv": csv,
-    ".trc": trc, ".c3d": c3d, ".amass.npz": amass, ".mp4": video, ".gif": video, ".html": html, ".png": strip,
+    ".npz": npz, ".npy": npy, ".bvh": bvh, ".glb": glb, ".vrm": character, ".vrma": vrma, ".usda": usda, ".fbx": fbx,
+    ".csv": csv, ".trc": trc, ".c3d": c3d, ".amass.npz": amass, ".mp4": video, ".gif": video, ".html": html, ".png": strip,
     ".jpg": strip})
 
 
@@ -79,14 +80,15 @@ def save(clip, path, **options) -> list[pathlib.Path]:
   """Writes one clip, or a list of clips, by the path's extension; returns the paths written.
 
   Several clips share an .html page or a picture, a row each; other kinds become name_0.ext, name_1.ext, ... Options go
-  to the writer (`help(motion_jax.export.video)` and so on). A file appears whole or not at all.
+  to the writer (`help(motion_jax.export.video)` and so on). file: a rigged character (.glb, .gltf, .vrm) which a .glb
+  or .vrm is written of, all clips in one (`character`). A file appears whole or not at all.
   """
   clips = list(clip) if isinstance(clip, list | tuple) else [clip]
   if not clips:
     raise ValueError(f"got no clip to write to {path}")
   path = pathlib.Path(check_output(path))
   ending = ending_of(path)
-  write = WRITERS[ending]
+  write = character if options.get("file") is not None else WRITERS[ending]
   if write not in _ANY_FIGURE:
     clips = [_with_22_joints(clip) for clip in clips]
   if len(clips) == 1:
@@ -118,5 +120,6 @@ def _with_22_joints(clip):
   return clip.replace(joints=to_22(clip.joints), skeleton=HUMANML3D, features=None)
 
 
-__all__ = ["READERS", "WRITERS", "amass", "bvh", "c3d", "check_output", "csv", "ending_of", "fbx", "frame", "frames",
-           "glb", "html", "load", "npy", "npz", "page", "rig_error", "save", "strip", "trc", "usda", "video", "vrma"]
+__all__ = ["READERS", "WRITERS", "amass", "bvh", "c3d", "character", "check_character", "check_output", "csv",
+           "ending_of", "fbx", "frame", "frames", "glb", "html", "load", "npy", "npz", "page", "rig_error", "save",
+           "strip", "trc", "usda", "video", "vrma"]

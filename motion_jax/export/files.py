@@ -9,7 +9,9 @@ from motion_jax.data.clip import Caption, Clip
 from motion_jax.data.mocap.asf import AMC_FPS, read_amc
 from motion_jax.data.mocap.bvh import read_bvh
 from motion_jax.data.mocap.capture import to_clip, with_rate
-from motion_jax.data.mocap.files import read_mapping
+from motion_jax.data.mocap.files import read_mapping, split_clip
+from motion_jax.data.mocap.gltf import ENDINGS
+from motion_jax.data.mocap.gltf_motion import read_gltf
 from motion_jax.export.points import load_c3d, load_csv, load_trc
 from motion_jax.motion import plausibility
 from motion_jax.motion.joint_arrays import pick_joints
@@ -54,7 +56,8 @@ def npy(clip, path) -> pathlib.Path:
 
 def load(path, fps=None, unit="auto", up=None, mapping=None) -> Clip:
   """Reads .npz (as `npz` writes, AMASS', Kimodo's, or with a "joints" or "features" key), .npy, .bvh, .amc (its .asf
-  beside it), .csv (joints by name, or a Unitree G1), .trc or .c3d.
+  beside it), .csv (joints by name, or a Unitree G1), .trc, .c3d, or the animation of a .glb, .gltf or .vrm; of
+  several, walk.glb#NAME or walk.glb#2 is one of them.
 
   A .npy holds joints (T, 22, 3) or (T, 21, 3), or features (T, F) of a known layout such as HumanML3D's 263. fps: frame
   rate of the file, replacing the one that it states; by default a .npy gets its skeleton's rate, an .amc 120. Nothing
@@ -65,7 +68,7 @@ def load(path, fps=None, unit="auto", up=None, mapping=None) -> Clip:
   Raises FileNotFoundError, or ValueError for an unknown extension, a cut file, NaN, a shape that is no motion, or
   joints that are no person's (`motion.plausibility`).
   """
-  path = pathlib.Path(path)
+  path, clip_name = split_clip(path)
   read = READERS.get(path.suffix.lower())
   if read is None:
     raise ValueError(f"got {path.name!r}, expected a file that ends in {', '.join(READERS)}")
@@ -74,7 +77,7 @@ def load(path, fps=None, unit="auto", up=None, mapping=None) -> Clip:
   plausibility.check_rate(fps, str(path))
   try:
     with np.errstate(over="ignore", invalid="ignore"):  # infinite numbers are reported below
-      clip = read(path, fps, unit, up, read_mapping(mapping))
+      clip = read(path, fps, unit, up, read_mapping(mapping), **({"clip": clip_name} if clip_name else {}))
   except ValueError as error:
     raise error if str(path) in str(error) else InputError(f"{path}: {error}") from None
   plausibility.check(clip.joints, clip.skeleton, clip.fps, str(path))
@@ -176,6 +179,10 @@ def _load_bvh(path, fps, unit, up, mapping):
   return _as_clip(with_rate(read_bvh(path), fps), path, unit, up, mapping)
 
 
+def _load_gltf(path, fps, unit, up, mapping, clip=None):
+  return _as_clip(with_rate(read_gltf(path, clip), fps), path, unit, up or "y", mapping)
+
+
 def _load_amc(path, fps, unit, up, mapping):
   return _as_clip(read_amc(path, fps=fps or AMC_FPS), path, unit, up, mapping)
 
@@ -224,4 +231,4 @@ def plain(value):
 # {extension: reader(path, fps, unit, up, mapping) -> Clip}, and those of other packages; the arguments are `load`'s.
 READERS: Registry[Callable] = Registry("motion_jax.imports", {
     ".npz": _load_npz, ".npy": _load_npy, ".bvh": _load_bvh, ".amc": _load_amc, ".csv": load_csv, ".trc": load_trc,
-    ".c3d": load_c3d})
+    ".c3d": load_c3d} | dict.fromkeys(ENDINGS, _load_gltf))

@@ -115,4 +115,4 @@ def _refusal(body, lacking, names):
   nearest = f"its bones are nearest to those of {body.label}" if body.label else "its bone names are of no rig known here"
   words = [f'{joint} ("{body.lacking[joint]}")' if joint in body.lacking else joint for joint in lacking]
   return (f"{nearest}, without {named(words, 12)}; it has {named(names)}. Fill in a JSON file {template(lacking)} with "
-          "its names and give it by --mapping FILE.json (mapping=)")
+          "its names and give it by --character-mapping FILE.json (mapping=)")

@@ -10,8 +10,9 @@ BVH_UNITS = {"cm": "centimetres", "m": "metres"}
 FILMS = (".mp4", ".gif")
 PICTURES = (*FILMS, ".png", ".jpg", ".html")
 RIGS = (".bvh", ".glb", ".usda", ".fbx")
+CHARACTERS = (".glb", ".vrm")
 # What export.load reads; a constant, so that --help starts fast.
-MOTION_FILES = (".npz", ".npy", ".bvh", ".amc", ".csv", ".trc", ".c3d")
+MOTION_FILES = (".npz", ".npy", ".bvh", ".amc", ".csv", ".trc", ".c3d", ".glb", ".gltf", ".vrm")
 MOTION_HELP = ", ".join(MOTION_FILES[:-1]) + f" or {MOTION_FILES[-1]}"
 
 
@@ -93,11 +94,30 @@ def outputs_of(args, out=None):
   if getattr(args, "rig", None) is not None:
     from motion_jax.motion.rigs import get_rig
     get_rig(args.rig)
+  _check_character(args, (out or args.out).split(","))
   return [check_output(part) for part in (out or args.out).split(",")]
+
+
+def _check_character(args, outputs):
+  """Reads the character of --character before the slow part."""
+  file = getattr(args, "character", None)
+  if file is None:
+    return
+  if args.rig is not None:
+    raise InputError("got --rig and --character; a character keeps its own bones, give one of them")
+  if not any(out.lower().endswith(CHARACTERS) for out in outputs):
+    raise InputError(f"got --character, and no file of --out that ends in {' or '.join(CHARACTERS)}; name one, such as "
+                     "--out animated.glb")
+  from motion_jax.export import check_character
+  print(f"{file}: {check_character(file, args.character_mapping).about}")
 
 
 def add_rig(parser):
   """The flags of files with a rig."""
+  parser.add_argument("--character", metavar="FILE", help="your own rigged character, .glb, .gltf or .vrm: each .glb or "
+                      ".vrm of --out is that file with the motions as further animations, named by their prompts")
+  parser.add_argument("--character-mapping", metavar="FILE.json", help="names of the character's bones where they are "
+                      "not known: {our joint: its bone}; an error message lists them")
   parser.add_argument("--rig", metavar="NAME", help="joint names, tree and rest pose of another program in .bvh, .glb "
                       "and .usda: mixamo, unity, ue5, vrm, rigify ...; motion-jax rigs lists them (HumanML3D's)")
   parser.add_argument("--bvh-unit", choices=tuple(BVH_UNITS), default="cm",
@@ -128,6 +148,8 @@ def file_options(args, out):
   """The options of `export.save` for a file of this format."""
   kind = pathlib.Path(out).suffix.lower()
   found = film_options(args) if kind in FILMS else {}
+  if kind in CHARACTERS and args.character is not None:
+    return found | {"file": args.character, "mapping": args.character_mapping}
   if kind in RIGS:
     found |= {"exact": args.exact_joints, "rig": args.rig}
   if out.lower().endswith(".amass.npz") and args.pelvis_offset:
@@ -140,7 +162,8 @@ def file_options(args, out):
 def print_rig_error(args, clips, outputs):
   """Prints the joint error of .bvh and .glb files if it is half a millimetre or more."""
   from motion_jax import export
-  kinds = sorted({kind for out in outputs if (kind := pathlib.Path(out).suffix.lower()) in RIGS})
+  kinds = sorted({kind for out in outputs if (kind := pathlib.Path(out).suffix.lower()) in RIGS} - (
+      set(CHARACTERS) if args.character is not None else set()))
   if not kinds or args.exact_joints:
     return
   found = [export.rig_error(clip) for clip in clips]

@@ -29,6 +29,7 @@ class Capture:
   rotations: np.ndarray                # (T, N, 4) quaternions (w, x, y, z) relative to the parent
   turned: np.ndarray                   # (T, N, 4) the same in the world
   unit: float | None = None            # metres per unit of a file that states it; positions are in metres then
+  usual: str = ""                      # the unit that the format prescribes: no note where the bones agree
 
   @property
   def num_frames(self) -> int:
@@ -81,7 +82,7 @@ def to_clip(capture, path, mapping=None, fps=20.0, unit="auto", up="auto", skip_
       joints, table = pick(capture)
       rest_pose.warn_of_pose(path)
     joints = conventions.with_y_up(joints, up, rest[0], path, skeleton)
-    joints, metres = conventions.to_metres(joints, unit, path, capture.unit, skeleton)
+    joints, metres = conventions.to_metres(joints, unit, path, capture.unit, skeleton, capture.usual)
   except ValueError as error:
     raise InputError(f"{path}: {error}") from None
   joints = joints / skeleton.unit

@@ -19,11 +19,11 @@ _LEVEL = 0.15                   # of the legs' length: what is so near to 0 is o
 _LOW = 0.6                      # of the legs' length: the pelvis of a body that does not stand or sit on a chair
 
 
-def to_metres(joints, unit, name, stated=None, skeleton=HUMANML3D):
+def to_metres(joints, unit, name, stated=None, skeleton=HUMANML3D, usual=""):
   """Joints (T, J, 3) in metres, and metres per unit: as `unit` says, or of the usual unit that makes legs an adult's.
 
   stated: metres per unit that the file itself states; joints are in metres then. A body for which no usual unit fits
-  becomes as large as an adult. What was found is a warning that begins with name.
+  becomes as large as an adult. usual: the unit that is not worth a note. What was found is a warning that begins with name.
   """
   if isinstance(unit, str) and unit != "auto":
     if unit not in plausibility.UNITS:
@@ -44,7 +44,7 @@ def to_metres(joints, unit, name, stated=None, skeleton=HUMANML3D):
   elif off > _ADULT:
     legs = skeleton.bone_lengths[list(skeleton.leg_bones)].sum() * skeleton.unit * metres / scale
     _warn(f"{name}: by its bones it is in {label}, with legs of {legs:.2f} m; --unit (unit=) corrects it")
-  else:
+  elif label != usual:
     _warn(f"{name}: by its bones it is in {label}; --unit (unit=) corrects it")
   return joints * metres, metres
 

@@ -3,11 +3,14 @@ import pathlib
 
 from motion_jax.data.mocap.asf import amc_clip
 from motion_jax.data.mocap.bvh import bvh_clip
+from motion_jax.data.mocap.gltf import ENDINGS
+from motion_jax.data.mocap.gltf_motion import gltf_clip
 from motion_jax.utils.errors import InputError
 from motion_jax.utils.input_files import read_json
 from motion_jax.utils.numerals import named
 
-READERS = {".bvh": bvh_clip, ".amc": amc_clip}
+READERS = {".bvh": bvh_clip, ".amc": amc_clip} | dict.fromkeys(ENDINGS, gltf_clip)
+_SEVERAL = ENDINGS  # files that may hold several clips
 
 
 def read_clip(path, name, faults=None, **options):
@@ -16,13 +19,23 @@ def read_clip(path, name, faults=None, **options):
   faults: a list that takes (name, what is wrong) of a file that cannot be read, for which None comes back; without it
   the error is raised.
   """
+  path, clip = split_clip(path)
   try:
-    return READERS[path.suffix.lower()](path, **options)
+    return READERS[path.suffix.lower()](path, **options | ({"clip": clip} if clip else {}))
   except (ValueError, OSError) as error:
     if faults is None:
       raise
     faults.append((name, str(error).removeprefix(str(path)).lstrip(":/ ")))
     return None
+
+
+def split_clip(path) -> tuple[pathlib.Path, str | None]:
+  """(file, name or number of a clip in it) of "walk.glb#Run"; (file, None) of any other path."""
+  path = pathlib.Path(path)
+  name, mark, clip = str(path).rpartition("#")
+  if mark and clip and not path.exists() and pathlib.Path(name).suffix.lower() in _SEVERAL:
+    return pathlib.Path(name), clip
+  return path, None
 
 
 def none_read(folder, faults) -> str:

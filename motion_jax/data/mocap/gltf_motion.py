@@ -81,7 +81,7 @@ def _capture(document, number, path):
   local = rot.multiply(rot.conjugate(turned[:, above]), turned)
   local[:, np.array(parents) < 0] = turned[:, np.array(parents) < 0]
   names = tuple(document.name(node) for node in nodes)
-  return Capture(names, tuple(parents), offsets, ((),) * len(nodes), fps, places, local, turned)
+  return Capture(names, tuple(parents), offsets, ((),) * len(nodes), fps, places, local, turned, usual="metres")
 
 
 def joints_of(document) -> list[int]:

@@ -28,13 +28,16 @@ def check_character(file, mapping=None) -> Figure:
   return read_figure(file, read_mapping(mapping))
 
 
-def character(clips, path, file, mapping=None, t_pose=False) -> pathlib.Path:
+def character(clips, path, file=None, mapping=None, t_pose=False) -> pathlib.Path:
   """Writes the character of `file` with one more animation for each clip (or one clip), named by its caption.
 
   path: .glb or .vrm. mapping: {joint of HumanML3D: bone's name}, a dict or a JSON file, for bones whose names are not
   known (`motion.bones`). t_pose: the first frame is a T-pose. Raises InputError for a file that is no rigged character.
   """
   path = pathlib.Path(path)
+  if file is None:
+    raise InputError(f"got {path.name!r} without a character to write into it; give a rigged .vrm or .glb by "
+                     "--character (file=)")
   if path.suffix.lower() not in OUTPUTS:
     raise InputError(f"got {path.name!r} for a character, expected a file that ends in {' or '.join(OUTPUTS)}")
   clips = list(clips) if isinstance(clips, list | tuple) else [clips]

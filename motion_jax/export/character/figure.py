@@ -41,6 +41,12 @@ class Figure:
   scale: float
   origin: np.ndarray       # (3,)
 
+  @property
+  def about(self) -> str:
+    """What was found, in a line."""
+    return (f"{len(self.nodes)} of its bones are moved, by the names of {self.bones.label}; its legs are "
+            f"{self.scale * LEGS:.3g} long")
+
 
 def read_figure(path, mapping=None) -> Figure:
   """The character of a .glb, .gltf or .vrm file.
@@ -123,7 +129,7 @@ def _built(document, nodes, names, found, rest):
                   for side in SIDES for a, b in (("hip", "knee"), ("knee", "ankle"))]) * 2
   if not legs > 1e-6 or not np.isfinite(legs):
     raise InputError(f"{path}: its legs have no length, all of hip, knee and ankle lie in one point; give the right "
-                     "bones by --mapping FILE.json (mapping=)")
+                     "bones by --character-mapping FILE.json (mapping=)")
   frame, out = _frames(places, parts)
   scale = legs / LEGS
   above = np.maximum(parents, 0)
@@ -230,14 +236,18 @@ def _bind_pose(document, nodes):
 
 def _axes(places, parts):
   """A matrix (3, 3) whose columns point to the body's left, up and ahead."""
-  hips = places[parts["left_hip"]] - places[parts["right_hip"]]
-  shoulders = places[parts["left_shoulder"]] - places[parts["right_shoulder"]]
   trunk = places[[parts["left_shoulder"], parts["right_shoulder"]]].mean(0) - places[
       [parts["left_hip"], parts["right_hip"]]].mean(0)
   up = rot.unit(trunk, eps=1e-12)
-  across = hips if np.linalg.norm(hips) > 1e-3 * np.linalg.norm(trunk) else shoulders
+  across = _across(places, parts)
   left = rot.unit(across - up * (across @ up), eps=1e-12)
   return np.stack([left, up, np.cross(left, up)], -1)
+
+
+def _across(places, parts):
+  """From right to left hip, or shoulder where the hips are in one point."""
+  hips, shoulders = (places[parts[f"left_{joint}"]] - places[parts[f"right_{joint}"]] for joint in ("hip", "shoulder"))
+  return hips if np.linalg.norm(hips) > 0.05 * np.linalg.norm(shoulders) else shoulders
 
 
 def _frames(places, parts):
@@ -247,7 +257,7 @@ def _frames(places, parts):
   """
   axes = _axes(places, parts)
   if axes[1, 1] > _UPRIGHT:
-    across = axes[:, 0]
+    across = _across(places, parts)
     turn = rot.about_axis(np.array(np.arctan2(-across[2], across[0])), "y")
     return turn, turn
   frame = rot.from_matrix(axes)

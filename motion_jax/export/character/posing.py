@@ -39,14 +39,17 @@ def pose_figure(figure: Figure, clip, t_pose: bool = False) -> Posed:
       pose.offsets[[4, 7, 5, 8]], axis=-1).sum()
   joints = joints * size  # a clip of a child, or of a giant, on legs of the usual length
   fixed = corrections(figure, pose.offsets)
-  if not _is_own(figure, pose.offsets * size, fixed):
+  own = _is_own(figure, pose.offsets * size, fixed)
+  if not own:
     turned = eased(turned, joints, pose.offsets, clip.fps)
   turns = _follow(figure, turned, fixed)
   joints[..., 1] -= floor_height(joints, skeleton)
   places = _forward(figure, turns)
   hips = lambda at: at[:, [figure.parts["left_hip"], figure.parts["right_hip"]]].mean(1)
   places += (joints[:, list(skeleton.hips)].mean(1) - hips(places))[:, None]
-  turns, places = _stand(figure, joints, turns, places, pose.offsets * size)
+  if not own:  # else its feet are where the motion has them
+    turns, places = _stand(figure, joints, turns, places, pose.offsets * size)
+  places[..., 1] -= np.percentile(_sole_height(figure, turns, places), _FLOOR_PERCENTILE)
   if t_pose:
     still = _follow(figure, np.tile([1.0, 0, 0, 0], (1, skeleton.num_joints, 1)), fixed)
     at = _forward(figure, still)
@@ -120,7 +123,7 @@ def _forward(figure, turns):
 
 
 def _stand(figure, joints, turns, places, offsets):
-  """Rotations and places after the feet have gone where the motion's stand, the soles on the floor."""
+  """Rotations and places after the feet have gone where the motion's stand."""
   skeleton, parts = HUMANML3D, figure.parts
   lengths = skeleton.bone_lengths.copy()
   result, legs = joints.copy(), [chain[1:] for chain in skeleton.chains[:2]]
@@ -153,8 +156,6 @@ def _stand(figure, joints, turns, places, offsets):
   root = places[:, :1] + 0
   places = _forward(figure, turns)
   places += root - places[:, :1]
-  low = np.percentile(_sole_height(figure, turns, places), _FLOOR_PERCENTILE)
-  places[..., 1] -= low
   return turns, places
 
 

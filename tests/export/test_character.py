@@ -1,0 +1,281 @@
+"""A user's own character: it comes back whole, and moves as the motion does."""
+import json
+import shutil
+
+import numpy as np
+import pytest
+
+from motion_jax import export
+from motion_jax.data.clip import Caption
+from motion_jax.data.mocap.gltf import Document, take_apart
+from motion_jax.data.mocap.gltf_motion import animation_names, read_gltf
+from motion_jax.export.character import check_character
+from motion_jax.export.rig import rigged
+from motion_jax.motion import rotations as rot
+from motion_jax.motion.pose import pose_to_joints
+from motion_jax.motion.skeleton import HUMANML3D, KIT
+from motion_jax.utils.errors import InputError
+from motion_studio import cli
+from tests.export.characters import rig_joints, write_character, write_glb
+from tests.export.test_bvh import walk
+
+CLIP = walk(40, 0.2).replace(captions=(Caption("a person walks"),))
+POSE = rigged(CLIP)
+JOINTS = pose_to_joints(POSE)
+Z_UP = np.array([np.sqrt(0.5), -np.sqrt(0.5), 0, 0])
+# As files of other programs are: the rig, and what is odd about its nodes.
+KINDS = {
+    "mixamo": dict(rig="mixamo", scale=0.01, armature=Z_UP), "unity": dict(rig="unity"), "vrm": dict(rig="vrm", rolls=3),
+    "biped": dict(rig="biped", rolls=1), "lafan": dict(rig="lafan", quantized=True), "humanik": dict(rig="humanik", copies=2),
+    "rolled": dict(rig="mixamo", rolls=2, scale=100.0), "smpl": dict(rig="smpl", rolls=4, armature=Z_UP)}
+
+
+def animate(tmp_path, clips=CLIP, **kind):
+  names = write_character(tmp_path / "body.glb", CLIP, **kind)
+  return export.save(clips, tmp_path / "out.glb", file=tmp_path / "body.glb")[0], names
+
+
+def bones(path, rig, animation=None):
+  """Places (T, 22, 3) and world rotations from rest (T, 22, 4) of the bones in place of the 22 joints."""
+  capture, found = read_gltf(path, animation), rig_joints(rig)
+  index = [capture.names.index(found[joint]) for joint in HUMANML3D.joints]
+  return capture.positions[:, index], capture.turned[:, index]
+
+
+def apart(q, p):
+  """Degrees between rotations."""
+  return np.degrees(2 * np.arccos(np.clip(np.abs((q * p).sum(-1)), 0, 1)))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_character_of_the_same_proportions_moves_as_the_motion(kind, tmp_path):
+  path, _ = animate(tmp_path, **KINDS[kind])
+  places, turned = bones(path, KINDS[kind]["rig"])
+  off = places - JOINTS
+  off -= np.median(off[..., 1]) * np.array([0, 1, 0])  # the sole of a box is not where the clip has the floor
+  worst = 0.02 if kind == "biped" else 0.001           # arms of a biped hang on the neck
+  off -= off[:1, :1] * [1, 0, 1]
+  assert np.abs(off).max() < worst
+  assert apart(turned, POSE.turned).max() < 0.5 or kind == "biped"
+
+
+def test_a_pose_and_turned_limbs_at_rest(tmp_path):
+  lean = rot.about_axis(np.radians(25.0), "z")
+  path, _ = animate(tmp_path, rig="ue5", rolls=5, raised={"calf_l": rot.about_axis(np.radians(20.0), "x"), "lowerarm_r":
+                                                          rot.about_axis(np.radians(-30.0), "y"), "upperarm_l": lean})
+  places, _ = bones(path, "ue5")
+  for a, b in (("shoulder", "elbow"), ("elbow", "wrist"), ("hip", "knee"), ("knee", "ankle")):
+    for side in ("left", "right"):
+      i, j = (HUMANML3D.joints.index(f"{side}_{joint}") for joint in (a, b))
+      found, expected = (rot.unit(x[:, j] - x[:, i]) for x in (places, JOINTS))
+      limit = 1e-3 if a in ("shoulder", "elbow") else 0.3  # legs also reach the feet's places
+      assert np.linalg.norm(found - expected, axis=-1).max() < limit, (side, a)
+
+
+@pytest.mark.parametrize("rig", ["mixamo", "rigify"])
+def test_feet_of_other_proportions_stand_on_the_floor_and_do_not_slide(rig, tmp_path):
+  path, _ = animate(tmp_path, rig=rig, size=1.7, rolls=6)
+  document, places = Document(path), bones(path, rig)[0]
+  assert abs(check_character(path).scale - 1.7) < 0.02
+  ankles = places[:, [7, 8]]
+  low = places[:, [10, 11], 1].min()
+  assert 0.02 < low < 0.05  # half a box of 1.7 * 4 cm, and nothing below the floor
+  stands = JOINTS[:, [7, 8], 1] < np.percentile(JOINTS[:, [7, 8], 1], 30)
+  still = np.linalg.norm(np.diff(JOINTS[:, [7, 8]], axis=0), axis=-1) < 0.004
+  moved = np.linalg.norm(np.diff(ankles, axis=0), axis=-1)[still & stands[1:]]
+  assert not len(moved) or moved.max() < 1.7 * 0.006
+  assert document.json["asset"]["version"] == "2.0"
+
+
+def test_nothing_of_the_file_changes_but_what_is_added(tmp_path):
+  names = write_character(tmp_path / "body.glb", CLIP, quantized=True, change=lambda document: document.update(
+      images=[{"bufferView": 0, "mimeType": "image/png"}], extras={"my": ["own", 0.1]}))
+  before = Document(tmp_path / "body.glb")
+  export.save(CLIP, tmp_path / "one.glb", file=tmp_path / "body.glb")
+  export.save([CLIP, CLIP.replace(captions=(Caption("again"),))], tmp_path / "all.glb", file=tmp_path / "one.glb")
+  after = Document(tmp_path / "all.glb")
+  assert animation_names(after) == ["a person walks", "a person walks 2", "again"]
+  for key, value in before.json.items():
+    if key == "buffers":
+      continue
+    assert after.json[key][:len(value)] == value if key in ("accessors", "bufferViews") else after.json[key] == value, key
+  size = before.json["buffers"][0]["byteLength"]
+  assert (tmp_path / "all.glb").read_bytes().find((tmp_path / "body.glb").read_bytes()[-size:]) > 0
+  channels = after.json["animations"][0]["channels"]
+  assert {one["target"]["path"] for one in channels} == {"rotation", "translation"} and len(channels) <= len(names) + 1
+  for one in after.json["animations"][0]["samplers"][1:]:
+    q = after.array(one["output"])
+    assert (q[1:] * q[:-1]).sum(-1).min() > 0  # no jump to the other sign
+
+
+def test_files_beside_a_gltf_are_packed(tmp_path):
+  write_character(tmp_path / "body.glb", CLIP)
+  document = Document(tmp_path / "body.glb")
+  (tmp_path / "data 1.bin").write_bytes(document._binary)
+  (tmp_path / "skin.png").write_bytes(b"\x89PNG own bytes")
+  text = document.json | {"images": [{"uri": "skin.png"}]}
+  text["buffers"] = [text["buffers"][0] | {"uri": "data%201.bin"}]
+  (tmp_path / "body.gltf").write_text(json.dumps(text))
+  (tmp_path / "away").mkdir()
+  export.save(CLIP, tmp_path / "away" / "out.glb", file=tmp_path / "body.gltf")
+  packed = Document(tmp_path / "away" / "out.glb")
+  view = packed.json["bufferViews"][packed.json["images"][0]["bufferView"]]
+  assert packed._binary[view["byteOffset"]:][:view["byteLength"]] == b"\x89PNG own bytes"
+  export.save(CLIP, tmp_path / "plain.glb", file=tmp_path / "body.glb")
+  for first, second in zip(bones(tmp_path / "away" / "out.glb", "mixamo"), bones(tmp_path / "plain.glb", "mixamo")):
+    np.testing.assert_array_equal(first, second)
+
+
+def vrm(version, names):
+  """The extension that states VRM's human bones."""
+  joints = {bone: names.index(other) for (joint, bone), other in (
+      ((joint, bone), rig_joints("mixamo")[joint]) for joint, bone in rig_joints("vrm").items())}
+  bones_of = {bone: {"node": node} for bone, node in joints.items()} if version == 1 else [
+      {"bone": bone, "node": node} for bone, node in joints.items()]
+  return {"VRMC_vrm" if version == 1 else "VRM": {"humanoid": {"humanBones": bones_of}}}
+
+
+@pytest.mark.parametrize("version", [0, 1])
+def test_vrm_states_its_bones_whatever_their_names(version, tmp_path):
+  names = write_character(tmp_path / "body.glb", CLIP)
+
+  def rename(document):
+    document["extensions"] = vrm(version, names)
+    for number, node in enumerate(document["nodes"]):
+      node["name"] = f"thing {number}"
+  turn = rot.about_axis(np.pi, "y") if version == 0 else np.array([1.0, 0, 0, 0])  # VRM 0 faces -z
+  write_character(tmp_path / "body.vrm", CLIP, change=rename, raised={names[0]: turn})
+  export.save(CLIP, tmp_path / "out.vrm", file=tmp_path / "body.vrm")
+  capture = read_gltf(tmp_path / "out.vrm")
+  path = capture.positions[:, 0] - capture.positions[0, 0]
+  expected = (JOINTS[:, 0] - JOINTS[0, 0]) * ([-1, 1, -1] if version == 0 else 1)
+  assert np.abs(path - expected).max() < 0.001
+
+
+def test_a_body_that_lies_in_its_file_stands_up(tmp_path):
+  write_character(tmp_path / "body.glb", CLIP)
+  document = Document(tmp_path / "body.glb")
+  base = next(node for node in document.nodes if node["name"] == "Armature")
+  base["rotation"] = Z_UP[[1, 2, 3, 0]].tolist()
+  write_glb(tmp_path / "lies.glb", document.json, document._binary)
+  export.save(CLIP, tmp_path / "out.glb", file=tmp_path / "lies.glb")
+  places, _ = bones(tmp_path / "out.glb", "mixamo")
+  assert (places[:, 15, 1] - places[:, 10, 1]).min() > 1
+
+
+def test_a_pose_in_the_middle_of_a_run_at_rest(tmp_path):
+  write_character(tmp_path / "body.glb", CLIP, rolls=7)
+  document = Document(tmp_path / "body.glb")
+  for node in document.nodes:
+    if node["name"].endswith(("RightUpLeg", "LeftArm", "Spine1")):
+      x, y, z, w = node["rotation"]
+      node["rotation"] = rot.multiply(np.array([w, x, y, z]), rot.about_axis(0.9, "x"))[[1, 2, 3, 0]].tolist()
+  write_glb(tmp_path / "runs.glb", document.json, document._binary)
+  export.save(CLIP, tmp_path / "out.glb", file=tmp_path / "runs.glb")
+  places, _ = bones(tmp_path / "out.glb", "mixamo")
+  off = places - JOINTS - np.median((places - JOINTS)[..., 1]) * np.array([0, 1, 0])
+  assert np.abs(off - off[:1, :1] * [1, 0, 1]).max() < 0.001
+
+
+def test_a_t_pose_before_the_motion(tmp_path):
+  write_character(tmp_path / "body.glb", CLIP, rolls=8)
+  export.save(CLIP, tmp_path / "out.glb", file=tmp_path / "body.glb", t_pose=True)
+  places, turned = bones(tmp_path / "out.glb", "mixamo")
+  assert len(places) == CLIP.num_frames + 1 and apart(turned[0], np.array([1.0, 0, 0, 0])).max() < 0.1
+
+
+BAD = {
+    "no skin": (dict(change=lambda d: d.pop("skins") and [node.pop("skin", 0) for node in d["nodes"]]), "has no skin"),
+    "no legs": (dict(leave_out=("UpLeg",)), "without .*left_hip"),
+    "no hands": (dict(leave_out=("Hand",)), "left_wrist"),
+    "mirrored": (dict(change=lambda d: d["nodes"][-2].update(scale=[-1, 1, 1])), "mirrored by a negative scale"),
+    "flat": (dict(change=lambda d: d["nodes"][-2].update(scale=[1, 0, 1])), "scaled to nothing"),
+    "joint nowhere": (dict(change=lambda d: d["skins"][0]["joints"].append(999)), "not as the format says"),
+    "child nowhere": (dict(change=lambda d: d["nodes"][0]["children"].append(999)), "no node of its own"),
+    "cycle": (dict(change=lambda d: (d["nodes"][3].update(children=[0]), d["nodes"][-2].pop("children"))), "itself|own"),
+    "not finite": (dict(change=lambda d: d["nodes"][0].update(translation=[1e400, 0, 0])), "not finite"),
+    "text": (dict(change=lambda d: d["nodes"][0].update(translation="far")), "not as the format says"),
+    "accessor": (dict(change=lambda d: d["accessors"][0].update(count=10 ** 7)), "outside its buffer"),
+    "version": (dict(change=lambda d: d["asset"].update(version="1.0")), "expected 2.0"),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_a_bad_character_gets_one_sentence_and_nothing_is_written(name, tmp_path):
+  kind, message = BAD[name]
+  write_character(tmp_path / "body.glb", CLIP, **kind)
+  with pytest.raises(InputError, match=message) as error:
+    export.save(CLIP, tmp_path / "out.glb", file=tmp_path / "body.glb")
+  assert "\n" not in str(error.value) and [one.name for one in tmp_path.iterdir()] == ["body.glb"]
+
+
+def test_two_bodies_and_cut_files_and_other_endings(tmp_path):
+  write_character(tmp_path / "body.glb", CLIP)
+  document = Document(tmp_path / "body.glb")
+  count = len(document.nodes)
+  second = [node | ({"children": [child + count for child in node["children"]]} if "children" in node else {})
+            for node in document.nodes]
+  both = document.json | {"nodes": [*document.nodes, *second], "skins": document.json["skins"] + [
+      {"joints": [joint + count for joint in document.json["skins"][0]["joints"]]}]}
+  write_glb(tmp_path / "two.glb", both, document._binary)
+  data = (tmp_path / "body.glb").read_bytes()
+  (tmp_path / "cut.glb").write_bytes(data[:len(data) // 2])
+  (tmp_path / "body.fbx").write_bytes(data)
+  for name, message in (("two.glb", "holds two bodies"), ("cut.glb", "cut or damaged"), ("body.fbx", "Blender converts"),
+                        ("none.glb", "there is no file")):
+    with pytest.raises((InputError, FileNotFoundError), match=message):
+      export.save(CLIP, tmp_path / "out.glb", file=tmp_path / name)
+  with pytest.raises(InputError, match="skeleton 'kit'"):
+    export.save(walk(4).on_skeleton(KIT), tmp_path / "out.glb", file=tmp_path / "body.glb")
+  with pytest.raises(InputError, match="--character"):
+    export.save(CLIP, tmp_path / "out.vrm")
+  assert not list(tmp_path.glob("out.*"))
+
+
+def test_a_large_file_is_refused_unread(tmp_path):
+  with open(tmp_path / "large.glb", "wb") as file:
+    file.truncate(300 << 20)
+  with pytest.raises(InputError, match="got 300 MiB"):
+    check_character(tmp_path / "large.glb")
+
+
+def test_a_mapping_names_bones_that_no_rig_has(tmp_path):
+  def rename(document):
+    for number, node in enumerate(document["nodes"]):
+      node["name"] = f"stick {number}"
+  names = write_character(tmp_path / "body.glb", CLIP, change=rename)
+  with pytest.raises(InputError, match='no rig.*Fill in a JSON file .*"left_hip": "..."') as error:
+    check_character(tmp_path / "body.glb")
+  assert "--character-mapping" in str(error.value)
+  mapping = {joint: f"stick {names.index(bone)}" for joint, bone in rig_joints("mixamo").items()}
+  export.save(CLIP, tmp_path / "out.glb", file=tmp_path / "body.glb", mapping=mapping)
+  capture = read_gltf(tmp_path / "out.glb")
+  at = [capture.names.index(mapping[joint]) for joint in HUMANML3D.joints]
+  off = capture.positions[:, at] - JOINTS
+  off -= np.median(off[..., 1]) * np.array([0, 1, 0])
+  assert np.abs(off - off[:1, :1] * [1, 0, 1]).max() < 0.001
+  with pytest.raises(InputError, match="'stick 0' to .*, expected one of them"):
+    check_character(tmp_path / "body.glb", mapping | {"left_knee": "stick 0"})
+  with pytest.raises(InputError, match="names the bones elbow of mine"):
+    check_character(tmp_path / "body.glb", mapping | {"left_elbow": "elbow of mine"})
+
+
+def test_the_command_line_animates_and_reads_back(tmp_path, capsys):
+  write_character(tmp_path / "body.glb", CLIP)
+  export.save(CLIP, tmp_path / "walk.npz")
+  run = lambda *arguments: cli.main(["render", str(tmp_path / "walk.npz"), *map(str, arguments)])
+  run("--character", tmp_path / "body.glb", "--out", tmp_path / "out.glb")
+  assert "by the names of Mixamo" in capsys.readouterr().out
+  found = export.load(tmp_path / "out.glb")
+  assert np.ptp((found.joints - JOINTS)[:, [4, 7, 16, 20]], axis=0).max() < 0.005
+  shutil.copy(tmp_path / "out.glb", tmp_path / "body.glb")
+  run("--character", tmp_path / "body.glb", "--out", tmp_path / "out.glb")
+  with pytest.raises(InputError, match="holds 2 animations .1 'a person walks', 2 'a person walks 2'.; choose one"):
+    export.load(tmp_path / "out.glb")
+  for name in ("2", "a person walks 2"):
+    assert export.load(f"{tmp_path / 'out.glb'}#{name}").num_frames == CLIP.num_frames
+  for flags, message in ((("--out", tmp_path / "out.bvh"), "no file of --out"), (("--out", tmp_path / "out.glb", "--rig",
+                                                                                 "vrm"), "--rig and --character")):
+    with pytest.raises(SystemExit):
+      run("--character", tmp_path / "body.glb", *flags)
+    assert message in capsys.readouterr().err
