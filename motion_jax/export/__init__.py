@@ -39,8 +39,8 @@ def amass(clip, path, pelvis_offset=(0.0, 0.0, 0.0)) -> pathlib.Path:
 # {extension: writer(clip, path, **options) -> path}, and those of other packages.
 WRITERS: Registry[Callable] = Registry("motion_jax.exports", {
     ".npz": npz, ".npy": npy, ".bvh": bvh, ".glb": glb, ".vrm": character, ".vrma": vrma, ".usda": usda, ".fbx": fbx,
-    ".csv": csv, ".trc": trc, ".c3d": c3d, ".amass.npz": amass, ".mp4": video, ".gif": video, ".html": html, ".png": strip,
-    ".jpg": strip})
+    ".csv": csv, ".trc": trc, ".c3d": c3d, ".amass.npz": amass, ".mp4": video, ".gif": video, ".html": html,
+    ".png": strip, ".jpg": strip})
 
 
 def check_output(path) -> str:

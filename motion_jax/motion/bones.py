@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from motion_jax.motion.joint_maps import rig_of
-from motion_jax.motion.joint_names import LIMBS, SIDES, Tree, find_limbs, plain
+from motion_jax.motion.joint_names import LIMBS, SIDES, Tree, plain
 from motion_jax.motion.named_bodies import NamedBody
 from motion_jax.motion.skeleton import HUMANML3D
 from motion_jax.utils.errors import InputError
@@ -112,7 +112,7 @@ def _toes(tree, ankle):
 
 def _refusal(body, lacking, names):
   """What is missing, whose names are nearest, and the mapping file that helps."""
-  nearest = f"its bones are nearest to those of {body.label}" if body.label else "its bone names are of no rig known here"
+  nearest = f"its bones are nearest to those of {body.label}" if body.label else "its bones are of no rig known here"
   words = [f'{joint} ("{body.lacking[joint]}")' if joint in body.lacking else joint for joint in lacking]
   return (f"{nearest}, without {named(words, 12)}; it has {named(names)}. Fill in a JSON file {template(lacking)} with "
           "its names and give it by --character-mapping FILE.json (mapping=)")

@@ -114,8 +114,8 @@ def _check_character(args, outputs):
 
 def add_rig(parser):
   """The flags of files with a rig."""
-  parser.add_argument("--character", metavar="FILE", help="your own rigged character, .glb, .gltf or .vrm: each .glb or "
-                      ".vrm of --out is that file with the motions as further animations, named by their prompts")
+  parser.add_argument("--character", metavar="FILE", help="your own rigged character, .glb, .gltf or .vrm: each .glb "
+                      "or .vrm of --out is that file with the motions as further animations, named by their prompts")
   parser.add_argument("--character-mapping", metavar="FILE.json", help="names of the character's bones where they are "
                       "not known: {our joint: its bone}; an error message lists them")
   parser.add_argument("--rig", metavar="NAME", help="joint names, tree and rest pose of another program in .bvh, .glb "

@@ -18,9 +18,9 @@ def write_character(path, clip, rig="mixamo", rolls=0, armature=None, scale=1.0,
                     quantized=False, copies=1, extensions=None, change=None):
   """Writes the body of a clip as a character in a file's T-pose (or A-pose, as the rig has it).
 
-  rolls: seed of odd rest rotations of all bones, 0 for none. armature: rotation (4,) of the node above the bones; scale:
-  of that node, its bones' numbers being 1 / scale as large. size: of the whole body. raised: {name: rotation (4,)} of
-  a bone and all below it at rest. leave_out: words; bones whose names hold one are not there, nor what is below.
+  rolls: seed of odd rest rotations of all bones, 0 for none. armature: rotation (4,) of the node above the bones;
+  scale: of that node, its bones' numbers being 1 / scale as large. size: of the whole body. raised: {name: rotation
+  (4,)} of a bone and all below it at rest. leave_out: words; bones whose names hold one are missing, with all below.
   quantized: positions as 16-bit integers, interleaved with joints and weights. copies: skins of the same bones. change:
   a function that edits the JSON before it is written. Returns the names of the bones.
   """
@@ -96,7 +96,7 @@ def write_character(path, clip, rig="mixamo", rolls=0, armature=None, scale=1.0,
   matrices = add(inverse.swapaxes(1, 2).reshape(-1, 16).astype("<f4"), 5126, "MAT4")
   document = {
       "asset": {"version": "2.0"}, "scene": 0, "nodes": nodes, "materials": [{"name": "skin"}],
-      "meshes": [{"primitives": [{"attributes": attributes, "indices": faces, "material": 0}], "extras": {"kept": [1]}}],
+      "meshes": [{"primitives": [{"attributes": attributes, "indices": faces, "material": 0}], "extras": {"my": [1]}}],
       "skins": [{"joints": list(range(count)), "inverseBindMatrices": matrices} for _ in range(copies)],
       "accessors": accessors, "bufferViews": views, "buffers": [{"byteLength": len(data)}]}
   if quantized:
@@ -117,8 +117,9 @@ def write_glb(path, document, data):
   text = json.dumps(document).encode()
   text += b" " * (-len(text) % 4)
   data += b"\0" * (-len(data) % 4)
-  path.write_bytes(struct.pack("<4sII", b"glTF", 2, 28 + len(text) + len(data)) + struct.pack("<II", len(text), 0x4E4F534A)
-                   + text + struct.pack("<II", len(data), 0x004E4942) + data)
+  head = struct.pack("<4sII", b"glTF", 2, 28 + len(text) + len(data))
+  path.write_bytes(head + struct.pack("<II", len(text), 0x4E4F534A) + text
+                   + struct.pack("<II", len(data), 0x004E4942) + data)
 
 
 def rig_joints(rig):

@@ -23,7 +23,8 @@ def to_metres(joints, unit, name, stated=None, skeleton=HUMANML3D, usual=""):
   """Joints (T, J, 3) in metres, and metres per unit: as `unit` says, or of the usual unit that makes legs an adult's.
 
   stated: metres per unit that the file itself states; joints are in metres then. A body for which no usual unit fits
-  becomes as large as an adult. usual: the unit that is not worth a note. What was found is a warning that begins with name.
+  becomes as large as an adult. usual: the unit that is not worth a note. What was found is a warning that begins
+  with name.
   """
   if isinstance(unit, str) and unit != "auto":
     if unit not in plausibility.UNITS:

@@ -35,6 +35,7 @@ class Document:
 
   def __init__(self, path):
     self.path = path = pathlib.Path(path)
+    self._buffers: dict[int, bytes] = {}
     if not path.is_file():
       raise FileNotFoundError(f"there is no file {path}")
     size = path.stat().st_size
@@ -88,8 +89,12 @@ class Document:
 
   # --- arrays ------------------------------------------------------------------------------------------------------
 
-  @functools.lru_cache(maxsize=64)
   def _buffer(self, number):
+    if number not in self._buffers:
+      self._buffers[number] = self._read_buffer(number)
+    return self._buffers[number]
+
+  def _read_buffer(self, number):
     about = self.json["buffers"][number]
     if "uri" not in about:
       if number or self._binary is None:

@@ -43,7 +43,8 @@ def character(clips, path, file=None, mapping=None, t_pose=False) -> pathlib.Pat
   clips = list(clips) if isinstance(clips, list | tuple) else [clips]
   for clip in clips:
     if clip.skeleton is not HUMANML3D:
-      raise InputError(f"got a motion of skeleton {clip.skeleton.name!r} for a character, expected HumanML3D's 22 joints")
+      raise InputError(f"got a motion of skeleton {clip.skeleton.name!r} for a character, expected HumanML3D's 22 "
+                       "joints")
   figure = check_character(file, mapping)
   for clip in clips:
     _add(figure, pose_figure(figure, clip, t_pose), clip)

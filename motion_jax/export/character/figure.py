@@ -105,8 +105,9 @@ def _refuse_two(path, document, nodes, names, parents, found, find):
   except InputError:
     return
   if second is not None:
-    raise InputError(f"{path}: it holds two bodies, below {names[below]!r} and {names[others[second.limbs['pelvis']]]!r}, "
-                     "expected one; export them one by one")
+    other = names[others[second.limbs["pelvis"]]]
+    raise InputError(f"{path}: it holds two bodies, below {names[below]!r} and {other!r}, expected one; export them "
+                     "one by one")
 
 
 def _built(document, nodes, names, found, rest):
@@ -155,10 +156,9 @@ def _body_parents(parts, bones, count):
   trunk = [parts["pelvis"], *bones.spine]
   chest = trunk[-1]
   lines = [trunk, [chest, *bones.neck, parts["head"]]]
-  for side in SIDES:
-    there = lambda *joints: [parts[f"{side}_{joint}"] for joint in joints if f"{side}_{joint}" in parts]
-    lines += [[parts["pelvis"], *there("hip", "knee", "ankle", "foot")],
-              [chest, *there("collar", "shoulder", "elbow", "wrist")]]
+  for above, joints in ((parts["pelvis"], ("hip", "knee", "ankle", "foot")),
+                        (chest, ("collar", "shoulder", "elbow", "wrist"))):
+    lines += [[above, *(parts[f"{side}_{joint}"] for joint in joints if f"{side}_{joint}" in parts)] for side in SIDES]
   for line in lines:
     for above, bone in zip(line[:-1], line[1:]):
       parents[bone] = above
@@ -181,8 +181,8 @@ def _check_scales(document, nodes, rest):
       raise InputError(f"{document.path}: the bone {document.name(node)!r} is scaled to nothing; give it a scale other "
                        "than 0")
     if np.linalg.det(linear) < 0:
-      raise InputError(f"{document.path}: the bone {document.name(node)!r} is mirrored by a negative scale, which makes "
-                       "left right; apply the scale in the program that it comes from")
+      raise InputError(f"{document.path}: the bone {document.name(node)!r} is mirrored by a negative scale, which "
+                       "makes left right; apply the scale in the program that it comes from")
     if sizes.max() > (1 + _UNEVEN) * sizes.min():
       warnings.warn(f"{document.path}: the bone {document.name(node)!r} is stretched by uneven scales, which shear it "
                     "where it turns; apply the scale in the program that it comes from", stacklevel=6)
@@ -208,7 +208,8 @@ def _asymmetry(places, parts):
   middle = places[[parts["left_hip"], parts["right_hip"]]].mean(0)
   leg = sum(np.linalg.norm(places[parts[f"left_{a}"]] - places[parts[f"left_{b}"]]) for a, b in (
       ("hip", "knee"), ("knee", "ankle")))
-  return np.linalg.norm((left - middle) @ frame * [-1, 1, 1] - (right - middle) @ frame, axis=-1).mean() / max(leg, 1e-9)
+  off = (left - middle) @ frame * [-1, 1, 1] - (right - middle) @ frame
+  return np.linalg.norm(off, axis=-1).mean() / max(leg, 1e-9)
 
 
 def _bind_pose(document, nodes):
@@ -326,8 +327,8 @@ def _vertices(document, feet, rest):
         raise Unreadable(f"{document.path}: its mesh is compressed (Draco)")
       where, weights = document.array(names["JOINTS_0"]).astype(int), document.array(names["WEIGHTS_0"])
       if where.size and where.max() >= len(joints):
-        raise InputError(f"{document.path}: a vertex follows joint {where.max()} of a skin of {len(joints)}; export the "
-                         "file again")
+        raise InputError(f"{document.path}: a vertex follows joint {where.max()} of a skin of {len(joints)}; export "
+                         "the file again")
       most = bones[np.take_along_axis(where, weights.argmax(1)[:, None], 1)[:, 0]]
       chosen = np.flatnonzero(most >= 0)
       if not len(chosen):

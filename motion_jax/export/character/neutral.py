@@ -22,7 +22,7 @@ _NOD = np.radians(25.0)               # the most that a head at ease leans ahead
 
 
 def is_own(places: Float[np.ndarray, "j 3"], offsets: Float[np.ndarray, "j 3"], known: list[int]) -> bool:
-  """Whether a figure at rest in a T-pose, joints (22, 3) of which `known` are there, has the motion's offsets (22, 3)."""
+  """Whether a figure in a T-pose, joints (22, 3) of which `known` are there, has the motion's offsets (22, 3)."""
   parents = HUMANML3D.parents
   return all(np.linalg.norm(places[joint] - places[parents[joint]] - offsets[joint]) < _SAME for joint in range(1, 22)
              if joint in known and parents[joint] in known)

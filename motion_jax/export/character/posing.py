@@ -132,7 +132,7 @@ def _stand(figure, joints, turns, places, offsets):
     for joint, name in zip(leg, names):
       if name in parts:
         result[:, joint] = places[:, parts[name]]
-    for joint, name, above in zip(leg[1:3], names[1:3], names[:2]):
+    for joint, name in zip(leg[1:3], names[1:3]):
       lengths[joint] = np.linalg.norm(figure.offsets[parts[name]])
     if names[3] not in parts:  # toes where the motion's T-pose has them
       turn = rot.multiply(turns[:, parts[names[2]]], rot.conjugate(figure.turned[parts[names[2]]])[None])
