@@ -22,7 +22,8 @@ from motion_jax.export.rig import rig_error as _rig_error
 from motion_jax.export.usd import usda
 from motion_jax.export.video import frame, frames, strip, video
 from motion_jax.export.vrma import vrma
-from motion_jax.motion.skeleton import HUMANML3D, SNAPMOGEN
+from motion_jax.motion.rigs import get_rig
+from motion_jax.motion.skeleton import HUMANML3D, SKELETONS, SNAPMOGEN
 from motion_jax.motion.transfer import to_22
 from motion_jax.utils.plugins import Registry
 
@@ -90,7 +91,7 @@ def save(clip, path, **options) -> list[pathlib.Path]:
   ending = ending_of(path)
   write = character if options.get("file") is not None else WRITERS[ending]
   if write not in _ANY_FIGURE:
-    clips = [_with_22_joints(clip) for clip in clips]
+    clips = [_for_rig(_with_22_joints(clip), options.get("rig")) for clip in clips]
   if len(clips) == 1:
     if isinstance(options.get("control"), list):
       options["control"] = options["control"][0]
@@ -112,6 +113,14 @@ def rig_error(clip) -> tuple[float, float, str]:
 def page(clip) -> str:
   """The .html page of a clip, or of a list of clips, as text: for notebooks and pages of one's own."""
   return html_page([_with_22_joints(one) for one in ([clip] if isinstance(clip, Clip) else clip)])
+
+
+def _for_rig(clip, rig):
+  """The clip on the skeleton of a rig that has other joints than HumanML3D's 22."""
+  if not isinstance(rig, str) or clip.skeleton is not HUMANML3D:
+    return clip
+  found = get_rig(rig)
+  return clip if set(found.joints) <= set(HUMANML3D.joints) else clip.on_skeleton(SKELETONS[found.name])
 
 
 def _with_22_joints(clip):

@@ -24,10 +24,13 @@ def bind(clip, exact=False, rig=None) -> Binding:
   skeleton = clip.skeleton
   pose, moved = rigged(clip, exact), on_rig(clip, rig, exact)
   ours = rest_joints(pose.offsets, skeleton)
-  turned = np.array(moved.rig.followed(skeleton))
+  followed = moved.rig.followed(skeleton)
+  turned = np.array(followed)
   rest = moved.rig.places(pose.offsets, skeleton) + np.where(turned[:, None] < 0, 0, ours[0])  # a root is on the floor
   inverse = np.tile(np.eye(4), (len(rest), 1, 1))
   inverse[turned >= 0, :3, :3] = rot.to_matrix(moved.rig.arm_rest(skeleton))[turned[turned >= 0]]
   inverse[:, :3, 3] = -np.einsum("jab,jb->ja", inverse[:, :3, :3], rest)
-  return Binding(moved, [moved.rig.joints[name] for name in skeleton.joints],
+  carriers = [moved.rig.joints.get(name, followed.index(j) if j in followed else 0)
+              for j, name in enumerate(skeleton.joints)]
+  return Binding(moved, carriers,
                  make_skins(make_figure(clip, pose).parts, ours, skeleton), rest, inverse)

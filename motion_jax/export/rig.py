@@ -58,7 +58,7 @@ def on_rig(clip: Clip, rig: str | Rig | None = None, exact: bool = False) -> Rig
   rig = rigs.of_skeleton(skeleton) if rig is None else rigs.get_rig(rig) if isinstance(rig, str) else rig
   if not set(rig.joints) <= set(skeleton.joints):
     raise InputError(f"got rig {rig.name!r} for a motion of {skeleton.num_joints} joints ({skeleton.name}), expected "
-                     f"HumanML3D's 22; skeleton {skeleton.name!r} is written without a rig")
+                     f"HumanML3D's 22; skeleton {skeleton.name!r} is written without a rig, as .bvh or .glb")
   return pose_on_rig(rigged(clip, exact), rig, skeleton)
 
 

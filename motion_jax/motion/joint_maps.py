@@ -173,8 +173,12 @@ def table_of(source: Source) -> str:
   for label, table in TABLES.items():
     if all(name in source for entry in table.values() for name in _needs(entry)):
       # In BVH files made of ASF skeletons joints lie where bones begin, not where they end.
-      if label != "cmu_asf" or source.length("root", "lhipjoint") > 1e-6:
-        return label
+      if label == "cmu_asf" and not source.length("root", "lhipjoint") > 1e-6:
+        continue
+      # Bandai's own files have the pelvis between the hips; files that were written for the rig have ours.
+      if label == "bandai" and "joint_Root" in source and _raised(source, all_rigs()["bandai"]):
+        continue
+      return label
   return ""
 
 
@@ -185,7 +189,8 @@ def rig_of(names: Sequence[str]) -> Rig | None:
   prefixes.
   """
   own = {plain(name) for name in names}
-  found = [rig for rig in all_rigs().values() if len(rig.names) > len(rig.joints) and own >= set(map(plain, rig.names))]
+  found = [rig for rig in all_rigs().values() if len(rig.names) > len(rig.joints) == HUMANML3D.num_joints
+           and own >= set(map(plain, rig.names))]
   return max(found, key=lambda rig: len(rig.names), default=None)
 
 

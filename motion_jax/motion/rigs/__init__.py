@@ -2,10 +2,13 @@
 
 A file names the trunk from pelvis to head, a leg and an arm, "+" standing for the side. Below each name stands the
 joint of HumanML3D's 22 that is in its place: "-" is a joint in between, which keeps still, "end" the tip of a chain.
+"turn_with" names joints that turn with another one than that in whose place they are, where a rig has fewer.
 """
 import functools
 import json
 import pathlib
+import types
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -13,7 +16,7 @@ from jaxtyping import Float
 
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.pose import TIPS
-from motion_jax.motion.skeleton import HUMANML3D, Skeleton, side_and_kind
+from motion_jax.motion.skeleton import HUMANML3D, KIT, Skeleton, side_and_kind
 from motion_jax.utils.errors import InputError
 from motion_jax.utils.nearest import did_you_mean
 
@@ -26,7 +29,8 @@ class Rig(NamedTuple):
   """N joints, parents before children.
 
   joints: {joint of the skeleton: number here}; between: (N,) for a joint of no place of its own (joint before, joint
-  after, share of the way), for a tip (joint before, None, 0); rest: "T" or "A"; unit: metres per unit of its files.
+  after, share of the way), for a tip (joint before, None, 0); rest: "T" or "A"; unit: metres per unit of its files;
+  turn_with: {number here: joint of the skeleton that it turns with, another than the one in whose place it is}.
   """
   name: str
   title: str
@@ -37,6 +41,7 @@ class Rig(NamedTuple):
   between: tuple[tuple[str, str | None, float] | None, ...]
   rest: str = "T"
   unit: float = 0.01
+  turn_with: Mapping[int, str] = types.MappingProxyType({})
 
   def places(self, offsets: Float[np.ndarray, "j 3"], skeleton: Skeleton = HUMANML3D) -> Float[np.ndarray, "n 3"]:
     """Where the joints (N, 3) are in a T-pose of the skeleton's offsets (J, 3), the pelvis at the origin."""
@@ -58,6 +63,7 @@ class Rig(NamedTuple):
   def followed(self, skeleton: Skeleton = HUMANML3D) -> list[int]:
     """The joint of the skeleton with which each of the N joints turns; -1 for a root that does not."""
     of = {number: skeleton.joints.index(name) for name, number in self.joints.items()}
+    of |= {number: skeleton.joints.index(name) for number, name in self.turn_with.items()}
     return [of.get(number, -1 if place is None else skeleton.joints.index(place[0]))
             for number, place in enumerate(self.between)]
 
@@ -87,7 +93,9 @@ def of_skeleton(skeleton: Skeleton) -> Rig:
 @functools.cache
 def all_rigs() -> dict[str, Rig]:
   """{name: rig} of all rigs, by name."""
-  return {path.stem: _read(path) for path in sorted(_FOLDER.glob("*.json"))}
+  found = {path.stem: _read(path) for path in _FOLDER.glob("*.json")}
+  found[KIT.name] = of_skeleton(KIT)._replace(title="KIT-ML, 21 joints", aliases=("kit-ml",))
+  return dict(sorted(found.items()))
 
 
 def get_rig(name: str) -> Rig:
@@ -116,9 +124,12 @@ def _read(path):
     for i in numbers or range(len(words)):
       place = None
       if i not in own:
-        first, after = max(j for j in own if j < i), next((j for j in own if j > i), None)
-        place = (side + ours[first], None, 0.0) if after is None else (
-            side + ours[first], side + ours[after], (i - first) / (after - first))
+        first, after = max((j for j in own if j < i), default=None), next((j for j in own if j > i), None)
+        if first is None:  # a limb that begins where it hangs
+          place = ("pelvis", "pelvis", 0.0)
+        else:
+          place = (side + ours[first], None, 0.0) if after is None else (
+              side + ours[first], side + ours[after], (i - first) / (after - first))
       parent = at[words[i]] = add(words[i], parent, place)
       if i in own:
         joints[side + ours[i]] = parent
@@ -129,10 +140,13 @@ def _read(path):
   kept = {kind: about[f"{kind}_joints"].split() for kind in ("trunk", "leg", "arm")}
   trunk = row("trunk")
   chain(trunk, kept["trunk"], root, numbers=[0])
+  legs = joints["pelvis"]
+  if about.get("legs_hang_on"):
+    legs = at[about["legs_hang_on"]] = add(about["legs_hang_on"], legs, ("pelvis", "pelvis", 0.0))
   for word, side in zip(about["sides"], SIDES):
-    chain(row("leg", word), kept["leg"], joints["pelvis"], f"{side}_")
+    chain(row("leg", word), kept["leg"], legs, f"{side}_")
   chain(trunk, kept["trunk"], joints["pelvis"], numbers=range(1, len(trunk)))
   for word, side in zip(about["sides"], SIDES):
     chain(row("arm", word), kept["arm"], at[about["prefix"] + about["arms_hang_on"]], f"{side}_")
   return Rig(path.stem, about["title"], tuple(about["aliases"]), tuple(names), tuple(parents), joints, tuple(between),
-             about["rest"], about["unit"])
+             about["rest"], about["unit"], {at[name]: joint for name, joint in about.get("turn_with", {}).items()})
