@@ -7,7 +7,7 @@ import numpy as np
 
 from motion_jax.evaluation import samples
 from motion_jax.evaluation.differences import ByMotion
-from motion_jax.metrics import physics, scores
+from motion_jax.metrics import physics, scores, two_sample
 from motion_jax.metrics import protocol as protocol_lib
 from motion_jax.motion.representations import to_joints
 from motion_jax.text.tagger import tag
@@ -58,7 +58,7 @@ class Harness:
     if count < protocol.few_draws:  # a trial: no other protocol has so few samples
       protocol = dataclasses.replace(protocol, few_draws=count)
     self.protocol, self.count = protocol, count
-    self._texts, self._embedded = {}, {}
+    self._texts, self._embedded, self._windows = {}, {}, {}
 
   def rng(self, replication, stream):
     return np.random.default_rng((self.seed, replication, stream))
@@ -216,6 +216,21 @@ class Harness:
     rows, right = np.arange(self.count), np.trace(away)
     return float(np.mean([away[rows, rng.permutation(self.count)].sum() <= right for _ in range(draws)]))
 
+  def real_windows(self, replication) -> two_sample.Windows:
+    """Windows of the real motions of a draw."""
+    if replication not in self._windows:
+      drawn, layout = self.drawn(replication), self.evaluator.layout
+      self._windows[replication] = windows_of(drawn.cut(self.test_set.of(self.evaluator)), drawn.frames, layout)
+    return self._windows[replication]
+
+  def set_apart(self, replication, motions, layout) -> dict[str, two_sample.Verdict]:
+    """How well small classifiers tell motions [(rows, F)] of the draw from the real ones (`metrics.two_sample`); {} for
+    few or short motions, and for another skeleton."""
+    if layout.skeleton != self.evaluator.layout.skeleton:
+      return {}
+    return two_sample.compare(self.real_windows(replication), windows_of(
+        motions, self.drawn(replication).frames, layout))
+
   def fid_of_halves(self, replication, draws=10) -> float:
     """FID between two disjoint halves of the real motions, the mean of some draws: the distance of two samples of half
     the size that differ only by chance. A model that is given the real captions and lengths may score lower.
@@ -235,6 +250,12 @@ class Harness:
     made = self.embed_for_fid(self.converted(self.evaluator, flat, layout, lengths), lengths)
     pairs = protocol_lib.draw_multimodality_pairs(self.rng(replication, MULTIMODALITY), self.protocol)
     return scores.multimodality(made.reshape(len(generations), -1, made.shape[-1]), *pairs)
+
+
+def windows_of(motions, frames, layout) -> two_sample.Windows:
+  """Windows of motions [(rows, F)] by their first frames (N,)."""
+  return two_sample.describe([to_joints(motion[:count], layout) for motion, count in zip(motions, frames)],
+                             layout.skeleton)
 
 
 def physics_by_motion(motions, frames, layout):

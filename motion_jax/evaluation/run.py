@@ -51,13 +51,14 @@ def evaluate(request: Request) -> Result:
     for warning in sanity["warnings"]:
       clock.say(f"warning: {warning}")
     rows, curves = aggregates.collect(map(task.real, replications), protocol.population_std)
-  made, by_motion = {}, {}
+  made, by_motion, notes = {}, {}, []
   for candidate in candidates:
     with clock.part(candidate.name):
       found = [task.found(candidate, replication) for replication in replications]
       own, drawn = aggregates.collect(found, protocol.population_std)
     named = partial(aggregates.row_name, candidate.name)
     by_motion |= {named(part): [one.by_motion[part] for one in found] for part in found[0].by_motion}
+    notes += [f"{named(part)}: {note}" for part, note in found[0].notes.items()]
     made |= {named(part): (candidate, part) for part in own}
     rows |= {named(part): row for part, row in own.items()}
     curves |= {named(part): curve for part, curve in drawn.items()}
@@ -73,7 +74,7 @@ def evaluate(request: Request) -> Result:
       protocol=protocol.name, title=protocol.title, rows=rows, row_order=["real", *made],
       metrics=[name for name in task.METRICS if any(name in row for row in rows.values())],
       paper=printed.paper_of(protocol, main, made, resolved.whole),
-      notes=[note for note in (protocol.note, *uncertain, *task.notes, *left_out) if note],
+      notes=[note for note in (protocol.note, *uncertain, *task.notes, *notes, *left_out) if note],
       provenance=provenance.describe(harness, resolved.folders, candidates, len(replications), devices),
       sanity=sanity, controls=checked, differences=compared,
       curves=aggregates.guidance_curves(rows, candidates) | (controls_lib.curves(checked) if checked else {})

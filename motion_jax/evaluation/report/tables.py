@@ -42,6 +42,8 @@ METRICS = {
     "foot_height": Metric("foot height", "real", 4),
     "penetration": Metric("penetration", "real", 4), "bone_drift": Metric("bone drift", "real", 4),
     "acceleration": Metric("acceleration", "real"), "jerk": Metric("jerk", "real", 4),
+    "auc_jerk": Metric("AUC jerk", "real", 2), "auc_dynamics": Metric("AUC dynamics", "real", 2),
+    "auc_limbs": Metric("AUC limbs", "real", 2),
     "preference": Metric("preferred", "up"), "frames_per_second": Metric("frames/s", "up", 1),
     "first_token_ms": Metric("first latent, ms", "down", 1), "next_token_ms": Metric("next latent, ms", "down", 1),
     "parameters_million": Metric("parameters, M", "", 1),

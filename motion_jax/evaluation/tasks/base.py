@@ -21,11 +21,12 @@ class Found:
 
   rows: {part: {metric: number}}; a candidate with a single row has part "". curves: {part: mean jerk (width,) of each
   frame around a transition}, where a task measures it. by_motion: the values of each motion, {part: ..}, where a task's
-  motions are those of the draw.
+  motions are those of the draw. notes: {part: sentence}, for the notes under the table.
   """
   rows: Mapping[str, Row]
   curves: Mapping[str, np.ndarray] = dataclasses.field(default_factory=dict)
   by_motion: Mapping[str, ByMotion] = dataclasses.field(default_factory=dict)
+  notes: Mapping[str, str] = dataclasses.field(default_factory=dict)
 
 
 @dataclasses.dataclass(frozen=True)
