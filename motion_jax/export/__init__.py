@@ -18,6 +18,7 @@ from motion_jax.export.files import READERS, load, npy, npz
 from motion_jax.export.glb import glb
 from motion_jax.export.html import html, html_page
 from motion_jax.export.points import c3d, csv, trc
+from motion_jax.export.rates import at_rate
 from motion_jax.export.rig import rig_error as _rig_error
 from motion_jax.export.usd import usda
 from motion_jax.export.video import frame, frames, strip, video
@@ -28,6 +29,7 @@ from motion_jax.motion.transfer import to_22
 from motion_jax.utils.plugins import Registry
 
 _TOGETHER = (html, strip, character)  # several clips share one file
+_OWN_RATE = (video, html, strip)  # a film interpolates what it draws, pictures have no rate
 _ANY_FIGURE = (npz, npy, csv, trc, c3d)  # the others draw or store bodies of joints whose names they know
 
 
@@ -82,13 +84,17 @@ def save(clip, path, **options) -> list[pathlib.Path]:
 
   Several clips share an .html page or a picture, a row each; other kinds become name_0.ext, name_1.ext, ... Options go
   to the writer (`help(motion_jax.export.video)` and so on). file: a rigged character (.glb, .gltf, .vrm) which a .glb
-  or .vrm is written of, all clips in one (`character`). A file appears whole or not at all.
+  or .vrm is written of, all clips in one (`character`). fps: the frame rate of a file (`export.rates`), by default the
+  clip's. A file appears whole or not at all.
   """
   clips = list(clip) if isinstance(clip, list | tuple) else [clip]
   if not clips:
     raise ValueError(f"got no clip to write to {path}")
   path = pathlib.Path(check_output(path))
   ending = ending_of(path)
+  rate = None if WRITERS[ending] in _OWN_RATE else options.pop("fps", None)
+  if rate is not None:
+    clips = [at_rate(one, rate) for one in clips]
   write = character if options.get("file") is not None else WRITERS[ending]
   if write not in _ANY_FIGURE:
     clips = [_for_rig(_with_22_joints(clip), options.get("rig")) for clip in clips]

@@ -19,10 +19,10 @@ class Binding(NamedTuple):
   inverse: Float[np.ndarray, "n 4 4"]   # from the T-pose, in which the mesh is, to the frame of each joint
 
 
-def bind(clip, exact=False, rig=None) -> Binding:
+def bind(clip, exact=False, rig=None, t_pose=False) -> Binding:
   """The mannequin of a clip on a rig (`export.rig.on_rig`), bound in the T-pose even where the rig rests otherwise."""
   skeleton = clip.skeleton
-  pose, moved = rigged(clip, exact), on_rig(clip, rig, exact)
+  pose, moved = rigged(clip, exact), on_rig(clip, rig, exact, t_pose)
   ours = rest_joints(pose.offsets, skeleton)
   followed = moved.rig.followed(skeleton)
   turned = np.array(followed)

@@ -20,11 +20,12 @@ _ORDER, _ARM_ORDER = "YZX", "ZXY"
 _ARM = ("collar", "shoulder", "elbow", "wrist")
 
 
-def bvh(clip, path, unit="centimetres", exact=False, rig=None) -> pathlib.Path:
+def bvh(clip, path, unit="centimetres", exact=False, rig=None, t_pose=False) -> pathlib.Path:
   """Writes a clip as BVH, y up, facing +z, one line per frame at the clip's rate.
 
   unit: "centimetres" (most programs expect them) or "metres". rig: names, tree and rest pose of another program
-  (`motion.rigs`), such as "mixamo"; the rest pose is a T-pose, of Unreal's rigs an A-pose.
+  (`motion.rigs`), such as "mixamo"; the rest pose is a T-pose, of Unreal's rigs an A-pose. t_pose: the
+  first frame is a T-pose.
 
   Only the root has position channels: the joints are those of the rigid skeleton that is nearest to the motion,
   millimetres away (`export.rig_error`). exact=True adds position channels wherever that is more than half a
@@ -35,7 +36,7 @@ def bvh(clip, path, unit="centimetres", exact=False, rig=None) -> pathlib.Path:
   if unit not in _UNITS:
     raise ValueError(f"got unit {unit!r}, expected one of {', '.join(_UNITS)}")
   scale = _UNITS[unit]
-  pose = on_rig(clip, rig, exact)
+  pose = on_rig(clip, rig, exact, t_pose)
   names, parents = pose.rig.names, pose.rig.parents
   moving = np.linalg.norm(pose.shifts, axis=-1).max(0) > 5e-4
   moving[[0, pose.pelvis]] = True
@@ -65,7 +66,7 @@ def bvh(clip, path, unit="centimetres", exact=False, rig=None) -> pathlib.Path:
   places[:, pose.pelvis] = pose.root
   columns = [np.concatenate(([places[:, j] * scale] if moving[j] else []) + [np.degrees(angles[j])], axis=1)
              for j in order]
-  lines += ["MOTION", f"Frames: {clip.num_frames}", f"Frame Time: {1 / clip.fps:.8f}"]
+  lines += ["MOTION", f"Frames: {len(pose.root)}", f"Frame Time: {1 / clip.fps:.8f}"]
   lines += [_numbers(row) for row in np.concatenate(columns, axis=1)]
   with atomic_path(path) as temporary:
     temporary.write_text("\n".join(lines) + "\n", encoding="ascii")

@@ -19,14 +19,15 @@ from motion_jax.utils.atomic import atomic_path
 FLOAT, SHORT, BYTE = 5126, 5123, 5121
 
 
-def glb(clip, path, exact=False, rig=None) -> pathlib.Path:
+def glb(clip, path, exact=False, rig=None, t_pose=False) -> pathlib.Path:
   """Writes a clip as a .glb: nodes named like the joints, one skin, one animation at the clip's rate, metres, y up.
 
   rig: names, tree and rest pose of another program (`motion.rigs`), such as "mixamo". Joints only turn,
-  and the root moves; exact=True also moves those whose place rotations miss by half a millimetre.
+  and the root moves; exact=True also moves those whose place rotations miss by half a millimetre. t_pose: the
+  first frame is a T-pose.
   """
   path = pathlib.Path(path)
-  moved, own, skins, rest, inverse = bind(clip, exact, rig)
+  moved, own, skins, rest, inverse = bind(clip, exact, rig, t_pose)
   buffer = Buffer()
   materials = [_material(skin.group, COLORS[skin.group]) for skin in skins]
   meshes = [_primitive(buffer, skin, number) for number, skin in enumerate(skins)]

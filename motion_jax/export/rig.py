@@ -9,6 +9,7 @@ from motion_jax.data.clip import Clip
 from motion_jax.motion import rigs
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.pose import Pose, pose_to_joints, to_pose, turn_ends
+from motion_jax.motion.retarget import floor_height
 from motion_jax.motion.rigid import fit_pose, rest_offsets
 from motion_jax.motion.rigs import Rig
 from motion_jax.motion.skeleton import Skeleton
@@ -48,18 +49,20 @@ class RigMotion(NamedTuple):
     return next(iter(self.rig.joints.values()))
 
 
-def on_rig(clip: Clip, rig: str | Rig | None = None, exact: bool = False) -> RigMotion:
+def on_rig(clip: Clip, rig: str | Rig | None = None, exact: bool = False, t_pose: bool = False) -> RigMotion:
   """A clip on the joints of a rig, which keeps the body's own proportions; None: the clip's skeleton as it is.
 
-  Every joint turns with the one of the clip whose place it has; joints in between keep still. Raises InputError for a
-  rig of 22 joints and a clip of another skeleton.
+  Every joint turns with the one of the clip whose place it has; joints in between keep still. t_pose: one more frame
+  before the motion, a T-pose on the floor, facing +z. Raises InputError for a rig of 22 joints and a clip of another
+  skeleton.
   """
   skeleton = clip.skeleton
   rig = rigs.of_skeleton(skeleton) if rig is None else rigs.get_rig(rig) if isinstance(rig, str) else rig
   if not set(rig.joints) <= set(skeleton.joints):
     raise InputError(f"got rig {rig.name!r} for a motion of {skeleton.num_joints} joints ({skeleton.name}), expected "
                      f"HumanML3D's 22; skeleton {skeleton.name!r} is written without a rig, as .bvh or .glb")
-  return pose_on_rig(rigged(clip, exact), rig, skeleton)
+  pose = rigged(clip, exact)
+  return pose_on_rig(_after_t_pose(pose, skeleton) if t_pose else pose, rig, skeleton)
 
 
 def pose_on_rig(pose: Pose, rig: Rig, skeleton: Skeleton) -> RigMotion:
@@ -81,6 +84,16 @@ def pose_on_rig(pose: Pose, rig: Rig, skeleton: Skeleton) -> RigMotion:
                    for number, joint in enumerate(followed)])
   return RigMotion(rig, offsets, rot.rotate(rest[followed], ends), shifts, pose.root, rot.continuous(local),
                    rot.continuous(turned))
+
+
+def _after_t_pose(pose: Pose, skeleton: Skeleton) -> Pose:
+  """A Pose, metres, after one more frame: the T-pose, its feet as high as those that stand in the motion."""
+  still = lambda q: rot.continuous(np.concatenate([np.broadcast_to([1.0, 0, 0, 0], (1, *q.shape[1:])), q]))
+  floor = floor_height(pose_to_joints(pose, skeleton), skeleton)
+  low = rigs.of_skeleton(skeleton).places(pose.offsets, skeleton)[:, 1].min()
+  root = np.concatenate([[[pose.root[0, 0], floor - low, pose.root[0, 2]]], pose.root])
+  return pose._replace(root=root, rotations=still(pose.rotations), turned=still(pose.turned),
+                       shifts=np.concatenate([np.zeros_like(pose.shifts[:1]), pose.shifts]))
 
 
 def rig_error(clip: Clip) -> tuple[float, float, str]:

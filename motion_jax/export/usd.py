@@ -15,14 +15,14 @@ from motion_jax.export.body import COLORS
 from motion_jax.utils.atomic import atomic_path
 
 
-def usda(clip, path, exact=False, rig=None) -> pathlib.Path:
+def usda(clip, path, exact=False, rig=None, t_pose=False) -> pathlib.Path:
   """Writes a clip as .usda: a SkelRoot with Skeleton, SkelAnimation and meshes, metres, y up, a time code per frame.
 
   rig: names, tree and rest pose of another program (`motion.rigs`), such as "ue5". Joints only turn, and the root
-  moves; exact=True also moves those whose place rotations miss.
+  moves; exact=True also moves those whose place rotations miss. t_pose: the first frame is a T-pose.
   """
   path = pathlib.Path(path)
-  moved, carriers, skins, rest, inverse = bind(clip, exact, rig)
+  moved, carriers, skins, rest, inverse = bind(clip, exact, rig, t_pose)
   tokens = _paths(moved.rig)
   offsets = moved.offsets.copy()
   offsets[moved.pelvis] = rest[moved.pelvis]
@@ -34,7 +34,7 @@ def usda(clip, path, exact=False, rig=None) -> pathlib.Path:
   caption = clip.captions[0].text if clip.captions else clip.id
   lines = ["#usda 1.0", "(", '  defaultPrim = "Motion"', f"  doc = {_text(caption)}", "  metersPerUnit = 1",
            '  upAxis = "Y"', f"  timeCodesPerSecond = {clip.fps:.10g}", f"  framesPerSecond = {clip.fps:.10g}",
-           "  startTimeCode = 0", f"  endTimeCode = {clip.num_frames - 1}", ")", "",
+           "  startTimeCode = 0", f"  endTimeCode = {len(moved.root) - 1}", ")", "",
            'def SkelRoot "Motion" (prepend apiSchemas = ["SkelBindingAPI"])', "{",
            '  def Skeleton "Skeleton" (prepend apiSchemas = ["SkelBindingAPI"])', "  {",
            f"    uniform token[] joints = {json.dumps(tokens)}", f"    uniform token[] jointNames = {names}",

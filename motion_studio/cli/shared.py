@@ -120,6 +120,10 @@ def add_rig(parser):
                       "not known: {our joint: its bone}; an error message lists them")
   parser.add_argument("--rig", metavar="NAME", help="joint names, tree and rest pose of another program in .bvh, .glb "
                       "and .usda: mixamo, unity, ue5, vrm, rigify ...; motion-jax rigs lists them (HumanML3D's)")
+  parser.add_argument("--t-pose", action="store_true", help="add a first frame that is a T-pose to .bvh, .glb, .usda, "
+                      ".fbx and --character")
+  parser.add_argument("--out-fps", type=real(*FRAME_RATES), metavar="N", help="frame rate of the motion files written, "
+                      "such as 24, 25, 30, 50, 60 or 120, interpolated; loops stay loops (the motion's)")
   parser.add_argument("--bvh-unit", choices=tuple(BVH_UNITS), default="cm",
                       help="unit of .bvh files: cm (common; in Blender import with scale 0.01) or m")
   parser.add_argument("--pelvis-offset", metavar="X,Y,Z", type=_three, help="in .amass.npz, the pelvis of your body "
@@ -148,10 +152,12 @@ def file_options(args, out):
   """The options of `export.save` for a file of this format."""
   kind = pathlib.Path(out).suffix.lower()
   found = film_options(args) if kind in FILMS else {}
+  if kind not in PICTURES and args.out_fps is not None:
+    found["fps"] = args.out_fps
   if kind in CHARACTERS and args.character is not None:
-    return found | {"file": args.character, "mapping": args.character_mapping}
+    return found | {"file": args.character, "mapping": args.character_mapping, "t_pose": args.t_pose}
   if kind in RIGS:
-    found |= {"exact": args.exact_joints, "rig": args.rig}
+    found |= {"exact": args.exact_joints, "rig": args.rig, "t_pose": args.t_pose}
   if out.lower().endswith(".amass.npz") and args.pelvis_offset:
     found["pelvis_offset"] = args.pelvis_offset
   if kind == ".bvh":
