@@ -41,7 +41,7 @@ def amass(clip, path, pelvis_offset=(0.0, 0.0, 0.0)) -> pathlib.Path:
 
 # {extension: writer(clip, path, **options) -> path}, and those of other packages.
 WRITERS: Registry[Callable] = Registry("motion_jax.exports", {
-    ".npz": npz, ".npy": npy, ".bvh": bvh, ".glb": glb, ".vrm": character, ".vrma": vrma, ".usda": usda, ".fbx": fbx,
+    ".npz": npz, ".npy": npy, ".bvh": bvh, ".glb": glb, ".vrma": vrma, ".usda": usda, ".fbx": fbx, ".vrm": character,
     ".csv": csv, ".trc": trc, ".c3d": c3d, ".amass.npz": amass, ".mp4": video, ".gif": video, ".html": html,
     ".png": strip, ".jpg": strip})
 

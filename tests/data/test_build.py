@@ -143,7 +143,7 @@ def test_missing_things(captures, tmp_path):
   with pytest.raises(FileNotFoundError, match="no folder"):
     build(tmp_path / "nowhere", tmp_path / "out")
   (tmp_path / "empty").mkdir()
-  with pytest.raises(FileNotFoundError, match="holds no .bvh or .amc file"):
+  with pytest.raises(FileNotFoundError, match="holds no .bvh or .amc or .glb"):
     build(tmp_path / "empty", tmp_path / "out")
   (captures / "captions.csv").write_text("file,caption\nmissing.bvh,walks\n")
   with pytest.raises(ValueError, match="name 1 files .* missing.bvh"):
