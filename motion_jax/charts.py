@@ -12,7 +12,7 @@ from PIL import Image, ImageDraw, ImageFont
 WIDTH, HEIGHT = 460, 290
 _LEFT, _RIGHT, _TOP, _BOTTOM = 66, 16, 14, 46
 _DOTS = 16  # a line of more points than this is drawn without dots
-_COLORS = {"axis": "#667085", "border": "#667085", "grid": "#e1e5ec", "tick": "#667085", "label": "#22262f",
+COLORS = {"axis": "#667085", "border": "#667085", "grid": "#e1e5ec", "tick": "#667085", "label": "#22262f",
            "s0": "#2a6fb8", "s1": "#d9622b", "s2": "#1c8552", "s3": "#8a4fb5", "s4": "#b0892b", "real": "#7d8594"}
 _SCALE, _FINE = 2, 2  # a picture has this many pixels for each of a chart's, and is drawn finer, then made smaller
 
@@ -52,7 +52,7 @@ def picture(series: Sequence[Series], x_label: str, y_label: str, title: str = "
   shapes = {"rule": _draw_rule, "text": _draw_text, "line": _draw_line, "band": _draw_band, "dot": _draw_dot}
   for mark in _layout(series, x_label, y_label, title, logarithmic):
     points = [(zoom * x, zoom * y) for x, y in mark.points]
-    shapes[mark.shape](image, mark._replace(points=points), _COLORS[mark.kind], zoom)
+    shapes[mark.shape](image, mark._replace(points=points), COLORS[mark.kind], zoom)
   return image.resize((_SCALE * WIDTH, _SCALE * HEIGHT), Image.Resampling.LANCZOS)
 
 
@@ -61,7 +61,7 @@ def legend(series: Sequence[Series]) -> Image.Image:
   image = Image.new("RGB", (_SCALE * WIDTH, _SCALE * 18 * len(series)), "white")
   font, draw = ImageFont.load_default(_SCALE * 12), ImageDraw.Draw(image)
   for row, (one, kind) in enumerate(zip(series, kinds(series))):
-    draw.text((_SCALE * _LEFT, _SCALE * 18 * row), one.name, fill=_COLORS[kind], font=font)
+    draw.text((_SCALE * _LEFT, _SCALE * 18 * row), one.name, fill=COLORS[kind], font=font)
   return image
 
 

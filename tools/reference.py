@@ -104,7 +104,7 @@ def signature(node):
   return f"({ast.unparse(node.args)}){returns}"
 
 
-def _bodies(doc):
+def bodies(doc):
   """A docstring as Markdown: its first paragraph, then the rest as it stands."""
   first, _, rest = doc.strip().partition("\n\n")
   lines = [" ".join(first.split()), ""]
@@ -116,7 +116,7 @@ def _bodies(doc):
 def _class_lines(entry):
   bases = [ast.unparse(base) for base in entry.node.bases]
   lines = ["```python", f"class {entry.name}({', '.join(bases)})" if bases else f"class {entry.name}", "```", ""]
-  lines += _bodies(entry.doc)
+  lines += bodies(entry.doc)
   fields = [node for node in entry.node.body if isinstance(node, ast.AnnAssign)
             and not node.target.id.startswith("_")]
   if fields:
@@ -139,7 +139,7 @@ def _entry_lines(entry):
     link = f"[`{entry.module}`]({page})" if entry.module in rooms() else f"Module `{entry.module}`"
     return [*lines, f"{link}. {' '.join(entry.doc.partition(chr(10) * 2)[0].split())}", ""]
   if entry.kind == "function":
-    lines += ["```python", f"{entry.name}{signature(entry.node)}", "```", "", *_bodies(entry.doc)]
+    lines += ["```python", f"{entry.name}{signature(entry.node)}", "```", "", *bodies(entry.doc)]
   elif entry.kind == "class":
     lines += _class_lines(entry)
   else:
@@ -153,10 +153,10 @@ def room_page(room):
   """The page of a room, as Markdown."""
   _, tree = tree_of(room)
   entries = [resolve(room, name) for name in public_names(room)]
-  lines = [f"# {room}", "", NOTE, "", *_bodies(ast.get_docstring(tree) or "")]
+  lines = [f"# {room}", "", NOTE, "", *bodies(ast.get_docstring(tree) or "")]
   for entry in entries:
     lines += _entry_lines(entry)
-  return _joined(lines)
+  return joined(lines)
 
 
 def commands():
@@ -179,8 +179,8 @@ def commands():
 def command_page(name, parser, about):
   """The page of a command: what it does, its arguments, its flags by group."""
   formatter = parser._get_formatter()
-  text = lambda action: _escaped(formatter._expand_help(action)) if action.help else ""
-  lines = [f"# motion-jax {name}", "", NOTE, "", _escaped(about), ""]
+  text = lambda action: escaped(formatter._expand_help(action)) if action.help else ""
+  lines = [f"# motion-jax {name}", "", NOTE, "", escaped(about), ""]
   for group in parser._action_groups:
     actions = [action for action in group._group_actions
                if action.help is not argparse.SUPPRESS and action.dest != "help"]
@@ -190,7 +190,7 @@ def command_page(name, parser, about):
     title, _, note = title.partition(": ")
     lines += [f"## {title[0].upper()}{title[1:]}", ""]
     if note:
-      lines += [_escaped(note[0].upper() + note[1:] + "."), ""]
+      lines += [escaped(note[0].upper() + note[1:] + "."), ""]
     lines += ["| name | meaning |", "| --- | --- |"]
     for action in actions:
       value = formatter._format_args(action, formatter._get_default_metavar_for_optional(action)
@@ -200,15 +200,17 @@ def command_page(name, parser, about):
       lines.append(f"| `{named}` | {text(action)} |")
     lines.append("")
   if parser.epilog:
-    lines += [_escaped(parser.epilog), ""]
-  return _joined(lines)
+    lines += [escaped(parser.epilog), ""]
+  return joined(lines)
 
 
-def _escaped(text):
+def escaped(text):
+  """Text in one line for a cell of a Markdown table."""
   return " ".join(text.replace("|", "\\|").replace("<", "&lt;").split())
 
 
-def _joined(lines):
+def joined(lines):
+  """The text of a page: never two empty lines in a row, and one line's end at its end."""
   return re.sub(r"\n{3,}", "\n\n", "\n".join(line.rstrip() for line in lines)).strip() + "\n"
 
 
@@ -219,12 +221,12 @@ def index_page(room_names, command_names):
            "## Packages", "", "| room | contents |", "| --- | --- |"]
   for room in room_names:
     doc = " ".join((ast.get_docstring(tree_of(room)[1]) or "").partition("\n\n")[0].split())
-    lines.append(f"| [`{room}`]({room}.md) | {_escaped(doc)} |")
+    lines.append(f"| [`{room}`]({room}.md) | {escaped(doc)} |")
   lines += ["", "## Commands", "", "Dashes and underscores in flags are the same.", "", "| command | what it does |",
             "| --- | --- |"]
   for name, (_, about) in command_names.items():
-    lines.append(f"| [`motion-jax {name}`](commands/{name.replace(' ', '-')}.md) | {_escaped(about)} |")
-  return _joined(lines)
+    lines.append(f"| [`motion-jax {name}`](commands/{name.replace(' ', '-')}.md) | {escaped(about)} |")
+  return joined(lines)
 
 
 def pages():

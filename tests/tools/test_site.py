@@ -1,0 +1,62 @@
+"""The site without its extra: the navigation names every page once, and every link leads to a page of the site."""
+import pytest
+
+from tests.conftest import ROOT
+from tools import reference
+from tools.site import api, nav
+
+
+@pytest.fixture(scope="module")
+def navigation():
+  return nav.flat(nav.build(api.configs()))
+
+
+def test_the_navigation_names_every_page_once(navigation):
+  assert len(set(navigation)) == len(navigation)
+  missing = {*nav.pages(), *nav.notebooks()} - set(navigation)
+  assert not missing, f"link them in docs/README.md or docs/lab/README.md: {sorted(missing)}"
+  of_reference = {f"reference/{name}" for name in (*reference.pages(), *api.pages())}
+  assert {page for page in navigation if page.startswith("reference/")} == of_reference
+
+
+def test_every_page_of_the_navigation_exists(navigation):
+  made = {f"reference/{name}" for name in api.pages()}
+  for page in set(navigation) - made:
+    assert any((folder / page).is_file() for folder in (ROOT / "docs", ROOT / "site", ROOT / "examples")), page
+
+
+def test_every_link_of_the_site_leads_to_a_page():
+  """Of docs/, of the pages in site/, of notebooks, and of what they link to elsewhere in the repository."""
+  pages = [path.relative_to(ROOT).as_posix() for folder in ("docs", "site", "examples/notebooks")
+           for path in sorted((ROOT / folder).rglob("*.md"))]
+  outside = nav.outside(pages)
+  there = {nav.uri_of(path) for path in (*pages, *outside)}
+  for path in (*pages, *(path for path in outside if path.endswith(".md"))):
+    for target in nav.targets(ROOT / path):
+      assert (ROOT / target).exists(), f"{path} links to {target}"
+      uri = nav.uri_of(target)
+      assert uri in there or (ROOT / "docs" / uri).is_file(), f"{path} links to {target}, which is not on the site"
+
+
+def test_links_are_moved_with_their_page():
+  text = "[a](../NOTICE) [b](training.md#x) [c](../README.md) [d](https://x.org)\n```\n[e](../NOTICE)\n```\n"
+  moved = nav.relinked(text, "docs/models.md", "models.md")
+  assert moved == ("[a](repository/NOTICE.md) [b](training.md#x) [c](index.md) [d](https://x.org)\n"
+                   "```\n[e](../NOTICE)\n```\n")
+  assert nav.relinked("[b](docs/training.md)", "CONTRIBUTING.md", "repository/CONTRIBUTING.md") == "[b](../training.md)"
+
+
+def test_a_room_page_has_a_directive_for_each_name():
+  page = api.room_page("motion_jax.nets")
+  assert "## CausalDiT { #causaldit }\n\n::: motion_jax.nets.causal_dit.CausalDiT\n" in page
+  assert page.count("\n## ") == len(reference.public_names("motion_jax.nets"))
+
+
+def test_a_config_page_states_fields_values_and_meanings():
+  page = api.config_page("cmdm_denoiser")
+  row = next(line for line in page.splitlines() if line.startswith("| `sampler.lag` |"))
+  assert "`2`" in row
+  row = next(line for line in page.splitlines() if line.startswith("| `model.depth` |"))
+  assert "`8`" in row and "tiny: `1`" in row
+  row = next(line for line in page.splitlines() if line.startswith("| `train.keep_last` |"))
+  assert "how many training states stay" in row

@@ -1,0 +1,107 @@
+"""Reference pages of the site: rooms by mkdocstrings, with source and shapes; configs with fields and values."""
+import ast
+import functools
+import pathlib
+import re
+
+from ml_collections import ConfigDict
+
+from motion_jax.utils import config_files
+from motion_jax.utils.errors import InputError
+from tools import reference
+
+SIZES = ("full", "small", "laptop", "mini", "tiny")
+_NAMES = r"\w+(?:(?:, | and )\w+)*"  # of fields that a comment or docstring explains: "name, fields: ..."
+_WHERE = r"(?:, where \w+ is)?: "
+MEANINGS = re.compile(rf"(?:^|[.;]\s)({_NAMES}){_WHERE}(.+?)(?=[.;]\s+{_NAMES}{_WHERE}|[.;]?$)")
+
+
+def room_page(room):
+  """The page of a room: what it is for, then each public name by mkdocstrings, under the heading that links name."""
+  lines = [f"# {room}", "", *reference.bodies(ast.get_docstring(reference.tree_of(room)[1]) or "")]
+  for name in reference.public_names(room):
+    entry = reference.resolve(room, name)
+    if entry.kind == "module":
+      page = f"[`{entry.module}`]({entry.module}.md)" if entry.module in reference.rooms() else f"`{entry.module}`"
+      lines += [f"## {name}", "", f"Module {page}. {' '.join(entry.doc.partition(chr(10) * 2)[0].split())}", ""]
+    else:
+      path = f"{entry.module}.{getattr(entry.node, 'name', name)}"
+      lines += [f"## {name} {{ #{name.lower()} }}", "", f"::: {path}", "    options:", "      show_root_heading: false",
+                "      show_root_toc_entry: false", "      heading_level: 3", ""]
+  return reference.joined(lines)
+
+
+@functools.cache
+def meanings(source):
+  """{field: what it means} of the comments and docstrings of a config file that say "field: meaning"."""
+  comments = re.sub(r"\n *#", "", "\n".join(re.findall(r"(?m)(?:^ *#.*\n)+", source)))
+  texts = [*re.findall(r'"""(.*?)"""', source, flags=re.DOTALL), *re.findall(r"#\s*(\w+: .*)", comments)]
+  found = {}
+  for text in texts:
+    for names, meaning in MEANINGS.findall(" ".join(text.replace("#", "").split())):
+      for name in re.split(r", | and ", names):
+        found.setdefault(name, meaning.strip())
+  return found
+
+
+def fields(config, before=""):
+  """{"section.field": value} of a config."""
+  found = {}
+  for name, value in config.items():
+    if isinstance(value, ConfigDict) and len(value):
+      found |= fields(value, f"{before}{name}.")
+    else:
+      found[before + name] = value
+  return found
+
+
+def config_page(name):
+  """The page of a config that ships: what its docstring says, each field with its value in every size, its source."""
+  path = config_files.FOLDER / f"{name}.py"
+  source = path.read_text(encoding="utf-8")
+  docstring = re.match(r'"""(.*?)"""', source, flags=re.DOTALL)[1]
+  lines = [f"# {name}", "", *reference.bodies(docstring)]
+  by_size = {}
+  for size in SIZES:
+    try:
+      by_size[size] = fields(config_files.load(f"{name}:{size}"))
+    except (ValueError, InputError):
+      continue
+  meaning = meanings((config_files.FOLDER / "common.py").read_text(encoding="utf-8")) | meanings(source)
+  lines += ["## Fields", "", "`--config.FIELD=VALUE` sets a field. A size that is not named has the first value.", "",
+            "| field | value | meaning |", "| --- | --- | --- |"]
+  for field in dict.fromkeys(field for found in by_size.values() for field in found):
+    if field.startswith("paper_row"):
+      continue
+    values = {}
+    for size, found in by_size.items():
+      if field in found:
+        values.setdefault(repr(found[field]), []).append(size)
+    (first, _), *others = values.items()
+    shown = [f"`{first}`", *(f"{', '.join(sizes)}: `{value}`" for value, sizes in others)]
+    lines.append(f"| `{field}` | {'<br>'.join(shown)} | {reference.escaped(meaning.get(field.split('.')[-1], ''))} |")
+  return reference.joined([*lines, "", "## Source", "", "```python", *source.strip().splitlines(), "```"])
+
+
+def configs():
+  """Names of the configs that have pages; rows of ablation tables are variants of these."""
+  return [name for name in config_files.names() if "/" not in name]
+
+
+def pages():
+  """{path below docs/reference: text} of the pages that are made for the site alone."""
+  return {f"{room}.md": room_page(room) for room in reference.rooms()} | {
+      f"configs/{name}.md": config_page(name) for name in configs()}
+
+
+def source_of(path: pathlib.Path) -> str:
+  """A page that shows a file of the repository, or what a folder holds, with links as from beside the folder."""
+  name = path.relative_to(reference.ROOT).as_posix()
+  if path.is_dir():
+    inner = sorted(one for one in path.iterdir() if not one.name.startswith((".", "__pycache__")))
+    link = lambda one: f"[{one.name}]({path.name}/{one.name + '/README.md' * one.is_dir()})"
+    lines = [f"- {link(one)}" if one.suffix == ".py" or one.name == "README.md" or (one / "README.md").is_file()
+             else f"- {one.name}" for one in inner]
+    return reference.joined([f"# {name}/", "", *lines])
+  language = "python" if path.suffix == ".py" else "text"
+  return reference.joined([f"# {name}", "", f"````{language}", *path.read_text(encoding="utf-8").splitlines(), "````"])
