@@ -23,7 +23,7 @@ __all__ = ["Drawing", "mask", "network", "schedule"]
 
 _CELL, _TITLE, _LABEL = 16, 26, 20  # pixels
 _LARGEST = 640   # pixels of a grid; more cells become smaller ones
-_WIDTH, _LINE, _GAP = 560, 19, 26   # pixels of a network's boxes
+_WIDTH, _LINE, _GAP, _BETWEEN = 560, 19, 26, 8  # pixels of a network's boxes
 _STYLE = """<style>
 .mj-drawing { --mj-ink: %(label)s; --mj-soft: %(tick)s; --mj-line: %(grid)s; --mj-card: #ffffff; --mj-cell: %(s0)s; }
 @media (prefers-color-scheme: dark) { .mj-drawing { --mj-ink: #e6e9ef; --mj-soft: #98a2b3; --mj-line: #303641;
@@ -81,7 +81,7 @@ def schedule(times: Any, title: str = "") -> Drawing:
 
 
 def network(module: Any, *inputs: Any, title: str = "") -> Drawing:
-  """A linen module as boxes: its submodules in the order in which they run, with the shapes that go in and come out.
+  """A linen module as boxes: its submodules in the order in which they first run, with the shapes that go in and come out.
 
   inputs: what `module(...)` takes, as arrays or `jax.ShapeDtypeStruct`s. Nothing is computed: shapes and parameter
   counts come from `jax.eval_shape` of the module's own code. Equal neighbours, such as layers, share a box.
@@ -92,9 +92,10 @@ def network(module: Any, *inputs: Any, title: str = "") -> Drawing:
            f"{html.escape(title or type(module).__name__)}, {_count(total)} parameters</text>"]
   top = 34.0
   marks.append(_flow_text(", ".join(_shape(one) for one in inputs if hasattr(one, "shape")), top))
+  marks.append(f'<path class="flow" d="M{_WIDTH / 2} {top + 8:.0f}v14m-4 -5l4 5l4 -5"/>')
+  top += _GAP - _BETWEEN
   for box in boxes:
-    top += _GAP
-    marks.append(f'<path class="flow" d="M{_WIDTH / 2} {top - 17:.0f}V{top:.0f}m-4 -5l4 5l4 -5"/>')
+    top += _BETWEEN
     height = 26 + _LINE * len(box.lines) + 4
     marks += [f'<rect class="box" x="10" y="{top:.0f}" width="{_WIDTH - 20}" height="{height}" rx="7"/>',
               f'<rect class="head" x="10" y="{top:.0f}" width="{_WIDTH - 20}" height="24" rx="7"/>',
@@ -185,7 +186,7 @@ def _traced(module, inputs):
   def note(call, args, kwargs, context):
     output = call(*args, **kwargs)
     name = context.method_name
-    if context.module.path and name != "setup" and not name.startswith("_") or name == "__call__":
+    if context.module.path and _shapes(args, 1) and (name == "__call__" or not name.startswith(("_", "setup"))):
       _, methods = seen.setdefault(context.module.path, (type(context.module).__name__, {}))
       methods.setdefault(name, f"{_shapes(args, 2)} → {_shapes([output], 1)}")
     return output
@@ -198,36 +199,32 @@ def _traced(module, inputs):
   params = {tuple(part.key for part in path): math.prod(leaf.shape)
             for path, leaf in jax.tree_util.tree_leaves_with_path(variables.get("params", {}))}
   of = lambda path: sum(count for name, count in params.items() if name[:len(path)] == path)
-  calls = [_Call(path, kind, methods, of(path)) for path, (kind, methods) in seen.items() if path]
-  known = {one.path for one in calls}
-  for path in params:  # modules that run only inside of others' methods still have a box of their own
-    if path[:1] not in known and len(path) > 1:
-      known.add(path[:1])
-      calls.append(_Call(path[:1], "", {}, of(path[:1])))
+  calls = [_Call(path, kind, methods, of(path)) for path, (kind, methods) in seen.items()]
   return calls, sum(params.values()), _shapes([output], 3)
 
 
 def _merged(shown: Sequence[_Call], calls: Sequence[_Call]) -> list[_Box]:
-  """The boxes of modules; neighbours that differ by the number in their name alone are one box."""
-  stem = lambda name: re.sub(r"_?\d+$", "", name)
+  """The boxes of modules, each with its methods and its parts."""
+  boxes = []
+  for title, run in _runs(shown):
+    lines = [(method if method != "__call__" else "call", shapes, False) for method, shapes in run[0].methods.items()]
+    inner = [call for call in calls if call.path[:-1] == run[0].path and call.kind != "Dropout"]
+    lines += [(part, next(iter(same[0].methods.values()), ""), True) for part, same in _runs(inner)]
+    boxes.append(_Box(title, sum(one.params for one in run), lines))
+  return boxes
+
+
+def _runs(calls: Sequence[_Call]) -> list[tuple[str, list[_Call]]]:
+  """[(title, modules)]: neighbours that differ in the number of their name alone stand together."""
+  stem = lambda call: re.sub(r"_?\d+$", "", call.path[-1])
   runs: list[list[_Call]] = []
-  for one in sorted(shown, key=lambda call: [other.path[0] for other in calls].index(call.path[0])):
-    same = runs and stem(runs[-1][0].path[-1]) == stem(one.path[-1]) and runs[-1][0].kind == one.kind and (
-        runs[-1][0].params == one.params)
-    if same:
+  for one in calls:
+    if runs and all(of(runs[-1][0]) == of(one) for of in (stem, lambda c: (c.kind, c.methods, c.params))):
       runs[-1].append(one)
     else:
       runs.append([one])
-  boxes = []
-  for run in runs:
-    first, parts = run[0], []
-    inner = [call for call in calls if len(call.path) == len(run[0].path) + 1 and call.path[:-1] == run[0].path]
-    for call in inner:
-      parts.append((f"{call.path[-1]}: {call.kind}", next(iter(call.methods.values()), ""), True))
-    name = first.path[-1] if len(run) == 1 else f"{len(run)} × {stem(first.path[-1])}"
-    lines = [(method if method != "__call__" else "call", shapes, False) for method, shapes in first.methods.items()]
-    boxes.append(_Box(f"{name}{': ' * bool(first.kind)}{first.kind}", sum(one.params for one in run), lines + parts))
-  return boxes
+  return [(f"{f'{len(run)} × {stem(run[0])}' if len(run) > 1 else run[0].path[-1]}: {run[0].kind}", run)
+          for run in runs]
 
 
 def _shapes(values, most):
