@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 __version__ = "0.1.0"
 
-__all__ = ["Caption", "Clip", "Model", "Motion", "cdamd", "cmdm", "control", "data", "diffusion", "draw", "export", "load",
-           "metrics", "models", "motion", "nets", "quant", "text"]
+__all__ = ["Caption", "Clip", "Model", "Motion", "cdamd", "cmdm", "control", "data", "diffusion", "draw", "export",
+           "load", "metrics", "models", "motion", "nets", "quant", "text"]
 
 __getattr__, __dir__ = lazy.attach(__name__)

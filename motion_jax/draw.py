@@ -5,7 +5,7 @@
   mj.draw.schedule(mj.diffusion.staircase(num_steps=8, length=12, lag=2, block=3))
   mj.draw.network(mj.nets.CausalVAE(), x, noise)
 
-A notebook shows them as they are. Colours are those of `motion_jax.charts` and of the reports, light or dark as the page.
+A notebook shows them as they are. Colours are those of charts and reports, light or dark as the page is.
 """
 import html
 import math
@@ -25,18 +25,18 @@ _CELL, _TITLE, _LABEL = 16, 26, 20  # pixels
 _LARGEST = 640   # pixels of a grid; more cells become smaller ones
 _WIDTH, _LINE, _GAP, _BETWEEN = 560, 19, 26, 8  # pixels of a network's boxes
 _STYLE = """<style>
-.mj-drawing { --mj-ink: %(label)s; --mj-soft: %(tick)s; --mj-line: %(grid)s; --mj-card: #ffffff; --mj-cell: %(s0)s; }
-@media (prefers-color-scheme: dark) { .mj-drawing { --mj-ink: #e6e9ef; --mj-soft: #98a2b3; --mj-line: #303641;
-  --mj-card: #1c2027; --mj-cell: #74aeea; } }
-.mj-drawing text { font: 12px system-ui, -apple-system, "Segoe UI", Roboto, Arial, sans-serif; fill: var(--mj-soft); }
-.mj-drawing .ink { fill: var(--mj-ink); } .mj-drawing .bold { font-weight: 600; }
-.mj-drawing .mono { font-family: ui-monospace, SFMono-Regular, Menlo, Consolas, monospace; font-size: 11px; }
-.mj-drawing .paper { fill: var(--mj-card); } .mj-drawing .cell { fill: var(--mj-cell); }
-.mj-drawing .box { fill: var(--mj-card); stroke: var(--mj-line); stroke-width: 1.4; }
-.mj-drawing .head { fill: var(--mj-cell); opacity: 0.14; }
-.mj-drawing .frame { fill: none; stroke: var(--mj-line); } .mj-drawing .grid { stroke: var(--mj-line); }
-.mj-drawing .flow { stroke: var(--mj-soft); stroke-width: 1.4; fill: none; }
-</style>""" % charts.COLORS
+.mj-drawing {{ --mj-ink: {label}; --mj-soft: {tick}; --mj-line: {grid}; --mj-card: #ffffff; --mj-cell: {s0}; }}
+@media (prefers-color-scheme: dark) {{ .mj-drawing {{ --mj-ink: #e6e9ef; --mj-soft: #98a2b3; --mj-line: #303641;
+  --mj-card: #1c2027; --mj-cell: #74aeea; }} }}
+.mj-drawing text {{ font: 12px system-ui, -apple-system, "Segoe UI", Roboto, Arial, sans-serif; fill: var(--mj-soft); }}
+.mj-drawing .ink {{ fill: var(--mj-ink); }} .mj-drawing .bold {{ font-weight: 600; }}
+.mj-drawing .mono {{ font-family: ui-monospace, SFMono-Regular, Menlo, Consolas, monospace; font-size: 11px; }}
+.mj-drawing .paper {{ fill: var(--mj-card); }} .mj-drawing .cell {{ fill: var(--mj-cell); }}
+.mj-drawing .box {{ fill: var(--mj-card); stroke: var(--mj-line); stroke-width: 1.4; }}
+.mj-drawing .head {{ fill: var(--mj-cell); opacity: 0.14; }}
+.mj-drawing .frame {{ fill: none; stroke: var(--mj-line); }} .mj-drawing .grid {{ stroke: var(--mj-line); }}
+.mj-drawing .flow {{ stroke: var(--mj-soft); stroke-width: 1.4; fill: none; }}
+</style>""".format(**charts.COLORS)
 
 
 class Drawing(str):
@@ -62,8 +62,8 @@ def mask(attn_mask: Any, title: str = "") -> Drawing:
   """
   cells = _grid(attn_mask, "a mask (L, S), (1, L, S) or (1, 1, L, S)")
   if not np.isin(cells, (0, 1)).all():
-    raise ValueError(f"got a mask with the value {cells[~np.isin(cells, (0, 1))][0]:.6g}, expected booleans; a table of "
-                     "times is drawn by mj.draw.schedule")
+    raise ValueError(f"got a mask with the value {cells[~np.isin(cells, (0, 1))][0]:.6g}, expected booleans; a table "
+                     "of times is drawn by mj.draw.schedule")
   return _cells(cells, title, "key", "query")
 
 
@@ -81,7 +81,7 @@ def schedule(times: Any, title: str = "") -> Drawing:
 
 
 def network(module: Any, *inputs: Any, title: str = "") -> Drawing:
-  """A linen module as boxes: its submodules in the order in which they first run, with the shapes that go in and come out.
+  """A linen module as boxes: submodules in the order in which they first run, and the shapes that go in and come out.
 
   inputs: what `module(...)` takes, as arrays or `jax.ShapeDtypeStruct`s. Nothing is computed: shapes and parameter
   counts come from `jax.eval_shape` of the module's own code. Equal neighbours, such as layers, share a box.
@@ -134,7 +134,8 @@ def _cells(cells, title, across, down):
   if title:
     marks.append(f'<text class="ink bold" x="{left}" y="16">{html.escape(title)}</text>')
   marks.append(f'<text x="{left}" y="{top - 6}">{across} 0 to {columns - 1}</text>')
-  marks.append(f'<text x="14" y="{top}" text-anchor="end" transform="rotate(-90 14 {top})">{down} 0 to {rows - 1}</text>')
+  marks.append(f'<text x="14" y="{top}" text-anchor="end" transform="rotate(-90 14 {top})">'
+               f"{down} 0 to {rows - 1}</text>")
   marks.append(f'<rect class="paper" x="{left}" y="{top}" width="{columns * size:g}" height="{rows * size:g}"/>')
   for row, line in enumerate(cells):
     borders = [0, *(np.flatnonzero(np.diff(line)) + 1), columns]

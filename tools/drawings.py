@@ -16,8 +16,15 @@ import jax.numpy as jnp  # noqa: E402
 from motion_jax import draw  # noqa: E402
 from motion_jax.diffusion import staircase  # noqa: E402
 from motion_jax.models.cdamd.stages import make_generator  # noqa: E402
-from motion_jax.nets import Autoencoder, CausalDiT, CausalVAE, block_causal_mask, dual_causal_mask  # noqa: E402
-from motion_jax.nets import known_or_past_mask, sliding_mask  # noqa: E402
+from motion_jax.nets import (  # noqa: E402
+  Autoencoder,
+  CausalDiT,
+  CausalVAE,
+  block_causal_mask,
+  dual_causal_mask,
+  known_or_past_mask,
+  sliding_mask,
+)
 from motion_jax.utils import config_files  # noqa: E402
 from motion_jax.utils.config_files import module_fields  # noqa: E402
 
