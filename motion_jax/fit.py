@@ -18,6 +18,7 @@ from motion_jax.evaluators import validation
 from motion_jax.latents import TOKENIZER
 from motion_jax.models import registry
 from motion_jax.motion import stats as stats_lib
+from motion_jax.motion.representations import get_layout
 from motion_jax.training import checkpoint, distributed, loop, metrics
 from motion_jax.training import setup as training_setup
 from motion_jax.training.optimizers import is_schedule_free
@@ -184,7 +185,19 @@ def resolve(config):
   about_data = sources.recognize(found)
   for name, value in registry.resolved().get(config.stage, lambda config: {})(found).items():
     found[name] = value
+  if config.stage.partition(".")[0] in registry.METHODS:
+    _demand_layout(found)
   return found.lock(), about_data
+
+
+def _demand_layout(config):
+  """Raises InputError where networks of features take another number of them than the layout of the data has."""
+  layout = get_layout(config.data.layout)
+  for part in ("model", "tokenizer", "prior"):
+    features = (config.get(part) or {}).get("features") or layout.dim
+    if features != layout.dim:
+      raise InputError(f"got {part}.features = {features}, layout {layout.name!r} has {layout.dim} numbers a frame; "
+                       "make them agree")
 
 
 def _started_from(stage, config):

@@ -15,7 +15,14 @@ from motion_jax.motion import stats as stats_lib
 from motion_jax.motion.stats import Stats
 from motion_jax.nets.autoencoder import Autoencoder
 from motion_jax.quant import vq
-from motion_jax.training.setup import TrainingSetup, held_out, held_stats, reconstruction_error, untrained
+from motion_jax.training.setup import (
+  TrainingSetup,
+  demand_same_network,
+  held_out,
+  held_stats,
+  reconstruction_error,
+  untrained,
+)
 from motion_jax.utils.config_files import module_fields
 
 
@@ -95,7 +102,6 @@ def load_frozen(folder: str, fields: ConfigDict, stage: str, config: ConfigDict,
 
 def demand_alike(folder: str, theirs: ConfigDict, fields: ConfigDict) -> None:
   """Raises ValueError where the autoencoder in a folder is not that of a config's section."""
-  alike: dict[str, Any] = dict(dropout=0.0, hide_padding=False)  # frozen, it has no dropout; windows have no padding
-  theirs, fields = module_fields(theirs), module_fields(fields)
-  if Autoencoder(**theirs).clone(**alike) != Autoencoder(**fields).clone(**alike):
-    raise ValueError(f"{folder} holds {theirs}, this config says {fields}; make them agree")
+  theirs, ours = (Autoencoder(**module_fields(one)) for one in (theirs, fields))
+  # Frozen, it has no dropout; windows have no padding.
+  demand_same_network(f"the autoencoder in {folder}", theirs, ours, "this config", dropout=0.0, hide_padding=False)

@@ -38,6 +38,18 @@ class TrainingSetup(NamedTuple):
   num_items: int = 0
 
 
+def demand_same_network(what: str, theirs: Any, ours: Any, section: str = "config.tokenizer", **unlike: Any) -> None:
+  """Raises InputError where a trained network, `what`, is not the module that this config describes; its fields that
+  differ are named. unlike: fields that play no part, with a value for both."""
+  theirs, ours = theirs.clone(**unlike), ours.clone(**unlike)
+  if theirs == ours:
+    return
+  names = [field.name for field in dataclasses.fields(ours) if field.name not in ("parent", "name")]
+  differ = [name for name in names if getattr(theirs, name) != getattr(ours, name)]
+  said = lambda module: ", ".join(f"{name} {getattr(module, name)}" for name in differ)
+  raise InputError(f"{what} has {said(theirs)}, {section} says {said(ours)}; make them agree")
+
+
 def untrained(shapes, seed=0):
   """Random parameters of these shapes, drawn by numpy without compiling anything; products keep their size."""
   draw = np.random.default_rng(seed)

@@ -11,7 +11,6 @@ from motion_jax.models import registry
 from motion_jax.models.block_stream import prompts_by_block
 from motion_jax.motion.skeleton import HUMANML3D
 from motion_studio import Pipeline
-from tests.configs.test_tiny_sizes import traced_training
 from tests.conftest import load_config
 
 NAMES = ("mdm", "dip", "mld", "motionstreamer")
@@ -111,22 +110,42 @@ def test_abilities_are_those_of_the_methods():
   assert "mdm.denoiser" in registry.model_stages("edit") and "mld.denoiser" in registry.model_stages("reconstruct")
 
 
-def test_what_does_not_fit_is_told_in_one_sentence(tmp_path, monkeypatch):
-  monkeypatch.setattr(fit.loop, "train", traced_training)
-  fit.run(load_config("mld_vae", "tiny"), tmp_path / "vae")
-  config = load_config("mld_denoiser", "tiny").unlock()
-  config.frozen.tokenizer = str(tmp_path / "vae")
-  config.tokenizer.depth = 5
-  with pytest.raises(ValueError, match="the VAE in .* is .*'depth': 3.*, config.tokenizer says .*'depth': 5"):
-    fit.run(config.lock(), tmp_path / "other")
-  config = load_config("mdm_denoiser", "tiny").unlock()
-  config.model.text_dim = 7
-  with pytest.raises(ValueError, match="gives 32 numbers a sentence, the model takes text_dim = 7; make them agree"):
-    fit.run(config.lock(), tmp_path / "words")
-  config = load_config("mdm_denoiser", "tiny").unlock()
-  config.data.layout = "essential"
-  with pytest.raises(ValueError, match="got model.features = 263, layout 'essential' has 67 numbers a frame"):
-    fit.run(config.lock(), tmp_path / "layout")
+# (config, size, changed fields; a value "run of NAME" is the folder of that random run), what the sentence says.
+BAD = [
+    ("mld_denoiser", {"frozen.tokenizer": "run of momask rvq"}, "a 'momask.rvq' run, expected one of stage mld.vae"),
+    ("momask_masked", {"frozen.tokenizer": "run of t2m_gpt vq"}, "'t2m_gpt.vq' run, expected one of stage momask.rvq"),
+    ("momask_masked", {"frozen.residual": "run of momask"}, "'momask.masked' run, expected one of stage momask.resid"),
+    ("t2m_gpt_gpt", {"frozen.tokenizer": "run of mld vae"}, "a 'mld.vae' run, expected one of stage t2m_gpt.vq"),
+    ("motionstreamer_generator", {"frozen.tokenizer": "run of mld vae"}, "one of stage motionstreamer.tokenizer"),
+    ("mld_denoiser:kit", {"frozen.tokenizer": "run of mld vae"}, "features 263, config.tokenizer says features 251"),
+    ("momask_masked:kit", {"frozen.tokenizer": "run of momask rvq"}, "features 263, this config says features 251"),
+    ("t2m_gpt_gpt:kit", {"frozen.tokenizer": "run of t2m_gpt vq"}, "features 263, this config says features 251"),
+    ("motionstreamer_generator:kit", {"frozen.tokenizer": "run of motionstreamer tae"},
+     "the tokenizer in .* has features 263, config.tokenizer says features 251; make them agree"),
+    ("mld_denoiser", {"frozen.tokenizer": "run of mld vae", "tokenizer.depth": 5},
+     "the VAE in .* has depth 3, config.tokenizer says depth 5; make them agree"),
+    ("t2m_gpt_gpt", {"frozen.tokenizer": "run of t2m_gpt vq", "quantizer.num_codes": 9, "model.num_codes": 9},
+     "has 1 levels of 8 codes, config.quantizer says 1 of 9; make them agree"),
+    *((name, {"data.layout": "essential"}, "features = 263, layout 'essential' has 67 numbers a frame; make them agree")
+      for name in ("mdm_denoiser", "mld_vae", "mld_denoiser", "momask_rvq", "momask_masked", "momask_residual",
+                   "t2m_gpt_vq", "t2m_gpt_gpt", "motionstreamer_tokenizer", "motionstreamer_generator")),
+    *((name, {f"model.{'transformer.' * name.startswith('motionstreamer')}text_dim": 7},
+       "gives 32 numbers a sentence, the model takes text_dim = 7; make them agree")
+      for name in ("mdm_denoiser", "mld_denoiser", "momask_masked", "momask_residual", "t2m_gpt_gpt",
+                   "motionstreamer_generator")),
+]
+
+
+@pytest.mark.parametrize("name, fields, said", BAD)
+def test_what_does_not_fit_is_refused_in_one_sentence(name, fields, said, random_run, tmp_path):
+  """Parts of another method, size or data set, a representation and a text encoder of another width."""
+  name, _, data = name.partition(":")
+  config = load_config(name, f"{data}_tiny" if data else "tiny").unlock()
+  folder = lambda value: str(random_run(value.removeprefix("run of "))) if str(value).startswith("run of ") else value
+  config.update_from_flattened_dict({field: folder(value) for field, value in fields.items()})
+  with pytest.raises(ValueError, match=said) as error:
+    fit.run(config.lock(), tmp_path / "run")
+  assert "\n" not in str(error.value) and not (tmp_path / "run" / "params.safetensors").exists()
 
 
 def test_the_application_edits_with_a_model_that_has_no_masks(models):

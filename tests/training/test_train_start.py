@@ -73,7 +73,7 @@ def test_a_denoiser_goes_on_from_a_model_that_ships():
   _holds_what(run, setup)
   assert load_text_encoder("cmdm-small").fingerprint == load_text_encoder(run.text).fingerprint
   assert "text_encoder/model.safetensors" in setup.files
-  _refuses(config, "the tokenizer in cmdm-small is .*'width': 192.* config.tokenizer says",
+  _refuses(config, "the tokenizer in cmdm-small has .*width 192.* config.tokenizer says",
            "cdamd-small", "holds a 'cdamd.generator' run, expected one of stage cmdm.tokenizer or cmdm.d")
 
 
@@ -94,7 +94,7 @@ def test_a_generator_goes_on_from_a_model_that_ships(tmp_path):
   config.loss.unit_latents = False
   with pytest.raises(ValueError, match="own scale .loss.unit_latents = True., config.loss.unit_latents is False"):
     fit.setups()[config.stage](config)
-  _refuses(config, "cdamd-small holds .*'width': 192.*this config says .*'width': 8",
+  _refuses(config, "the autoencoder in cdamd-small has .*width 192.*this config says .*width 8",
            "cmdm-small", "holds a 'cmdm.denoiser' run, expected one of stage cdamd.autoencoder or cd")
   bare = ConfigDict(run.config.to_dict())
   bare.length = {}

@@ -27,6 +27,7 @@ from motion_jax.text.encoder import load_text_encoder, narrowest
 from motion_jax.training import checkpoint
 from motion_jax.training.setup import (
   TrainingSetup,
+  demand_same_network,
   held_out,
   held_stats,
   reconstruction_error,
@@ -248,9 +249,7 @@ def load_tokenizer(folder: str, config: ConfigDict) -> tuple[VaeCodec, Stats]:
   theirs = CausalVAE(**fields)
   vae = CausalVAE(**module_fields(config.tokenizer))
   # What it was aligned with plays no part any more.
-  if theirs.clone(teacher_dim=0, teacher_to_latent=False) != vae:
-    raise ValueError(f"the tokenizer in {folder} is {fields}, config.tokenizer says "
-                     f"{module_fields(config.tokenizer)}; make them agree")
+  demand_same_network(f"the tokenizer in {folder}", theirs, vae, teacher_dim=0, teacher_to_latent=False)
   stats = stats_lib.load_stats(run.folder, config.data.layout)
   if inside:
     return VaeCodec.of(vae, run.frozen(cmdm.frozen_shapes(vae))), stats

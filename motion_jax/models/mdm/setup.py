@@ -18,9 +18,6 @@ NUM_PREFIXES, PREFIXES = 32, "prefixes"  # beginnings of training motions that a
 
 def denoiser(config: ConfigDict) -> TrainingSetup:
   data = sources.load_features(config.data)
-  if data.layout.dim != config.model.features:
-    raise InputError(f"got model.features = {config.model.features}, layout {data.layout.name!r} has {data.layout.dim} "
-                     "numbers a frame; make them agree")
   context = config.diffusion.context
   if context >= config.data.max_frames:
     raise InputError(f"got diffusion.context = {context} frames of data.max_frames = {config.data.max_frames}, "

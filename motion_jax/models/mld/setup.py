@@ -22,7 +22,7 @@ from motion_jax.models.motion_errors import STATS
 from motion_jax.motion import stats as stats_lib
 from motion_jax.motion.stats import Stats
 from motion_jax.nets.latent_diffusion import TokenVAE
-from motion_jax.training.setup import TrainingSetup, held_out, reconstruction_error, untrained
+from motion_jax.training.setup import TrainingSetup, demand_same_network, held_out, reconstruction_error, untrained
 from motion_jax.utils.config_files import module_fields
 from motion_jax.utils.errors import InputError
 
@@ -64,9 +64,7 @@ def load_vae(folder: str, config: ConfigDict) -> tuple[Any, Stats]:
   if folder == "random-init":
     return untrained(vae_shapes(net)), sources.load_features(config.data).stats
   run = runs.load_run(folder, "mld.vae")
-  if TokenVAE(**module_fields(run.config.model)).clone(dropout=0.0) != net.clone(dropout=0.0):
-    raise InputError(f"the VAE in {folder} is {module_fields(run.config.model)}, config.tokenizer says "
-                     f"{module_fields(config.tokenizer)}; make them agree")
+  demand_same_network(f"the VAE in {folder}", TokenVAE(**module_fields(run.config.model)), net, dropout=0.0)
   return run.params(vae_shapes(net)), stats_lib.load_stats(run.folder, config.data.layout)
 
 

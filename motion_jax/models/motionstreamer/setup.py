@@ -27,6 +27,7 @@ from motion_jax.motion.stats import Stats
 from motion_jax.nets.causal_vae import CausalVAE
 from motion_jax.training.setup import (
   TrainingSetup,
+  demand_same_network,
   held_out,
   held_stats,
   reconstruction_error,
@@ -86,9 +87,7 @@ def load_tokenizer(folder: str, config: ConfigDict) -> tuple[VaeCodec, Stats]:
     return VaeCodec(vae, untrained(tokenizer_shapes(vae)), None, None), sources.load_features(config.data).stats
   run = runs.load_run(folder, (TOKENIZER, GENERATOR))
   fields = run.config.tokenizer if run.stage == GENERATOR else run.config.model
-  if CausalVAE(**module_fields(fields)) != vae:
-    raise InputError(f"the tokenizer in {folder} is {module_fields(fields)}, config.tokenizer says "
-                     f"{module_fields(config.tokenizer)}; make them agree")
+  demand_same_network(f"the tokenizer in {folder}", CausalVAE(**module_fields(fields)), vae)
   stats = stats_lib.load_stats(run.folder, config.data.layout)
   if run.stage == GENERATOR:
     return VaeCodec.of(vae, run.frozen()), stats

@@ -1,4 +1,4 @@
-"""MoMask's quantizer, transformers, training steps, decoding and editing are the reference's: its recorded runs."""
+"""MoMask's quantizer, transformers and training steps are the reference's: its recorded runs."""
 import functools
 
 import jax
@@ -6,94 +6,26 @@ import jax.numpy as jnp
 import numpy as np
 from ml_collections import ConfigDict
 
-from motion_jax.convert.state import from_torch, select
-from motion_jax.latents import RvqCodec
-from motion_jax.models import autoencoders
+from motion_jax.convert.state import select
 from motion_jax.models import mask_schedule as masking
-from motion_jax.models.autoencoder_weights import rvq_from_torch
 from motion_jax.models.momask import losses, sampling
-from motion_jax.models.momask.weight_names import masked_names, residual_names
-from motion_jax.motion.representations import to_joints
-from motion_jax.nets.autoencoder import Autoencoder
 from motion_jax.nets.masks import padding_mask
-from motion_jax.nets.token_transformers import MaskedCodeTransformer, ResidualCodeTransformer
 from motion_jax.quant import rvq, vq
 from motion_jax.training.optimizers import make_schedule
 from tests import fixtures
 from tests.golden import check, golden, recordings
-from tests.nets.test_masked_transformer import cast
-
-EXACT = (0, 0)
-CODES = {name: EXACT for name in ("ids", "masked", "input", "drawn", "res_codes", "tokens")}
-
-
-def codec_of(sizes, state, dtype):
-  """-> (RvqCodec, number of levels) of a recorded RVQ-VAE."""
-  net = Autoencoder(features=sizes["input_width"], latent_dim=sizes["output_emb_width"], width=sizes["width"],
-                    num_halvings=sizes["down_t"],
-                    dilations=tuple(sizes["dilation_growth_rate"] ** b for b in reversed(range(sizes["depth"]))),
-                    dropout=0.0, dtype=dtype)
-  levels = sizes["args"]["num_quantizers"]
-  return RvqCodec(net, cast(rvq_from_torch(state, levels, net.num_halvings, len(net.dilations)), dtype)), levels
-
-
-def transformer_of(kind, sizes, state, dtype, **fields):
-  """-> (net, params, table of names) of a recorded transformer of MoMask."""
-  fields |= dict(num_codes=sizes["opt"]["num_tokens"], code_dim=sizes["code_dim"], width=sizes["latent_dim"],
-                 depth=sizes["num_layers"], num_heads=sizes["num_heads"], ff_width=sizes["ff_size"],
-                 text_dim=sizes["clip_dim"], dropout=0.0, dtype=dtype)
-  if kind == "masked":
-    net, table = MaskedCodeTransformer(**fields), masked_names(sizes["num_layers"])
-  else:
-    shared = "token_embed_weight_" in state
-    net = ResidualCodeTransformer(num_levels=sizes["opt"]["num_quantizers"], shared_tables=shared, **fields)
-    table = residual_names(sizes["num_layers"], shared)
-  return net, cast(from_torch(state, table), dtype), table
-
-
-def given(fixture, dtype, prefix="in/"):
-  """Inputs: integers as they are, numbers in the precision of the run."""
-  return {name: jnp.asarray(array, None if array.dtype.kind in "iub" else dtype)
-          for name, array in fixture.under(prefix).items()}
-
-
-def recorded(fixture, dtype, name):
-  wide = fixture.arrays.get(f"out64/{name}") if dtype == jnp.float64 else None
-  return fixture[f"out/{name}"] if wide is None else wide
-
-
-def grads_to_torch(grads, table):
-  """Our gradients under the reference's names and layouts, q, k and v in one."""
-  flat = {}
-  node_of = lambda path: functools.reduce(lambda node, key: node[key], path.split("/"), grads["params"])
-  for theirs, (ours, kind) in table.items():
-    node = node_of(ours)
-    if kind == "attention_in":
-      flat[f"{theirs}.in_proj_weight"] = np.concatenate([node[n]["kernel"].T for n in ("query", "key", "value")])
-      flat[f"{theirs}.in_proj_bias"] = np.concatenate([node[n]["bias"] for n in ("query", "key", "value")])
-    elif kind in ("array", "transposed"):
-      flat[theirs] = node.T if kind == "transposed" else node
-    else:
-      turn = {"conv": lambda w: w.transpose(2, 1, 0), "pointwise": lambda w: w.T[..., None]}.get(kind, lambda w: w.T)
-      leaves = {"kernel": ("weight", turn), "scale": ("weight", lambda w: w), "bias": ("bias", lambda w: w)}
-      flat |= {f"{theirs}.{leaves[leaf][0]}": leaves[leaf][1](array) for leaf, array in node.items()
-               if leaf in leaves and not isinstance(array, dict)}
-  return flat
-
-
-def compared_grads(fixture, made, prefix=""):
-  """Gradients to be compared, by their names in the file; one that is rounding on both sides counts as the recorded."""
-  found = {}
-  for name, expected in fixture.under(f"out/{prefix}grad/").items():
-    array = np.asarray(made[name])
-    if np.abs(expected).max() < 1e-7:  # biases of keys do nothing
-      assert np.abs(array).max() < 1e-6, name
-      array = expected
-    found[f"{prefix}grad/{name}"] = array
-  return found
-
-
-GRADIENTS = {f"{case}grad/": (2e-5, 1e-5) for case in ("", "all/", "drop/", "shared/", "plain/", "fixed/", "drawn/")}
+from tests.models.momask.recorded import (
+  EXACT,
+  GRADIENTS,
+  autoencoder_table,
+  codec_of,
+  compared_grads,
+  given,
+  grads_to_torch,
+  loss_terms,
+  real_rows,
+  transformer_of,
+)
 
 
 @golden("momask/rvq_eval", bounds={"index": EXACT, "": (1e-5, 1e-10)})
@@ -117,18 +49,6 @@ def run_rvq_eval(fixture, dtype):
             "decoded_holes": codec.decode(holes), "loss": terms, "perplexity": jnp.stack(used).mean()}
 
   return run(x, odd)
-
-
-def joints_of(features):
-  return {263: 22, 251: 21}.get(features, 22)
-
-
-def loss_terms(y, x, commitment):
-  """(total, all columns, positions, commitment) as MoMask and T2M-GPT weigh them."""
-  columns = (4, 4 + 3 * (joints_of(x.shape[-1]) - 1))
-  terms = autoencoders.rvq_terms(y, x[:, :y.shape[1]], commitment, velocity_weight=0.0, commitment_weight=0.02,
-                                 position_weight=0.5, columns=columns)
-  return jnp.stack([terms[name] for name in ("loss", "rec", "positions", "commitment")])
 
 
 @golden("momask/rvq_train_step", bounds=GRADIENTS | {"all/index": EXACT, "drop/index": EXACT, "": (1e-5, 1e-10)})
@@ -166,11 +86,6 @@ def run_rvq_train_step(fixture, dtype):
   return made
 
 
-def autoencoder_table(net):
-  from motion_jax.models.autoencoder_weights import autoencoder_names
-  return autoencoder_names(net.num_halvings, len(net.dilations))
-
-
 @golden("momask/mask_transformer", bounds={"": (3e-5, 1e-10)})
 def run_mask_transformer(fixture, dtype):
   net, params, _ = transformer_of("masked", fixture.meta["arguments"], fixture.params, dtype)
@@ -185,15 +100,6 @@ def run_mask_transformer(fixture, dtype):
         lambda t: net.apply(params, jnp.tile(ids, (2, 1)), t, jnp.tile(real, (2, 1))), text, scale))(text, float(name))
   return {name: real_rows(fixture, dtype, name, array.swapaxes(-1, -2) if "logits" in name else array, real,
                           -1 if "logits" in name else -2) for name, array in made.items()}
-
-
-def real_rows(fixture, dtype, name, array, real, axis):
-  """Ours at real places; what lies at padding means nothing. axis: that of places, of ours and of the recorded."""
-  shape = [1] * array.ndim
-  shape[-real.ndim if axis == -1 and array.ndim == real.ndim else axis] = real.shape[-1]
-  batch = array.ndim - 3 if array.ndim > real.ndim else array.ndim - 2
-  shape[batch] = real.shape[0]
-  return np.where(np.reshape(real, shape), np.asarray(array), recorded(fixture, dtype, name))
 
 
 @golden("momask/mask_corruption", bounds={"": EXACT})
@@ -294,93 +200,6 @@ def run_residual_train_step(fixture, dtype):
   return made
 
 
-def recorded_choice(draws, prefix, threshold, temperature, gumbel=True):
-  """choose(i, logits) by recorded uniforms u0, u1, ... below a prefix, in order; levels count from 1."""
-  names = sorted((name for name in draws if name.startswith(prefix) and name[len(prefix):].isdigit()),
-                 key=lambda name: int(name[len(prefix):]))
-  first, u = int(names[0][len(prefix):]), jnp.stack([draws[name] for name in names])
-
-  def by_sum(i, logits):
-    shares = jax.nn.softmax(sampling.keep_likeliest(logits, threshold) / temperature, -1)
-    return jnp.minimum((jnp.cumsum(shares, -1) <= u[i - first][..., None]).sum(-1), logits.shape[-1] - 1)
-
-  if not gumbel:
-    return by_sum
-  return sampling.chooser(lambda i: sampling.gumbel_of(u[i - first]), temperature, threshold)
-
-
-def decoded_rounds(fixture, dtype, net, params, codes, editable, real, text, draws, prefix, num_rounds, scale,
-                   counts=None, threshold=0.9, temperature=1.0, gumbel=True, rescore=False):
-  """The recorded loop -> ({"masked", "input", "drawn", "ids", "logits"}, last codes)."""
-  counts = masking.masked_counts(num_rounds, np.asarray(editable).sum(-1)) if counts is None else counts
-  choose = recorded_choice(draws, prefix, threshold, temperature, gumbel)
-  scale = None if scale == 1 else scale
-  run = jax.jit(lambda codes, text: sampling.decode_masked(net, params, codes, editable, real, counts, text, scale,
-                                                           choose, rescore))
-  rounds = run(codes, text)
-  ids = jnp.where(real, rounds.codes[-1], -1)
-  return {"masked": rounds.masked, "input": rounds.given, "drawn": rounds.drawn, "ids": ids,
-          "logits": jnp.moveaxis(rounds.logits, -1, -2)}, ids
-
-
-def kept(fixture, dtype, prefix, out, real):
-  """Outputs that the file has, ours at real places."""
-  made = {}
-  for name, array in out.items():
-    if f"out/{prefix}{name}" in fixture.arrays:
-      here = np.asarray(real)
-      shown = np.broadcast_to(here[:, None] if name == "logits" else here, array.shape)
-      made[prefix + name] = np.where(shown, array, recorded(fixture, dtype, prefix + name))
-  return made
-
-
-RUNS = {f"{run}/{name}": EXACT for run in ("gumbel", "categorical", "warm", "plain", "no_text")
-        for name in ("ids", "masked", "input", "drawn")}
-
-
-@golden("momask/mask_generate", bounds=RUNS | {"": (1e-4, 1e-10)})
-def run_mask_generate(fixture, dtype):
-  net, params, _ = transformer_of("masked", fixture.meta["arguments"], fixture.params, dtype)
-  x, made = given(fixture, dtype), {}
-  length = fixture["out/" + next(iter(fixture.meta["runs"])) + "/ids"].shape[1]
-  real = padding_mask(x["lengths"], length)
-  for run, fields in fixture.meta["runs"].items():
-    text, scale = x["text"], fields["cond_scale"]
-    if fields.get("force_mask"):
-      text, scale = 0 * text, 1
-    out, _ = decoded_rounds(fixture, dtype, net, params, jnp.zeros(real.shape, int), real, real, text,
-                            given(fixture, dtype, f"in/{run}/"), "u", fields["timesteps"], scale,
-                            threshold=fields.get("topk_filter_thres", 0.9), temperature=fields.get("temperature", 1),
-                            gumbel=fields["gsample"])
-    made |= kept(fixture, dtype, f"{run}/", out, real)
-  return made
-
-
-def levels_of(net, params, ids, real, text, draws, prefix, scale, num_levels=None, threshold=0.9, temperature=1.0):
-  choose = recorded_choice(draws, prefix, threshold, temperature)
-  scale = None if scale == 1 else scale
-  run = jax.jit(lambda ids, text: sampling.add_levels(net, params, ids, real, text, scale, choose, num_levels,
-                                                      padding_class=True))
-  return run(ids, text)
-
-
-@golden("momask/residual_generate", bounds={f"{run}/codes": EXACT for run in ("scale5", "scale2", "two_levels")} | {
-    "": (1e-4, 1e-10)})
-def run_residual_generate(fixture, dtype):
-  net, params, _ = transformer_of("residual", fixture.meta["arguments"], fixture.params, dtype)
-  x, made = given(fixture, dtype), {}
-  real = padding_mask(x["lengths"], x["ids"].shape[1])
-  for run, fields in fixture.meta["runs"].items():
-    codes, logits = levels_of(net, params, x["ids"], real, x["text"], given(fixture, dtype, f"in/{run}/"), "u",
-                              fields["cond_scale"], fields.get("num_res_layers"), fields.get("topk_filter_thres", 0.9),
-                              fields["temperature"])
-    made[f"{run}/codes"] = codes
-    for level, array in enumerate(logits, 1):
-      if f"out/{run}/logits{level}" in fixture.arrays:
-        made[f"{run}/logits{level}"] = real_rows(fixture, dtype, f"{run}/logits{level}", array.swapaxes(1, 2), real, -1)
-  return made
-
-
 @golden("momask/schedules", bounds={"lr/": (1e-10, 1e-15), "": EXACT})
 def run_schedules(fixture, dtype):
   made = {}
@@ -414,69 +233,7 @@ def run_statistics(fixture, dtype):
   return made
 
 
-def parts_of(fixture, dtype):
-  sizes, state = fixture.meta["arguments"], fixture.params
-  codec, _ = codec_of(sizes["rvq"], select(state, "vq."), dtype)
-  return codec, transformer_of("masked", sizes, select(state, "mask."), dtype)[:2], transformer_of(
-      "residual", sizes, select(state, "res."), dtype)[:2]
-
-
-CASES = {f"{case}/{name}": EXACT for case in ("middle", "frames", "free") for name in (*CODES, "edit_mask")}
-
-
-@golden("momask/edit", bounds=CASES | CODES | {"": (2e-4, 1e-10)})
-def run_edit(fixture, dtype):
-  codec, (net, params), (res_net, res_params) = parts_of(fixture, dtype)
-  x = given(fixture, dtype)
-  tokens = jax.jit(lambda x: codec.encode(x)[0])(x["motion"])
-  length, unit = tokens.shape[1], codec.frames_per_latent
-  real = padding_mask(x["frames"] // unit, length)
-  made = {"tokens": tokens}
-  for case, fields in fixture.meta["cases"].items():
-    counts, editable = None, np.zeros((1, length), bool)
-    for first, past in fields.get("sections", []):
-      # Parity: a share counts on the padded tokens, in the reference.
-      place = (lambda a: int(a * length)) if isinstance(first, float) else (lambda a: a // unit)
-      editable[:, place(first):place(past)] = True
-    if "sections" in fields:
-      made[f"{case}/edit_mask"] = editable
-      editable = editable & np.asarray(real)
-    else:
-      editable = np.asarray(real)
-      share = np.float32(0.16) * editable.sum(-1).astype(np.float32)
-      counts = np.tile(np.maximum(1, np.round(share)).astype(int), (fields["rounds"], 1))
-    draws = given(fixture, dtype, f"in/{case}/")
-    out, ids = decoded_rounds(fixture, dtype, net, params, tokens[..., 0], jnp.asarray(editable), real, x["text"],
-                              draws, "u", fields["rounds"], fields["scale"], counts, rescore=counts is not None)
-    # Parity: the reference draws the residual levels of the whole clip again, and feeds the padding class on.
-    codes, _ = levels_of(res_net, res_params, ids, real, x["text"], draws, "res_u", fields.get("res_scale", 2))
-    made |= kept(fixture, dtype, f"{case}/", out, real)
-    made |= {f"{case}/res_codes": codes, f"{case}/motion": jax.jit(codec.decode)(codes)}
-  return made
-
-
-@golden("momask/pipeline", bounds=CODES | {"": (2e-4, 1e-10)})
-def run_pipeline(fixture, dtype):
-  codec, (net, params), (res_net, res_params) = parts_of(fixture, dtype)
-  x = given(fixture, dtype)
-  lengths = fixture["in/frames"] // codec.frames_per_latent
-  real = padding_mask(jnp.asarray(lengths), int(lengths.max()))
-  rounds = len([name for name in fixture.under("in/u") if name.isdigit()])
-  empty = jnp.zeros(real.shape, int)
-  out, ids = decoded_rounds(fixture, dtype, net, params, empty, real, real, x["text"], x, "u", rounds, 4)
-  codes, _ = levels_of(res_net, res_params, ids, real, x["text"], x, "res_u", 5)
-  # Parity: the reference decodes padding as zero vectors, so the end of a clip depends on its batch; ours ends there.
-  motion = jax.jit(codec.decode)(codes)
-  features = motion * x["std"] + x["mean"]
-  made = kept(fixture, dtype, "", out, real) | {"res_codes": codes, "motion": motion}
-  for i, length in enumerate(lengths):
-    made[f"joints{i}"] = to_joints(features[i, :length * codec.frames_per_latent])
-  return made
-
-
-@recordings("rvq_eval", "mask_transformer", "mask_train_step", "mask_generate", "schedules",
-            "residual_transformer", "residual_train_step", "residual_generate", "statistics", "pipeline",
-            "rvq_train_step",
-            single=("mask_corruption", "edit"))
+@recordings("rvq_eval", "mask_transformer", "mask_train_step", "schedules", "residual_transformer",
+            "residual_train_step", "statistics", "rvq_train_step", single=("mask_corruption",))
 def test_golden(name, precision):
   assert not check(fixtures.path(f"momask/{name}.npz"), [precision]).failures

@@ -16,7 +16,7 @@ from motion_jax.nets.token_gpt import CodeGPT
 from motion_jax.quant import rvq, vq
 from tests import fixtures
 from tests.golden import check, golden, recordings
-from tests.models.momask import test_momask_golden as momask
+from tests.models.momask import recorded as momask
 from tests.nets.test_masked_transformer import cast
 
 EXACT = momask.EXACT
