@@ -134,35 +134,52 @@ def make_parts(skeleton: Skeleton, offsets) -> tuple[BodyPart, ...]:
   shoulder = offsets[index["left_shoulder"]] + (offsets[index["left_collar"]] if "left_collar" in index else 0)
   width = abs(shoulder[0]) / s
   rise = shoulder[1] / s - 0.065
-  add("left_hip", "right_hip", 0.092, 0.092, "middle", (-0.015, 0.035, -0.005), (0.015, 0.035, -0.005), frame=root)
+  add("left_hip", "right_hip", 0.088, 0.088, "middle", (-0.008, 0.03, -0.008), (0.008, 0.03, -0.008), frame=root)
+  add("left_hip", "right_hip", 0.078, 0.078, "middle", (-0.018, -0.005, -0.03), (0.018, -0.005, -0.03), frame=root)
+  add(root, waist, 0.098, 0.092, "middle", (0, 0.02, 0), (0, 0, 0.004))
+  add(waist, chest, 0.092, 0.094, "middle", (0, 0, 0.004), (0, rise - 0.01, 0.004), frame=chest)  # fills the furrow
+  add(chest, neck, 0.080, 0.052, "middle", (0, min(rise, 0.04) - 0.01, -0.004), (0, -0.03, -0.006))
   for sign in (1, -1):
-    add(root, waist, 0.092, 0.089, "middle", (sign * 0.045, 0.03, 0), (sign * 0.028, 0, 0.006))
-    add(waist, chest, 0.089, 0.098, "middle", (sign * 0.028, 0, 0.006), (sign * width * 0.45, rise, 0.004), frame=chest)
-  add(root, waist, 0.098, 0.095, "middle", (0, 0.03, 0), (0, 0, 0.006))
-  add(waist, chest, 0.095, 0.103, "middle", (0, 0, 0.006), (0, rise, 0.006), frame=chest)  # fills the furrow
-  add(chest, chest, 0.098, 0.098, "middle", (-width * 0.45, rise, 0.004), (width * 0.45, rise, 0.004))
-  add(chest, neck, 0.088, 0.050, "middle", (0, min(rise, 0.04), 0))
+    add(root, waist, 0.088, 0.084, "middle", (sign * 0.055, 0.03, -0.002), (sign * 0.036, 0, 0.003))
+    add(waist, chest, 0.084, 0.088, "middle", (sign * 0.036, 0, 0.003), (sign * width * 0.33, rise - 0.055, 0.0),
+        frame=chest)
+    add(chest, chest, 0.088, 0.072, "middle", (sign * width * 0.33, rise - 0.055, 0), (sign * width * 0.42, rise, 0))
+    add(chest, chest, 0.058, 0.054, "middle", (sign * width * 0.18, rise - 0.03, 0.048),
+        (sign * width * 0.38, rise - 0.012, 0.038))  # the front of the chest
   for side, sign in (("left", 1), ("right", -1)):
     shoulder, elbow, wrist = (f"{side}_{name}" for name in ("shoulder", "elbow", "wrist"))
     hip, knee, ankle, foot = (f"{side}_{name}" for name in ("hip", "knee", "ankle", "foot"))
-    add(chest, shoulder, 0.096, 0.056, "middle", (sign * width * 0.45, rise + 0.002, 0.003), (sign * 0.004, 0, 0))
+    add(chest, shoulder, 0.072, 0.053, "middle", (sign * width * 0.42, rise, 0), (sign * -0.012, -0.002, 0))
     # From neck to shoulder, as far up as the neck stands above the shoulders.
-    add(neck, shoulder, 0.050, 0.052, "middle", (sign * 0.02, -0.03, -0.004), (sign * -0.012, 0.004, 0), frame=chest)
-    add(shoulder, elbow, 0.054, 0.041, side)
-    add(elbow, wrist, 0.042, 0.029, side)
-    hand = (sign * 0.075, -0.006, 0.006)
-    add(wrist, wrist, 0.03, 0.033, "dark", b_offset=hand)
-    add(wrist, wrist, 0.033, 0.02, "dark", hand, (sign * 0.145, -0.012, 0.02))
-    add(wrist, wrist, 0.022, 0.014, "dark", (sign * 0.03, 0, 0.02), (sign * 0.075, -0.005, 0.06))  # thumb
-    add(hip, knee, 0.083, 0.058, side, (0, -0.03, 0))
-    add(knee, ankle, 0.057, 0.037, side)
+    add(neck, shoulder, 0.047, 0.042, "middle", (sign * 0.020, -0.022, -0.012), (sign * -0.045, 0.016, -0.006),
+        frame=chest)
+    add(shoulder, elbow, 0.053, 0.035, side)
+    add(shoulder, shoulder, 0.042, 0.035, side, (sign * 0.08, -0.004, 0.004), (sign * 0.17, -0.002, 0.006))
+    add(elbow, wrist, 0.035, 0.023, side)
+    add(elbow, elbow, 0.033, 0.027, side, (sign * 0.03, 0, 0.002), (sign * 0.12, 0, 0.002))
+    for z in (0.016, -0.014):
+      add(wrist, wrist, 0.022, 0.0175, "dark", (sign * 0.008, 0, z * 0.6), (sign * 0.085, -0.004, z * 1.4))
+    for z, length in ((0.033, 0.160), (0.011, 0.174), (-0.011, 0.167), (-0.031, 0.148)):  # fingers, hardly bent
+      add(wrist, wrist, 0.0125, 0.0125, "dark", (sign * 0.075, -0.003, z), (sign * length * 0.72, -0.008, z * 1.12))
+      add(wrist, wrist, 0.0125, 0.009, "dark", (sign * length * 0.72, -0.008, z * 1.12),
+          (sign * length, -0.024, z * 1.1))
+    add(wrist, wrist, 0.019, 0.011, "dark", (sign * 0.025, -0.006, 0.022), (sign * 0.088, -0.02, 0.066))  # thumb
+    add(hip, knee, 0.082, 0.051, side, (0, -0.03, -0.004))
+    add(hip, hip, 0.070, 0.050, side, (0, -0.08, 0.008), (0, -0.28, 0.012))
+    add(knee, ankle, 0.047, 0.032, side)
+    add(knee, knee, 0.040, 0.026, side, (0, -0.07, -0.022), (0, -0.22, -0.012))
     sole = 0.030
-    add(ankle, foot, 0.042, 0.036, "dark", (0, -0.015, -0.01), (0, 0.008, -0.01))
-    add(ankle, foot, 0.036, sole, "dark", (0, _heel(offsets[index[foot]], s), -0.035), frame=ankle)
-    add(foot, foot, 0.034, 0.024, "dark", b_offset=(0, -0.004, 0.06))
-  add(neck, head, 0.055, 0.05, "head")
-  add(head, head, 0.066, 0.097, "head", (0, 0.014, 0.036), (0, 0.096, 0.006))
-  add(head, head, 0.012, 0.016, "head", (0, 0.075, 0.104), (0, 0.045, 0.108))  # a nose tells front from back
+    add(ankle, foot, 0.037, 0.034, "dark", (0, -0.01, -0.008), (0, 0.010, -0.015))
+    add(ankle, foot, 0.037, sole, "dark", (0, _heel(offsets[index[foot]], s), -0.04), frame=ankle)
+    for inward, reach in ((-0.014, 0.068), (0.016, 0.050)):
+      add(foot, foot, 0.035, 0.023, "dark", (sign * inward, 0, 0), (sign * inward * 0.8, -0.004, reach))
+  add(neck, head, 0.056, 0.054, "head", (0, -0.01, -0.004))
+  add(head, head, 0.084, 0.082, "head", (0, 0.104, -0.020), (0, 0.100, 0.016))
+  add(head, head, 0.054, 0.071, "head", (0, 0.0, 0.042), (0, 0.075, 0.026))
+  add(head, head, 0.026, 0.040, "head", (0, -0.028, 0.074), (0, 0.0, 0.058))  # the chin
+  add(head, head, 0.010, 0.015, "head", (0, 0.078, 0.098), (0, 0.040, 0.106))  # a nose tells front from back
+  for sign in (1, -1):
+    add(head, head, 0.011, 0.014, "head", (sign * 0.076, 0.035, 0.0), (sign * 0.080, 0.068, -0.010))  # ears
   return tuple(parts)
 
 

@@ -15,12 +15,14 @@ from motion_jax.data.clip import Clip
 from motion_jax.export.body import COLORS, make_figure
 from motion_jax.export.mesh import make_skins, rest_joints
 from motion_jax.export.scene import distance, parts_of
+from motion_jax.motion.joint_names import ARMS, LEGS
 from motion_jax.motion.pose import t_pose
 from motion_jax.motion.skeleton import HUMANML3D, Skeleton
 from motion_jax.utils.atomic import atomic_path
 
 _ASSETS = pathlib.Path(__file__).parent / "assets"
 VIEWER = _ASSETS / "viewer.js"
+_LIMBS = {"legs": list(LEGS), "arms": list(ARMS)}  # names of a character's bones, for the viewer
 
 
 def html(clip, path, title=None, colors=None, control=None, way_points=()) -> pathlib.Path:
@@ -63,7 +65,7 @@ def resting_body(skeleton: Skeleton = HUMANML3D) -> dict:
   rest[:, 1] -= rest[:, 1].min()  # the lowest joint on the ground, as that of a model's motion is
   figure = make_figure(Clip(rest[None].repeat(2, axis=0), skeleton.fps, skeleton=skeleton))
   _body_of(bodies, skeleton, figure)
-  return bodies[0][-1] | {"colors": COLORS, "names": list(skeleton.joints),
+  return bodies[0][-1] | {"colors": COLORS, "names": list(skeleton.joints), "limbs": _LIMBS,
                           "parents": [int(parent) for parent in skeleton.parents]}
 
 

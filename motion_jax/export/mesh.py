@@ -12,9 +12,9 @@ import numpy as np
 from motion_jax.motion.skeleton import Skeleton
 
 # Grid step and softness (metres): bodies and limbs are large and plain, faces and fingers small.
-_STEP = {"middle": (0.019, 0.014), "left": (0.0165, 0.004), "right": (0.0165, 0.004), "head": (0.012, 0.006),
-         "dark": (0.0115, 0.005)}
-_SHARE = 0.012  # metres over which the weights of one part give way to those of the next
+_STEP = {"middle": (0.019, 0.014), "left": (0.0165, 0.010), "right": (0.0165, 0.010), "head": (0.012, 0.007),
+         "dark": (0.009, 0.003)}
+_SHARE = 0.018  # metres over which the weights of one part give way to those of the next
 
 
 class Skin(NamedTuple):
@@ -76,7 +76,7 @@ def _skin(parts, rest, skeleton, step, softness):
   ends, radii = _ends(parts, rest)
   low, high = _box(ends, radii)
   counts = np.ceil((high - low) / step).astype(int) + 7
-  points, triangles = _surface_net(lambda p: _solid(p, ends, radii, softness)[0], low - 3 * step, counts, step)
+  points, triangles = _surface_net(lambda p: _solid(p, ends, radii, softness)[0], low - 3.3 * step, counts, step)
   for _ in range(3):  # Newton: onto the surface
     distance, gradient = _solid(points, ends, radii, softness)
     points = points - distance[:, None] * gradient

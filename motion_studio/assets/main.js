@@ -1,5 +1,6 @@
 // The page: connects its parts and draws them sixty times a second.
 import * as api from "./api.js";
+import { Characters } from "./character.js";
 import { bind } from "./controls.js";
 import { pathOf, pointsOf } from "./control.js";
 import { showCurves } from "./curves.js";
@@ -254,6 +255,7 @@ const panels = (studio.panels = new Panels({
   multiPrompt,
   tell,
   forget,
+  load: (file) => studio.characters.load(file),
   motion: studio.motion,
   livePieces: () => studio.livePieces(),
   mode: () => studio.mode,
@@ -262,6 +264,7 @@ const panels = (studio.panels = new Panels({
   models: () => studio.models,
 }));
 new Sampling(studio);
+studio.characters = new Characters(studio);
 studio.ideas = new Ideas($("ideas"), (words) =>
   api.suggestions(studio.mode === "live" ? (live.model?.name ?? "") : studio.state.project.model.name, words),
 );
@@ -330,6 +333,7 @@ async function begin() {
   try {
     studio.view = new View($("stage"), await api.body(), document.documentElement.dataset.theme === "dark");
     Object.assign(studio.view.options, studio.look());
+    await studio.characters.restore();
     changed();
   } catch (error) {
     tell(

@@ -1,5 +1,6 @@
 // The panels around the view and the timeline: takes, constraints, the marked span, files, export.
 import * as api from "./api.js";
+import { isCharacter } from "./character.js";
 import { asJson, isPath, named, offText } from "./control.js";
 import { part, toJson } from "./motion.js";
 import { MOST_TAKES, lengthOf, saved } from "./state.js";
@@ -20,7 +21,7 @@ function chipOf(name, time, index) {
 }
 
 export class Panels {
-  // studio: {state(), act(action), multiPrompt, tell, forget, motion(), changed(), editor()}
+  // studio: {state(), act(action), multiPrompt, tell, forget, load(file), motion(), changed(), editor()}
   constructor(studio) {
     this.studio = studio;
     this.savedProject = null; // the project as last saved to a file
@@ -69,7 +70,9 @@ export class Panels {
       tried(async (event) => {
         event.preventDefault();
         const files = [...event.dataTransfer.files];
-        if (files[0]) await (files[0].name.endsWith(".json") ? this.open({ files }) : this.import({ files }));
+        if (!files[0]) return;
+        if (isCharacter(files[0].name)) await studio.load(files[0]);
+        else await (files[0].name.endsWith(".json") ? this.open({ files }) : this.import({ files }));
       }),
     );
   }

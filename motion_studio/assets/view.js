@@ -21,6 +21,7 @@ export class View {
     this.turns = new this.parts.Turns(body.names, body.parents, body.rest);
     this.figures = [];
     this.ghosts = [];
+    this.character = null; // the body of the user's, instead of the mannequin
     this.steps = this.makeSteps();
     this.way = null;
     this.turned = true; // the camera, since the last drawing
@@ -67,7 +68,8 @@ export class View {
   makeFigure(count, parents, opacity = 1) {
     const { three, Figure } = this.parts,
       skin = count === this.body.rest.length;
-    const figure = { count, parents, skin: skin ? new Figure(this.body, this.body.colors, { opacity }) : null };
+    const own = skin && opacity === 1 ? this.character?.figure(this.body) : null; // ghosts are the mannequin's
+    const figure = { count, parents, skin: skin ? (own ?? new Figure(this.body, this.body.colors, { opacity })) : null };
     figure.places = Array.from({ length: count }, () => new three.Vector3());
     figure.turned = Array.from({ length: count }, () => new three.Quaternion());
     const lines = new three.BufferGeometry();
@@ -77,6 +79,12 @@ export class View {
     if (skin) this.stage.scene.add(figure.skin.group);
     this.stage.scene.add(figure.sticks);
     return figure;
+  }
+
+  /** Shows a character (`readCharacter`) from now on; null: the mannequin. */
+  wear(character) {
+    this.show([]);
+    this.character = character;
   }
 
   // Joints without a known parent are attached to the root.

@@ -4,6 +4,7 @@ import {
   Mesh, MeshBasicMaterial, Quaternion, Vector3,
 } from 'three';
 import {Figure} from './body.js';
+import {readCharacter} from './character.js';
 import {Marks, PALE} from './marks.js';
 import {start} from './page.js';
 import {ribbon} from './ribbon.js';
@@ -11,7 +12,7 @@ import {Stage} from './scene.js';
 import {Turns} from './turns.js';
 
 window.motionParts = {
-  Figure, Marks, PALE, Stage, Turns, ribbon,
+  Figure, Marks, PALE, Stage, Turns, readCharacter, ribbon,
   three: {
     BufferAttribute, BufferGeometry, CircleGeometry, Color, InstancedMesh, LineBasicMaterial, LineSegments, Matrix4,
     Mesh, MeshBasicMaterial, Quaternion, Vector3,
