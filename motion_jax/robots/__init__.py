@@ -7,12 +7,13 @@
   robots.report(motion, clip).lines()            errors, limits, slide
   robots.read_csv("walk.csv", robot).to_clip()   back to 22 joints, to draw, extend or edit
 """
+from motion_jax.robots.description import PARTS
 from motion_jax.robots.formats import FORMATS, read_csv, write
 from motion_jax.robots.motion import RobotMotion
 from motion_jax.robots.report import Report
 from motion_jax.robots.report import of as report
 from motion_jax.robots.retargeting import RATE, Stream, retarget
-from motion_jax.robots.robot import PARTS, SHIPPED, Robot, load
+from motion_jax.robots.robot import SHIPPED, Robot, load
 
 __all__ = ["FORMATS", "PARTS", "RATE", "SHIPPED", "Report", "Robot", "RobotMotion", "Stream", "load", "read_csv",
            "report", "retarget", "write"]

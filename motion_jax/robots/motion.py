@@ -81,7 +81,7 @@ class RobotMotion:
     robot = self.robot
     places, turned = robot.kinematics(self.qpos)
     of = lambda part: robot.place(part, places, turned)
-    torso, axis = turned[:, robot.index("torso")], np.array([0.0, 0, 1])
+    torso, axis = robot.turn("torso", turned), np.array([0.0, 0, 1])
     shoulders = (of("left_shoulder") + of("right_shoulder")) / 2
     hips = (of("left_hip") + of("right_hip")) / 2
     waist = hips + 0.25 * (shoulders - hips)
@@ -93,8 +93,9 @@ class RobotMotion:
     for (body, sole), side in zip(robot.soles(), SIDES):
       for ours in ("hip", "knee", "ankle", "shoulder", "elbow", "wrist"):
         joints[f"{side}_{ours}"] = of(f"{side}_{ours}")
-      front = np.array([sole[:, 0].max(), np.median(sole[:, 1]), sole[:, 2].min()])
-      joints[f"{side}_foot"] = places[:, body] + rot.rotate(turned[:, body], np.broadcast_to(front, shoulders.shape))
+      level = rot.rotate(robot.rest[body][None], sole)
+      front = np.array([level[:, 0].max(), np.median(level[:, 1]), level[:, 2].min()])
+      joints[f"{side}_foot"] = places[:, body] + rot.rotate(robot.turn(f"{side}_ankle", turned), front[None])
       joints[f"{side}_collar"] = 0.7 * joints["spine3"] + 0.3 * of(f"{side}_shoulder")
     stacked = np.stack([joints[name] for name in HUMANML3D.joints], axis=1)
     return Clip(from_robot_axes(stacked).astype(np.float32), self.fps, self.captions, source=self.source,

@@ -18,7 +18,7 @@ def figure_of(motion) -> Figure:
   bodies, a, b, radii, groups = _capsules(robot)
   ends = [from_robot_axes(places[:, bodies] + rot.rotate(turned[:, bodies], points[None])) for points in (a, b)]
   parts = tuple(BodyPart(0, 0, (0, 0, 0), (0, 0, 0), 0, radius, radius, group) for radius, group in zip(radii, groups))
-  ahead = from_robot_axes(rot.rotate(turned[:, robot.index("pelvis")], np.array([1.0, 0, 0]))) * [1, 0, 1]
+  ahead = from_robot_axes(rot.rotate(robot.turn("pelvis", turned), np.array([1.0, 0, 0])[None])) * [1, 0, 1]
   ahead = ahead / np.maximum(np.linalg.norm(ahead, axis=-1, keepdims=True), 1e-9)
   clip = motion.to_clip()
   thigh = robot.index("left_knee"), robot.index("left_hip")

@@ -144,6 +144,7 @@ class Solver:
     data = self.configuration.data
     for side, (body, sole) in zip(SIDES, self._soles):
       ankle = target.limbs[f"{side}_ankle"].copy()
-      below = (sole @ data.xmat[body + 1].reshape(3, 3).T)[:, 2].min()
+      point = self.robot.parts[f"{side}_ankle"][1]
+      below = ((sole - point) @ data.xmat[body + 1].reshape(3, 3).T)[:, 2].min()
       ankle[2] = max(ankle[2], -below)
       self.tasks[f"{side}_ankle"].set_target(pose(target.turned[f"{side}_ankle"], ankle))

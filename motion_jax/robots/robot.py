@@ -5,8 +5,10 @@ y up, z ahead, x to the left. Configurations `qpos` are MuJoCo's: root position 
 an angle in radians for each joint.
 """
 import dataclasses
+import functools
 import json
 import pathlib
+import warnings
 from collections.abc import Mapping
 from typing import Any
 
@@ -14,6 +16,8 @@ import numpy as np
 from jaxtyping import Float, Num
 
 from motion_jax.motion import rotations as rot
+from motion_jax.robots import description
+from motion_jax.robots.description import SIDES
 from motion_jax.shapes import Array
 from motion_jax.utils.errors import InputError
 from motion_jax.utils.install import pip_install
@@ -21,9 +25,6 @@ from motion_jax.utils.numerals import named
 
 ASSETS = pathlib.Path(__file__).parent / "assets"
 SHIPPED = ("g1",)
-SIDES = ("left", "right")
-PARTS = ("pelvis", "torso", *(f"{side}_{part}" for side in SIDES for part in (
-    "hip", "knee", "ankle", "shoulder", "elbow", "wrist")))
 _AXES = np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])  # x' = z, y' = x, z' = y
 SITE = "part:"  # before the name of a part in the name of its site
 _SOLE = 0.01  # metres above its lowest point up to which a foot's shape is its sole
@@ -85,15 +86,24 @@ class Robot:
     limited = self.model.jnt_limited[1:, None].astype(bool)
     return np.where(limited, self.model.jnt_range[1:], [-np.inf, np.inf])
 
+  @functools.cached_property
+  def rest(self) -> Float[np.ndarray, "b 4"]:
+    """World rotations (B, 4) of the bodies in the upright pose; body frames of a file may point anywhere."""
+    return self.kinematics(self._upright()[None])[1][0]
+
   def standing(self) -> Float[np.ndarray, " q"]:
     """The upright configuration, soles on the floor."""
+    qpos = self._upright()
+    places, turned = self.kinematics(qpos[None])
+    low = min((places[0, b] + rot.rotate(turned[0, b][None], points))[:, 2].min() for b, points in self.soles())
+    qpos[2] -= low
+    return qpos
+
+  def _upright(self):
     qpos = np.zeros(self.model.nq)
     qpos[3] = 1
     for name, angle in self.stand.items():
       qpos[7 + self.joints.index(name)] = angle
-    places, turned = self.kinematics(qpos[None])
-    low = min((places[0, b] + rot.rotate(turned[0, b][None], points))[:, 2].min() for b, points in self.soles())
-    qpos[2] -= low
     return qpos
 
   def kinematics(self, qpos: Num[np.ndarray, "t q"]) -> tuple[Float[np.ndarray, "t b 3"], Float[np.ndarray, "t b 4"]]:
@@ -118,6 +128,11 @@ class Robot:
     body = self.index(part)
     return places[:, body] + rot.rotate(turned[:, body], self.parts[part][1][None])
 
+  def turn(self, part: str, turned: Num[np.ndarray, "t b 4"]) -> Float[np.ndarray, "t 4"]:
+    """How a human part is turned in the world (T, 4) from the upright pose, by what `kinematics` gave."""
+    body = self.index(part)
+    return rot.multiply(turned[:, body], rot.conjugate(self.rest[body])[None])
+
   def soles(self) -> list[tuple[int, Float[np.ndarray, "n 3"]]]:
     """[(body, points (N, 3) of its sole in the body's frame)] of the left and the right foot."""
     return [self._sole(self.index(f"{side}_ankle")) for side in SIDES]
@@ -131,7 +146,8 @@ class Robot:
     if not found:
       return body, np.zeros((1, 3))
     points = np.concatenate(found)
-    return body, points[points[:, 2] < points[:, 2].min() + _SOLE]
+    height = rot.rotate(self.rest[body][None], points)[:, 2]
+    return body, points[height < height.min() + _SOLE]
 
   def with_joints(self, count: int | None) -> "Robot":
     """The same robot with fewer moving joints, as its description names them; None: all."""
@@ -156,61 +172,26 @@ def load(name: str | pathlib.Path, mapping: str | pathlib.Path | Mapping[str, st
   path = pathlib.Path(name)
   if path.suffix.lower() not in (".xml", ".urdf", ".mjcf"):
     if str(name) not in SHIPPED:
-      raise InputError(f"got robot {str(name)!r}, expected {named(SHIPPED)}, or an MJCF or URDF file with --mapping")
+      raise InputError(f"got robot {str(name)!r}, expected {named(SHIPPED)}, or an MJCF or URDF file with "
+                       "--robot-mapping")
     path, mapping = ASSETS / str(name) / "robot.json", None
     about = json.loads(path.read_text())
     path = path.with_name(about["model"])
   else:
-    about = _description(path, mapping)
-  parts = {part: _body_and_point(path, part, value) for part, value in about["bodies"].items()}
+    about = description.read(path, mapping)
+  parts = {part: description.body_and_point(path, part, value) for part, value in about["bodies"].items()}
   model = _model(path, parts)
   joints = [model.joint(j).name for j in range(1, model.njnt)]
-  unknown = [joint for joint in about.get("stand", {}) if joint not in joints]
-  if unknown:
-    raise InputError(f"{path}: the upright pose names the joints {named(unknown)}; the robot has {named(joints)}")
-  return Robot(about.get("name", path.stem), about.get("title", path.stem), model, parts,
-               dict(about.get("stand", {})), (), tuple(about.get("apart", ())),
-               about.get("orders", {}) | {"fixed": about.get("fixed", {})}, about.get("licence", ""),
-               about.get("posture", {}))
-
-
-def _description(path, mapping):
-  if mapping is None:
-    template = ", ".join(f'"{part}": "..."' for part in PARTS)
-    raise InputError(f"{path}: a robot of your own needs a mapping file {{{template}}} with its bodies; give it by "
-                     "--mapping FILE.json (mapping=)")
-  if not isinstance(mapping, Mapping):
-    from motion_jax.utils.input_files import parse_json
-    from motion_jax.utils.text_files import read_text
-    mapping = parse_json(read_text(pathlib.Path(mapping)), str(mapping))
-    if not isinstance(mapping, dict):
-      raise InputError(f"got a mapping of type {type(mapping).__name__}, expected {{human part: body}}")
-  return dict(mapping) if "bodies" in mapping else {"bodies": mapping}
-
-
-def _body_and_point(path, part, value):
-  body, point = (value, (0, 0, 0)) if isinstance(value, str) else value if len(value or ()) == 2 else (None, None)
-  point = np.asarray(point if body else 0, np.float64)
-  if not isinstance(body, str) or point.shape != (3,):
-    raise InputError(f"{path}: the mapping gives {part} the value {str(value)[:60]}, expected a body, or [body, [x, y, "
-                     "z]] for a point in its frame")
-  return body, point
-
-
-def _check_mapping(path, parts, names):
-  missing, foreign = [part for part in PARTS if part not in parts], [part for part in parts if part not in PARTS]
-  absent = sorted({body for body, _ in parts.values()} - names)
-  if foreign:
-    raise InputError(f"{path}: the mapping names {named(foreign)}, expected the parts {', '.join(PARTS)}")
-  if missing:
-    raise InputError(f"{path}: the mapping lacks {named(missing)}; the robot has the bodies {named(sorted(names))}")
-  if absent:
-    raise InputError(f"{path}: the mapping names the bodies {named(absent)}; the robot has {named(sorted(names))}")
-  points = {part: (body, *point) for part, (body, point) in parts.items() if part != "torso"}
-  shared = [part for part in points if list(points.values()).count(points[part]) > 1]
-  if shared:
-    raise InputError(f"{path}: the mapping gives {named(shared)} one point of {parts[shared[0]][0]}; each part needs a "
-                     "body or a point of its own, such as [\"body\", [0.1, 0, 0]]")
+  description.check_names(path, about, joints, [model.body(b).name for b in range(1, model.nbody)])
+  robot = Robot(about.get("name", path.stem), about.get("title", path.stem), model, parts,
+                dict(about.get("stand", {})), (), tuple(about.get("apart", ())),
+                about.get("orders", {}) | {"fixed": about.get("fixed", {})}, about.get("licence", ""),
+                about.get("posture", {}))
+  for part in parts:  # the sites of all parts have the axes of the world in the upright pose
+    site = model.site(SITE + part).id
+    model.site_quat[site] = rot.conjugate(robot.rest[robot.index(part)])
+    model.site_sameframe[site] = 0  # MuJoCo would take the body's own axes
+  return robot
 
 
 def _model(path, parts):
@@ -226,7 +207,7 @@ def _model(path, parts):
     roots = spec.worldbody.bodies
     if len(roots) == 1 and not any(joint.type == mujoco.mjtJoint.mjJNT_FREE for joint in roots[0].joints):
       roots[0].add_freejoint()
-    _check_mapping(path, parts, {body.name for body in spec.bodies})
+    description.check_bodies(path, parts, {body.name for body in spec.bodies})
     for part, (body, point) in parts.items():
       spec.body(body).add_site(name=SITE + part, pos=point)
     model = spec.compile()
@@ -240,4 +221,11 @@ def _model(path, parts):
                      "only free joint is its root's")
   if kinds - {int(mujoco.mjtJoint.mjJNT_HINGE)}:
     raise InputError(f"{path}: the robot has sliding or ball joints; expected hinges below the root")
+  if set(model.eq_type.tolist()) & {int(mujoco.mjtEq.mjEQ_CONNECT), int(mujoco.mjtEq.mjEQ_WELD)}:
+    raise InputError(f"{path}: the robot has closed loops (connect or weld constraints), expected a tree of hinges; "
+                     "remove the constraints from a copy of the file")
+  free = [model.joint(j).name for j in range(1, model.njnt) if not model.jnt_limited[j]]
+  if free:
+    warnings.warn(f"{path}: {named(free)} {'has no limits and turns' if len(free) == 1 else 'have no limits and turn'} "
+                  "any way; add a range to the file", stacklevel=3)
   return model

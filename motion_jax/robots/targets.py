@@ -83,12 +83,18 @@ class TargetStream:
 
   def __init__(self, robot: Robot, fps: float, source_fps: float) -> None:
     self.fps, self.source_fps, self.sizes = fps, source_fps, sizes_of(robot)
-    self._soles = [points for _, points in robot.soles()]
-    self._drop = self.sizes.scale * _ANKLE + float(np.mean([sole[:, 2].min() for sole in self._soles]))
+    soles = [rot.rotate(robot.rest[body][None], points) - self._ankle(robot, side, body)
+             for side, (body, points) in zip(SIDES, robot.soles())]
+    self._drop = self.sizes.scale * _ANKLE + float(np.mean([sole[:, 2].min() for sole in soles]))
     self._reach, self._blend = int(np.ceil(_WINDOW * fps)), max(int(round(_BLEND * fps)), 1)
     self._source, self._moved, self._stands = _Recent(), _Recent(), _Recent()
-    self._feet = [_Foot(self._blend, sole) for sole in self._soles]
+    self._feet = [_Foot(self._blend, sole) for sole in soles]
     self._count = 0
+
+  @staticmethod
+  def _ankle(robot, side, body):
+    """From the body to the ankle, which may be a point in it, with the axes of the world in the upright pose."""
+    return rot.rotate(robot.rest[body], robot.parts[f"{side}_ankle"][1])
 
   def push(self, joints: Num[np.ndarray, "t 22 3"]) -> list[Target]:
     """The targets that joints (T, 22, 3), metres, y up, the floor at 0, have made final."""

@@ -8,12 +8,14 @@ from motion_jax import export, robots
 from motion_jax.data.clip import Clip
 from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.motion import rotations as rot
+from motion_jax.robots import description
 from motion_jax.robots.formats import body_arrays
 from motion_jax.robots.robot import from_robot_axes, to_robot_axes
 from motion_jax.robots.targets import DELAY, targets_of
 from motion_jax.utils.errors import InputError
 from motion_studio import cli
 from tests import fixtures
+from tests.conftest import ROOT
 
 LIMB = """<body name="{s}_hip" pos="0 {y} -0.08"><joint name="{s}_hip_x" axis="1 0 0" range="-0.6 0.6"/>
   <joint name="{s}_hip_y" axis="0 1 0" range="-2 1"/><geom type="capsule" size="0.04" fromto="0 0 0 0 0 -0.35"/>
@@ -216,6 +218,8 @@ def test_a_wrong_mapping_is_one_sentence(tmp_path, change, message):
 @pytest.mark.parametrize("text, message", [
     ("<mujoco><worldbody>", "cannot read this robot"),
     ("<mujoco><worldbody/></mujoco>", "expected one humanoid|names the bodies"),
+    (humanoid().replace("</mujoco>", '<equality><connect body1="left_elbow" body2="right_elbow" anchor="0 0 0"/>'
+                        "</equality></mujoco>"), "closed loops"),
     (humanoid(LIMB.replace('axis="0 1 0" range="0 2.4"', 'type="slide" axis="0 1 0" range="0 1"')), "sliding")])
 def test_a_file_that_is_no_humanoid_is_refused(tmp_path, text, message):
   (tmp_path / "bad.xml").write_text(text)
@@ -223,9 +227,66 @@ def test_a_file_that_is_no_humanoid_is_refused(tmp_path, text, message):
     robots.load(tmp_path / "bad.xml", mapping())
 
 
+def test_a_robot_without_limits_is_said(tmp_path):
+  (tmp_path / "free.xml").write_text(humanoid(LIMB.replace('range="-2 1"', "")))
+  with pytest.warns(UserWarning, match="left_hip_y, right_hip_y have no limits"):
+    assert np.isinf(robots.load(tmp_path / "free.xml", mapping()).ranges).any()
+
+
+def test_a_cycle_of_links_is_refused(tmp_path):
+  joint = ('<joint name="{a}{b}" type="revolute"><parent link="{a}"/><child link="{b}"/><limit lower="-1" upper="1" '
+           'effort="1" velocity="1"/></joint>')
+  (tmp_path / "ring.urdf").write_text('<robot name="ring"><link name="a"/><link name="b"/>' + joint.format(a="a", b="b")
+                                      + joint.format(a="b", b="a") + "</robot>")
+  with pytest.raises(InputError, match="cannot read this robot"):
+    robots.load(tmp_path / "ring.urdf", mapping())
+
+
+@pytest.mark.parametrize("more, message", [
+    ({"stand": {"left_knee": "bent"}}, "expected a number of radians"), ({"stand": [1]}, "expected an object"),
+    ({"stand": {"tail": 1}}, "stand of the description names tail"), ({"stands": {}}, "has the keys stands"),
+    ({"posture": {"tail": 1}}, "posture of the description names tail"),
+    ({"apart": [[["tail"], ["base"]]]}, "apart of the description names tail"), ({"apart": ["base"]}, "pairs of lists"),
+    ({"fixed": {"14": ["tail"]}}, "fixed of the description names tail"), ({"bodies": [1]}, "expected an object"),
+    ({"bodies": mapping() | {"left_wrist": ["left_elbow", ["x", 0, 0]]}}, "expected a body, or")])
+def test_a_wrong_description_is_one_sentence(tmp_path, more, message):
+  (tmp_path / "small.xml").write_text(humanoid())
+  with pytest.raises(InputError, match=message):
+    robots.load(tmp_path / "small.xml", {"bodies": mapping()} | more)
+
+
+def test_a_part_that_stands_twice_in_a_mapping_file_is_refused(tmp_path):
+  (tmp_path / "small.xml").write_text(humanoid())
+  (tmp_path / "map.json").write_text(json.dumps(mapping())[:-1] + ', "left_knee": "left_hip"}')
+  with pytest.raises(InputError, match="left_knee stands twice"):
+    robots.load(tmp_path / "small.xml", tmp_path / "map.json")
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "examples" / "robots").glob("*.json")), ids=lambda path: path.stem)
+def test_the_mappings_of_the_examples_are_whole(path):
+  about = description.read(path, path)
+  parts = {part: description.body_and_point(path, part, value) for part, value in about["bodies"].items()}
+  description.check_bodies(path, parts, {body for body, _ in parts.values()})
+
+
+def test_bodies_whose_frames_point_anywhere_move_the_same(tmp_path, walk):
+  """Feet, knees and the chest of a file may have any axes: targets are relative to the upright pose."""
+  (tmp_path / "plain.xml").write_text(humanoid())
+  # The foot's frame turned by 90 degrees about z, what hangs in it turned back.
+  turned = LIMB.replace('<body name="{s}_ankle" pos="0 0 -0.38"><joint name="{s}_ankle" axis="0 1 0"',
+                        '<body name="{s}_ankle" pos="0 0 -0.38" euler="0 0 1.5707963"><joint name="{s}_ankle" '
+                        'axis="1 0 0"').replace('pos="0.04 0 -0.03" size="0.1 0.04 0.02"',
+                                                'pos="0 -0.04 -0.03" size="0.04 0.1 0.02"')
+  (tmp_path / "turned.xml").write_text(humanoid(turned))
+  short = walk.cut(0, 12)
+  plain, other = (robots.retarget(short, robots.load(tmp_path / name, mapping()))
+                  for name in ("plain.xml", "turned.xml"))
+  np.testing.assert_allclose(other.qpos, plain.qpos, atol=1e-3)
+
+
 def test_a_robot_without_a_mapping_gets_a_template(tmp_path):
   (tmp_path / "small.xml").write_text(humanoid())
-  with pytest.raises(InputError, match="--mapping FILE.json"):
+  with pytest.raises(InputError, match="--robot-mapping FILE.json"):
     robots.load(tmp_path / "small.xml")
 
 
