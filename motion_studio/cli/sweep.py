@@ -151,14 +151,36 @@ def _read_record(workdir):
   return json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
 
 
-def run(name, workdir, arguments, call=subprocess.call, budget=None, slice=None) -> int:
+def in_this_process(command) -> int:
+  """Runs a command of `motion-jax` as `subprocess.call` does, but here, where data that were read once are kept."""
+  import traceback
+
+  import jax
+
+  from motion_studio import cli
+  try:
+    return cli.main(command[3:])
+  except Exception:  # as in a process of its own, which leaves the other runs alone
+    traceback.print_exc()
+    return 1
+  finally:
+    jax.clear_caches()  # the next run has programs of its own
+
+
+def run(name, workdir, arguments, call=None, budget=None, slice=None) -> int:
   """Trains the unfinished runs of a sweep, each in workdir/NAME; writes workdir/sweep.md, and sweep.png if runs were
   measured on held-out clips.
 
-  arguments: of `motion-jax train`, for each run. budget, slice: see `Turns`. In a SLURM array only the run of the task
-  is trained, with a budget the method of the task. After a failed run the others are still trained; a stopped run ends
-  the sweep, and the same command continues it. Returns the exit status.
+  arguments: of `motion-jax train`, for each run. call(command) -> exit status runs one; by default in a process of its
+  own, and slices, of which there are many, in this one. budget, slice: see `Turns`. In a SLURM array only the run of
+  the task is trained, with a budget the method of the task. After a failed run the others are still trained; a stopped
+  run ends the sweep, and the same command continues it. Returns the exit status.
   """
+  if call is None and slice:
+    from motion_jax.data import sources
+    with sources.keep_features():
+      return run(name, workdir, arguments, in_this_process, budget, slice)
+  call = call or subprocess.call
   runs, workdir = load(name), pathlib.Path(workdir)
   workdir.mkdir(parents=True, exist_ok=True)
   turns = Turns(runs, workdir, budget, slice)
