@@ -2,6 +2,16 @@
 import sys
 
 
+def show_rest(armature, scene):
+  """Goes to a frame before the motion in which the armature rests: files have the pose of the current frame as theirs."""
+  frame = scene.frame_start - 1
+  for bone in armature.pose.bones:
+    bone.matrix_basis.identity()
+    for path in ("location", "rotation_quaternion", "scale"):
+      bone.keyframe_insert(path, frame=frame)
+  scene.frame_set(frame)
+
+
 def convert(source, target, fps):
   """A .glb as .fbx. Bones keep the axes of the nodes, so that the rest pose of the rig stays without rotations."""
   import bpy
@@ -14,9 +24,11 @@ def convert(source, target, fps):
     bpy.data.objects.remove(thing)
   action = bpy.data.actions[0]
   scene.frame_start, scene.frame_end = (round(frame) for frame in action.frame_range)
+  scene.name = action.name  # what the exported take is called
+  show_rest(next(thing for thing in bpy.data.objects if thing.type == "ARMATURE"), scene)
   bpy.ops.export_scene.fbx(filepath=target, object_types={"ARMATURE", "MESH"}, add_leaf_bones=False,
-                           bake_anim_use_nla_strips=False, bake_anim_simplify_factor=0.0,
-                           apply_scale_options="FBX_SCALE_ALL")
+                           bake_anim_use_nla_strips=False, bake_anim_use_all_actions=False,
+                           bake_anim_simplify_factor=0.0, apply_scale_options="FBX_SCALE_ALL")
 
 
 if __name__ == "__main__":
