@@ -3,7 +3,7 @@ import sys
 
 
 def show_rest(armature, scene):
-  """Goes to a frame before the motion in which the armature rests: files have the pose of the current frame as theirs."""
+  """Goes to a frame before the motion in which the armature rests: the exporter takes the current pose for the rest."""
   frame = scene.frame_start - 1
   for bone in armature.pose.bones:
     bone.matrix_basis.identity()

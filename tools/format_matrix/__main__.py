@@ -41,7 +41,8 @@ def main():
       row = measure(clip, name, pathlib.Path(folder), args)
       columns |= dict.fromkeys(row)
       if name == args.rigs.split(",")[0]:
-        print("| rig | " + " | ".join(f"{kind} in {reader}" for kind, reader in row) + " |\n|---" * (len(row) + 1) + "|")
+        print("| rig | " + " | ".join(f"{kind} in {reader}" for kind, reader in row) + " |")
+        print("|---" * (len(row) + 1) + "|")
       print(f"| {name} | " + " | ".join(row.get(key, "-") for key in columns) + " |", flush=True)
 
 
@@ -83,7 +84,8 @@ def places_of(moved):
 
 def _run(command, clip, path):
   out = path.with_suffix(".json")
-  done = subprocess.run([*map(str, command), repr(float(clip.fps)), str(out), str(path)], capture_output=True, text=True)
+  done = subprocess.run([*map(str, command), repr(float(clip.fps)), str(out), str(path)], capture_output=True,
+                        text=True)
   if done.returncode or not out.is_file():
     return (done.stderr.strip() or done.stdout.strip()).splitlines()[-1][:60]
   return json.loads(out.read_text())
