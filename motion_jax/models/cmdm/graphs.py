@@ -43,7 +43,6 @@ def graphs_of(model: "CmdmModel", **sampling: Any) -> tuple[list[Graph], dict[st
 
 def _about(model, plan, about):
   layout, latents = model.stats.layout, model.frames_per_latent
-  tokenizer = model.encoder.tokenizer
   return {
       "model": model.id, "license": model.license, "sampling": about,
       "constants": {
@@ -54,10 +53,14 @@ def _about(model, plan, about):
       "noise": "threefry2x32: key (0, seed); of block i fold_in(key, i), then jax.random.normal (block, latent_dim)",
       "skeleton": {"joints": list(layout.skeleton.joints), "parents": list(layout.skeleton.parents), "unit": "metre",
                    "axes": "y up, z ahead, x to the body's left"},
-      "tokenizer": {"kind": "wordpiece", "lowercase": True, "unknown": tokenizer.token_to_id("[UNK]"),
-                    "pieces": [piece for piece, _ in sorted(tokenizer.get_vocab().items(), key=lambda one: one[1])],
-                    "first": tokenizer.encode("").ids[0], "last": tokenizer.encode("").ids[-1]},
-      "known_words": sorted(model.encoder.known_words)}
+      "tokenizer": tokenizer_table(model.encoder.tokenizer), "known_words": sorted(model.encoder.known_words)}
+
+
+def tokenizer_table(tokenizer: Any) -> dict[str, Any]:
+  """Word pieces by number, and the numbers of the special ones, of a tokenizer of lower-case word pieces."""
+  first, *_, last = tokenizer.encode("").ids
+  return {"kind": "wordpiece", "lowercase": True, "unknown": tokenizer.token_to_id("[UNK]"), "first": first,
+          "last": last, "pieces": sorted(tokenizer.get_vocab(), key=tokenizer.token_to_id)}
 
 
 def _text(model):
@@ -86,9 +89,10 @@ def _step(model, plan, scale):
   state = streaming.first_state(dit, plan.layout, 1, np)
   heads = (dit.depth, words, dit.num_heads, dit.width // dit.num_heads)
 
-  def step(latents, cache_k, cache_v, oldest_k, oldest_v, noise, steps, caption, since, text_k, text_v, text_mask):
-    now = streaming.window_at(plan, steps, jnp.int32(0), caption, since)
-    before = streaming.Stream(steps, latents, (cache_k, cache_v), (oldest_k, oldest_v), latents, jnp.int32(0))
+  def step(latents, cache_k, cache_v, oldest_k, oldest_v, noise, steps, past, caption, since, text_k, text_v,
+           text_mask):
+    now = streaming.window_at(plan, steps, past, caption, since)
+    before = streaming.Stream(steps, latents, (cache_k, cache_v), (oldest_k, oldest_v), latents, past)
     before = streaming.begin(plan.layout, before, now, noise[:, None])
     side_by_side = lambda a: jnp.moveaxis(a, 0, 1).reshape(dit.depth, 1, CAPTIONS * words, *heads[2:])
     text = Text(side_by_side(text_k), side_by_side(text_v), text_mask[None], null)
@@ -101,12 +105,15 @@ def _step(model, plan, scale):
       "latents": np.zeros_like(state.latents, np.float32),
       "cache_k": state.cache[0], "cache_v": state.cache[1], "oldest_k": state.oldest[0], "oldest_v": state.oldest[1],
       "noise": np.zeros((1, size, dit.latent_dim), np.float32), "steps": np.zeros((), np.int32),
+      "past": np.zeros((), np.int32),
       "caption": np.zeros((1, plan.width), np.int32), "since": np.full((1, plan.width), -2**30, np.int32),
       "text_k": np.zeros((CAPTIONS, *heads), np.float32), "text_v": np.zeros((CAPTIONS, *heads), np.float32),
       "text_mask": np.zeros((CAPTIONS, words), bool)}
   states = {name: f"next_{name}" for name in ("latents", "cache_k", "cache_v", "oldest_k", "oldest_v")}
   return Graph("step", step, inputs, ["clean", *states.values()], states, {
-      "noise": "of the block that begins, number `steps`", "steps": "how many steps were done before",
+      "noise": "of the block that begins, number `steps`; a given clean block where that is negative",
+      "steps": "how many steps were done before; negative while given blocks are filled in",
+      "past": "how many latents were given before block 0",
       "caption": "which caption each block of the window has; its first block is max(steps - age, 0)",
       "since": "the first block that each block of the window sees; -2^30: any",
       "text_k": "keys of the captions, from the graph `text`", "text_v": "their values",

@@ -10,7 +10,10 @@ import pytest
 
 import motion_jax as mj
 from motion_jax.export import graphs as export_graphs
+from motion_jax.models.base import random_keys
+from motion_jax.models.cmdm import streaming
 from motion_jax.models.cmdm.graphs import graphs_of
+from motion_jax.models.cmdm.loop import SamplingLoop
 from motion_jax.utils.errors import InputError
 from tests.conftest import ROOT
 
@@ -37,7 +40,7 @@ def _random(name, array, rng):
   if array.dtype == bool:
     return np.arange(array.shape[-1]) < rng.integers(1, array.shape[-1], (*array.shape[:-1], 1))
   if array.dtype == np.int32:
-    return {"ids": rng.integers(4, 400, array.shape), "steps": np.array(rng.integers(20, 40)),
+    return {"ids": rng.integers(4, 400, array.shape), "steps": np.array(rng.integers(20, 40)), "past": np.array(0),
             "caption": rng.integers(0, 4, array.shape), "since": np.full(array.shape, 20)}[name].astype(np.int32)
   return rng.normal(size=array.shape).astype(np.float32)
 
@@ -64,6 +67,33 @@ def test_a_motion_without_jax_is_the_same(model, exported, tmp_path):
   assert run.returncode == 0, run.stderr
   ours = model.generate([PROMPT], num_frames=120, seeds=[0])[0].joints
   assert np.linalg.norm(np.load(out) - ours, axis=-1).max() < 1e-3
+
+
+def test_given_blocks_are_filled_in_as_a_loop_does(model, exported):
+  """A change of prompt starts behind clean blocks: `SamplingLoop.prefill`, then a step."""
+  plan, rng = model.plan_of()[0], np.random.default_rng(3)
+  past = rng.normal(size=(1, 2 * plan.block, model.dit.latent_dim)).astype(np.float32)
+  loop = SamplingLoop(model, plan, np.ones(1, np.float32), random_keys([5]))
+  emb, mask = model.encode_words([PROMPT] * 4)
+  loop.say(emb[None], mask[None])
+  loop.prefill(past, caption=0)
+  first = {graph.name: graph for graph in exported[0]}
+  sessions = {name: onnxruntime.InferenceSession(exported[1] / f"{name}.onnx") for name in ("text", "step")}
+  ids, words = model.encoder.tokenizer.encode(PROMPT).ids, model.encoder.max_words
+  row, mask = np.zeros((1, words), np.int32), np.arange(words)[None] < len(ids)
+  row[0, :len(ids)] = ids
+  text = dict(zip(("text_k", "text_v"), sessions["text"].run(None, {"ids": row, "mask": mask})))
+  feeds = dict(first["step"].inputs) | {name: np.stack([value] * 4) for name, value in text.items()}
+  feeds |= {"text_mask": np.repeat(mask, 4, axis=0), "past": np.array(past.shape[1], np.int32)}
+  keys = random_keys([5])
+  for steps in range(-2, plan.age):
+    noise = (past[:, (steps + 2) * plan.block:][:, :plan.block] if steps < 0 else
+             np.asarray(streaming.block_noise(keys, steps, plan, model.dit.latent_dim)))
+    made = dict(zip(first["step"].outputs, sessions["step"].run(None, feeds | {
+        "noise": noise, "steps": np.array(steps, np.int32)})))
+    feeds |= {name: made[after] for name, after in first["step"].state.items()}
+    block = None if steps < 0 else loop.step(np.zeros((1, plan.width), int))
+  assert np.abs(block - made["clean"]).max() < TOLERANCE
 
 
 def test_the_manifest_states_all_tensors(exported):

@@ -1,0 +1,34 @@
+"""The scripts of the page that runs a model in a browser tab, beside Python: run by node."""
+import json
+import pathlib
+import shutil
+import subprocess
+
+import jax
+import pytest
+
+import motion_jax as mj
+from motion_jax.models.cmdm.graphs import tokenizer_table
+from tests.conftest import ROOT
+
+NODE, PAGE = shutil.which("node"), ROOT / "site" / "try"
+SENTENCES = ["a person walks forward, then waves", "A person's CAFÉ-style twirl; 3.5 m!", "zxqj snake \U0001f600 跳",
+             "don't  stop", "thevperson walked forward turn around", "a man\tholds a 20kg box (heavy) & spins",
+             "naïve ﬁne ½ turn — “quoted” ¿qué?", "x" * 120, "a+b=c <tag> `code` ~5^2 |pipe| $4"]
+
+
+@pytest.mark.skipif(NODE is None, reason="there is no node, which runs the page's scripts without a browser")
+def test_scripts_do_what_python_does(tmp_path):
+  encoder = mj.load("cmdm-small-fast").encoder
+  draw = lambda seed, block: jax.random.normal(jax.random.fold_in(jax.random.key(seed), block), (96,))
+  expected = {
+      "tokenizer": tokenizer_table(encoder.tokenizer), "known": sorted(encoder.known_words),
+      "pieces": [(sentence, encoder.tokenizer.encode(sentence).ids) for sentence in SENTENCES],
+      "noise": [{"seed": seed, "block": block, "values": draw(seed, block).tolist()}
+                for seed, block in ((0, 0), (7, 3), (2**32 - 1, 1000))]}
+  for path in [*PAGE.glob("*.js"), pathlib.Path(__file__).with_name("try.test.mjs")]:
+    shutil.copy(path, tmp_path)
+  (tmp_path / "package.json").write_text('{"type": "module"}')
+  (tmp_path / "expected.json").write_text(json.dumps(expected))
+  done = subprocess.run([NODE, "--test", "try.test.mjs"], cwd=tmp_path, capture_output=True, text=True, timeout=120)
+  assert done.returncode == 0, done.stdout[-6000:] + done.stderr[-2000:]
