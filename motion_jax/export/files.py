@@ -70,6 +70,9 @@ def load(path, fps=None, unit="auto", up=None, mapping=None) -> Clip:
   """
   path, clip_name = split_clip(path)
   read = READERS.get(path.suffix.lower())
+  if path.suffix.lower() in (".pkl", ".pickle", ".pt", ".pth"):
+    from motion_jax.export import research_files
+    raise InputError(research_files.pickled(path))
   if read is None:
     raise ValueError(f"got {path.name!r}, expected a file that ends in {', '.join(READERS)}")
   if not path.is_file():

@@ -76,9 +76,20 @@ def amass(clip, path, pelvis_offset=(0.0, 0.0, 0.0)) -> pathlib.Path:
   return pathlib.Path(path)
 
 
+# What makes plain files of pickles that people have, in their own Python.
+_MDM = ("np.load(FILE, allow_pickle=True).item(); [np.save(f'motion_{i}.npy', m.transpose(2, 0, 1)[:n]) for i, (m, n) "
+        "in enumerate(zip(d['motion'], d['lengths']))]")
+_GMR = ("pickle.load(open(FILE, 'rb')); np.savetxt('motion.csv', np.hstack([d['root_pos'], d['root_rot'], "
+        "d['dof_pos']]), delimiter=',')")
+_TORCH = "torch.load(FILE, map_location='cpu', weights_only=True); np.save('motion.npy', np.asarray(d))"
+_CONVERSIONS = {".npy": ("MDM's results", "", _MDM), ".pkl": ("GMR's robot motions", "pickle, ", _GMR),
+                ".pt": ("an array of joints", "torch, ", _TORCH)}
+
+
 def pickled(path) -> str:
-  """What to do about a .npy of pickled objects, which could run code when it is opened."""
-  return (f"{path} holds pickled Python objects, as MDM's results.npy does, and is not opened, as that could run code; "
-          "where you trust it, this makes plain files of MDM's: python -c \"import numpy as np; r = "
-          "np.load('results.npy', allow_pickle=True).item(); [np.save(f'motion_{i}.npy', m.transpose(2, 0, 1)[:n]) "
-          "for i, (m, n) in enumerate(zip(r['motion'], r['lengths']))]\"")
+  """What to do about a file of pickled objects, which could run code when it is opened."""
+  kind = pathlib.Path(path).suffix.lower()
+  what, more, code = _CONVERSIONS[{".pickle": ".pkl", ".pth": ".pt"}.get(kind, kind)]
+  return (f"{path} holds pickled Python objects and is not opened, as that could run code; where you trust it, this "
+          f"makes plain files of {what}: python -c \"import {more}numpy as np; d = "
+          f"{code.replace('FILE', repr(pathlib.Path(path).name))}\"")

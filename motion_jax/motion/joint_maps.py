@@ -148,17 +148,21 @@ def map_joints(names: Sequence[str], positions: Num[Array, "t n 3"], mapping: st
                ) -> tuple[Float[np.ndarray, "t 22 3"], str]:
   """Picks HumanML3D's 22 joints out of a file's: positions (T, N, 3) -> (T, 22, 3), name of the table used.
 
-  mapping: a key of TABLES, a dict {our joint: their joint or a list to average}, or None for what the names tell. A
-  dict need not be whole: what it leaves out is looked for by name, and by the tree that parents (N,) tell (-1 for a
-  root). turned (T, N, 4), the joints' world rotations, is needed by the CMU tables. Raises ValueError that lists the
-  joints missing and those that the file has.
+  mapping: a key of TABLES, a rig's name, a dict {our joint: their joint or a list to average}, or None for what the
+  names tell. A dict need not be whole: what it leaves out is looked for by name, and by the tree that parents (N,) tell
+  (-1 for a root). turned (T, N, 4), the joints' world rotations, is needed by the CMU tables. Raises ValueError that
+  lists the joints missing and those that the file has.
   """
   source = Source(names, np.asarray(positions, np.float64), turned)
   if isinstance(mapping, str):
-    if mapping not in TABLES:
-      raise ValueError(f"got mapping {shortened(mapping)!r}, expected one of {', '.join(TABLES)}, or a dict of joint "
-                       "names")
-    return _by_table(source, names, mapping), mapping
+    if mapping in TABLES:
+      return _by_table(source, names, mapping), mapping
+    known = {word: rig for rig in all_rigs().values() for word in (rig.name, *rig.aliases)}
+    if mapping not in known:
+      raise ValueError(f"got mapping {shortened(mapping)!r}, expected one of "
+                       f"{', '.join(dict.fromkeys([*TABLES, *known]))}, or a dict of joint names")
+    rig = known[mapping]
+    mapping = {joint: rig.names[number] for joint, number in rig.joints.items()}
   label = None if mapping else table_of(source)
   if label:
     return _by_table(source, names, label), label
@@ -242,6 +246,18 @@ def _by_names(source, names, mapping, parents):
   return np.stack([body.joints[joint] for joint in HUMANML3D.joints], axis=1), label
 
 
+def mapping_template(names: Sequence[str], positions: Num[Array, "t n 3"], parents: Sequence[int] | None = None
+                     ) -> tuple[dict[str, str], str]:
+  """{our joint: the file's joint, "" where none is known} to correct and fill in, and whose names are nearest."""
+  rig = rig_of(names)
+  if rig is not None:
+    own = {plain(name): name for name in reversed(names)}
+    return {joint: own[plain(rig.names[rig.joints[joint]])] for joint in HUMANML3D.joints}, rig.title
+  body = NamedBody(Tree(names, parents), np.asarray(positions, np.float64), None, {})
+  indices = {joint: body.at.get(joint) for joint in HUMANML3D.joints}
+  return {joint: "" if index is None else names[index] for joint, index in indices.items()}, body.label
+
+
 def _refusal(body, lacking, names):
   """What is missing, whose names are nearest, and the mapping file that helps."""
   wanted = [joint for joint in HUMANML3D.joints if joint in body.lacking] or lacking
@@ -252,7 +268,7 @@ def _refusal(body, lacking, names):
   else:
     what = "its joint names are of no skeleton that is known"
   return (f"{what}; the file has {named(names)}. Write a JSON file {{{template}}} with the names that it has, and give "
-          "it by --mapping FILE.json (mapping=)")
+          "it by --mapping FILE.json (mapping=); motion-jax rigs FILE --write-mapping FILE.json begins one")
 
 
 def _needs(entry):

@@ -38,8 +38,8 @@ def add_reading(parser):
 
 def add_mapping(parser):
   """The option of all commands that read .bvh and .amc files."""
-  parser.add_argument("--mapping", metavar="FILE.json", help="names of unknown joints of .bvh and .amc files: {our "
-                      "joint: their joint, or a list to average}; an error message lists them")
+  parser.add_argument("--mapping", metavar="FILE.json", help="names of unknown joints of a file: {our joint: their "
+                      "joint, or a list to average}, or a rig's name; motion-jax rigs FILE writes one to fill in")
 
 
 def read_motion(path, args):

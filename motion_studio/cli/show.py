@@ -1,6 +1,7 @@
 """motion-jax render and models: what there is to see."""
 import pathlib
 
+from motion_jax.utils.errors import InputError
 from motion_studio.cli import shared
 
 _MAKES = "text to motion"
@@ -19,7 +20,11 @@ def add_to(commands):
   models = commands.add_parser("models", help="list the shipped models with size, licence and speed")
   models.set_defaults(run=_models)
 
-  rigs = commands.add_parser("rigs", help="list the rigs that motion is written for by --rig")
+  rigs = commands.add_parser("rigs", help="list the rigs that motion is written for by --rig; of a file, the nearest "
+                             "one and a mapping to fill in")
+  rigs.add_argument("file", nargs="?", help="a .bvh or .amc file whose joint names to look up")
+  rigs.add_argument("--write-mapping", metavar="FILE.json", help="write {our joint: the joint of the file} to correct "
+                    "and fill in, for --mapping of the commands that read motion")
   rigs.set_defaults(run=_rigs)
 
 
@@ -32,6 +37,10 @@ def _render(args):
 
 def _rigs(args):
   from motion_jax.motion.rigs import all_rigs
+  if args.file:
+    return _nearest_rig(args)
+  if args.write_mapping:
+    raise InputError("got --write-mapping without a file, expected motion-jax rigs FILE.bvh --write-mapping FILE.json")
   print("--rig NAME writes .bvh and .glb files with the joint names, tree and rest pose of another program:")
   for name, rig in all_rigs().items():
     also = f"; also {', '.join(rig.aliases)}" if rig.aliases else ""
@@ -39,6 +48,29 @@ def _rigs(args):
     print(f"  {name:<18} {rig.title}: {len(rig.names)} joints, {pose}, from {rig.names[0]}{also}")
   print("Files with these joint names are read without a mapping, and so are many others; an error message says what a "
         "file lacks.")
+
+
+def _nearest_rig(args):
+  import json
+
+  from motion_jax.data.mocap.asf import read_amc
+  from motion_jax.data.mocap.bvh import read_bvh
+  from motion_jax.motion.joint_maps import mapping_template
+  from motion_jax.utils.atomic import atomic_path
+  path = pathlib.Path(args.file)
+  read = {".bvh": read_bvh, ".amc": read_amc}.get(path.suffix.lower())
+  if read is None:
+    raise InputError(f"got {path.name!r}, expected a .bvh or .amc file")
+  capture = read(path)
+  mapping, label = mapping_template(capture.names, capture.positions[:1], capture.parents)
+  print(f"{path}: {len(capture.names)} joints; nearest: {label or 'no rig that is known'}")
+  for ours, theirs in mapping.items():
+    print(f"  {ours:<16} {theirs or '(placed by the others, or missing)'}")
+  if args.write_mapping:
+    with atomic_path(args.write_mapping) as temporary:
+      temporary.write_text(json.dumps(mapping, indent=1) + "\n")
+    print(f"wrote {args.write_mapping}; correct and fill it in, then: motion-jax render {path} --mapping "
+          f"{args.write_mapping}")
 
 
 def _models(args):

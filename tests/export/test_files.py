@@ -165,7 +165,7 @@ def test_mdm_s_results_are_not_opened_but_the_way_is_shown(clip, tmp_path):
   """The one line that the error gives makes files that are read."""
   results = {"motion": np.stack([clip.joints.transpose(1, 2, 0)] * 2), "lengths": np.array([20, 12])}
   np.save(tmp_path / "results.npy", results, allow_pickle=True)
-  with pytest.raises(ValueError, match="MDM's results.npy does, and is not opened") as error:
+  with pytest.raises(ValueError, match="holds pickled Python objects and is not opened") as error:
     export.load(tmp_path / "results.npy")
   code = str(error.value).split('python -c "')[1].removesuffix('"')
   subprocess.run([sys.executable, "-c", code], cwd=tmp_path, check=True)

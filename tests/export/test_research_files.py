@@ -1,4 +1,7 @@
 """AMASS files: every key that readers want, and the same motion back."""
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 
@@ -61,3 +64,18 @@ def test_another_skeleton_is_refused(clip, tmp_path):
   with pytest.raises(InputError, match="HumanML3D's 22 joints"):
     export.save(clip.on_skeleton(KIT), tmp_path / "kit.amass.npz")
   assert not list(tmp_path.iterdir())
+
+
+def test_the_command_for_a_pickle_makes_files_that_are_read(clip, tmp_path):
+  """MDM's results.npy (B, J, 3, T): refused without being opened, and readable after the command of the sentence."""
+  motion = clip.joints.transpose(1, 2, 0)[None]
+  np.save(tmp_path / "results.npy", {"motion": motion, "lengths": [25]}, allow_pickle=True)
+  with pytest.raises(InputError, match="pickled") as error:
+    export.load(tmp_path / "results.npy")
+  code = str(error.value).split('python -c "')[1].removesuffix('"')
+  subprocess.run([sys.executable, "-c", code], cwd=tmp_path, check=True)
+  np.testing.assert_array_equal(export.load(tmp_path / "motion_0.npy").joints, clip.joints[:25])
+  for name in ("gmr.pkl", "motion.pt"):
+    (tmp_path / name).write_bytes(b"anything")
+    with pytest.raises(InputError, match="could run code"):
+      export.load(tmp_path / name)

@@ -90,3 +90,23 @@ def test_the_command_line_lists_and_writes_rigs(tmp_path, capsys):
   assert "JOINT mixamorig:LeftUpLeg" in (tmp_path / "walk.bvh").read_text()
   assert cli.main(["render", f"{tmp_path}/walk.npz", "--rig", "nothing", "--out", f"{tmp_path}/b.bvh"]) == 1
   assert "got rig 'nothing'" in capsys.readouterr().err
+
+
+def test_a_mapping_is_a_rigs_name_or_a_file_that_the_command_begins(tmp_path, capsys):
+  clip, path, mapping = walk(8, 0.2), tmp_path / "walk.bvh", tmp_path / "mapping.json"
+  export.save(clip, path, rig="mixamo")
+  expected = export.load(path).joints
+  np.testing.assert_allclose(export.load(path, mapping="mixamo").joints, expected, atol=1e-5)
+  path.write_text(path.read_text().replace("mixamorig:LeftUpLeg", "odd"))
+  with pytest.raises(InputError, match="left_hip.*motion-jax rigs FILE --write-mapping"):
+    export.load(path)
+  assert cli.main(["rigs", str(path), "--write-mapping", str(mapping)]) == 0
+  assert "nearest: Mixamo" in capsys.readouterr().out
+  text = mapping.read_text()
+  assert '"left_hip": ""' in text and '"right_hip": "RightUpLeg"' in text
+  mapping.write_text(text.replace('"left_hip": ""', '"left_hip": "odd"'))
+  np.testing.assert_allclose(export.load(path, mapping=mapping).joints, expected, atol=1e-5)
+  mapping.write_text(text.replace('"left_hip": ""', '"left_hip": "odd", "left_hip": "LeftLeg"'))
+  with pytest.raises(InputError, match="left_hip twice"):
+    export.load(path, mapping=mapping)
+  assert cli.main(["rigs", str(tmp_path / "a.npy")]) == 1 and cli.main(["rigs", "--write-mapping", "a.json"]) == 1

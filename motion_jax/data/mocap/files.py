@@ -1,4 +1,6 @@
 """Files of motion capture by the ending of their names, and files that map their joints to ours."""
+import collections
+import json
 import pathlib
 
 from motion_jax.data.mocap.asf import amc_clip
@@ -8,6 +10,7 @@ from motion_jax.data.mocap.gltf_motion import gltf_clip
 from motion_jax.utils.errors import InputError
 from motion_jax.utils.input_files import read_json
 from motion_jax.utils.numerals import named
+from motion_jax.utils.text_files import read_text
 
 READERS = {".bvh": bvh_clip, ".amc": amc_clip} | dict.fromkeys(ENDINGS, gltf_clip)
 _SEVERAL = ENDINGS  # files that may hold several clips
@@ -53,8 +56,12 @@ def read_mapping(mapping):
   if not path.is_file():
     raise FileNotFoundError(f"there is no mapping file {path}")
   value = read_json(path, advice="expected {our joint: their joint or a list of them}")
+  pairs = json.loads(read_text(path), object_pairs_hook=list)
+  twice = [joint for joint, count in collections.Counter(joint for joint, _ in pairs).items() if count > 1]
+  if twice:
+    raise InputError(f"{path} names {named(twice, 10)} twice, expected each of our joints once")
   names = lambda entry: isinstance(entry, str) or (isinstance(entry, list) and entry and all(map(names, entry)))
   bad = [joint for joint, entry in value.items() if not names(entry)]
   if bad:
     raise InputError(f"{path}: {named(bad, 10)} should be a joint's name or a list of names")
-  return value
+  return {joint: entry for joint, entry in value.items() if entry != ""}  # what is not filled in is looked for
