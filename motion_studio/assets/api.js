@@ -51,6 +51,7 @@ const json = async (path, body, report = () => {}) =>
 
 export const models = async () => (await (await ask("/v1/models")).json()).models;
 export const body = async () => (await ask("/body.json")).json();
+export const exportChoices = async () => (await ask("/v1/export-choices")).json();
 export const multiPrompt = (request, report) => json("/v1/multi-prompt", request, report);
 export const edit = (request, report) => json("/v1/edit", request, report);
 export const suggestions = async (model, words = "") =>

@@ -1,5 +1,6 @@
 // The panels around the view and the timeline: takes, constraints, the marked span, files, export.
 import * as api from "./api.js";
+import { ExportChoices } from "./export_choices.js";
 import { isCharacter } from "./character.js";
 import { asJson, isPath, named, offText } from "./control.js";
 import { part, toJson } from "./motion.js";
@@ -62,7 +63,8 @@ export class Panels {
     $("save").onclick = tried(() => this.save());
     $("motion-file").onchange = tried((event) => this.import(event.target));
     $("project-file").onchange = tried((event) => this.open(event.target));
-    $("export").onclick = () => this.showExport();
+    this.choices = new ExportChoices(api.exportChoices);
+    $("export").onclick = tried(() => this.showExport());
     $("export-button").onclick = () => this.export();
     document.addEventListener("dragover", (event) => event.preventDefault());
     document.addEventListener(
@@ -229,7 +231,7 @@ export class Panels {
     this.studio.multiPrompt.make();
   }
 
-  showExport() {
+  async showExport() {
     const motion = this.studio.motion(),
       { span } = this.studio.state();
     if (!motion?.frames) return this.studio.tell("there is no motion to export yet", true);
@@ -239,6 +241,7 @@ export class Panels {
     $("trim-to").value = Math.min(span?.[1] ?? motion.frames, motion.frames);
     $("trim-to").max = motion.frames;
     $("export-status").textContent = `${motion.frames} frames, ${(motion.frames / motion.fps).toFixed(1)} s`;
+    await this.choices.open();
     $("export-panel").showModal();
   }
 
@@ -247,7 +250,7 @@ export class Panels {
       format = $("format").value,
       button = $("export-button");
     let motion = this.exported;
-    const request = { format, in_place: $("in-place").checked, loop: $("loop").checked };
+    const request = { ...this.choices.read(), in_place: $("in-place").checked, loop: $("loop").checked };
     const { control } = this.studio.state().project;
     if (this.studio.mode() === "timeline" && control.length && !this.studio.multiPrompt.stale) request.control = asJson(control);
     if ($("export-name").value.trim()) request.name = $("export-name").value.trim();

@@ -16,6 +16,7 @@ extra `studio`.
   poses               a robot's configurations or a rig's rotations beside the joints of a stream
   stream_constraints  constraints of a running stream
   exporting           /v1/export: files of a motion
+  export_choices      the formats and rigs that it can write
   project             saved projects
   suggestions         prompts that a model can do
   mmcp, mmcp_constraints  the MMCP protocol of animation programs

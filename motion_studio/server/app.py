@@ -18,7 +18,7 @@ import motion_jax
 from motion_jax.export.html import VIEWER, resting_body
 from motion_jax.utils import progress
 from motion_jax.utils.errors import InputError, reason
-from motion_studio.server import exporting, mmcp, openapi, project, suggestions
+from motion_studio.server import export_choices, exporting, mmcp, openapi, project, suggestions
 from motion_studio.server.library import Library
 from motion_studio.server.limits import Limits, TokenBucket
 from motion_studio.server.requests import RequestHandler
@@ -56,6 +56,7 @@ class Studio:
         Route("/v1/project", self._json(lambda body: project.checked(body, self.limits)), methods=["POST"]),
         Route("/v1/import", self._import, methods=["POST"]),
         Route("/v1/export", self._export, methods=["POST"]),
+        Route("/v1/export-choices", self._export_choices),
         Route("/mmcp/capabilities", self._mmcp_capabilities),
         Route("/mmcp/generate", self._mmcp_generate, methods=["POST"]),
         Route("/openapi.json", lambda request: JSONResponse(openapi.described(self.limits))),
@@ -135,6 +136,9 @@ class Studio:
       return Response(data, media_type=media, headers={"content-disposition": f'attachment; filename="{name}"'})
 
     return await _reply(answer)
+
+  async def _export_choices(self, request: Request) -> Response:
+    return JSONResponse(await anyio.to_thread.run_sync(export_choices.choices))
 
   async def _mmcp_capabilities(self, request: Request) -> Response:
     return JSONResponse(await anyio.to_thread.run_sync(mmcp.capabilities, self.handler))

@@ -11,11 +11,10 @@ from motion_jax.models.results import colors_of
 from motion_jax.motion.looping import in_place, looped
 from motion_jax.motion.skeleton import HUMANML3D
 from motion_jax.utils.errors import InputError
-from motion_studio.server import fields
+from motion_studio.server import export_choices, fields
 from motion_studio.server.limits import Limits
-from motion_studio.server.request_tables import EXPORT, FORMATS
+from motion_studio.server.request_tables import EXPORT
 
-_RENDERED = ("mp4", "gif", "png", "html")
 _FILM_SECONDS = 60.0  # of a rendered film
 
 
@@ -23,11 +22,12 @@ def exported(body: Any, limits: Limits) -> tuple[bytes, str, str]:
   """(bytes, media type, file name) of a request with the fields of EXPORT."""
   request = fields.parse(EXPORT, body, limits)
   clip, kind = request.motion, request.format
+  given = export_choices.options_of(kind, {name: getattr(request, name) for name in ("rig", "fps", "t_pose")})
   name = request.name or (clip.captions[0].text if clip.captions else clip.id)
   shown = variant(clip, request.trim, request.in_place, request.loop)
-  draws = request.control and kind in _RENDERED and not request.in_place and not request.loop
+  draws = request.control and kind in export_choices.RENDERED and not request.in_place and not request.loop
   options = _constraint_options(request.control, clip, request.trim, kind) if draws else {}
-  return written(shown, kind, **options), FORMATS[kind], f"{file_name(name)}.{kind}"
+  return written(shown, kind, **options, **given), export_choices.media(kind), f"{file_name(name)}.{kind}"
 
 
 def _constraint_options(control, clip, trim, kind):
@@ -59,7 +59,7 @@ def variant(clip: Any, trim: Any = None, still: bool = False, loop: bool = False
 
 def written(clip: Any, kind: str, **options: Any) -> bytes:
   """The bytes of the file that `export.save` writes with these options."""
-  if kind in _RENDERED:
+  if kind in export_choices.RENDERED:
     if kind in ("mp4", "gif") and clip.seconds > _FILM_SECONDS:
       raise InputError(f"got a motion of {clip.seconds:.0f} s for a film, expected at most {_FILM_SECONDS:g} s; "
                        "trim it")

@@ -44,6 +44,8 @@ def described(limits: Limits) -> dict[str, Any]:
           "requestBody": {"content": {"application/octet-stream": {}}},
           "responses": _responses({"type": "object", "properties": {"motion": _MOTION}})}},
       "/v1/export": {"post": _request("a motion as a file", fields.schema(EXPORT, limits), None)},
+      "/v1/export-choices": {"get": {"summary": "formats and rigs of /v1/export", "responses": _responses(
+          {"type": "object", "required": ["formats", "rigs"]})}},
   }
   return {"openapi": "3.1.0", "info": {"title": "motion_jax studio", "version": motion_jax.__version__},
           "security": [{"token": []}], "paths": paths,

@@ -1,4 +1,5 @@
 """The fields of all requests, of stream messages and of project files (docs/protocol.md)."""
+from motion_studio.server import export_choices
 from motion_studio.server.fields import (
   Choice,
   Control,
@@ -14,9 +15,6 @@ from motion_studio.server.fields import (
   seed,
 )
 
-FORMATS = {"bvh": "text/plain; charset=utf-8", "glb": "model/gltf-binary", "npz": "application/octet-stream",
-           "npy": "application/octet-stream", "mp4": "video/mp4", "gif": "image/gif",
-           "html": "text/html; charset=utf-8", "png": "image/png"}
 DEFAULT_AHEAD = 3  # blocks that are sent before the page has acknowledged the first of them: 1.8 s
 MOST_EDITS = 100   # of a project
 
@@ -43,9 +41,12 @@ EDIT = {
     "keep": Spans(default=None, about="spans [first, past] in frames to keep"),
     "model": _MODEL, "seed": seed(), "sampling": _SAMPLING}
 EXPORT = {
-    "motion": MotionField(), "format": Choice(tuple(FORMATS)), "name": Text(1000, default=None, about="of the file"),
+    "motion": MotionField(), "format": Choice(tuple(export_choices.formats())), "name": Text(1000, default=None, about="of the file"),
     "trim": Spans(default=None, about="one span [first, past] in frames"), "in_place": Switch(default=False),
-    "loop": Switch(default=False), "control": _CONTROL}
+    "loop": Switch(default=False), "control": _CONTROL,
+    "rig": Text(60, default=None, about="a rig of /v1/export-choices, for the formats that take one"),
+    "fps": Number(1, 240, default=None, about="frame rate of the file; null: the motion's"),
+    "t_pose": Switch(default=False, about="a T-pose before the motion")}
 
 _PROJECT_MODEL = Record({"name": Text(), "id": Text(default="")})
 PROJECT = {

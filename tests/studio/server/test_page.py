@@ -143,6 +143,7 @@ def test_what_is_exported_opens_elsewhere(timeline):
   for old in pathlib.Path(folder).iterdir():  # of another test and the same name: the browser would number the new one
     old.unlink()
   page.find("#export").click()
+  page.find("#export-panel[open]")
   for kind in ("bvh", "glb", "npz"):
     page.driver.execute_script(f"document.getElementById('format').value = '{kind}'")
     page.find("#export-button").click()

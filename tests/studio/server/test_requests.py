@@ -12,6 +12,7 @@ from motion_jax.data.clip import Caption, Clip
 from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.models.results import captions_with
 from motion_jax.motion.looping import in_place
+from motion_jax.motion.rigs import all_rigs
 from motion_jax.motion.skeleton import bone_lengths
 from motion_jax.utils import progress
 from motion_studio.server import serialization
@@ -186,6 +187,22 @@ def test_exports_are_files_that_open(client, walk, kind, tmp_path):
   assert reply.content.startswith(starts.get(kind, b""))
 
 
+def test_all_writers_and_rigs_of_the_library_are_offered(client, walk, tmp_path):
+  found = client.get("/v1/export-choices").json()
+  offered = {row["name"]: row["options"] for row in found["formats"]}
+  assert {"." + name for name in offered} | {".vrm"} >= set(export.WRITERS)  # a .vrm is written of a user's file
+  assert {row["name"] for row in found["rigs"]} == set(all_rigs())
+  assert offered["bvh"] == ["rig", "t_pose", "fps"] and offered["npz"] == ["fps"] and offered["html"] == []
+  missing = {row["name"]: row["missing"] for row in found["formats"]}
+  assert missing["bvh"] is None and (missing["fbx"] is None or "pip install" in missing["fbx"])
+  clip, sent = walk
+  body = {"motion": sent, "format": "bvh", "rig": "mixamo", "fps": 40, "t_pose": True}
+  (tmp_path / "a.bvh").write_bytes(client.post("/v1/export", json=body).content)
+  made = export.load(tmp_path / "a.bvh")
+  assert b"mixamorig:LeftUpLeg" in (tmp_path / "a.bvh").read_bytes() and round(made.fps) == 40
+  assert made.num_frames > 2 * clip.num_frames - 2
+
+
 def test_variants_of_an_export(client, walk):
   clip, sent = walk
   ask = lambda **fields: np.load(io.BytesIO(client.post("/v1/export", json={"motion": sent, "format": "npy", **fields}
@@ -201,8 +218,9 @@ def test_variants_of_an_export(client, walk):
 
 
 @pytest.mark.parametrize("change, told", [
-    ({"format": "exe"}, "expected one of bvh"), ({"format": None}, "format is missing"),
-    ({"motion": None}, "no motion"),
+    ({"format": "exe"}, "expected one of npz"), ({"format": None}, "format is missing"),
+    ({"motion": None}, "no motion"), ({"rig": "vrm"}, "got rig for the format npy, expected one of bvh"),
+    ({"format": "bvh", "rig": "nothing"}, "got rig 'nothing'"), ({"fps": 0}, "got fps 0"),
     ({"trim": [[5, 2]]}, "got trim"), ({"trim": [[0, 10**6]]}, "expected one span"),
     ({"motion": {"shape": [1, 22, 3], "fps": 20, "joints": "AA=="}}, "bytes of joints"),
     ({"motion": {"shape": [10**9, 22, 3], "fps": 20, "joints": ""}}, "expected [frames, 22, 3]"),
