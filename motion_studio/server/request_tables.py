@@ -41,7 +41,8 @@ EDIT = {
     "keep": Spans(default=None, about="spans [first, past] in frames to keep"),
     "model": _MODEL, "seed": seed(), "sampling": _SAMPLING}
 EXPORT = {
-    "motion": MotionField(), "format": Choice(tuple(export_choices.formats())), "name": Text(1000, default=None, about="of the file"),
+    "motion": MotionField(), "format": Choice(tuple(export_choices.formats())),
+    "name": Text(1000, default=None, about="of the file"),
     "trim": Spans(default=None, about="one span [first, past] in frames"), "in_place": Switch(default=False),
     "loop": Switch(default=False), "control": _CONTROL,
     "rig": Text(60, default=None, about="a rig of /v1/export-choices, for the formats that take one"),
