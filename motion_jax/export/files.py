@@ -9,6 +9,7 @@ from motion_jax.data.clip import Caption, Clip
 from motion_jax.data.mocap.asf import AMC_FPS, read_amc
 from motion_jax.data.mocap.bvh import read_bvh
 from motion_jax.data.mocap.capture import to_clip, with_rate
+from motion_jax.data.mocap.fbx import read_fbx
 from motion_jax.data.mocap.files import read_mapping, split_clip
 from motion_jax.data.mocap.gltf import ENDINGS
 from motion_jax.data.mocap.gltf_motion import read_gltf
@@ -56,7 +57,7 @@ def npy(clip, path) -> pathlib.Path:
 
 def load(path, fps=None, unit="auto", up=None, mapping=None) -> Clip:
   """Reads .npz (as `npz` writes, AMASS', Kimodo's, or with a "joints" or "features" key), .npy, .bvh, .amc (its .asf
-  beside it), .csv (joints by name, or a Unitree G1), .trc, .c3d, or the animation of a .glb, .gltf or .vrm; of
+  beside it), .csv (joints by name, or a Unitree G1), .trc, .c3d, or the animation of a .glb, .gltf, .vrm or .fbx; of
   several, walk.glb#NAME or walk.glb#2 is one of them.
 
   A .npy holds joints (T, 22, 3) or (T, 21, 3), or features (T, F) of a known layout such as HumanML3D's 263. fps: frame
@@ -186,6 +187,10 @@ def _load_gltf(path, fps, unit, up, mapping, clip=None):
   return _as_clip(with_rate(read_gltf(path, clip), fps), path, unit, up or "y", mapping)
 
 
+def _load_fbx(path, fps, unit, up, mapping, clip=None):
+  return _as_clip(with_rate(read_fbx(path, clip), fps), path, unit, up or "y", mapping)
+
+
 def _load_amc(path, fps, unit, up, mapping):
   return _as_clip(read_amc(path, fps=fps or AMC_FPS), path, unit, up, mapping)
 
@@ -234,4 +239,5 @@ def plain(value):
 # {extension: reader(path, fps, unit, up, mapping) -> Clip}, and those of other packages; the arguments are `load`'s.
 READERS: Registry[Callable] = Registry("motion_jax.imports", {
     ".npz": _load_npz, ".npy": _load_npy, ".bvh": _load_bvh, ".amc": _load_amc, ".csv": load_csv, ".trc": load_trc,
-    ".c3d": load_c3d} | dict.fromkeys(ENDINGS, _load_gltf))
+    ".c3d": load_c3d} | dict.fromkeys([*ENDINGS], _load_gltf) | {
+        ".fbx": _load_fbx})

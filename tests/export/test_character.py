@@ -264,6 +264,13 @@ def test_a_mapping_names_bones_that_no_rig_has(tmp_path):
     check_character(tmp_path / "body.glb", mapping | {"left_elbow": "elbow of mine"})
 
 
+def test_an_fbx_that_cannot_be_read_gets_one_sentence(tmp_path):
+  (tmp_path / "walk.fbx").write_bytes(b"Kaydara FBX Binary  \x00\x1a\x00" + bytes(100))
+  with pytest.raises(InputError, match="cannot be read as FBX|read by ufbx") as error:  # without the extra the latter
+    export.load(tmp_path / "walk.fbx")
+  assert "\n" not in str(error.value) and "glTF 2.0" in str(error.value)
+
+
 def test_the_command_line_animates_and_reads_back(tmp_path, capsys):
   write_character(tmp_path / "body.glb", CLIP)
   export.save(CLIP, tmp_path / "walk.npz")

@@ -180,13 +180,7 @@ class Document:
 
   def world(self, moved, turned, scale) -> np.ndarray:
     """World matrices (..., N, 4, 4) of all nodes by their own translations, rotations and scales (..., N, 3 or 4)."""
-    local = np.zeros(np.broadcast_shapes(moved.shape[:-1], turned.shape[:-1], scale.shape[:-1]) + (4, 4))
-    local[..., :3, :3] = rot.to_matrix(turned) * scale[..., None, :]
-    local[..., :3, 3], local[..., 3, 3] = moved, 1
-    for node in self.order:
-      if self.parents[node] >= 0:
-        local[..., node, :, :] = local[..., self.parents[node], :, :] @ local[..., node, :, :]
-    return local
+    return world_matrices(self.order, self.parents, moved, turned, scale)
 
   # --- writing -----------------------------------------------------------------------------------------------------
 
@@ -298,6 +292,17 @@ def _chunks(path, data):
   if _JSON not in found:
     raise InputError(f"{path}: it holds no JSON chunk; {_CUT}")
   return found[_JSON], found.get(_BIN)
+
+
+def world_matrices(order, parents, moved, turned, scale) -> np.ndarray:
+  """World matrices (..., N, 4, 4) of nodes by their own translations, rotations and scales (..., N, 3 or 4)."""
+  world = np.zeros(np.broadcast_shapes(moved.shape[:-1], turned.shape[:-1], scale.shape[:-1]) + (4, 4))
+  world[..., :3, :3] = rot.to_matrix(turned) * scale[..., None, :]
+  world[..., :3, 3], world[..., 3, 3] = moved, 1
+  for node in order:
+    if parents[node] >= 0:
+      world[..., node, :, :] = world[..., parents[node], :, :] @ world[..., node, :, :]
+  return world
 
 
 def take_apart(matrix):

@@ -4,7 +4,7 @@ import pathlib
 import numpy as np
 
 from motion_jax.data.mocap.capture import Capture, check_size, to_clip, with_rate
-from motion_jax.data.mocap.gltf import Document, take_apart
+from motion_jax.data.mocap.gltf import Document, take_apart, world_matrices
 from motion_jax.motion import rotations as rot
 from motion_jax.utils.errors import InputError
 from motion_jax.utils.numerals import FRAME_RATES
@@ -64,24 +64,47 @@ def _capture(document, number, path):
   nodes = [node for node in document.order if node in set(nodes)]
   check_size(path, count, len(document.nodes))
   rest = document.rest()
-  still = document.world(*rest)[nodes]
   moving = {kind: np.tile(values, (count, 1, 1)) for kind, values in zip(("translation", "rotation", "scale"), rest)}
   at = times[0] + np.arange(count) / fps
   for (node, kind), track in tracks.items():
     moving[kind][:, node] = _sampled(*track, at, kind == "rotation")
-  world = document.world(moving["translation"], moving["rotation"], moving["scale"])[:, nodes]
+  return bone_capture(path, [document.name(node) for node in range(len(document.nodes))], document.parents, nodes, rest,
+                      list(moving.values()), fps)
+
+
+def bone_capture(path, names, parents, nodes, rest, moving, fps) -> Capture:
+  """The Capture of some nodes of N, parents first, by translations, rotations and scales (N, ...) and (T, N, ...).
+
+  What lies between two of them is carried along. Rotations are those from the rest pose.
+  """
+  order = sorted(range(len(names)), key=lambda node: _depth(parents, node))
+  still, world = (world_matrices(order, parents, *parts)[..., nodes, :, :] for parts in (rest, moving))
   if not np.isfinite(world).all():
     raise InputError(f"{path}: its animation holds NaN or infinity; export it again")
-  parents = [nearest(document, node, nodes) for node in nodes]
-  above = np.maximum(parents, 0)
+  places_of = {node: place for place, node in enumerate(nodes)}
+  own_parents = []
+  for node in nodes:
+    above = parents[node]
+    while above >= 0 and above not in places_of:
+      above = parents[above]
+    own_parents.append(places_of.get(above, -1))
+  above = np.maximum(own_parents, 0)
+  roots = np.array(own_parents) < 0
   rest_places, rest_turned, _ = take_apart(still)
   places, turned, _ = take_apart(world)
   turned = rot.continuous(rot.multiply(turned, rot.conjugate(rest_turned)[None]))
-  offsets = rest_places - np.where(np.array(parents)[:, None] < 0, 0, rest_places[above])
+  offsets = rest_places - np.where(roots[:, None], 0, rest_places[above])
   local = rot.multiply(rot.conjugate(turned[:, above]), turned)
-  local[:, np.array(parents) < 0] = turned[:, np.array(parents) < 0]
-  names = tuple(document.name(node) for node in nodes)
-  return Capture(names, tuple(parents), offsets, ((),) * len(nodes), fps, places, local, turned, usual="metres")
+  local[:, roots] = turned[:, roots]
+  return Capture(tuple(names[node] for node in nodes), tuple(own_parents), offsets, ((),) * len(nodes), fps, places,
+                 local, turned, usual="metres")
+
+
+def _depth(parents, node):
+  depth = 0
+  while (node := parents[node]) >= 0:
+    depth += 1
+  return depth
 
 
 def joints_of(document) -> list[int]:
