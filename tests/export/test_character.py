@@ -265,7 +265,7 @@ def test_a_mapping_names_bones_that_no_rig_has(tmp_path):
 
 
 def test_an_fbx_that_cannot_be_read_gets_one_sentence(tmp_path):
-  (tmp_path / "walk.fbx").write_bytes(b"Kaydara FBX Binary  \x00\x1a\x00" + bytes(100))
+  (tmp_path / "walk.fbx").write_bytes(b"no FBX at all")
   with pytest.raises(InputError, match="cannot be read as FBX|read by ufbx") as error:  # without the extra the latter
     export.load(tmp_path / "walk.fbx")
   assert "\n" not in str(error.value) and "glTF 2.0" in str(error.value)
