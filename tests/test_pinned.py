@@ -63,7 +63,7 @@ COUNTS = {
     ("evaluator_clip", "small"): 1_407_489, ("evaluator_clip", "tiny"): 18_833,
     ("evaluator_snapmogen", "full"): 14_818_708, ("evaluator_snapmogen", "small"): 249_300,
     ("evaluator_snapmogen", "tiny"): 11_940,
-    ("cdamd_length", "kit"): 435_122,
+    ("cdamd_length", "kit"): 435_122, ("momask_length", "full"): 435_122, ("momask_length", "tiny"): 1_006,
     ("evaluator_movement", "63"): 2_623_487, ("evaluator_matching", "63"): 21_289_152,
     ("evaluator_clip", "63"): 59_541_505, ("cmdm_tokenizer", "mini"): 1_384_199, ("cmdm_denoiser", "mini"): 1_265_696,
     ("tmr", "full"): 16_130_823, ("tmr", "small"): 317_831, ("tmr", "mini"): 200_647, ("tmr", "tiny"): 12_359,
@@ -123,7 +123,7 @@ def _counted(config, size):
     shapes = momask.residual_shapes(ResidualCodeTransformer(**config.model))
   elif config.stage == "t2m_gpt.gpt":
     shapes = t2m_gpt.gpt_shapes(CodeGPT(**config.model))
-  elif config.stage == "cdamd.length":  # of sentence vectors of CLIP, MiniLM and the encoder for tests
+  elif config.stage in ("cdamd.length", "momask.length"):  # of CLIP, MiniLM and the encoder for tests
     shapes = lengths.length_shapes(LengthEstimator(**config.model), {"small": 384, "tiny": 32}.get(size, 512))
   elif config.stage == "evaluator.movement":
     shapes = jax.eval_shape(lambda: matching.init_movement(config.model, jax.random.key(0)))

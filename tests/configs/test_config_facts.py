@@ -31,7 +31,7 @@ SIZES = {  # all that can be written behind a config's colon, but the words of c
     "cdamd_generator": ["full", "large", "kit", "67", "263", "steps", "mardm", "mardm_ddpm", "mardm_67",
                         "mardm_ddpm_67", "mardm_263", "mardm_snapmogen", "mardm_kit", "small", "laptop", "mini",
                         "tiny", "mardm_small", "mardm_mini", "mardm_tiny", "mardm_snapmogen_tiny", "kit_small"],
-    "cdamd_length": ["full", "kit", "small", "laptop", "tiny"],
+    **dict.fromkeys(("cdamd_length", "momask_length"), ["full", "kit", "small", "laptop", "tiny"]),
     **dict.fromkeys(("momask_rvq", "momask_masked", "momask_residual", "t2m_gpt_vq", "t2m_gpt_gpt"),
                     ["full", "kit", "snapmogen", "laptop", "tiny", "kit_laptop", "kit_tiny", "snapmogen_tiny"]),
     "evaluator_movement": ["full", "66", "67", "kit", "64", "63", "small", "laptop", "tiny"],
@@ -146,7 +146,9 @@ FACTS = {
        for name in ("masked", "residual")},
     ("cdamd_length", "full"): {"train.num_epochs": 300, "data.batch_size": 64, "optimizer.learning_rate": 1e-4,
                                "optimizer.clip_norm": 0.5, "data.min_frames": 40},  # cdamd.md#length
-    ("cdamd_length", "kit"): {"train.num_epochs": 300, "data.batch_size": 64, "data.min_frames": 24},
+    **{(name, "kit"): {"train.num_epochs": 300, "data.batch_size": 64, "data.min_frames": 24}
+       for name in ("cdamd_length", "momask_length")},
+    ("momask_length", "full"): {"train.num_epochs": 300, "data.min_frames": 40, "data.layout": "full"},
     **{("evaluator_movement", size): MOVEMENT for size in ("full", "66", "67", "kit", "64", "63")},
     **{("evaluator_matching", size): MATCHING for size in ("full", "66", "67", "kit", "64", "63")},
     **{("evaluator_clip", size): {"train.num_epochs": 150, "data.batch_size": 128, "model.depth": 8}

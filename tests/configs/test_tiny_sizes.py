@@ -21,6 +21,8 @@ CDAMD = {"cdamd_autoencoder": {}, "cdamd_rvq": {}, "cdamd_length": {},
 MARDM = {"cdamd_autoencoder": {}, "cdamd_generator": {"frozen.tokenizer": "cdamd_autoencoder"}}
 MOMASK = {"momask_rvq": {}, "momask_residual": {"frozen.tokenizer": "momask_rvq"},
           "momask_masked": {"frozen.tokenizer": "momask_rvq", "frozen.residual": "momask_residual"}}
+WITH_LENGTH = {"momask_length": {}} | MOMASK | {
+    "momask_masked": MOMASK["momask_masked"] | {"frozen.length": "momask_length"}}
 T2M_GPT = {"t2m_gpt_vq": {}, "t2m_gpt_gpt": {"frozen.tokenizer": "t2m_gpt_vq"}}
 MDM = {"mdm_denoiser": {}}
 MLD = {"mld_vae": {}, "mld_denoiser": {"frozen.tokenizer": "mld_vae"}}
@@ -61,7 +63,7 @@ def traced_training(config, workdir, stage, next_batch, frozen, *_):
       for data in ("67", "263", "steps")),
     chain(MARDM, cdamd_generator="mardm"), chain(MARDM, cdamd_autoencoder="67", cdamd_generator="mardm_67"),
     chain(MARDM, cdamd_autoencoder="64", cdamd_generator="mardm_kit"),
-    chain(MOMASK), on("kit", MOMASK), chain(T2M_GPT), on("kit", T2M_GPT),
+    chain(WITH_LENGTH), on("kit", MOMASK), chain(T2M_GPT), on("kit", T2M_GPT),
     chain(MLD), on("kit", MLD), chain(MOTIONSTREAMER), on("kit", MOTIONSTREAMER), on("272", MOTIONSTREAMER),
     chain(MDM), chain(MDM, mdm_denoiser="kit"), chain(MDM, mdm_denoiser="dip_kit"),
     chain(MDM, mdm_denoiser="words_essential"), on("v2", MLD),
