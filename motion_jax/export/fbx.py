@@ -50,9 +50,10 @@ def find_blender() -> list[str]:
     named = sys.executable
   found = shutil.which(named or "blender")
   if found is None:
-    raise InputError(f"got {VARIABLE}={named}, which is no program; name a Blender or a Python that has bpy" if named
-                     else f".fbx files are written by Blender: {pip_install('fbx')}, or set {VARIABLE} to an installed "
-                          "Blender; most programs also read .glb")
+    raise InputError(
+        f"got {VARIABLE}={named}, which is no program; name a Blender or a Python that has bpy" if named else
+        f".fbx files are written by Blender: set {VARIABLE} to an installed Blender or to a Python that has bpy, or "
+        f"add bpy here, {pip_install('fbx')}; most programs also read .glb")
   if "python" in pathlib.Path(found).name.lower():
     return [found, script]
   return [found, "--background", "--factory-startup", "--python-exit-code", "1", "--python", script, "--"]
