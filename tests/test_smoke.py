@@ -117,6 +117,7 @@ def test_launch_py(tmp_path):
 
 
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+LANDING = ROOT / "site" / "index.md"  # of the site: what a newcomer types first is the README's
 TYPED = ("control.md", "command-line.md")  # pages whose commands follow from one another
 CACHE = [name for name in os.environ if name.startswith(("JAX_COMPILATION_CACHE", "JAX_PERSISTENT_CACHE"))]
 CARDS = sorted((ROOT / "motion_jax" / "pretrained").glob("*/README.md"))  # of the models that ship
@@ -221,6 +222,15 @@ def test_python_of_the_pages_runs_without_an_error(page, tmp_path, monkeypatch):
   scope = {}  # read from top to bottom, as a person would
   for block in _blocks(page, "python"):
     exec(compile(block, page.name, "exec"), scope)
+
+
+def test_the_landing_page_says_what_the_readme_says():
+  """Its commands and Python are the README's, which the tests above run; comments may be shorter."""
+  bare = lambda block: [line.partition("  #")[0].rstrip() for line in block.splitlines()]
+  readme = [line for language in ("bash", "python") for block in _blocks(ROOT / "README.md", language)
+            for line in bare(block)]
+  lines = [line for language in ("bash", "python") for block in _blocks(LANDING, language) for line in bare(block)]
+  assert lines and set(lines) <= set(readme)
 
 
 def test_the_readme_is_short_and_the_docs_have_an_index():

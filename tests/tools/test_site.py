@@ -48,8 +48,8 @@ def test_links_are_moved_with_their_page():
 
 def test_a_room_page_has_a_directive_for_each_name():
   page = api.room_page("motion_jax.nets")
-  assert "## CausalDiT { #causaldit }\n\n::: motion_jax.nets.causal_dit.CausalDiT\n" in page
-  assert page.count("\n## ") == len(reference.public_names("motion_jax.nets"))
+  assert '<a id="causaldit"></a>\n\n::: motion_jax.nets.causal_dit.CausalDiT\n' in page
+  assert page.count("\n::: ") == len(reference.public_names("motion_jax.nets"))
 
 
 def test_a_config_page_states_fields_values_and_meanings():

@@ -17,7 +17,7 @@ MEANINGS = re.compile(rf"(?:^|[.;]\s)({_NAMES}){_WHERE}(.+?)(?=[.;]\s+{_NAMES}{_
 
 
 def room_page(room):
-  """The page of a room: what it is for, then each public name by mkdocstrings, under the heading that links name."""
+  """The page of a room: what it is for, then each public name by mkdocstrings, behind the anchor that links name."""
   lines = [f"# {room}", "", *reference.bodies(ast.get_docstring(reference.tree_of(room)[1]) or "")]
   for name in reference.public_names(room):
     entry = reference.resolve(room, name)
@@ -26,8 +26,7 @@ def room_page(room):
       lines += [f"## {name}", "", f"Module {page}. {' '.join(entry.doc.partition(chr(10) * 2)[0].split())}", ""]
     else:
       path = f"{entry.module}.{getattr(entry.node, 'name', name)}"
-      lines += [f"## {name} {{ #{name.lower()} }}", "", f"::: {path}", "    options:", "      show_root_heading: false",
-                "      show_root_toc_entry: false", "      heading_level: 3", ""]
+      lines += [f'<a id="{name.lower()}"></a>', "", f"::: {path}", ""]
   return reference.joined(lines)
 
 

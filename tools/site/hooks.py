@@ -7,10 +7,11 @@ import sys
 from mkdocs.structure.files import File
 
 sys.path.insert(0, str(pathlib.Path(__file__).parents[2]))
-from tools.site import api, nav, viewers  # noqa: E402
+from tools.site import api, nav, notebooks, viewers  # noqa: E402
 
 ROOT, SITE = nav.ROOT, nav.ROOT / "site"
-TRY = SITE / "try"  # the model in the visitor's own tab, a static page of its own
+TAB = ROOT / "build" / "tab"  # the model in the visitor's own tab, built by `python site/try/build.py build/tab`
+BUTTON = '<a class="md-button md-button--primary" href="try/index.html">Try it in this tab</a>'
 
 
 def on_config(config):
@@ -23,6 +24,7 @@ def on_files(files, config):
   """Adds pages that are not in docs/. docs/README.md is the manual's first page, not the site's."""
   manual = files.get_file_from_path("README.md")
   manual.dest_uri, manual.url = "manual/index.html", "manual/"
+  shown = {}
   origins = {file.src_uri: f"docs/{file.src_uri}" for file in files.documentation_pages()}
 
   def add(uri, text, origin=None):
@@ -33,18 +35,25 @@ def on_files(files, config):
       origins[uri] = origin
 
   for path in sorted(SITE.glob("*.md")):
-    add(path.name, path.read_text(encoding="utf-8").replace("<!-- gallery -->", viewers.gallery()), f"site/{path.name}")
+    text = path.read_text(encoding="utf-8").replace("<!-- gallery -->", viewers.gallery())
+    add(path.name, text.replace("<!-- tab -->", BUTTON if TAB.is_dir() else ""), f"site/{path.name}")
   for path in sorted((SITE / "assets").iterdir()):
     add(f"assets/{path.name}", path.read_bytes())
   for name, text in made().items():
     add(name, text)
+  for path in notebooks.paths():
+    code = "\n".join(notebooks.blocks(path, "site"))
+    text, outputs = notebooks.page(path, viewers.kept(path.stem, code, functools.partial(notebooks.outputs, path)))
+    name = path.relative_to(ROOT).as_posix()
+    add(nav.uri_of(name), text, name)
+    shown[nav.uri_of(name)] = outputs
   for name in nav.outside(origins.values()):
     path = ROOT / name
     if path.suffix == ".md":
       add(nav.uri_of(name), path.read_text(encoding="utf-8"), name)
     else:
       add(nav.uri_of(name), api.source_of(path), name)
-  config.extra["origins"] = origins
+  config.extra.update(origins=origins, shown=shown)
   return files
 
 
@@ -60,7 +69,14 @@ def on_page_markdown(markdown, page, config, files):
   return nav.relinked(markdown, origin, page.file.src_uri) if origin else markdown
 
 
+def on_page_content(content, page, config, files):
+  """The outputs of a notebook, in place of their marks."""
+  for mark, output in config.extra["shown"].get(page.file.src_uri, {}).items():
+    content = content.replace(mark, output)
+  return content
+
+
 def on_post_build(config):
   """The page with the model in the tab, where it has been built."""
-  if (TRY / "index.html").is_file():
-    shutil.copytree(TRY, pathlib.Path(config.site_dir) / "try", dirs_exist_ok=True)
+  if TAB.is_dir():
+    shutil.copytree(TAB, pathlib.Path(config.site_dir) / "try", dirs_exist_ok=True)

@@ -31,7 +31,7 @@ def uri_of(path):
   if path == "README.md":
     return "index.md"
   for folder in ("docs", "site"):
-    if path.startswith(f"{folder}/") and (ROOT / path).is_file():
+    if path.startswith(f"{folder}/") and (ROOT / path).is_file() and (folder == "docs" or path.endswith(".md")):
       return path.removeprefix(f"{folder}/")
   if path.startswith("examples/notebooks/") and path.endswith(".md"):
     return path.removeprefix("examples/")
