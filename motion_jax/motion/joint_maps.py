@@ -161,8 +161,8 @@ def map_joints(names: Sequence[str], positions: Num[Array, "t n 3"], mapping: st
     if mapping not in known:
       raise ValueError(f"got mapping {shortened(mapping)!r}, expected one of "
                        f"{', '.join(dict.fromkeys([*TABLES, *known]))}, or a dict of joint names")
-    rig = known[mapping]
-    mapping = {joint: rig.names[number] for joint, number in rig.joints.items()}
+    named_rig = known[mapping]
+    mapping = {joint: named_rig.names[number] for joint, number in named_rig.joints.items()}
   label = None if mapping else table_of(source)
   if label:
     return _by_table(source, names, label), label

@@ -122,7 +122,7 @@ def _read(path):
     """Adds the joints `numbers` of a chain, all by default; ours: what stands in the places of its words."""
     own = [i for i, joint in enumerate(ours) if joint not in ("-", "end")]
     for i in numbers or range(len(words)):
-      place = None
+      place: tuple[str, str | None, float] | None = None
       if i not in own:
         first, after = max((j for j in own if j < i), default=None), next((j for j in own if j > i), None)
         if first is None:  # a limb that begins where it hangs
