@@ -32,5 +32,8 @@ if [ ! -f "$out/training.md" ] && [ -f benchmarks/train_step.py ]; then
     echo "without PyTorch (extra convert) no training step is compared"
   fi
 fi
+if [ ! -f "$out/peers.md" ] && [ -n "${PEERS:-}" ]; then  # PEERS: the clones that method_peers.py --list names
+  python3 benchmarks/method_peers.py --peers "$PEERS" --out "$out/peers.md"
+fi
 python3 benchmarks/roofline.py "$out/roofline"
 python3 benchmarks/performance_page.py "$out" "${PERFORMANCE_PAGE:-docs/performance.md}"

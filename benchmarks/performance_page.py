@@ -163,7 +163,7 @@ def remark(row):
 
 
 def page(out, plots) -> str:
-  rows, training = results.read(out / "rows"), out / "training.md"
+  rows, training, peers = results.read(out / "rows"), out / "training.md", out / "peers.md"
   first = next((row for row in rows if "machine" in row), None)
   where = (f"{machine.words(first['machine'])}; jax {first['jax']}, commit {first['commit']}, {first['date']}."
            if first else "No machine yet.")
@@ -189,6 +189,11 @@ loop recomputes every latent in every step.
 
 {ratios(rows)}""",
       "Training beside PyTorch": training.read_text().strip() if training.exists() else MISSING,
+      "Generation beside the authors' code": f"""`benchmarks/method_peers.py`: a clip of 6 s by the authors' own PyTorch
+code and by ours, random weights of the released sizes, on one core, without text encoders and decoders of latents.
+`--list` names the repositories, their commits and how to fetch them; their code is no part of this library.
+
+{peers.read_text().strip() if peers.exists() else "Not measured yet: it needs the authors' repositories."}""",
       "GPUs and TPUs: computed": f"""No GPU was lent, so nothing below has been measured: every number is *computed*.
 
 {method} LAUNCH is {1e6 * roofline.LAUNCH:g} microseconds. `benchmarks/gpu.sh` measures the same programs where there
