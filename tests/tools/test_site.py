@@ -52,6 +52,14 @@ def test_a_room_page_has_a_directive_for_each_name():
   assert page.count("\n::: ") == len(reference.public_names("motion_jax.nets"))
 
 
+def test_a_name_is_described_on_one_page():
+  """Of the rooms that have it the nearest; MkDocs refuses two descriptions of one name."""
+  described = [line for room in reference.rooms() for line in api.room_page(room).splitlines()
+               if line.startswith("::: ")]
+  assert len(set(described)) == len(described)
+  assert "[`motion_jax.data`](motion_jax.data.md#clip)" in api.room_page("motion_jax")
+
+
 def test_a_config_page_states_fields_values_and_meanings():
   page = api.config_page("cmdm_denoiser")
   row = next(line for line in page.splitlines() if line.startswith("| `sampler.lag` |"))

@@ -16,6 +16,23 @@ _WHERE = r"(?:, where \w+ is)?: "
 MEANINGS = re.compile(rf"(?:^|[.;]\s)({_NAMES}){_WHERE}(.+?)(?=[.;]\s+{_NAMES}{_WHERE}|[.;]?$)")
 
 
+@functools.cache
+def homes():
+  """{where a name is defined: the room whose page describes it}: of several rooms that have it, the nearest."""
+  found = {}
+  for room in reference.rooms():
+    for name in reference.public_names(room):
+      path = path_of(reference.resolve(room, name))
+      if path not in found or path.startswith(f"{room}.") and len(room) > len(found[path]):
+        found[path] = room
+  return found
+
+
+def path_of(entry):
+  """Where a public name is defined, such as "motion_jax.data.clip.Clip"."""
+  return f"{entry.module}.{getattr(entry.node, 'name', entry.name)}"
+
+
 def room_page(room):
   """The page of a room: what it is for, then each public name by mkdocstrings, behind the anchor that links name."""
   lines = [f"# {room}", "", *reference.bodies(ast.get_docstring(reference.tree_of(room)[1]) or "")]
@@ -24,8 +41,10 @@ def room_page(room):
     if entry.kind == "module":
       page = f"[`{entry.module}`]({entry.module}.md)" if entry.module in reference.rooms() else f"`{entry.module}`"
       lines += [f"## {name}", "", f"Module {page}. {' '.join(entry.doc.partition(chr(10) * 2)[0].split())}", ""]
+    elif (home := homes()[path_of(entry)]) != room:
+      lines += [f"## {name}", "", f"Described in [`{home}`]({home}.md#{name.lower()}).", ""]
     else:
-      path = f"{entry.module}.{getattr(entry.node, 'name', name)}"
+      path = path_of(entry)
       lines += [f'<a id="{name.lower()}"></a>', "", f"::: {path}", ""]
   return reference.joined(lines)
 
