@@ -72,7 +72,7 @@ def _log(values):
 
 def _jerk(window, skeleton):
   """Logarithms of the mean acceleration and jerk of every joint."""
-  found = {}
+  found: dict[str, float] = {}
   for order, name in ((2, "acceleration"), (3, "jerk")):
     size = np.linalg.norm(np.diff(window, order, axis=0) * skeleton.fps ** order, axis=-1).mean(0)
     found |= {f"{name} of {joint}": value for joint, value in zip(skeleton.joints, _log(size))}
@@ -82,7 +82,7 @@ def _jerk(window, skeleton):
 def _dynamics(window, skeleton):
   """Logarithms of mean, spread and peak of the speeds and accelerations of the ends of the body, over the ground and
   seen from the pelvis."""
-  found = {}
+  found: dict[str, float] = {}
   seen = {"": window, " from the pelvis": _local(window, skeleton)}
   joints = [index for index in range(len(skeleton.joints)) if index not in skeleton.parents[1:]]  # ends of chains
   joints += [skeleton.parents[index] for index in joints]

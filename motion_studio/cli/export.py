@@ -1,7 +1,6 @@
 """motion-jax export: a model as ONNX graphs, for programs without JAX."""
 import pathlib
 
-from motion_jax.export.graphs import PRECISIONS
 from motion_jax.utils.errors import InputError
 from motion_studio.cli import shared
 
@@ -16,7 +15,7 @@ def add_to(commands):
                       "cmdm-small-fast")
   export.add_argument("folder", metavar="FOLDER", help="folder to write")
   export.add_argument("--format", choices=("onnx",), default="onnx", help="format of the graphs (onnx)")
-  export.add_argument("--precision", choices=PRECISIONS, default="float16", help="numbers of the stored weights "
+  export.add_argument("--precision", default="float16", help="numbers of the stored weights: float32, float16 or int8 "
                       "(float16); arithmetic is float32")
   export.set_defaults(run=_export)
 
