@@ -1,6 +1,6 @@
 """How well a Unitree G1 follows generated motion: ten prompts, and two minutes streamed with a new prompt every 10 s.
 
-  python benchmarks/robot.py [--model cmdm-small] [--seed 0] [--seconds 120] [--out robot.md]
+  python benchmarks/robot.py [--model cmdm-small] [--seed 0] [--seconds 120] [--out robot.md] [--picture robot.png]
 
 Prints two tables: errors, limits, slide and steps of each prompt; and of the stream, the largest step of a joint in one
 tick of 20 ms within half a second of each change of prompt, beside that of the same prompts generated one by one and
@@ -14,14 +14,16 @@ import time
 import machine
 import numpy as np
 import results
+from PIL import Image
 
-from motion_jax import robots
+from motion_jax import export, robots
 from motion_jax.data.clip import Caption, Clip
 from motion_studio import Pipeline
 
 PROMPTS = ["a person walks forward", "a person runs", "a person waves the right hand",
            "a person kicks with the right leg", "a person sits down", "a person jumps", "a person turns left",
            "a person walks backward", "a person picks something up", "a person dances"]
+SHOWN = [0, 2, 3, 4]  # walk, wave, kick, sit: in the picture
 NEAR = 25     # ticks before and after a change of prompt
 EVERY = 10.0  # seconds of a prompt in the stream
 
@@ -69,24 +71,34 @@ def largest(angles, ticks=None):
   return float(steps.max()) if ticks is None else [float(steps[max(t - NEAR, 0):t + NEAR].max()) for t in ticks]
 
 
+def draw(motions, path):
+  """Rows of moments, as a .png of 96 colours."""
+  export.strip(motions, path, num=7, height=180)
+  with Image.open(path) as picture:
+    picture.convert("RGB").quantize(96).save(path, optimize=True)
+
+
 def main():
   parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
   parser.add_argument("--model", default="cmdm-small")
   parser.add_argument("--seed", type=int, default=0)
   parser.add_argument("--seconds", type=float, default=120.0)
   parser.add_argument("--out", type=pathlib.Path, help="also write the tables to this file")
+  parser.add_argument("--picture", type=pathlib.Path, help="also draw the robot's walk, wave, kick and sit")
   args = parser.parse_args()
   pipeline, robot = Pipeline(args.model), robots.load("g1")
   lines, single = [], []
   for prompt in PROMPTS:
     clip = pipeline(prompt, seed=args.seed)
     motion = followed(clip, robot)
-    single.append(motion.angles)
+    single.append(motion)
     lines.append(row_of(prompt, motion, robots.report(motion, clip)))
+  if args.picture:
+    draw([single[number] for number in SHOWN], args.picture)
   motion, clip, changes = streamed(pipeline, robot, args.seed, args.seconds)
   lines.append(row_of(f"stream, {len(changes)} changes of prompt", motion, robots.report(motion, clip)))
   order = [number % len(PROMPTS) for number in range(len(changes) + 1)]
-  joined = [float(np.abs(single[b][0] - single[a][-1]).max()) for a, b in zip(order, order[1:])]
+  joined = [float(np.abs(single[b].angles[0] - single[a].angles[-1]).max()) for a, b in zip(order, order[1:])]
   seams, far = largest(motion.angles, changes), largest(motion.angles)
   columns = ["motion", "seconds", "pelvis, mm", "feet, mm", "hands, mm", "frames at a limit", "largest step, rad",
              "slide, mm/s", "in the floor, mm", "work, s/s"]
