@@ -4,6 +4,7 @@ mink (PyPI) solves each step as a quadratic program over the joint speeds: targe
 joint speed, and bodies that stay apart as constraints.
 """
 import time
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Num
@@ -25,6 +26,10 @@ _LEVEL = np.array([1.0, 0, 0, 0])
 _WEIGHTS = {"pelvis": (20, 10), "torso": (0, 8), "knee": (2, 0), "ankle": (80, 8), "elbow": (6, 0), "wrist": (10, 0)}
 
 _POSTURE = 0.05     # the weight with which a joint stays at its upright angle
+_LOST = 0.08        # metres by which a part is off before another way to its target is looked for,
+_FOUND = 0.5        # and the share of the error that the other way must leave to be taken;
+_LEAVING = 4.0      # the weight with which the joints go over to it
+_SEARCH = 25        # iterations of that search
 _STANDING = 400.0  # the position weight of an ankle that stands
 
 
@@ -81,9 +86,10 @@ class Solver:
     weights = np.full(model.nv, _POSTURE)
     for name, weight in robot.posture.items():
       weights[int(model.joint(name).dofadr[0])] = weight
-    posture = mink.PostureTask(model, cost=weights)
-    posture.set_target(robot.standing())
-    self._all = [*self.tasks.values(), posture, mink.DampingTask(model, cost=0.05)]
+    self._weights, self._posture = weights, mink.PostureTask(model, cost=weights)
+    self._posture.set_target(robot.standing())
+    self._other = mink.Configuration(model, robot.standing())
+    self._all = [*self.tasks.values(), self._posture, mink.DampingTask(model, cost=0.05)]
     self._limits = [mink.ConfigurationLimit(model)]
     self._speed = mink.VelocityLimit(model, {name: MAX_SPEED for name in robot.joints})
     pairs = [tuple(self._shapes(bodies) for bodies in pair) for pair in robot.apart]
@@ -108,43 +114,75 @@ class Solver:
 
   def step(self, target: Target) -> Float[np.ndarray, " q"]:
     """The configuration (7 + N,) of the next frame."""
-    import mink
-    pose = lambda q, place: mink.SE3.from_rotation_and_translation(mink.SO3(rot.unit(q)), place)
-    self.tasks["pelvis"].set_target(pose(target.turned["pelvis"], target.pelvis))
-    self.tasks["torso"].set_target(pose(target.turned["torso"], np.zeros(3)))
+    self.tasks["pelvis"].set_target(_pose(target.turned["pelvis"], target.pelvis))
+    self.tasks["torso"].set_target(_pose(target.turned["torso"], np.zeros(3)))
     for side, stands in zip(SIDES, target.planted):
       # A leg that swings past gives way to one that stands.
       self.tasks[f"{side}_ankle"].set_position_cost(_STANDING if stands else _WEIGHTS["ankle"][0])
-      self.tasks[f"{side}_knee"].set_target(pose(_LEVEL, target.limbs[f"{side}_knee"]))
-    rounds = _ITERATIONS if self._begun else _FIRST
-    limits = [*self._limits, self._speed] if self._begun else self._limits
-    step = 1 / self.fps / _ITERATIONS
-    for _ in range(rounds):
-      self._aim_arms(target, pose)
-      self._aim_feet(target, pose)
-      velocity = mink.solve_ik(self.configuration, self._all, step, "daqp", damping=1e-3, limits=limits,
-                               constraints=self._constraints)
-      self.configuration.integrate_inplace(velocity, step)
+      self.tasks[f"{side}_knee"].set_target(_pose(_LEVEL, target.limbs[f"{side}_knee"]))
+    first = not self._begun
+    self._iterate(self.configuration, target, _FIRST if first else _ITERATIONS,
+                  self._limits if first else [*self._limits, self._speed])
     self._begun = True
+    self._look_for_another_way(target)
     return self.configuration.q.copy()
 
-  def _aim_arms(self, target, pose):
+  def _iterate(self, configuration, target, rounds, limits):
+    import mink
+    step = 1 / self.fps / _ITERATIONS
+    for _ in range(rounds):
+      self._aim_arms(configuration, target)
+      self._aim_feet(configuration, target)
+      velocity = mink.solve_ik(configuration, self._all, step, "daqp", damping=1e-3, limits=limits,
+                               constraints=self._constraints)
+      configuration.integrate_inplace(velocity, step)
+
+  def _look_for_another_way(self, target):
+    """Where a part stays far from its target, joints may be caught: turned round to the wrong side, against a limit.
+
+    Then the frame is solved once more from the upright pose, without a largest speed. If that ends much nearer, the
+    joints go over to it in the next frames.
+    """
+    self._posture.set_target(self.robot.standing())
+    self._posture.set_cost(self._weights)
+    off = self.off(self.configuration)
+    if off < _LOST:
+      return
+    start = self.robot.standing()
+    start[:7] = self.configuration.q[:7]
+    self._other.update(start)
+    self._iterate(self._other, target, _SEARCH, self._limits)
+    if self.off(self._other) < _FOUND * off:
+      self._posture.set_target(self._other.q)
+      self._posture.set_cost(np.maximum(self._weights, _LEAVING))
+
+  def off(self, configuration: Any) -> float:
+    """Metres by which the worst of pelvis, ankles and wrists is off its target."""
+    return max(float(np.linalg.norm(task.compute_error(configuration)[:3])) for part, task in self.tasks.items()
+               if part == "pelvis" or part.endswith(("ankle", "wrist")))
+
+  def _aim_arms(self, configuration, target):
     """Elbows and wrists by the directions of the arms, from where the robot's own shoulders are by now."""
-    data, model = self.configuration.data, self.robot.model
+    data, model = configuration.data, self.robot.model
     torso = model.body(self.robot.parts["torso"][0]).id
     for side in SIDES:
       upper, fore = target.arms[side]
       shoulder = data.xpos[torso] + data.xmat[torso].reshape(3, 3) @ self._shoulders[side]
       elbow = shoulder + self.sizes.upper_arm * upper
-      self.tasks[f"{side}_elbow"].set_target(pose(_LEVEL, elbow))
-      self.tasks[f"{side}_wrist"].set_target(pose(_LEVEL, elbow + self.sizes.forearm * fore))
+      self.tasks[f"{side}_elbow"].set_target(_pose(_LEVEL, elbow))
+      self.tasks[f"{side}_wrist"].set_target(_pose(_LEVEL, elbow + self.sizes.forearm * fore))
 
-  def _aim_feet(self, target, pose):
+  def _aim_feet(self, configuration, target):
     """Ankles by their targets, higher where the sole, turned as the robot's ankle can be, would be in the floor."""
-    data = self.configuration.data
+    data = configuration.data
     for side, (body, sole) in zip(SIDES, self._soles):
       ankle = target.limbs[f"{side}_ankle"].copy()
       point = self.robot.parts[f"{side}_ankle"][1]
       below = ((sole - point) @ data.xmat[body + 1].reshape(3, 3).T)[:, 2].min()
       ankle[2] = max(ankle[2], -below)
-      self.tasks[f"{side}_ankle"].set_target(pose(target.turned[f"{side}_ankle"], ankle))
+      self.tasks[f"{side}_ankle"].set_target(_pose(target.turned[f"{side}_ankle"], ankle))
+
+
+def _pose(turned, place):
+  import mink
+  return mink.SE3.from_rotation_and_translation(mink.SO3(rot.unit(turned)), place)

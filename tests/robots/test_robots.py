@@ -10,6 +10,7 @@ from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.motion import rotations as rot
 from motion_jax.robots import description
 from motion_jax.robots.formats import body_arrays
+from motion_jax.robots.retargeting import Solver
 from motion_jax.robots.robot import from_robot_axes, to_robot_axes
 from motion_jax.robots.targets import DELAY, targets_of
 from motion_jax.utils.errors import InputError
@@ -308,3 +309,17 @@ def test_the_command_refuses_in_one_line(walk, tmp_path, capsys, arguments, mess
   export.npz(walk.cut(0, 4), tmp_path / "walk.npz")
   assert cli.main(["retarget", f"{tmp_path}/walk.npz", *arguments]) == 1
   assert message in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("caught", [[-2.9, 1.9, 2.5], [2.5, 2.0, -2.4]])
+def test_an_arm_that_is_caught_on_the_wrong_side_gets_out(g1, walk, caught):
+  """Left shoulder pitch, roll and yaw far from where the arm is: the hand is back within half a second."""
+  target, solver = targets_of(walk, g1, 50.0)[0], Solver(g1, 50.0)
+  solver.step(target)
+  before, configuration = solver.off(solver.configuration), solver.configuration.q.copy()
+  configuration[7 + 15:7 + 18] = caught
+  solver.configuration.update(configuration)
+  assert solver.off(solver.configuration) > 0.3
+  for _ in range(25):
+    solver.step(target)
+  assert solver.off(solver.configuration) < before + 0.01
