@@ -73,7 +73,7 @@ def test_a_piece_reaches_to_where_the_next_begins(tmp_path):
 
 class Recorder:
   """A model that makes what was recorded, or `changed` of it."""
-  fps = 30.0
+  fps, ways = 30.0, multi_prompt.WAYS
   stats = types.SimpleNamespace(layout=get_layout("snapmogen"))
   config, more_choices = types.SimpleNamespace(data=types.SimpleNamespace(mode="benchmark")), ()
 

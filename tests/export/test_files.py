@@ -91,7 +91,7 @@ def test_missing_file_unknown_extension_bad_rate(clip, tmp_path):
   with pytest.raises(FileNotFoundError, match="there is no file"):
     export.load(tmp_path / "none.npy")
   with pytest.raises(ValueError, match=r"expected a file that ends in \.npz, \.npy, \.bvh"):
-    export.load(tmp_path / "a.fbx")
+    export.load(tmp_path / "a.xyz")
   path, = export.save(clip, tmp_path / "a.npy")
   with pytest.raises(ValueError, match="-3 frames per second"):
     export.load(path, fps=-3)
