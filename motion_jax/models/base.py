@@ -40,6 +40,7 @@ ABILITIES = {
     "edit": "new frames in an existing motion",
     "reconstruct": "a motion through the tokenizer and back",
     "round_trip": "padded motions through the tokenizer and back",
+    "graphs": "its networks as graphs that run without JAX",
 }
 
 

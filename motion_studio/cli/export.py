@@ -27,12 +27,12 @@ def _export(args):
   if folder.exists() and not folder.is_dir():
     raise InputError(f"got the folder {folder}, which is a file; name a new folder or an existing one")
   import motion_jax
-  from motion_jax.models.cmdm.graphs import graphs_of
+  from motion_jax.models.base import cannot
   model = motion_jax.load(args.model)
-  if not hasattr(model, "constants_of"):
-    raise InputError(f"got the model {args.model!r}, expected a CMDM denoiser, such as cmdm-small-fast")
+  if not model.can("graphs"):
+    raise InputError(cannot(model.folder.name, "graphs"))
   print(f"{model.id}, licence {model.license}: weights as {args.precision}")
-  written = graphs.write(*graphs_of(model), folder, args.precision)
+  written = graphs.write(*model.graphs(), folder, args.precision)
   print(f"{sum(path.stat().st_size for path in written) / 1e6:.1f} MB in all")
   shared.print_files(written)
   print(f"try it: python examples/onnx_stream.py {folder} \"a person walks forward\" --out walk.npy")

@@ -158,8 +158,8 @@ def test_errors_list_what_is_missing_and_what_is_there():
     map_joints(HUMANML3D.joints, np.zeros((2, 22, 3)), {"tail": "head"})
   with pytest.raises(ValueError, match="the mapping names the joints Kopf; the file has pelvis"):
     map_joints(HUMANML3D.joints, np.zeros((2, 22, 3)), {"head": "Kopf"})
-  with pytest.raises(ValueError, match="got mapping 'mixamo', expected one of cmu_asf"):
-    map_joints(HUMANML3D.joints, np.zeros((2, 22, 3)), "mixamo")
+  with pytest.raises(ValueError, match="got mapping 'none', expected one of cmu_asf"):
+    map_joints(HUMANML3D.joints, np.zeros((2, 22, 3)), "none")
   with pytest.raises(ValueError, match="mapping 'bandai' needs the joints Chest"):
     map_joints(HUMANML3D.joints, np.zeros((2, 22, 3)), "bandai")
   names = _names("cmu_asf")

@@ -34,7 +34,7 @@ def graphs_of(model: "CmdmModel", **sampling: Any) -> tuple[list[Graph], dict[st
   if not plan.lag or plan.solver not in ("euler", "heun") or contrast is not None:
     raise InputError(f"got schedule {chosen.schedule!r} and solver {plan.solver!r}, expected a stream by fss or ar "
                      "with euler or heun, without contrast")
-  if model.encoder.level != "words" or not hasattr(model.encoder.model, "vocab_size"):
+  if model.encoder.level != "words" or getattr(model.encoder.model, "vocab_size", None) is None:
     raise InputError(f"got the text encoder {model.encoder.name!r}, expected one of word pieces such as that of "
                      "cmdm-small")
   graphs = [_text(model), _step(model, plan, chosen.guidance_scale), _decoder(model, plan), _joints(model, plan)]

@@ -1,6 +1,6 @@
 """CMDM ready to use: motion from prompts, prompts in sequence, continued motions, and live streams."""
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import jax
 import numpy as np
@@ -21,6 +21,9 @@ from motion_jax.text.contrast import Contrast
 from motion_jax.utils.errors import InputError
 from motion_jax.utils.numerals import checked
 
+if TYPE_CHECKING:
+  from motion_jax.export.graphs import Graph
+
 # Guidance by constraints: conjugate gradient steps per pull, and Gauss-Newton steps on the finished latents.
 CONTROL_STEPS, REFINEMENTS = 2, 3
 Segments = Sequence[tuple[str, float | None]]  # prompts and their seconds
@@ -34,11 +37,16 @@ class CmdmModel(CmdmNetworks):
   control_steps, the conjugate gradient steps of every second iteration (0: not pulled), and refinements, the
   Gauss-Newton steps on the finished latents, which no stream can have.
   """
-  abilities = ("generate", "sample_segments", "stream", "multi_prompt", "extend", "reconstruct")
+  abilities = ("generate", "sample_segments", "stream", "multi_prompt", "extend", "reconstruct", "graphs")
   options = CmdmSampling
   more_choices = ("negative_prompts", "control_steps", "refinements")
   takes_control = True
   ways = multi.WAYS
+
+  def graphs(self, **sampling: Any) -> tuple[list["Graph"], dict[str, Any]]:
+    """Its functions for `export.graphs.write`, and what a host needs beside them (`models.cmdm.graphs`)."""
+    from motion_jax.models.cmdm.graphs import graphs_of  # jax2onnx is an extra
+    return graphs_of(self, **sampling)
 
   def sample(self, prompts: Sequence[str], frames: Sequence[int], keys: jax.Array, seeds: Sequence[int | None],
              cleanup: bool, sampling: dict[str, Any], signal: ControlSignal | None = None) -> Motions:
