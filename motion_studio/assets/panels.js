@@ -241,8 +241,13 @@ export class Panels {
     $("trim-to").value = Math.min(span?.[1] ?? motion.frames, motion.frames);
     $("trim-to").max = motion.frames;
     $("export-status").textContent = `${motion.frames} frames, ${(motion.frames / motion.fps).toFixed(1)} s`;
-    await this.choices.open();
     $("export-panel").showModal();
+    $("export-button").disabled = true; // until the formats are there
+    try {
+      await this.choices.open();
+    } catch (error) {
+      $("export-status").textContent = `the formats did not come: ${error.message}; close this and try again`;
+    }
   }
 
   async export() {

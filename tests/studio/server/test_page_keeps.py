@@ -87,6 +87,7 @@ def test_dialogs_close_with_escape_and_an_export_is_whole(timeline):
     if button == "#export":
       assert not page.find("#trim").is_selected()  # though a span is marked
       assert page.find("#trim-from").get_attribute("value") == str(page.get("span")[0])
+      wait_for(lambda: page.find("#export-button").is_enabled())  # once the formats are there
       page.find("#export-button").click()
       name = page.wait("exported && window.__studio.exported.name")
       assert name.endswith(".bvh")
