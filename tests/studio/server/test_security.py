@@ -123,6 +123,6 @@ def test_wrong_addresses_are_told(client):
 def test_openapi_names_every_request(client):
   described = client.get("/openapi.json").json()
   routes = {f"/v1/{name}" for name in ("status", "models", "progress", "suggestions", "generate", "multi-prompt",
-                                       "edit", "project", "import", "export")}
+                                       "edit", "project", "import", "export", "export-choices")}
   assert set(described["paths"]) == routes and described["openapi"].startswith("3.1")
   assert json.dumps(Limits().prompt) in json.dumps(described)
