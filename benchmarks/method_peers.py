@@ -297,6 +297,9 @@ def main(argv=None):
   if args.row:  # a process for each: their modules have the same names
     print("\n" + json.dumps(measure(args.row, args.peers, args.rounds)))
     return 0
+  import torch
+  about = (f"{machine.today()}, commit {machine.commit(pathlib.Path(__file__).parent)}, "
+           f"{machine.words(machine.describe())}, PyTorch {torch.__version__}.\n\n")
   found = {}
   for method in args.methods:
     if not (args.peers / method).is_dir():
@@ -305,12 +308,9 @@ def main(argv=None):
     done = subprocess.run([sys.executable, __file__, "--peers", args.peers, "--row", method, "--rounds",
                            str(args.rounds)], stdout=subprocess.PIPE, text=True, check=False)
     found[method] = json.loads(done.stdout.splitlines()[-1]) if not done.returncode else dict(error="it did not run")
-  import torch
-  text = (f"{machine.today()}, commit {machine.commit(pathlib.Path(__file__).parent)}, "
-          f"{machine.words(machine.describe())}, PyTorch {torch.__version__}.\n\n{table(found)}\n")
-  print(text)
-  if args.out:
-    args.out.write_text(text, encoding="utf-8")
+    if args.out:  # after each: a run that is cut short keeps what it measured
+      args.out.write_text(f"{about}{table(found)}\n", encoding="utf-8")
+  print(f"{about}{table(found)}")
   return 1 if any("error" in row for row in found.values()) else 0
 
 

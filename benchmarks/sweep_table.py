@@ -99,9 +99,9 @@ def behave(folder, seeds=1, most=None) -> dict:
               categories=categories, planted=float(np.mean([speed for row in rows for speed in row["planted"]])))
 
 
-def wanted(methods, workdir, args) -> dict:
+def wanted(methods, workdir, out, args) -> dict:
   """{piece: function that measures it}, part by part, so that a table of all methods is there early."""
-  found, out = {}, workdir / "table"
+  found = {}
   of_part = {
       "trained": lambda stages, model: trained(stages, workdir),
       "speed": lambda stages, model: speed(model),
@@ -216,13 +216,15 @@ def parse(argv=None):
 
 def main(argv=None):
   args = parse(argv)
-  methods, out = sweep.methods_of(sweep.load(args.sweep)), args.workdir / "table"
+  methods = sweep.methods_of(sweep.load(args.sweep))
+  out = args.workdir / (f"table-{args.limit}" if args.limit else "table")  # a trial is no measurement
   about = dict(date=machine.today(), commit=machine.commit(runs.PRETRAINED), machine=machine.words(machine.describe()))
   for row in results.read(out):
     if "error" in row:  # what failed is tried again
       results.path_of(out, row["piece"]).unlink()
   command = f"benchmarks/sweep_table.py {args.sweep} --replications {args.replications} --seeds {args.seeds}"
-  done = results.measure(out, wanted(methods, args.workdir, args), args.seconds, about | {"others": machine.load()})
+  pieces = wanted(methods, args.workdir, out, args)
+  done = results.measure(out, pieces, args.seconds, about | {"others": machine.load()})
   print(report(out, methods, args.workdir, args.page, command))
   return 0 if done else 1
 
