@@ -2,7 +2,7 @@
 import numpy as np
 import pytest
 
-from motion_jax.models.batches import SIZES, batch_sizes, in_batches
+from motion_jax.models.batches import SIZES, batch_sizes, batches, in_batches, joined
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 4, 5, 15, 16, 33, 320])
@@ -27,3 +27,11 @@ def test_rows_come_back_in_order():
 
 def test_two_motions_run_one_after_the_other():
   assert batch_sizes(2) == [1, 1] and batch_sizes(6) == [4, 1, 1] and batch_sizes(40) == [32, 4, 4]
+
+
+def test_batches_of_two_sizes_and_arrays_of_unequal_lengths():
+  found = {count: [len(batch) for batch in batches(count, (1, 4))] for count in (1, 2, 3, 4, 5, 7)}
+  assert found == {1: [1], 2: [1, 1], 3: [4], 4: [4], 5: [4, 1], 7: [4, 4]}
+  np.testing.assert_array_equal(np.concatenate(list(batches(7, (1, 4)))), [0, 1, 2, 3, 4, 5, 6, 6])
+  whole = joined([np.ones((4, 3, 2)), np.ones((4, 5, 2))], 7)
+  assert whole.shape == (7, 5, 2) and not whole[:4, 3:].any()

@@ -33,7 +33,7 @@ def test_every_numeric_flag_has_bounds():
   for prog, action in flags():
     assert action.type not in (int, float), f"{prog} {action.option_strings} takes any number"
     for text in (*NO_NUMBERS, "1e308", "-1e300"):
-      expected = "expected (a (whole )?number|true or false|steps A:B)"
+      expected = "expected (a (whole )?number|true or false|steps A:B|three numbers X,Y,Z)"
       with pytest.raises(argparse.ArgumentTypeError, match=expected) as error:
         action.type(text)
       assert len(str(error.value)) < 200

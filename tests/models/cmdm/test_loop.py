@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import motion_jax as mj
-from motion_jax.models import cmdm, rows
+from motion_jax.models import cmdm
 
 FAST = dict(num_steps=4, lag=2)
 
@@ -12,14 +12,6 @@ FAST = dict(num_steps=4, lag=2)
 @pytest.fixture(scope="module")
 def model(tiny_run):
   return mj.load(tiny_run)
-
-
-def test_batches_have_two_sizes():
-  found = {count: [len(batch) for batch in rows.batches(count)] for count in (1, 2, 3, 4, 5, 7)}
-  assert found == {1: [1], 2: [1, 1], 3: [4], 4: [4], 5: [4, 1], 7: [4, 4]}
-  np.testing.assert_array_equal(np.concatenate(list(rows.batches(7))), [0, 1, 2, 3, 4, 5, 6, 6])
-  joined = rows.joined([np.ones((4, 3, 2)), np.ones((4, 5, 2))], 7)
-  assert joined.shape == (7, 5, 2) and not joined[:4, 3:].any()
 
 
 def test_one_program_serves_all_lengths_and_kinds(model):
