@@ -51,6 +51,6 @@ def get_sweep(size="laptop"):
       "motionstreamer/tokenizer": stage("motionstreamer_tokenizer", TOKENIZER, sizes={"model.width": 128}, clips=False),
       "motionstreamer/generator": stage(
           "motionstreamer_generator", GENERATOR, {"frozen.tokenizer": "{motionstreamer/tokenizer}"},
-          {"model.transformer.width": 144, "model.transformer.depth": 4, "model.head.width": 192,
-           "model.head.depth": 3}),
+          {"tokenizer.width": 128, "model.transformer.width": 144, "model.transformer.depth": 4,
+           "model.head.width": 192, "model.head.depth": 3}),
   }

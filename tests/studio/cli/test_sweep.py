@@ -104,6 +104,19 @@ def test_those_that_ship_name_fields_of_their_configs(name):
     overrides.check([f"--config.{field}={value}" for field, value in fields.items()], config_files.load(config))
 
 
+def test_generators_of_the_same_data_fit_their_tokenizers():
+  runs, configs = sweep.load("same_data"), {}
+  for name, run in runs.items():
+    configs[name] = config_files.load(run.config)
+    with configs[name].unlocked():
+      configs[name].update_from_flattened_dict(run.fields)
+    if (tokenizer := run.fields.get("frozen.tokenizer", "").strip("{}")):
+      described = configs[name].tokenizer.to_dict()
+      given = configs[tokenizer].model.to_dict()
+      assert {field: described.get(field, given[field]) for field in given if field != "teacher_dim"} == {
+          field: value for field, value in given.items() if field != "teacher_dim"}, name
+
+
 def test_the_runs_of_cdamds_figure_7_differ_in_the_prior_alone():
   with_prior, without = (config_files.load(run.config) for run in sweep.load("motion_prior").values())
   changed = {path for path, *_ in setup.changes(with_prior.to_dict(), without.to_dict())}
