@@ -188,7 +188,9 @@ def report(out, methods, workdir, page_file, command) -> str:
   text = "\n".join([*(f"{line}." for line in about), "", markdown(found)])
   if page_file:
     write_page(page_file, text)
-    results.write(page_file.with_suffix(".json"), dict(command=command, methods=found))
+    kept = {method: {part: {name: value for name, value in row.items() if name != "result"}  # a path of this machine
+                     for part, row in parts.items()} for method, parts in found.items()}
+    results.write(page_file.with_suffix(".json"), dict(command=command, methods=kept))
   shown = [pathlib.Path(parts["evaluation"]["result"]) for parts in found.values() if "evaluation" in parts]
   if all((folder / "results.json").is_file() for folder in shown) and shown:
     page.write_folders(shown, out)

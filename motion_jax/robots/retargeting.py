@@ -26,7 +26,7 @@ _LEVEL = np.array([1.0, 0, 0, 0])
 _WEIGHTS = {"pelvis": (20, 10), "torso": (0, 8), "knee": (2, 0), "ankle": (80, 8), "elbow": (6, 0), "wrist": (10, 0)}
 
 _POSTURE = 0.05     # the weight with which a joint stays at its upright angle
-_LOST = 0.08        # metres by which a part is off before another way to its target is looked for,
+_LOST = 0.08        # metres by which a hand is off before another way to its target is looked for,
 _FOUND = 0.5        # and the share of the error that the other way must leave to be taken;
 _LEAVING = 4.0      # the weight with which the joints go over to it
 _SEARCH = 25        # iterations of that search
@@ -99,6 +99,7 @@ class Solver:
     fixed = [int(model.joint(name).dofadr[0]) for name in robot.fixed]
     self._constraints = [mink.DofFreezingTask(model, fixed)] if fixed else None
     self._begun = False
+    self._arms = self._dofs_of_arms()
     self._soles = robot.soles()
     self._shoulders = {side: self._in_torso(f"{side}_shoulder") for side in SIDES}
 
@@ -106,6 +107,17 @@ class Solver:
     model = self.robot.model
     ids = [model.body(name).id for name in bodies]
     return [int(geom) for geom in np.flatnonzero(np.isin(model.geom_bodyid, ids)) if model.geom_contype[geom]]
+
+  def _dofs_of_arms(self):
+    """Which of the joint speeds (NV,) turn an arm against the torso."""
+    model = self.robot.model
+    torso, found = model.body(self.robot.parts["torso"][0]).id, np.zeros(model.nv, bool)
+    for side in SIDES:
+      body = model.body(self.robot.parts[f"{side}_wrist"][0]).id
+      while body not in (torso, 0):
+        found |= model.dof_bodyid == body
+        body = model.body_parentid[body]
+    return found
 
   def _in_torso(self, part):
     places, turned = self.robot.kinematics(self.robot.standing()[None])
@@ -138,10 +150,10 @@ class Solver:
       configuration.integrate_inplace(velocity, step)
 
   def _look_for_another_way(self, target):
-    """Where a part stays far from its target, joints may be caught: turned round to the wrong side, against a limit.
+    """Where a hand is far from its target, the arm may be caught: turned round to the wrong side, against a limit.
 
     Then the frame is solved once more from the upright pose, without a largest speed. If that ends much nearer, the
-    joints go over to it in the next frames.
+    arms go over to it in the next frames.
     """
     self._posture.set_target(self.robot.standing())
     self._posture.set_cost(self._weights)
@@ -154,12 +166,11 @@ class Solver:
     self._iterate(self._other, target, _SEARCH, self._limits)
     if self.off(self._other) < _FOUND * off:
       self._posture.set_target(self._other.q)
-      self._posture.set_cost(np.maximum(self._weights, _LEAVING))
+      self._posture.set_cost(np.where(self._arms, _LEAVING, self._weights))
 
   def off(self, configuration: Any) -> float:
-    """Metres by which the worst of pelvis, ankles and wrists is off its target."""
-    return max(float(np.linalg.norm(task.compute_error(configuration)[:3])) for part, task in self.tasks.items()
-               if part == "pelvis" or part.endswith(("ankle", "wrist")))
+    """Metres by which the worse hand is off its target."""
+    return max(float(np.linalg.norm(self.tasks[f"{side}_wrist"].compute_error(configuration)[:3])) for side in SIDES)
 
   def _aim_arms(self, configuration, target):
     """Elbows and wrists by the directions of the arms, from where the robot's own shoulders are by now."""
