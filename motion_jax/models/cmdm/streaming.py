@@ -22,7 +22,6 @@ and positions count from the window, so they never grow and an hour of motion is
 step     0 1 2 3 4 5        blocks in the window, lag = num_steps / 2 (A = 2), width 3:
 block 0  o o * .            o in denoising, * done, computed once more for its keys and values, . cached
 block 1    o o * .
-block 2      o o * .
 """
 from typing import Any, NamedTuple
 
@@ -188,8 +187,7 @@ def _words_of_blocks(text, caption, size):
 
 def first_latents(dit: Net, layout: Layout, keys: jax.Array, now: Window, given: Float[Array, "_ _ _"]
                   ) -> Float[Array, "b w l c"]:
-  """What the blocks of a window begin with (B, W, block, C): each its noise, or before the first one the clean latents
-  given (B, block, C)."""
+  """What blocks begin with (B, W, block, C): noise, or before the first one the clean latents given (B, block, C)."""
   noise = jax.vmap(lambda index: block_noise(keys, index, layout, dit.latent_dim), out_axes=1)(now.blocks)
   return jnp.where(now.steps < 0, jnp.expand_dims(given, -3), noise)
 

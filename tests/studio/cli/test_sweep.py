@@ -55,9 +55,9 @@ def test_a_failure_leaves_the_others_and_a_stop_ends_the_sweep(file, tmp_path, c
   calls = []
   assert sweep.run(file, tmp_path / "out", [], lambda command: calls.append(command) or 1) == 1 and len(calls) == 2
   assert "2 of 2 runs failed: a, b" in capsys.readouterr().err
-  for status, told in ((75, 75), (-15, 143), (130, 130)):
+  for status, said in ((75, 75), (-15, 143), (130, 130)):
     calls.clear()
-    assert sweep.run(file, tmp_path / "out", [], lambda command, status=status: calls.append(command) or status) == told
+    assert sweep.run(file, tmp_path / "out", [], lambda command, status=status: calls.append(command) or status) == said
     assert len(calls) == 1
 
 
@@ -74,11 +74,11 @@ def test_at_the_command_line(file, tmp_path, monkeypatch, capsys):
   assert "'--data', 'x', '--config.seed=7'" in capsys.readouterr().out
   assert cli.main(["train", "--sweep", str(file), "--workdir", "out", "--cpu-seconds", "9", "--slice", "2"]) == 3
   assert "{'budget': 9.0, 'slice': 2.0}" in capsys.readouterr().out
-  for flags, told in (([], "neither --config nor --sweep"), (["--sweep", "a", "--config", "b"], "both --config and"),
+  for flags, said in (([], "neither --config nor --sweep"), (["--sweep", "a", "--config", "b"], "both --config and"),
                       (["--config", "a", "--slice", "2"], "got --slice without --sweep"),
                       (["--sweep", "a", "--slice", "2"], "got --slice without --cpu-seconds")):
     assert cli.main(["train", "--workdir", "out", *flags])
-    assert told in capsys.readouterr().err
+    assert said in capsys.readouterr().err
 
 
 def test_a_task_that_is_none(file, tmp_path, monkeypatch):
@@ -145,7 +145,7 @@ def test_what_all_runs_share_stands_below_the_table(tmp_path):
 class Machine:
   """Trains a sweep's runs by writing what a run leaves, without a network: a step costs a tenth of a second.
 
-  turns: (name, limit) in order; ends: after so many turns it is killed.
+  turns: (name, limit) in order; ends: the number of turns after which it is killed.
   """
 
   def __init__(self, out, cost=0.1, ends=None):
@@ -226,11 +226,11 @@ def test_a_task_of_an_array_has_a_method_of_a_budget(stages, tmp_path, monkeypat
   assert machine.turns == [("two/part", 4), ("two/whole", 6)]
 
 
-@pytest.mark.parametrize("runs, told", [
+@pytest.mark.parametrize("runs, said", [
     ("{'a/x': ('c', {}, 0.5), 'a/y': ('c', {}, 0.6)}", "got shares of 1.1 .* 'a', expected shares above 0 that add up"),
     ("{'a/x': ('c', {'f': '{a/y}'}, 0.5), 'a/y': ('c', {}, 0.5)}", "'a/x' needs 'a/y', which comes later"),
     ("{'a/b/c': ('c', {})}", "one named 'a/b/c'"), ("{'a/x': ('c', {}, 'much')}", "is not a sweep")])
-def test_stages_that_do_not_fit(tmp_path, runs, told):
+def test_stages_that_do_not_fit(tmp_path, runs, said):
   (tmp_path / "bad.py").write_text(f"def get_sweep(): return {runs}")
-  with pytest.raises(InputError, match=told):
+  with pytest.raises(InputError, match=said):
     sweep.load(tmp_path / "bad.py")
