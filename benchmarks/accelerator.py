@@ -1,8 +1,11 @@
-"""What an accelerator does for this project, piece by piece: sampling, streaming, decoding, training, matmuls.
+"""What an accelerator does for this project, piece by piece: sampling, streaming, decoding, training, matmuls, and the
+shipped models: their speed, and whether a motion is the same in a batch, in a stream and on the CPU (agreement.py).
 
   python benchmarks/accelerator.py OUT                 all pieces that OUT lacks, the most wanted first
   python benchmarks/accelerator.py OUT --seconds 500   begins no piece after this time; the same command continues
   python benchmarks/accelerator.py OUT --only train/   pieces whose names begin so
+  python benchmarks/accelerator.py OUT --compile 0/8   compiles every eighth of them, from the first on, into JAX's
+                                                       compilation cache, and measures nothing
   python benchmarks/accelerator.py OUT --tiny          tiny networks, for a test on a CPU
   python benchmarks/accelerator.py OUT --table         writes OUT/README.md from the pieces that are there
 
@@ -22,24 +25,33 @@ import platform
 import statistics
 import time
 
-import counting  # like programs, results and sampling a file beside this one
+import agreement  # like those below a file beside this one
+import counting
 import jax
 import jax.numpy as jnp
 import programs
 import results
 import sampling
+import shipped_speed
 
+from motion_jax import loading
 from motion_jax.models import cmdm
 from motion_jax.models.cmdm import streaming
 from motion_jax.utils.atomic import atomic_path
 
 SIDES = (2048, 4096, 8192)
+AGREEMENT = {f"{name.replace('_', ' ')}, mm": name for name in (
+    "again", "in_a_batch", "streamed", "exact_in_a_batch", "default_and_exact", "default_and_cpu", "exact_and_cpu")}
+SHIPPED = ("cmdm-small", "cmdm-small-fast", "cdamd-small")
 
 
 def pieces(tiny) -> dict:
   """{name: function() -> dict of numbers}, the most wanted first."""
   types = ("float32",) if tiny else programs.TYPES
   found = {f"matmul/{dtype}": functools.partial(matmul, dtype, (64,) if tiny else SIDES) for dtype in types}
+  for name in SHIPPED[1:2] if tiny else SHIPPED:
+    found[f"agreement/{name}"] = functools.partial(agreement.millimetres, name, frames=24 if tiny else 120)
+    found[f"shipped/{name}"] = functools.partial(shipped, name, 1 if tiny else 7)
   for name, build in programs.all_programs(tiny).items():
     kind, what, dtype = (name.split("/") + [""])[:3]
     found[name] = functools.partial(stream, what, dtype, tiny) if kind == "stream" else functools.partial(run, build)
@@ -79,6 +91,34 @@ def stream(size, dtype, tiny):
                                          12)
   return dict(first_seconds=first, next_seconds=further, next_latent_seconds=further / dit.block,
               fps=4 * dit.block / further)
+
+
+def shipped(name, rounds):
+  """Medians of a shipped model by the library's calls, as benchmarks/shipped_speed.py has them."""
+  model = loading.load(name)
+  found = [shipped_speed.one_round(model, {}, seed) for seed in range(rounds + 1)][1:]
+  first, following, whole, cleaned = map(statistics.median, zip(*found))
+  return dict(first_seconds=first / 1000, next_seconds=following / 1000, seconds=whole / 1000,
+              cleaned_seconds=cleaned / 1000, fps=1000 * shipped_speed.FRAMES / whole)
+
+
+def compile_only(wanted, share, seconds):
+  """Fills JAX's compilation cache with the programs of every N-th piece from the I-th on, share being (I, N)."""
+  began, first, step = time.monotonic(), *share
+  for name in list(wanted)[first::step]:
+    if time.monotonic() - began > seconds:
+      return
+    try:
+      piece = wanted[name]
+      if piece.func is run:
+        program = piece.args[0]()
+        program.function.lower(*program.shapes()).compile()
+        jax.jit(program.arguments).lower().compile()
+      else:
+        piece()
+    except Exception as error:  # said where the piece is measured
+      print(f"{name}: {type(error).__name__}", flush=True)
+    jax.clear_caches()
 
 
 def timed(function, *args, carried=False, repeats=7):
@@ -124,8 +164,8 @@ def table(out):
     if kind == "matmul":
       continue
     own = [row for row in rows if row["piece"].startswith(f"{kind}/")]
-    columns = ["ms", "frames/s", "samples/s", "MFU %", "first ms", "next block ms", "next latent ms", "memory MB",
-               "compile s"]
+    columns = ["ms", "frames/s", "samples/s", "MFU %", "cleaned ms", "first ms", "next block ms", "next latent ms",
+               *AGREEMENT, "memory MB", "compile s"]
     cells = [numbers_of(row, peaks) for row in own]
     columns = [name for name in columns if any(name in cell for cell in cells)]
     lines += ["", f"## {kind}", "", "| piece | " + " | ".join(columns) + " |", "|" + " --- |" * (len(columns) + 1)]
@@ -140,7 +180,8 @@ def numbers_of(row, peaks):
   """{column: number} of a piece."""
   names = {"ms": ("seconds", 1000), "frames/s": ("fps", 1), "samples/s": ("samples_per_second", 1),
            "first ms": ("first_seconds", 1000), "next block ms": ("next_seconds", 1000),
-           "next latent ms": ("next_latent_seconds", 1000), "compile s": ("compile_seconds", 1)}
+           "next latent ms": ("next_latent_seconds", 1000), "cleaned ms": ("cleaned_seconds", 1000),
+           "compile s": ("compile_seconds", 1)} | {column: (key, 1) for column, key in AGREEMENT.items()}
   found = {column: row[key] * scale for column, (key, scale) in names.items() if row.get(key) is not None}
   if row.get("working_mb") is not None:
     found["memory MB"] = row["working_mb"] + row["arguments_mb"]
@@ -154,7 +195,8 @@ def main():
   parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
   parser.add_argument("out", type=pathlib.Path)
   parser.add_argument("--seconds", type=float, default=1e9)
-  parser.add_argument("--only", default="")
+  parser.add_argument("--only", nargs="+", default=[""])
+  parser.add_argument("--compile", metavar="I/N", type=lambda text: tuple(map(int, text.split("/"))))
   parser.add_argument("--tiny", action="store_true")
   parser.add_argument("--table", action="store_true")
   args = parser.parse_args()
@@ -162,9 +204,12 @@ def main():
     return table(args.out)
   args.out.mkdir(parents=True, exist_ok=True)
   print(json.dumps(device()))
-  wanted = {name: run for name, run in pieces(args.tiny).items() if name.startswith(args.only)}
+  wanted = {name: run for name, run in pieces(args.tiny).items() if name.startswith(tuple(args.only))}
   if not wanted:
     parser.error(f"no piece begins with {args.only!r}; they are {', '.join(pieces(args.tiny))}")
+  if args.compile:
+    missing = {name: piece for name, piece in wanted.items() if not results.path_of(args.out, name).exists()}
+    return compile_only(missing, args.compile, args.seconds)
   done = results.measure(args.out, wanted, args.seconds, device(), jax.clear_caches)
   raise SystemExit(0 if done else 75)
 

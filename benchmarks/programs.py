@@ -58,13 +58,14 @@ class Program(NamedTuple):
 
 def all_programs(tiny=False, sizes=SIZES, types=TYPES, batches=(1, 256), train_batches=(64, 256), attention="xla"
                  ) -> dict[str, Callable[[], Program]]:
-  """{name: function that builds the Program}, the most wanted first. attention: "xla" or "cudnn", of both networks."""
+  """{name: function that builds the Program}, of the first size first. attention: "xla" or "cudnn", in networks."""
   if tiny:
     sizes, types, batches, train_batches = ("M",), ("float32",), (1,), (4,)
-  found = {}
+  found, later = {}, {}
 
   def add(name, build, *args, **fields):
-    found[name] = functools.partial(build, *args, tiny=tiny, **fields)
+    others = set(sizes[1:]) & set(name.replace("-", "/").split("/"))
+    (later if others else found)[name] = functools.partial(build, *args, tiny=tiny, **fields)
 
   for size in sizes:
     for dtype in types:
@@ -84,7 +85,7 @@ def all_programs(tiny=False, sizes=SIZES, types=TYPES, batches=(1, 256), train_b
       add(f"decode/{method}/batch{batch}", decode, method, batch)
   for size in sizes:
     add(f"ar/{size}/{types[0]}/batch1", sample_cmdm, size, types[0], 1, STEPS, attention=attention)
-  return found
+  return found | later
 
 
 # --- programs ---------------------------------------------------------------------------------------------------------

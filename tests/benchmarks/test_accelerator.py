@@ -1,4 +1,5 @@
 """benchmarks/accelerator.py and gpu.sh, at tiny sizes on the CPU, so that they run where there is an accelerator."""
+import functools
 import json
 import pathlib
 import subprocess
@@ -55,6 +56,15 @@ def test_a_piece_of_each_kind_gives_its_numbers(accelerator):
   assert pieces["matmul/float32"]()["tflops"] > 0
   made = pieces["decode/cmdm/batch1"]()
   assert made["fps"] == pytest.approx(24 / made["seconds"]) and made["flops"] > 0
+
+
+def test_processes_share_what_is_compiled(accelerator, capsys):
+  calls = []
+  wanted = {name: functools.partial(calls.append, name) for name in "abcde"}
+  accelerator.compile_only(wanted, (1, 2), 100)
+  assert calls == ["b", "d"]
+  accelerator.compile_only(dict(f=functools.partial(int, "x")), (0, 1), 100)
+  assert "f: ValueError" in capsys.readouterr().out
 
 
 @pytest.mark.slow
