@@ -17,7 +17,7 @@ import results
 import roofline
 import time_to_motion
 
-from motion_jax import charts
+from motion_jax import charts, look
 from motion_jax.charts import Series
 from motion_jax.utils.atomic import atomic_path
 
@@ -25,7 +25,7 @@ from motion_jax.utils.atomic import atomic_path
 STYLE = """<style>text{font:12px sans-serif;fill:#667085}.grid{stroke:#667085;stroke-opacity:.2}
 .axis,.border{stroke:#667085}.line{fill:none;stroke-width:2}.dot{stroke:none}.band{fill-opacity:.17}""" + "".join(
     f".line.{kind}{{stroke:{color}}}.dot.{kind},.band.{kind},text.{kind}{{fill:{color}}}"
-    for kind, color in {"s0": "#2a6fb8", "s1": "#d9622b", "s2": "#1c8552", "s3": "#8a4fb5", "s4": "#b0892b"}.items()
+    for kind, color in look.LIGHT.items() if re.fullmatch(r"s\d", kind)
 ) + "</style>"
 MISSING = "Not measured yet: `benchmarks/all.sh` measures it."
 

@@ -9,11 +9,13 @@ from typing import NamedTuple
 
 from PIL import Image, ImageDraw, ImageFont
 
+from motion_jax import look
+
 WIDTH, HEIGHT = 460, 290
 _LEFT, _RIGHT, _TOP, _BOTTOM = 66, 16, 14, 46
 _DOTS = 16  # a line of more points than this is drawn without dots
-COLORS = {"axis": "#667085", "border": "#667085", "grid": "#e1e5ec", "tick": "#667085", "label": "#22262f",
-           "s0": "#2a6fb8", "s1": "#d9622b", "s2": "#1c8552", "s3": "#8a4fb5", "s4": "#b0892b", "real": "#7d8594"}
+COLORS = look.LIGHT | {"axis": look.LIGHT["soft"], "border": look.LIGHT["soft"], "grid": look.LIGHT["line"],
+                       "tick": look.LIGHT["soft"], "label": look.LIGHT["ink"]}  # of a mark's kind
 _SCALE, _FINE = 2, 2  # a picture has this many pixels for each of a chart's, and is drawn finer, then made smaller
 
 
@@ -96,7 +98,10 @@ def logarithmic_ticks(low: float, high: float) -> list[float]:
 
 
 def number(value: float) -> str:
-  """A tick's number as short as it goes."""
+  """A tick's number as short as it goes: 1500, 0.05, 2e−4."""
+  if 0 < abs(value) < 1e-3:
+    digits, power = f"{value:.5e}".split("e")
+    return f"{float(digits):g}e{int(power)}".replace("-", "−")
   return f"{value:.6g}".replace("-", "−")
 
 

@@ -5,7 +5,7 @@
   mj.draw.schedule(mj.diffusion.staircase(num_steps=8, length=12, lag=2, block=3))
   mj.draw.network(mj.nets.CausalVAE(), x, noise)
 
-A notebook shows them as they are. Colours are those of charts and reports, light or dark as the page is.
+A notebook shows them as they are. Colours are those of charts and reports (`motion_jax.look`), in light and dark.
 """
 import html
 import math
@@ -17,26 +17,27 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from motion_jax import charts
+from motion_jax import look
 
 __all__ = ["Drawing", "mask", "network", "schedule"]
 
 _CELL, _TITLE, _LABEL = 16, 26, 20  # pixels
 _LARGEST = 640   # pixels of a grid; more cells become smaller ones
+_USED = ("ink", "soft", "line", "card", "s0")  # colours of motion_jax.look
 _WIDTH, _LINE, _GAP, _BETWEEN = 560, 19, 26, 8  # pixels of a network's boxes
-_STYLE = """<style>
-.mj-drawing {{ --mj-ink: {label}; --mj-soft: {tick}; --mj-line: {grid}; --mj-card: #ffffff; --mj-cell: {s0}; }}
-@media (prefers-color-scheme: dark) {{ .mj-drawing {{ --mj-ink: #e6e9ef; --mj-soft: #98a2b3; --mj-line: #303641;
-  --mj-card: #1c2027; --mj-cell: #74aeea; }} }}
-.mj-drawing text {{ font: 12px system-ui, -apple-system, "Segoe UI", Roboto, Arial, sans-serif; fill: var(--mj-soft); }}
+_STYLE = f"""<style>
+.mj-drawing {{ {look.variables({name: look.LIGHT[name] for name in _USED}, "--mj-")} }}
+@media (prefers-color-scheme: dark) {{
+  .mj-drawing {{ {look.variables({name: look.DARK[name] for name in _USED}, "--mj-")} }} }}
+.mj-drawing text {{ font: 12px {look.FONT}; fill: var(--mj-soft); }}
 .mj-drawing .ink {{ fill: var(--mj-ink); }} .mj-drawing .bold {{ font-weight: 600; }}
-.mj-drawing .mono {{ font-family: ui-monospace, SFMono-Regular, Menlo, Consolas, monospace; font-size: 11px; }}
-.mj-drawing .paper {{ fill: var(--mj-card); }} .mj-drawing .cell {{ fill: var(--mj-cell); }}
+.mj-drawing .mono {{ font-family: {look.MONO}; font-size: 11px; }}
+.mj-drawing .paper {{ fill: var(--mj-card); }} .mj-drawing .cell {{ fill: var(--mj-s0); }}
 .mj-drawing .box {{ fill: var(--mj-card); stroke: var(--mj-line); stroke-width: 1.4; }}
-.mj-drawing .head {{ fill: var(--mj-cell); opacity: 0.14; }}
+.mj-drawing .head {{ fill: var(--mj-s0); opacity: 0.14; }}
 .mj-drawing .frame {{ fill: none; stroke: var(--mj-line); }} .mj-drawing .grid {{ stroke: var(--mj-line); }}
 .mj-drawing .flow {{ stroke: var(--mj-soft); stroke-width: 1.4; fill: none; }}
-</style>""".format(**charts.COLORS)
+</style>"""
 
 
 class Drawing(str):

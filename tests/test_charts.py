@@ -1,10 +1,11 @@
 """Charts lie where their axes say, as SVG and as a picture, and refuse what they cannot show."""
+import re
 import xml.etree.ElementTree as ElementTree
 
 import numpy as np
 import pytest
 
-from motion_jax import charts
+from motion_jax import charts, look
 
 
 @pytest.mark.parametrize("low,high,count,expected", [
@@ -32,6 +33,12 @@ def test_a_band_is_as_wide_as_its_interval():
   band = next(e for e in tree if e.get("class") == "band s0").get("points")
   ys = [float(pair.split(",")[1]) for pair in band.split()]
   assert (ys[2] - ys[1]) == pytest.approx(2 * (ys[3] - ys[0]), abs=0.3)
+
+
+@pytest.mark.parametrize("value,expected", [(1500, "1500"), (0.05, "0.05"), (2e-4, "2e−4"), (-1.5e-6, "−1.5e−6"),
+                                           (0, "0")])
+def test_a_tick_fits_beside_its_axis(value, expected):
+  assert charts.number(value) == expected
 
 
 def test_bad_curves():
@@ -77,3 +84,10 @@ def test_a_picture_shows_what_the_svg_does():
 def test_a_picture_has_a_minus_that_its_font_can_draw():
   draw = lambda label: charts.picture([charts.Series("", [0, 1], [0, 1])], label, "y").tobytes()
   assert draw("−1") == draw("-1") != draw("1")
+
+
+def test_reports_and_charts_share_their_colours():
+  """Every variable that the reports' style sheet names is a colour of `look` in light and in dark."""
+  used = set(re.findall(r"var\(--(\w+)\)", look.page_style())) - {"font", "mono"}
+  assert used == set(look.LIGHT) == set(look.DARK)
+  assert {charts.COLORS[f"s{i}"] for i in range(5)} <= set(look.LIGHT.values())

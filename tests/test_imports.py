@@ -16,7 +16,7 @@ ROOT = pathlib.Path(__file__).parents[1]
 # imports the application.
 LAYERS = {
     "motion_jax": [
-        ("charts", "configs", "draw", "shapes", "utils"),
+        ("charts", "configs", "draw", "look", "shapes", "utils"),
         ("motion", "nets", "quant", "diffusion", "paper_tables"),
         ("analysis", "text"),
         ("data", "metrics", "latents", "control"),

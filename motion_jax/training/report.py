@@ -14,7 +14,7 @@ import jinja2
 import numpy as np
 from tqdm import tqdm
 
-from motion_jax import charts
+from motion_jax import charts, look
 from motion_jax.training import checkpoint
 from motion_jax.training.distributed import on_host
 from motion_jax.training.metrics import (
@@ -196,7 +196,7 @@ def write_report(workdir, config, environment) -> pathlib.Path:
       name=workdir.resolve().name, stage=config.get("stage", ""), step=max((row["step"] for row in rows), default=0),
       num_steps=config.train.num_steps, written=time.strftime("%Y-%m-%d %H:%M"), tiles=_tiles(trained, evaluated),
       sections=[one for one in _sections(trained, evaluated) if one[1]], pictures=_pictures(workdir),
-      about=list(environment.items()), config=json.dumps(config.to_dict(), indent=1))
+      about=list(environment.items()), config=json.dumps(config.to_dict(), indent=1), style=look.page_style())
   with atomic_path(workdir / REPORT) as path:
     path.write_text(text, encoding="utf-8")
   return workdir / REPORT
@@ -219,12 +219,12 @@ def _tiles(trained, evaluated):
   tiles.append(("loss", f"{smoothed([row['loss'] for row in trained])[-1]:.4g}"))
   tiles += [(name.replace("_", " "), f"{value:.4g}") for row in evaluated[-1:] for name, value in row.items()
             if name != "step"]
-  tiles += [(_SPEED[name].partition(",")[0], f"{100 * last[name]:.1f} %" if name in ("data_wait", "mfu") else
+  tiles += [(_SPEED[name].partition(":")[0], f"{100 * last[name]:.1f} %" if name in ("data_wait", "mfu") else
              f"{last[name]:.4g}") for name in _SPEED if name in last]
   skipped = sum(row.get("skipped", 0.0) * (row["step"] - before) for row, before in zip(
       trained, [0] + [row["step"] for row in trained]))
   tiles += [("skipped steps", f"{skipped:.0f}")] if any("skipped" in row for row in trained) else []
-  return tiles + [("of training", duration(last["seconds"]))]
+  return tiles + [("time of training", duration(last["seconds"]))]
 
 
 def _sections(trained, evaluated):

@@ -7,6 +7,7 @@ import sys
 from mkdocs.structure.files import File
 
 sys.path.insert(0, str(pathlib.Path(__file__).parents[2]))
+from motion_jax import look  # noqa: E402
 from tools.site import api, nav, notebooks, viewers  # noqa: E402
 
 ROOT, SITE = nav.ROOT, nav.ROOT / "site"
@@ -39,6 +40,9 @@ def on_files(files, config):
     add(path.name, text.replace("<!-- tab -->", BUTTON if TAB.is_dir() else ""), f"site/{path.name}")
   for path in sorted((SITE / "assets").iterdir()):
     add(f"assets/{path.name}", path.read_bytes())
+  add("assets/colors.css", "".join(f'[data-md-color-scheme="{scheme}"], [data-md-color-scheme="{scheme}"] .mj-drawing '
+                                   f'{{ {look.variables(colors, "--mj-")} }}\n'
+                                   for scheme, colors in (("default", look.LIGHT), ("slate", look.DARK))))
   for name, text in made().items():
     add(name, text)
   for path in notebooks.paths():

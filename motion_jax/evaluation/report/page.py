@@ -14,7 +14,7 @@ import tempfile
 import jinja2
 from PIL import Image
 
-from motion_jax import charts, export
+from motion_jax import charts, export, look
 from motion_jax.data.clip import Caption
 from motion_jax.evaluation.report import differences, tables
 from motion_jax.evaluation.result import Result
@@ -49,7 +49,7 @@ def write(results, out, folders=None) -> pathlib.Path:
     for page in sorted(pages.iterdir()):
       with atomic_path(out / "motions" / page.name) as path:
         shutil.copyfile(page, path)
-  text = _template().render(sections=sections)
+  text = _template().render(sections=sections, style=look.page_style())
   with atomic_path(out / "index.html") as path:
     path.write_text(text, encoding="utf-8")
   return out / "index.html"
