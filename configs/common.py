@@ -91,9 +91,11 @@ def motion_errors():
   the papers.
 
   acceleration of all joints; velocity of wrists, ankles and toes; velocity of feet that stand in the real motion,
-  and of feet that are down for a moment; lengths of bones (models/motion_errors.py).
+  and of feet that are down for a moment; lengths of bones, and their directions; the size of speeds, accelerations
+  and jerks, on a logarithmic scale (models/motion_errors.py).
   """
-  return dict(acceleration=0.0, extremity_velocity=0.0, foot_contact=0.0, brief_contact=0.0, bone_length=0.0)
+  return dict(acceleration=0.0, extremity_velocity=0.0, foot_contact=0.0, brief_contact=0.0, bone_length=0.0,
+              limb_direction=0.0, dynamics=0.0)
 
 
 def optimizer(learning_rate, **fields):

@@ -17,8 +17,11 @@ from motion_jax.motion.skeleton import HUMANML3D, Skeleton
 from motion_jax.motion.stats import Stats
 from motion_jax.shapes import Array
 
-NAMES = ("acceleration", "extremity_velocity", "foot_contact", "brief_contact", "bone_length")
+NAMES = ("acceleration", "extremity_velocity", "foot_contact", "brief_contact", "bone_length", "limb_direction",
+         "dynamics")
 STATS = "stats"  # the name of mean and std of the features among the frozen parts of a stage
+_STILL = (0.02, 0.2, 4.0)  # m/s, m/s^2, m/s^3: sizes below these are all alike to the logarithms of `_dynamics`
+_SPANS = (0.4, 1.6)        # seconds over which it takes their means
 _TOUCHES = 1.0   # metres a second below which a foot near the ground bears a body that runs, at 20 frames a second
 
 
@@ -34,6 +37,11 @@ def motion_errors(made: Num[Array, "b t j 3"], real: Num[Array, "b t j 3"],
   touch the ground for a moment, which in the real motion are near it, slower than 1 m/s and do not stand: the feet of a
   body that runs are down too briefly for that rule; (m/s)^2. bone_length: the error of the length of every bone, m^2:
   of where a joint may be the mean lies nearer to its parent than any of it, so that feet and legs come out too short.
+  limb_direction: the error of the direction of every bone, as a unit vector: a decoder that lengthens a foot for the
+  sake of bone_length must not do it downwards. dynamics: the error of the logarithm of how large the speed, the
+  acceleration and the jerk of every joint are, over the ground and seen from the pelvis, on average over 0.4 and over
+  1.6 s: squared errors of joints make motion smoother than real, and the steps of upsampling shakier, neither of which
+  they see, for it is a matter of millimetres.
   frame_mask (B, T): the frames that are no padding; a difference counts whose frames all are.
   """
   fps = fps or skeleton.fps
@@ -57,7 +65,39 @@ def motion_errors(made: Num[Array, "b t j 3"], real: Num[Array, "b t j 3"],
           "extremity_velocity": _mean_square(
               jnp.concatenate([decoded - given, _length(decoded) - _length(given)], -1), both),
           "foot_contact": _mean_square(sliding, both), "brief_contact": _mean_square(slipping, both),
-          "bone_length": _mean_square(_bones(made, skeleton) - _bones(real, skeleton), frame_mask)}
+          "bone_length": _mean_square(_bones(made, skeleton) - _bones(real, skeleton), frame_mask),
+          "limb_direction": _mean_square(_directions(made, skeleton) - _directions(real, skeleton), frame_mask),
+          "dynamics": _dynamics(made, real, frame_mask, fps, skeleton.unit)}
+
+
+def _directions(joints, skeleton):
+  """Directions (B, T, J - 1, 3) of the bones of joints (B, T, J, 3)."""
+  bones = joints[:, :, 1:] - joints[:, :, jnp.array(skeleton.parents[1:])]
+  return bones / _length(bones, 1e-3 / skeleton.unit)
+
+
+def _dynamics(made, real, frame_mask, fps, unit):
+  """Mean square (B,) of the differences in the logarithms of mean speeds, accelerations and jerks."""
+  total, count = 0.0, 0.0
+  seen = lambda joints: jnp.concatenate([joints, joints[:, :, 1:] - joints[:, :, :1]], axis=2) * unit
+  made, real, counts = seen(made), seen(real), frame_mask
+  for still in _STILL:
+    made, real = (jnp.diff(joints, axis=1) * fps for joints in (made, real))
+    counts = counts[:, 1:] & counts[:, :-1]
+    for span in _SPANS:
+      width = max(min(round(span * fps), counts.shape[1]), 1)
+      sizes = [jnp.log(_means(_length(joints, 0.1 * still)[..., 0], width) + still) for joints in (made, real)]
+      whole = _means(counts[..., None].astype(real.dtype), width)[..., 0] > 1 - 0.5 / width  # no frame of padding
+      total += jnp.where(whole, ((sizes[0] - sizes[1]) ** 2).mean(-1), 0.0).sum(1) / jnp.maximum(whole.sum(1), 1)
+      count += 1
+  return total / count
+
+
+def _means(values, width):
+  """Means over all windows of width frames, half overlapping, of values (B, T, N) -> (B, W, N)."""
+  step = max(width // 2, 1)
+  sums = jax.lax.reduce_window(values, 0.0, jax.lax.add, (1, width, 1), (1, step, 1), "valid")
+  return sums / width
 
 
 def _bones(joints, skeleton):
@@ -78,7 +118,7 @@ def _mean_square(vectors, mask):
 
 def weights(loss_config: ConfigDict) -> dict[str, float]:
   """Those of the terms that a config's section loss asks for: {name: weight}, without what is 0."""
-  return {name: loss_config[name] for name in NAMES if loss_config[name]}
+  return {name: loss_config[name] for name in NAMES if loss_config.get(name)}
 
 
 def frozen_stats(config: ConfigDict, stats: Stats) -> dict[str, Any]:

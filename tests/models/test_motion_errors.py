@@ -87,6 +87,28 @@ def test_a_foot_that_is_too_short_by_3_cm():
   assert found(millimetres, 0 * millimetres, skeleton=KIT)["bone_length"] == pytest.approx(0.03**2 / 20, rel=0.01)
 
 
+def test_a_foot_that_points_down():
+  """Turned by 60 degrees, its end is a unit vector off; of another length, or in another place, it is not."""
+  real = standing()
+  ankle, toe = HUMANML3D.left_feet
+  bone = np.float32([0, 0, 0.14])
+  real[:, :, toe] = real[:, :, ankle] + bone
+  made = real.copy()
+  made[:, :, toe] = real[:, :, ankle] + 1.2 * bone
+  assert found(made + 1.0, real)["limb_direction"] < 1e-6
+  made[:, :, toe] = real[:, :, ankle] + np.float32([0, -0.14 * np.sqrt(0.75), 0.07])
+  assert found(made, real)["limb_direction"] == pytest.approx(1 / 21, rel=1e-3)
+
+
+def test_dynamics_of_a_body_that_shakes_or_is_too_smooth():
+  """Twice and half as far in all directions: a logarithm of 2, of speeds, accelerations and jerks. Which way a joint
+  goes does not count, only by how much."""
+  real = np.cumsum(np.random.default_rng(0).normal(0, 0.02, (1, 33, 22, 3)), axis=1).astype(np.float32)
+  assert found(-real, real)["dynamics"] < 1e-9  # the other way, as fast
+  for share in (2.0, 0.5):
+    assert found(share * real, real)["dynamics"] == pytest.approx(np.log(2) ** 2, rel=0.1)
+
+
 def test_units_and_rates_are_the_skeletons():
   """KIT's joints are millimetres at 12.5 frames a second: 100 mm a frame are 1.25 m/s."""
   real = jnp.zeros((1, 10, 21, 3))
