@@ -102,12 +102,11 @@ def shipped(name, rounds):
               cleaned_seconds=cleaned / 1000, fps=1000 * shipped_speed.FRAMES / whole)
 
 
-def compile_only(wanted, share, seconds):
+def compile_only(wanted, share):
   """Fills JAX's compilation cache with the programs of every N-th piece from the I-th on, share being (I, N)."""
-  began, first, step = time.monotonic(), *share
+  first, step = share
   for name in list(wanted)[first::step]:
-    if time.monotonic() - began > seconds:
-      return
+    began, error = time.perf_counter(), ""
     try:
       piece = wanted[name]
       if piece.func is run:
@@ -116,8 +115,9 @@ def compile_only(wanted, share, seconds):
         jax.jit(program.arguments).lower().compile()
       else:
         piece()
-    except Exception as error:  # said where the piece is measured
-      print(f"{name}: {type(error).__name__}", flush=True)
+    except Exception as found:  # said again where the piece is measured
+      error = f", {type(found).__name__}"
+    print(f"compiled {name} in {time.perf_counter() - began:.1f} s{error}", flush=True)
     jax.clear_caches()
 
 
@@ -209,7 +209,7 @@ def main():
     parser.error(f"no piece begins with {args.only!r}; they are {', '.join(pieces(args.tiny))}")
   if args.compile:
     missing = {name: piece for name, piece in wanted.items() if not results.path_of(args.out, name).exists()}
-    return compile_only(missing, args.compile, args.seconds)
+    return compile_only(missing, args.compile)
   done = results.measure(args.out, wanted, args.seconds, device(), jax.clear_caches)
   raise SystemExit(0 if done else 75)
 

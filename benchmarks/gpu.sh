@@ -4,6 +4,7 @@
 # after SECONDS, 500 by default. The same command again measures what is still missing, and leaves what is there.
 # OPTIONS: those of benchmarks/accelerator.py, such as --only fss/M. COMPILERS: number of processes that compile before
 # anything is measured, for half of the time at most; 1 by default, for which each piece is compiled when it is measured.
+# They share the device's memory in equal parts.
 # Without an accelerator it refuses, unless --tiny is given, which tries everything at tiny sizes on a CPU.
 set -euo pipefail
 cd "$(dirname "$0")/.."
@@ -20,10 +21,11 @@ if [ "$compilers" -gt 1 ]; then
   export JAX_COMPILATION_CACHE_DIR=${JAX_COMPILATION_CACHE_DIR:-$(mktemp -d)}
   export JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS=0 JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES=-1
   for i in $(seq 0 $((compilers - 1))); do
-    XLA_PYTHON_CLIENT_PREALLOCATE=false python3 benchmarks/accelerator.py "$out" --compile "$i/$compilers" \
-      --seconds $((seconds / 2)) ${options[@]+"${options[@]}"} > /dev/null &
+    XLA_PYTHON_CLIENT_PREALLOCATE=false XLA_PYTHON_CLIENT_MEM_FRACTION=$(printf 0.%03d $((800 / compilers))) \
+      timeout $((seconds / 2)) python3 benchmarks/accelerator.py "$out" --compile "$i/$compilers" \
+      ${options[@]+"${options[@]}"} &
   done
-  wait
+  wait || true
   echo "compiled by $compilers processes in $((SECONDS - began)) s"
 fi
 # A program that a piece has ended leaves that piece marked, and the rest is tried by a new one.
