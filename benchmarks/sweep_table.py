@@ -220,7 +220,9 @@ def main(argv=None):
   args = parse(argv)
   methods = sweep.methods_of(sweep.load(args.sweep))
   out = args.workdir / (f"table-{args.limit}" if args.limit else "table")  # a trial is no measurement
-  about = dict(date=machine.today(), commit=machine.commit(runs.PRETRAINED), machine=machine.words(machine.describe()))
+  device = "" if jax.default_backend() == "cpu" else f", {jax.devices()[0].device_kind}"
+  about = dict(date=machine.today(), commit=machine.commit(runs.PRETRAINED),
+               machine=machine.words(machine.describe()) + device)
   for row in results.read(out):
     if "error" in row:  # what failed is tried again
       results.path_of(out, row["piece"]).unlink()

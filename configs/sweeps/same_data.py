@@ -9,20 +9,29 @@ larger budget, and the second makes a table of the models at any moment: docs/la
 
 All methods have the archives' own captions, mirrored clips, the same text encoder, batches of 16 clips (32 windows of
 64 frames for tokenizers of windows), a constant learning rate after a short warm-up and averaged weights, so that no
-schedule has to know when training ends. Widths and depths are chosen for 3.3 to 3.6 million parameters in the networks
+schedule has to know when training ends. Size "gpu" trains for a number of steps instead, with batches of 128 clips and
+256 windows, a method in each task of an array:
+
+  SLURM_ARRAY_TASK_ID=0 motion-jax train --sweep same_data:gpu --workdir runs/same-data --data ...
+
+Widths and depths are chosen for 3.3 to 3.6 million parameters in the networks
 that make a motion; representations are those that each method has in this library on archives.
 """
 TOKENIZER, GENERATOR = 0.3, 0.7  # shares of the budget
+GPU_STEPS = 4000  # of a method
 
 
 def get_sweep(size="laptop"):
-  tiny = size == "tiny"
+  tiny, gpu = size == "tiny", size == "gpu"
   size = "tiny" if tiny else "laptop"
 
   def stage(config, share, fields=None, sizes=None, clips=True):
     common = {"train.num_steps": 10_000_000, "train.save_every": 1_000_000, "train.sample_every": 0}
     learning = {"optimizer.schedule": "constant", "optimizer.warmup_steps": 50, "optimizer.ema_decay": 0.99}
     batch = {"data.batch_size": 16} if clips else {}
+    if gpu:
+      common["train.num_steps"] = round(GPU_STEPS * share)
+      batch = {"data.batch_size": 128 if clips else 256}
     changed = common | ({} if tiny else learning | batch | (sizes or {})) | (fields or {})
     return config if ":" in config else f"{config}:{size}", changed, share
 

@@ -172,8 +172,8 @@ def run(name, workdir, arguments, call=None, budget=None, slice=None) -> int:
   measured on held-out clips.
 
   arguments: of `motion-jax train`, for each run. call(command) -> exit status runs one; by default in a process of its
-  own, and slices, of which there are many, in this one. budget, slice: see `Turns`. In a SLURM array only the run of
-  the task is trained, with a budget the method of the task. After a failed run the others are still trained; a stopped
+  own, and slices, of which there are many, in this one. budget, slice: see `Turns`. In a SLURM array only the method
+  of the task is trained. After a failed run the others are still trained; a stopped
   run ends the sweep, and the same command continues it. Returns the exit status.
   """
   if call is None and slice:
@@ -184,7 +184,7 @@ def run(name, workdir, arguments, call=None, budget=None, slice=None) -> int:
   runs, workdir = load(name), pathlib.Path(workdir)
   workdir.mkdir(parents=True, exist_ok=True)
   turns = Turns(runs, workdir, budget, slice)
-  turns.left = _of_this_task(runs, budget)
+  turns.left = _of_this_task(runs)
   failed = []
   while turn := turns.next():
     one, limit = turn
@@ -211,16 +211,16 @@ def run(name, workdir, arguments, call=None, budget=None, slice=None) -> int:
   return 1 if failed else 0
 
 
-def _of_this_task(runs, budget):
-  """The runs to train here: all, or in a SLURM array the run of the task, with a budget the runs of its method."""
-  groups = [[one] for one in runs] if budget is None else list(methods_of(runs).values())
+def _of_this_task(runs):
+  """The runs to train here: all, or in a SLURM array those of the method of the task."""
+  methods = list(methods_of(runs).values())
   if TASK not in os.environ:
     return list(runs)
   try:
-    return groups[int(os.environ[TASK])]
+    return methods[int(os.environ[TASK])]
   except (ValueError, IndexError):
-    raise InputError(f"got {TASK}={os.environ[TASK]}, expected a number from 0 to {len(groups) - 1}: the sweep has "
-                     f"{len(groups)} {'runs' if budget is None else 'methods'}") from None
+    raise InputError(f"got {TASK}={os.environ[TASK]}, expected a number from 0 to {len(methods) - 1}: the sweep has "
+                     f"{len(methods)} methods") from None
 
 
 def _filled(value, folders):

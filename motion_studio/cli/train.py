@@ -21,7 +21,7 @@ def add_to(commands):
   shared.add_config(train, required=False)
   add("--sweep", metavar="NAME[:SIZE]",
       help="instead of --config: the runs of a sweep, shipped or a Python file with get_sweep(size), one after "
-           "another in sub-folders of --workdir, or the run of this task of a SLURM array")
+           "another in sub-folders of --workdir, or those of the method of this task of a SLURM array")
   add("--workdir", required=True, metavar="FOLDER", help="run folder; created if missing")
   add("--resume", nargs="?", const="yes", choices=("yes", "no", "auto"),
       help="resume the run in the folder exactly where it stopped; --resume=auto starts a run if there is none "

@@ -219,6 +219,20 @@ def test_a_method_that_fails_or_stands_still_leaves_the_others(stages, tmp_path,
   assert sweep.run(stages, tmp_path / "still", [], lambda command: 0, budget=10) == 1
 
 
+def test_a_task_of_an_array_has_the_stages_of_a_method(stages, tmp_path, monkeypatch):
+  monkeypatch.setenv(sweep.TASK, "1")
+  trained = []
+  call = lambda command: trained.append(command[command.index("--workdir") + 1]) or 0
+  assert sweep.run(stages, tmp_path, [], call) == 0
+  assert trained == [str(tmp_path / "two/part"), str(tmp_path / "two/whole")]
+
+
+def test_same_data_on_a_gpu_has_steps_instead_of_a_budget():
+  runs = sweep.load("same_data:gpu")
+  for names in sweep.methods_of(runs).values():
+    assert sum(runs[one].fields["train.num_steps"] for one in names) == 4000
+
+
 def test_a_task_of_an_array_has_a_method_of_a_budget(stages, tmp_path, monkeypatch):
   monkeypatch.setenv(sweep.TASK, "1")
   machine = Machine(tmp_path)
