@@ -70,7 +70,7 @@ def get_config(name="full"):
   # one of nets.masks, or several, of which each item draws one: "dccm+bcm".
   config.loss = dict(mask="dccm", noise_rate=0.1, mask_rate=0.88, drop_rate=0.1, mask_draw="count",
                      prior_levels=2, prior_drop_rate=0.7, prior_drop="batch", copies=4, diffusion="flow", ddpm_steps=50,
-                     unit_latents=False)
+                     unit_latents=False, **common.contrast())
   config.data = common.captioned_data(layout="coordinates", per_axis=False, batch_size=64, min_frames=40,
                                       max_frames=196, lengths=(196,), balance=0.0, vary_subject=0.0, max_words=77,
                                       store="")

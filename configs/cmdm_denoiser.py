@@ -49,7 +49,7 @@ def get_config(size="full"):
   # decoded_from: errors of the decoded motion count for frames whose latents' time is above it (0 noise, 1 clean).
   # control: weight of the distance of the decoded motion from the constraints that it gets (data.control).
   config.loss = dict(drop_rate=0.1, unit_latents=False, level_block=3, mean_latents=False, self_forcing=0.0,
-                     pyramid_levels=0.0, decoded_from=0.5, control=0.0, **common.motion_errors())
+                     pyramid_levels=0.0, decoded_from=0.5, control=0.0, **common.contrast(), **common.motion_errors())
   config.data = common.captioned_data(layout="full", batch_size=64, min_frames=40, max_frames=192, lengths=(192,),
                                       max_words=64, balance=0.0, vary_subject=0.0, per_segment_captions=0.0, store="",
                                       control=0.0)  # share of the motions with constraints (docs/training.md)

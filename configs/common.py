@@ -98,6 +98,13 @@ def motion_errors():
               limb_direction=0.0, dynamics=0.0)
 
 
+def contrast():
+  """How a generator learns, in its section `loss`, to follow the side, count, pace and direction of a caption
+  (docs/training.md#contradicting-captions): the weight of what the error with a caption that contradicts the motion
+  lacks to be larger by the margin, of latents whose time is below contrast_until (0 noise, 1 clean); 0: off."""
+  return dict(contrast=0.0, contrast_margin=0.1, contrast_until=0.5)
+
+
 def optimizer(learning_rate, **fields):
   """The section `optimizer`: AdamW without weight decay at a constant rate, unless fields change it.
 

@@ -140,6 +140,7 @@ def load_run(name: str | os.PathLike, stage: str | Sequence[str] | None = None, 
 _STORE = {"data.store": ""}
 _MOTION_ERRORS = {"data.balance": 0.0, "loss.acceleration": 0.0, "loss.extremity_velocity": 0.0,
                   "loss.foot_contact": 0.0, "loss.brief_contact": 0.0, "loss.bone_length": 0.0}
+_CONTRAST = {"loss.contrast": 0.0, "loss.contrast_margin": 0.1, "loss.contrast_until": 0.5}
 _TEXT_ITEMS = {"data.frames_per_latent": 4, "data.crop_frames": 0, "data.keep_long": False, "data.shorten_rate": 1 / 3}
 _EVALUATOR = {"frozen.text": "", "data.max_frames": 196,
               "model.columns": lambda config: get_layout(config["data"]["layout"]).dim}
@@ -167,7 +168,7 @@ DEFAULTS: dict[str, dict[str, Any]] = {
         "alignment_teacher": {},
         "loss.adaptive_align": True, "loss.align_fall": 0.9, "loss.reconstruction": "gaussian",
         "loss.distance_pairs": "window", "loss.last_layer": "convolution"},
-    "cmdm.denoiser": _TEXT_ITEMS | _STORE | _MOTION_ERRORS | {
+    "cmdm.denoiser": _TEXT_ITEMS | _STORE | _MOTION_ERRORS | _CONTRAST | {
         "train.remat": False, "train.scan_layers": False, "train.attention": "xla", "frozen.text_level": "words",
         "alignment_teacher": {},
         "distill.teacher": "", "loss.mean_latents": False, "loss.decoded_from": 0.5, "loss.self_forcing": 0.0,
@@ -182,7 +183,7 @@ DEFAULTS: dict[str, dict[str, Any]] = {
                                             "loss.latent_noise": 0.0},
     "cdamd.rvq": _MOTION_ERRORS | {"data.released_windows": False, "data.short_window": 0,
                                    "quantizer.learn": "means", "data.one_per_clip": False},
-    "cdamd.generator": _TEXT_ITEMS | _STORE | {
+    "cdamd.generator": _TEXT_ITEMS | _STORE | _CONTRAST | {
         "train.remat": False, "train.attention": "xla", "frozen.text_level": "sentence", "frozen.length": "",
         "length": {}, "loss.mask_draw": "count", "data.vary_subject": 0.0, "sampler.edit_mask": "bcm"},
     "cdamd.length": {"data.vary_subject": 0.0},

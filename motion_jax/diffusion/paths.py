@@ -4,6 +4,7 @@ x_t = t x1 + (1 - t) eps, velocity v = x1 - eps (docs/papers/cmdm.md#denoiser-lo
 Times t (B, L) go with arrays (B, L, C).
 """
 from collections.abc import Callable
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -58,9 +59,27 @@ def ramp_times(rng: Key[Array, ""], length: int, block: int, widest: int = 16, r
 TARGETS = {"velocity": lambda x, velocity, t: velocity, "eps": velocity_to_noise, "x1": velocity_to_x1}
 
 
+class Contrast(NamedTuple):
+  """A term of `forcing_loss` by which conditions that do not belong to the clips cost more.
+
+  velocity(x, t) -> (B, L, C) with those; counts (B, L): the latents whose mean errors are compared, none of a clip
+  whose condition is its own; weight of the term, and `margin_loss`'s margin.
+  """
+  velocity: Callable
+  counts: Bool[Array, "b l"]
+  weight: float
+  margin: float
+
+
+def margin_loss(error: Float[Array, "*b"], other: Float[Array, "*b"], margin: float) -> Float[Array, "*b"]:
+  """By how much the error with another condition is below the error with the true one plus a margin; 0 above it."""
+  return jnp.maximum(margin + error - other, 0.0)
+
+
 def forcing_loss(velocity: Callable, x1: Float[Array, "b l c"], latent_mask: Bool[Array, "b l"],
                  t: Float[Array, "b l"], noise: Float[Array, "b l c"], target: str = "velocity",
-                 errors_of: Callable | None = None) -> tuple[dict[str, Float[Array, ""]], Int[Array, ""]]:
+                 errors_of: Callable | None = None, contrast: Contrast | None = None
+                 ) -> tuple[dict[str, Float[Array, ""]], Int[Array, ""]]:
   """Mean squared error of the target over real latents, as (sums, weight) to be added up over devices.
 
   velocity(x, t) -> (B, L, C); x1, noise (B, L, C); latent_mask, t (B, L). target is one of TARGETS: the error of the
@@ -68,17 +87,27 @@ def forcing_loss(velocity: Callable, x1: Float[Array, "b l c"], latent_mask: Boo
   summed over real latents, averaged over channels; weight is the number of real latents.
 
   errors_of(clean (B, L, C)) -> {name: (B,)}: further terms, of the clean latents that the velocity implies. Each is
-  reported by its name and added to the loss, a clip weighted by its number of real latents.
+  reported by its name and added to the loss, a clip weighted by its number of real latents. contrast: the same of the
+  errors with conditions that do not belong to the clips.
   """
   # Parity: the paper's equations learn the noise of a DDPM schedule; the code, and we, the velocity of this path.
   shapes.check(x1=(x1, "BLC"), noise=(noise, "BLC"), latent_mask=(latent_mask, "BL"), t=(t, "BL"))
   x = add_noise(x1, noise, t)
   in_space = TARGETS[target]
   found = velocity(x, t)
-  difference = in_space(x, found, t) - in_space(x, x1 - noise, t)
-  error = (difference ** 2).astype(jnp.promote_types(x1.dtype, jnp.float32)).mean(-1)
+
+  def error_of(found):
+    difference = in_space(x, found, t) - in_space(x, x1 - noise, t)
+    return (difference ** 2).astype(jnp.promote_types(x1.dtype, jnp.float32)).mean(-1)
+
+  error = error_of(found)
   sums: dict[str, Array] = {"loss": jnp.where(latent_mask, error, 0.0).sum()}
-  for name, errors in (errors_of(velocity_to_x1(x, found, t)) if errors_of else {}).items():
+  terms = dict(errors_of(velocity_to_x1(x, found, t))) if errors_of else {}
+  if contrast is not None:
+    mean = lambda error: jnp.where(contrast.counts, error, 0.0).sum(1) / jnp.maximum(contrast.counts.sum(1), 1)
+    terms["contrast"] = contrast.weight * jnp.where(
+        contrast.counts.any(1), margin_loss(mean(error), mean(error_of(contrast.velocity(x, t))), contrast.margin), 0.0)
+  for name, errors in terms.items():
     sums[name] = (errors * latent_mask.sum(1)).sum().astype(sums["loss"].dtype)
     sums["loss"] += sums[name]
   return sums, latent_mask.sum()

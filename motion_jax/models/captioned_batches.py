@@ -4,9 +4,11 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import jax
+import numpy as np
 from ml_collections import ConfigDict
 
 from motion_jax.data import batches, sources, store
+from motion_jax.data.contradictions import contradict
 from motion_jax.motion.stats import Stats
 from motion_jax.text.captions import vary_subject
 from motion_jax.text.encoder import TextEncoder, load_text_encoder, narrowest
@@ -16,7 +18,8 @@ from motion_jax.utils.errors import InputError
 
 NO_CAPTION = "no_text_emb"  # the name, among the frozen parts, of what an encoder makes of an empty caption (1, E)
 _RULES = ("frames_per_latent", "crop_frames", "keep_long", "shorten_rate")  # of `batches.TextItems`
-_DISTURBED = (("loss", "drop_rate"), ("loss", "crop_rate"), ("model", "dropout"))  # by chance, in training only
+# By chance, or beside the loss, in training only.
+_DISTURBED = (("loss", "drop_rate"), ("loss", "crop_rate"), ("loss", "contrast"), ("model", "dropout"))
 
 
 def text_encoder(config: ConfigDict, text_dim: int, level: str | None = None) -> TextEncoder:
@@ -83,21 +86,50 @@ def check_captions(data: sources.FeatureSet, encoder: TextEncoder) -> None:
   encoder.check(caption for captions in data.captions for caption in captions)
 
 
+def contradicted(captions: Sequence[str], seed: int, step: int) -> dict[str, str]:
+  """{caption: one of its contradictions} (`data.contradictions`), drawn in each step; itself where it has none."""
+  captions = list(dict.fromkeys(captions))
+  return dict(zip(captions, map(contradict, captions, batches.step_rng(seed, 7, step).random(len(captions)))))
+
+
+def contradictions_of(own: dict[str, Any], false: dict[str, Any], differ: Sequence[bool]) -> dict[str, Any]:
+  """What a batch holds of contradicting captions: false_emb, false_mask, as wide as the batch's own text_emb and
+  text_mask, which may become wider, and has_false (B,). own, false: these two of both; differ: of the rows."""
+  width = max(own["text_mask"].shape[-1], false["text_mask"].shape[-1])
+  widened = {}
+  for prefix, sides in (("text", own), ("false", false)):
+    emb, mask = sides["text_emb"], sides["text_mask"]
+    more = (0, width - mask.shape[-1])
+    widened |= {f"{prefix}_emb": np.pad(emb, ((0, 0), more, (0, 0))),
+                f"{prefix}_mask": np.pad(mask, [(0, 0)] * (mask.ndim - 1) + [more])}
+  return widened | {"has_false": np.array(differ, bool)}
+
+
 def with_text(batch: dict[str, Any], config: ConfigDict, encoder: TextEncoder, step: int, rows: slice = batches.ALL,
               vectors: bool = False) -> dict[str, Any]:
   """A batch with the features of its captions in their place: text_emb (B, S, E), text_mask (B, S).
 
   vectors: one vector a sentence, text_emb (B, E); of an encoder that gives words they stand in front of these.
+  With a weight config.loss.contrast also captions that contradict these, see `contradictions_of`.
   """
   rng = batches.step_rng(config.seed, 2, step)
   captions = [vary_subject(caption, rng, config.data.vary_subject) for caption in batch.pop("caption")]
+
+  def encoded(captions):
+    if vectors and encoder.level == "sentence":
+      return encoder(captions, rows=rows)
+    if vectors:
+      return encoder.sentence_and_words(captions, min(config.data.max_words, encoder.max_words), rows)
+    return encoder(captions, at_least=narrowest(config.data.max_words), rows=rows)
+
+  own = dict(zip(("text_emb", "text_mask"), encoded(captions)))
+  if config.loss.get("contrast", 0.0):
+    false = contradicted(captions, config.seed, step)
+    other = dict(zip(("text_emb", "text_mask"), encoded([false[caption] for caption in captions])))
+    own = contradictions_of(own, other, [false[caption] != caption for caption in captions[rows]])
   if vectors and encoder.level == "sentence":
-    return batch | {"text_emb": encoder(captions, rows=rows)[0]}
-  if vectors:
-    emb, mask = encoder.sentence_and_words(captions, min(config.data.max_words, encoder.max_words), rows)
-  else:
-    emb, mask = encoder(captions, at_least=narrowest(config.data.max_words), rows=rows)
-  return batch | {"text_emb": emb, "text_mask": mask}
+    own = {name: value for name, value in own.items() if not name.endswith("_mask")}
+  return batch | own
 
 
 # --- on held-out clips --------------------------------------------------------------------------------------------

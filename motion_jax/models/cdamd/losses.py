@@ -86,13 +86,16 @@ def sum_of_masked(error: Callable, params: Any, condition: Float[Array, "b l h"]
 def generator_loss(net: Net, params: Any, z1: Float[Array, "b l c"], real_mask: Bool[Array, "b l"],
                    text_emb: Float[Array, "b s e"], codes: Int[Array, "b l *q"] | None, draws: Draws,
                    config: ConfigDict, dropout: tuple[Array, Array] | None = None,
-                   text_mask: Bool[Array, "b s"] | None = None) -> tuple[dict[str, Array], Array]:
+                   text_mask: Bool[Array, "b s"] | None = None, false: tuple[Array, Any, Array] | None = None
+                   ) -> tuple[dict[str, Array], Array]:
   """(sums, weight) of one step: the diffusion loss of every masked latent, M times over.
 
   Source: docs/papers/cdamd.md#training-step, #diffusion-mlp.
 
   z1 (B, L, C) clean latents, 0 at padding; codes (B, L) or (B, L, Q) of the prior, or None. dropout: (a key, the
-  items' places (B,) in the whole batch) to train with it.
+  items' places (B,) in the whole batch) to train with it. false: text_emb and text_mask (or None) of captions that
+  contradict the motions, and which items have one (B,): with these the error of a latent before the time
+  config.contrast_until has to be larger by config.contrast_margin, else config.contrast times the difference is added.
   """
   made = masking.corruption(draws.time_u, draws.order_u, draws.noise_u, draws.keep_u, real_mask, config.noise_rate,
                             config.mask_rate, config.mask_draw)
@@ -101,10 +104,12 @@ def generator_loss(net: Net, params: Any, z1: Float[Array, "b l c"], real_mask: 
   attn_mask = trained_mask(config.mask, real_mask & ~made.masked, real_mask, draws.mask_u)
   prior_mask = None if codes is None else draws.prior_u >= config.prior_drop_rate
   key, items = (None, None) if dropout is None else dropout
-  condition = net.apply(params, x, text_emb, attn_mask, codes, prior_mask, text_mask, items, method="condition",
-                        rngs=None if key is None else {"dropout": key})
+  condition_of = lambda text_emb, text_mask: net.apply(
+      params, x, text_emb, attn_mask, codes, prior_mask, text_mask, items, method="condition",
+      rngs=None if key is None else {"dropout": key})
+  condition = condition_of(text_emb, text_mask)
 
-  def error(params, condition, z1, noise, t):
+  def error_of(params, condition, z1, noise, t):
     predict = lambda x, t: net.apply(params, x, t, condition, method="predict")  # one condition for all copies
     if config.diffusion == "ddpm":
       schedule = ddpm.cosine_schedule(config.ddpm_steps)
@@ -113,7 +118,19 @@ def generator_loss(net: Net, params: Any, z1: Float[Array, "b l c"], real_mask: 
       made = ((predict(paths.add_noise(z1, noise, t), t) - (z1 - noise)) ** 2).mean(-1)
     return made.astype(jnp.promote_types(made.dtype, jnp.float32))
 
+  copied = draws.diffusion_noise, draws.t
+  if false is None:
+    error = error_of
+  else:
+    condition = jnp.concatenate([condition, condition_of(*false[:2])], axis=-1)
+    compared = (false[2] & (draws.text_u >= config.drop_rate))[None, :, None] & (draws.t < config.contrast_until)
+    copied += (compared,)
+
+    def error(params, conditions, z1, noise, t, compared):
+      own, other = (error_of(params, condition, z1, noise, t) for condition in jnp.split(conditions, 2, axis=-1))
+      return own + config.contrast * jnp.where(compared, paths.margin_loss(own, other, config.contrast_margin), 0.0)
+
   head = {"params": {"head": params["params"]["head"]}}
-  total = sum_of_masked(error, head, condition, made.masked, z1, (draws.diffusion_noise, draws.t))
+  total = sum_of_masked(error, head, condition, made.masked, z1, copied)
   # A batch of short clips may have nothing masked at all.
   return {"loss": total}, jnp.maximum(made.masked.sum() * len(draws.t), jnp.finfo(total.dtype).tiny)

@@ -16,6 +16,7 @@ from motion_jax.nets.masked_transformer import TRANSFORMERS
 from motion_jax.nets.masks import padding_mask
 from motion_jax.shapes import Array
 from motion_jax.training.stage import Stage
+from motion_jax.utils.errors import InputError
 
 
 def make_generator(config: ConfigDict, dtype: Any = jnp.float32, remat: bool = False, attention: str = "xla"
@@ -89,8 +90,14 @@ def generator_stage(config: ConfigDict) -> Stage:
     z1, real_mask, text_emb, codes, text_mask = inputs(frozen, batch)
     draw_rng, dropout_rng, prior_rng = jax.random.split(rng, 3)
     draws = draw_step(prior_rng, item_keys(draw_rng, batch), z1.shape[1], z1.shape[2], config.loss)
+    false = None
+    if config.loss.contrast:
+      if config.loss.diffusion == "ddpm":
+        raise InputError("got loss.contrast and loss.diffusion='ddpm'; it compares errors before a time of the "
+                         "straight path, 'flow'")
+      false = batch["false_emb"], batch.get("false_mask"), batch["has_false"]
     return generator_loss(net, params, z1, real_mask, text_emb, codes, draws, config.loss,
-                          (dropout_rng, batch["index"]), text_mask)
+                          (dropout_rng, batch["index"]), text_mask, false)
 
   def predict(params, frozen, batch, rng):
     """The loss with the sampler's mask, captions given, no dropout: sums over the masked latents, and their weight.

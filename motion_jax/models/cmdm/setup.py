@@ -11,7 +11,15 @@ from motion_jax.control import conditioning
 from motion_jax.data import batches, sources, store
 from motion_jax.latents import TOKENIZER, VaeCodec
 from motion_jax.models import cmdm, motion_errors
-from motion_jax.models.captioned_batches import check_captions, held_out_means, measured_loss, text_files, undisturbed
+from motion_jax.models.captioned_batches import (
+  check_captions,
+  contradicted,
+  contradictions_of,
+  held_out_means,
+  measured_loss,
+  text_files,
+  undisturbed,
+)
 from motion_jax.models.cmdm import distill
 from motion_jax.models.cmdm.parts import most_parts, words_by_part
 from motion_jax.models.tmr import alignment
@@ -208,14 +216,23 @@ def denoiser(config: ConfigDict) -> TrainingSetup:
     rng = batches.step_rng(config.seed, 2, step)
     said = [vary_subject(caption, rng, config.data.vary_subject) for caption in batch.pop("caption")]
     # Parity: the reference cuts no caption, and pads all batches alike; here to one of a few widths, by the longest.
-    if segments := batch.pop("segments", None):
-      segments = [[(vary_subject(text, rng, config.data.vary_subject), *span) for text, *span in row]
-                  for row in segments]
-      batch |= words_by_part(encoder, said, segments, most_parts(data.spans), batch["features"].shape[1],
+    segments = [[(vary_subject(text, rng, config.data.vary_subject), *span) for text, *span in row]
+                for row in batch.pop("segments", None) or ()]
+
+    def encoded(said, segments):
+      if segments:
+        return words_by_part(encoder, said, segments, most_parts(data.spans), batch["features"].shape[1],
                              config.data.frames_per_latent, config.model.block, words, rows)
-    else:
-      batch["text_emb"], batch["text_mask"] = encoder(said, at_least=words, rows=rows)
-    return batch
+      return dict(zip(("text_emb", "text_mask"), encoder(said, at_least=words, rows=rows)))
+
+    own = encoded(said, segments)
+    if config.loss.contrast:
+      shown = [[text for text, *_ in spans] or [caption] for caption, spans in zip(said, segments or [()] * len(said))]
+      false = contradicted([text for texts in shown for text in texts], config.seed, step)
+      other = encoded([false.get(caption, caption) for caption in said],
+                      [[(false[text], *span) for text, *span in row] for row in segments])
+      own = contradictions_of(own, other, [any(false[text] != text for text in texts) for texts in shown[rows]])
+    return batch | own
 
   evaluate = _held_out_loss(config, data.stats, encoder, codec)
   stage, frozen = cmdm.denoiser_stage(config), codec.parts | motion_errors.frozen_stats(config, data.stats)

@@ -226,6 +226,9 @@ def denoiser_stage(config: ConfigDict) -> Stage:
   clean latents that the network means are decoded, and the motion of frames whose latents' time is over
   config.loss.decoded_from is held to the real one's; frozen["stats"] holds mean and std of the features, also with a
   share config.data.control of motions whose latents are conditioned on random constraints that the motion meets.
+
+  With a weight config.loss.contrast the batch also holds captions that contradict the motions, `captioned_batches`, and
+  with these the velocity of latents before the time config.loss.contrast_until must be off by contrast_margin more.
   """
   vae = CausalVAE(**config.tokenizer)
   dit = make_denoiser(config)
@@ -246,11 +249,12 @@ def denoiser_stage(config: ConfigDict) -> Stage:
     # Equal times inside a block are modulated once.
     shared = block if block > 1 and level_block % block == 0 and z1.shape[1] % block == 0 else 1
     signal, control = control_of(config, vae, frozen, batch, rng)
-    velocity = lambda x, t: dit.apply(params, x, t[:, ::shared], text_emb, attn_mask, batch["text_mask"], control)
+    velocity = lambda x, t, emb=text_emb, mask=batch["text_mask"]: dit.apply(
+        params, x, t[:, ::shared], emb, attn_mask, mask, control)
     if dit.predicts == "ddpm":
-      if found := next((name for name in ("self_forcing", "pyramid_levels") if config.loss[name]), ""):
-        raise InputError(f"got loss.{found} and model.predicts='ddpm'; a past that is finished is made along the "
-                         "straight path: velocity, eps or x1")
+      if found := next((name for name in ("self_forcing", "pyramid_levels", "contrast") if config.loss[name]), ""):
+        raise InputError(f"got loss.{found} and model.predicts='ddpm'; it is a loss of the straight path: velocity, "
+                         "eps or x1")
       # Parity: the paper's algorithm 1; the code, and our default, learn the velocity of a straight path.
       return ddpm_forcing.forcing_loss(velocity, z1, latent_mask, t, noise)
     counts = latent_mask
@@ -261,7 +265,13 @@ def denoiser_stage(config: ConfigDict) -> Stage:
       z1, t, own = self_forced(velocity, z1, latent_mask, t, noise, keys, block, config.loss.self_forcing)
       counts &= ~own
     errors = decoded_errors(config, VaeCodec.of(vae, frozen), frozen, batch, latent_mask, counts, t, signal)
-    return paths.forcing_loss(velocity, z1, counts, t, noise, dit.predicts, errors)
+    contrast = None
+    if config.loss.contrast:
+      differs = batch["has_false"] & (text_emb != 0).any((1, 2))  # its caption was not dropped
+      compared = counts & (t < config.loss.contrast_until) & differs[:, None]
+      false = functools.partial(velocity, emb=batch["false_emb"], mask=batch["false_mask"])
+      contrast = paths.Contrast(false, compared, config.loss.contrast, config.loss.contrast_margin)
+    return paths.forcing_loss(velocity, z1, counts, t, noise, dit.predicts, errors, contrast)
 
   def predict(params, frozen, batch, rng):
     z1, latent_mask, t, noise, text_emb = inputs(frozen, batch, rng)
