@@ -19,6 +19,7 @@ from motion_jax.quant import rvq
 from motion_jax.shapes import Array
 
 TOKENIZER, MEAN, STD = "tokenizer", "latent_mean", "latent_std"  # the names of its parts in a file
+SAMPLED = TOKENIZER, "residual"  # the networks in such a file that every sampled motion passes through
 
 
 @flax.struct.dataclass

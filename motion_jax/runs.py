@@ -17,7 +17,7 @@ import jax
 import ml_collections
 import numpy as np
 
-from motion_jax.latents import TOKENIZER
+from motion_jax.latents import SAMPLED, TOKENIZER
 from motion_jax.motion.representations import get_layout
 from motion_jax.motion.stats import Stats, load_stats
 from motion_jax.training import checkpoint
@@ -235,8 +235,8 @@ def about(name: str) -> dict[str, str]:
 
 
 def num_params(folder: str | os.PathLike) -> int:
-  """Number of parameters of the run in a folder: its network and the tokenizer in it, without the text encoder. Counted
-  from the headers of its files, as by `Model.num_params`, without loading them.
+  """Number of parameters of the run in a folder, as by `TextToMotionModel.num_params`, counted from the headers of its
+  files without loading them.
   """
   folder = resolve_run(folder)
   config = checkpoint.load_config(folder)
@@ -245,7 +245,7 @@ def num_params(folder: str | os.PathLike) -> int:
     tokenizer = PRETRAINED / shared / checkpoint.FROZEN
   network = sum(tensor_sizes(folder / checkpoint.PARAMS).values())
   inside = tensor_sizes(tokenizer) if tokenizer.is_file() else {}
-  return network + sum(count for name, count in inside.items() if name.startswith(f"{TOKENIZER}/"))
+  return network + sum(count for name, count in inside.items() if name.partition("/")[0] in SAMPLED)
 
 
 def _stages(stage):

@@ -206,7 +206,7 @@ def tiny_generator(tmp_path_factory):
 
 # The further methods and their tokenizers: {name: (config, size)}.
 METHODS = {"mdm": ("mdm_denoiser", "tiny"), "dip": ("mdm_denoiser", "dip_tiny"), "mld": ("mld_denoiser", "tiny"),
-           "momask": ("momask_masked", "tiny"), "t2m_gpt": ("t2m_gpt_gpt", "tiny"),
+           "momask": ("momask_masked", "tiny"), "momask residual": ("momask_residual", "tiny"), "t2m_gpt": ("t2m_gpt_gpt", "tiny"),
            "motionstreamer": ("motionstreamer_generator", "tiny"), "mld vae": ("mld_vae", "tiny"),
            "momask rvq": ("momask_rvq", "tiny"), "t2m_gpt vq": ("t2m_gpt_vq", "tiny"),
            "motionstreamer tae": ("motionstreamer_tokenizer", "tiny")}
@@ -223,7 +223,10 @@ def random_run(tmp_path_factory):
       made[name] = tmp_path_factory.mktemp("random") / name.replace(" ", "_")
       with pytest.MonkeyPatch.context() as patch:
         patch.setattr(training.loop, "train", traced_training)
-        training.run(load_config(*METHODS[name]), made[name])
+        config = load_config(*METHODS[name]).unlock()
+        if name == "momask":
+          config.frozen.residual = str(folder("momask residual"))
+        training.run(config.lock(), made[name])
     return made[name]
 
   return folder

@@ -55,7 +55,7 @@ def npy(clip, path) -> pathlib.Path:
   return path
 
 
-def load(path, fps=None, unit="auto", up=None, mapping=None) -> Clip:
+def load(path, fps=None, unit="auto", up=None, mapping=None, check=True) -> Clip:
   """Reads .npz (as `npz` writes, AMASS', Kimodo's, or with a "joints" or "features" key), .npy, .bvh, .amc (its .asf
   beside it), .csv (joints by name, or a Unitree G1), .trc, .c3d, or the animation of a .glb, .gltf, .vrm or .fbx; of
   several, walk.glb#NAME or walk.glb#2 is one of them.
@@ -65,6 +65,7 @@ def load(path, fps=None, unit="auto", up=None, mapping=None) -> Clip:
   is resampled. unit: of joints, "m", "cm", "mm", "in" or "ft"; "auto" derives it from the bones. up: the file's upward
   axis, "y", "z" or "x"; by default y, for .bvh and .amc derived from the pose, for .c3d z. mapping: {our joint: their
   joint} of a file whose joint names are not known (`joint_maps.map_joints`), as a dict or a JSON file.
+  check=False reads joints that are no person's, too.
 
   Raises FileNotFoundError, or ValueError for an unknown extension, a cut file, NaN, a shape that is no motion, or
   joints that are no person's (`motion.plausibility`).
@@ -84,7 +85,8 @@ def load(path, fps=None, unit="auto", up=None, mapping=None) -> Clip:
       clip = read(path, fps, unit, up, read_mapping(mapping), **({"clip": clip_name} if clip_name else {}))
   except ValueError as error:
     raise error if str(path) in str(error) else InputError(f"{path}: {error}") from None
-  plausibility.check(clip.joints, clip.skeleton, clip.fps, str(path))
+  if check:
+    plausibility.check(clip.joints, clip.skeleton, clip.fps, str(path))
   return clip
 
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from motion_jax.control.files import constraints_of
 from motion_jax.control.signal import ControlSignal
+from motion_jax.latents import SAMPLED
 from motion_jax.models import arguments
 from motion_jax.models.captions import TrainingCaptions
 from motion_jax.models.options import SamplingOptions
@@ -119,7 +120,8 @@ class TextToMotionModel(Able):
 
   @property
   def num_params(self) -> int:
-    return sum(x.size for x in jax.tree.leaves((self.params, self.codec.params if self.codec else {})))
+    """Parameters of all networks that every sampled motion passes through: not the text encoder, nor a length estimator."""
+    return sum(x.size for x in jax.tree.leaves((self.params, [self.frozen.get(name, {}) for name in SAMPLED])))
 
   @functools.cached_property
   def id(self) -> str:

@@ -180,6 +180,25 @@ def test_results_that_came_without_their_motions(tmp_path):
   assert "came without" not in text and "<h3>Motions" in text and "<h3>Failures" in text
 
 
+def test_a_broken_motion_is_a_note_beside_the_real_one(tmp_path):
+  """A model after two steps of training samples bodies that nothing can draw; the report shows what it can."""
+  gallery = a_gallery(tmp_path)
+  jump, lost = (synthetic_joints("walk", 8, np.random.default_rng(0)).astype(np.float32) for _ in range(2))
+  jump[4:] += 500.0
+  lost[:, 15] += 5.0
+  gallery.append(gallery[1] | {"real": gallery[1]["made"]})
+  export.save(Clip(jump), tmp_path / gallery[0]["made"])
+  export.save(Clip(lost), tmp_path / gallery[1]["made"])
+  text = report.write(a_result(gallery=gallery), tmp_path).read_text(encoding="utf-8")
+  Tags(text)
+  jumps, alone, nothing = (re.sub(r"<[^>]*>", " ", part) for part in text.split('<div class="card pair">')[1:])
+  assert "generated: frame 4: pelvis has moved 866 m since the frame before" in jumps and "side by side" in jumps
+  broken = "generated: not drawn: the bone to head is 8.74 m long"
+  assert broken in alone and "▶ play" in alone and "side by side" not in alone
+  assert broken in nothing and "▶" not in nothing and str(tmp_path) not in text
+  assert sorted(path.name for path in (tmp_path / "motions").iterdir()) == ["r0_failure_00.html", "r0_grid_00.html"]
+
+
 def test_bad_input(tmp_path):
   with pytest.raises(ValueError, match="got no result"):
     report.write([], tmp_path)

@@ -5,11 +5,12 @@ import numpy as np
 import pytest
 
 import motion_jax as mj
-from motion_jax import fit
+from motion_jax import fit, runs
 from motion_jax.data.clip import Clip
 from motion_jax.models import registry
 from motion_jax.models.block_stream import prompts_by_block
 from motion_jax.motion.skeleton import HUMANML3D
+from motion_jax.utils.input_files import tensor_sizes
 from motion_studio import Pipeline
 from tests.conftest import load_config
 
@@ -32,6 +33,18 @@ def walk(seconds=3.0):
   rest[:, 1] -= rest[:, 1].min()
   path = np.arange(round(seconds * 20))[:, None, None] * np.array([0, 0, 0.03])
   return Clip((rest + path).astype(np.float32), 20.0, (), id="walk")
+
+
+@pytest.mark.parametrize("name", (*NAMES, "momask", "t2m_gpt"))
+def test_parameters_of_all_networks_are_counted(name, random_run):
+  """The generator's, and those of every network that lies in its folder; of shipped models: test_shipped_models.py."""
+  folder = random_run(name)
+  inside = tensor_sizes(folder / "frozen.safetensors") if (folder / "frozen.safetensors").is_file() else {}
+  networks = {part for part, _, rest in (name.partition("/") for name in inside) if rest.startswith("params/")}
+  assert networks == {"mdm": set(), "dip": set(), "momask": {"tokenizer", "residual"}}.get(name, {"tokenizer"})
+  wanted = sum(tensor_sizes(folder / "params.safetensors").values()) + sum(
+      count for tensor, count in inside.items() if tensor.partition("/")[0] in networks)
+  assert runs.num_params(folder) == mj.load(folder).num_params == wanted
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -8,6 +8,7 @@ import dataclasses
 import io
 import json
 import pathlib
+import re
 import shutil
 import tempfile
 
@@ -19,7 +20,9 @@ from motion_jax.data.clip import Caption
 from motion_jax.evaluation.report import differences, tables
 from motion_jax.evaluation.result import Result
 from motion_jax.metrics.physics import IN_ROWS
+from motion_jax.motion import plausibility
 from motion_jax.utils.atomic import atomic_path
+from motion_jax.utils.errors import InputError
 
 _ASSETS = pathlib.Path(__file__).parent / "assets"
 _GLANCE = ("fid", "top3", "matching", "clip_score", "diversity", "multimodality", "mpjpe", "transition_fid", "auj")
@@ -240,15 +243,40 @@ def _legend(series):
 def _gallery(kind, entries, folder, pages, stem):
   pairs = []
   for number, entry in enumerate(entries):
-    clips = {side: _load(folder, entry[side]) for side in ("real", "made") if entry.get(side)}
-    name = f"{stem}_{number:02d}.html"
+    clips, notes = _drawable(folder, entry)
+    name = f"{stem}_{number:02d}.html" if clips else None
     named = [clip.replace(captions=(Caption(f"{_SIDES[side]}: {entry['caption']}"),)) for side, clip in clips.items()]
-    export.html(named, pages / name, title=entry["caption"])
-    pairs.append({"caption": entry["caption"], "score": entry.get("score"), "page": name,
-                  "picture": _strip(list(clips.values())), "sides": [_SIDES[side] for side in clips]})
+    if named:
+      export.html(named, pages / name, title=entry["caption"])
+    pairs.append({"caption": entry["caption"], "score": entry.get("score"), "page": name, "notes": notes,
+                  "picture": _strip(list(clips.values())) if clips else None, "sides": [_SIDES[side] for side in clips]})
   title, said = _TITLES[kind]
   rows = list(dict.fromkeys(entry["row"] for entry in entries if entry.get("row")))
   return {"title": title, "said": said, "rows": rows, "pairs": pairs}
+
+
+def _drawable(folder, entry):
+  """({side: clip} of an entry, notes): a motion of a barely trained model may be no person's, or have no body to draw."""
+  clips, notes = {}, []
+  for side, said in _SIDES.items():
+    if not entry.get(side):
+      continue
+    try:
+      clip = _load(folder, entry[side])
+      if found := plausibility.fault(clip.joints, clip.skeleton, clip.fps, said):
+        export.page(clip)  # raises for bones that are too long for a body
+    except InputError as error:
+      notes.append(f"{said}: not drawn: {_reason(error)}")
+      continue
+    clips[side] = clip
+    if found:
+      notes.append(_reason(found))
+  return clips, notes
+
+
+def _reason(error):
+  """What an error found, without the path that it begins with and the advice that it ends with."""
+  return re.sub(r"^\S*\.npz: ", "", str(error)).partition(";")[0]
 
 
 def _load(folder, name):
@@ -256,7 +284,7 @@ def _load(folder, name):
   if not path.is_file():
     raise FileNotFoundError(f"the gallery names {name}, which is not in {folder}; keep results.json and its gallery "
                             "folder together, or evaluate again")
-  return export.load(path)
+  return export.load(path, check=False)
 
 
 def _strip(clips):

@@ -73,10 +73,6 @@ class MomaskModel(EditingModel):
     self._fill = cache.Program("momask.fill", partial(_fill, self.nets), 1, (self.nets,))
     self._encode = cache.Program("momask.encode", partial(_encode, tokenizer), 0, (tokenizer,))
 
-  @property
-  def num_params(self) -> int:
-    return super().num_params + sum(x.size for x in jax.tree.leaves(self.frozen.get("residual", {})))
-
   def estimated_frames(self, prompt: str) -> int | None:
     """The median length by the length estimator, at most that of training; None for a run without one."""
     if self.length is None:
