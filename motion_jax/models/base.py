@@ -120,7 +120,8 @@ class TextToMotionModel(Able):
 
   @property
   def num_params(self) -> int:
-    """Parameters of all networks that every sampled motion passes through: not the text encoder, nor a length estimator."""
+    """Parameters of all networks that every sampled motion passes through, without the text encoder and a length
+    estimator."""
     return sum(x.size for x in jax.tree.leaves((self.params, [self.frozen.get(name, {}) for name in SAMPLED])))
 
   @functools.cached_property

@@ -248,15 +248,16 @@ def _gallery(kind, entries, folder, pages, stem):
     named = [clip.replace(captions=(Caption(f"{_SIDES[side]}: {entry['caption']}"),)) for side, clip in clips.items()]
     if named:
       export.html(named, pages / name, title=entry["caption"])
+    picture = _strip(list(clips.values())) if clips else None
     pairs.append({"caption": entry["caption"], "score": entry.get("score"), "page": name, "notes": notes,
-                  "picture": _strip(list(clips.values())) if clips else None, "sides": [_SIDES[side] for side in clips]})
+                  "picture": picture, "sides": [_SIDES[side] for side in clips]})
   title, said = _TITLES[kind]
   rows = list(dict.fromkeys(entry["row"] for entry in entries if entry.get("row")))
   return {"title": title, "said": said, "rows": rows, "pairs": pairs}
 
 
 def _drawable(folder, entry):
-  """({side: clip} of an entry, notes): a motion of a barely trained model may be no person's, or have no body to draw."""
+  """({side: clip} of an entry, notes): what a barely trained model samples may be no person, or no body to draw."""
   clips, notes = {}, []
   for side, said in _SIDES.items():
     if not entry.get(side):
