@@ -130,7 +130,9 @@ def train(num_steps, log_every, save_every, **fields):
   float32. keep_last: how many training states stay, besides the best one. A run that leaves out
   max_skips steps in a row goes back to its last good state and on with other batches, max_rollbacks times at most.
   After hang_minutes without a step it ends; 0 never. cpu_seconds: processor time of its steps, over all its slices,
-  after which it ends, too; 0: no limit. workers: processes of Grain that make batches; 0 for a thread.
+  after which it ends, too; 0: no limit. seconds: by the clock, of steps, after which a run of the schedule "wsd" has
+  ended with its cooldown, for which it leaves out steps before; num_steps is then the most. workers: processes of
+  Grain that make batches; 0 for a thread.
   remat, where dtype is: whether a gradient computes what is inside of a network's blocks once more instead of keeping
   it: less memory, a third more work. attention, where it is: "cudnn" computes attention in 16 bits by NVIDIA's fused
   kernel; elsewhere that is the same as "xla". scan_layers, where it is: whether one layer of the network is compiled
@@ -141,7 +143,7 @@ def train(num_steps, log_every, save_every, **fields):
   """
   return dict(start="", freeze=(), dtype="float32", num_steps=num_steps, num_epochs=0, log_every=log_every,
               save_every=save_every, num_saves=20, best="", keep_last=2, max_skips=20, max_rollbacks=3,
-              hang_minutes=60.0, workers=0, cpu_seconds=0.0, tensorboard=False, sample_every=0) | fields
+              hang_minutes=60.0, workers=0, cpu_seconds=0.0, seconds=0.0, tensorboard=False, sample_every=0) | fields
 
 
 def archives(config, **fields):

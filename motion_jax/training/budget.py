@@ -1,4 +1,4 @@
-"""A budget of processor time for a run: what its steps cost, over all the slices in which it is trained."""
+"""Budgets of a run: the processor time of its steps, over all slices in which it is trained, and seconds to train."""
 import time
 from collections.abc import Callable
 from typing import Any
@@ -50,3 +50,35 @@ class Budget:
     """Takes over what a saved state had cost, before the first step. A rollback gives nothing back."""
     if self._since is None:
       self._spent = max(self._spent, spent)
+
+
+class Deadline(Budget):
+  """Says when a run that has to end after some seconds of steps must go to its cooldown.
+
+  limit: seconds of a clock on the wall, counted as a Budget's; 0: no limit. cooldown: the step at which the learning
+  rate begins to fall; num_steps: that at which it has fallen, both of the longest run. A run that is slower than that
+  leaves out the steps before its cooldown that it has no time for, so it ends as any run does.
+  """
+
+  def __init__(self, limit: float, cooldown: int, num_steps: int, clock: Callable[[], float] = time.monotonic):
+    super().__init__(limit, clock)
+    self.cooldown, self.num_steps, self._num_timed, self._before = cooldown, num_steps, 0, 0.0
+
+  def before_step(self, batch: Any):
+    super().before_step(batch)
+    self._num_timed += self._since is not None
+
+  def after_step(self, metrics: Any):
+    self.begin()
+
+  def restore(self, spent: float):
+    super().restore(spent)
+    self._before = self._spent
+
+  def next_step(self, step: int) -> int:
+    """The step to continue with: the one that is next, or that of the cooldown."""
+    if not self.limit or step >= self.cooldown or not self._num_timed:
+      return step
+    seconds_per_step = (self.spent - self._before) / self._num_timed
+    cooldown_takes = (self.num_steps - self.cooldown) * seconds_per_step
+    return self.cooldown if self.limit - self.spent <= cooldown_takes else step

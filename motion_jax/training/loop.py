@@ -13,7 +13,7 @@ import numpy as np
 from tqdm import tqdm
 
 from motion_jax.training import checkpoint
-from motion_jax.training.budget import Budget
+from motion_jax.training.budget import Budget, Deadline
 from motion_jax.training.compiling import Step, is_small
 from motion_jax.training.distributed import Agreement, compile_together, end_together
 from motion_jax.training.guards import BATCH, Guards, Watchdog, check_finite, keep_batch
@@ -39,7 +39,8 @@ def train(config, workdir, stage, next_batch, frozen=None, resume=False, evaluat
   evaluate(params) -> dict of numbers, called on the averaged parameters at every save.
   max_seconds: saves and ends after so long. So does a signal, which is then in `stop` (a `stopping.Stop`); resume=True
     continues from there to the same bytes as a run without a pause. config.train.cpu_seconds: the same after so much
-    processor time of the run's steps, its earlier slices included (`budget.Budget`).
+    processor time of the run's steps, its earlier slices included (`budget.Budget`). config.train.seconds: after
+    these seconds of steps the run ends with its cooldown, for which it leaves out steps before (`budget.Deadline`).
   profile_steps (first, last): steps to trace into profile/. draw(params, path): see `report.Outputs`.
 
   Writes checkpoints/, params.safetensors (averaged where the config has an average), metrics.jsonl, report.html and
@@ -53,7 +54,7 @@ def train(config, workdir, stage, next_batch, frozen=None, resume=False, evaluat
   rng = jax.random.key(config.seed)
   example = next_batch(0)
   states = States(config, workdir, mesh, stage, tx, example, rng, next_batch, evaluate, draw)
-  state, budget = states.begin(resume), states.budget
+  state, budget, deadline = states.begin(resume), states.budget, states.deadline
   frozen = mesh.put(frozen or {})
   train_step = Step(mesh.compiled(make_train_step(
       stage, tx, config.optimizer.ema_decay, config.optimizer.skip_loss, config.optimizer.skip_spikes,
@@ -89,9 +90,11 @@ def train(config, workdir, stage, next_batch, frozen=None, resume=False, evaluat
       if profile.begin(step + 1, state):
         rates.restart()
       budget.before_step(batch)
+      deadline.before_step(batch)
       with jax.profiler.StepTraceAnnotation("train", step_num=step + 1):
         state, metrics = train_step(state, frozen, batch, rng)
       budget.after_step(metrics)
+      deadline.after_step(metrics)
       step += 1
       rates.step(batches.waited)
       signals.something_to_lose()
@@ -115,14 +118,19 @@ def train(config, workdir, stage, next_batch, frozen=None, resume=False, evaluat
         continue
       if logs:
         progress.show_row(states.log(step, began, rates))
+      if logs and (cooldown := deadline.next_step(step)) != step:
+        state, step, saves = states.skip_to(cooldown, state), cooldown, True
+        batches.begin(step, states.guards.batch_number(step))
       states.report_failed_save()
       if saves:
         states.save(step, state)
         if not ends:  # an evaluation may take minutes, which a signal does not leave
           signals.nothing_to_lose(lambda: (states.saver.wait(), end_together())[1])
         budget.pause()
+        deadline.pause()
         progress.show_row(states.evaluate(step, state, hurried=bool(signal)))
         budget.begin()
+        deadline.begin()
         watchdog.beat()
         rates.restart()
       if ends:
@@ -150,6 +158,11 @@ class States:
     self.outputs = Outputs(workdir, config, evaluate, draw)
     self.guards = Guards(config)
     self.budget = Budget(config.train.get("cpu_seconds", 0.0))
+    self.deadline = Deadline(config.train.get("seconds", 0.0), config.train.num_steps - optimizer.cooldown_steps,
+                             config.train.num_steps)
+    if self.deadline.limit and optimizer.schedule != "wsd":
+      raise InputError(f"got train.seconds and optimizer.schedule {optimizer.schedule!r}, expected 'wsd', whose last "
+                       "optimizer.cooldown_steps can follow any step")
     self.unlogged = []
 
   def begin(self, resume):
@@ -179,6 +192,7 @@ class States:
     step, memory = int(state.step), record.get("memory", {})
     self.guards.restore(memory, step)
     self.budget.restore(memory.get("cpu_seconds", 0.0))
+    self.deadline.restore(memory.get("step_seconds", 0.0))
     self.unlogged = memory.get("logged", [])
     self.outputs.begin(step)
     return self._mesh.put(state), record
@@ -222,7 +236,9 @@ class States:
       report_unsaved(error)
 
   def _memory(self):
-    return self.guards.memory() | {"logged": list(self.unlogged), "cpu_seconds": round(self.budget.spent, 3)}
+    seconds = {"cpu_seconds": round(self.budget.spent, 3)} | (
+        {"step_seconds": round(self.deadline.spent, 3)} if self.deadline.limit else {})
+    return self.guards.memory() | {"logged": list(self.unlogged)} | seconds
 
   def evaluate(self, step, state, hurried=False):
     """Evaluates what was saved and keeps the best parameters; returns the numbers."""
@@ -251,6 +267,14 @@ class States:
     guards.window = window
     self.saver.remember(int(state.step), self._memory())
     return state
+
+  def skip_to(self, step, state):
+    """The state as it would be called after more steps, with its counts, for a run that leaves them out."""
+    more = step - int(state.step)
+    tqdm.write(f"step {int(state.step)}: {self.deadline.spent:.4g} of {self.deadline.limit:.4g} seconds are spent, the "
+               f"rest is for the cooldown; continuing at step {step}")
+    count = lambda leaf: leaf + more if leaf.shape == () and np.issubdtype(leaf.dtype, np.integer) else leaf
+    return self._mesh.put(state.replace(step=state.step + more, opt_state=jax.tree.map(count, state.opt_state)))
 
   def save_before_failing(self, step, state, first, error):
     """Saves the state of the step whose batch could not be made; raises the error where there is nothing to save."""

@@ -1,11 +1,13 @@
 """A budget of processor time: what counts, what is free, and that a run in slices is the run at once."""
 import chex
 import numpy as np
+import pytest
 
 from motion_jax.training import loop
-from motion_jax.training.budget import Budget
+from motion_jax.training.budget import Budget, Deadline
 from motion_jax.training.metrics import read_metrics
 from motion_jax.training.saver import progress
+from motion_jax.utils.errors import InputError
 from tests.training.test_train import _config, _next_batch, _stage
 
 
@@ -64,3 +66,37 @@ def test_a_run_ends_with_its_budget_and_a_larger_one_continues_to_the_same_bytes
 
 def test_a_folder_without_a_state(tmp_path):
   assert progress(tmp_path) == (0, 0.0)
+
+
+def test_a_deadline_leaves_time_for_the_cooldown():
+  """Two seconds a step: of 100 s, 20 steps of cooldown take 40."""
+  clock, batch = Clock(), {"x": np.zeros((2, 3))}
+  deadline = Deadline(100.0, cooldown=80, num_steps=100, clock=clock)
+  skipped = []
+  for step in range(1, 40):
+    deadline.before_step(batch)
+    clock.now += 2.0
+    deadline.after_step({})
+    skipped.append(deadline.next_step(step) != step)
+  assert skipped.index(True) == 30, "the first step is free; after 30 more 60 s are spent"
+  assert deadline.next_step(85) == 85 and Deadline(0.0, 80, 100, clock).next_step(50) == 50
+
+
+def test_a_run_with_a_deadline_ends_with_its_cooldown(tmp_path):
+  """Steps are left out, the learning rate falls to 0 at the last step; a later slice continues to the same bytes."""
+  config = _config(100_000)
+  config.optimizer.update(schedule="wsd", cooldown_steps=30)
+  config.train.update(seconds=0.2, log_every=10, save_every=100_000)
+  loop.train(config, tmp_path / "run", _stage(), _next_batch, max_seconds=1e-6)
+  state = loop.train(config, tmp_path / "run", _stage(), _next_batch, resume=True)
+  rows = [row for row in read_metrics(tmp_path / "run") if "learning_rate" in row]
+  steps = [row["step"] for row in rows]
+  assert steps[-3:] == [99_980, 99_990, 100_000] and len(steps) < 9_000 and int(state.step) == 100_000
+  assert rows[-1]["learning_rate"] < rows[-2]["learning_rate"] < config.optimizer.learning_rate
+
+
+def test_a_deadline_needs_a_cooldown(tmp_path):
+  config = _config(10)
+  config.train.seconds = 1.0
+  with pytest.raises(InputError, match="expected 'wsd'"):
+    loop.train(config, tmp_path / "run", _stage(), _next_batch)
