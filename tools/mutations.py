@@ -132,7 +132,7 @@ MUTATIONS = (
      "0", (BATCHES,)),
     ("balance", "motion_jax/data/batches.py", "astype(np.float64) ** -power", "astype(np.float64) ** power",
      (BATCHES,)),
-    ("bucket", "motion_jax/data/batches.py", "p=shares / shares.sum())", "p=None)", (BATCHES,)),
+    ("bucket", "motion_jax/data/batches.py", "p=shares)", "p=None)", (BATCHES,)),
     # --- features and their way back ------------------------------------------------------------------------------
     ("late-turn", "motion_jax/motion/representations/humanml3d.py",
      "angle = xp.cumsum(late(features[..., 0]), axis=-1)",

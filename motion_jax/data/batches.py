@@ -69,7 +69,8 @@ class Windows:
   groups: the action of each clip; with balance > 0 windows are drawn with replacement, those of rare groups more often
   (`balance_weights`), else each occurs once per epoch. short: length of the windows of every second batch, which then
   includes shorter clips and more beginnings of clips; 0: no such batches. one_per_clip: one window a clip and epoch, at
-  a random place, so that short clips count as much as long ones (docs/papers/t2m_gpt.md#vq-vae).
+  a random place, so that short clips count as much as long ones (docs/papers/t2m_gpt.md#vq-vae). factors: of each clip,
+  what multiplies the draws of its windows.
   """
   features: list[np.ndarray]
   window: int = 64
@@ -79,6 +80,7 @@ class Windows:
   balance: float = 0.0
   short: int = 0
   one_per_clip: bool = False
+  factors: np.ndarray | None = None
 
   def __post_init__(self):
     if self.short:
@@ -94,8 +96,10 @@ class Windows:
                     "and nothing is learned from them; data.short_window = 24 adds shorter ones", stacklevel=2)
     object.__setattr__(self, "starts", starts)
     upto = None  # of each window, the share of all draws that fall on it or on those before it
-    if self.balance:
+    if self.balance or self.factors is not None:
       weights = balance_weights([self.groups[i] for i in starts[:, 0]], self.balance)
+      if self.factors is not None:
+        weights = weights * self.factors[starts[:, 0]]
       upto = np.cumsum(weights) / weights.sum()
     object.__setattr__(self, "upto", upto)
 
@@ -186,6 +190,14 @@ class TextItems:
   def __len__(self):
     return len(self.kept)
 
+  @functools.cached_property
+  def _shares(self):
+    """Of each padded length the share of all draws, and (its items, their shares, summed up)."""
+    weights = np.ones(len(self)) if self.weights is None else np.asarray(self.weights)[self.kept]
+    shares = np.array([weights[self.bucket_of == b].sum() for b in range(len(self.lengths))])
+    inside = [np.flatnonzero(self.bucket_of == b) for b in range(len(self.lengths))]
+    return shares / shares.sum(), [(own, _upto(weights[own] / shares[b])) for b, own in enumerate(inside)]
+
   def draw(self, batch_size, seed, step):
     """Draws the clips of a batch, the cut and the caption of each."""
     rng = step_rng(seed, 1, step)
@@ -193,12 +205,11 @@ class TextItems:
       chosen = self.kept[epoch_indices(len(self), batch_size, seed, step)]
       length = self.lengths[0]
     else:
-      weights = np.ones(len(self)) if self.weights is None else np.asarray(self.weights)[self.kept]
-      shares = np.array([weights[self.bucket_of == b].sum() for b in range(len(self.lengths))])
-      bucket = rng.choice(len(self.lengths), p=shares / shares.sum())
-      inside = np.flatnonzero(self.bucket_of == bucket)
-      p = weights[inside] / weights[inside].sum()
-      chosen, length = self.kept[rng.choice(inside, batch_size, p=p)], self.lengths[bucket]
+      shares, of_lengths = self._shares
+      bucket = rng.choice(len(self.lengths), p=shares)
+      inside, upto = of_lengths[bucket]
+      # As rng.choice(inside, batch_size, p=...), whose sums over all items would take long in every step.
+      chosen, length = self.kept[inside[upto.searchsorted(rng.random(batch_size), "right")]], self.lengths[bucket]
     starts, num_frames, captions = [], [], []
     for i in chosen:
       frames = len(self.features[i])
@@ -236,6 +247,12 @@ class TextItems:
       row[:count] = self.features[i][start:start + count]
     batch = {"features": out, "num_frames": num_frames, "caption": drawn.captions, "index": index}
     return batch if drawn.segments is None else batch | {"segments": drawn.segments}
+
+
+def _upto(shares):
+  """Shares (N,) summed up to 1, as `numpy.random.Generator.choice` does; of none, none."""
+  total = shares.cumsum()
+  return total / total[-1] if len(total) else total
 
 
 def _inside(spans, first, past):

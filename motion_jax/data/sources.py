@@ -18,6 +18,7 @@ import dataclasses
 
 import numpy as np
 
+from motion_jax.data.batches import balance_weights
 from motion_jax.data.datasets.base import TextItem, augment_shares, clip_items
 from motion_jax.data.datasets.records import RecordedFeatures
 from motion_jax.data.datasets.registry import DATASETS, dataset_of, get_dataset
@@ -31,7 +32,8 @@ class FeatureSet:
   """Clips of one split as normalized features (T_i, F), with their captions and a group (an action) each.
 
   tokens: {caption: its tokens "lemma/POS"} where the data set's files hold them. spans: of each clip that was put
-  together of several, (caption, first, past) in rows of its features; of others ().
+  together of several, (caption, first, past) in rows of its features; of others (). sources: the archive of each clip,
+  "" where the data set names none.
   """
   features: list[np.ndarray]
   captions: list[list[str]]
@@ -41,6 +43,27 @@ class FeatureSet:
   layout: FeatureLayout
   tokens: dict[str, tuple[str, ...]] = dataclasses.field(default_factory=dict)
   spans: list[tuple[tuple[str, int, int], ...]] = dataclasses.field(default_factory=list)
+  sources: list[str] = dataclasses.field(default_factory=list)
+
+  def source_factors(self, config) -> np.ndarray | None:
+    """What data.source_weights, pairs (archive, factor), multiply the draws of each clip by, (N,); None without them.
+
+    Raises InputError for an archive that is not among the data.
+    """
+    factors = dict(config.get("source_weights", ()))
+    if unknown := sorted(set(factors) - set(self.sources)):
+      raise InputError(f"got data.source_weights for {unknown[0]!r}, expected one of the archives that are read: "
+                       f"{', '.join(sorted(set(self.sources) - {''})) or 'there is none'}")
+    return np.array([factors.get(source, 1.0) for source in self.sources], np.float64) if factors else None
+
+  def draw_weights(self, config, kept=slice(None)) -> np.ndarray | None:
+    """Weights (N,) by which the clips `kept` are drawn: data.balance over their groups, times `source_factors`; None
+    where the config has neither, and every clip occurs once an epoch."""
+    factors = self.source_factors(config)
+    if not config.balance and factors is None:
+      return None
+    weights = balance_weights(np.array(self.groups)[kept], config.balance)
+    return weights if factors is None else weights * factors[kept]
 
 
 def recognize(config):
@@ -152,7 +175,7 @@ def _load_features(config, split, stats, captioned):
   normalized = [x.normalized(stats) if isinstance(x, RecordedFeatures) else stats.normalize(x) for x in features]
   return FeatureSet(normalized, [list(item.captions) for item in items],
                     [item.group or item.id for item in items], [item.id for item in items], stats, layout, tokens,
-                    [item.spans for item in items])
+                    [item.spans for item in items], [item.source for item in items])
 
 
 # --- features that are kept --------------------------------------------------------------------------------------

@@ -62,7 +62,8 @@ def _windows(config, data):
                        "frames of a latent")
   windows = batches.Windows(data.features, config.data.window, config.data.stride,
                             config.data.released_windows, data.groups, config.data.balance,
-                            config.data.short_window, config.data.get("one_per_clip", False))
+                            config.data.short_window, config.data.get("one_per_clip", False),
+                            data.source_factors(config.data))
   return lambda step, rows=batches.ALL: windows.batch(config.data.batch_size, config.seed, step, rows), len(windows)
 
 

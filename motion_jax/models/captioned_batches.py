@@ -41,10 +41,10 @@ def text_files(data: sources.FeatureSet, encoder: TextEncoder) -> dict[str, str 
 
 def items_of(config: ConfigDict, data: sources.FeatureSet) -> batches.TextItems:
   """The clips of a data section, cut and padded as it says (`configs.common.captioned_data`)."""
-  weights = batches.balance_weights(data.groups, config.data.balance) if config.data.balance else None
   rules = {name: config.data[name] for name in _RULES if name in config.data}
   return batches.TextItems(data.features, data.captions, config.data.min_frames, config.data.max_frames,
-                           tuple(config.data.get("lengths", (config.data.max_frames,))), weights=weights, **rules)
+                           tuple(config.data.get("lengths", (config.data.max_frames,))), weights=data.draw_weights(config.data),
+                           **rules)
 
 
 def clips_of(config: ConfigDict, data: sources.FeatureSet) -> tuple[Callable[..., Any], int]:
@@ -73,10 +73,11 @@ def batches_of(config: ConfigDict, data: sources.FeatureSet, encoder: TextEncode
     encoder.recall(kept.words)
     tables = ("latents", "codes") if config.loss.prior_levels else ("latents",)
     draw = functools.partial(store.stored_batch, kept, items, tables, latents_look_back=False)
+  reader = encoder.for_training()
 
   def next_batch(step, rows=batches.ALL):
     batch = draw(min(config.data.batch_size, len(items)), config.seed, step, rows)
-    return with_text(batch, config, encoder, step, rows, vectors)
+    return with_text(batch, config, reader, step, rows, vectors)
 
   return next_batch, len(items)
 

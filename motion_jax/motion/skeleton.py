@@ -44,6 +44,10 @@ class Skeleton:
   fps: float
   unit: float                  # metres per unit
 
+  def __reduce_ex__(self, protocol):
+    known = SKELETONS.get(self.name) is self  # in another process, the one of that process
+    return (_known_skeleton, (self.name,)) if known else super().__reduce_ex__(protocol)
+
   @property
   def num_joints(self) -> int:
     return len(self.joints)
@@ -158,6 +162,10 @@ SNAPMOGEN_BVH = ("ROOT",) + tuple(f"{name}_bind_JNT" for name in (
     "R_legUpper0001", "R_legLower0001", "R_foot0001", "R_foot0002"))
 
 SKELETONS = {skeleton.name: skeleton for skeleton in (HUMANML3D, KIT, SMPL, SNAPMOGEN)}
+
+
+def _known_skeleton(name):
+  return SKELETONS[name]
 
 
 def bone_lengths(joints: Num[A, "*lead j 3"], skeleton: Skeleton) -> Float[A, "*lead j"]:

@@ -16,9 +16,11 @@ from motion_jax.data.augment.counted import how_often
 from motion_jax.data.augment.excerpts import _lead
 from motion_jax.data.augment.warps import at_pace
 from motion_jax.data.clip import Caption, Clip
+from motion_jax.data.datasets.base import clip_items
 from motion_jax.data.datasets.synthetic import synthetic_joints
 from motion_jax.data.mirror import mirror_clip
 from motion_jax.metrics.physics import planted_speed
+from motion_jax.motion.representations import get_layout
 from motion_jax.motion.retarget import retarget
 from motion_jax.motion.root_paths import SMALLEST, course
 
@@ -246,3 +248,14 @@ def test_what_is_said_of_new_clips_keeps_the_manner_of_the_old(kind, action, alw
     plain = [sum(not timid for timid in one) for one in texts if len(one) >= 3]
     assert plain and max(plain) == 2, plain
 
+
+@pytest.mark.slow
+def test_several_processes_make_what_one_makes():
+  clips = _clips("ours", seeds=2) + _clips("theirs")
+  config = ConfigDict(dict(mode="corrected", mirror=True, kinematic_captions=True,
+                           augment=dict(stitched=0.5, counted=0.5, time_warp=0.5)))
+  one, several = (clip_items(clips, ConfigDict(config.to_dict() | {"workers": count}), "train", get_layout("full"))
+                  for count in (0, 2))
+  assert [item.id for item in one] == [item.id for item in several] and any(item.made for item in one)
+  for ours, theirs in zip(one, several):
+    assert (ours.features == theirs.features).all() and ours._replace(features=0) == theirs._replace(features=0)

@@ -47,6 +47,14 @@ def test_batch_mates_are_invisible_and_runs_repeat(encoder):
   assert again.fingerprint == encoder.fingerprint and len(again.fingerprint) == 64
 
 
+def test_for_training_a_caption_has_one_feature_whatever_else_is_encoded(encoder):
+  together, mask = encoder.for_training()(CAPTIONS)
+  alone = encoder.for_training()
+  for caption, row, real in reversed(list(zip(CAPTIONS, together, mask))):
+    assert (alone([caption])[0][0] == row[real]).all()
+  np.testing.assert_allclose(together, encoder(CAPTIONS)[0], atol=2e-5)
+
+
 def test_captions_are_encoded_once(encoder):
   first = encoder._feature("a person walks and walks")
   assert encoder._feature("a person walks and walks") is first

@@ -27,6 +27,7 @@ from motion_jax.data.augment.seats import seats
 from motion_jax.data.augment.wandering import wandering
 from motion_jax.data.augment.warps import time_warp
 from motion_jax.data.clip import Clip
+from motion_jax.utils.worker_processes import Workers
 
 # {kind: function(parts, rng), an endless generator of clips, or None for failed attempts}
 KINDS: dict[str, Callable] = {"stitched": stitched, "bent_paths": bent_paths, "idle": idle, "counted": counted,
@@ -35,31 +36,38 @@ KINDS: dict[str, Callable] = {"stitched": stitched, "bent_paths": bent_paths, "i
 _ATTEMPTS = 8  # at most, for each requested clip
 
 
-def augmented(clips, shares, progress=False) -> list[Clip]:
+def augmented(clips, shares, progress=False, workers=None) -> list[Clip]:
   """New clips made of training clips; shares: {kind: how many of it for each of these}, kinds as in `KINDS`.
 
   Clips of other skeletons than HumanML3D's, or of other rates than 20 frames a second, are not used. There are fewer
-  new clips than requested if too few fit.
+  new clips than requested if too few fit. workers: processes that make them (`utils.worker_processes`).
   """
   unknown = sorted(set(shares) - set(KINDS))
   if unknown:
     raise ValueError(f"got the kind {unknown[0]!r} of new clips, expected one of {', '.join(KINDS)}")
-  made: list[Clip] = []
-  if not any(shares.values()):
-    return made
-  shown = dict(unit="clip", leave=False, disable=None if progress else True)
-  for folder in {(clip.source, clip.license): None for clip in clips}:
-    own = [clip for clip in clips if (clip.source, clip.license) == folder and usable(clip)]
-    parts = [part_of(clip) for clip in tqdm.tqdm(own, desc=f"parts of {folder[0]}", **shown)]
-    for kind, share in shares.items():
-      rng = np.random.default_rng((zlib.crc32(kind.encode()), zlib.crc32(repr(folder).encode())))
-      count = round(share * len(own))
-      with tqdm.tqdm(total=count, desc=f"{kind} of {folder[0]}", **shown) as bar:
-        for clip, _ in zip(_until(KINDS[kind](parts, rng), count), range(_ATTEMPTS * count)):
-          if clip is not None:
-            made.append(clip)
-            bar.update()
-  return made
+  shares = {kind: share for kind, share in shares.items() if share}
+  if not shares:
+    return []
+  workers = workers or Workers()
+  folders: dict[tuple[str, str], list[Clip]] = {}
+  for clip in filter(usable, clips):
+    folders.setdefault((clip.source, clip.license), []).append(clip)
+  shown = dict(leave=False, disable=None if progress else True)
+  own = [clip for some in folders.values() for clip in some]
+  parts = iter(list(tqdm.tqdm(workers.map(part_of, own, 16), "parts of clips", len(own), unit="clip", **shown)))
+  jobs = [(folder, kind, round(share * len(some)), own_parts) for folder, some in folders.items()
+          for own_parts in [[next(parts) for _ in some]] for kind, share in shares.items()]
+  order = sorted(range(len(jobs)), key=lambda k: -jobs[k][2])  # the longest first, so that no process waits for it
+  made = dict(zip(order, tqdm.tqdm(workers.map(_made, [jobs[k] for k in order]), "new clips", len(jobs), **shown)))
+  return [clip for k in range(len(jobs)) for clip in made[k]]
+
+
+def _made(job) -> list[Clip]:
+  """The new clips of a kind, of the parts of one folder."""
+  folder, kind, count, parts = job
+  rng = np.random.default_rng((zlib.crc32(kind.encode()), zlib.crc32(repr(folder).encode())))
+  attempts = zip(_until(KINDS[kind](parts, rng), count), range(_ATTEMPTS * count))
+  return [clip for clip, _ in attempts if clip is not None]
 
 
 def _until(attempts, count):

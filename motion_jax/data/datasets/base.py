@@ -6,6 +6,7 @@ features, or define how clips are cut, overrides the others.
 """
 import collections
 import contextlib
+import functools
 import hashlib
 import pathlib
 from collections.abc import Callable, Iterator
@@ -18,9 +19,10 @@ from motion_jax.data import checks, mirror
 from motion_jax.data.augment import augmented
 from motion_jax.data.clip import Clip
 from motion_jax.data.kinematic_captions import with_kinematic_captions
-from motion_jax.motion.representations import FeatureLayout, to_features
+from motion_jax.motion.representations import LAYOUTS, FeatureLayout, get_layout, to_features
 from motion_jax.motion.stats import Stats, compute_stats
 from motion_jax.utils.atomic import atomic_folder
+from motion_jax.utils.worker_processes import workers
 
 SHORTEST = 8  # frames of a clip of which features are made
 
@@ -30,7 +32,7 @@ class TextItem(NamedTuple):
 
   tokens: none, or a tuple "lemma/POS", ... for each caption; group: what it shows, where the data tell (else its id).
   spans: (caption, first, past) rows of its parts, if it was put together of several; made: not captured, but made of
-  clips that were (`data.augment`).
+  clips that were (`data.augment`); source: the name of its archive.
   """
   id: str
   features: np.ndarray
@@ -39,6 +41,7 @@ class TextItem(NamedTuple):
   group: str = ""
   spans: tuple[tuple[str, int, int], ...] = ()
   made: bool = False
+  source: str = ""
 
 
 class TestItem(NamedTuple):
@@ -169,27 +172,39 @@ class Dataset(Protocol):
 def clip_items(clips, config, split, layout: FeatureLayout) -> list[TextItem]:
   """The clips of a split as features (config.mode) on the layout's skeleton and at its rate; of train mirrored ones,
   too, if config.mirror. config.kinematic_captions: with captions by kinematics beside their own (`data.describe`).
-  config.augment: of train more clips, made of these (`data.augment`)."""
-  clips, items, made = [clip for clip in clips if clip.split == split], [], []
-  if split == "train":
-    made = augmented(clips, augment_shares(config), progress=True)
-  if config.get("kinematic_captions", False):
-    bar = tqdm.tqdm(clips, desc=f"captions of {split}", unit="clip", leave=False, disable=None)
-    clips = [with_kinematic_captions(clip) for clip in bar]
-  clips += made
-  if config.get("mirror", False) and split == "train":
-    clips += [mirror.mirror_clip(clip) for clip in clips]
-  for clip in tqdm.tqdm(clips, desc=f"features of {split}", unit="clip", leave=False, disable=None):
-    if clip.num_frames < SHORTEST:
-      continue
-    if clip.skeleton is not layout.skeleton:
-      clip = clip.on_skeleton(layout.skeleton)
-    features = to_features(clip.joints, layout, config.mode)
-    spans = tuple((text, first, min(past, len(features))) for text, first, past in clip.meta.get("spans", ()))
-    items.append(TextItem(clip.id, features, tuple(caption.text for caption in clip.captions), (),
-                          str(clip.meta.get("content") or clip.meta.get("label") or clip.id),
-                          spans, "made" in clip.meta))
-  return items
+  config.augment: of train more clips, made of these (`data.augment`). config.workers: number of processes that do all
+  this, with equal results."""
+  clips, made = [clip for clip in clips if clip.split == split], []
+  shown = dict(unit="clip", leave=False, disable=None)
+  with workers(config.get("workers", 0)) as team:
+    if split == "train":
+      made = augmented(clips, augment_shares(config), progress=True, workers=team)
+    if config.get("kinematic_captions", False):
+      clips = list(tqdm.tqdm(team.map(with_kinematic_captions, clips, 16), f"captions of {split}", len(clips), **shown))
+    clips += made
+    known = LAYOUTS.get(layout.name) is layout  # by its name, which a process of its own knows, too
+    make = functools.partial(_item, layout=layout.name if known else layout, mode=config.mode)
+    items = list(tqdm.tqdm(team.map(make, clips, 16), f"features of {split}", len(clips), **shown))
+    if config.get("mirror", False) and split == "train":
+      make = functools.partial(make, mirrored=True)
+      items += tqdm.tqdm(team.map(make, clips, 16), "features of mirrored clips", len(clips), **shown)
+  return [item for item in items if item is not None]
+
+
+def _item(clip, layout, mode, mirrored=False) -> TextItem | None:
+  """A clip, or its mirror image, as features of a layout; None for one that is too short."""
+  layout = get_layout(layout)
+  if mirrored:
+    clip = mirror.mirror_clip(clip)
+  if clip.num_frames < SHORTEST:
+    return None
+  if clip.skeleton is not layout.skeleton:
+    clip = clip.on_skeleton(layout.skeleton)
+  features = to_features(clip.joints, layout, mode)
+  spans = tuple((text, first, min(past, len(features))) for text, first, past in clip.meta.get("spans", ()))
+  return TextItem(clip.id, features, tuple(caption.text for caption in clip.captions), (),
+                  str(clip.meta.get("content") or clip.meta.get("label") or clip.id), spans, "made" in clip.meta,
+                  clip.source)
 
 
 def augment_shares(config) -> dict[str, float]:

@@ -53,7 +53,8 @@ _TOKENIZERS = ("cmdm.tokenizer", "cmdm.denoiser")  # runs with one in them
 def tokenizer(config: ConfigDict) -> TrainingSetup:
   data = sources.load_features(config.data, stats=held_stats(config), captioned=False)
   windows = batches.Windows(data.features, config.data.window, config.data.stride,
-                            groups=data.groups, balance=config.data.balance, short=config.data.short_window)
+                            groups=data.groups, balance=config.data.balance, short=config.data.short_window,
+                            factors=data.source_factors(config.data))
   config = resolve_epochs(config, len(windows))  # the weight of the alignment falls to the end of training
   validation = held_out(config, data.stats).features
   vae = CausalVAE(**config.model)
@@ -150,13 +151,10 @@ def _denoiser_parts(config):
   else:
     codec, stats = load_tokenizer(config.frozen.tokenizer, config)
   data = sources.load_features(config.data, stats=stats)
-  weights = None
-  if config.data.balance:
-    weights = batches.balance_weights(data.groups, config.data.balance)
   if config.data.per_segment_captions and not any(data.spans):
     raise InputError(f"got data.per_segment_captions={config.data.per_segment_captions:g}, but no clip was put "
                      "together of several; add some with data.augment.stitched or data.augment.idle")
-  items = _items(config, data, tuple(config.data.lengths), weights)
+  items = _items(config, data, tuple(config.data.lengths), data.draw_weights(config.data))
   encoder = load_text_encoder(config.frozen.text, level=config.frozen.text_level)
   check_captions(data, encoder)
   if codec.mean is None:  # a bare tokenizer's latents have no scale yet
@@ -211,6 +209,8 @@ def denoiser(config: ConfigDict) -> TrainingSetup:
     encoder.recall(kept.words)
     draw = functools.partial(store.stored_batch, kept, items, ("distribution",), latents_look_back=codec.net.causal)
 
+  reader = encoder.for_training()
+
   def next_batch(step, rows=batches.ALL):
     batch = draw(config.data.batch_size, config.seed, step, rows)
     rng = batches.step_rng(config.seed, 2, step)
@@ -221,9 +221,9 @@ def denoiser(config: ConfigDict) -> TrainingSetup:
 
     def encoded(said, segments):
       if segments:
-        return words_by_part(encoder, said, segments, most_parts(data.spans), batch["features"].shape[1],
+        return words_by_part(reader, said, segments, most_parts(data.spans), batch["features"].shape[1],
                              config.data.frames_per_latent, config.model.block, words, rows)
-      return dict(zip(("text_emb", "text_mask"), encoder(said, at_least=words, rows=rows)))
+      return dict(zip(("text_emb", "text_mask"), reader(said, at_least=words, rows=rows)))
 
     own = encoded(said, segments)
     if config.loss.contrast:

@@ -43,7 +43,7 @@ TOKENIZER, GENERATOR = "motionstreamer.tokenizer", "motionstreamer.generator"
 def tokenizer(config: ConfigDict) -> TrainingSetup:
   data = sources.load_features(config.data, stats=held_stats(config), captioned=False)
   windows = batches.Windows(data.features, config.data.window, config.data.stride, groups=data.groups,
-                            balance=config.data.balance)
+                            balance=config.data.balance, factors=data.source_factors(config.data))
   validation, vae = held_out(config, data.stats).features, CausalVAE(**config.model)
   reconstruct = jax.jit(lambda params, x: VaeCodec(vae, params).reconstruct(x))
 

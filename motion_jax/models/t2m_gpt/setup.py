@@ -33,8 +33,7 @@ def _rows(config, data, codec, encoder):
   kept = [i for i, x in enumerate(data.features) if least <= len(x) <= most and data.captions[i]]
   if not kept:
     raise ValueError(f"none of {len(data.features)} clips has {least} to {most} frames and a caption")
-  groups = [data.groups[i] for i in kept]
-  weights = batches.balance_weights(groups, config.data.balance) if config.data.balance else None
+  weights = data.draw_weights(config.data, kept)
   codes = encode_clips(codec, [data.features[i] for i in kept], config.seed)
   items = CodeItems(codes, [data.captions[i] for i in kept], config.model.max_length, config.model.num_codes,
                     config.data.shorten_rate, weights)
