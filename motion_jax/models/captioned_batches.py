@@ -43,8 +43,8 @@ def items_of(config: ConfigDict, data: sources.FeatureSet) -> batches.TextItems:
   """The clips of a data section, cut and padded as it says (`configs.common.captioned_data`)."""
   rules = {name: config.data[name] for name in _RULES if name in config.data}
   return batches.TextItems(data.features, data.captions, config.data.min_frames, config.data.max_frames,
-                           tuple(config.data.get("lengths", (config.data.max_frames,))), weights=data.draw_weights(config.data),
-                           **rules)
+                           tuple(config.data.get("lengths", (config.data.max_frames,))),
+                           weights=data.draw_weights(config.data), **rules)
 
 
 def clips_of(config: ConfigDict, data: sources.FeatureSet) -> tuple[Callable[..., Any], int]:

@@ -2,8 +2,8 @@
 import contextlib
 import copy
 import functools
-import itertools
 import hashlib
+import itertools
 import json
 import pathlib
 import re
