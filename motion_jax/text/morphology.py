@@ -5,7 +5,8 @@ captions and the parser of prompts.
 """
 import functools
 
-from motion_jax.text.lexicon import ACTIONS
+from motion_jax.text import wordnet
+from motion_jax.text.lexicon import ACTIONS, WORDS_WITHOUT_MOTION
 
 # Base form -> irregular forms. Of a verb: its past tense, then its participles where they differ.
 IRREGULAR = {
@@ -47,8 +48,17 @@ def base_form(word, known, endings=("ing", "ed", "es", "s")):
 
 
 def verb_of(word: str) -> str:
-  """The base form of a verb of movement ("waving" -> "wave"), or "" for another word."""
-  return _PASTS.get(word) or base_form(word, ACTIONS)
+  """The base form of a verb of movement ("waving" -> "wave"), or "" for another word.
+
+  Of a verb that is in no list of ours but in WordNet's only inflected forms count: "scampers", not "bolt".
+  """
+  return _PASTS.get(word) or base_form(word, ACTIONS) or _rare_verb_of(word)
+
+
+@functools.lru_cache(maxsize=1 << 14)
+def _rare_verb_of(word):
+  base = "" if word in WORDS_WITHOUT_MOTION else base_form(word, wordnet.verbs())
+  return "" if base == word else base
 
 
 def is_participle(word: str) -> bool:

@@ -3,6 +3,7 @@ import re
 
 from motion_jax.text.morphology import is_participle, present_participle
 from motion_studio.language import lexicon
+from motion_studio.language.meaning import pace_of
 from motion_studio.language.rule import Rule
 
 _NUMBER = r"(\d+(?:\.\d+)?|" + "|".join(lexicon.NUMBERS) + r")"
@@ -50,7 +51,7 @@ def with_steps(clause):
   if found is None or _number(found[1]) < 1:
     return clause
   is_back = not lexicon.BACKWARD.isdisjoint(text.lower().split())
-  pace = [lexicon.PACES[word] for word in found[2].lower().split() if word in lexicon.PACES][:1]
+  pace = [pace for word in found[2].lower().split() if (pace := pace_of(word)) in _PACE_FACTORS][:1]
   factor = _PACE_FACTORS[pace[0]] if pace else 1.0
   seconds = max(round(_number(found[1]) * (_STEP_BACK if is_back else _STEP) * factor, 2), _SINGLE_STEP)
   if clause.verb not in lexicon.STEPS_ONLY and not is_back:

@@ -4,11 +4,11 @@ Two lists of rules, both tried in order: `CONTINUATIONS` after any connector, `V
 """
 import re
 
-from motion_jax.text.morphology import verb_of
 from motion_studio.language import lexicon
 from motion_studio.language.clause import Clause, lower
 from motion_studio.language.counting import without_times
 from motion_studio.language.light_verbs import reworded
+from motion_studio.language.meaning import is_a
 from motion_studio.language.rule import Rule, first_match
 
 _PACE = re.compile(
@@ -48,6 +48,10 @@ def _verbless(previous, tokens):
   return found and found._replace(times=times)
 
 
+def _is_gait(verb):
+  return verb == "go" or is_a(verb, "walk", "run")
+
+
 def _with_words(previous, words):
   return previous._replace(words=words, before=[], subject=[])
 
@@ -55,14 +59,14 @@ def _with_words(previous, words):
 # --- continuations ----------------------------------------------------------------------------------------------------
 
 def _continuing(done, kind, tokens):
-  gait = next((one for one in reversed(done) if one.verb in lexicon.GAITS), None)
+  gait = next((one for one in reversed(done) if _is_gait(one.verb)), None)
   continues = gait is not None and _CONTINUE.fullmatch(" ".join(lower(tokens)))
   return gait._replace(before=[], subject=[]) if continues else None
 
 
 def _change_of_pace(done, kind, tokens):
   previous, found = done[-1], _PACE.fullmatch(" ".join(lower(tokens)))
-  if found is None or previous.verb not in lexicon.GAITS:
+  if found is None or not _is_gait(previous.verb):
     return None
   if found["gait"]:
     return Clause([], [], found["gait"], found["gait"], [])
@@ -103,7 +107,7 @@ def _direction(previous, tokens, words):
 
 
 def _other_path(previous, tokens, words):
-  is_path = words[:1] == ["in"] and previous.verb in lexicon.GAITS
+  is_path = words[:1] == ["in"] and _is_gait(previous.verb)
   return _with_words(previous, list(tokens)) if is_path else None
 
 
@@ -111,11 +115,6 @@ def _other_style(previous, tokens, words):
   if words[:1] != ["like"]:
     return None
   return _with_words(previous, [word for word in previous.words if word.lower() != "normally"] + list(tokens))
-
-
-def _noun_for_a_verb(previous, tokens, words):
-  verb = verb_of(words[1]) if len(words) == 2 and words[0] in lexicon.ONE_MORE else ""
-  return Clause([], [], verb, verb, []) if verb else None
 
 
 def _taken_noun(previous, tokens, words):
@@ -165,10 +164,9 @@ VERBLESS = (
             "walks in a circle to the left | walks in a circle to the right"}, _other_path),
     Rule("Other style", "The same action in the style of somebody.", {
         "a person walks normally, then like an old man": "walks normally | walks like an old man"}, _other_style),
-    Rule("Noun for a verb", "A noun after \"then\" or \"followed by\" names the action.", {
-        "a person walks, then a run": "walks | runs",
-        "a person walks followed by a dance": "walks | dances"}, _noun_for_a_verb),
     Rule("Noun of an action", "As after a light verb.", {
+        "a person walks, then a run": "walks | runs",
+        "a person walks followed by a dance": "walks | dances",
         "a man makes a left turn, followed by a right turn": "turns left | turns right",
         "she throws a left punch, then two right kicks":
             "punches with the left hand | kicks with the right foot 2 times"}, _taken_noun),

@@ -1,5 +1,6 @@
 """All word lists of the parser, by topic. Verbs of movement and their body parts: `motion_jax.text.lexicon`."""
 from motion_jax.text.lexicon import VERBS
+from motion_jax.text.wordnet import LOST, Target
 
 PAUSE, HOLD = "stands still", "holds still"  # the words of a pause, and of a pose that is kept
 
@@ -33,8 +34,6 @@ SIDES = {"left": "right", "right": "left"}  # each with its opposite
 DIRECTIONS = set("left right forward forwards backward backwards back sideways up down around ahead away clockwise "
                  "counterclockwise again".split())
 BACKWARD = {"back", "backward", "backwards"}
-STRAIGHT_ON = ([], ["ahead"], ["forward"], ["forwards"], ["along"])
-PACES = {"slow": "slowly", "quick": "quickly", "fast": "quickly", "rapid": "quickly"}
 PATH_NOUNS = {"u-turn", "circle", "circles", "loop", "zigzag", "arc", "detour"}  # shapes of a walked path
 
 # --- when -------------------------------------------------------------------------------------------------------------
@@ -56,13 +55,16 @@ BEFORE_A_PARTICIPLE = set("be start begin continue keep proceed resume go stop q
                           "pause like by and".split())
 ENDING_VERBS = ("stop", "finish", "quit")  # "stops walking"
 PAUSING_VERBS = {"stop", "pause", "wait", "rest", "halt", "freeze"}
+# Meanings that `motion_jax.text.wordnet` does not have.
+OWN_MEANINGS = {"hurry": Target("walk", 1.0, ("quickly",)), "rush": Target("walk", 1.0, ("quickly",)), "wander": Target(
+    "walk", 1.0), "circle": Target("walk", 1.0), "zigzag": Target("walk", 1.0), "march": Target("walk", 1.0, (LOST,))}
+# Words of pace that WordNet counts among the lively, and words of its clusters of fast and slow that are manners.
+OWN_PACES = {"brisk": "quickly", "briskly": "quickly"} | dict.fromkeys(
+    "easy easygoing lazy lazily instant instantly instantaneous outright straightaway deliberately dilatory".split(), "")
 LIGHT_VERBS = {"take", "do", "make", "throw", "give", "perform"}  # their object says the action: "takes a bow"
-RUNNING_VERBS = {"run", "jog", "sprint", "dash"}
-GAITS = {"walk", "run", "jog", "march", "sneak", "stroll", "go"}  # their pace may change: "then speeds up"
 DIAGONAL_VERBS = {"walk", "stride", "stroll", "step", "move", "go", "run", "jog"}
 STEP_VERBS = set("take step walk go move march run jog make do".split())  # their steps may be counted
 STEPS_ONLY = ("take", "step", "make", "do")  # of these, those that say nothing but the steps
-HURRYING_VERBS = {"hurry", "rush"}
 ONE_ARM_EACH = {"wave", "raise", "lift", "hold", "stretch", "extend", "lower", "swing", "put"}
 BLOWS = {"kick", "punch", "jab"}
 # Actions that end by themselves and leave the body standing.
@@ -99,10 +101,8 @@ BODY_PARTS = (("legs", {"leg", "knee", "foot", "feet", "heel", "toe", "ankle", "
               ("arms", ARM_PARTS))
 LIMBS = {"hand", "arm", "leg", "foot", "knee", "elbow", "hands", "arms"}
 BEFORE_A_LIMB = set("the with on left right both other one".split())
-# Nouns of an action after a light verb, and its verb: "takes a seat" is to sit.
-ACTION_NOUNS = {noun: noun for noun in "bow jump hop squat kick punch jab spin turn wave nod clap lunge leap twirl "
-                                       "stretch salute crouch pivot roll".split()} | {"seat": "sit"}
-AFTER_ACTION_NOUN = {"seat": ["down"]}
+IDIOMS = {"seat": "sit down"}  # nouns that name another verb: "takes a seat"
+NO_ACTION_NOUNS = PATH_NOUNS | {"step", "look", "move", "stop", "halt", "rest"}  # after a light verb they have rules of their own
 LIMB_OF_ACTION = {"kick": "foot", "punch": "hand", "jab": "hand", "wave": "hand", "salute": "hand"}
 # Words that may follow the noun of an action; others change its meaning ("does a kick flip").
 AFTER_A_NOUN = set("to in into on onto at with from for over towards toward forward forwards backward backwards back "
@@ -111,7 +111,7 @@ REST_NOUNS = {"rest": "rest", "break": "pause", "breather": "pause", "pause": "p
 REST_LENGTHS = {"short": "moment", "brief": "moment", "quick": "moment", "little": "moment", "small": "moment",
                 "long": "while", "longer": "while"}
 STANDSTILLS = {"stop", "halt", "standstill"}
-WHOSE_HANDS = {"the", "his", "her", "their", "its", "my", "your", "both"}
+PUTTING_VERBS = {"put", "throw", "stick", "bring", "hold", "shoot", "fling", "get"}  # "puts her hands up"
 BETWEEN_ACTIONS = {"and", "then", ","}  # words after which a further action may follow
 
 # --- requirements -----------------------------------------------------------------------------------------------------
@@ -132,10 +132,6 @@ NEGATIONS = {"without", "not", "no", "never", "nor", "don't", "doesn't"}
 
 # --- paths ------------------------------------------------------------------------------------------------------------
 
-WALKING_VERBS = set("walk stroll stride march wander saunter amble pace hurry rush circle zigzag".split())
 PATH_MAKING_VERBS = {"make", "do", "take", "perform"}  # "makes a u-turn while walking"
 STAYING_VERBS = set("sit stand stop rest wait stay pause halt squat crouch kneel lie kick jump bow lean".split())
-TURNING_VERBS = {"turn", "spin", "rotate", "pivot"}
 NO_DIRECTION = {"forward", "forwards", "ahead", "back", "away", "on"}
-CALM_WALKS = {"walk", "stroll", "saunter", "wander", "amble"}  # at the usual pace where none is given
-FAST_WALKS = {"hurry", "rush", "sprint", "dash"}

@@ -6,13 +6,26 @@ import re
 from collections.abc import Sequence
 from typing import NamedTuple
 
+from motion_jax.text import wordnet
 from motion_jax.text.morphology import present_participle
 from motion_studio.language import lexicon
+from motion_studio.language.meaning import pace_of
 from motion_studio.language.rule import Rule, first_match
 
 _DIAGONAL = re.compile(r"(?:straight )?(ahead|forwards?|back|backwards?) and to (?:the|his|her|their) (left|right) ?,? "
                        r"(?:without (?:ever )?turning|without a turn|(?:while |still )?facing (?:forwards?|ahead))"
                        r"(?: around)?")
+_HANDS_UP = re.compile(
+    r"(?:up )?(?:(?:the|his|her|their|its|my|your|both|a|an|one|of) )*(?P<side>(?:left|right) )?(?P<thing>hands?|arms?)"
+    r"(?: (?:straight |right |high )?up)?(?P<where> (?:high )?(?:in|into) the (?:air|sky)| overhead| (?:high )?(?:above|over) "
+    r"(?:his|her|their|the) head)?(?P<after>(?: (?:slowly|quickly|again|high|once|twice|\w+ times|with \w+))*)")
+# "step to the left", "sidestep right", "take a step sideways", "take side steps to his right"
+_TO_A_SIDE = r"(?:to )?(?:(?:the|his|her|their|its) )?(?P<side>left|right|side)(?: side)?"
+_SIDE_STEPS = re.compile(
+    rf"(?:(?:sidestep|strafe|(?:step|shuffle|walk|move) sideways|(?:take|do|make) (?:(?:a|some|several|a few) )?side ?-?"
+    rf"steps?|(?:take|do|make) (?:(?:some|several|a few) )?steps? sideways)(?: {_TO_A_SIDE})?|"
+    rf"step {_TO_A_SIDE.replace('<side>', '<way>')})"
+    r"(?: (?P<times>once|twice|thrice|\w+ times))?(?P<after>(?: (?:slowly|quickly|again))*)")
 _IN_A_POSTURE = re.compile(rf"(?:(?:from|in|out|off) )?(?:(?:a|the) )?({'|'.join(lexicon.POSTURES)})(?: down)?"
                            r"(?: (?:position|pose|posture))?")
 
@@ -60,30 +73,13 @@ def _strike_with_explicit_side(verb, words, lower):
 
 
 def _put_hands_up(verb, words, lower):
-  if verb != "put":
+  found = _HANDS_UP.fullmatch(" ".join(lower)) if verb in lexicon.PUTTING_VERBS else None
+  if found is None or "up" not in lower and not found["where"]:
     return None
-  up_first = lower[:1] == ["up"]
-  named = lower[1:] if up_first else lower
-  start = 1 if named[:1] and named[0] in (*lexicon.WHOSE_HANDS, "a") else 0
-  side = named[start] if named[start:start + 1] and named[start] in lexicon.SIDES else ""
-  thing = start + bool(side)
-  if named[thing:thing + 1] not in (["hand"], ["hands"], ["arm"], ["arms"]):
-    return None
-  after = named[thing + 1:]
-  if not up_first:
-    if after[:1] != ["up"]:
-      return None
-    after = after[1:]
-  if after and after[0] not in lexicon.AFTER_A_NOUN - {"on"} or not (
-      lexicon.BETWEEN_ACTIONS | {"down"}).isdisjoint(after):
-    return None
-  which = ["the", side] if side else ["both"] if named[thing].endswith("s") else ["a"]
-  return _action("raise", [*which, named[thing], *(words[len(words) - len(after):] if after else [])])
-
-
-def _hurry(verb, words, lower):
-  hurries = verb in lexicon.HURRYING_VERBS and lower in lexicon.STRAIGHT_ON
-  return _action("walk", ["forward", "quickly"]) if hurries else None
+  side, thing = (found["side"] or "").strip(), found["thing"]
+  which = ["the", side] if side else ["both"] if thing.endswith("s") else ["a"]
+  after = words[len(words) - len(found["after"].split()):] if found["after"] else []
+  return _action("raise", [*which, thing, *(found["where"] or "").split(), *after])
 
 
 def _take_a_rest(verb, words, lower):
@@ -94,31 +90,53 @@ def _take_a_rest(verb, words, lower):
   return _action(lexicon.REST_NOUNS[lower[-1]], ["for", "a", lengths[0]] if lengths else [])
 
 
-def _take_steps_at_a_pace(verb, words, lower):
-  if verb != "take" or lower[1:2] != ["steps"] or lower[0] not in lexicon.PACES:
+def _side_steps(verb, words, lower):
+  found = _SIDE_STEPS.fullmatch(" ".join([verb, *lower]))
+  if found is None:
     return None
-  after = lower[2:]
-  if after and after[0] not in (*lexicon.AFTER_A_NOUN, "ahead") or not lexicon.BETWEEN_ACTIONS.isdisjoint(after):
+  side = {"left": "left", "right": "right"}.get(found["side"] or found["way"] or "", "")
+  way = ["to", "the", side] if side else []
+  times = {"once": "one", "twice": "two", "thrice": "three"}.get(found["times"], (found["times"] or "").split(" ")[0])
+  if times in lexicon.NUMBERS:  # counted steps have a duration
+    return _action("take", [times, "steps", *(way or ["sideways"]), *found["after"].split()])
+  return _action("walk", ["sideways", *way, *found["after"].split()])
+
+
+def _steps_at_a_pace(verb, words, lower):
+  pace = pace_of(lower[0]) if verb == "take" and lower[1:2] == ["steps"] else ""
+  after = words[2:]
+  if not pace or after and lower[2] not in (*lexicon.AFTER_A_NOUN, "ahead") or not (
+      lexicon.BETWEEN_ACTIONS.isdisjoint(lower)):
     return None
-  way = ["forward"] if after in (["ahead"], []) else words[2:]
-  return _action("walk", [*way, lexicon.PACES[lower[0]]])
+  return _action("walk", [*(["forward"] if lower[2:] in (["ahead"], []) else after), pace])
 
 
 def _noun_of_an_action(verb, words, lower):
-  if verb not in lexicon.LIGHT_VERBS:
-    return None
+  if verb == "go" and lower[:1] == ["for"]:
+    verb, words, lower = "take", words[1:], lower[1:]  # "goes for a walk"
   times, rest = _number_in_front(lower)
-  if rest is None:
+  if verb not in lexicon.LIGHT_VERBS or rest is None:
     return None  # "does squats"
-  side, rest = (rest[0], rest[1:]) if rest[:1] and rest[0] in lexicon.SIDES else ("", rest)
-  noun = rest[0] if rest else ""
-  found = next((one for one in lexicon.ACTION_NOUNS if noun in (one, one + "s", one + "es")), "")
-  if not found or times < 1 or rest[1:] and rest[1] not in lexicon.AFTER_A_NOUN or (
-      side and found not in (*lexicon.LIMB_OF_ACTION, "turn")):
+  side, paces = "", []
+  while rest and (rest[0] in lexicon.SIDES or pace_of(rest[0])):
+    side, paces, rest = (rest[0], paces, rest[1:]) if rest[0] in lexicon.SIDES else (side, [pace_of(rest[0])], rest[1:])
+  meant = _verb_of_noun(rest[0]) if rest else []
+  if not meant or times < 1 or rest[1:] and rest[1] not in lexicon.AFTER_A_NOUN or (
+      side and meant[0] not in (*lexicon.LIMB_OF_ACTION, "turn")):
     return None
-  with_side = [] if not side else [side] if found == "turn" else ["with", "the", side, lexicon.LIMB_OF_ACTION[found]]
-  after = words[len(words) - len(rest) + 1:]
-  return _action(lexicon.ACTION_NOUNS[found], [*lexicon.AFTER_ACTION_NOUN.get(found, []), *with_side, *after], times)
+  with_side = [] if not side else [side] if meant[0] == "turn" else [
+      "with", "the", side, lexicon.LIMB_OF_ACTION[meant[0]]]
+  return _action(meant[0], [*meant[1:], *with_side, *words[len(words) - len(rest) + 1:], *paces], times)
+
+
+def _verb_of_noun(noun):
+  """The words of the action that a noun names: ["bow"] of "bows"; [] of a noun that names none."""
+  for one in (noun, noun.removesuffix("s"), noun.removesuffix("es")):
+    if one in lexicon.IDIOMS:
+      return lexicon.IDIOMS[one].split()
+    if verb := "" if one in lexicon.NO_ACTION_NOUNS else wordnet.verb_of_noun(one):
+      return [verb]
+  return []
 
 
 def _number_in_front(words):
@@ -147,8 +165,10 @@ RULES = (
     Rule("Hands up", "Putting the hands up is raising them.", {
         "she puts her hands up": "raises both hands",
         "someone puts up the left hand": "raises the left hand"}, _put_hands_up),
-    Rule("Hurrying", "Hurrying ahead is a quick walk forward.", {
-        "a person hurries ahead": "walks forward quickly"}, _hurry),
+    Rule("Side steps", "Stepping to a side is walking sideways.", {
+        "a man side steps to the left": "walks sideways to the left",
+        "someone takes side steps to the right, then waves": "walks sideways to the right | waves",
+        "a person steps sideways to their right": "walks sideways to the right"}, _side_steps),
     Rule("Taking a rest", "The body stands still, or keeps its pose where it is low: 2 s, a short rest 1 s, a long one "
          "4 s.", {
              "a person takes a rest": "stands still",
@@ -156,10 +176,12 @@ RULES = (
              "a person sits down and takes a long rest": "sits down | holds still [4]"}, _take_a_rest),
     Rule("Steps at a pace", "Taking slow or quick steps is walking at that pace.", {
         "the person takes slow steps ahead": "walks forward slowly",
-        "a person takes quick steps backward": "walks backward quickly"}, _take_steps_at_a_pace),
-    Rule("Noun of an action", "The noun names the action, a number or an article the repetitions, a side the limb.", {
+        "a person takes quick steps backward": "walks backward quickly"}, _steps_at_a_pace),
+    Rule("Noun of an action", "The noun names the action, a number or an article the repetitions, a side the limb, "
+         "an adjective the pace.", {
         "someone takes two bows": "bows 2 times",
         "someone walks ahead and takes a seat": "walks ahead | sits down",
         "a person does three squats and then waves": "squats 3 times | waves",
+        "a man goes for a brisk walk": "walks quickly",
         "she throws a left punch": "punches with the left hand"}, _noun_of_an_action),
 )

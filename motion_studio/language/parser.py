@@ -16,6 +16,7 @@ from motion_studio.language.clause import lower
 from motion_studio.language.clauses import clauses_of, fragments_of
 from motion_studio.language.counting import without
 from motion_studio.language.lexicon import HOLD, PAUSE
+from motion_studio.language.meaning import Meanings, is_a, translated
 from motion_studio.language.ordering import in_order, subject_of
 from motion_studio.language.plan import Plan
 from motion_studio.language.poses import holding, is_hold, with_poses
@@ -23,22 +24,27 @@ from motion_studio.language.rule import Rule
 from motion_studio.language.segments import Action, Segment, pause
 
 _TAKEN_TURN = re.compile(r"\b(?:take|takes|taking) (?:a|the|another) (?:left|right) turn\b", re.IGNORECASE)
+_ON_THE_WAY = re.compile(r" on (?:the|his|her|their) way\Z")
+_TURN_TO_A_SIDE = re.compile(r"(?:\w+ly )?(?:turns?|walks? and makes? a) (?:\w+ly )?(?:to (?:the|his|her|their) )?"
+                             rf"(?:left|right)(?: turn)?(?:{_ON_THE_WAY.pattern})?")
+_NOT_FORWARD = frozenset("backward backwards back sideways turns turn circle around diagonally".split())
 _HANDS_UP = re.compile(r"\bwith (?:(?:his|her|their|its|the|a|an|one|both) )*((?:left |right )?)(hands?|arms?) "
                        r"(?:(?:held|stretched|lifted) )?(?:raised|lifted|up|in the air|high|overhead|"
                        r"(?:above|over) (?:(?:his|her|their|the) )?head)(?: (?:up|high|in the air))?\b")
 
 
-def parse(text: str, known: Callable[[str], bool] | None = None) -> Plan:
+def parse(text: str, known: Callable[[str], bool] | None = None, meanings: Meanings | None = None) -> Plan:
   """The Plan of a sentence, or of several; one segment with the text as it is where it cannot be split.
 
-  known: whether a model has learned such words as one action; these stay together ("walks and turns left").
+  known: whether a model has learned such words as one action; these stay together ("walks and turns left"), and so does
+  any turn to a side on one's way. meanings: of verbs, in those that the model knows.
   """
   fragments = fragments_of(text)
-  clauses = [clause for _, clause in clauses_of(fragments, lambda text: True)]
+  clauses = [clause and translated(clause, meanings) for _, clause in clauses_of(fragments, lambda text: True)]
   whole = tuple(_action(clause, lower(clause.subject) or lexicon.DEFAULT_SUBJECT)
                 for clause in clauses if clause is not None)
-  split = _segments(text, fragments, lambda text: False)
-  segments = split if known is None else _segments(text, fragments, known)
+  split = _segments(text, fragments, lambda text: False, meanings)
+  segments = split if known is None else _on_the_way(_segments(text, fragments, known, meanings), text)
   all_actions = whole if split is None else tuple(
       action for segment in split for action in (segment.action, *segment.simultaneous))
   single = whole[0] if len(whole) == len(clauses) == 1 else None
@@ -46,9 +52,10 @@ def parse(text: str, known: Callable[[str], bool] | None = None) -> Plan:
   return Plan(text, segments or plain, all_actions, single, split or plain)
 
 
-def _segments(text, fragments, known):
+def _segments(text, fragments, known, meanings):
   """The segments of a text, None where it stays as it is."""
-  joined = [] if known(text) else clauses_of(fragments, known)
+  joined = [] if known(text) else [
+      (kind, clause and translated(clause, meanings)) for kind, clause in clauses_of(fragments, known)]
   clauses = [clause for _, clause in joined]
   if not clauses or None in clauses:
     return None
@@ -61,10 +68,34 @@ def _segments(text, fragments, known):
   if any(clause.steps for clause in groups[-1]) and segments[-1].seconds:  # after its steps the body stands there
     segments.append(pause(who, None))
   if _TAKEN_TURN.search(text) and not any(
-      one.simultaneous or one.action.verb in lexicon.RUNNING_VERBS for one in segments):
+      one.simultaneous or is_a(one.action.verb, "run") for one in segments):
     segments = [segment._replace(action=_as_walked_turn(segment.action)) for segment in segments]
   found = with_poses(segments, who)
   return None if Plan(text, found).is_plain else found
+
+
+def _on_the_way(segments, text):
+  """The segments, of which a walk or run and a turn to a side after it are one, as captions say them: "walks forward
+  and turns left"; None where no more than the text is left."""
+  found: list[Segment] = []
+  for segment in segments or ():
+    before, turn = found[-1] if found else None, segment.action
+    if before and _goes_on(before) and not any((segment.simultaneous, segment.seconds, turn.times > 1)) and (
+        _TURN_TO_A_SIDE.fullmatch(turn.words)):
+      words = _ON_THE_WAY.sub("", f"{before.action.words} and {turn.words}")
+      found[-1] = before._replace(action=before.action._replace(
+          prompt=f"{before.action.subject} {words}", words=words,
+          reworded=before.action.reworded or turn.reworded and "turn" not in text.lower()))
+    else:
+      found.append(segment)
+  return tuple(found) if found and not Plan(text, tuple(found)).is_plain else None
+
+
+def _goes_on(segment):
+  """Whether a segment is a walk or run forward and nothing else."""
+  action = segment.action
+  return is_a(action.verb, "walk", "run") and not any((segment.simultaneous, segment.seconds, action.times > 1)) and (
+      _NOT_FORWARD.isdisjoint(action.words.split()))
 
 
 def _segment(group, subject):

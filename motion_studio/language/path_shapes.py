@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from motion_studio.language import lexicon
+from motion_studio.language.meaning import is_a, kind_of, pace_of
 from motion_studio.language.segments import Action
 
 _SPELT = ((r"\b(counter|anti)[- ]?clock-?wise\b", "counterclockwise"), (r"\bzig[- ]zag", "zigzag"),
@@ -21,11 +22,10 @@ _SHAPES = {shape: re.compile(words) for shape, words in {  # the first that matc
     "circle": rf"\bin (?:an? |one |two |three )?{_SIZE}circles?\b|\bcircular\b|\b\w+s (?:around )?(?:an? |one |two "
               rf"|three )?{_SIZE}circles?\b|\boval\b|clockwise\b|\bcircles (?:around|to)\b",
     "straight": r"\bstraight(?: ahead| on| forwards?| line)?$|\bstraight (?:ahead|on|forwards?|line)\b"}.items()}
+_TURNS = ("turn", "spin")
 _A_CIRCLE = re.compile(r"\bcircles?\b(?! of| around| to)", re.IGNORECASE)
 _BENDS = re.compile(r"\b(?:veer|turn|curv|swerv|back\b|forth\b)")
 _SIDES = {"left": re.compile(r"\b(?:left|counterclockwise)\b"), "right": re.compile(r"\b(?:right|clockwise)\b")}
-_PACES = {"slowly": re.compile(r"\b(?:slow|slowly|leisurely)\b"),
-          "quickly": re.compile(r"\b(?:fast|quick|quickly|briskly|brisk|rapidly|swiftly)\b")}
 # Words of a walk whose usual pace is another one, or that changes its pace.
 _OTHERWISE = re.compile(r"\b(?:back|backwards?|sideways|diagonal(?:ly)?|normal)\b")
 _CHANGES = re.compile(r"\b(?:first|faster|slower|speed\w*|slows|slowing|gradually|stops?)\b")
@@ -40,14 +40,14 @@ class PathShape(NamedTuple):
   side: str  # of a shape "left", "right" or "" for any; of a pace its gait, "walk" or "run"
 
 
-PACES = frozenset([*_PACES, "usual"])
+PACES = frozenset({"slowly", "quickly", "usual"})
 KINDS = (PACES | frozenset(_SHAPES)) - {""}
 BENT = frozenset({"circle", "u-turn", "zigzag"})  # they contain turns
 
 
 def is_gait(verb: str) -> bool:
   """Whether a verb is a kind of walking or running."""
-  return verb in lexicon.WALKING_VERBS or verb in lexicon.RUNNING_VERBS
+  return is_a(verb, "walk", "run")
 
 
 def _shapes_of(verb, words):
@@ -55,7 +55,8 @@ def _shapes_of(verb, words):
   words = words.lower()
   for spelt, usual in _SPELT:
     words = re.sub(spelt, usual, words)
-  gait = "walk" if verb in lexicon.WALKING_VERBS else "run" if verb in lexicon.RUNNING_VERBS else ""
+  kind = kind_of(verb, "walk", "run")
+  gait, manner = (kind.verb, kind.manner) if kind else ("", ())
   own = _BESIDE.split(words, maxsplit=1)[0]
   if _NONE.search(words) or _LIMBS.search(own if gait else words) or not gait and verb not in lexicon.PATH_MAKING_VERBS:
     return []
@@ -65,10 +66,10 @@ def _shapes_of(verb, words):
     found = [PathShape(shape, "")]
   if not gait:
     return [shape for shape in found if shape.kind == "u-turn"]
-  paces = [pace for pace, said in _PACES.items() if said.search(own)] or ["quickly"] * (verb in lexicon.FAST_WALKS)
+  paces = [*dict.fromkeys(pace for word in own.split() if (pace := pace_of(word)))] or ["quickly"] * ("quickly" in manner)
   if _OTHERWISE.search(own) or _CHANGES.search(words) or len(paces) > 1:
     return found
-  return found + [PathShape(pace, gait) for pace in paces or (["usual"] if verb in lexicon.CALM_WALKS else [])]
+  return found + [PathShape(pace, gait) for pace in paces or (["usual"] if gait == "walk" and set(manner) <= {"slowly"} else [])]
 
 
 def _side_of(own, words):
@@ -86,13 +87,13 @@ def path_shapes_of(actions: "Sequence[Action]") -> list[PathShape]:
            if action.part in ("legs", "body", "") and action.verb not in lexicon.STAYING_VERBS]
   made = [shapes for action, shapes in found if action.verb in lexicon.PATH_MAKING_VERBS and shapes]
   going = [(action, shapes) for action, shapes in found
-           if action.verb not in lexicon.PATH_MAKING_VERBS | lexicon.TURNING_VERBS]
+           if action.verb not in lexicon.PATH_MAKING_VERBS and not is_a(action.verb, *_TURNS)]
   if made:
     is_free = all(lexicon.NO_DIRECTION.issuperset(action.words.lower().split()[1:]) for action, _ in going)
     return made[0] if len(made) == 1 and is_free else []
   if len(going) != 1:
     return []
-  turns = any(action.verb in lexicon.TURNING_VERBS for action, _ in found)
+  turns = any(is_a(action.verb, *_TURNS) for action, _ in found)
   return [shape for shape in going[0][1] if shape.kind in PACES or not turns]
 
 
@@ -100,7 +101,7 @@ def min_duration(actions: "Sequence[Action]", text: str) -> float:
   """Seconds that a circle takes at least, walking or running; 0 for other paths."""
   if "circ" not in text.lower() or not any(shape.kind == "circle" for shape in path_shapes_of(actions)):
     return 0.0
-  return _RUN_CIRCLE if any(action.verb in lexicon.RUNNING_VERBS for action in actions) else _WALKED_CIRCLE
+  return _RUN_CIRCLE if any(is_a(action.verb, "run") for action in actions) else _WALKED_CIRCLE
 
 
 def with_explicit_side(text: str, number: int) -> str:

@@ -15,6 +15,7 @@ from motion_jax.text.morphology import possible_bases, verb_of
 from motion_jax.text.tagger import tag_words
 from motion_jax.utils import cache
 from motion_studio.language import lexicon
+from motion_studio.language.meaning import kind_of
 from motion_studio.language.parser import parse
 from motion_studio.language.plan import Plan
 
@@ -32,7 +33,7 @@ _MANNER = re.compile(
     r"for (?:a|one|two|three|four|five|six|ten|\d+) (?:moment|while|seconds?|minutes?))\b")
 _NO_THINGS = set("arm hand wrist elbow fist finger shoulder leg knee foot feet heel toe ankle thigh head chin neck "
                  "torso hip waist chest body back face spot place side way air time direction line person".split())
-_WALKS = {"walk", "stroll", "go", "move", "step", "stride"}
+_WALKS = {"go", "move", "step"}
 
 
 class Judgement(NamedTuple):
@@ -113,4 +114,5 @@ def _verbs_of(phrase):
 def _kinds(actions):
   """The verbs of actions without light ones; all kinds of walking count as one verb, and all kinds of running."""
   verbs = {action.verb for action in actions} - {"", *lexicon.LIGHT_VERBS}
-  return frozenset("walk" if verb in _WALKS else "run" if verb in lexicon.RUNNING_VERBS else verb for verb in verbs)
+  kinds = {verb: kind_of(verb, "walk", "run") for verb in verbs}
+  return frozenset("walk" if verb in _WALKS else kind.verb if kind else verb for verb, kind in kinds.items())

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from motion_studio.language import lexicon
+from motion_studio.language.meaning import is_a
 from motion_studio.language.path_shapes import BENT, is_gait, path_shapes_of
 from motion_studio.language.segments import Action
 
@@ -37,7 +38,7 @@ def requirements_of(actions: "Sequence[Action]", text: str) -> list[Requirement]
   climbs = [(kind, "") for kind in climbs] if len(climbs) == 1 else []  # up and down again: neither can be measured
   found = {key: Requirement(*key, 1, False) for key in (*states, *shapes, *climbs)}
   for action in actions:
-    if action.verb in lexicon.RUNNING_VERBS and not action.is_pose:
+    if is_a(action.verb, "run") and not action.is_pose:
       found["run", ""] = Requirement("run", "", 1, False)
     kind, side = _event_of(action, shapes)
     if kind is None or action.is_pose or action.part == "head":  # "turns the head"

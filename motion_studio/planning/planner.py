@@ -3,6 +3,7 @@ import functools
 from typing import Any
 
 from motion_studio.language import Action, Plan, Segment, parse
+from motion_studio.language.meaning import Meanings
 from motion_studio.language.repertoire import Repertoire
 from motion_studio.planning.phrasing import in_words_of_captions, wants_words_of_captions
 
@@ -31,7 +32,7 @@ class Planner:
 
     A training caption stays one action, with any subject. `phrasing` says whose actions get other words.
     """
-    found = parse(prompt, self.model.captions.knows)
+    found = parse(prompt, self.model.captions.knows, self.meanings)
     if not self.can_sequence:
       return found.with_segments((Segment(Action(prompt, prompt)),))
     return in_words_of_captions(found) if wants_words_of_captions(self.model.config) else found
@@ -51,6 +52,11 @@ class Planner:
   def nearest_captions(self, prompt: str, num: int = 1) -> list[tuple[str, int]]:
     """[(training caption, its usual frames)], the nearest in meaning first."""
     return self.model.captions.nearest(prompt, num)
+
+  @functools.cached_property
+  def meanings(self) -> Meanings:
+    """What verbs mean in those of the model's training captions."""
+    return Meanings(self.model.captions.texts if self.model.captions else (), self.model.encoder)
 
   @functools.cached_property
   def repertoire(self) -> Repertoire | None:

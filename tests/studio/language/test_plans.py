@@ -98,10 +98,9 @@ COMPOSED = {
     "a person takes a rest": "stands still",
     "a person walks, takes a short break and walks back": "walks | stands still [1] | walks back",
     "a person sits down and takes a long rest": "sits down | holds still [4]",
-    # a pace of counted steps, and of who hurries
+    # a pace of counted steps
     "a person takes three quick steps forward, then waves": "walks forward quickly [1.24] | waves",
     "a person takes two slow steps back and bows": "walks backward slowly [1.82] | bows",
-    "a person hurries ahead": "walks forward quickly",
     "a person walks, then stands still while waving": "walks | stands still + waves",
     "a person runs and keeps up": "runs | keeps up",
     "a person raises the left hand 3 times for 4 seconds": "raises the left hand 3 times [4]",
