@@ -4,8 +4,8 @@
   python tools/derive_lexicon.py FOLDER/usr/share/wordnet
 
 The table has a line per word: "v" and a verb with the verbs of movement that it may stand for, each with a confidence
-and the words of its manner ("v amble walk:0.90:slowly"); "n" and a noun with the verb of its action ("n curtsy curtsy");
-"m" and an adjective or adverb with the pace that it means ("m brisk quickly").
+and the words of its manner ("v amble walk:0.90:slowly"), "v~" where it is more often a noun; "n" and a noun with the
+verb of its action ("n curtsy curtsy"); "m" and an adjective or adverb with the pace that it means ("m brisk quickly").
 """
 import argparse
 import collections

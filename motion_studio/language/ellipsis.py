@@ -15,7 +15,7 @@ _PACE = re.compile(
     r"(?:(?:gradually|suddenly|then|slowly|quickly|abruptly) )?(?:(?P<slower>slows?|decelerates?|(?:(?:goes|gets) )?"
     r"slower)|speeds?|accelerates?|(?:(?:goes|gets) )?faster|picks up (?:the |some )?(?:pace|speed))"
     r"(?: up| down)?(?: (?:gradually|suddenly|a bit|a little|again))?(?: (?:in)?to an? (?P<gait>walk|run|jog|sprint))?")
-_SHAPE = re.compile(r"(?i)(?:in|along) an? (?:\w+ )?(?:circle|loop|arc|curve|semicircle|spiral)\b")
+_SHAPE = re.compile(r"(?i)sideways\b|(?:in|along) an? (?:\w+ )?(?:circle|loop|arc|curve|semicircle|spiral)\b")
 _CONTINUE = re.compile(r"(?:goes|moves|carries) on|keeps going|continues|resumes|proceeds")
 
 
@@ -158,6 +158,8 @@ VERBLESS = (
         "a person turns left, then right": "turns left | turns right",
         "a person walks in a circle to the left, then to the right":
             "walks in a circle to the left | walks in a circle to the right",
+        "a person steps sideways to the left, then to the right":
+            "walks sideways to the left | walks sideways to the right",
         "a person jumps forward twice and backward once": "jumps forward 2 times | jumps backward"}, _direction),
     Rule("Other path", "The same gait along another path.", {
         "a person walks in a circle to the left, then in a circle to the right":

@@ -60,7 +60,8 @@ OWN_MEANINGS = {"hurry": Target("walk", 1.0, ("quickly",)), "rush": Target("walk
     "walk", 1.0), "circle": Target("walk", 1.0), "zigzag": Target("walk", 1.0), "march": Target("walk", 1.0, (LOST,))}
 # Words of pace that WordNet counts among the lively, and words of its clusters of fast and slow that are manners.
 OWN_PACES = {"brisk": "quickly", "briskly": "quickly"} | dict.fromkeys(
-    "easy easygoing lazy lazily instant instantly instantaneous outright straightaway deliberately dilatory".split(), "")
+    "easy easygoing lazy lazily instant instantly instantaneous outright straightaway deliberately dilatory".split(),
+    "")
 LIGHT_VERBS = {"take", "do", "make", "throw", "give", "perform"}  # their object says the action: "takes a bow"
 DIAGONAL_VERBS = {"walk", "stride", "stroll", "step", "move", "go", "run", "jog"}
 STEP_VERBS = set("take step walk go move march run jog make do".split())  # their steps may be counted
@@ -102,7 +103,8 @@ BODY_PARTS = (("legs", {"leg", "knee", "foot", "feet", "heel", "toe", "ankle", "
 LIMBS = {"hand", "arm", "leg", "foot", "knee", "elbow", "hands", "arms"}
 BEFORE_A_LIMB = set("the with on left right both other one".split())
 IDIOMS = {"seat": "sit down"}  # nouns that name another verb: "takes a seat"
-NO_ACTION_NOUNS = PATH_NOUNS | {"step", "look", "move", "stop", "halt", "rest"}  # after a light verb they have rules of their own
+# Nouns that have rules of their own after a light verb.
+NO_ACTION_NOUNS = PATH_NOUNS | {"step", "look", "move", "stop", "halt", "rest"}
 LIMB_OF_ACTION = {"kick": "foot", "punch": "hand", "jab": "hand", "wave": "hand", "salute": "hand"}
 # Words that may follow the noun of an action; others change its meaning ("does a kick flip").
 AFTER_A_NOUN = set("to in into on onto at with from for over towards toward forward forwards backward backwards back "

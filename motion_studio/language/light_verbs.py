@@ -17,13 +17,14 @@ _DIAGONAL = re.compile(r"(?:straight )?(ahead|forwards?|back|backwards?) and to 
                        r"(?: around)?")
 _HANDS_UP = re.compile(
     r"(?:up )?(?:(?:the|his|her|their|its|my|your|both|a|an|one|of) )*(?P<side>(?:left|right) )?(?P<thing>hands?|arms?)"
-    r"(?: (?:straight |right |high )?up)?(?P<where> (?:high )?(?:in|into) the (?:air|sky)| overhead| (?:high )?(?:above|over) "
-    r"(?:his|her|their|the) head)?(?P<after>(?: (?:slowly|quickly|again|high|once|twice|\w+ times|with \w+))*)")
+    r"(?: (?:straight |right |high )?up)?(?P<where> (?:high )?(?:in|into) the (?:air|sky)| overhead| (?:high )?"
+    r"(?:above|over) (?:his|her|their|the) head)?"
+    r"(?P<after>(?: (?:slowly|quickly|again|high|once|twice|\w+ times|with \w+))*)")
 # "step to the left", "sidestep right", "take a step sideways", "take side steps to his right"
 _TO_A_SIDE = r"(?:to )?(?:(?:the|his|her|their|its) )?(?P<side>left|right|side)(?: side)?"
 _SIDE_STEPS = re.compile(
-    rf"(?:(?:sidestep|strafe|(?:step|shuffle|walk|move) sideways|(?:take|do|make) (?:(?:a|some|several|a few) )?side ?-?"
-    rf"steps?|(?:take|do|make) (?:(?:some|several|a few) )?steps? sideways)(?: {_TO_A_SIDE})?|"
+    rf"(?:(?:sidestep|strafe|(?:step|shuffle|walk|move) sideways|(?:take|do|make) (?:(?:a|some|several|a few) )?side"
+    rf" ?-?steps?|(?:take|do|make) (?:(?:some|several|a few) )?steps? sideways)(?: {_TO_A_SIDE})?|"
     rf"step {_TO_A_SIDE.replace('<side>', '<way>')})"
     r"(?: (?P<times>once|twice|thrice|\w+ times))?(?P<after>(?: (?:slowly|quickly|again))*)")
 _IN_A_POSTURE = re.compile(rf"(?:(?:from|in|out|off) )?(?:(?:a|the) )?({'|'.join(lexicon.POSTURES)})(?: down)?"

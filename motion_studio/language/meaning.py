@@ -19,6 +19,7 @@ from motion_jax.text.lexicon import ACTIONS, VERBS
 from motion_jax.text.morphology import is_participle, possible_bases, present_participle, third_person, verb_of
 from motion_jax.text.wordnet import Target
 from motion_studio.language import lexicon
+from motion_studio.language.actions import part_of
 
 SURE = SYNONYM  # confidence from which a verb is replaced
 _CLOSE = 0.2  # what the confidence of a kind may lack to that of the surest one
@@ -28,7 +29,8 @@ _NO_TARGETS = frozenset(VERBS[""]) | frozenset("do perform play practice take ge
 
 
 _NO_LEGS = VERBS["arms"] | VERBS["torso"] | VERBS["head"] | VERBS[""]  # swings, also of the body
-_WAYS = frozenset("forward forwards ahead back backward backwards sideways up down left right around away".split())
+_WAYS = frozenset("forward forwards ahead along back backward backwards sideways up down left right around away"
+                  .split())
 
 
 class Meaning(NamedTuple):
@@ -89,10 +91,12 @@ class Meanings:
     if verb in self.verbs or verb in _NO_TARGETS or not self._targets:
       return None
     table = [one for one in _stands_for(verb) if one.verb in self._targets]
-    if verb not in lexicon.OWN_MEANINGS and any(form in self._encoder.known_words for form in (third_person(verb), present_participle(verb), verb)):
+    forms = {verb, third_person(verb), present_participle(verb)}
+    if verb not in lexicon.OWN_MEANINGS and not forms.isdisjoint(self._encoder.known_words):
       near = verb_of(self._encoder.synonym(third_person(verb), [third_person(one) for one in self._targets]))
       table = [Target(near, SYNONYM, one.manner) for one in table if one.verb == near] or [Target(near, SYNONYM)]
-    best = max((one for one in table if one.verb and self._says(one.manner)), key=lambda one: one.confidence, default=None)
+    said = [one for one in table if one.verb and self._says(one.manner)]
+    best = max(said, key=lambda one: one.confidence, default=None)
     return None if best is None or best.confidence < SURE else Meaning(best.verb, best.manner, best.confidence)
 
   @functools.cached_property
@@ -107,10 +111,12 @@ class Meanings:
 def translated(clause: Any, meanings: Meanings | None) -> Any:
   """The clause in the words that a model knows: "retreats to the door" becomes "walks backward to the door"."""
   meaning = meanings.of(clause.verb) if meanings is not None else None
-  if meaning is None:
+  if meaning is None or part_of(meaning.verb, clause.words) != part_of(meaning.verb, ()):  # "rotates the wrists"
     return clause
   said = {word.lower() for word in (*clause.before, *clause.words)}
   way = [word for word in meaning.manner if word in _WAYS and said.isdisjoint(_WAYS)]
   manner = [word for word in meaning.manner if word not in _WAYS and not any(map(pace_of, said))]
   form = present_participle(meaning.verb) if is_participle(clause.form) else meaning.verb
-  return clause._replace(verb=meaning.verb, form=form, words=[*way, *clause.words, *manner], reworded=True)
+  first = next((at for at, word in enumerate(clause.words) if word.lower() not in _WAYS), len(clause.words))
+  words = [*way, *clause.words[:first], *manner, *clause.words[first:]]  # "walks backward slowly to the door"
+  return clause._replace(verb=meaning.verb, form=form, words=words, reworded=True)

@@ -66,10 +66,12 @@ def _shapes_of(verb, words):
     found = [PathShape(shape, "")]
   if not gait:
     return [shape for shape in found if shape.kind == "u-turn"]
-  paces = [*dict.fromkeys(pace for word in own.split() if (pace := pace_of(word)))] or ["quickly"] * ("quickly" in manner)
+  paces = [*dict.fromkeys(pace for word in own.split() if (pace := pace_of(word)))]
+  if not paces:
+    paces = ["quickly"] if "quickly" in manner else ["usual"] if gait == "walk" and set(manner) <= {"slowly"} else []
   if _OTHERWISE.search(own) or _CHANGES.search(words) or len(paces) > 1:
     return found
-  return found + [PathShape(pace, gait) for pace in paces or (["usual"] if gait == "walk" and set(manner) <= {"slowly"} else [])]
+  return found + [PathShape(pace, gait) for pace in paces]
 
 
 def _side_of(own, words):

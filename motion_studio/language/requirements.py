@@ -3,6 +3,7 @@ import re
 from collections.abc import Sequence
 from typing import NamedTuple
 
+from motion_jax.text.morphology import base_form
 from motion_studio.language import lexicon
 from motion_studio.language.meaning import is_a
 from motion_studio.language.path_shapes import BENT, is_gait, path_shapes_of
@@ -64,7 +65,8 @@ def _states(actions):
 
 def _event_of(action, shapes):
   """(kind, side) of the event of an action; (None, "") where it has none."""
-  words, kind, side = set(action.words.lower().replace(",", " ").split()), lexicon.EVENTS.get(action.verb), ""
+  said, kind, side = action.words.lower().replace(",", " ").split(), lexicon.EVENTS.get(action.verb), ""
+  words = set(said)
   if action.verb == "walk" and words & {"backward", "backwards"}:
     kind, side = "step" if action.counts_steps else "walk", "backward"
   if action.verb in lexicon.STRIKES and words & lexicon.FISTS:
@@ -72,6 +74,8 @@ def _event_of(action, shapes):
   turning = _TURNING.search(action.words.lower()) if kind is None and is_gait(action.verb) else None
   if turning and not any(shape.kind in BENT for shape in shapes):  # "walks, turning to the left"
     kind, side = "turn", turning[1] or turning[2]
+  if kind == "turn":  # the right foot is no way to turn
+    words = {word for word, thing in zip(said, [*said[1:], ""]) if not base_form(thing, lexicon.LIMBS)}
   named = {"left", "right"} & words
   if kind in lexicon.SIDED_EVENTS and not side and len(named) == 1:
     side = named.pop()

@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 TABLE = pathlib.Path(__file__).with_name("lexicon.tsv")
 
+_SURE = 0.7  # confidence from which a word in the form of a verb is read as one
 LOST = "!"  # a word of manner that stands for a look which no word of the target expresses
 
 
@@ -38,9 +39,9 @@ def targets(verb: str) -> tuple[Target, ...]:
 
 
 @functools.cache
-def verbs(also_nouns: bool = False) -> frozenset[str]:
-  """The verbs of the table. also_nouns: those, too, that are more often nouns ("hand", "shoulder")."""
-  return frozenset(_rows()["v"]) | (frozenset(_rows()["v~"]) if also_nouns else frozenset())
+def verbs() -> frozenset[str]:
+  """The verbs of the table that surely stand for another and are not more often nouns, as "hand" and "shoulder" are."""
+  return frozenset(verb for verb in _rows()["v"] if targets(verb)[0].confidence >= _SURE)
 
 
 def verb_of_noun(noun: str) -> str:

@@ -22,7 +22,8 @@ def meanings():
     "walks forward to the door", "a person scampers away": "runs away quickly", "a person swivels to the left":
     "turns to the left", "a person hoists both hands": "raises both hands",
     # the encoder, and the manner by WordNet
-    "a person saunters ahead": "walks ahead slowly", "somebody bolts": "runs", "a person pivots right": "turns right",
+    "a person scampers on happily": "runs quickly on happily", "a person saunters ahead": "walks ahead slowly",
+    "somebody bolts": "runs", "a person pivots right": "turns right",
     # a pace or a way that is given stays
     "a person ambles quickly": "walks quickly", "he retreats sideways": "walks sideways",
     # in sequence, in the participle, and once more
@@ -35,7 +36,8 @@ def test_a_verb_means_a_known_one_with_its_manner(meanings, sentence, parsed):
 
 @pytest.mark.parametrize("sentence", [
     # a look that "walks" does not describe; a verb whose nearest ones no caption has; a known one; no verb
-    "a person tiptoes forward", "a person trudges on", "a person limps", "a person totters", "a person kneels", "a person claps",
+    "a person tiptoes forward", "a person trudges on", "a person limps", "a person totters", "a person kneels",
+    "a person claps", "a person rotates the wrists",
     "a person walks", "the cat on the mat"])
 def test_below_confidence_the_words_stay_as_they_are(meanings, sentence):
   plan = parse(sentence, lambda text: False, meanings)
