@@ -12,3 +12,16 @@ const watcher = new IntersectionObserver((entries) => {
   }
 }, {rootMargin: '200px'});
 document.querySelectorAll('iframe.motion').forEach((frame) => watcher.observe(frame));
+
+// The model in this tab: it loads when its form is sent, in place of the motion above the form.
+const form = document.querySelector('form.try');
+if (form) {
+  form.onsubmit = (event) => {
+    event.preventDefault();
+    const page = document.createElement('iframe');
+    page.className = 'running';
+    page.title = 'The model in this tab';
+    page.src = `${form.getAttribute('action')}?prompt=${encodeURIComponent(form.prompt.value)}`;
+    form.closest('.demo').replaceChildren(page);
+  };
+}

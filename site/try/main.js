@@ -239,6 +239,7 @@ $('bvh').onclick = () => download('bvh');
 $('glb').onclick = () => download('glb');
 $('engine').querySelector('[value=webgpu]').disabled = !navigator.gpu;
 $('threads').disabled = !globalThis.crossOriginIsolated;
+$('prompt').value = new URLSearchParams(location.search).get('prompt') || $('prompt').value; // a link to a sentence
 window.motionTry = {state, say, made, joints: () => joints.slice(0, state.frames * 66),
   inspect: (sentences) => worker.postMessage({type: 'inspect', sentences})};
 navigator.serviceWorker?.register('sw.js').catch(() => {});

@@ -3,7 +3,7 @@ import pytest
 
 from tests.conftest import ROOT
 from tools import reference
-from tools.site import api, nav
+from tools.site import api, nav, notebooks, viewers
 
 
 @pytest.fixture(scope="module")
@@ -68,3 +68,26 @@ def test_a_config_page_states_fields_values_and_meanings():
   assert "`8`" in row and "tiny: `1`" in row
   row = next(line for line in page.splitlines() if line.startswith("| `train.keep_last` |"))
   assert "how many training states stay" in row
+
+
+def test_the_landing_page_names_what_the_model_in_the_tab_weighs(tmp_path):
+  """Of the files that a visitor loads without WebGPU; a site without the tab's page has no field for it."""
+  for name in ("index.html", "ort/a.wasm.gz", "ort/a.asyncify.wasm.gz", "ort/ort.webgpu.min.mjs"):
+    (tmp_path / "tab" / name).parent.mkdir(parents=True, exist_ok=True)
+    (tmp_path / "tab" / name).write_bytes(bytes(1_000_000))
+  shown = viewers.tab(tmp_path / "tab")
+  assert "loads 2 MB" in shown and 'action="try/index.html"' in shown and 'name="prompt"' in shown
+  assert viewers.tab(tmp_path / "none") == ""
+  script = (ROOT / "site" / "assets" / "site.js").read_text(encoding="utf-8")
+  assert "form.try" in script and "<!-- tab -->" in (ROOT / "site" / "index.md").read_text(encoding="utf-8")
+
+
+def test_a_draft_takes_what_an_earlier_build_kept(tmp_path, monkeypatch):
+  monkeypatch.setattr(viewers, "KEPT", tmp_path)
+  assert viewers.newest("walk") == ""
+  (tmp_path / "walk-1a").write_text("kept", encoding="utf-8")
+  assert viewers.newest("walk") == "kept" and viewers.newest("wal") == ""
+  assert viewers.kept("wave", "code", lambda: "made") == viewers.newest("wave") == "made"
+  path = notebooks.paths()[0]
+  text, marks = notebooks.page(path, "[]")
+  assert not marks and text.count("```python") == len(notebooks.blocks(path, "site"))

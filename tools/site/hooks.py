@@ -1,5 +1,6 @@
 """Hooks of `mkdocs build`: the navigation, pages made from the code, links that leave docs/, and motions that move."""
 import functools
+import os
 import pathlib
 import shutil
 import sys
@@ -12,7 +13,9 @@ from tools.site import api, nav, notebooks, viewers  # noqa: E402
 
 ROOT, SITE = nav.ROOT, nav.ROOT / "site"
 TAB = ROOT / "build" / "tab"  # the model in the visitor's own tab, built by `python site/try/build.py build/tab`
-BUTTON = '<a class="md-button md-button--primary" href="try/index.html">Try it in this tab</a>'
+
+
+DRAFT = os.environ.get("SITE_DRAFT", "") or "serve" in sys.argv  # outputs of any earlier build, or none
 
 
 def on_config(config):
@@ -37,7 +40,7 @@ def on_files(files, config):
 
   for path in sorted(SITE.glob("*.md")):
     text = path.read_text(encoding="utf-8").replace("<!-- gallery -->", viewers.gallery())
-    add(path.name, text.replace("<!-- tab -->", BUTTON if TAB.is_dir() else ""), f"site/{path.name}")
+    add(path.name, text.replace("<!-- tab -->", viewers.tab(TAB)), f"site/{path.name}")
   for path in sorted((SITE / "assets").iterdir()):
     add(f"assets/{path.name}", path.read_bytes())
   add("assets/colors.css", "".join(f'[data-md-color-scheme="{scheme}"], [data-md-color-scheme="{scheme}"] .mj-drawing '
@@ -47,7 +50,9 @@ def on_files(files, config):
     add(name, text)
   for path in notebooks.paths():
     code = "\n".join(notebooks.blocks(path, "site"))
-    text, outputs = notebooks.page(path, viewers.kept(path.stem, code, functools.partial(notebooks.outputs, path)))
+    results = (viewers.newest(path.stem) or "[]") if DRAFT else viewers.kept(
+        path.stem, code, functools.partial(notebooks.outputs, path))
+    text, outputs = notebooks.page(path, results)
     name = path.relative_to(ROOT).as_posix()
     add(nav.uri_of(name), text, name)
     shown[nav.uri_of(name)] = outputs
@@ -64,7 +69,7 @@ def on_files(files, config):
 @functools.cache
 def made():
   """{path on the site: contents} of what the library makes; once a process, so that `mkdocs serve` rebuilds quickly."""
-  return {f"reference/{name}": text for name, text in api.pages().items()} | viewers.files()
+  return {f"reference/{name}": text for name, text in api.pages().items()} | viewers.files(DRAFT)
 
 
 def on_page_markdown(markdown, page, config, files):

@@ -46,12 +46,15 @@ def outputs(path):
 
 
 def page(path, made):
-  """(Markdown, {mark: HTML}) of a notebook with the outputs of its cells; Markdown leaves the marks alone."""
+  """(Markdown, {mark: HTML}) of a notebook with the outputs of its cells, where `made` has them.
+
+  Markdown leaves the marks alone.
+  """
   marks, cells = {}, iter(json.loads(made))
 
   def with_outputs(found):
     lines = ["```python\n" + at_size(found[1], "site") + "```", ""]
-    for shown in _shown(next(cells)):
+    for shown in _shown(next(cells, [])):
       mark = f"<!-- output {len(marks)} -->"
       marks[mark] = shown
       lines += [mark, ""]

@@ -88,6 +88,20 @@ def frame(name, folder, title):
           "</iframe>")
 
 
+def tab(folder):
+  """The field that starts the model in the visitor's tab (assets/site.js), where its page has been built; else ""."""
+  if not folder.is_dir():
+    return ""
+  size = sum(path.stat().st_size for path in folder.rglob("*") if path.is_file() and not path.match("*asyncify*")
+             and not path.match("*webgpu*"))
+  return f"""<form class="try" action="try/index.html">
+<input name="prompt" value="a person walks forward" aria-label="What the person does" autocomplete="off"
+ maxlength="2000">
+<button class="md-button md-button--primary">Make it move</button>
+</form>
+<p>The model runs in this tab: the button loads {size / 1e6:.0f} MB, and what you type stays on your computer.</p>"""
+
+
 def gallery():
   """The motions of gallery.md, each with the command that makes it, as Markdown."""
   lines = ['<div class="gallery" markdown>', ""]
@@ -97,10 +111,10 @@ def gallery():
   return "\n".join([*lines, "</div>"])
 
 
-def files():
-  """{path on the site: contents}: the motions of the gallery and the script that they share."""
-  motions = {f"motions/{shown.name}.html": kept(shown.name, shown.code, functools.partial(_drawn, shown))
-             for shown in GALLERY}
+def files(draft=False):
+  """{path on the site: contents}: the motions of the gallery and the script that they share. draft: of `newest`."""
+  motions = {f"motions/{shown.name}.html": draft and newest(shown.name) or kept(
+      shown.name, shown.code, functools.partial(_drawn, shown)) for shown in GALLERY}
   return motions | {"assets/viewer.js": VIEWER.read_text(encoding="utf-8")}
 
 
@@ -109,13 +123,22 @@ def _drawn(shown):
   return page(clips, shown.title, **options)
 
 
+KEPT = ROOT / "build" / "kept"
+
+
+def newest(name):
+  """What an earlier build kept under a name, of whatever code; "" for nothing."""
+  found = sorted(KEPT.glob(f"{name}-*"), key=lambda path: path.stat().st_mtime)
+  return found[-1].read_text(encoding="utf-8") if found else ""
+
+
 def kept(name, source, make):
   """make(), or what it gave in an earlier build of the same library and the same source; delete build/kept to make all
   of it again."""
   key = hashlib.sha256(source.encode())
   for path in sorted(path for folder in SOURCES for path in (ROOT / folder).rglob("*.py")):
     key.update(path.read_bytes())
-  path = ROOT / "build" / "kept" / f"{name}-{key.hexdigest()[:12]}"
+  path = KEPT / f"{name}-{key.hexdigest()[:12]}"
   if not path.is_file():
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(make(), encoding="utf-8")
