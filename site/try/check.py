@@ -8,6 +8,7 @@ import argparse
 import contextlib
 import functools
 import http.server
+import os
 import pathlib
 import shutil
 import threading
@@ -69,6 +70,29 @@ def browser(width=1200, height=800, dark=False):
     driver.quit()
 
 
+def processor_seconds(driver):
+  """User and system time of the processes that run pages of this browser, all their threads (Linux)."""
+  folder, total = driver.capabilities["chrome"]["userDataDir"], 0
+  for process in pathlib.Path("/proc").glob("[0-9]*"):
+    with contextlib.suppress(OSError):
+      command = (process / "cmdline").read_text()
+      if "--type=renderer" in command and folder in command:
+        total += sum(map(int, (process / "stat").read_text().rpartition(")")[2].split()[11:13]))
+  return total / os.sysconf("SC_CLK_TCK")
+
+
+def start(driver, url):
+  """Opens the page; what its first frame took after its files were there, in processor and in wall seconds."""
+  driver.get(url)
+  wait(driver, "document.getElementById('doing').textContent.startsWith('starting') || state.begun")
+  before = processor_seconds(driver)
+  wait(driver, "state.frames")
+  spent = processor_seconds(driver) - before
+  found = driver.execute_script("const {ready, first} = window.motionTry.state; return [ready.fetched, ready.started, first]")
+  print(f"first frame {(found[1] + found[2]) / 1000:.2f} s after the files are there, {spent:.2f} processor seconds; "
+        f"files after {found[0] / 1000:.2f} s, model started in {found[1] / 1000:.2f} s", flush=True)
+
+
 def wait(driver, expression, seconds=120):
   end = time.monotonic() + seconds
   while time.monotonic() < end:
@@ -102,7 +126,7 @@ def say(driver, prompt):
 def check_motion(folder, captions):
   """One thread: times, a prompt switch, odd input, a pause, and what Python makes of the same."""
   with served(folder) as (url, _), browser() as driver:
-    driver.get(url)
+    start(driver, url)
     wait(driver, "state.frames >= 120")
     show("one thread, ms", timings(driver))
     ours = np.array(driver.execute_script("return [...window.motionTry.joints().slice(0, 120 * 66)]"), np.float32)
@@ -139,9 +163,8 @@ def check_motion(folder, captions):
       path = pathlib.Path(folder).parent / f"tab.{kind}"
       path.write_bytes(bytes(made))
       print(f"{path}: {len(made):,} bytes", f"{mj.export.load(path).num_frames} frames" if kind == "bvh" else "")
-    driver.refresh()
-    wait(driver, "state.frames >= 24")
-    show("second visit, ms", timings(driver))
+    print("second visit:", end=" ")
+    start(driver, url)
     # In the background: no frames are shown, so no more than what is ahead is made; after it, it goes on.
     driver.switch_to.new_window("tab")
     driver.get("about:blank")
@@ -155,7 +178,8 @@ def check_motion(folder, captions):
 
 def check_threads(folder, count):
   with served(folder, isolated=True) as (url, _), browser() as driver:
-    driver.get(f"{url}?threads={count}")
+    print(f"{count} threads:", end=" ")
+    start(driver, f"{url}?threads={count}")
     wait(driver, "state.frames >= 120")
     show(f"{count} threads, ms", timings(driver))
 

@@ -21,6 +21,8 @@ function stage(text, share = null) {
 }
 
 function failed(text, again = true) {
+  worker?.terminate();
+  state.begun = false;
   stage('');
   note(`${text[0].toUpperCase()}${text.slice(1)}.`, true);
   $('again').hidden = !again;
@@ -129,7 +131,10 @@ class View {
   constructor(element, body) {
     const {Stage, Figure, Turns, three} = window.motionParts, dark = matchMedia('(prefers-color-scheme: dark)');
     this.stage = new Stage(element, {dark: dark.matches, preserve: false});
-    dark.onchange = () => this.stage.theme(dark.matches);
+    dark.onchange = () => {
+      this.stage.theme(dark.matches);
+      this.stale = true;
+    };
     this.figure = new Figure(body, body.colors);
     this.turns = new Turns(body.names, body.parents, body.rest);
     this.places = body.rest.map((at) => new three.Vector3(...at));
@@ -139,7 +144,12 @@ class View {
     this.stage.camera.position.set(3, 1.9, 4.6);
     this.stage.fog(12, 30);
     this.stage.light(3.5);
-    new ResizeObserver(() => this.stage.resize()).observe(element);
+    this.stale = true; // drawn again only where the picture changes, so that a model that starts has the processor
+    this.stage.controls.addEventListener('change', () => { this.stale = true; });
+    new ResizeObserver(() => {
+      this.stage.resize();
+      this.stale = true;
+    }).observe(element);
     this.stage.resize();
     this.draw(0);
   }
@@ -155,7 +165,10 @@ class View {
   }
 
   draw(passed) {
-    if (state.frames) this.pose(Math.min(state.time * constants.fps, state.frames - 1));
+    const at = Math.min(state.time * constants.fps, state.frames - 1);
+    if (at === this.at && !this.stale) return;
+    Object.assign(this, {at, stale: false});
+    if (state.frames) this.pose(at);
     this.figure.put(this.places, this.rotations);
     const {target} = this.stage.controls, easing = Math.min(1, passed * 5);
     this.stage.carry((this.places[0].x - target.x) * easing, (this.places[0].z - target.z) * easing);

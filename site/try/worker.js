@@ -16,21 +16,26 @@ async function begin({engine, threads, files}) {
   const about = files.about, total = Object.values(about.graphs).reduce((sum, one) => sum + files.sizes[`${one.file}.gz`], files.sizes[chosen.binary]);
   let done = 0;
   const progress = (count) => tell('progress', {done: (done += count), total});
-  const names = Object.keys(about.graphs);
-  const [binary, ...graphs] = await Promise.all([load(at(`ort/${chosen.binary}`), progress),
-    ...names.map((name) => load(at(`model/${about.graphs[name].file}.gz`), progress))]);
-  const fetched = performance.now();
-  tell('stage', {text: 'starting the model'});
+  const small = Object.keys(about.graphs).sort((a, b) => about.graphs[a].bytes - about.graphs[b].bytes);
+  const [binary, ...graphs] = [`ort/${chosen.binary}`, ...small.map((name) => `model/${about.graphs[name].file}.gz`)]
+    .map((name) => load(at(name), progress));
+  let fetched = 0;
+  Promise.all([binary, ...graphs]).then(() => {
+    fetched = performance.now();
+    tell('stage', {text: 'starting the model'});
+  }, () => {}); // the loop below says which file is missing
   ort = await import(chosen.module);
-  ort.env.wasm.wasmBinary = binary.buffer;
+  ort.env.wasm.wasmBinary = (await binary).buffer;
   ort.env.wasm.wasmPaths = {mjs: new URL(`./ort/${chosen.glue}`, self.location).href};
   ort.env.wasm.numThreads = threads;
   ort.env.logLevel = 'error';
   const sessions = {};
-  for (const [i, name] of names.entries()) {
+  for (const [i, name] of small.entries()) { // the small ones start while the large ones arrive
     // Only the large graph gains from a graphics card; the others would wait for its answers.
-    const providers = engine === 'webgpu' && name === 'step' ? ['webgpu', 'wasm'] : ['wasm'];
-    sessions[name] = await ort.InferenceSession.create(graphs[i], {executionProviders: providers, graphOptimizationLevel: 'all'});
+    const graphics = engine === 'webgpu' && name === 'step';
+    // The graphs are simple already: looking for more takes longer than it saves.
+    sessions[name] = await ort.InferenceSession.create(await graphs[i], {
+      executionProviders: graphics ? ['webgpu', 'wasm'] : ['wasm'], graphOptimizationLevel: graphics ? 'basic' : 'disabled'});
   }
   words = new Words(about.tokenizer, about.known_words, about.constants.words);
   stream = new Stream(about, async (name, tensors) => {
