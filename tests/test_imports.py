@@ -39,7 +39,7 @@ CORE = {"absl", "chex", "flatbuffers", "flax", "jax", "jaxtyping", "jinja2", "ml
         "orbax", "PIL", "safetensors", "scipy", "tokenizers", "tqdm"}
 # Packages of extras, imported inside the functions that need them.
 LAZY = {"torch", "transformers", "imageio_ffmpeg", "huggingface_hub", "tensorflow_datasets", "grain", "tensorboardX",
-        "uvicorn", "mujoco", "mink", "ezc3d", "jax2onnx", "onnx", "bpy", "mathutils", "ufbx"}
+        "uvicorn", "mujoco", "mink", "ezc3d", "jax2onnx", "onnx", "onnxruntime", "bpy", "mathutils", "ufbx"}
 # Rooms that nobody enters without an extra, whose packages they import at the top.
 OF_EXTRAS = {"server": {"anyio", "starlette"}, "client": {"websockets"}}
 FILES = sorted(path for package in LAYERS for path in (ROOT / package).rglob("*.py"))

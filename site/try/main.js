@@ -60,15 +60,15 @@ async function begin() {
   if (lack) return failed(lack, false);
   try {
     files = await fetched('model/files.json', 'json');
+    worker = new Worker('worker.js', {type: 'module'});
+    worker.onerror = (event) => failed(`the model did not start (${event.message || 'its script did not arrive'})`);
+    worker.onmessage = ({data}) => on[data.type]?.(data);
+    worker.postMessage({type: 'begin', engine: $('engine').value, threads: threads(), files});
     body ??= await fetched(`model/body.json?v=${files.version}`, 'json');
-    view ??= new View($('stage'), body);
+    view ??= new View($('stage'), body); // takes long without a graphics card; the model starts meanwhile
   } catch (error) {
-    return failed(`${error.message}; check the connection`);
+    failed(`${error.message}; check the connection`);
   }
-  worker = new Worker('worker.js', {type: 'module'});
-  worker.onerror = (event) => failed(`the model did not start (${event.message || 'its script did not arrive'})`);
-  worker.onmessage = ({data}) => on[data.type]?.(data);
-  worker.postMessage({type: 'begin', engine: $('engine').value, threads: threads(), files});
 }
 
 const on = {
@@ -179,7 +179,7 @@ class View {
 function tick(now) {
   const passed = Math.min((now - (state.last || now)) / 1000, 0.1); // a tab in the background goes on where it was
   state.last = now;
-  if (state.playing && state.frames) {
+  if (state.playing && state.frames && view) {
     const end = (state.frames - 1) / constants.fps, next = state.time + passed;
     if (next > end) state.starved += Math.min(passed, next - end);
     state.time = Math.max(state.time, Math.min(next, end));
