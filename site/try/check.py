@@ -88,7 +88,8 @@ def start(driver, url):
   before = processor_seconds(driver)
   wait(driver, "state.frames")
   spent = processor_seconds(driver) - before
-  found = driver.execute_script("const {ready, first} = window.motionTry.state; return [ready.fetched, ready.started, first]")
+  found = driver.execute_script("const {ready, first} = window.motionTry.state; "
+                                "return [ready.fetched, ready.started, first]")
   print(f"first frame {(found[1] + found[2]) / 1000:.2f} s after the files are there, {spent:.2f} processor seconds; "
         f"files after {found[0] / 1000:.2f} s, model started in {found[1] / 1000:.2f} s", flush=True)
 
