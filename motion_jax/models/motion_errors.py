@@ -8,6 +8,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Bool, Float, Num
 from ml_collections import ConfigDict
 
@@ -22,6 +23,7 @@ NAMES = ("acceleration", "extremity_velocity", "foot_contact", "brief_contact", 
 STATS = "stats"  # the name of mean and std of the features among the frozen parts of a stage
 _STILL = (0.02, 0.2, 4.0)  # m/s, m/s^2, m/s^3: sizes below these are all alike to the logarithms of `_dynamics`
 _SPANS = (0.4, 1.6)        # seconds over which it takes their means
+_TOGETHER = 10.0           # weight of what real motion hardly varies: ratios of neighbouring joints, and of orders
 _TOUCHES = 1.0   # metres a second below which a foot near the ground bears a body that runs, at 20 frames a second
 
 
@@ -40,8 +42,9 @@ def motion_errors(made: Num[Array, "b t j 3"], real: Num[Array, "b t j 3"],
   limb_direction: the error of the direction of every bone, as a unit vector: a decoder that lengthens a foot for the
   sake of bone_length must not do it downwards. dynamics: the error of the logarithm of how large the speed, the
   acceleration and the jerk of every joint are, over the ground and seen from the pelvis, on average over 0.4 and over
-  1.6 s: squared errors of joints make motion smoother than real, and the steps of upsampling shakier, neither of which
-  they see, for it is a matter of millimetres.
+  1.6 s, and ten times that of their ratios between a joint and its parent, and of jerk to acceleration to speed, which
+  vary little in real motion: squared errors of joints make motion smoother than real, and the steps of upsampling
+  shakier, neither of which they see, for it is a matter of millimetres.
   frame_mask (B, T): the frames that are no padding; a difference counts whose frames all are.
   """
   fps = fps or skeleton.fps
@@ -67,7 +70,7 @@ def motion_errors(made: Num[Array, "b t j 3"], real: Num[Array, "b t j 3"],
           "foot_contact": _mean_square(sliding, both), "brief_contact": _mean_square(slipping, both),
           "bone_length": _mean_square(_bones(made, skeleton) - _bones(real, skeleton), frame_mask),
           "limb_direction": _mean_square(_directions(made, skeleton) - _directions(real, skeleton), frame_mask),
-          "dynamics": _dynamics(made, real, frame_mask, fps, skeleton.unit)}
+          "dynamics": _dynamics(made, real, frame_mask, fps, skeleton)}
 
 
 def _directions(joints, skeleton):
@@ -76,21 +79,31 @@ def _directions(joints, skeleton):
   return bones / _length(bones, 1e-3 / skeleton.unit)
 
 
-def _dynamics(made, real, frame_mask, fps, unit):
-  """Mean square (B,) of the differences in the logarithms of mean speeds, accelerations and jerks."""
-  total, count = 0.0, 0.0
-  seen = lambda joints: jnp.concatenate([joints, joints[:, :, 1:] - joints[:, :, :1]], axis=2) * unit
-  made, real, counts = seen(made), seen(real), frame_mask
+def _dynamics(made, real, frame_mask, fps, skeleton):
+  """Mean square (B,) of the differences in the logarithms of mean speeds, accelerations and jerks, and `_TOGETHER`
+  times that of how they differ between a joint and its parent, and between one order and the next."""
+  seen = lambda joints: jnp.concatenate([joints, joints[:, :, 1:] - joints[:, :, :1]], axis=2) * skeleton.unit
+  made, real, orders = seen(made), seen(real), len(_STILL)
+  count = max(made.shape[1] - orders, 0)  # frames of all orders alike
+  counts = jnp.stack([frame_mask[:, k:k + count] for k in range(orders + 1)]).all(0)
+  parents = np.array(skeleton.parents[1:])
+  joint = np.arange(1, len(parents) + 1)
+  below = np.concatenate([joint, len(parents) + joint[parents > 0]])  # over the ground, then seen from the pelvis
+  above = np.concatenate([parents, len(parents) + parents[parents > 0]])
+  sizes = []
   for still in _STILL:
     made, real = (jnp.diff(joints, axis=1) * fps for joints in (made, real))
-    counts = counts[:, 1:] & counts[:, :-1]
-    for span in _SPANS:
-      width = max(min(round(span * fps), counts.shape[1]), 1)
-      sizes = [jnp.log(_means(_length(joints, 0.1 * still)[..., 0], width) + still) for joints in (made, real)]
-      whole = _means(counts[..., None].astype(real.dtype), width)[..., 0] > 1 - 0.5 / width  # no frame of padding
-      total += jnp.where(whole, ((sizes[0] - sizes[1]) ** 2).mean(-1), 0.0).sum(1) / jnp.maximum(whole.sum(1), 1)
-      count += 1
-  return total / count
+    sizes.append([_length(joints[:, :count], 0.1 * still)[..., 0] for joints in (made, real)])
+  total = 0.0
+  for span in _SPANS:
+    width = max(min(round(span * fps), count), 1)
+    whole = _means(counts[..., None].astype(real.dtype), width)[..., 0] > 1 - 0.5 / width  # no frame of padding
+    off = jnp.stack([jnp.log((_means(a, width) + still) / (_means(b, width) + still))
+                     for (a, b), still in zip(sizes, _STILL)], -1)
+    square = sum(weight * (one ** 2).mean((2, 3)) for one, weight in (
+        (off, 1.0), (off[:, :, below] - off[:, :, above], _TOGETHER), (jnp.diff(off, axis=-1), _TOGETHER)))
+    total += jnp.where(whole, square, 0.0).sum(1) / jnp.maximum(whole.sum(1), 1)
+  return total / len(_SPANS)
 
 
 def _means(values, width):
