@@ -85,6 +85,10 @@ def _going(event, others, variant):
   side = turns[0].side if turns and len({turn.side for turn in turns}) == 1 else ""
   way = {"forward": _pick(variant, "forward", "ahead", "forward"), "backward": "backward",
          "left": "sideways to the left", "right": "sideways to the right"}.get(event.way, "")
+  if event.kind == "walk" and event.way in ("left", "right"):
+    verb, way = _pick(variant, (verb, way), ("steps", way), ("shuffles", way),
+                      ("takes side steps", f"to the {event.way}"), ("sidesteps", f"to the {event.way}"),
+                      ("steps", f"to the {event.way} side"), (f"takes steps to the {event.way}", "sideways"))
   if event.way.startswith(("forward-", "backward-")):
     way = _spaced("diagonally", *event.way.split("-", 1)[:1], "to the", event.way.rpartition("-")[2])
   shape = ""
@@ -135,6 +139,9 @@ def _blow(event, variant, limb, several, does, one, both):
   if variant % 3 == 2 and event.count:
     number = _NUMBER.get(event.count)
     return f"{does} {f'{number} {several}' if number else one} with the {event.side} {limb}"
+  if event.count == 1 and one == "a punch" and (other := variant // 3 % 4):
+    return (f"{does} a {event.side} punch", f"strikes with the {event.side} {limb}",
+            f"jabs with the {event.side} {limb}")[other - 1]
   return _spaced(several, TIMES.get(event.count, ""), f"with the {event.side} {limb}")
 
 
@@ -144,8 +151,10 @@ def _limb(event, variant):
 
 
 def _raise(event, others, variant):
-  return _spaced(_pick(variant, f"raises {_limb(event, variant)}", f"lifts {_limb(event, variant)} up",
-                       f"puts {_limb(event, variant)} up in the air"), TIMES.get(event.count, ""))
+  limb = _limb(event, variant)
+  verb = _pick(variant, f"raises {limb}", f"lifts {limb} up", f"puts {limb} up in the air",
+               f"raises {limb} over the head", f"puts {limb} up", f"holds {limb} up high", f"stretches {limb} up")
+  return _spaced(verb, TIMES.get(event.count, ""))
 
 
 def _wave(event, others, variant):
@@ -158,6 +167,9 @@ def _jump(event, others, variant):
   way = event.way if event.way in ("forward", "backward") else ""
   times = TIMES.get(event.count, "")
   height = f"about {10 * round(event.amount * 10)} centimeters high" if event.amount > 0.15 and not way else ""
+  if event.path == "long" and event.count == 1:
+    return _pick(variant, "makes a long jump", f"leaps far {event.way}", "does a broad jump", f"jumps far {event.way}",
+                 f"does a long jump {event.way}", f"takes a big leap {event.way}", "does a standing long jump")
   if event.count == 1 and height:
     return _pick(variant, f"jumps {height}", "jumps up", "jumps into the air" if event.amount > 0.25 else "jumps up")
   return _spaced(_pick(variant, "jumps", "hops", "jumps"), way, _pick(variant, "", "with both feet", ""), times)

@@ -15,6 +15,7 @@ from motion_jax.shapes import Array
 
 _G = 9.81
 PUNCH = 2.2  # metres a second of a fist
+LONG = 0.4  # metres that the pelvis moves while both feet of a single long jump are in the air
 
 
 class Event(NamedTuple):
@@ -24,7 +25,8 @@ class Event(NamedTuple):
   degrees to the left of turn, metres of jump and raise, degrees of knee or trunk of squat and bow, times a second of
   wave; else 0.
   way: where a walk leads (forward, backward, left, right, forward-left, ...), where a jump does, or "".
-  path: of a walk, straight, curve, circle, u-turn, zigzag or "".
+  path: of a walk, straight, curve, circle, u-turn, zigzag or ""; of a single jump forward, long if it is one
+  (`LONG`).
   """
   kind: str
   start: float
@@ -183,8 +185,9 @@ def _jumps(body):
       moved = np.mean([flight[5] for flight in group]) > 0.3
       heights = [flight[4] for flight in group]
       height = float(np.median(heights)) if min(heights) else 0.0
-      yield _event(body, kind, first, past, side=side, count=count, amount=height,
-                       way=_way(body, first, past) if moved else "")
+      way = _way(body, first, past) if moved else ""
+      long = kind == "jump" and way == "forward" and len(group) == 1 and group[0][5] > LONG
+      yield _event(body, kind, first, past, side=side, count=count, amount=height, way=way, path="long" if long else "")
 
 
 def _squats(body):

@@ -83,8 +83,17 @@ def batches_of(config: ConfigDict, data: sources.FeatureSet, encoder: TextEncode
 
 
 def check_captions(data: sources.FeatureSet, encoder: TextEncoder) -> None:
-  """Raises ValueError where the encoder cannot read a caption of the data."""
-  encoder.check(caption for captions in data.captions for caption in captions)
+  """Takes captions that are too long for the encoder out of the data, with a note. Raises ValueError for a clip that
+  has no other."""
+  long = encoder.too_long(caption for captions in data.captions for caption in captions)
+  for captions in data.captions if long else ():
+    short = [caption for caption in captions if caption not in long]
+    if captions and not short:
+      encoder.check(captions)
+    captions[:] = short
+  if long:
+    print(f"note: {len(long)} captions are left out: they are longer than the {encoder.max_words} word pieces that the "
+          "text encoder takes, and their clips have shorter ones")
 
 
 def contradicted(captions: Sequence[str], seed: int, step: int) -> dict[str, str]:

@@ -126,17 +126,19 @@ class TextEncoder:
 
   def check(self, captions):
     """Raises ValueError, with the longest caption, if any caption is too long for this encoder."""
-    if self._truncates:
-      return
     captions = list(dict.fromkeys(captions))
+    if long := self.too_long(captions):
+      worst = max(long, key=long.__getitem__)
+      raise InputError(f"{len(long)} of {len(captions)} captions are longer than the {self.max_words} word pieces that "
+                       f"the text encoder {self.name!r} takes; the longest has {long[worst]}: "
+                       f"{worst[:60]!r}... Shorten them, or take an encoder with more positions")
+
+  def too_long(self, captions) -> dict[str, int]:
+    """{caption: its word pieces} of those that are too long for this encoder; none if it truncates."""
+    captions = list(dict.fromkeys(captions)) if not self._truncates else []
     counts = [len(found.ids) for i in range(0, len(captions), 4096)
               for found in self.tokenizer.encode_batch(captions[i:i + 4096])]
-    long = [i for i, count in enumerate(counts) if count > self.max_words]
-    if long:
-      worst = max(long, key=counts.__getitem__)
-      raise InputError(f"{len(long)} of {len(captions)} captions are longer than the {self.max_words} word pieces that "
-                       f"the text encoder {self.name!r} takes; the longest has {counts[worst]}: "
-                       f"{captions[worst][:60]!r}... Shorten them, or take an encoder with more positions")
+    return {caption: count for caption, count in zip(captions, counts) if count > self.max_words}
 
   def word(self, sentence, word):
     """The feature (D,) of a word in a sentence: the mean of its pieces. Raises ValueError if it is not in it."""

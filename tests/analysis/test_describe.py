@@ -177,6 +177,24 @@ def test_height_of_a_jump():
   assert event.amount == pytest.approx(0.3, abs=0.03)
 
 
+def test_a_jump_that_goes_far_is_a_long_jump():
+  joints = _jump(0.3)
+  air = np.clip((_time(joints) - _time(joints)[np.argmax(joints[:, 0, 1] > joints[0, 0, 1] + 0.02)]) / 0.6, 0, 1)
+  joints[..., 2] += 1.4 * air[:, None]
+  event, = (event for event in find_events(joints) if event.kind == "jump")
+  assert (event.way, event.path) == ("forward", "long") and not any(e.path == "long" for e in find_events(_jump(0.3)))
+  said = {sentence for key in "abcdefg" for sentence in describe(joints, key=key)}
+  assert len(said) >= 6 and all(re.search("long|far|broad|leap", sentence) for sentence in said), said
+
+
+def test_one_action_is_put_in_many_words():
+  said = " ".join(sentence for key in "abcdefghijkl" for joints in (_walk(ways=90, speed=0.6), _punch("right"))
+                  for sentence in describe(joints, key=key))
+  for words in ("sidesteps to the left", "takes side steps to the left", "shuffles sideways", "throws a right punch",
+                "jabs with the right", "throws a punch with the right fist"):
+    assert words in said, said
+
+
 def test_in_doubt_nothing_is_said():
   both = (_wave("left", 0) + _standing(7)) / 2  # a hand that goes half way up
   assert not any(event.kind in ("raise", "wave") for event in find_events(both))

@@ -249,6 +249,19 @@ def test_what_is_said_of_new_clips_keeps_the_manner_of_the_old(kind, action, alw
     assert plain and max(plain) == 2, plain
 
 
+def test_side_steps_are_cut_out_whatever_the_captions_say():
+  walk = _joints("walk", 3)[:100]
+  sideways = walk.copy()  # the body faces +z and goes to its left, +x
+  sideways[..., 0] += walk[:, :1, 2] * 0.7
+  sideways[..., 2] -= walk[:, :1, 2]
+  rest = np.repeat(sideways[-1:], 100, 0)
+  clip = Clip(np.concatenate([sideways, rest]).astype(np.float32), captions=(Caption("a person moves."),), id="one",
+              split="train", source="ours", meta={"content": "moves"})
+  made = augmented([clip], {"excerpts": 2.0})
+  assert made and {one.meta["content"] for one in made} == {"excerpt: walk left"}
+  assert all("left" in caption.text for one in made for caption in one.captions)
+
+
 @pytest.mark.slow
 def test_several_processes_make_what_one_makes():
   clips = _clips("ours", seeds=2) + _clips("theirs")

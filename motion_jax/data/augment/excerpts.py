@@ -60,7 +60,12 @@ def _acts_of(part):
   walks = [event for event in part.events if event.kind in ("walk", "run")]
   return [event for event in part.events if event in said
           or event.kind in ("kick", "punch") and _FIGHTS.search(part.words)
+          or _goes_sideways(event)
           or _turns_around(event) and not any(walk.start < event.end and walk.end > event.start for walk in walks)]
+
+
+def _goes_sideways(event):
+  return event.kind == "walk" and event.way in ("left", "right")
 
 
 def _turns_around(event):
@@ -98,8 +103,10 @@ def _cut(part, acts, kind, number, rng):
     return None
   joints = part.joints[begin:end]
   events = find_events(joints, FPS)
-  found = [event for event in events if event.kind in _ACTS or kind == "turn" and _turns_around(event)]
-  if [(event.kind, event.side, event.count) for event in found] != [(act.kind, act.side, act.count)]:
+  found = [event for event in events if event.kind in _ACTS or kind == "turn" and _turns_around(event)
+           or kind == "walk" and event.kind in ("walk", "run")]
+  same = ("kind", "side", "count", "way") if kind == "walk" else ("kind", "side", "count")
+  if [[getattr(event, name) for name in same] for event in found] != [[getattr(act, name) for name in same]]:
     return None
   if kind == "turn":
     around = _AROUND[0] <= abs(_net_turn(joints)) <= _AROUND[1]
@@ -107,4 +114,6 @@ def _cut(part, acts, kind, number, rng):
   else:
     texts = sentences(found, (len(joints) - 1) / FPS, key=f"{part.clip.id}{number}", subject=part.subject)
   often = how_often(found)
-  return new_clip("excerpt", number, joints, texts, part, f"{kind} {act.side} {often or ''}".strip()) if texts else None
+  path = act.path if kind == "jump" else ""
+  shows = " ".join(filter(None, (kind, act.side or act.way, path, str(often or ""))))
+  return new_clip("excerpt", number, joints, texts, part, shows) if texts else None
