@@ -121,30 +121,40 @@ def run_passes(config, workdir, resume=False, max_seconds=None, stop=None, allow
   folder_of = {one["name"]: workdir / one["name"] for one in config.passes}
   if not resume and (found := next((folder for folder in folder_of.values() if folder.exists()), None)):
     raise ValueError(f"{found} is there already; --resume continues the recipe, or choose another folder")
-  for number, one in enumerate(config.passes, 1):
-    folder = folder_of[one["name"]]
-    print(f"pass {number} of {len(config.passes)}: {one['name']}", flush=True)
-    if "combine" in one:
-      if not folder.exists():
-        if distributed.is_first():
-          made_of = [name.format(**folder_of) for name in one["runs"]]
-          runs.COMBINATIONS[one["combine"]](*made_of, folder)
-        distributed.wait_for_all(f"{folder} is written")
-      continue
-    if _is_finished(folder):
-      print(f"{folder} is finished", flush=True)
-      continue
-    left = max_seconds and max(max_seconds - (time.monotonic() - began), 1e-3)
-    one = config_of_pass(one, folder_of, config.archives)
-    state = run(one, folder, "auto" if resume else False, left, stop, allow_changes)
-    if not _is_finished(folder):
-      break
+  with sources.keep_features():  # passes on the same data make its clips once
+    for number, one in enumerate(config.passes, 1):
+      print(f"pass {number} of {len(config.passes)}: {one['name']}", flush=True)
+      folder = folder_of[one["name"]]
+      if "combine" in one:
+        _combine(one, folder, folder_of)
+        continue
+      if _is_finished(folder):
+        print(f"{folder} is finished", flush=True)
+        continue
+      left = max_seconds and max(max_seconds - (time.monotonic() - began), 1e-3)
+      found = config_of_pass(one, folder_of, config.archives, _seconds_of(one, config))
+      state = run(found, folder, "auto" if resume else False, left, stop, allow_changes)
+      if not _is_finished(folder):
+        break
   return state
 
 
-def config_of_pass(one, folder_of, archives=""):
+def _combine(one, folder, folder_of):
+  if not folder.exists():
+    if distributed.is_first():
+      made_of = [name.format(**folder_of) for name in one["runs"]]
+      runs.COMBINATIONS[one["combine"]](*made_of, folder)
+    distributed.wait_for_all(f"{folder} is written")
+
+
+def _seconds_of(one, config):
+  """The share of a pass in config.seconds; 0: no limit."""
+  return config.get("seconds", 0.0) * one.get("share", 0) / max(sum(each.get("share", 0) for each in config.passes), 1)
+
+
+def config_of_pass(one, folder_of, archives="", seconds=0.0):
   """The config of a pass that trains a stage. folder_of: {NAME: folder} of the passes; archives: the folder that holds
-  the archives that the pass names."""
+  the archives that the pass names; seconds: train.seconds, 0 for all steps."""
   config = config_files.load(one["config"])
   folders = tuple(str(pathlib.Path(archives) / name) for name in one.get("archives", ()))
   filled = lambda value: value.format(**folder_of) if isinstance(value, str) else value
@@ -152,6 +162,8 @@ def config_of_pass(one, folder_of, archives=""):
     if folders:
       config.data.update(folder=folders[0] if len(folders) == 1 else "", folders=folders if len(folders) > 1 else ())
     config.update_from_flattened_dict({field: filled(value) for field, value in one.get("fields", {}).items()})
+    if seconds:
+      config.train.seconds = seconds
   return config
 
 
