@@ -132,7 +132,7 @@ def run_passes(config, workdir, resume=False, max_seconds=None, stop=None, allow
         print(f"{folder} is finished", flush=True)
         continue
       left = max_seconds and max(max_seconds - (time.monotonic() - began), 1e-3)
-      found = config_of_pass(one, folder_of, config.archives, _seconds_of(one, config))
+      found = config_of_pass(one, folder_of, config.archives, _seconds_of(one, config), config.get("workers", 0))
       state = run(found, folder, "auto" if resume else False, left, stop, allow_changes)
       if not _is_finished(folder):
         break
@@ -152,9 +152,9 @@ def _seconds_of(one, config):
   return config.get("seconds", 0.0) * one.get("share", 0) / max(sum(each.get("share", 0) for each in config.passes), 1)
 
 
-def config_of_pass(one, folder_of, archives="", seconds=0.0):
+def config_of_pass(one, folder_of, archives="", seconds=0.0, workers=0):
   """The config of a pass that trains a stage. folder_of: {NAME: folder} of the passes; archives: the folder that holds
-  the archives that the pass names; seconds: train.seconds, 0 for all steps."""
+  the archives that the pass names; seconds: train.seconds, 0 for all steps; workers: data.workers."""
   config = config_files.load(one["config"])
   folders = tuple(str(pathlib.Path(archives) / name) for name in one.get("archives", ()))
   filled = lambda value: value.format(**folder_of) if isinstance(value, str) else value
@@ -164,6 +164,8 @@ def config_of_pass(one, folder_of, archives="", seconds=0.0):
     config.update_from_flattened_dict({field: filled(value) for field, value in one.get("fields", {}).items()})
     if seconds:
       config.train.seconds = seconds
+    if workers and "workers" in config.data:
+      config.data.workers = workers
   return config
 
 

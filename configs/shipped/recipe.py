@@ -4,6 +4,7 @@ A recipe is trained by one command, from archives that `motion-jax data` makes i
 
   motion-jax train --config shipped/cmdm_small --workdir runs/cmdm-small --config.archives=FOLDER_OF_THE_ARCHIVES
   ... --resume                              continues in the pass in which it was stopped
+  ... --config.workers=14                   makes clips and features in as many processes
   ... --config.seconds=7200                 steps for two hours in all, on any machine: each pass gets its share of it
   ... --config shipped/cmdm_small:tiny      every pass with two steps on procedural motion: minutes on a laptop
 
@@ -15,16 +16,22 @@ import ml_collections
 FREE = ("cmu", "cmu2", "reactidle", "gameclips", "kaykit", "mimic")
 NON_COMMERCIAL, OPEN = (*FREE, "bandai"), (*FREE, "hdm05")
 NO_TEACHER = dict(frozen={"teacher": ""}, model={"teacher_dim": 0})
-# The same for all passes of a recipe, so that clips are made and read once.
-DATA = {"kinematic_captions": True} | {f"augment.{kind}": share for kind, share in dict(
-    stitched=0.3, bent_paths=0.15, idle=0.12, counted=0.3, excerpts=0.5, seats=0.12, time_warp=0.15, wandering=0.1
-).items()}
+# The same for all passes of a recipe, so that clips are made and read once. Clips of games are snappy.
+SHARES = dict(stitched=0.3, bent_paths=0.15, idle=0.12, counted=0.3, excerpts=0.5, seats=0.12, time_warp=0.15,
+              wandering=0.1)
+DATA = {"kinematic_captions": True, "source_weights": (("gameclips", 0.4), ("kaykit", 0.3), ("mimic", 0.7)),
+        **{f"augment.{kind}": share for kind, share in SHARES.items()}}
 CONTRAST = {"contrast": 0.5, "contrast_margin": 0.1, "contrast_until": 0.5}
 
 
 def rates(learning_rate, cooldown, ema_decay=0.999, warmup=200):
   return {"learning_rate": learning_rate, "schedule": "wsd", "cooldown_steps": cooldown, "warmup_steps": warmup,
           "ema_decay": ema_decay}
+
+
+def steps(num_steps, **fields):
+  """The section `train` of a long pass on a fast machine: saved, and judged on held-out clips, a few times."""
+  return {"num_steps": num_steps, "save_every": num_steps // 4, "sample_every": 0} | fields
 
 
 def train(name, config, archives, share=0, **sections):
@@ -45,10 +52,9 @@ def cmdm_tokenizer(archives, shares, teacher=""):
   loss = {"micro_batch": 128, "kl_weight": 2.0}
   return [
       train("tok", "cmdm_tokenizer:small", archives, shares[0], **aligned, data=DATA | windows, loss=loss,
-            train={"num_steps": 20_000}, optimizer=rates(1e-3, 3_000)),
+            train=steps(20_000), optimizer=rates(1e-3, 3_000)),
       train("dec", "cmdm_tokenizer:small", archives, shares[1], **NO_TEACHER,
-            data=DATA | windows | {"short_window": 24}, train={"start": "{tok}", "freeze": ("encoder",),
-                                                               "num_steps": 20_000},
+            data=DATA | windows | {"short_window": 24}, train=steps(20_000, start="{tok}", freeze=("encoder",)),
             loss=loss | {"kl_ramp": 0, "acceleration": 0.002, "extremity_velocity": 0.8, "foot_contact": 0.25,
                          "brief_contact": 0.3, "bone_length": 0.04, "dynamics": 0.5, "limb_direction": 0.2},
             optimizer=rates(7e-4, 4_000, warmup=50))]
@@ -58,7 +64,7 @@ def cmdm_denoiser(archives, share):
   """The denoiser, on captions by kinematics, clips made of others and captions that contradict the motion."""
   return train("den", "cmdm_denoiser:small", archives, share, frozen={"tokenizer": "{dec}", "text": "cmdm-small"},
                data=DATA | {"per_segment_captions": 0.5, "batch_size": 128, "lengths": (192,)}, loss=CONTRAST,
-               train={"num_steps": 20_000}, optimizer=rates(8e-4, 3_000), sampler=SAMPLER)
+               train=steps(20_000), optimizer=rates(8e-4, 3_000), sampler=SAMPLER)
 
 
 SAMPLER = {"num_steps": 20, "guidance_scale": 2.0, "side_guidance": 1.0}
@@ -71,11 +77,11 @@ def combine(name, function, *runs):
 
 def get_config(passes, size):
   """The config of these passes. archives: the folder in which the archives lie; seconds: by the clock, of the steps of
-  all passes together, shared among them; 0: all steps."""
+  all passes together, shared among them; 0: all steps; workers: data.workers of each pass."""
   if size not in ("small", "tiny"):
     raise ValueError(f"got size {size!r}, expected small or tiny")
   config = ml_collections.ConfigDict()
-  config.archives, config.seconds = "", 0.0
+  config.archives, config.seconds, config.workers = "", 0.0, 0
   config.passes = tuple(passes if size == "small" else map(_tiny, passes))
   return config.lock()
 

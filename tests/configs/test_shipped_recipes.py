@@ -42,21 +42,16 @@ def test_passes_name_earlier_ones_and_fields_that_exist(name, size):
 
 @pytest.mark.parametrize("name", [recipe for recipe in RECIPES if "cmdm_small" in recipe or "cdamd" in recipe
                                   or "open" in recipe])
-def test_the_last_pass_is_the_config_that_ships(name):
-  """Of the generator and its optimizer and data, for what the card's commands said."""
+def test_the_last_pass_makes_the_network_that_ships(name):
+  """Its sizes, its tokenizer's, and how it is sampled; the weights may have been trained by an older recipe."""
   shipped = json.loads((runs.PRETRAINED / name.rpartition("/")[2].replace("_", "-") / "config.json").read_text())
-  passes = [one for one in config_files.load(name).passes if one.get("config", "").startswith(
-      ("cmdm_denoiser", "cmdm_student", "cdamd_generator")) and "adapters" not in one["name"]]
-  found = fit.config_of_pass(passes[-1], dict.fromkeys((one["name"] for one in config_files.load(name).passes), ""))
-  trained = found.to_dict()
-  for section in ("optimizer", "loss"):
-    for field, value in shipped[section].items():
-      assert trained[section][field] == value or list(trained[section][field]) == value, (section, field)
-  for field in ("augment", "balance", "batch_size", "kinematic_captions", "vary_subject"):
-    expected = shipped["data"][field]
-    assert (trained["data"]["augment"] | expected == trained["data"]["augment"]) if field == "augment" else (
-        trained["data"][field] == expected), field
-  assert trained["train"]["num_steps"] == shipped["train"]["num_steps"] and trained["seed"] == shipped["seed"]
+  one = config_files.load(name).passes[-1]
+  made = fit.config_of_pass(one, dict.fromkeys((one["name"] for one in config_files.load(name).passes), "")).to_dict()
+  assert made["sampler"].items() <= shipped["sampler"].items()
+  assert {key: value for key, value in shipped["model"].items() if key != "control"} == {
+      key: value for key, value in made["model"].items() if key != "control"}
+  assert {key: tuple(value) if isinstance(value, list) else value for key, value in shipped["tokenizer"].items()} == (
+      made["tokenizer"])
 
 
 @pytest.mark.parametrize("name", [pytest.param(name, marks=[] if name == "shipped/clip_evaluator_small"
