@@ -105,6 +105,14 @@ def load_clips(config):
   return dataset.pieces(config.get("folder"), config)
 
 
+def _require_one_license(clips):
+  """Raises InputError for NonCommercial beside ShareAlike clips: no licence of weights or data meets both."""
+  marked = {mark: sorted({clip.source for clip in clips if mark in clip.license}) for mark in ("BY-NC", "BY-SA")}
+  if all(marked.values()):
+    raise InputError(f"got {', '.join(marked['BY-NC'])} (NonCommercial) and {', '.join(marked['BY-SA'])} (ShareAlike), "
+                     "whose licences one set of weights cannot meet; leave out one of the two")
+
+
 def _check_folder(config, dataset):
   if dataset.in_folders and not config.get("folder"):
     several = (", or several: --config.data.folders='(\"path/to/cmu\",\"path/to/bandai\")'" if dataset.by_clip else "")
@@ -143,7 +151,9 @@ def load_items(config, split="train", captioned=True) -> list[TextItem]:
   """The items of a split of config.data, as features that are not normalized; see `load_features`."""
   dataset, layout = get_dataset(config.name), get_layout(config.layout)
   if dataset.by_clip and config.get("folders"):
-    return clip_items(load_clips(config), config, split, layout)
+    clips = load_clips(config)
+    _require_one_license(clips)
+    return clip_items(clips, config, split, layout)
   _check_folder(config, dataset)
   if config.get("kinematic_captions", False) and "kinematic_captions" not in dataset.fields:
     raise InputError(f"got data.kinematic_captions=True for {config.folder}, {dataset.holds}; captions by kinematics "

@@ -22,8 +22,11 @@ from motion_jax.utils.input_files import json_row, load_npz, read_json_lines
 from motion_jax.utils.text_files import read_lines
 
 FPS = 20.0
-_LICENSES = {"cmu": "CMU: free for all uses, not to be resold; mocap.cs.cmu.edu, funded by NSF EIA-0196217",
-             "bandai": "CC BY-NC 4.0, (c) 2022 Bandai Namco Research Inc."}
+_CMU = "CMU: free for all uses, not to be resold; mocap.cs.cmu.edu, funded by NSF EIA-0196217"
+_LICENSES = {"cmu": _CMU, "cmu2": _CMU, "bandai": "CC BY-NC 4.0, (c) 2022 Bandai Namco Research Inc.",
+             "hdm05": "CC BY-SA 3.0, Mocap Database HDM05, Hochschule der Medien Stuttgart and University of Bonn",
+             "reactidle": "MIT, (c) 2025 RSAIT", "mimic": "MIT, (c) 2018 Xue Bin Peng, (c) Meta Platforms, Inc.",
+             "gameclips": "CC0 1.0", "kaykit": "CC0 1.0, Kay Lousberg, www.kaylousberg.com"}
 _TAGS = ("clip", "content", "style", "label", "subject", "whole", "spikes")
 
 
