@@ -21,7 +21,7 @@ SHARES = dict(stitched=0.3, bent_paths=0.15, idle=0.12, counted=0.3, excerpts=0.
               wandering=0.1)
 DATA = {"kinematic_captions": True, "source_weights": (("gameclips", 0.4), ("kaykit", 0.3), ("mimic", 0.7)),
         **{f"augment.{kind}": share for kind, share in SHARES.items()}}
-CONTRAST = {"contrast": 0.5, "contrast_margin": 0.1, "contrast_until": 0.5}
+CONTRAST = {"contrast": 0.5, "contrast_margin": 0.05, "contrast_until": 0.5}
 
 
 def rates(learning_rate, cooldown, ema_decay=0.999, warmup=200):
