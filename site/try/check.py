@@ -1,8 +1,8 @@
 """Checks the built page in headless Chromium and prints numbers: python site/try/check.py OUT [--pictures FOLDER]
 
 Loads, times and switches prompts with one thread and with two, compares joints, noise and word pieces with Python,
-tries odd input, a tab in the background, no SIMD and a file that is missing. Needs the extra `test`, chromium and
-chromedriver.
+opens its BVH and GLB again, tries odd input, a tab in the background, WebGPU by software, no WebAssembly, no SIMD and a
+file that is missing. Needs the extra `test`, chromium and chromedriver.
 """
 import argparse
 import contextlib
@@ -52,16 +52,20 @@ def served(folder, **choices):
 
 
 @contextlib.contextmanager
-def browser(width=1200, height=800, dark=False):
+def browser(width=400, height=500, dark=False, flags=(), before=""):
+  """Headless Chromium; a small window, as the processor draws it. before: a script that runs first."""
   options = webdriver.ChromeOptions()
   options.binary_location = shutil.which("chromium")
-  for flag in ("--headless=new", "--no-sandbox", "--enable-unsafe-swiftshader", f"--window-size={width},{height}"):
+  for flag in ("--headless=new", "--no-sandbox", "--enable-unsafe-swiftshader", f"--window-size={width},{height}",
+               *flags):
     options.add_argument(flag)
   driver = webdriver.Chrome(options, webdriver.ChromeService(shutil.which("chromedriver")))
   if dark:
     driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {
         "features": [{"name": "prefers-color-scheme", "value": "dark"}]})
-  if width < 640:
+  if before:
+    driver.execute_cdp_cmd("Page.addScriptToEvaluateOnNewDocument", {"source": before})
+  if width < 400:
     driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride",
                            {"width": width, "height": height, "deviceScaleFactor": 2, "mobile": True})
   try:
@@ -124,16 +128,26 @@ def say(driver, prompt):
                         "document.getElementById('form').requestSubmit()", prompt)
 
 
+@functools.cache
+def python_joints():
+  """What Python makes of the page's first prompt and seed: (120, 22, 3) metres."""
+  return mj.load("cmdm-small-fast").generate(["a person walks forward"], num_frames=120, seeds=[0])[0].joints
+
+
+def from_python(driver):
+  """Largest distance of the first 120 frames from Python's, in millimetres."""
+  ours = np.array(driver.execute_script("return [...window.motionTry.joints().slice(0, 120 * 66)]"), np.float32)
+  return np.linalg.norm(ours.reshape(120, 22, 3) - python_joints(), axis=-1).max() * 1000
+
+
 def check_motion(folder, captions):
   """One thread: times, a prompt switch, odd input, a pause, and what Python makes of the same."""
   with served(folder) as (url, _), browser() as driver:
     start(driver, url)
     wait(driver, "state.frames >= 120")
     show("one thread, ms", timings(driver))
-    ours = np.array(driver.execute_script("return [...window.motionTry.joints().slice(0, 120 * 66)]"), np.float32)
-    theirs = mj.load("cmdm-small-fast").generate(["a person walks forward"], num_frames=120, seeds=[0])[0].joints
-    far = np.linalg.norm(ours.reshape(120, 22, 3) - theirs, axis=-1) * 1000
-    print(f"joints of 6 s beside Python's: at most {far.max():.4f} mm, mean {far.mean():.5f} mm")
+    print(f"joints of 6 s beside Python's: at most {from_python(driver):.4f} mm")
+    check_files(driver, pathlib.Path(folder).parent)
     before = driver.execute_script("return window.motionTry.state.time")
     say(driver, "a person sits down")
     wait(driver, "state.prompts.length === 2 && state.frames >= state.said.from + 12")
@@ -157,13 +171,6 @@ def check_motion(folder, captions):
     tokenizer = mj.load("cmdm-small-fast").encoder.tokenizer
     differ = [caption for caption, found in zip(captions, pieces) if found != tokenizer.encode(caption).ids]
     print(f"word pieces of {len(captions)} captions: {len(differ)} differ {differ[:3]}")
-    for kind in ("bvh", "glb"):
-      made = driver.execute_async_script(
-          "const done = arguments[1]; "
-          "window.motionTry.made(arguments[0]).arrayBuffer().then((b) => done([...new Uint8Array(b)]))", kind)
-      path = pathlib.Path(folder).parent / f"tab.{kind}"
-      path.write_bytes(bytes(made))
-      print(f"{path}: {len(made):,} bytes", f"{mj.export.load(path).num_frames} frames" if kind == "bvh" else "")
     print("second visit:", end=" ")
     start(driver, url)
     # In the background: no frames are shown, so no more than what is ahead is made; after it, it goes on.
@@ -177,15 +184,50 @@ def check_motion(folder, captions):
     show("3 s later", timings(driver))
 
 
+def check_files(driver, folder):
+  """Downloads of the tab, read by motion_jax, beside Python's joints and the joints that the tab shows."""
+  for kind in ("bvh", "glb"):
+    made = driver.execute_async_script(
+        "const done = arguments[1]; "
+        "window.motionTry.made(arguments[0]).arrayBuffer().then((b) => done([...new Uint8Array(b)]))", kind)
+    path = folder / f"tab.{kind}"
+    path.write_bytes(bytes(made))
+    joints = mj.export.load(path, unit="cm" if kind == "bvh" else "m").joints[:120]
+    far = np.linalg.norm(joints - python_joints(), axis=-1) * 1000
+    print(f"{path.name}: {len(made):,} bytes; joints as motion_jax reads them beside Python's motion: "
+          f"mean {far.mean():.1f} mm, at most {far.max():.1f} mm, pelvis at most {far[:, 0].max():.3f} mm", flush=True)
+
+
+def check_webgpu(folder):
+  flags = "--enable-unsafe-webgpu", "--use-webgpu-adapter=swiftshader", "--enable-features=Vulkan"
+  with served(folder) as (url, _), browser(flags=flags) as driver:
+    driver.get(url)
+    adapter = driver.execute_async_script(
+        "const done = arguments[0]; if (!navigator.gpu) return done('no navigator.gpu'); "
+        "navigator.gpu.requestAdapter().then((a) => done(a ? `${a.info.vendor} ${a.info.architecture}` : null))")
+    print("WebGPU adapter:", adapter)
+    driver.get(f"{url}?engine=webgpu")
+    wait(driver, "state.frames >= 120 || document.body.dataset.state === 'failed'", 400)
+    if note(driver):
+      return print("WebGPU:", note(driver))
+    show("WebGPU, ms", timings(driver))
+    print(f"WebGPU, joints of 6 s beside Python's: at most {from_python(driver):.4f} mm")
+
+
 def check_threads(folder, count):
   with served(folder, isolated=True) as (url, _), browser() as driver:
     print(f"{count} threads:", end=" ")
     start(driver, f"{url}?threads={count}")
     wait(driver, "state.frames >= 120")
     show(f"{count} threads, ms", timings(driver))
+    print(f"{count} threads, joints of 6 s beside Python's: at most {from_python(driver):.4f} mm")
 
 
 def check_failures(folder):
+  with served(folder) as (url, _), browser(before="delete window.WebAssembly") as driver:
+    driver.get(url)
+    wait(driver, "document.body.dataset.state === 'failed'")
+    print("no WebAssembly:", note(driver))
   with served(folder) as (url, kind), browser() as driver:
     driver.get(f"{url}?nosimd")
     wait(driver, "document.body.dataset.state === 'failed'")
@@ -218,11 +260,13 @@ def main():
   parser.add_argument("folder", help="folder that build.py wrote")
   parser.add_argument("--captions", help="text file, a caption a line, whose word pieces are compared")
   parser.add_argument("--pictures", help="folder for screenshots")
-  parser.add_argument("--only", choices=("motion", "threads", "failures", "pictures"))
+  parser.add_argument("--only", choices=("motion", "threads", "webgpu", "failures", "pictures"))
   args = parser.parse_args()
   captions = pathlib.Path(args.captions).read_text(encoding="utf-8").splitlines() if args.captions else []
-  checks = {"motion": lambda: check_motion(args.folder, captions), "threads": lambda: [
-      check_threads(args.folder, count) for count in (1, 2)], "failures": lambda: check_failures(args.folder)}
+  checks = {
+      "motion": lambda: check_motion(args.folder, captions),
+      "threads": lambda: [check_threads(args.folder, count) for count in (1, 2)],
+      "webgpu": lambda: check_webgpu(args.folder), "failures": lambda: check_failures(args.folder)}
   if args.pictures:
     checks["pictures"] = lambda: pictures(args.folder, args.pictures)
   for name, check in checks.items():

@@ -4,15 +4,15 @@ const NAME = 'motion-jax-try';
 /** The bytes of a file. progress(bytes) is called as they come. An error says which file failed. */
 export async function load(url, progress = () => {}) {
   const cache = await globalThis.caches?.open(NAME).catch(() => null);
-  const version = new URL(url, location.href);
+  const version = new URL(url, location.href), path = url.replace(/\?.*/, '');
   let response = await cache?.match(version.href);
   if (!response) {
     try {
       response = await fetch(version);
     } catch {
-      throw new Error(`${url} did not arrive`);
+      throw new Error(`the file ${path} did not arrive`);
     }
-    if (!response.ok) throw new Error(`${url} did not arrive (${response.status})`);
+    if (!response.ok) throw new Error(`the file ${path} did not arrive (${response.status})`);
     const bytes = await read(response, progress);
     await cache?.put(version.href, new Response(bytes)).catch(() => {}); // a full disk is no reason to stop
     return unpack(bytes);

@@ -45,7 +45,7 @@ function threads() {
 
 async function fetched(url, kind) {
   const response = await fetch(url).catch(() => null);
-  if (!response?.ok) throw new Error(`${url} did not arrive${response ? ` (${response.status})` : ''}`);
+  if (!response?.ok) throw new Error(`the file ${url.replace(/\?.*/, '')} did not arrive${response ? ` (${response.status})` : ''}`);
   return response[kind]();
 }
 
@@ -251,6 +251,7 @@ $('again').onclick = begin;
 $('bvh').onclick = () => download('bvh');
 $('glb').onclick = () => download('glb');
 $('engine').querySelector('[value=webgpu]').disabled = !navigator.gpu;
+if (navigator.gpu && new URLSearchParams(location.search).get('engine') === 'webgpu') $('engine').value = 'webgpu';
 $('threads').disabled = !globalThis.crossOriginIsolated;
 $('prompt').value = new URLSearchParams(location.search).get('prompt') || $('prompt').value; // a link to a sentence
 window.motionTry = {state, say, made, joints: () => joints.slice(0, state.frames * 66),

@@ -5,6 +5,7 @@ import shutil
 import subprocess
 
 import jax
+import numpy as np
 import pytest
 
 import motion_jax as mj
@@ -17,13 +18,29 @@ SENTENCES = ["a person walks forward, then waves", "A person's CAFÉ-style twirl
              "naïve ﬁne ½ turn — “quoted” ¿qué?", "x" * 120, "a+b=c <tag> `code` ~5^2 |pipe| $4"]
 
 
+def sentences(known, count=5000):
+  """Random captions: known words, words cut short or joined, accents, capitals, punctuation, other scripts."""
+  rng = np.random.default_rng(0)
+  odd = ["é", "ñ", "Ü", "-", "'", ", ", "...", "!", " 3.5 ", "½", "ﬁ", "跳", "か", "한", "й", "\U0001f600", "\u200d",
+         "\t", "_", "ß", "İ"]
+  made = []
+  for _ in range(count):
+    words = [str(word) for word in rng.choice(known, rng.integers(1, 12))]
+    words = [word[:rng.integers(1, 9)] if chance < 0.1 else word.title() if chance < 0.2 else
+             word + str(rng.choice(odd)) + word[::-1] if chance < 0.3 else word
+             for word, chance in zip(words, rng.random(len(words)))]
+    made.append(str(rng.choice([" ", "  ", ", "])).join(words) + str(rng.choice(["", ".", *odd])))
+  return made
+
+
 @pytest.mark.skipif(NODE is None, reason="there is no node, which runs the page's scripts without a browser")
 def test_scripts_do_what_python_does(tmp_path):
   encoder = mj.load("cmdm-small-fast").encoder
   draw = lambda seed, block: jax.random.normal(jax.random.fold_in(jax.random.key(seed), block), (96,))
   expected = {
       "tokenizer": tokenizer_table(encoder.tokenizer), "known": sorted(encoder.known_words),
-      "pieces": [(sentence, encoder.tokenizer.encode(sentence).ids) for sentence in SENTENCES],
+      "pieces": [(sentence, encoder.tokenizer.encode(sentence).ids)
+                 for sentence in SENTENCES + sentences(sorted(encoder.known_words))],
       "noise": [{"seed": seed, "block": block, "values": draw(seed, block).tolist()}
                 for seed, block in ((0, 0), (7, 3), (2**32 - 1, 1000))]}
   for path in [*PAGE.glob("*.js"), pathlib.Path(__file__).with_name("try.test.mjs")]:
