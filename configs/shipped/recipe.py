@@ -55,9 +55,9 @@ def cmdm_tokenizer(archives, shares, teacher=""):
             train=steps(20_000), optimizer=rates(1e-3, 3_000)),
       train("dec", "cmdm_tokenizer:small", archives, shares[1], **NO_TEACHER,
             data=DATA | windows | {"short_window": 24}, train=steps(20_000, start="{tok}", freeze=("encoder",)),
-            loss=loss | {"kl_ramp": 0, "acceleration": 0.002, "extremity_velocity": 0.8, "foot_contact": 0.25,
+            loss=loss | {"kl_ramp": 0, "extremity_velocity": 0.8, "foot_contact": 0.25,
                          "brief_contact": 0.3, "bone_length": 0.04, "dynamics": 0.5, "limb_direction": 0.2},
-            optimizer=rates(7e-4, 4_000, warmup=50))]
+            optimizer=rates(7e-4, 8_000, warmup=50))]
 
 
 def cmdm_denoiser(archives, share):

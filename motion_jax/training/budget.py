@@ -76,9 +76,10 @@ class Deadline(Budget):
     self._before = self._spent
 
   def next_step(self, step: int) -> int:
-    """The step to continue with: the one that is next, or that of the cooldown."""
+    """The step to continue with: the one that is next, or one of the cooldown: its first, or a later one where the time
+    is too short for all of it; an eighth of it is always left."""
     if not self.limit or step >= self.cooldown or not self._num_timed:
       return step
     seconds_per_step = (self.spent - self._before) / self._num_timed
-    cooldown_takes = (self.num_steps - self.cooldown) * seconds_per_step
-    return self.cooldown if self.limit - self.spent <= cooldown_takes else step
+    left, cooldown = int((self.limit - self.spent) / seconds_per_step), self.num_steps - self.cooldown
+    return step if left > cooldown else self.num_steps - max(left, -(-cooldown // 8))
