@@ -164,11 +164,11 @@ class Pipeline:
                     ease: bool = False, **sampling: Any) -> Motions:
     """A motion of each of several lists of segments; None is the usual length of a prompt.
 
-    plan: a prompt of several actions is as many segments, which share its seconds. way: "stream" and "chain" are the
-    model's (`CmdmModel.multi_prompts`), "joined" samples each segment independently and joins them where poses meet, up
-    to 14 frames from where they should. rest: an action that ends by itself, such as a bow, is followed by standing
-    still until its seconds are over. hold_until_done: such an action gets at least its usual time. ease: sudden changes
-    of speed where prompts change are spread over 0.4 s.
+    plan: a prompt of several actions is as many segments, which share its seconds. way: "stream" and, for a model that
+    has it, "chain" are the model's (`CmdmModel.multi_prompts`), "joined" samples each segment independently and joins
+    them where poses meet, up to 14 frames from where they should. rest: an action that ends by itself, such as a bow,
+    is followed by standing still until its seconds are over. hold_until_done: such an action gets at least its usual
+    time. ease: sudden changes of speed where prompts change are spread over 0.4 s.
     """
     self._require("multi_prompt")
     lists = [list(one) for one in lists]
@@ -176,8 +176,10 @@ class Pipeline:
       self.model.segments_of(one)  # raises
     if not lists:
       raise InputError("got no prompts, expected a list of (prompt, seconds or None) for each motion")
-    if way not in (known := ("stream", "chain", "joined")):
-      raise InputError(f"got way {way!r}, expected one of {', '.join(known)}")
+    own = self.model.ways
+    if way not in (known := (*(own or ("stream",)), "joined")):
+      raise InputError(f"got way {way!r}, {self.model.id} knows {', '.join(known)}")
+    choice = {"way": way} if own else {}
     self.warn([prompt for one in lists for prompt, _ in one], plan)
     rows = [segments_of(self.planner, one, plan) for one in lists]
     keys, seeds = keys_of(rng, seeds, len(rows), seed)
@@ -188,7 +190,7 @@ class Pipeline:
 
     def sample_segments(*given):  # what is sudden at borders is spread by the joining already
       return (sample_independently(self.model, *given) if way == "joined" else
-              self.model.sample_segments(*given, way=way, ease=ease))
+              self.model.sample_segments(*given, **choice, ease=ease))
 
     if not rest:
       return gathered(list(sample_segments(rows, keys, seeds, cleanup, sampling)))

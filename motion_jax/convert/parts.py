@@ -35,7 +35,7 @@ class NetworkState(NamedTuple):
     if name not in self.state or self.state[name].ndim != dims:
       got = f"of shape {self.state[name].shape}" if name in self.state else "missing"
       raise ValueError(f"{self.source['file']} is no {what}: {name} is {got}; it holds "
-                       f"{', '.join(sorted(self.state)[:4])}, ...")
+                       f"{', '.join(sorted(self.state)[:4])}, ...: this is {whose(self.state)}")
     return self.state[name].shape
 
   def count(self, pattern):
@@ -67,6 +67,20 @@ class Network(NamedTuple):
     return f"{self.what}: {self.num_params:,} parameters from {source}\n  {tell(self.fields)}{left}{note}"
 
 
+# What begins, or stands behind a dot or a slash, in the names of one network alone, and whose that is.
+_WHOSE = {"input_process.": "MDM's denoiser", "vae.global_motion_token": "MLD",
+          "denoiser.pose_embd.": "MLD without a VAE", "vqvae.": "T2M-GPT's VQ-VAE", "trans_base.": "T2M-GPT's GPT",
+          "vq_model/": "MoMask's RVQ-VAE", "t2m_transformer/": "MoMask's masked transformer",
+          "res_transformer/": "MoMask's residual transformer", "tae.": "MotionStreamer's causal autoencoder",
+          "transformer.wte.": "MotionStreamer's generator"}
+
+
+def whose(names) -> str:
+  """Which network of a method these names of tensors belong to, for errors."""
+  starts = {mark: re.compile(rf"(^|[./]){re.escape(mark)}") for mark in _WHOSE}
+  return next((_WHOSE[mark] for mark in starts if any(map(starts[mark].search, names))), "another kind of checkpoint")
+
+
 # --- reading -----------------------------------------------------------------------------------------------------
 
 
@@ -91,7 +105,7 @@ def read_part(path, wanted=(), others=(), choices=()):
     absent, unknown = set(wanted) - tops, sorted(tops - left - set(wanted))
     if absent or unknown:
       raise ValueError(f"{path} holds {', '.join(sorted(tops | plain))}; expected {', '.join(wanted)} and nothing else "
-                       "but what training needs; this is another kind of checkpoint")
+                       f"but what training needs; this is {whose(state)}")
     state = {name: array for name, array in state.items() if name.split("/")[0] in wanted}
     if len(wanted) == 1:
       state = select(state, f"{wanted[0]}/")

@@ -79,18 +79,19 @@ class BlockModel(TextToMotionModel):
     return chosen.about() | dict(model=self.id)
 
   def sample_segments(self, lists: Sequence[Sequence[tuple[str, int]]], keys: jax.Array, seeds: Sequence[int | None],
-                      cleanup: bool, sampling: dict[str, Any]) -> Motions:
+                      cleanup: bool, sampling: dict[str, Any], ease: bool = False) -> Motions:
     """A motion of each list of (prompt, frames), a key each; prompts change between blocks."""
-    return gathered([self._of_segments(segments, keys[i:i + 1], seeds[i], cleanup, sampling)
+    return gathered([self._of_segments(segments, keys[i:i + 1], seeds[i], cleanup, sampling, ease)
                      for i, segments in enumerate(lists)])
 
-  def _of_segments(self, segments, key, seed, cleanup, sampling):
+  def _of_segments(self, segments, key, seed, cleanup, sampling, ease):
     """The motion of one list."""
     chosen, total = self.sampling(**sampling), sum(count for _, count in segments)
     made = self._run(self.begin_blocks(key), segments, chosen)
     prompts, ends = [prompt for prompt, _ in segments], self._ends(segments)
-    about = self._about(chosen)
-    return make_motions(self, made, [total], [captions_in_a_row(prompts, ends, self.fps)], [seed], about, cleanup)[0]
+    about = self._about(chosen) | ({"eased": True} if ease else {})
+    captions = [captions_in_a_row(prompts, ends, self.fps)]
+    return make_motions(self, made, [total], captions, [seed], about, cleanup, ease)[0]
 
   def _run(self, state, segments, chosen):
     """Normalized features (1, T, F) of segments, in whole blocks."""
@@ -111,23 +112,25 @@ class BlockModel(TextToMotionModel):
 
   @arguments.checked
   def multi_prompt(self, segments: Segments, *, rng: jax.Array | None = None, seed: int | None = None,
-                   seeds: Iterable[int] | None = None, cleanup: bool = False, **sampling: Any) -> Motion:
+                   seeds: Iterable[int] | None = None, cleanup: bool = False, ease: bool = False, **sampling: Any
+                   ) -> Motion:
     """One motion of several prompts in sequence: [("a person walks", 4.0), ("he sits down", None), ...], in seconds.
 
-    None is the model's default length. Prompts change between blocks; the end is cut to the requested sum.
+    None is the model's default length. Prompts change between blocks; the end is cut to the requested sum. ease: sudden
+    changes of speed where prompts change are spread over 0.4 s (`motion.blending.eased`); features stay as sampled.
     """
-    return self.multi_prompts([segments], rng=rng, seeds=seeds, seed=seed, cleanup=cleanup, **sampling)[0]
+    return self.multi_prompts([segments], rng=rng, seeds=seeds, seed=seed, cleanup=cleanup, ease=ease, **sampling)[0]
 
   @arguments.checked
   def multi_prompts(self, lists: Iterable[Segments], *, rng: jax.Array | None = None,
                     seeds: Iterable[int] | None = None, seed: int | None = None, cleanup: bool = False,
-                    **sampling: Any) -> Motions:
+                    ease: bool = False, **sampling: Any) -> Motions:
     """A motion as of `multi_prompt` for each of several lists of segments; each is independent of the others."""
     rows = [self.segments_of(one) for one in lists]
     if not rows:
       raise InputError("got no prompts, expected a list of (prompt, seconds or None) for each motion")
     keys, seeds = keys_of(rng, seeds, len(rows), seed)
-    return self.sample_segments(rows, keys, seeds, cleanup, sampling)
+    return self.sample_segments(rows, keys, seeds, cleanup, sampling, ease)
 
   def segments_of(self, segments: Segments) -> list[tuple[str, int]]:
     """[(prompt, frames)] of the [(prompt, seconds or None)] of one motion, checked."""

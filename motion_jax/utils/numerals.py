@@ -77,7 +77,9 @@ def _error(text, what, low, high, unit, above=None):
 
 
 def bounds(low, high, above=None):
-  """" from 1 to 9", " over 0, up to 9", " from 1 on", or nothing: the words for what is allowed."""
+  """" from 1 to 9", " over 0, up to 9", " from 1 on", " that is 1", or nothing: the words for what is allowed."""
+  if low == high and low is not None:
+    return f" that is {_plain(low)}"
   start = f" over {_plain(above)}" if above is not None else f" from {_plain(low)}" if low is not None else ""
   if high is None:
     return start and start + (" on" if above is None else "")

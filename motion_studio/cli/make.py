@@ -1,5 +1,6 @@
 """motion-jax generate, multi-prompt, extend and edit: the commands that generate motion."""
 import functools
+import inspect
 import pathlib
 import time
 
@@ -53,7 +54,7 @@ def add_to(commands):
   extend.add_argument("--prompt", required=True, help="what happens next; several prompts as for multi-prompt")
   extend.add_argument("--seconds", type=_SECONDS, help="length of the new part in seconds, for a single prompt")
   extend.add_argument("--past-prompt", help="what the file shows (default: its caption, else the new prompt)")
-  extend.add_argument("--way", choices=("stream", "chain"), default="stream",
+  extend.add_argument("--way", choices=("stream", "chain"),
                       help="stream (default): the past stays clean in the cache; chain: one past latent is noised "
                            "again in each step, as in the released code")
   flags.add_planning(extend)
@@ -146,8 +147,11 @@ def _extend(args):
     segments = [(segments[0][0], args.seconds)]
   _batches([clip.seconds * model.fps + _length(pipeline, segments)] * args.num_samples, model)  # checks the length
   _print_model(model, args, f"{clip.seconds:.1f} s of {args.file} to continue")
-  motions = [pipeline.extend(clip, segments, past_prompt=args.past_prompt, seed=args.seed + i, way=args.way,
-                             cleanup=not args.no_cleanup, plan=not args.no_plan, **flags.sampling_of(args, model))
+  more = {name: value for name in ("past_prompt", "way") if (value := getattr(args, name)) is not None}
+  if unknown := more.keys() - inspect.signature(model.extend).parameters.keys():
+    raise InputError(f"got --{min(unknown).replace('_', '-')} for the model {model.id}, which has no such choice")
+  motions = [pipeline.extend(clip, segments, seed=args.seed + i, cleanup=not args.no_cleanup, plan=not args.no_plan,
+                             **more, **flags.sampling_of(args, model))
              for i in progress.each(range(args.num_samples), "generating motions", unit="motion")]
   _write(args, model, motions, outputs, start)
 

@@ -1,17 +1,18 @@
 """MDM, DiP, MLD and MotionStreamer as methods: sampled, edited, continued, streamed, refused in one sentence."""
 import functools
+import re
 
 import numpy as np
 import pytest
 
 import motion_jax as mj
-from motion_jax import fit, runs
+from motion_jax import export, fit, runs
 from motion_jax.data.clip import Clip
 from motion_jax.models import registry
 from motion_jax.models.block_stream import prompts_by_block
 from motion_jax.motion.skeleton import HUMANML3D
 from motion_jax.utils.input_files import tensor_sizes
-from motion_studio import Pipeline
+from motion_studio import Pipeline, cli
 from tests.conftest import load_config
 
 NAMES = ("mdm", "dip", "mld", "motionstreamer")
@@ -110,6 +111,28 @@ def test_a_motion_may_end_by_itself(models):
   near = model.generate("a person walks", 40, seeds=[1], ends="itself", stop_distance=1e6)[0]
   assert (far.num_frames, near.num_frames) == (40, 4)
   np.testing.assert_array_equal(near.joints, far.joints[:4])
+
+
+@pytest.mark.parametrize("name", BLOCKS)
+@pytest.mark.slow
+def test_commands_for_several_prompts_and_continued_files(name, random_run, tmp_path, capsys):
+  """They have no choice of a way, and do not read what the past shows; what they cannot is refused in a sentence."""
+  model, rows = ["--model", str(random_run(name))], "a person walks:2 | a person sits:2"
+  both, longer = (str(tmp_path / file) for file in ("both.npz", "longer.npz"))
+  assert cli.main(["multi-prompt", rows, "--ease", *model, "--out", both]) == 0
+  made = export.load(both, check=False)
+  assert made.num_frames == 80 and made.meta["eased"] and "way" not in made.meta
+  assert cli.main(["multi-prompt", rows, "--rest", "--way", "joined", *model, "--out", longer]) == 0
+  export.save(walk(), tmp_path / "walk.npz")
+  assert cli.main(["extend", str(tmp_path / "walk.npz"), "--prompt", rows, *model, "--out", longer]) == 0
+  assert export.load(longer, check=False).num_frames == 60 + 80
+  capsys.readouterr()
+  for command, said in (
+      (["multi-prompt", rows, "--way", "chain"], "got way 'chain', .* knows stream, joined"),
+      (["extend", both, "--prompt", "walks", "--past-prompt", "sits"], "got --past-prompt for .*no such choice"),
+      (["extend", both, "--prompt", "walks", "--way", "stream"], "got --way for the model .*, which has no such")):
+    assert cli.main([*command, *model, "--out", longer]) == 1
+    assert re.search(said, capsys.readouterr().err), said
 
 
 def test_prompts_change_with_whole_blocks():
