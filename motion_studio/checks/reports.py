@@ -13,11 +13,14 @@ from motion_studio.language.path_shapes import KINDS
 from motion_studio.language.requirements import Requirement
 
 _LIMB = {"kick": "leg", "punch": "hand", "wave": "hand"}
+_HANDS = {"": "no hand goes", "both": "the hands do not go", "left": "not the left hand goes",
+          "right": "not the right hand goes"}
 _NOUNS = {"wave": "waving", "walk": "walk backward", "step": "step backward"}
 _PLURALS = {"punch": "punches"}
 _STATES = {
     "sit": "the body does not sit down", "seated": "the body is not seated at the end",
-    "rise": "the body is not standing at the end", "still": "the body does not stand still",
+    "lie": "the body does not lie down", "rise": "the body is not standing at the end",
+    "still": "the body does not stand still",
     "ascend": "the body does not climb up", "descend": "the body does not go down",
     "dance": "the dance leaves its place", "run": "the run is faster than people run",
     "straight": "the path is not straight", "zigzag": "no zigzag seen", "slowly": "the {} is not slow",
@@ -57,6 +60,10 @@ def _described(requirement, events):
   kind, side, times, counted, degrees = requirement
   if kind in _STATES:
     return _STATES[kind].format(side)
+  if kind == "raise":
+    return f"{_HANDS[side]} up over the shoulder"
+  if kind == "sideways":
+    return f"no walk sideways{f' to the {side}' if side else ''} seen"
   if kind in KINDS:
     return f"no {'full ' if kind == 'circle' else ''}{kind}{f' to the {side}' if side else ''} seen"
   noun = _NOUNS.get(kind, kind)

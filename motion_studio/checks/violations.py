@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Num
 
 from motion_jax.analysis.events import PUNCH, Event, feet_up, find_events, punch_speed
-from motion_jax.analysis.signals import Body
+from motion_jax.analysis.signals import JOINT, SIDES, Body
 from motion_studio.checks.path_violations import path_violation
 from motion_studio.language.path_shapes import KINDS, PathShape
 from motion_studio.language.requirements import COUNTED, Requirement
@@ -30,6 +30,9 @@ _STANDING_HEIGHT = 0.92  # of the pelvis after getting up
 _HOLD_SECONDS = 0.5  # of sitting, and of standing after getting up
 _HEIGHT_PER_LEG = 1.1  # height of the standing pelvis in lengths of a leg, at least; median of CMU 1.14, of Bandai 1.18
 _CLIMB = 0.25  # metres up or down on stairs
+_SIDEWAYS_SECONDS = 0.8  # of a walk to a side
+_RAISED_SECONDS = 0.3  # of a hand over its shoulder
+_LYING_HEIGHT = 0.4  # metres of the head over the ground
 _WEAK_KICK = 0.4  # of a violation: a foot that goes up and is no kick, where kicks are counted
 
 
@@ -59,6 +62,8 @@ def violation(body: Body, events: Callable[[], Sequence[Event]], requirement: Re
     return _of_path(body, requirement)
   if requirement.kind in _MEASURES:
     return float(_MEASURES[requirement.kind](body))
+  if requirement.kind in _SIDED_MEASURES:
+    return float(_SIDED_MEASURES[requirement.kind](body, requirement))
   return _event_violation(body, events(), requirement)
 
 
@@ -125,12 +130,40 @@ def _dance_wanders(body):
   return max(0.0, 1 - _DANCE_DISTANCE / max(_distance(body), 1e-9))
 
 
+def _seconds_towards(body, degrees):
+  """Seconds of a walk towards an angle from where the body faces, to the left of it."""
+  way = body.heading + np.radians(degrees)
+  along = (np.gradient(body.path, axis=0) * np.stack([np.sin(way), np.cos(way)], -1)).sum(-1) * body.fps
+  return ((along > _BACKWARD_SPEED) & (along > _BACKWARD_SHARE * body.speed)).sum() / body.fps
+
+
 def _not_backward(body, seconds=_BACKWARD_SECONDS):
   """Walk backward: this many seconds of it. Measured here, since forward and back again is a single event."""
-  ahead = np.stack([np.sin(body.heading), np.cos(body.heading)], -1)
-  along = (np.gradient(body.path, axis=0) * ahead).sum(-1) * body.fps
-  back = (along < -_BACKWARD_SPEED) & (-along > _BACKWARD_SHARE * body.speed)
-  return back.sum() < seconds * body.fps
+  return _seconds_towards(body, 180) < seconds
+
+
+def _not_sideways(body, requirement):
+  """Walk sideways: 0.8 s of it, to the given side or to any."""
+  sides = [requirement.side] if requirement.side else SIDES
+  longest = max(_seconds_towards(body, {"left": 90, "right": -90}[side]) for side in sides)
+  return np.clip(1 - longest / _SIDEWAYS_SECONDS, 0.0, 1.0)
+
+
+def _not_raised(body, requirement):
+  """Raise a hand: the named one, both, or any is over its shoulder for 0.3 s; where they are counted the other is not.
+  """
+  side = requirement.side
+  over = body.local("wrist", "shoulder")[..., 1] > 0
+  seconds = over.sum(0) / body.fps if side != "both" else np.repeat(over.all(1).sum() / body.fps, 2)
+  wanted = seconds.max() if side in ("", "both") else seconds[SIDES.index(side)]
+  other = seconds[1 - SIDES.index(side)] if side in SIDES and requirement.counted else 0.0
+  return np.clip(1 - wanted / _RAISED_SECONDS, 0.0, 1.0) + 0.5 * (other >= _RAISED_SECONDS)
+
+
+def _not_lying(body):
+  """Lie down: the head comes within 0.4 m of the ground."""
+  height = (body.joints[:, JOINT["head"], 1] - body.floor).min()
+  return np.clip(height - _LYING_HEIGHT, 0.0, 0.9)
 
 
 def _no_step_back(body):
@@ -209,4 +242,5 @@ def _missing_climb(metres):
 # Measures of requirements that are no events.
 _MEASURES = {"dance": _dance_wanders, "run": _too_fast, "still": _moves, "rise": _not_up, "seated": _not_seated,
            "sit": _never_sits, "step": _no_step_back, "walk": _not_backward, "ascend": _not_climbed,
-           "descend": _not_descended}
+           "descend": _not_descended, "lie": _not_lying}
+_SIDED_MEASURES = {"sideways": _not_sideways, "raise": _not_raised}

@@ -98,12 +98,14 @@ def _manner(previous, tokens, words):
 
 def _direction(previous, tokens, words):
   said, adverbs = lower(previous.words), {word for word in words if word.endswith("ly")}
-  is_direction = words and words != ["again"] and set(words) <= lexicon.DIRECTIONS | {"to", "the"} | adverbs
+  known = lexicon.DIRECTIONS | {"to", "the"} | lexicon.POSSESSIVES | adverbs
+  is_direction = words and words != ["again"] and set(words) <= known
   of_a_limb = lexicon.LIMBS.intersection(said) and words and words[-1] in lexicon.SIDES and "to" not in words
   if not is_direction or of_a_limb or not lexicon.DIRECTIONS.intersection(said):
     return None
   shape = _SHAPE.match(" ".join(previous.words))  # "in a circle to the left, then to the right"
-  return _with_words(previous, [*(shape[0].split() if shape else []), *tokens])
+  to = ["to"] if "to" in said and words[0] in {"the", *lexicon.POSSESSIVES} else []  # "to the left, then the right"
+  return _with_words(previous, [*(shape[0].split() if shape and words[0] != shape[0] else []), *to, *tokens])
 
 
 def _other_path(previous, tokens, words):
@@ -132,7 +134,7 @@ def _other_limb(previous, tokens, words):
   if not words or not set(words) <= lexicon.POSSESSIVES | lexicon.LIMBS | lexicon.BEFORE_A_LIMB or not (
       words[-1] in lexicon.LIMBS or limb and words[-1] in (*lexicon.SIDES, "other")):
     return None
-  start = ["with"] if "with" in previous.words and "with" not in words else []
+  start = [word for word in ("with", "on") if word in previous.words and word not in words][:1]
   start += ["the"] if len(words) == 1 and words[0] in lexicon.SIDES else []
   side = next((lexicon.SIDES[word] for word in said if word in lexicon.SIDES), "other")
   own = [side if word.lower() == "other" else word for word in tokens]
@@ -160,6 +162,7 @@ VERBLESS = (
             "walks in a circle to the left | walks in a circle to the right",
         "a person steps sideways to the left, then to the right":
             "walks sideways to the left | walks sideways to the right",
+        "a person leans to the left, then the right": "leans to the left | leans to the right",
         "a person jumps forward twice and backward once": "jumps forward 2 times | jumps backward"}, _direction),
     Rule("Other path", "The same gait along another path.", {
         "a person walks in a circle to the left, then in a circle to the right":

@@ -121,7 +121,10 @@ BETWEEN_ACTIONS = {"and", "then", ","}  # words after which a further action may
 # Kinds of detected events by verb.
 EVENTS = {"kick": "kick", "punch": "punch", "jab": "punch", "box": "punch", "shadowbox": "punch", "jump": "jump",
           "hop": "hop", "squat": "squat", "bow": "bow", "wave": "wave", "turn": "turn", "sit": "sit"}
-SIDED_EVENTS = {"kick", "punch", "wave", "turn"}
+SIDED_EVENTS = {"kick", "punch", "wave", "turn", "sideways"}
+# Words of raising a hand over the shoulder; with others ("to the chest") it may stay below.
+RAISED = set("raise lift the his her their its my a an one both left right hand hands arm arms up high straight "
+             "upward upwards in into to air sky above over head overhead slowly quickly of".split())
 STRIKES, FISTS = {"strike", "hit"}, {"fist", "fists"}
 # Words that take a dance to another place.
 ELSEWHERE = {"across", "along", "around", "away", "backward", "backwards", "circle", "circles", "forward", "forwards",

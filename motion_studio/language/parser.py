@@ -127,8 +127,9 @@ def _action(clause, subject):
   who, words = " ".join(subject), _words_of(clause, subject)
   said = [word for word in lower(clause.words) if word.isalpha()]
   rest = set(said) - lexicon.SHORT_TIMES
-  if clause.verb in lexicon.PAUSING_VERBS and not (clause.verb == "rest" and rest) or clause.verb in (
-      "stand", "stay") and said[:1] == ["still"] or clause.verb in ("finish", "quit"):
+  stands = clause.verb in ("stand", "stay") and said[:1] == ["still"] and lexicon.LIMBS.isdisjoint(said)
+  if stands or clause.verb in lexicon.PAUSING_VERBS and not (clause.verb == "rest" and rest) or (
+      clause.verb in ("finish", "quit") and not said):
     return Action(f"{who} {PAUSE}", PAUSE, "legs", verb="stand", reworded=clause.reworded, subject=who)
   if is_hold(clause.verb, rest):
     return Action(f"{who} {words}", HOLD, "legs", verb="stand", subject=who)

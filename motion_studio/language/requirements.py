@@ -44,6 +44,9 @@ def requirements_of(actions: "Sequence[Action]", text: str) -> list[Requirement]
     kind, side = _event_of(action, shapes)
     if kind is None or action.is_pose or action.part == "head":  # "turns the head"
       continue
+    if kind == "raise":
+      found[kind, side] = Requirement(kind, side, 1, len(actions) == 1)  # counted: the other hand stays below
+      continue
     before = found.get((kind, side), Requirement(kind, side, 0, False))
     counted = before.counted or action.times > 1 and kind in COUNTED
     several = before.times or action.times > 1
@@ -69,6 +72,12 @@ def _event_of(action, shapes):
   words = set(said)
   if action.verb == "walk" and words & {"backward", "backwards"}:
     kind, side = "step" if action.counts_steps else "walk", "backward"
+  if action.verb == "walk" and "sideways" in words and not words & lexicon.PATH_NOUNS:
+    kind = "sideways"
+  if action.verb == "lie" and "down" in words:
+    kind = "lie"
+  if action.verb in ("raise", "lift") and action.part == "arms" and words - {action.verb + "s"} <= lexicon.RAISED:
+    kind, side = "raise", "both" if len(action.sides) == 2 else next(iter(action.sides), "")
   if action.verb in lexicon.STRIKES and words & lexicon.FISTS:
     kind = "punch"
   turning = _TURNING.search(action.words.lower()) if kind is None and is_gait(action.verb) else None
@@ -128,7 +137,9 @@ def _climbs(action):
 
 
 def _stands_still(action):
-  return action.verb in ("stand", "stay") and bool({"still", "place", "motionless"} & set(action.words.lower().split()))
+  words = set(action.words.lower().split())
+  return action.verb in ("stand", "stay") and bool({"still", "place", "motionless"} & words) and not (
+      words & (lexicon.LIMBS | {"legs", "feet"}))  # "standing still lifts an arm"
 
 
 def _gets_up(action):

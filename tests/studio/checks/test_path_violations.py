@@ -69,7 +69,8 @@ def test_who_walks_turning_to_a_side_turns():
       Requirement("slowly", "walk", 1, False), Requirement("turn", "right", 1, False, (40, 140))]
   assert parse("walks to the right, turning to the left").requirements[-1][:2] == ("turn", "left")
   assert [one.kind for one in parse("walks in a circle, turning left").requirements] == ["circle", "usual"]
-  assert parse("a person steps to the right while looking around").requirements == []
+  assert parse("a person steps to the right while looking around").requirements == [
+      Requirement("sideways", "right", 1, False)]
   assert [one.kind for one in parse("someone walks and makes a u turn to the left").requirements] == ["u-turn"]
 
 

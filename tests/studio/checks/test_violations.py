@@ -18,7 +18,14 @@ from motion_studio.language.requirements import Requirement, is_counted, once
         Requirement("jump", "", 3, True), Requirement("kick", "right", 2, True)]),
     ("a person kicks, then kicks twice", [Requirement("kick", "", 3, True)]),
     ("someone takes two bows", [Requirement("bow", "", 2, True)]),
-    ("a person raises the right hand and waves it", [Requirement("wave", "", 1, False)]),
+    ("a person raises the right hand and waves it", [
+        Requirement("raise", "right", 1, False), Requirement("wave", "", 1, False)]),
+    ("a person raises the left arm", [Requirement("raise", "left", 1, True)]),
+    ("she puts her hands up", [Requirement("raise", "both", 1, True)]),
+    ("someone raises a hand to the chest", []),
+    ("a person side steps to the left", [Requirement("sideways", "left", 1, False)]),
+    ("a person lies down", [Requirement("lie", "", 1, False)]),
+    ("this person, standing still, lifts an arm as if to see the watch", []),
     ("a person waves the right hand three times", [Requirement("wave", "right", 1, False)]),
     ("someone walks backwards and turns left", [
         Requirement("walk", "backward", 1, False), Requirement("turn", "left", 1, False, (40, 140))]),
@@ -174,3 +181,28 @@ def test_nobody_runs_faster_than_people_do():
   assert excess(at(4.4), asked) == score(at(4.4), asked) == 0
   assert 0.04 < excess(at(5.0), asked) < excess(at(5.6), asked) == score(at(5.6), asked) < 0.3
   assert excess(at(5.6), [Requirement("jump", "", 1, False)]) == 0 == excess(at(5.6)[:1], asked)
+
+
+def test_raised_hands():
+  wanted = lambda side, counted=False: [Requirement("raise", side, 1, counted)]
+  left = _joints("wave_left")
+  assert score(left, wanted("left")) == score(left, wanted("left", True)) == score(left, wanted("")) == 0
+  assert score(left, wanted("right")) == 1 == score(left, wanted("both")) and score(left, wanted("right", True)) == 1.5
+  both = left.copy()
+  both[:, [17, 19, 21]] = left[:, [16, 18, 20]] * (-1, 1, 1)
+  assert score(both, wanted("both")) == 0 == score(both, wanted("left"))
+  assert score(both, wanted("left", True)) == 0.5
+
+
+def test_a_walk_to_a_side():
+  wanted = lambda side: [Requirement("sideways", side, 1, False)]
+  stands = _joints("stand")
+  to_the_left = stands + np.linspace(0, 2, len(stands))[:, None, None] * (1, 0, 0)  # it faces z
+  assert score(to_the_left, wanted("left")) == 0 == score(to_the_left, wanted(""))
+  assert score(to_the_left, wanted("right")) == 1 == score(stands, wanted("left")) == score(_joints("walk"), wanted(""))
+
+
+def test_lying():
+  lying = _joints("stand")[..., [0, 2, 1]]
+  assert score(lying, [Requirement("lie", "", 1, False)]) == 0 < score(_joints("stand"), [
+      Requirement("lie", "", 1, False)])
