@@ -1,10 +1,12 @@
 """Frozen text encoders: captions to features of words or sentences, each caption encoded once."""
+import concurrent.futures
 import contextlib
 import copy
 import functools
 import hashlib
 import itertools
 import json
+import os
 import pathlib
 import re
 import warnings
@@ -29,6 +31,13 @@ FAMILIAR = 0.65  # cosine to the nearest known word from which an unseen word co
 # hastily 0.83; not grab and catches with 0.65, bounces and backflip with 0.38.
 SYNONYM = 0.67
 _GROUP = 8  # captions that are encoded together in training
+_MOST, _MOST_IN_TRAINING = 50_000, 200_000  # captions in the cache: about 6 kB each of the shipped encoder
+
+
+@functools.cache
+def _threads():
+  """Threads that encode groups of captions side by side."""
+  return concurrent.futures.ThreadPoolExecutor(min(8, os.cpu_count() or 1), "captions")
 
 
 def _run(model, params, ids, text_mask):
@@ -246,7 +255,7 @@ class TextEncoder:
   def _remember(self, sentence, hidden):
     hidden = hidden.copy()
     hidden.setflags(write=False)  # the cache returns this array itself
-    if len(self._cache) >= 50_000:
+    if len(self._cache) >= (_MOST_IN_TRAINING if self._in_groups else _MOST):
       with contextlib.suppress(RuntimeError, KeyError):  # another thread may use the cache
         self._cache.pop(next(iter(self._cache)))
     self._cache[sentence] = hidden
@@ -268,8 +277,11 @@ class TextEncoder:
   def _encode_new(self, sentences):
     new = [sentence for sentence in dict.fromkeys(sentences)
            if isinstance(sentence, str) and sentence not in self._cache and self._kept(sentence) is None]
-    for sentence, rows in self.in_batches(new, _GROUP):
-      self._remember(sentence, rows)
+    run = lambda padded, some: (some, np.asarray(_hidden.jitted(self.model, self.params, *_pad(
+        [ids for ids, _ in some] + [some[-1][0]] * (_GROUP - len(some)), padded))))
+    for some, made in _threads().map(run, *zip(*self._groups(new, _GROUP))) if new else ():
+      for (ids, sentence), rows in zip(some, made):
+        self._remember(sentence, rows[:len(ids)])
 
   def recall(self, kept):
     """Takes features from kept(sentence) from now on, (S, D); where it returns None they are computed."""
@@ -277,14 +289,18 @@ class TextEncoder:
 
   def in_batches(self, sentences, size=32):
     """Yields (sentence, features (S, D)) of many different captions, in the order of their lengths."""
-    run = _hidden.jitted if self._in_groups else _hidden  # a cached program runs on the default device
+    for padded, some in self._groups(sentences, size):
+      filled = [ids for ids, _ in some] + [some[-1][0]] * (size - len(some))
+      made = np.asarray(_hidden(self.model, self.params, *_pad(filled, padded)))
+      yield from ((sentence, rows[:len(ids)]) for (ids, sentence), rows in zip(some, made))
+
+  def _groups(self, sentences, size):
+    """Yields (padded length, up to `size` pairs of word pieces and sentence), by length."""
     encodings = sorted(((self._ids(sentence), sentence) for sentence in sentences), key=lambda one: len(one[0]))
     width = lambda one: min(-(-len(one[0]) // 8) * 8, self.model.max_positions)
     for padded, same in itertools.groupby(encodings, width):
       while some := list(itertools.islice(same, size)):
-        filled = [ids for ids, _ in some] + [some[-1][0]] * (size - len(some))
-        made = np.asarray(run(self.model, self.params, *_pad(filled, padded)))
-        yield from ((sentence, rows[:len(ids)]) for (ids, sentence), rows in zip(some, made))
+        yield padded, some
 
   def _ids(self, sentence):
     """The word pieces of a caption, special ones included."""
