@@ -105,6 +105,19 @@ def planted_speed(joints: Num[A, "*lead t j 3"], fps: float = 20.0, skeleton: Sk
   return (speed * down).sum(-1) / xp.maximum(down.sum(-1), 1)
 
 
+def slide(joints: Num[A, "*lead t j 3"], skeleton: Skeleton = HUMANML3D, low: float = 0.05
+          ) -> Float[Array | np.floating, "*lead"]:
+  """Mean way (...,) over the ground, a frame, of ankles and toes that are low in two frames running; 0 where none is.
+
+  Low is under `low` metres over the floor y = 0. In millimetres it is PhysDiff's "skate" (arXiv:2212.02500).
+  """
+  feet = _of(skeleton, joints)[..., list(skeleton.left_feet + skeleton.right_feet), :]
+  way = rot.length(_differences(feet, 1)[..., [0, 2]])
+  down = feet[..., 1] < low
+  both = down[..., 1:, :] & down[..., :-1, :]
+  return (way * both).sum((-2, -1)) / rot.namespace(way).maximum(both.sum((-2, -1)), 1)
+
+
 def foot_height(joints: Num[A, "*lead t j 3"], skeleton: Skeleton = HUMANML3D) -> Float[A, "*lead t"]:
   """Height of the lowest foot joint above the floor y = 0 in each frame, (..., T); below 0 it has sunk in."""
   return _of(skeleton, joints)[..., list(skeleton.left_feet + skeleton.right_feet), 1].min(-1)
@@ -138,7 +151,7 @@ def acceleration(joints: Num[A, "*lead t j 3"], fps: float = 20.0) -> Float[Arra
 # Which of them rows of an evaluation have: {name there: name in `summary`}.
 IN_ROWS = {"skating": "skating_ratio", "planted_speed": "planted_speed", "foot_height": "floating_mm",
            "penetration": "penetration_mm", "bone_drift": "bone_drift_mm", "acceleration": "acceleration",
-           "jerk": "jerk"}
+           "jerk": "jerk", "slide": "slide_mm", "largest_jerk": "peak_jerk"}
 
 
 def summary(joints: Num[Array, "t j 3"], fps: float = 20.0, skeleton: Skeleton = HUMANML3D) -> dict[str, float]:
@@ -146,6 +159,7 @@ def summary(joints: Num[Array, "t j 3"], fps: float = 20.0, skeleton: Skeleton =
   metres = np.asarray(joints, np.float64) * skeleton.unit
   return {"skating_ratio": float(skating_ratio(metres, fps, skeleton)),
           "planted_speed": float(planted_speed(metres, fps, skeleton)),
+          "slide_mm": float(1000 * slide(metres, skeleton)),
           "floating_mm": float(1000 * floating(metres, skeleton)),
           "penetration_mm": float(1000 * penetration(metres)),
           "bone_drift_mm": float(1000 * bone_drift(metres, skeleton)),

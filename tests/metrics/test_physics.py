@@ -71,6 +71,15 @@ def test_sliding_feet():
   assert physics.skating_ratio(np.stack([joints, still(41)])).tolist() == [1.0, 0]
 
 
+def test_the_way_of_feet_on_the_ground():
+  """5 cm a frame of all that is low; in the air nothing slides."""
+  sliding = still(41) + 0.05 * np.arange(41)[:, None, None] * [1, 0, 0]
+  assert (sliding[0, physics.HUMANML3D.left_feet[1], 1]) < 0.05
+  np.testing.assert_allclose(physics.slide(sliding), 0.05, rtol=1e-9)
+  assert physics.slide(still(41)) == physics.slide(sliding + [0, 0.2, 0]) == 0
+  assert physics.slide(np.stack([still(41), sliding])).round(9).tolist() == [0, 0.05]
+
+
 def test_feet_that_are_down_and_go_on():
   """The slowest point counts: a walker rests on one foot, a slider on none."""
   joints = still(41)
@@ -122,7 +131,7 @@ def test_joints_of_another_skeleton_are_told(measure, as_users_run):
 MEASURES = {"jerk": physics.jerk, "foot_speed": physics.foot_speed, "skating_ratio": physics.skating_ratio,
             "planted_speed": physics.planted_speed, "foot_height": physics.foot_height, "floating": physics.floating,
             "penetration": physics.penetration, "bone_drift": physics.bone_drift, "acceleration": physics.acceleration,
-            "transition_distance": lambda joints: physics.transition_distance(joints, [10, 20])}
+            "slide": physics.slide, "transition_distance": lambda joints: physics.transition_distance(joints, [10, 20])}
 
 
 def moving_bodies(frames=40):

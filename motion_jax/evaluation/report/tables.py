@@ -26,7 +26,8 @@ class Metric(NamedTuple):
 
 METRICS = {
     "top1": Metric("R@1", "up"), "top2": Metric("R@2", "up"), "top3": Metric("R@3", "up"),
-    "fid": Metric("FID", "down"), "matching": Metric("MM-Dist", "down"), "multimodality": Metric("MModality", "up"),
+    "fid": Metric("FID", "down"), "fid_unit": Metric("FID, unit vectors", "down"),
+    "matching": Metric("MM-Dist", "down"), "multimodality": Metric("MModality", "up"),
     "diversity": Metric("Diversity", "real"), "clip_score": Metric("CLIP-score", "up"),
     "reconstruction_fid": Metric("rec. FID", "down"), "mpjpe": Metric("MPJPE", "down"),
     "mpjpe_heading": Metric("MPJPE with heading", "down"), "released_mpjpe": Metric("MPJPE (released code)", "down"),
@@ -41,7 +42,9 @@ METRICS = {
     "skating": Metric("skating", "real"), "planted_speed": Metric("planted feet, m/s", "real"),
     "foot_height": Metric("foot height", "real", 4),
     "penetration": Metric("penetration", "real", 4), "bone_drift": Metric("bone drift", "real", 4),
+    "slide": Metric("slide, m a frame", "real", 4),
     "acceleration": Metric("acceleration", "real"), "jerk": Metric("jerk", "real", 4),
+    "largest_jerk": Metric("peak jerk", "real", 3),
     "auc_jerk": Metric("AUC jerk", "real", 2), "auc_dynamics": Metric("AUC dynamics", "real", 2),
     "auc_limbs": Metric("AUC limbs", "real", 2),
     "preference": Metric("preferred", "up"), "frames_per_second": Metric("frames/s", "up", 1),

@@ -9,6 +9,7 @@ from motion_jax.evaluation import samples
 from motion_jax.evaluation.candidates import Candidate
 from motion_jax.evaluation.differences import ByMotion
 from motion_jax.evaluation.harness import Harness
+from motion_jax.metrics import two_sample
 from motion_jax.metrics.physics import IN_ROWS
 from motion_jax.motion.representations import to_joints
 
@@ -91,7 +92,9 @@ class Task:
 
 class ClipTask(Task):
   """A task whose motions are as long as the items of the test set, and evaluated as a whole."""
-  METRICS = ("top1", "top2", "top3", "fid", "matching", "diversity", "multimodality", "clip_score", *IN_ROWS)
+  METRICS = ("top1", "top2", "top3", "fid", "fid_unit", "matching", "diversity", "multimodality", "clip_score",
+             *IN_ROWS)
+  SET_APART = tuple(f"auc_{kind}" for kind in two_sample.KINDS)  # of tasks that call `set_apart`
 
   def ids(self, replication):
     """[{"id"}] of the items of a draw, for lines of prompts.jsonl."""
@@ -105,3 +108,21 @@ class ClipTask(Task):
   def real(self, replication):
     """Rows of the real motions, and of them with shuffled captions."""
     return Found({"real": self.harness.real_scores(replication), "shuffled": self.harness.shuffled_scores(replication)})
+
+  def real_set_apart(self, replication):
+    """AUC of one half of the real motions against the other, as part of their row (`metrics.two_sample`)."""
+    return {f"auc_{kind}": value
+            for kind, value in two_sample.halves(self.harness.real_windows(replication)).items()}
+
+  def set_apart(self, replication, motions, layout):
+    """(AUC of motions [(rows, F)] of the draw against the real ones, as part of their row; {part: the numbers that tell
+    them apart}, for the notes)."""
+    apart = self.harness.set_apart(replication, motions, layout)
+    return {f"auc_{kind}": verdict.auc for kind, verdict in apart.items()}, {"": _reasons(apart)} if apart else {}
+
+
+def _reasons(apart):
+  """A sentence on the numbers that set motions apart from real ones, of {kind: Verdict}."""
+  listed = "; ".join(f"{kind}: " + ", ".join(f"{name} {'larger' if auc > 0.5 else 'smaller'} ({auc:.2f})"
+                                             for name, auc in verdict.reasons[:3]) for kind, verdict in apart.items())
+  return f"what sets its windows of 2 s apart from real ones by itself (AUC), {listed}"

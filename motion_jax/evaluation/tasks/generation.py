@@ -4,12 +4,11 @@ import numpy as np
 from motion_jax import loading
 from motion_jax.evaluation import samples
 from motion_jax.evaluation.tasks.base import ClipTask, Found, Wanted
-from motion_jax.metrics import two_sample
 
 
 class Generation(ClipTask):
   TEXT_TO_MOTION = True
-  METRICS = (*ClipTask.METRICS, *(f"auc_{kind}" for kind in two_sample.KINDS))
+  METRICS = (*ClipTask.METRICS, *ClipTask.SET_APART)
   FILES = "a motion of each caption at its length, wherever it begins and whichever way it faces"
 
   @staticmethod
@@ -20,8 +19,7 @@ class Generation(ClipTask):
   def real(self, replication):
     """Rows of the real motions, with the AUC of one half of them against the other, and with shuffled captions."""
     found = super().real(replication)
-    found.rows["real"].update({f"auc_{kind}": value for kind, value in two_sample.halves(
-        self.harness.real_windows(replication)).items()})
+    found.rows["real"].update(self.real_set_apart(replication))
     return found
 
   def found(self, candidate, replication):
@@ -31,9 +29,8 @@ class Generation(ClipTask):
     if self.protocol.has_multimodality(replication):
       generations = self._generations(candidate, replication, motions)
       row["multimodality"] = self.harness.multimodality(replication, generations, layout)
-    apart = self.harness.set_apart(replication, motions, layout)
-    row |= {f"auc_{kind}": verdict.auc for kind, verdict in apart.items()}
-    return Found({"": row}, by_motion={"": by_motion}, notes={"": _reasons(apart)} if apart else {})
+    apart, notes = self.set_apart(replication, motions, layout)
+    return Found({"": row | apart}, by_motion={"": by_motion}, notes=notes)
 
   def sampled(self, candidate, replication):
     """The motions of a replication [(rows, F)] in the order of its draw."""
@@ -84,10 +81,3 @@ class Generation(ClipTask):
                                  f"multimodality {replication + 1}"))
     return [[motions[i] if copy == have[i] else next(made) for copy in range(self.protocol.multimodality_motions)]
             for i in range(self._num_captions)]
-
-
-def _reasons(apart):
-  """A sentence on the numbers that set motions apart from real ones, of {kind: Verdict}."""
-  listed = "; ".join(f"{kind}: " + ", ".join(f"{name} {'larger' if auc > 0.5 else 'smaller'} ({auc:.2f})"
-                                             for name, auc in verdict.reasons[:3]) for kind, verdict in apart.items())
-  return f"what sets its windows of 2 s apart from real ones by itself (AUC), {listed}"

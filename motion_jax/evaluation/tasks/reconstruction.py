@@ -13,12 +13,18 @@ class Reconstruction(ClipTask):
   code prints.
   """
   FILES = "the motion of `motion` (joints of a real one) after your encoder and decoder, in the place where it is"
-  METRICS = (*ClipTask.METRICS, "mpjpe", "mpjpe_heading", "released_mpjpe")
+  METRICS = (*ClipTask.METRICS, "mpjpe", "mpjpe_heading", "released_mpjpe", *ClipTask.SET_APART)
 
   @staticmethod
   def load(run, raw=False):
     """The tokenizer of a run, or inside a generator's. Raises ValueError for a run without one."""
     return load_tokenizer(run, raw)
+
+  def real(self, replication):
+    """Rows of the real motions, with the AUC of one half of them against the other, and with shuffled captions."""
+    found = super().real(replication)
+    found.rows["real"].update(self.real_set_apart(replication))
+    return found
 
   def found(self, candidate, replication):
     """The row of a tokenizer."""
@@ -35,10 +41,11 @@ class Reconstruction(ClipTask):
       errors[alone] = [protocol_lib.reconstruction_errors(a[None], b[None], [m], alone, layout)[0] for a, b, m in pairs]
     mm = 1000 * layout.skeleton.unit
     row, by_motion = self.harness.judged(replication, made, layout)
-    return Found({"": row | {
+    apart, notes = self.set_apart(replication, made, layout)
+    return Found({"": row | apart | {
         "mpjpe": mm * scores.mpjpe(errors[True]), "mpjpe_heading": mm * scores.mpjpe(errors[False]),
         "released_mpjpe": scores.released_mpjpe(errors[protocol.poses_alone], protocol.pool)}},
-                 by_motion={"": by_motion})
+                 by_motion={"": by_motion}, notes=notes)
 
   def wanted(self, replication, reader):
     jobs = samples.jobs_of(self.test_set, self.harness.drawn(replication), self.harness.seed, replication)
