@@ -1,16 +1,19 @@
 """A newcomer's first minutes work: every config trains two steps, the README says nothing that does not run."""
 import contextlib
+import json
 import os
 import pathlib
 import re
 import shlex
 import subprocess
 import sys
+import tomllib
 
 import chex
 import jax
 import numpy as np
 import pytest
+import yaml
 
 from motion_jax import fit as training
 from motion_jax.text.encoder import load_text_encoder
@@ -118,6 +121,8 @@ def test_launch_py(tmp_path):
 
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 LANDING = ROOT / "site" / "index.md"  # of the site: what a newcomer types first is the README's
+MORE = [ROOT / "CONTRIBUTING.md", ROOT / "docs" / "benchmark" / "README.md",
+        *sorted((ROOT / "docs" / "papers").glob("*.md"))]  # pages with a command here and there
 TYPED = ("control.md", "command-line.md")  # pages whose commands follow from one another
 CACHE = [name for name in os.environ if name.startswith(("JAX_COMPILATION_CACHE", "JAX_PERSISTENT_CACHE"))]
 CARDS = sorted((ROOT / "motion_jax" / "pretrained").glob("*/README.md"))  # of the models that ship
@@ -143,11 +148,11 @@ def _commands(page):
       for part in line.split(" && "):
         words = [word for written in shlex.split(part.rstrip().removesuffix("&"), comments=True)
                  for word in variables.get(written, [written])]
-        if words and (words[0].endswith("motion-jax") or words[:1] == ["python"] and words[1].endswith(".py")):
-          yield words[1:] if words[0] == "python" else ["motion-jax", *words[1:]]
+        if words and (words[0].endswith("motion-jax") or words[0].endswith("python") and words[1].endswith(".py")):
+          yield words[1:] if words[0].endswith("python") else ["motion-jax", *words[1:]]
 
 
-@pytest.mark.parametrize("page", PAGES + CARDS, ids=_name)
+@pytest.mark.parametrize("page", PAGES + CARDS + MORE, ids=_name)
 def test_commands_of_the_pages_exist(page, capsys):
   """Every command line of ours in the README, the pages of docs/ and the models' cards parses, and its config has the
   fields it names, by the names that they have."""
@@ -158,12 +163,26 @@ def test_commands_of_the_pages_exist(page, capsys):
   assert found or not must
   for program, *words in found:
     args = cli.parse(words, of_scripts.get(program), program) if program in of_scripts else cli.parse(words)
-    if args.command == "train":
+    if args.command == "train" and args.sweep:
+      assert (ROOT / "configs" / "sweeps" / f"{args.sweep}.py").is_file(), args.sweep
+    elif args.command == "train":
       config = overrides.applied(args.overrides, config_files.load(args.config))
       assert "passes" in config or config.stage
   for words in _commands(page):
     assert words[0] == "motion-jax" or (ROOT / words[0]).is_file(), words
   assert not capsys.readouterr().err
+
+
+@pytest.mark.parametrize("page", PAGES + CARDS + MORE, ids=_name)
+def test_a_block_says_its_language(page):
+  """So that the tests here find every command; what a program reads can be read."""
+  for language, block in re.findall(r"(?ms)^```(\w*)\n(.*?)^```", page.read_text(encoding="utf-8")):
+    if not language:
+      assert not re.search(r"(?m)^(\.venv/bin/)?(motion-jax|python3?|pip) ", block), f"write ```bash before {block[:60]!r}"
+    elif language in ("json", "toml", "yaml"):
+      {"json": json.loads, "toml": tomllib.loads, "yaml": lambda text: list(yaml.safe_load_all(text))}[language](block)
+    else:
+      assert language in ("python", "bash", "sh", "text", "bibtex"), language
 
 
 def _shell_lines(page):
