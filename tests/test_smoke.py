@@ -178,7 +178,8 @@ def test_a_block_says_its_language(page):
   """So that the tests here find every command; what a program reads can be read."""
   for language, block in re.findall(r"(?ms)^```(\w*)\n(.*?)^```", page.read_text(encoding="utf-8")):
     if not language:
-      assert not re.search(r"(?m)^(\.venv/bin/)?(motion-jax|python3?|pip) ", block), f"write ```bash before {block[:60]!r}"
+      command = re.search(r"(?m)^(\.venv/bin/)?(motion-jax|python3?|pip) .*", block)
+      assert not command, f"write ```bash before {command[0]!r}"
     elif language in ("json", "toml", "yaml"):
       {"json": json.loads, "toml": tomllib.loads, "yaml": lambda text: list(yaml.safe_load_all(text))}[language](block)
     else:

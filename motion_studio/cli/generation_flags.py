@@ -34,7 +34,7 @@ def add_common(parser, command, out):
   for name, methods in _choices(command).items():
     known = next(iter(methods.values()))
     texts = list(dict.fromkeys(one.help for one in methods.values()))
-    text = texts[0] if len(texts) == 1 else "; ".join(f"{method.upper()}: {one.help}"
+    text = texts[0] if len(texts) == 1 else "; ".join(f"{_title(method)}: {one.help}"
                                                      for method, one in methods.items())
     only_one = len(methods) == 1 < len(_methods(command))
     group = _group(parser, next(iter(methods))) if only_one else parser
@@ -87,8 +87,14 @@ def _choices(command):
   return found
 
 
+def _title(method):
+  """A method as its paper writes it."""
+  written = {"momask": "MoMask", "motionstreamer": "MotionStreamer", "t2m_gpt": "T2M-GPT"}
+  return written.get(method, method.upper())
+
+
 def _group(parser, method):
-  title = f"{method.upper()} models"
+  title = f"{_title(method)} models"
   return next((group for group in parser._action_groups if group.title == title), None) or (
       parser.add_argument_group(title))
 

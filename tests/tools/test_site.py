@@ -3,7 +3,7 @@ import pytest
 
 from tests.conftest import ROOT
 from tools import reference
-from tools.site import api, nav, notebooks, viewers
+from tools.site import api, links, nav, notebooks, viewers
 
 
 @pytest.fixture(scope="module")
@@ -91,3 +91,27 @@ def test_a_draft_takes_what_an_earlier_build_kept(tmp_path, monkeypatch):
   path = notebooks.paths()[0]
   text, marks = notebooks.page(path, "[]")
   assert not marks and text.count("```python") == len(notebooks.blocks(path, "site"))
+
+
+def test_dead_links_of_a_built_site_are_found(tmp_path):
+  (tmp_path / "a").mkdir()
+  (tmp_path / "index.html").write_text(
+      '<h2 id="here">x</h2><a class="k" href="#here">1</a><a href="#gone">2</a><a href="a/">3</a><a href="a/#top">4</a>'
+      '<a href="b/">5</a><iframe data-src="m.html"></iframe><a href="https://x.org/y">6</a><!-- <a href="no"> -->')
+  (tmp_path / "a" / "index.html").write_text('<a href="../#here">1</a><a href="../#there">2</a>')
+  assert links.dead(tmp_path) == ["a/index.html: ../#there", *(f"index.html: {link}" for link in (
+      "#gone", "a/#top", "b/", "m.html"))]
+
+
+def test_pages_that_docstrings_name_become_links():
+  there = {"papers/cmdm.md", "README.md"}.__contains__
+  text = "<p>(docs/papers/cmdm.md#masks), docs/README.md, docs/none.md</p><pre>docs/papers/cmdm.md</pre>"
+  assert links.mentions(text, "reference/motion_jax/", there) == (
+      '<p>(<a href="../../papers/cmdm/#masks">docs/papers/cmdm.md#masks</a>), '
+      '<a href="../../manual/">docs/README.md</a>, docs/none.md</p><pre>docs/papers/cmdm.md</pre>')
+
+
+def test_a_config_page_shows_every_value_in_its_row():
+  page = api.config_page("cmdm_denoiser")
+  rows = page.partition("| --- |")[2].partition("\n\n")[0].splitlines()[1:]
+  assert "| `alignment_teacher` | `{}` |" in page and all(row.count(" | ") >= 2 for row in rows if row.strip())

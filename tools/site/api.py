@@ -3,6 +3,7 @@ import ast
 import functools
 import pathlib
 import re
+import textwrap
 
 from ml_collections import ConfigDict
 
@@ -14,6 +15,24 @@ SIZES = ("full", "small", "laptop", "mini", "tiny")
 _NAMES = r"\w+(?:(?:, | and )\w+)*"  # of fields that a comment or docstring explains: "name, fields: ..."
 _WHERE = r"(?:, where \w+ is)?: "
 MEANINGS = re.compile(rf"(?:^|[.;]\s)({_NAMES}){_WHERE}(.+?)(?=[.;]\s+{_NAMES}{_WHERE}|[.;]?$)")
+
+_SPACED = re.compile(r"^ |\S {2,}\S|^[-|\d]|: *$", re.MULTILINE)  # columns, lists, drawings: not prose
+
+
+def as_markdown(doc):
+  """A docstring as Markdown: paragraphs of prose as such, all others word for word."""
+  first, *rest = re.split(r"\n\s*\n", textwrap.dedent(doc).strip())
+  made, kept = [" ".join(first.split())], []
+  for paragraph in [*rest, None]:
+    if paragraph is not None and _SPACED.search(paragraph):
+      kept.append(paragraph)
+      continue
+    if kept:
+      made.append("```text\n" + "\n\n".join(kept) + "\n```")
+      kept = []
+    if paragraph is not None:
+      made.append(" ".join(paragraph.split()).replace("][", "]\\["))
+  return "\n\n".join(made)
 
 
 @functools.cache
@@ -35,7 +54,7 @@ def path_of(entry):
 
 def room_page(room):
   """The page of a room: what it is for, then each public name by mkdocstrings, behind the anchor that links name."""
-  lines = [f"# {room}", "", *reference.bodies(ast.get_docstring(reference.tree_of(room)[1]) or "")]
+  lines = [f"# {room}", "", as_markdown(ast.get_docstring(reference.tree_of(room)[1]) or "")]
   for name in reference.public_names(room):
     entry = reference.resolve(room, name)
     if entry.kind == "module":
@@ -69,7 +88,7 @@ def fields(config, before=""):
     if isinstance(value, ConfigDict) and len(value):
       found |= fields(value, f"{before}{name}.")
     else:
-      found[before + name] = value
+      found[before + name] = value.to_dict() if isinstance(value, ConfigDict) else value
   return found
 
 
@@ -78,7 +97,7 @@ def config_page(name):
   path = config_files.FOLDER / f"{name}.py"
   source = path.read_text(encoding="utf-8")
   docstring = re.match(r'"""(.*?)"""', source, flags=re.DOTALL)[1]
-  lines = [f"# {name}", "", *reference.bodies(docstring)]
+  lines = [f"# {name}", "", as_markdown(docstring)]
   by_size = {}
   for size in SIZES:
     try:

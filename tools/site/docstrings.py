@@ -2,28 +2,9 @@
 
 A class gets its fields as a block behind its docstring, in place of a heading for each.
 """
-import re
-import textwrap
-
 import griffe
 
-_SPACED = re.compile(r"^ |\S {2,}\S|^[-|\d]|: *$", re.MULTILINE)  # columns, lists, drawings: not prose
-
-
-def as_markdown(doc):
-  """A docstring as Markdown: paragraphs of prose as such, all others word for word."""
-  first, *rest = re.split(r"\n\s*\n", textwrap.dedent(doc).strip())
-  made, kept = [" ".join(first.split())], []
-  for paragraph in [*rest, None]:
-    if paragraph is not None and _SPACED.search(paragraph):
-      kept.append(paragraph)
-      continue
-    if kept:
-      made.append("```text\n" + "\n\n".join(kept) + "\n```")
-      kept = []
-    if paragraph is not None:
-      made.append(" ".join(paragraph.split()).replace("][", "]\\["))
-  return "\n\n".join(made)
+from tools.site.api import as_markdown
 
 
 class Docstrings(griffe.Extension):

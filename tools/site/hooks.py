@@ -1,5 +1,6 @@
 """Hooks of `mkdocs build`: the navigation, pages made from the code, links that leave docs/, and motions that move."""
 import functools
+import logging
 import os
 import pathlib
 import shutil
@@ -9,7 +10,7 @@ from mkdocs.structure.files import File
 
 sys.path.insert(0, str(pathlib.Path(__file__).parents[2]))
 from motion_jax import look  # noqa: E402
-from tools.site import api, nav, notebooks, viewers  # noqa: E402
+from tools.site import api, links, nav, notebooks, viewers  # noqa: E402
 
 ROOT, SITE = nav.ROOT, nav.ROOT / "site"
 TAB = ROOT / "build" / "tab"  # the model in the visitor's own tab, built by `python site/try/build.py build/tab`
@@ -79,13 +80,17 @@ def on_page_markdown(markdown, page, config, files):
 
 
 def on_page_content(content, page, config, files):
-  """The outputs of a notebook, in place of their marks."""
+  """Pages that docstrings name become links; the outputs of a notebook stand in place of their marks."""
+  if page.file.src_uri.startswith("reference/"):
+    content = links.mentions(content, page.url, lambda name: files.get_file_from_path(name) is not None)
   for mark, output in config.extra["shown"].get(page.file.src_uri, {}).items():
     content = content.replace(mark, output)
   return content
 
 
 def on_post_build(config):
-  """The page with the model in the tab, where it has been built."""
+  """The page with the model in the tab, where it has been built. Then warns of dead links, which --strict refuses."""
   if TAB.is_dir():
     shutil.copytree(TAB, pathlib.Path(config.site_dir) / "try", dirs_exist_ok=True)
+  for link in links.dead(config.site_dir):
+    logging.getLogger("mkdocs.plugins.links").warning("dead link in %s", link)
