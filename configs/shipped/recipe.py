@@ -48,12 +48,13 @@ def cmdm_tokenizer(archives, shares, teacher=""):
   """Two passes: the tokenizer, aligned with a teacher if one is given, and its decoder alone, on how it moves."""
   windows = {"batch_size": 128, "balance": 0.5}
   aligned = dict(frozen={"teacher": teacher}) if teacher else NO_TEACHER
+  alone = dict(frozen={"teacher": ""}) if teacher else NO_TEACHER
   # The reconstruction loss is a sum over the micro-batch, so the weight of the KL term grows with it.
   loss = {"micro_batch": 128, "kl_weight": 2.0}
   return [
       train("tok", "cmdm_tokenizer:small", archives, shares[0], **aligned, data=DATA | windows, loss=loss,
             train=steps(20_000), optimizer=rates(1e-3, 3_000)),
-      train("dec", "cmdm_tokenizer:small", archives, shares[1], **NO_TEACHER,
+      train("dec", "cmdm_tokenizer:small", archives, shares[1], **alone,
             data=DATA | windows | {"short_window": 24}, train=steps(20_000, start="{tok}", freeze=("encoder",)),
             loss=loss | {"kl_ramp": 0, "extremity_velocity": 0.8, "foot_contact": 0.25,
                          "brief_contact": 0.3, "bone_length": 0.04, "dynamics": 0.5, "limb_direction": 0.2},

@@ -104,6 +104,9 @@ def load_teacher(config: ConfigDict, stats: Stats) -> tuple[Any, dict[str, Any] 
 def tokenizer_fields(config: ConfigDict) -> dict[str, Any]:
   """With these a tokenizer's run folder says what its latents were aligned with: the fields of the teacher, and where
   the weights of that came from."""
+  if not config.frozen.teacher and config.train.start:  # what a tokenizer was aligned with stays true
+    before = runs.load_run(config.train.start).config.get("alignment_teacher", {})
+    return {"alignment_teacher": before.to_dict()} if before else {}
   if not config.frozen.teacher:
     return {}
   if config.frozen.teacher == "random-init":
