@@ -11,7 +11,8 @@ from motion_jax.data import batches, sources, store
 from motion_jax.data.contradictions import contradict
 from motion_jax.motion.stats import Stats
 from motion_jax.text.captions import vary_subject
-from motion_jax.text.encoder import TextEncoder, load_text_encoder, narrowest
+from motion_jax.text.encoder import TextEncoder, load_text_encoder
+from motion_jax.text.padding import narrowest
 from motion_jax.training import checkpoint
 from motion_jax.training.setup import caption_lengths, encoder_files, held_out
 from motion_jax.utils.errors import InputError
@@ -85,15 +86,15 @@ def batches_of(config: ConfigDict, data: sources.FeatureSet, encoder: TextEncode
 def check_captions(data: sources.FeatureSet, encoder: TextEncoder) -> None:
   """Takes captions that are too long for the encoder out of the data, with a note. Raises ValueError for a clip that
   has no other."""
-  long = encoder.too_long(caption for captions in data.captions for caption in captions)
+  every = [caption for captions in data.captions for caption in captions]
+  long = encoder.too_long(every)
+  if any(captions and long.keys() >= set(captions) for captions in data.captions):
+    encoder.check(every)
   for captions in data.captions if long else ():
-    short = [caption for caption in captions if caption not in long]
-    if captions and not short:
-      encoder.check(captions)
-    captions[:] = short
+    captions[:] = [caption for caption in captions if caption not in long]
   if long:
-    print(f"note: {len(long)} captions are left out: they are longer than the {encoder.max_words} word pieces that the "
-          "text encoder takes, and their clips have shorter ones")
+    print(f"note: captions left out, as they are longer than the {encoder.max_words} word pieces that the text encoder "
+          f"takes: {len(long)}; their clips have others")
 
 
 def contradicted(captions: Sequence[str], seed: int, step: int) -> dict[str, str]:

@@ -18,6 +18,7 @@ from tokenizers import Tokenizer, models, normalizers, pre_tokenizers, processor
 
 from motion_jax.text import bert, folder, hub
 from motion_jax.text.morphology import possible_bases
+from motion_jax.text.padding import pad, padded_length
 from motion_jax.text.vocabulary import FUNCTION_WORDS, unknown_words
 from motion_jax.utils import cache, text_files
 from motion_jax.utils.errors import InputError
@@ -99,7 +100,7 @@ class TextEncoder:
     if not ids:
       return np.zeros((1, len(self._sentence.projection)), np.float32)
     padded = min(-(-len(ids) // 8) * 8, self.model.max_positions)
-    rows = np.asarray(_hidden(self.model, self.params, *_pad([ids], padded)))[0, :len(ids)]
+    rows = np.asarray(_hidden(self.model, self.params, *pad([ids], padded)))[0, :len(ids)]
     vector = np.nan_to_num(self._sentence.vectors([rows]))
     return _unit(vector) if self._sentence.unit and vector.any() else vector
 
@@ -131,7 +132,7 @@ class TextEncoder:
     S is at_least times a power of two. Raises ValueError for a caption that is too long.
     """
     encodings = [self._ids(sentence) for sentence in sentences]
-    return _pad(encodings, padded_length(max(map(len, encodings)), at_least, self.max_words))
+    return pad(encodings, padded_length(max(map(len, encodings)), at_least, self.max_words))
 
   def check(self, captions):
     """Raises ValueError, with the longest caption, if any caption is too long for this encoder."""
@@ -207,7 +208,7 @@ class TextEncoder:
   def _known_vectors(self):
     words = sorted(word for word in self.known_words - FUNCTION_WORDS if len(word) > 2)
     encodings = [self._encode(word).ids for word in words]
-    ids, text_mask = _pad(encodings, max(map(len, encodings)))
+    ids, text_mask = pad(encodings, max(map(len, encodings)))
     hidden = np.asarray(_hidden(self.model, self.params, ids, text_mask))  # in one batch: rounding does not matter here
     return _unit(self._sentence.vectors([words[mask] for words, mask in zip(hidden, text_mask)]))
 
@@ -249,7 +250,7 @@ class TextEncoder:
     ids = self._ids(sentence)
     # One caption at a time, padded to multiples of 8: few compilations, and no caption depends on its batch.
     padded = min(-(-len(ids) // 8) * 8, self.model.max_positions)
-    hidden = np.asarray(_hidden(self.model, self.params, *_pad([ids], padded)))[0, :len(ids)]
+    hidden = np.asarray(_hidden(self.model, self.params, *pad([ids], padded)))[0, :len(ids)]
     return self._remember(sentence, hidden)
 
   def _remember(self, sentence, hidden):
@@ -277,7 +278,7 @@ class TextEncoder:
   def _encode_new(self, sentences):
     new = [sentence for sentence in dict.fromkeys(sentences)
            if isinstance(sentence, str) and sentence not in self._cache and self._kept(sentence) is None]
-    run = lambda padded, some: (some, np.asarray(_hidden.jitted(self.model, self.params, *_pad(
+    run = lambda padded, some: (some, np.asarray(_hidden.jitted(self.model, self.params, *pad(
         [ids for ids, _ in some] + [some[-1][0]] * (_GROUP - len(some)), padded))))
     for some, made in _threads().map(run, *zip(*self._groups(new, _GROUP))) if new else ():
       for (ids, sentence), rows in zip(some, made):
@@ -291,7 +292,7 @@ class TextEncoder:
     """Yields (sentence, features (S, D)) of many different captions, in the order of their lengths."""
     for padded, some in self._groups(sentences, size):
       filled = [ids for ids, _ in some] + [some[-1][0]] * (size - len(some))
-      made = np.asarray(_hidden(self.model, self.params, *_pad(filled, padded)))
+      made = np.asarray(_hidden(self.model, self.params, *pad(filled, padded)))
       yield from ((sentence, rows[:len(ids)]) for (ids, sentence), rows in zip(some, made))
 
   def _groups(self, sentences, size):
@@ -316,40 +317,8 @@ class TextEncoder:
     return ids
 
 
-def padded_length(length, first, limit):
-  """The padded number of word pieces of a batch whose longest caption has `length`: `first` times a power of two.
-
-  There are few such lengths, so that few programs are compiled. `limit` is exceeded only by `first` and by the caption.
-
-    first 24, limit 64:   1 to 24 -> 24   25 to 48 -> 48   49 to 64 -> 64
-  """
-  padded = first
-  while padded < length:
-    padded *= 2
-  return max(min(padded, limit), length, first)
-
-
-def narrowest(usual):
-  """The smallest width of batches whose captions usually have up to `usual` word pieces, as `first` of `padded_length`.
-
-  `usual`, halved while at least 8 remain, so that about `usual` is among the widths:
-
-    64 -> 8    24 -> 12    77 -> 10    6 -> 6
-  """
-  while usual >= 16:
-    usual = -(-usual // 2)
-  return usual
-
-
 def _unit(vectors):
   return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
-
-
-def _pad(encodings, length):
-  ids = np.zeros((len(encodings), length), np.int32)
-  for row, encoding in zip(ids, encodings):
-    row[:len(encoding)] = encoding
-  return ids, np.arange(length) < np.array([len(e) for e in encodings])[:, None]
 
 
 def load_text_encoder(name_or_folder="words", max_words=None, level="words"):

@@ -1,5 +1,6 @@
 """A caption of a hundred words trains, generates, streams, edits and is judged like one of five."""
 import dataclasses
+import types
 
 import jax
 import numpy as np
@@ -13,10 +14,12 @@ from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.evaluation import protocols, run
 from motion_jax.evaluation.request import Request
 from motion_jax.evaluators.evaluator import fresh_evaluator
+from motion_jax.models.captioned_batches import check_captions
 from motion_jax.models.cdamd import setup as cdamd_setups
 from motion_jax.models.cmdm import setup as cmdm_setups
 from motion_jax.models.tmr import setup as tmr_setups
-from motion_jax.text.encoder import load_text_encoder, narrowest, padded_length
+from motion_jax.text.encoder import load_text_encoder
+from motion_jax.text.padding import narrowest, padded_length
 from tests.conftest import light_training, load_config
 
 pytestmark = pytest.mark.usefixtures("kept_features")
@@ -58,6 +61,13 @@ def test_captions_beyond_the_encoder_are_told_before_training(tmp_path):
   config = _on(tmp_path / "data", "cmdm_denoiser", {"frozen.text": "words"})
   with pytest.raises(ValueError, match="2 of 10 captions"):
     cmdm_setups.denoiser(config)
+
+
+def test_a_long_caption_beside_a_shorter_one_is_left_out(capsys):
+  data = types.SimpleNamespace(captions=[[LONG, "a person walks"], ["a person waves"], []])
+  check_captions(data, load_text_encoder("words"))
+  assert data.captions == [["a person walks"], ["a person waves"], []]
+  assert "captions left out" in capsys.readouterr().out
 
 
 def _clips():

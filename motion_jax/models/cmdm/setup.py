@@ -31,7 +31,8 @@ from motion_jax.nets.causal_dit import CausalDiT
 from motion_jax.nets.causal_vae import CausalVAE
 from motion_jax.text import bert
 from motion_jax.text.captions import vary_subject
-from motion_jax.text.encoder import load_text_encoder, narrowest
+from motion_jax.text.encoder import load_text_encoder
+from motion_jax.text.padding import narrowest
 from motion_jax.training import checkpoint
 from motion_jax.training.setup import (
   TrainingSetup,

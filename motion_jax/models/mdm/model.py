@@ -21,7 +21,8 @@ from motion_jax.models.results import Motions, captions_in_a_row, make_motions
 from motion_jax.nets.masks import padding_mask
 from motion_jax.nets.motion_denoiser import MotionDenoiser
 from motion_jax.runs import Run
-from motion_jax.text.encoder import TextEncoder, narrowest
+from motion_jax.text.encoder import TextEncoder
+from motion_jax.text.padding import narrowest
 from motion_jax.training import checkpoint
 from motion_jax.utils import cache
 from motion_jax.utils.config_files import module_fields
