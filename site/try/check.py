@@ -23,6 +23,10 @@ ODD = ["", "   ", "\U0001f600", "a person walks \U0001f600", "una persona camina
        "a person floobles", "a person walks and " * 105, "x" * 2000]
 
 
+# Ten pictures a second leave the processor to what is measured.
+SELDOM = "const draw = requestAnimationFrame; window.requestAnimationFrame = (f) => setTimeout(() => draw(f), 80)"
+
+
 class Handler(http.server.SimpleHTTPRequestHandler):
   isolated, missing = False, ""
 
@@ -52,8 +56,8 @@ def served(folder, **choices):
 
 
 @contextlib.contextmanager
-def browser(width=400, height=500, dark=False, flags=(), before=""):
-  """Headless Chromium; a small window, as the processor draws it. before: a script that runs first."""
+def browser(width=400, height=500, dark=False, flags=(), before=SELDOM):
+  """Headless Chromium; a small window and few pictures, as the processor draws. before: a script that runs first."""
   options = webdriver.ChromeOptions()
   options.binary_location = shutil.which("chromium")
   for flag in ("--headless=new", "--no-sandbox", "--enable-unsafe-swiftshader", f"--window-size={width},{height}",
@@ -63,8 +67,8 @@ def browser(width=400, height=500, dark=False, flags=(), before=""):
   if dark:
     driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {
         "features": [{"name": "prefers-color-scheme", "value": "dark"}]})
-  if before:
-    driver.execute_cdp_cmd("Page.addScriptToEvaluateOnNewDocument", {"source": before})
+  driver.set_script_timeout(120)
+  driver.execute_cdp_cmd("Page.addScriptToEvaluateOnNewDocument", {"source": before})
   if width < 400:
     driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride",
                            {"width": width, "height": height, "deviceScaleFactor": 2, "mobile": True})
@@ -135,9 +139,10 @@ def python_joints():
 
 
 def from_python(driver):
-  """Largest distance of the first 120 frames from Python's, in millimetres."""
+  """Largest distance of the frames that there are, 120 at the most, from Python's, in millimetres."""
   ours = np.array(driver.execute_script("return [...window.motionTry.joints().slice(0, 120 * 66)]"), np.float32)
-  return np.linalg.norm(ours.reshape(120, 22, 3) - python_joints(), axis=-1).max() * 1000
+  ours = ours.reshape(-1, 22, 3)
+  return np.linalg.norm(ours - python_joints()[:len(ours)], axis=-1).max() * 1000
 
 
 def check_motion(folder, captions):
@@ -207,11 +212,11 @@ def check_webgpu(folder):
         "navigator.gpu.requestAdapter().then((a) => done(a ? `${a.info.vendor} ${a.info.architecture}` : null))")
     print("WebGPU adapter:", adapter)
     driver.get(f"{url}?engine=webgpu")
-    wait(driver, "state.frames >= 120 || document.body.dataset.state === 'failed'", 400)
+    wait(driver, "state.frames >= 24 || document.body.dataset.state === 'failed'", 400)
     if note(driver):
       return print("WebGPU:", note(driver))
     show("WebGPU, ms", timings(driver))
-    print(f"WebGPU, joints of 6 s beside Python's: at most {from_python(driver):.4f} mm")
+    print(f"WebGPU, joints of the first frames beside Python's: at most {from_python(driver):.4f} mm")
 
 
 def check_threads(folder, count):
@@ -249,9 +254,10 @@ def pictures(folder, out):
     for dark in (False, True):
       with served(folder) as (url, _), browser(*size, dark) as driver:
         driver.get(url)
-        time.sleep(0.3)
         driver.save_screenshot(str(out / f"{name}-{'dark' if dark else 'light'}-loading.png"))
-        wait(driver, "state.time > 2")
+        wait(driver, "state.frames >= 36")
+        driver.execute_script("window.motionTry.state.time = 1.5")
+        time.sleep(2)
         driver.save_screenshot(str(out / f"{name}-{'dark' if dark else 'light'}.png"))
 
 

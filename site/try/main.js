@@ -247,12 +247,15 @@ $('play').onclick = () => setPlaying(!state.playing);
 $('restart').onclick = () => say($('prompt').value, true);
 $('seed').onchange = () => say($('prompt').value, true);
 $('engine').onchange = $('threads').onchange = begin;
-$('again').onclick = begin;
+$('again').onclick = () => {
+  $('engine').value = 'wasm'; // which runs everywhere
+  begin();
+};
 $('bvh').onclick = () => download('bvh');
 $('glb').onclick = () => download('glb');
 $('engine').querySelector('[value=webgpu]').disabled = !navigator.gpu;
 if (navigator.gpu && new URLSearchParams(location.search).get('engine') === 'webgpu') $('engine').value = 'webgpu';
-$('threads').disabled = !globalThis.crossOriginIsolated;
+$('threads').parentElement.hidden = !globalThis.crossOriginIsolated;
 $('prompt').value = new URLSearchParams(location.search).get('prompt') || $('prompt').value; // a link to a sentence
 window.motionTry = {state, say, made, joints: () => joints.slice(0, state.frames * 66),
   inspect: (sentences) => worker.postMessage({type: 'inspect', sentences})};
