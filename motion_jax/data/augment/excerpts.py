@@ -60,7 +60,7 @@ def _acts_of(part):
   walks = [event for event in part.events if event.kind in ("walk", "run")]
   return [event for event in part.events if event in said
           or event.kind in ("kick", "punch") and _FIGHTS.search(part.words)
-          or _goes_sideways(event)
+          or part.known and not _FIGHTS.search(part.words) and _goes_sideways(event)
           or _turns_around(event) and not any(walk.start < event.end and walk.end > event.start for walk in walks)]
 
 
