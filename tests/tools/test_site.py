@@ -1,9 +1,11 @@
 """The site without its extra: the navigation names every page once, and every link leads to a page of the site."""
+import re
+
 import pytest
 
 from tests.conftest import ROOT
 from tools import reference
-from tools.site import api, links, nav, notebooks, viewers
+from tools.site import api, fields, links, nav, notebooks, viewers
 
 
 @pytest.fixture(scope="module")
@@ -115,3 +117,8 @@ def test_a_config_page_shows_every_value_in_its_row():
   page = api.config_page("cmdm_denoiser")
   rows = page.partition("| --- |")[2].partition("\n\n")[0].splitlines()[1:]
   assert "| `alignment_teacher` | `{}` |" in page and all(row.count(" | ") >= 2 for row in rows if row.strip())
+
+
+def test_the_meanings_of_fields_are_of_fields_that_configs_have():
+  named = {field for name in api.configs() for field in re.findall(r"(?m)^\| `([\w.]+)`", api.config_page(name))}
+  assert set(fields.MEANINGS) <= named

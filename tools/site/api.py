@@ -10,13 +10,14 @@ from ml_collections import ConfigDict
 from motion_jax.utils import config_files
 from motion_jax.utils.errors import InputError
 from tools import reference
+from tools.site.fields import MEANINGS
 
 SIZES = ("full", "small", "laptop", "mini", "tiny")
 _NAMES = r"\w+(?:(?:, | and )\w+)*"  # of fields that a comment or docstring explains: "name, fields: ..."
 _WHERE = r"(?:, where \w+ is)?: "
-MEANINGS = re.compile(rf"(?:^|[.;]\s)({_NAMES}){_WHERE}(.+?)(?=[.;]\s+{_NAMES}{_WHERE}|[.;]?$)")
+_MEANING = re.compile(rf"(?:^|[.;]\s)({_NAMES}){_WHERE}(.+?)(?=[.;]\s+{_NAMES}{_WHERE}|[.;]?$)")
 
-_SPACED = re.compile(r"^ |\S {2,}\S|^[-|\d]|: *$", re.MULTILINE)  # columns, lists, drawings: not prose
+_SPACED = re.compile(r"^ |\S {2,}\S|^[-|]|^\d+[.)] |: *$", re.MULTILINE)  # columns, lists, drawings: not prose
 
 
 def as_markdown(doc):
@@ -75,7 +76,7 @@ def meanings(source):
   texts = [*re.findall(r'"""(.*?)"""', source, flags=re.DOTALL), *re.findall(r"#\s*(\w+: .*)", comments)]
   found = {}
   for text in texts:
-    for names, meaning in MEANINGS.findall(" ".join(text.replace("#", "").split())):
+    for names, meaning in _MEANING.findall(" ".join(text.replace("#", "").split())):
       for name in re.split(r", | and ", names):
         found.setdefault(name, meaning.strip())
   return found
@@ -116,7 +117,8 @@ def config_page(name):
         values.setdefault(repr(found[field]), []).append(size)
     (first, _), *others = values.items()
     shown = [f"`{first}`", *(f"{', '.join(sizes)}: `{value}`" for value, sizes in others)]
-    lines.append(f"| `{field}` | {'<br>'.join(shown)} | {reference.escaped(meaning.get(field.split('.')[-1], ''))} |")
+    meant = meaning.get(field.split(".")[-1]) or MEANINGS.get(field, "")
+    lines.append(f"| `{field}` | {'<br>'.join(shown)} | {reference.escaped(meant)} |")
   return reference.joined([*lines, "", "## Source", "", "```python", *source.strip().splitlines(), "```"])
 
 
