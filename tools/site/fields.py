@@ -29,7 +29,7 @@ MEANINGS = {
     # optimizer
     "optimizer.name": "an optimizer of optax",
     "optimizer.learning_rate": "the highest learning rate",
-    "optimizer.schedule": "the learning rate over the run: constant, linear, cosine, half_cosine, step, wsd, or optax's",
+    "optimizer.schedule": "the learning rate over the run: constant, linear, cosine, half_cosine, step, wsd, optax's",
     "optimizer.warmup_steps": "steps over which the learning rate rises from 0",
     "optimizer.cooldown_steps": "last steps of the schedule wsd, over which the learning rate falls to 0",
     "optimizer.final_rate": "the learning rate at the end of a cosine schedule",
