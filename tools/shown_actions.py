@@ -37,7 +37,7 @@ ACTIONS = {name: re.compile(pattern) for name, pattern in {
     "kneel": r"\bkneel|(on|to) (both|one|the) knees?", "lie down": r"\b(lies?|lying)\b",
     "get up from the floor": r"(gets?|stands?) up from .*(floor|ground|lying|back|belly)", "crawl": r"crawl",
     "roll": r"\broll(s|ing)?\b", "cartwheel": r"cartwheel", "flip": r"flip", "push-ups": r"push-?ups?",
-    "fall": r"\bfalls?\b|falling|collaps|trip", "stretch": r"\bstretch\w* (?!both|the (left|right))",
+    "fall": r"\bfalls?\b|falling|collapse|trip", "stretch": r"\bstretch\w* (?!both|the (left|right))",
     "dance": r"danc|charleston|salsa|lambada", "swim": r"\bswim", "play an instrument": r"guitar|piano|violin|drum",
     "golf, tennis": r"golf|tennis|racket", "phone": r"phone",
     "stand still, idle": r"stands? still|standing|\bidle\b|wait",

@@ -249,7 +249,7 @@ def test_what_is_said_of_new_clips_keeps_the_manner_of_the_old(kind, action, alw
     assert plain and max(plain) == 2, plain
 
 
-def test_side_steps_are_cut_out_whatever_the_captions_say():
+def test_side_steps_are_cut_out_but_of_dances_and_fights():
   walk = _joints("walk", 3)[:100]
   sideways = walk.copy()  # the body faces +z and goes to its left, +x
   sideways[..., 0] += walk[:, :1, 2] * 0.7
@@ -260,6 +260,8 @@ def test_side_steps_are_cut_out_whatever_the_captions_say():
   made = augmented([clip], {"excerpts": 2.0})
   assert made and {one.meta["content"] for one in made} == {"excerpt: walk left"}
   assert all("left" in caption.text for one in made for caption in one.captions)
+  for words in ("a person dances.", "a person does a karate kick."):  # there it is a step of something else
+    assert augmented([clip.replace(captions=(Caption(words),))], {"excerpts": 2.0}) == []
 
 
 @pytest.mark.slow
