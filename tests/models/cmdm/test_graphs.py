@@ -107,6 +107,14 @@ def test_the_manifest_states_all_tensors(exported):
   assert about["constants"]["frames_per_block"] == 12 and about["precision"] == "float16"
 
 
+def test_graphs_are_of_standard_operators_with_constants_folded(exported):
+  import onnx
+  for name in ("text", "step", "decoder", "joints"):
+    model = onnx.load(exported[1] / f"{name}.onnx")
+    assert [one.domain for one in model.opset_import] == [""] and {one.domain for one in model.graph.node} == {""}, name
+    assert not {"Shape", "Constant"} & {one.op_type for one in model.graph.node}, name
+
+
 def test_word_pieces_are_those_of_the_tokenizer(model, exported):
   sys.path.insert(0, str(ROOT / "examples"))
   try:
