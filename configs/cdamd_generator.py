@@ -79,6 +79,7 @@ def get_config(name="full"):
                                       warmup_steps=2_000, beta2=0.99, weight_decay=1e-5, ema_decay=0.9999)
   config.train = common.epochs(500, log_every=100, num_saves=40, remat=False, attention="xla", sample_every=20_000)
   # The benchmark's own: solver dopri5, unmasked_only False.
+  config.cleanup = common.cleanup()
   config.sampler = dict(num_iterations=10, guidance_scale=4.0, order="random", mask="causal", edit_mask="bcm",
                         solver="midpoint", num_steps=10, unmasked_only=True)
   if size == "large":

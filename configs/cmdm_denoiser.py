@@ -64,6 +64,7 @@ def get_config(size="full"):
   config.train = common.epochs(500, log_every=100, num_saves=40, remat=False, attention="xla",
                                scan_layers=False, sample_every=20_000)
   # schedule: "fss" (frame-wise, `lag` steps between blocks), "ar" (block after block) or "full" (all frames at once).
+  config.cleanup = common.cleanup()
   config.sampler = dict(schedule="fss", solver="euler", num_steps=50, lag=2, guidance_scale=3.0)
   if size in ("small", "mini", "laptop"):
     config.frozen.text = "words"

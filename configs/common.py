@@ -107,6 +107,12 @@ def contrast():
   return dict(contrast=0.0, contrast_margin=0.1, contrast_until=0.5)
 
 
+def cleanup():
+  """The section `cleanup` of a generator: how many frames the cleanup of its motions smooths over; 0: not at all, for a
+  decoder that was trained with loss.dynamics (docs/lab/believed.md)."""
+  return dict(smoothing=0.7)
+
+
 def optimizer(learning_rate, **fields):
   """The section `optimizer`: AdamW without weight decay at a constant rate, unless fields change it.
 

@@ -16,6 +16,7 @@ from motion_jax.models import arguments
 from motion_jax.models.captions import TrainingCaptions
 from motion_jax.models.options import SamplingOptions
 from motion_jax.models.results import Motions
+from motion_jax.motion.cleanup import SMOOTHING
 from motion_jax.motion.stats import Stats
 from motion_jax.runs import Run
 from motion_jax.text.captions import SUBJECTS
@@ -117,6 +118,11 @@ class TextToMotionModel(Able):
   @property
   def fps(self) -> float:
     return self.stats.layout.skeleton.fps
+
+  @property
+  def smoothing(self) -> float:
+    """How much the cleanup smooths its motions, in frames: config.cleanup.smoothing, of `motion.cleanup` by default."""
+    return float(self.config.get("cleanup", {}).get("smoothing", SMOOTHING))
 
   @property
   def num_params(self) -> int:

@@ -194,7 +194,8 @@ class BlockStream(PromptedStream):
     self._path: Path | None = None
     self._state, self._frames, self._steps, self._given = model.begin_blocks(keys), 0, 0, 0
     layout = model.stats.layout
-    self._cleaner = Cleaner(layout.skeleton, model.fps) if cleanup and layout.has_fixed_bones else None
+    self._cleaner = (Cleaner(layout.skeleton, model.fps, smoothing=model.smoothing)
+                     if cleanup and layout.has_fixed_bones else None)
     self._script = self._scheduled(segments, 0)
 
   def __repr__(self) -> str:

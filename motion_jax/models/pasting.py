@@ -97,7 +97,7 @@ def paste(model: "TextToMotionModel", edit: Edit, prompt: str, seed: int | None,
   made, shown = (np.array(layout.to_joints(x), np.float64) for x in (decoded, edit.features))
   known, new = edit.known.cut(edit.start, edit.window.stop), edit.new_in_window
   if cleanup and layout.has_fixed_bones:
-    made = clean_up(made, layout.contacts(decoded), layout.skeleton)
+    made = clean_up(made, layout.contacts(decoded), layout.skeleton, smoothing=model.smoothing)
   if cleanup:
     made = known.own_body(made, shown)
   joints = np.array(edit.known.joints)

@@ -116,7 +116,8 @@ def make_motions(model: "TextToMotionModel", made: Any, frames: Sequence[int], c
   if cleanup and layout.has_fixed_bones:
     with timing.part("cleanup"):
       for i, count in enumerate(frames):
-        joints[i, :count] = clean_up(joints[i, :count], layout.contacts(features[i, :count]), layout.skeleton)
+        joints[i, :count] = clean_up(joints[i, :count], layout.contacts(features[i, :count]), layout.skeleton,
+                                     smoothing=model.smoothing)
   mask = np.arange(length) < np.array(frames)[:, None]
   made = tuple(
       Motion(joints[i, :count], model.fps, captions[i], id=f"motion_{i}", source=model.id, license=model.license,

@@ -43,6 +43,17 @@ def test_tremor_and_sliding_go_and_bones_keep_their_length(clip):
   assert np.linalg.norm(made - rough, axis=-1).mean() < 0.03
 
 
+def test_smoothing_is_a_choice(clip):
+  """A steady hand keeps what it does at 0, tremor included; more smoothing leaves less of it."""
+  joints, contacts = clip
+  rough = joints + np.random.default_rng(0).normal(0, 0.002, joints.shape)
+  arms = [20, 21]
+  jerk = lambda x: np.abs(np.diff(x[:, arms] - x[:, :1], 3, axis=0)).mean()
+  by = [jerk(clean_up(rough, contacts, smoothing=amount)) for amount in (0.0, 0.4, 0.7)]
+  assert by[0] > 1.1 * by[1] > 1.2 * by[2]
+  assert jerk(clean_up(rough, contacts)) == by[2]
+
+
 def test_feet_in_the_floor_come_up(clip):
   joints, contacts = clip
   sunk = joints - [0, 0.03, 0]

@@ -132,7 +132,7 @@ class CdamdModel(TextToMotionModel):
       prompts.append(prompt)
       ends.append(len(joints))
     if cleanup and layout.has_fixed_bones:
-      joints = clean_up(joints, skeleton=layout.skeleton)
+      joints = clean_up(joints, skeleton=layout.skeleton, smoothing=self.smoothing)
     return motion.replace(joints=joints, features=features_of(self, joints), meta=motion.meta | dict(
         cleanup=bool(cleanup)), captions=captions_in_a_row(prompts, ends, self.fps))
 

@@ -43,7 +43,8 @@ class LiveStream(PromptedStream):
     self._drift = np.zeros(2)  # x and z by which the cleanup, that lets feet not slide, has moved the body
     self._waiting = np.zeros((0, 2))  # x and z of the body, as decoded, in frames that wait for their cleanup
     layout = model.stats.layout
-    self._cleaner = Cleaner(layout.skeleton, model.fps) if cleanup and layout.has_fixed_bones else None
+    self._cleaner = (Cleaner(layout.skeleton, model.fps, smoothing=model.smoothing)
+                     if cleanup and layout.has_fixed_bones else None)
     self._script = [(0, 0)]  # (block, slot): from that block on the caption of that slot
     (prompt, *_), self._waiting_prompts = self._scheduled(segments, 0)
     self._bank = [prompt] * CAPTIONS

@@ -202,5 +202,5 @@ def extend(model: CmdmNetworks, plan: streaming.Plan, sampling: CmdmSampling, jo
   shadow = to_joints(features, model.stats.layout)
   contacts = model.stats.layout.contacts(features)
   if cleanup and model.stats.layout.has_fixed_bones and contacts is not None:
-    shadow = clean_up(shadow, contacts, model.stats.layout.skeleton)
+    shadow = clean_up(shadow, contacts, model.stats.layout.skeleton, smoothing=model.smoothing)
   return shadow, ends.tolist()
