@@ -44,8 +44,8 @@ def clean_up(joints: Num[Array, "t j 3"], contacts: Num[Array, "t 4"] | None = N
 
   contacts (T, 4): certainty 0..1 that ankle and toes stand, left then right (the contact columns of full features),
   over a floor at y = 0. Without them slow and low feet are taken to stand, and the floor is where feet are lowest. fps:
-  default the skeleton's. smoothing: standard deviation, in frames, of the Gaussian that slow joints are smoothed with; 0
-  leaves them as they are, for a decoder that moves as real motion does. A `Cleaner` that gets the motion in pieces
+  default the skeleton's. smoothing: standard deviation, in frames, of the Gaussian that slow joints are smoothed with;
+  0 leaves them as they are, for a decoder that moves as real motion does. A `Cleaner` that gets the motion in pieces
   gives the same result.
   """
   joints = np.asarray(joints)
