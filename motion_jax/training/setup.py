@@ -183,10 +183,11 @@ def describe_length(config, num_items) -> str:
 # Fields that may change when a run resumes: where data and frozen parts lie (their content is compared instead), how
 # motion is sampled, how long the run is, how it is logged and guarded, and on what it is computed.
 FREE = ("frozen", "origin", "alignment_teacher", "teacher", "text", "paper_row", "sampler", "cleanup", "mesh",
-        "data.folder", "data.folders", "data.store", "data.workers", "optimizer.cooldown_steps",
-        "train.num_steps", "train.num_epochs", "train.num_saves", "train.cpu_seconds", "train.seconds", "train.log_every", "train.keep_last",
-        "train.max_skips", "train.max_rollbacks", "train.hang_minutes", "train.workers", "train.remat",
-        "train.attention", "train.scan_layers", "optimizer.accumulate_steps", "train.tensorboard", "train.sample_every")
+        "data.folder", "data.folders", "data.store", "data.workers", "optimizer.cooldown_steps", "train.num_steps",
+        "train.num_epochs", "train.num_saves", "train.cpu_seconds", "train.seconds", "train.log_every",
+        "train.keep_last", "train.max_skips", "train.max_rollbacks", "train.hang_minutes", "train.workers",
+        "train.remat", "train.attention", "train.scan_layers", "optimizer.accumulate_steps", "train.tensorboard",
+        "train.sample_every")
 
 
 def check_config(config, before, allow=False, report=print):
