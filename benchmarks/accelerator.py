@@ -158,7 +158,7 @@ def table(out):
   lines = [f"# {', '.join(sorted({row['device'] for row in rows}))}", "",
            "Written by `benchmarks/gpu.sh` (benchmarks/accelerator.py says what each number is). jax "
            + ", ".join(sorted({row["jax"] for row in rows})) + ". Random weights of the papers' sizes; a clip is "
-           f"{programs.SECONDS} s. Largest measured matrix product, TFLOP/s: "
+           f"{programs.SECONDS} s. Largest measured matrix product in JAX's default precision, TFLOP/s: "
            + (", ".join(f"{dtype} {rate:.3g}" for dtype, rate in peaks.items()) or "not measured") + "."]
   for kind in dict.fromkeys(row["piece"].partition("/")[0] for row in rows):
     if kind == "matmul":

@@ -138,8 +138,11 @@ def ratios(rows) -> str:
        for row in chosen]) if chosen else MISSING
 
 
-def computed(rows, plots) -> str:
-  """Tables of the roofline and its plot: what each device can reach at an intensity, and where the programs stand."""
+def computed(rows, gpus, plots) -> str:
+  """Tables of the roofline and its plot: what each device can reach at an intensity, and where the programs stand.
+
+  gpus: folders of what was measured on a device.
+  """
   if not rows:
     return MISSING
   tenths = np.arange(0, 40) / 10
@@ -151,7 +154,7 @@ def computed(rows, plots) -> str:
       series.append(Series(row["piece"].replace("/bfloat16", ""), [np.log10(row["flops"] / row["bytes"])],
                            [row["flops"] / roofline.bare(row, h100) / 1e12]))
   shown = plot(plots, "roofline", series, "log10 of operations per byte", "bfloat16 TFLOP/s", logarithmic=True)
-  return f"{roofline.tables(rows)}\n\n{shown}"
+  return f"{roofline.tables(rows, roofline.measurements(gpus))}\n\n{shown}"
 
 
 def results_of(rows, kind):
@@ -167,6 +170,7 @@ def page(out, plots) -> str:
   first = next((row for row in rows if "machine" in row), None)
   where = (f"{machine.words(first['machine'])}; jax {first['jax']}, commit {first['commit']}, {first['date']}."
            if first else "No machine yet.")
+  gpus = sorted((out.parent / "gpu").glob("*/"))
   method = " ".join(roofline.__doc__.split("\n\n")[2].split())
   parts = {
       "": f"""Measured by one command, `benchmarks/all.sh`, which writes this page (`--quick`: a shorter list in about
@@ -194,12 +198,12 @@ code and by ours, random weights of the released sizes, on one core, without tex
 `--list` names the repositories, their commits and how to fetch them; their code is no part of this library.
 
 {peers.read_text().strip() if peers.exists() else "Not measured yet: it needs the authors' repositories."}""",
-      "GPUs and TPUs: computed": f"""No GPU was lent, so nothing below has been measured: every number is *computed*.
+      "GPUs and TPUs": f"""What each program needs at least is *computed*; the last column is what `benchmarks/gpu.sh`
+measured where a device was lent{"".join(f", [{folder.name}](benchmark/gpu/{folder.name}/README.md)" for folder in gpus)}.
 
-{method} LAUNCH is {1e6 * roofline.LAUNCH:g} microseconds. `benchmarks/gpu.sh` measures the same programs where there
-is an accelerator.
+{method} LAUNCH is {1e6 * roofline.LAUNCH:g} microseconds.
 
-{computed(results.read(out / "roofline"), plots)}""",
+{computed(results.read(out / "roofline"), gpus, plots)}""",
   }
   return "# Performance\n\n" + "\n\n".join(f"## {title}\n\n{text}" if title else text for title, text in parts.items())
 

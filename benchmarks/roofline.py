@@ -1,8 +1,9 @@
-"""What accelerators that we do not have should reach: the roofline of each program, computed, not measured.
+"""What accelerators should reach: the roofline of each program, computed, beside what was measured of it.
 
   python benchmarks/roofline.py OUT              counts the work of all programs, a file each in OUT (minutes)
   python benchmarks/roofline.py OUT --only fss/M
-  python benchmarks/roofline.py OUT --table      prints the tables from the files
+  python benchmarks/roofline.py OUT --table [MEASURED ...]    prints the tables from the files, and from those that
+                                                 benchmarks/gpu.sh left in folders of devices
 
 Work is counted by benchmarks/counting.py from the jaxprs of benchmarks/programs.py, which tests lower for CUDA and TPU.
 The time of a matrix product is the larger of its operations over the device's peak and its bytes over the memory's
@@ -75,8 +76,15 @@ def launched(row, device: Device) -> float:
   return bare(row, device) + row["products"] * device.launch
 
 
+def measurements(folders) -> dict:
+  """{(piece, device's name): row} of what benchmarks/gpu.sh measured; a device is known by the first word of its name."""
+  found = [row for folder in folders for row in results.read(folder) if "error" not in row]
+  return {(row["piece"], device.name): row for row in found for device in DEVICES
+          if device.name.split()[0] in row["device"].split()}
+
+
 def tables(rows, measured=None) -> str:
-  """All tables as Markdown. measured: {(piece, device's name): milliseconds} where a device was lent."""
+  """All tables as Markdown. measured: see `measurements`."""
   measured, names = measured or {}, [device.name for device in DEVICES]
   of_kind = lambda *kinds: [row for row in rows if row["piece"].split("/")[0] in kinds and "error" not in row]
   parts = [results.markdown(
@@ -84,31 +92,34 @@ def tables(rows, measured=None) -> str:
       [[one.name, f"{one.half / 1e12:g}", f"{one.single / 1e12:g}", f"{one.bandwidth / 1e12:g}", one.source]
        for one in DEVICES])]
 
-  def add(title, chosen, cell, head):
+  def add(title, chosen, cell, head, shown):
     columns = [head, "GFLOP", "GB", "products", *(f"{name}, *computed*" for name in names), "measured"]
     lines = []
     for row in chosen:
-      found = [f"{name} {measured[row['piece'], name]:.4g} ms" for name in names if (row["piece"], name) in measured]
+      found = [f"{name} {shown(measured[row['piece'], name])}" for name in names if (row["piece"], name) in measured]
       lines.append([row["piece"], row["flops"] / 1e9, row["bytes"] / 1e9, row["products"],
                     *(cell(row, device) for device in DEVICES), ", ".join(found) or NOT_MEASURED])
     if lines:
       parts.append(f"**{title}**\n\n" + results.markdown(columns, lines))
 
+  ms = lambda key: lambda row: f"{1000 * row[key]:.3g}"
   both = lambda seconds, slower: f"{1000 * seconds:.3g} / {1000 * slower:.3g}"
   add("Latency of a stream: milliseconds a block of 12 frames, limit / with launches",
-      of_kind("stream"), lambda row, one: both(bare(row, one), launched(row, one)), "program")
+      of_kind("stream"), lambda row, one: both(bare(row, one), launched(row, one)), "program", ms("next_seconds"))
   add("Latency of a stream: milliseconds to the first block, if all of its steps cost what later ones do",
-      of_kind("stream"), lambda row, one: both(*(row["steps"] * of(row, one) for of in (bare, launched))), "program")
+      of_kind("stream"), lambda row, one: both(*(row["steps"] * of(row, one) for of in (bare, launched))), "program",
+      ms("first_seconds"))
   add("Clips of 6 s, one at a time: milliseconds a clip, limit / with launches",
       [row for row in of_kind("fss", "ar", "cdamd", "decode") if row["batch"] == 1],
-      lambda row, one: both(bare(row, one), launched(row, one)), "program")
+      lambda row, one: both(bare(row, one), launched(row, one)), "program", ms("seconds"))
   rate = lambda row, seconds: row["batch"] * (row["frames"] or 1) / seconds
   add("Clips of 6 s in batches of 256: frames a second at most",
       [row for row in of_kind("fss", "ar", "cdamd", "decode") if row["batch"] > 1],
-      lambda row, one: f"{rate(row, launched(row, one)):,.0f}", "program")
+      lambda row, one: f"{rate(row, launched(row, one)):,.0f}", "program", lambda row: f"{row['fps']:,.0f}")
   add("A training step: milliseconds at least, and samples a second",
       of_kind("train"), lambda row, one: f"{1000 * bare(row, one):.3g}, "
-      f"{rate(row, bare(row, one)):,.0f}/s", "program")
+      f"{rate(row, bare(row, one)):,.0f}/s", "program",
+      lambda row: f"{ms('seconds')(row)}, {row['samples_per_second']:,.0f}/s")
   return "\n\n".join(parts)
 
 
@@ -117,10 +128,10 @@ def main():
   parser.add_argument("out", type=pathlib.Path)
   parser.add_argument("--seconds", type=float, default=1e9)
   parser.add_argument("--only", default="")
-  parser.add_argument("--table", action="store_true")
+  parser.add_argument("--table", nargs="*", type=pathlib.Path, metavar="MEASURED")
   args = parser.parse_args()
-  if args.table:
-    print(tables(results.read(args.out)))
+  if args.table is not None:
+    print(tables(results.read(args.out), measurements(args.table)))
     return
   args.out.mkdir(parents=True, exist_ok=True)
   chosen = programs.all_programs(types=("bfloat16",)) | programs.all_programs(

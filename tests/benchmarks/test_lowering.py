@@ -12,6 +12,7 @@ sys.path.insert(0, str(pathlib.Path(__file__).parents[2] / "benchmarks"))
 
 import counting  # noqa: E402
 import programs  # noqa: E402
+import results  # noqa: E402
 import roofline  # noqa: E402
 
 ALL = {name: build for name, build in {
@@ -100,4 +101,14 @@ def test_computed_figures_are_marked_and_none_is_claimed_as_measured():
   text = roofline.tables(rows)
   assert all(f"{name}, *computed*" in text for name in names) and text.count("| not measured |") == 3
   assert all(f"| stream/M/bfloat16 | 1 | 1 | 10 | {cell} |" in text for cell in ("1 / 1.03", "25 / 25.8"))
-  assert "H100 SXM 2.5 ms |" in roofline.tables(rows, {("stream/M/bfloat16", "H100 SXM"): 2.5})
+
+
+def test_what_was_measured_stands_beside_it(tmp_path):
+  names = [device.name for device in roofline.DEVICES]
+  row = dict(flops=1e9, bytes=1e9, products=10, batch=1, frames=12, steps=25, seconds=dict.fromkeys(names, 1e-3))
+  rows = [dict(row, piece="stream/M/bfloat16"), dict(row, piece="train/a/float32", frames=0)]
+  about = dict(device="NVIDIA H100 80GB HBM3")
+  results.write(tmp_path / "a.json", dict(piece="stream/M/bfloat16", next_seconds=2.5e-3, first_seconds=0.05, **about))
+  results.write(tmp_path / "b.json", dict(piece="train/a/float32", seconds=0.01, samples_per_second=6400.0, **about))
+  text = roofline.tables(rows, roofline.measurements([tmp_path]))
+  assert all(f"| H100 SXM {cell} |" in text for cell in ("2.5", "50", "10, 6,400/s")) and "not measured" not in text
