@@ -171,6 +171,7 @@ def page(out, plots) -> str:
   where = (f"{machine.words(first['machine'])}; jax {first['jax']}, commit {first['commit']}, {first['date']}."
            if first else "No machine yet.")
   gpus = sorted((out.parent / "gpu").glob("*/"))
+  links = "".join(f", [{folder.name}](benchmark/gpu/{folder.name}/README.md)" for folder in gpus)
   method = " ".join(roofline.__doc__.split("\n\n")[2].split())
   parts = {
       "": f"""Measured by one command, `benchmarks/all.sh`, which writes this page (`--quick`: a shorter list in about
@@ -199,7 +200,7 @@ code and by ours, random weights of the released sizes, on one core, without tex
 
 {peers.read_text().strip() if peers.exists() else "Not measured yet: it needs the authors' repositories."}""",
       "GPUs and TPUs": f"""What each program needs at least is *computed*; the last column is what `benchmarks/gpu.sh`
-measured where a device was lent{"".join(f", [{folder.name}](benchmark/gpu/{folder.name}/README.md)" for folder in gpus)}.
+measured where a device was lent{links}.
 
 {method} LAUNCH is {1e6 * roofline.LAUNCH:g} microseconds.
 

@@ -77,7 +77,7 @@ def launched(row, device: Device) -> float:
 
 
 def measurements(folders) -> dict:
-  """{(piece, device's name): row} of what benchmarks/gpu.sh measured; a device is known by the first word of its name."""
+  """{(piece, device's name): row} of benchmarks/gpu.sh; a device is known by the first word of its name."""
   found = [row for folder in folders for row in results.read(folder) if "error" not in row]
   return {(row["piece"], device.name): row for row in found for device in DEVICES
           if device.name.split()[0] in row["device"].split()}
