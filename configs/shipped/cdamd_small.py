@@ -5,8 +5,8 @@ each.
   python tools/export_model.py runs/cdamd-small/generator runs/cdamd-small-exported
 
 The text encoder is that of cmdm-small. The generator learns without the codes of an RVQ-VAE, as the last 8,000 steps of
-the first model did: with them it was no better on these archives (docs/lab/cdamd-small.md). Times and measurements:
-docs/lab/cdamd-small.md, motion_jax/pretrained/cdamd-small/README.md.
+the model before did; whether they would help was not measured. Times and measurements: docs/lab/cdamd-small.md,
+motion_jax/pretrained/cdamd-small/README.md.
 """
 from motion_jax.configs.shipped import recipe
 
