@@ -187,7 +187,7 @@ DEFAULTS: dict[str, dict[str, Any]] = {
         "train.remat": False, "train.attention": "xla", "frozen.text_level": "sentence", "frozen.length": "",
         "length": {}, "loss.mask_draw": "count", "data.vary_subject": 0.0, "sampler.edit_mask": "bcm"},
     "cdamd.length": {"data.vary_subject": 0.0},
-    "mdm.denoiser": {}, "mdm.dip": {}, "mld.vae": {}, "mld.denoiser": {},
+    "mdm.denoiser": {}, "mdm.dip": {}, "mld.vae": {}, "mld.denoiser": {}, "mld.frames": {},
     "motionstreamer.tokenizer": {}, "motionstreamer.generator": {},
     "momask.rvq": _QUANTIZER,
     "momask.masked": _TEXT_ITEMS | {"data.vary_subject": 0.0, "frozen.text_level": "sentence", "frozen.residual": "",

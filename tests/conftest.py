@@ -208,7 +208,7 @@ def tiny_generator(tmp_path_factory):
 METHODS = {"mdm": ("mdm_denoiser", "tiny"), "dip": ("mdm_denoiser", "dip_tiny"), "mld": ("mld_denoiser", "tiny"),
            "momask": ("momask_masked", "tiny"), "momask residual": ("momask_residual", "tiny"),
            "t2m_gpt": ("t2m_gpt_gpt", "tiny"), "motionstreamer": ("motionstreamer_generator", "tiny"),
-           "mld vae": ("mld_vae", "tiny"),
+           "mld frames": ("mld_frames", "tiny"), "mld vae": ("mld_vae", "tiny"),
            "momask rvq": ("momask_rvq", "tiny"), "t2m_gpt vq": ("t2m_gpt_vq", "tiny"),
            "motionstreamer tae": ("motionstreamer_tokenizer", "tiny")}
 

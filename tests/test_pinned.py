@@ -89,6 +89,7 @@ COUNTS = {
     ("mdm_denoiser", "kit"): 17_868_027, ("mdm_denoiser", "small"): 3_527_943, ("mdm_denoiser", "tiny"): 11_463,
     ("mld_vae", "full"): 18_032_135, ("mld_vae", "kit"): 18_025_979, ("mld_vae", "small"): 2_313_351,
     ("mld_denoiser", "full"): 8_221_184, ("mld_denoiser", "small"): 1_072_000,
+    ("mld_frames", "full"): 30_223_111, ("mld_frames", "small"): 2_458_375,
     ("motionstreamer_tokenizer", "full"): 76_203_312, ("motionstreamer_tokenizer", "small"): 2_936_167,
     ("motionstreamer_generator", "full"): 242_304_796, ("motionstreamer_generator", "small"): 10_800_662,
 }
@@ -139,7 +140,7 @@ def _counted(config, size):
     shapes = mdm_shapes(MotionDenoiser(**config.model))
   elif config.stage == "mld.vae":
     shapes = mld.vae_shapes(TokenVAE(**config.model))
-  elif config.stage == "mld.denoiser":
+  elif config.stage in ("mld.denoiser", "mld.frames"):
     shapes = mld.denoiser_shapes(TokenDenoiser(**config.model), 1)
   elif config.stage == "motionstreamer.tokenizer":
     shapes = motionstreamer.tokenizer_shapes(CausalVAE(**config.model))

@@ -146,8 +146,9 @@ class TokenVAE(nn.Module):
 class TokenDenoiser(nn.Module):
   """MLD's: z (B, N, D) noisy latents at steps t (B,), text_emb (B, S, E) -> the noise, or what it learned, (B, N, D).
 
-  With `features` it is the variant without a VAE: x (B, T, features) -> (B, T, features), frames attending to time and
-  words. latent_width: numbers of a latent, through a linear layer on either side; 0: width, and no layers.
+  With `features` it is the variant without a VAE: x (B, T, features) -> (B, T, features), frames attending to each
+  other, those of frame_mask (B, T), and to time and words. latent_width: numbers of a latent, through a linear layer on
+  either side; 0: width, and no layers.
   """
   width: int = 256
   depth: int = 9
@@ -175,7 +176,8 @@ class TokenDenoiser(nn.Module):
 
   @nn.compact
   def __call__(self, z: Float[Array, "b n c"], t: Int[Array, " b"], text_emb: Float[Array, "b s e"],
-               items: Int[Array, " b"] | None = None) -> Float[Array, "b n c"]:
+               items: Int[Array, " b"] | None = None, frame_mask: Bool[Array, "b n"] | None = None
+               ) -> Float[Array, "b n c"]:
     z, text = z.astype(self.dtype), text_emb.astype(self.dtype)
     # Parity: the released code has no layer for text that is as wide as the tokens.
     words = text if self.text_dim == self.width else self.text_in(nn.relu(text))
@@ -191,7 +193,8 @@ class TokenDenoiser(nn.Module):
       return nn.Dense(self.latent_width, dtype=self.dtype, name="narrow")(y) if self.latent_width else y
     y = place("positions", nn.Dense(self.width, dtype=self.dtype, name="x_in")(z))
     memory = place("memory_positions", tokens)
+    attn_mask = None if frame_mask is None else frame_mask[:, None, None]
     for i in range(self.depth):
-      y = PostNormDecoderLayer(**sizes, name=f"layer{i}")(y, memory, items=items)
+      y = PostNormDecoderLayer(**sizes, name=f"layer{i}")(y, memory, attn_mask, items=items)
     y = nn.LayerNorm(epsilon=1e-5, dtype=self.dtype, use_fast_variance=False, name="norm")(y)
     return nn.Dense(self.features, dtype=self.dtype, name="out")(y)

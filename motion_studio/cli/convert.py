@@ -41,7 +41,7 @@ def add_to(commands):
                    help="averaged weights (ema), where the file has them, or the weights of the last step")
   mdm.set_defaults(run=_convert_mdm)
   mld = convert.add_parser("mld", help="MLD's VAE and denoiser")
-  mld.add_argument("file", help="1222_mld_humanml3d_FID041.ckpt")
+  mld.add_argument("file", help="1222_mld_humanml3d_FID041.ckpt, or 1216_novae_humanml3d.ckpt without a VAE")
   mld.set_defaults(run=_convert_mld)
   streamer = convert.add_parser("motionstreamer", help="MotionStreamer's causal autoencoder and generator")
   streamer.add_argument("--tokenizer", required=True, metavar="FILE", help="net_last.pth of the causal autoencoder")

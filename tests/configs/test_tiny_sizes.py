@@ -26,6 +26,7 @@ WITH_LENGTH = {"momask_length": {}} | MOMASK | {
 T2M_GPT = {"t2m_gpt_vq": {}, "t2m_gpt_gpt": {"frozen.tokenizer": "t2m_gpt_vq"}}
 MDM = {"mdm_denoiser": {}}
 MLD = {"mld_vae": {}, "mld_denoiser": {"frozen.tokenizer": "mld_vae"}}
+MLD_FRAMES = {"mld_frames": {}}
 MOTIONSTREAMER = {"motionstreamer_tokenizer": {},
                   "motionstreamer_generator": {"frozen.tokenizer": "motionstreamer_tokenizer"}}
 EVALUATOR = {"evaluator_movement": {}, "evaluator_matching": {"frozen.movement": "evaluator_movement"}}
@@ -66,7 +67,7 @@ def traced_training(config, workdir, stage, next_batch, frozen, *_):
     chain(WITH_LENGTH), on("kit", MOMASK), chain(T2M_GPT), on("kit", T2M_GPT),
     chain(MLD), on("kit", MLD), chain(MOTIONSTREAMER), on("kit", MOTIONSTREAMER), on("272", MOTIONSTREAMER),
     chain(MDM), chain(MDM, mdm_denoiser="kit"), chain(MDM, mdm_denoiser="dip_kit"),
-    chain(MDM, mdm_denoiser="words_essential"), on("v2", MLD),
+    chain(MDM, mdm_denoiser="words_essential"), on("v2", MLD), chain(MLD_FRAMES), on("kit", MLD_FRAMES),
     *(on("snapmogen", stages) for stages in (MOMASK, T2M_GPT, MDM, MOTIONSTREAMER)),
     chain(EVALUATOR)])
 def test_each_stage_takes_the_runs_of_those_before_it(stages, sizes, tmp_path, monkeypatch):

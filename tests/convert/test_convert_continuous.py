@@ -51,6 +51,23 @@ def test_mld(tmp_path):
     write_mld(tmp_path / "other", file, stats, text_folder(tmp_path / "wide", 24), num_heads=4)
 
 
+def test_mld_without_a_vae(tmp_path):
+  state = Fixture(fixtures.path("mld/mld_novae.npz")).params
+  state = {f"denoiser.{name}": a for name, a in state.items()}
+  rows = {"denoiser.pose_embd.weight": 1, "denoiser.pose_proj.weight": 0, "denoiser.pose_proj.bias": 0}
+  for name, axis in rows.items():  # the recorded columns belong to no representation
+    shape = list(state[name].shape)
+    shape[axis] = 263
+    state[name] = np.zeros(shape, np.float32)
+  file = save_nested(tmp_path / "1216_novae", {"state_dict": state, "epoch": 3}, "safetensors")
+  text_dim = state["denoiser.time_embedding.linear_1.weight"].shape[1]
+  stats, text = stats_folder(tmp_path / "stats", np.zeros(263), np.ones(263)), text_folder(tmp_path / "text", text_dim)
+  made, = write_mld(tmp_path / "run", file, stats, text, num_heads=4)
+  assert made.fields["features"] == 263 and not any("pos" in name for name in made.part.left)
+  motion = load(tmp_path / "run").generate("a person walks", 24, seeds=[0], num_steps=2)[0]
+  assert motion.features.shape == (24, 263) and np.isfinite(motion.features).all()
+
+
 def test_motionstreamer(tmp_path):
   fixture = Fixture(fixtures.path("motionstreamer/ms_generate.npz"))
   trans, net = below(fixture, "trans."), below(fixture, "net.")

@@ -24,7 +24,8 @@ ROWS = {  # a metric of every row; what a name of a row says behind the model's
     "editing": ("fid", ["inpainting", "outpainting", "prefix", "suffix"])}
 METHODS = {  # the protocols of each; all others refuse it
     "mdm": ["archives-66", "editing"], "dip": ["archives-66", "long-horizon", "mtt"],
-    "mld": ["archives-66", "reconstruction"], "momask": ["archives-66", "editing", "reconstruction"],
+    "mld": ["archives-66", "reconstruction"], "mld frames": ["archives-66"],
+    "momask": ["archives-66", "editing", "reconstruction"],
     "t2m_gpt": ["archives-66", "reconstruction"],
     "motionstreamer": ["archives-66", "reconstruction", "long-horizon", "mtt"],
     "mld vae": ["reconstruction"], "momask rvq": ["reconstruction"], "t2m_gpt vq": ["reconstruction"],
@@ -32,7 +33,7 @@ METHODS = {  # the protocols of each; all others refuse it
 REFUSALS = {
     "archives-66": "holds a '.*' run, expected one of stage cmdm.denoiser or",
     "editing": "has no 'edit' .*; this protocol needs the run of a|holds a '.*' run, expected one of",
-    "reconstruction": "holds a 'mdm.*' run, which has no tokenizer; give the run of a tokenizer",
+    "reconstruction": "holds a '(mdm|mld.frames).*' run, which has no tokenizer; give the run of a tokenizer",
     "mtt": "has no 'multi_prompt' .*; this protocol needs the run of a|holds a '.*' run, expected one of",
     "long-horizon": "has no 'multi_prompt' .*; this protocol needs the run of a|holds a '.*' run, expected one of",
     "control": "samples by prompts alone; --sampling exact=true projects its motions|holds a '.*' run, expected one of"}

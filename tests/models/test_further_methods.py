@@ -15,7 +15,7 @@ from motion_jax.utils.input_files import tensor_sizes
 from motion_studio import Pipeline, cli
 from tests.conftest import load_config
 
-NAMES = ("mdm", "dip", "mld", "motionstreamer")
+NAMES = ("mdm", "dip", "mld", "mld frames", "motionstreamer")
 BLOCKS = ("dip", "motionstreamer")
 
 
@@ -42,7 +42,8 @@ def test_parameters_of_all_networks_are_counted(name, random_run):
   folder = random_run(name)
   inside = tensor_sizes(folder / "frozen.safetensors") if (folder / "frozen.safetensors").is_file() else {}
   networks = {part for part, _, rest in (name.partition("/") for name in inside) if rest.startswith("params/")}
-  assert networks == {"mdm": set(), "dip": set(), "momask": {"tokenizer", "residual"}}.get(name, {"tokenizer"})
+  assert networks == {"mld": {"tokenizer"}, "momask": {"tokenizer", "residual"}, "t2m_gpt": {"tokenizer"},
+                      "motionstreamer": {"tokenizer"}}.get(name, set())
   wanted = sum(tensor_sizes(folder / "params.safetensors").values()) + sum(
       count for tensor, count in inside.items() if tensor.partition("/")[0] in networks)
   assert runs.num_params(folder) == mj.load(folder).num_params == wanted
@@ -163,8 +164,9 @@ BAD = [
     ("t2m_gpt_gpt", {"frozen.tokenizer": "run of t2m_gpt vq", "quantizer.num_codes": 9, "model.num_codes": 9},
      "has 1 levels of 8 codes, config.quantizer says 1 of 9; make them agree"),
     *((name, {"data.layout": "essential"}, "features = 263, layout 'essential' has 67 numbers a frame; make them agree")
-      for name in ("mdm_denoiser", "mld_vae", "mld_denoiser", "momask_rvq", "momask_masked", "momask_residual",
-                   "t2m_gpt_vq", "t2m_gpt_gpt", "motionstreamer_tokenizer", "motionstreamer_generator")),
+      for name in ("mdm_denoiser", "mld_vae", "mld_denoiser", "mld_frames", "momask_rvq", "momask_masked",
+                   "momask_residual", "t2m_gpt_vq", "t2m_gpt_gpt", "motionstreamer_tokenizer",
+                   "motionstreamer_generator")),
     *((name, {f"model.{'transformer.' * name.startswith('motionstreamer')}text_dim": 7},
        "gives 32 numbers a sentence, the model takes text_dim = 7; make them agree")
       for name in ("mdm_denoiser", "mld_denoiser", "momask_masked", "momask_residual", "t2m_gpt_gpt",

@@ -30,19 +30,21 @@ from motion_jax.utils.errors import InputError
 
 class MldModel(TextToMotionModel):
   """MLD ready to use. One latent is a whole motion, so nothing of a motion is edited or streamed."""
-  abilities = ("generate", "reconstruct")
+  abilities: tuple[str, ...] = ("generate", "reconstruct")
   options = MldSampling
+  has_vae = True
 
   def __init__(self, run: Run, encoder: TextEncoder) -> None:
     config = run.config
     checkpoint.demand(config, run.folder, data__max_frames=(1, 100_000), diffusion__num_steps=(1, 100_000),
                       sampler__guidance_scale=(-1e3, 1e3))
-    self.vae, self.net = TokenVAE(**module_fields(config.tokenizer)), TokenDenoiser(**module_fields(config.model))
-    sizes = self.vae, self.net.text_dim
+    self.vae = TokenVAE(**module_fields(config.tokenizer)) if self.has_vae else None
+    self.net = TokenDenoiser(**module_fields(config.model))
+    sizes, num_tokens = (self.vae, self.net.text_dim), self.vae.num_tokens if self.vae else 1
     super().__init__(run, encoder, self.net.text_dim, 1,
                      cache.kept_shapes("mld.frozen", sizes, lambda: frozen_shapes(*sizes)),
-                     cache.kept_shapes("mld.denoiser", (self.net, self.vae.num_tokens),
-                                       lambda: denoiser_shapes(self.net, self.vae.num_tokens)))
+                     cache.kept_shapes("mld.denoiser", (self.net, num_tokens),
+                                       lambda: denoiser_shapes(self.net, num_tokens)))
     self.max_seconds = config.data.max_frames / self.stats.layout.fps
     self._generate = cache.Program("mld.generate", partial(_generate, self.net, self.vae), 1, (self.net, self.vae))
 
@@ -60,7 +62,7 @@ class MldModel(TextToMotionModel):
     """One pass: motions of prompts, a key each; sampling: choices of `MldSampling`."""
     chosen = self.sampling(**sampling)
     real = padding_mask(jnp.asarray(frames), self.config.data.max_frames)  # one length for all, compiled once
-    made = self._generate(self.plan_of(chosen), self.params, self.frozen[VAE], self.encoder(prompts)[0],
+    made = self._generate(self.plan_of(chosen), self.params, self.frozen.get(VAE), self.encoder(prompts)[0],
                           self.frozen[NO_CAPTION], real, chosen.guidance_scale, keys)
     captions = [captions_in_a_row([prompt], [count], self.fps) for prompt, count in zip(prompts, frames)]
     return make_motions(self, made, frames, captions, seeds, chosen.about() | dict(model=self.id), cleanup)
@@ -73,6 +75,12 @@ class MldModel(TextToMotionModel):
     x = jnp.asarray(self.stats.normalize(np.asarray(features))[None])
     made = reconstruct(self.vae, self.frozen[VAE], x, jnp.ones(x.shape[:2], bool))
     return self.stats.denormalize(np.asarray(made))[0]
+
+
+class MldFramesModel(MldModel):
+  """The variant without a VAE: the denoiser's frames are the motion."""
+  abilities = ("generate",)
+  has_vae = False
 
 
 def round_trip(fields: dict[str, Any], config: Any) -> RoundTrip:
@@ -89,13 +97,15 @@ def round_trip(fields: dict[str, Any], config: Any) -> RoundTrip:
 
 
 def _generate(net, vae, plan, params, vae_params, text_emb, no_text_emb, real, scale, keys):
-  shape = (vae.num_tokens, vae.latent_dim)
+  shape = (vae.num_tokens, vae.latent_dim) if vae else (real.shape[1], net.features)
   draw = lambda m: jax.vmap(lambda key: jax.random.normal(jax.random.fold_in(key, m), shape))(keys)
   text_emb = jnp.asarray(text_emb)
   without = jnp.broadcast_to(no_text_emb[None], text_emb.shape)
+  if vae is None:  # padding is hidden: the reference samples motions one by one, without any
+    return sampling.denoise(sampling.FrameDenoiser(net, real), plan, params, text_emb, without, scale, draw)
   z = sampling.denoise(net, plan, params, text_emb, without, scale, draw)
   return vae.apply(vae_params, z, real, method="decode")
 
 
-MODELS = {"mld.denoiser": MldModel}
+MODELS = {"mld.denoiser": MldModel, "mld.frames": MldFramesModel}
 TOKENIZERS = dict.fromkeys(("mld.vae", "mld.denoiser"), round_trip)

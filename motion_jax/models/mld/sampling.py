@@ -1,4 +1,4 @@
-"""Latents from captions with MLD, and the motion that they decode to."""
+"""Latents, or frames without a VAE, from captions with MLD."""
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -8,6 +8,22 @@ from jaxtyping import Float
 
 from motion_jax.diffusion import ddpm, guidance
 from motion_jax.shapes import Array, Net
+
+
+class FrameDenoiser(NamedTuple):
+  """A denoiser of frames as the others are called, padding 0 in what it predicts and, if hidden, not attended to.
+
+  real (B, T); twice as many rows are two such batches.
+  """
+  net: Net
+  real: Any
+  hidden: bool = True
+
+  def apply(self, params: Any, x: Float[Array, "b t f"], t: Any, text: Float[Array, "b s e"], **more: Any
+            ) -> Float[Array, "b t f"]:
+    real = jnp.concatenate([self.real] * (len(x) // len(self.real)))
+    made = self.net.apply(params, x, t, text, frame_mask=real if self.hidden else None, **more)
+    return jnp.where(real[..., None], made, 0)
 
 
 class Plan(NamedTuple):

@@ -17,7 +17,7 @@ from motion_jax.models.captioned_batches import (
   text_files,
   undisturbed,
 )
-from motion_jax.models.mld.stages import VAE, denoiser_stage, reconstruct, vae_shapes, vae_stage
+from motion_jax.models.mld.stages import VAE, denoiser_stage, frames_stage, reconstruct, vae_shapes, vae_stage
 from motion_jax.models.motion_errors import STATS
 from motion_jax.motion import stats as stats_lib
 from motion_jax.motion.stats import Stats
@@ -49,13 +49,20 @@ def denoiser(config: ConfigDict) -> TrainingSetup:
     raise InputError(f"got model.width = {config.model.width}, the latents of config.tokenizer have {latent_dim} "
                      "numbers; make them agree, or say so by model.latent_width")
   params, stats = load_vae(config.frozen.tokenizer, config)
-  data = sources.load_features(config.data, stats=stats)
+  return _denoising(config, denoiser_stage, sources.load_features(config.data, stats=stats), {VAE: params})
+
+
+def frames(config: ConfigDict) -> TrainingSetup:
+  """The denoiser without a VAE."""
+  return _denoising(config, frames_stage, sources.load_features(config.data), {})
+
+
+def _denoising(config, stage, data, frozen):
   encoder = text_encoder(config, config.model.text_dim)
   next_batch, num_items = batches_of(config, data, encoder)
-  frozen = {VAE: params, NO_CAPTION: encoder.no_caption()}
-  evaluate = held_out_loss(config, data.stats, encoder, denoiser_stage(undisturbed(config)).loss, frozen)
-  return TrainingSetup(denoiser_stage(config), next_batch, frozen, evaluate, data.stats, text_files(data, encoder),
-                       num_items)
+  frozen = frozen | {NO_CAPTION: encoder.no_caption()}
+  evaluate = held_out_loss(config, data.stats, encoder, stage(undisturbed(config)).loss, frozen)
+  return TrainingSetup(stage(config), next_batch, frozen, evaluate, data.stats, text_files(data, encoder), num_items)
 
 
 def load_vae(folder: str, config: ConfigDict) -> tuple[Any, Stats]:
@@ -68,5 +75,5 @@ def load_vae(folder: str, config: ConfigDict) -> tuple[Any, Stats]:
   return run.params(vae_shapes(net)), stats_lib.load_stats(run.folder, config.data.layout)
 
 
-SETUPS = {"mld.vae": vae, "mld.denoiser": denoiser}
+SETUPS = {"mld.vae": vae, "mld.denoiser": denoiser, "mld.frames": frames}
 RESOLVED: dict[str, Callable] = {}

@@ -1,4 +1,4 @@
-"""What MLD trains, as pure functions: the transformer VAE and, on its latents, the denoiser."""
+"""What MLD trains, as pure functions: the transformer VAE and the denoiser, of latents or, without a VAE, of frames."""
 from typing import Any, cast
 
 import jax
@@ -9,6 +9,7 @@ from motion_jax.diffusion import ddpm
 from motion_jax.latents import TOKENIZER
 from motion_jax.models.captioned_batches import NO_CAPTION
 from motion_jax.models.mld.losses import prediction_error, vae_terms
+from motion_jax.models.mld.sampling import FrameDenoiser
 from motion_jax.models.motion_errors import STATS
 from motion_jax.motion.representations import get_layout
 from motion_jax.nets.initial import initial_as_pytorch
@@ -58,33 +59,68 @@ def denoiser_stage(config: ConfigDict) -> Stage:
   """Trains the denoiser on draws of the frozen VAE. Batch: features (B, T, F), num_frames (B,), text_emb (B, 1, E),
   index (B,). frozen: `VAE`, and `NO_CAPTION` (1, E)."""
   plain, vae = TokenDenoiser(**config.model), TokenVAE(**config.tokenizer)
-  net, schedule = mixed_precision(plain, config), ddpm.scaled_linear_schedule(config.diffusion.num_steps)
-  shape = (vae.num_tokens, vae.latent_dim)
+  net = mixed_precision(plain, config)
 
   def init(batch, rng):
-    params = plain.init(rng, jnp.zeros((1, *shape)), jnp.zeros(1, int), batch["text_emb"][:1])
+    params = plain.init(rng, jnp.zeros((1, vae.num_tokens, vae.latent_dim)), jnp.zeros(1, int), batch["text_emb"][:1])
     return initial_as_pytorch(params, rng, xavier=True)
 
   def loss(params, frozen, batch, step, rng):
-    keys = jax.vmap(lambda i: jax.random.split(jax.random.fold_in(rng, i), 4))(batch["index"])
-    normal = lambda keys: jax.vmap(lambda key: jax.random.normal(key, shape))(keys)
+    keys = _keys(batch, rng)
     real = padding_mask(batch["num_frames"], batch["features"].shape[1])
     mean, logvar = cast(Any, vae.apply)(frozen[VAE], batch["features"], real, method="encode")
-    z = mean + jnp.exp(logvar / 2) * normal(keys[:, 0])
-    t = jax.vmap(lambda key: jax.random.randint(key, (), 0, config.diffusion.num_steps))(keys[:, 1])
-    noise = normal(keys[:, 2])
-    drop = jax.vmap(lambda key: jax.random.bernoulli(key, config.loss.drop_rate))(keys[:, 3])
-    text = jnp.where(drop[:, None, None], frozen[NO_CAPTION][None], batch["text_emb"])
-    more: dict[str, Any] = dict(items=batch["index"], rngs={"dropout": rng}) if config.model.dropout else {}
-    made = net.apply(params, ddpm.add_noise(schedule, z, noise, t[:, None]), t, text, **more)
-    errors = prediction_error(made, noise if config.diffusion.predicts == "noise" else z)
-    return {"loss": errors.sum()}, len(errors)
+    z = mean + jnp.exp(logvar / 2) * _normal(keys[:, 0], mean.shape[1:])
+    return _denoising(net, config, params, frozen, batch, rng, z, keys)
 
   def predict(params, frozen, batch, rng):
     real = padding_mask(batch["num_frames"], batch["features"].shape[1])
     return {"latents": vae.apply(frozen[VAE], batch["features"], real, method="encode")[0]}
 
   return Stage(init, loss, predict, in_parts=True, about_loss="squared error of the noise in latents, 1 at first")
+
+
+def frames_stage(config: ConfigDict) -> Stage:
+  """Trains the denoiser without a VAE, on batches as `denoiser_stage`. frozen: `NO_CAPTION` (1, E).
+
+  Parity: padding is 0 in the prediction and counts in the mean, with no gradient of its own; frames attend to it,
+  unless config.loss.mask_frames.
+  """
+  plain = TokenDenoiser(**config.model)
+  net = mixed_precision(plain, config)
+
+  def init(batch, rng):
+    params = plain.init(rng, jnp.asarray(batch["features"][:1]), jnp.zeros(1, int), batch["text_emb"][:1])
+    return initial_as_pytorch(params, rng, xavier=True)
+
+  def loss(params, frozen, batch, step, rng):
+    x = jnp.asarray(batch["features"])
+    frames = FrameDenoiser(net, padding_mask(batch["num_frames"], x.shape[1]), config.loss.mask_frames)
+    return _denoising(frames, config, params, frozen, batch, rng, x, _keys(batch, rng))
+
+  return Stage(init, loss, lambda params, frozen, batch, rng: {}, in_parts=True,
+               about_loss="squared error of the noise in features, 1 at first")
+
+
+def _keys(batch, rng):
+  """Four keys for each motion, (B, 4)."""
+  return jax.vmap(lambda i: jax.random.split(jax.random.fold_in(rng, i), 4))(batch["index"])
+
+
+def _normal(keys, shape):
+  return jax.vmap(lambda key: jax.random.normal(key, shape))(keys)
+
+
+def _denoising(net, config, params, frozen, batch, rng, clean, keys):
+  """(sums, weight) of the error in what a denoiser makes of noisy latents or frames (B, N, D)."""
+  steps, schedule = config.diffusion.num_steps, ddpm.scaled_linear_schedule(config.diffusion.num_steps)
+  t = jax.vmap(lambda key: jax.random.randint(key, (), 0, steps))(keys[:, 1])
+  noise = _normal(keys[:, 2], clean.shape[1:])
+  drop = jax.vmap(lambda key: jax.random.bernoulli(key, config.loss.drop_rate))(keys[:, 3])
+  text = jnp.where(drop[:, None, None], frozen[NO_CAPTION][None], batch["text_emb"])
+  more: dict[str, Any] = dict(items=batch["index"], rngs={"dropout": rng}) if config.model.dropout else {}
+  made = net.apply(params, ddpm.add_noise(schedule, clean, noise, t[:, None]), t, text, **more)
+  errors = prediction_error(made, noise if config.diffusion.predicts == "noise" else clean)
+  return {"loss": errors.sum()}, len(errors)
 
 
 def vae_shapes(vae: TokenVAE) -> Any:
@@ -95,10 +131,12 @@ def vae_shapes(vae: TokenVAE) -> Any:
 
 def denoiser_shapes(net: TokenDenoiser, num_tokens: int) -> Any:
   """Shapes of the denoiser's parameters."""
-  return jax.eval_shape(lambda: net.init(jax.random.key(0), jnp.zeros((1, num_tokens, net.latent_width or net.width)),
-                                         jnp.zeros(1, int), jnp.zeros((1, 1, net.text_dim))))
+  width = net.features or net.latent_width or net.width
+  return jax.eval_shape(lambda: net.init(jax.random.key(0), jnp.zeros((1, num_tokens, width)), jnp.zeros(1, int),
+                                         jnp.zeros((1, 1, net.text_dim))))
 
 
-def frozen_shapes(vae: TokenVAE, text_dim: int) -> dict[str, Any]:
+def frozen_shapes(vae: TokenVAE | None, text_dim: int) -> dict[str, Any]:
   """Shapes of what a denoiser's run keeps beside its parameters."""
-  return {VAE: vae_shapes(vae), NO_CAPTION: jax.ShapeDtypeStruct((1, text_dim), jnp.float32)}
+  no_caption = {NO_CAPTION: jax.ShapeDtypeStruct((1, text_dim), jnp.float32)}
+  return no_caption | ({VAE: vae_shapes(vae)} if vae else {})

@@ -27,29 +27,43 @@ from motion_jax.training.setup import text_identity
 TEXT = "clip-vit-large-patch14"
 
 
-def networks(path: str | pathlib.Path, num_heads: int | None = None) -> tuple[Network, Network]:
-  """(VAE, denoiser) of a Lightning checkpoint's state_dict; the networks of its evaluator are left aside."""
+def networks(path: str | pathlib.Path, num_heads: int | None = None) -> list[Network]:
+  """[VAE, denoiser] of a Lightning checkpoint's state_dict, or [denoiser] of frames where it has no VAE; the networks
+  of its evaluator are left aside."""
   whole = read_part(path, ("state_dict",), others=_lightning(path))
-  heads = lambda width: heads_of(num_heads, width, 4 if width == 256 else None)
-
+  if "denoiser.pose_embd.weight" in whole.state:
+    return [_denoiser(whole, 1, num_heads)]
   what, part = "VAE", _below(whole, "vae.")
   count, width = part.shape("global_motion_token", what, 2)
   depth = 2 * part.count(r"encoder\.input_blocks\.(\d+)\.") + 1
   fields = dict(features=part.shape("final_layer.weight", what, 2)[0], width=width, num_tokens=count // 2, depth=depth,
-                num_heads=heads(width), mlp_width=part.shape("encoder.middle_block.linear1.weight", what, 2)[0],
+                num_heads=_heads(num_heads, width),
+                mlp_width=part.shape("encoder.middle_block.linear1.weight", what, 2)[0],
                 max_length=part.shape("query_pos_encoder.pe", what, 3)[0])
   vae = TokenVAE(**fields)
-  encoded = network(what, part, vae, fields, vae_shapes(vae), vae_names(depth))
+  return [network(what, part, vae, fields, vae_shapes(vae), vae_names(depth)),
+          _denoiser(whole, vae.num_tokens, num_heads)]
 
+
+def _heads(num_heads, width):
+  return heads_of(num_heads, width, 4 if width in (256, 512) else None)
+
+
+def _denoiser(whole, num_tokens, num_heads):
+  """The denoiser of latents, or of frames, which has layers for them."""
   what, part = "MLD denoiser", _below(whole, "denoiser.")
   width, text_dim = part.shape("time_embedding.linear_1.weight", what, 2)
-  depth = 2 * part.count(r"encoder\.input_blocks\.(\d+)\.") + 1
-  fields = dict(width=width, depth=depth, num_heads=heads(width), text_dim=text_dim,
-                mlp_width=part.shape("encoder.middle_block.linear1.weight", what, 2)[0],
+  framewise = "pose_embd.weight" in part.state
+  depth = part.count(r"decoder\.layers\.(\d+)\.") if framewise else 2 * part.count(
+      r"encoder\.input_blocks\.(\d+)\.") + 1
+  layer = "decoder.layers.0" if framewise else "encoder.middle_block"
+  features = part.shape("pose_embd.weight", what, 2)[1] if framewise else 0
+  fields = dict(width=width, depth=depth, num_heads=_heads(num_heads, width), text_dim=text_dim, features=features,
+                mlp_width=part.shape(f"{layer}.linear1.weight", what, 2)[0],
                 max_length=part.shape("query_pos.pe", what, 3)[0])
   net = TokenDenoiser(**fields)
-  table = denoiser_names(depth, has_text_layer="emb_proj.1.weight" in part.state)
-  return encoded, network(what, part, net, fields, denoiser_shapes(net, vae.num_tokens), table, UNUSED)
+  table = denoiser_names(depth, features, "emb_proj.1.weight" in part.state)
+  return network(what, part, net, fields, denoiser_shapes(net, num_tokens), table, () if framewise else UNUSED)
 
 
 def _lightning(path):
@@ -64,21 +78,25 @@ def _below(part, prefix):
 
 def write_mld(out: str | pathlib.Path, file: str | pathlib.Path, stats: Any, text: str,
               num_heads: int | None = None) -> list[Network]:
-  """The run folder of a released MLD with its VAE -> the Networks.
+  """The run folder of a released MLD with its VAE, or of the one without -> the Networks.
 
   stats: a folder with Mean.npy and Std.npy of the training data. text: folder of the text encoder, CLIP ViT-L/14, which
   is needed: the run keeps the vector of an empty caption.
   """
   check_free(out)
-  vae, made = networks(file, num_heads)
+  *vaes, made = found = networks(file, num_heads)
   encoder = encoder_of(text, made.fields["text_dim"], "MLD denoiser", TEXT)
-  layout = layout_for(vae.fields["features"])
-  config = dict(stage="mld.denoiser", model=made.fields | dict(num_steps=1000), tokenizer=vae.fields,
-                frozen=dict(text=str(text), text_level="sentence", tokenizer=checkpoint.FROZEN),
-                diffusion=dict(num_steps=1000, predicts="noise"), loss=dict(drop_rate=0.1),
-                data=dict(layout=layout.name, mode="benchmark", max_frames=196, max_words=64),
-                sampler=dict(guidance_scale=7.5, num_steps=50, solver="ddim"))
-  frozen = {VAE: vae.params, NO_CAPTION: np.asarray(encoder.no_caption())}
-  write(out, config, [vae, made], made.params, stats_of(stats, vae.fields["features"]), frozen,
-        {checkpoint.TEXT: text_identity(encoder)})
-  return [vae, made]
+  features = (vaes or found)[0].fields["features"]
+  frozen: dict[str, Any] = {NO_CAPTION: np.asarray(encoder.no_caption())}
+  config = dict(stage="mld.frames", model=made.fields | dict(num_steps=1000),
+                frozen=dict(text=str(text), text_level="sentence"),
+                diffusion=dict(num_steps=1000, predicts="noise"), loss=dict(drop_rate=0.1, mask_frames=False),
+                data=dict(layout=layout_for(features).name, mode="benchmark", max_frames=196, max_words=64),
+                sampler=dict(guidance_scale=7.5, num_steps=1000, solver="ancestral"))
+  if vaes:
+    config |= dict(stage="mld.denoiser", tokenizer=vaes[0].fields, loss=dict(drop_rate=0.1),
+                   sampler=dict(guidance_scale=7.5, num_steps=50, solver="ddim"))
+    config["frozen"] |= dict(tokenizer=checkpoint.FROZEN)
+    frozen[VAE] = vaes[0].params
+  write(out, config, found, made.params, stats_of(stats, features), frozen, {checkpoint.TEXT: text_identity(encoder)})
+  return found

@@ -72,27 +72,16 @@ def run_mld_vae_loss(fixture, dtype):
 def run_mld_novae(fixture, dtype):
   net, params, _ = denoiser(fixture, dtype)
   x, text, noise = (jnp.asarray(fixture[f"in/{name}"], dtype) for name in ("x", "text", "noise"))
-  real = padding_mask(jnp.asarray(fixture["in/lengths"]), x.shape[1])[..., None]
+  real = padding_mask(jnp.asarray(fixture["in/lengths"]), x.shape[1])
   without, words = jnp.split(text, 2)
   sizes = fixture.meta["arguments"]
   plan = sampling.Plan(num_steps=sizes["steps"], solver="ancestral")
-  masked = Masked(net, real)
+  masked = sampling.FrameDenoiser(net, real, hidden=False)
   noise = jnp.concatenate([noise, jnp.zeros_like(noise[:1])])  # none is drawn for the last step
   sampled = jax.jit(lambda words, without: sampling.denoise(masked, plan, params, words, without, sizes["guidance"],
                                                             lambda m: noise[m]))(words, without)
   predicted = jax.jit(lambda x: net.apply(params, x, jnp.asarray(fixture["in/t"]), words))(x)
-  return {"predicted": jnp.where(real, predicted, 0), "sampled": sampled}
-
-
-class Masked:
-  """A denoiser of frames whose output is 0 where real, (B, T, 1), is False; twice as many rows are two such batches."""
-
-  def __init__(self, net, real):
-    self.net, self.real = net, real
-
-  def apply(self, params, x, t, text):
-    real = jnp.concatenate([self.real] * (len(x) // len(self.real)))
-    return jnp.where(real, self.net.apply(params, x, t, text), 0)
+  return {"predicted": jnp.where(real[..., None], predicted, 0), "sampled": sampled}
 
 
 @golden("mld_sample", bounds={"": (1e-5, 1e-10)})
