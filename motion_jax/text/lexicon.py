@@ -36,12 +36,16 @@ FUNCTION_WORDS = frozenset(
     "until up us very was we were what when where which while who whom whose why will with within without would you "
     "your s t re ll d m ve".split())
 
-# Further ones: politeness and fillers, requests for a motion, time and certainty, numbers, units.
+# Further ones: politeness and fillers, unnamed things and parts of the body (their actions are judged as phrases),
+# requests for a motion, time and certainty, numbers, units.
 WORDS_WITHOUT_MOTION = FUNCTION_WORDS | frozenset(
     "kindly thanks thank sorry hey hi hello ok okay um uh er erm hmm well oh ah wow yes yeah no nope really so now "
     "named maybe perhaps probably possibly actually basically simply literally totally truly exactly rather pretty "
     "somehow anyway kind sort bit lot lots extremely fairly completely entirely approximately roughly nearly almost "
     "lol alright sure dear bro "
+    "doing done together similar whilst series repeatedly repeat repeats repeating moderate regular original position "
+    "thing things stuff object objects item items head waist chest stomach face shoulder shoulders forearm forearms "
+    "knee knees toe toes hip hips neck elbow elbows ear ears mouth "
     "show shows showing see want wants need needs give generate create render animate animation animated motion "
     "motions movement movements action actions clip video scene imagine try tries trying attempt attempts depicts "
     "depicted character actor avatar individual people persons everybody anybody nobody "
