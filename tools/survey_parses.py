@@ -2,8 +2,8 @@
 
   python tools/survey_parses.py humanml3d_test_captions.txt [--model cmdm-small] [--sample 150 --seed 40]
 
-Prints a block per sentence, with its line from 1, and last the numbers of plans, of sentences with a requirement that is
-checked, and of those with a note. Judgements by hand: docs/lab/parses.md.
+Prints a block per sentence, with its line from 1, and last the numbers of plans, of sentences with a requirement that
+is checked, and of those with a note. Judgements by hand: docs/lab/parses.md.
 """
 import argparse
 import pathlib
