@@ -107,7 +107,7 @@ def contradictions_of(own: dict[str, Any], false: dict[str, Any], differ: Sequen
   """What a batch holds of contradicting captions: false_emb, false_mask, as wide as the batch's own text_emb and
   text_mask, which may become wider, and has_false (B,). own, false: these two of both; differ: of the rows."""
   width = max(own["text_mask"].shape[-1], false["text_mask"].shape[-1])
-  widened = {}
+  widened: dict[str, Any] = {}
   for prefix, sides in (("text", own), ("false", false)):
     emb, mask = sides["text_emb"], sides["text_mask"]
     more = (0, width - mask.shape[-1])

@@ -231,7 +231,7 @@ def denoiser(config: ConfigDict) -> TrainingSetup:
 
     own = encoded(said, segments)
     if config.loss.contrast:
-      shown = [[text for text, *_ in spans] or [caption] for caption, spans in zip(said, segments or [()] * len(said))]
+      shown = [[text for text, *_ in spans] or [caption] for caption, spans in zip(said, segments or [[]] * len(said))]
       false = contradicted([text for texts in shown for text in texts], config.seed, step)
       other = encoded([false.get(caption, caption) for caption in said],
                       [[(false[text], *span) for text, *span in row] for row in segments])
