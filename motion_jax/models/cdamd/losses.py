@@ -118,17 +118,18 @@ def generator_loss(net: Net, params: Any, z1: Float[Array, "b l c"], real_mask: 
       made = ((predict(paths.add_noise(z1, noise, t), t) - (z1 - noise)) ** 2).mean(-1)
     return made.astype(jnp.promote_types(made.dtype, jnp.float32))
 
-  copied = draws.diffusion_noise, draws.t
-  if false is None:
-    error = error_of
-  else:
+  copied: tuple[Array, ...] = (draws.diffusion_noise, draws.t)
+  error: Callable = error_of
+  if false is not None:
     condition = jnp.concatenate([condition, condition_of(*false[:2])], axis=-1)
     compared = (false[2] & (draws.text_u >= config.drop_rate))[None, :, None] & (draws.t < config.contrast_until)
     copied += (compared,)
 
-    def error(params, conditions, z1, noise, t, compared):
+    def contrasted(params, conditions, z1, noise, t, compared):
       own, other = (error_of(params, condition, z1, noise, t) for condition in jnp.split(conditions, 2, axis=-1))
       return own + config.contrast * jnp.where(compared, paths.margin_loss(own, other, config.contrast_margin), 0.0)
+
+    error = contrasted
 
   head = {"params": {"head": params["params"]["head"]}}
   total = sum_of_masked(error, head, condition, made.masked, z1, copied)
