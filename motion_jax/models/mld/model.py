@@ -38,7 +38,7 @@ class MldModel(TextToMotionModel):
     config = run.config
     checkpoint.demand(config, run.folder, data__max_frames=(1, 100_000), diffusion__num_steps=(1, 100_000),
                       sampler__guidance_scale=(-1e3, 1e3))
-    self.vae = TokenVAE(**module_fields(config.tokenizer)) if self.has_vae else None
+    self.vae: Any = TokenVAE(**module_fields(config.tokenizer)) if self.has_vae else None
     self.net = TokenDenoiser(**module_fields(config.model))
     sizes, num_tokens = (self.vae, self.net.text_dim), self.vae.num_tokens if self.vae else 1
     super().__init__(run, encoder, self.net.text_dim, 1,

@@ -88,11 +88,11 @@ def write_mld(out: str | pathlib.Path, file: str | pathlib.Path, stats: Any, tex
   encoder = encoder_of(text, made.fields["text_dim"], "MLD denoiser", TEXT)
   features = (vaes or found)[0].fields["features"]
   frozen: dict[str, Any] = {NO_CAPTION: np.asarray(encoder.no_caption())}
-  config = dict(stage="mld.frames", model=made.fields | dict(num_steps=1000),
-                frozen=dict(text=str(text), text_level="sentence"),
-                diffusion=dict(num_steps=1000, predicts="noise"), loss=dict(drop_rate=0.1, mask_frames=False),
-                data=dict(layout=layout_for(features).name, mode="benchmark", max_frames=196, max_words=64),
-                sampler=dict(guidance_scale=7.5, num_steps=1000, solver="ancestral"))
+  config: dict[str, Any] = dict(
+      stage="mld.frames", model=made.fields | dict(num_steps=1000), frozen=dict(text=str(text), text_level="sentence"),
+      diffusion=dict(num_steps=1000, predicts="noise"), loss=dict(drop_rate=0.1, mask_frames=False),
+      data=dict(layout=layout_for(features).name, mode="benchmark", max_frames=196, max_words=64),
+      sampler=dict(guidance_scale=7.5, num_steps=1000, solver="ancestral"))
   if vaes:
     config |= dict(stage="mld.denoiser", tokenizer=vaes[0].fields, loss=dict(drop_rate=0.1),
                    sampler=dict(guidance_scale=7.5, num_steps=50, solver="ddim"))
