@@ -94,7 +94,7 @@ def _dynamics(made, real, frame_mask, fps, skeleton):
   for still in _STILL:
     made, real = (jnp.diff(joints, axis=1) * fps for joints in (made, real))
     sizes.append([_length(joints[:, :count], 0.1 * still)[..., 0] for joints in (made, real)])
-  total = 0.0
+  total = jnp.zeros(len(frame_mask), real.dtype)
   for span in _SPANS:
     width = max(min(round(span * fps), count), 1)
     whole = _means(counts[..., None].astype(real.dtype), width)[..., 0] > 1 - 0.5 / width  # no frame of padding

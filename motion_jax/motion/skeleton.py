@@ -4,7 +4,7 @@ Axes: y up, +z ahead, +x to the body's left.
 """
 import dataclasses
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, SupportsIndex
 
 import numpy as np
 from jaxtyping import Bool, Float, Num
@@ -44,7 +44,7 @@ class Skeleton:
   fps: float
   unit: float                  # metres per unit
 
-  def __reduce_ex__(self, protocol):
+  def __reduce_ex__(self, protocol: SupportsIndex) -> str | tuple[Any, ...]:
     known = SKELETONS.get(self.name) is self  # in another process, the one of that process
     return (_known_skeleton, (self.name,)) if known else super().__reduce_ex__(protocol)
 
