@@ -164,7 +164,7 @@ SNAPMOGEN_BVH = ("ROOT",) + tuple(f"{name}_bind_JNT" for name in (
 SKELETONS = {skeleton.name: skeleton for skeleton in (HUMANML3D, KIT, SMPL, SNAPMOGEN)}
 
 
-def _known_skeleton(name):
+def _known_skeleton(name: str) -> "Skeleton":
   return SKELETONS[name]
 
 
