@@ -7,6 +7,9 @@ each.
 The text encoder is that of cmdm-small. The generator learns without the codes of an RVQ-VAE, as the last 8,000 steps of
 the model before did; whether they would help was not measured. Times and measurements: docs/lab/cdamd-small.md,
 motion_jax/pretrained/cdamd-small/README.md.
+
+It has made no shipped model yet: the weights that ship came from the recipe of commit 39e51fd and a last pass of the
+decoder (motion_jax/pretrained/cdamd-small/README.md).
 """
 from motion_jax.configs.shipped import recipe
 

@@ -5,6 +5,9 @@
   python tools/export_model.py runs/cmdm-small-fast/fast runs/cmdm-small-fast-exported --shares cmdm-small
 
 Times and measurements: motion_jax/pretrained/cmdm-small-fast/README.md.
+
+It has made no shipped model yet: the weights that ship came from the recipe of commit 39e51fd
+(motion_jax/pretrained/cmdm-small-fast/README.md).
 """
 from motion_jax.configs.shipped import recipe
 
