@@ -28,8 +28,9 @@ TINY = {
 
 
 def commands():
-  """The command lines of the page's bash blocks, as lists of words."""
-  blocks = re.findall(r"^```bash\n(.*?)^```", PAGE, re.M | re.S)
+  """The command lines of the page's bash blocks, as lists of words, without those of the other method, CDAMD, which
+  tests/test_smoke.py parses."""
+  blocks = [block for block in re.findall(r"^```bash\n(.*?)^```", PAGE, re.M | re.S) if "--config cdamd_" not in block]
   return [shlex.split(line) for block in blocks for line in block.replace("\\\n", " ").splitlines() if line.strip()]
 
 
