@@ -35,7 +35,7 @@ def test_a_page_holds_tables_plots_and_what_is_missing(tmp_path):
   assert "| m | slope |  |  | 50 |" in text  # milliseconds of processor time per second of motion
   assert "| m | 8 | 800 | 8 | 3 | 2 | 2 |" in text and "none left" not in text
   assert "| m | 2 | 60 | 1.5 | 20 | shared: others used 1.0 cores |" in text
-  assert "| 2 | 21 | 501 |" in text and "every number is *computed*" in text
+  assert "| 2 | 21 | 501 |" in text and "What each program needs at least is *computed*" in text
   assert text.count(performance_page.MISSING) == 3  # time to motion, the plain loop, training
   plots = sorted((tmp_path / "plots").glob("*.svg"))
   assert [path.stem for path in plots] == ["batch", "endless-m", "length", "roofline", "streams"]
