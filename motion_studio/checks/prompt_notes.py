@@ -3,12 +3,13 @@ import re
 from collections.abc import Iterable
 from typing import Any
 
-from motion_jax.text.morphology import possible_bases
+from motion_jax.text.morphology import possible_bases, third_person, verb_of
 from motion_jax.text.vocabulary import closest_word
 from motion_studio.language import Plan
 
 _NAMED = 5  # words of a prompt, and notes of a call, at most
 _PEOPLE = r"(?:people|persons|men|women|boys|girls|guys|kids|children|friends|dancers|fighters|boxers|figures|players)"
+_WORD = re.compile("[a-z]+")
 _SEVERAL = re.compile(
     rf"\b(?:two|three|four|five|six|ten|several|some|many|both|a (?:couple|group|pair|crowd) of) (?:\w+ )?{_PEOPLE}\b|"
     rf"^(?:the |some )?{_PEOPLE}\b|\beach other\b|\bone another\b|\banother (?:person|man|woman|guy|boy|girl|figure)\b|"
@@ -24,6 +25,8 @@ def notes_of(planner: Any, prompts: Iterable[str | Plan]) -> list[str]:
     prompt = one if isinstance(one, str) else one.text
     if found := _SEVERAL.search(prompt):
       notes[f"{shortened(prompt)} is about several people ({found[0]!r}); only one body is made"] = None
+    if not isinstance(one, str):
+      notes.update(dict.fromkeys(_of_verbs(planner, one)))
     for part in [prompt] if isinstance(one, str) else one.prompts:
       words = [word for word in planner.model.captions.unknown_words(part) if word.lower() not in named]  # each once
       named.update(map(str.lower, words))
@@ -34,6 +37,16 @@ def notes_of(planner: Any, prompts: Iterable[str | Plan]) -> list[str]:
   more = len(notes) - _NAMED
   return [*notes] if more <= 0 else [
       *[*notes][:_NAMED], f"the model does not know some words or actions of {more} more prompts"]
+
+
+def _of_verbs(planner, plan):
+  """Notes on verbs that a plan has replaced by wider ones, with no word for what sets them apart."""
+  made = {verb_of(word) for part in plan.prompts for word in _WORD.findall(part.lower())}
+  for verb in {verb_of(word): None for word in _WORD.findall(plan.text.lower())}:
+    meaning = planner.meanings.of(verb) if verb and verb not in made else None
+    if meaning and meaning.verb in made and not meaning.manner and meaning.confidence < 1:
+      yield (f"{third_person(verb)!r} is made as {third_person(meaning.verb)!r}, the nearest that "
+             f"{planner.model.folder.name} has learned")
 
 
 def _of_words(planner, prompt, words):

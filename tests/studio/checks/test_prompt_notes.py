@@ -44,6 +44,14 @@ def test_the_shipped_model_says_what_it_never_learned():
   assert len(pipeline.notes([f"zz{letter} walks" for letter in "abcdefgh"], plan=False)) == 6
 
 
+def test_a_verb_that_is_made_as_a_wider_one_is_said():
+  pipeline = Pipeline("cmdm-small")
+  note, = pipeline.notes(["a person curtsies"])
+  assert note == "'curtsies' is made as 'bows', the nearest that cmdm-small has learned"
+  # A manner keeps what sets a verb apart, and what stays as it is written is known.
+  assert not pipeline.notes(["someone sidesteps to the right", "a person strolls", "a person bows"])
+
+
 def test_without_captions_the_text_encoder_decides(tiny_run, tmp_path):
   shutil.copytree(tiny_run, tmp_path / "run")
   (tmp_path / "run" / "captions.json").unlink()
