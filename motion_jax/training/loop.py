@@ -158,8 +158,8 @@ class States:
     self.outputs = Outputs(workdir, config, evaluate, draw)
     self.guards = Guards(config)
     self.budget = Budget(config.train.get("cpu_seconds", 0.0))
-    self.deadline = Deadline(config.train.get("seconds", 0.0), config.train.num_steps - optimizer.cooldown_steps,
-                             config.train.num_steps)
+    num_steps, cooldown = config.train.num_steps, optimizer.get("cooldown_steps", 0)
+    self.deadline = Deadline(config.train.get("seconds", 0.0), num_steps - cooldown, num_steps)
     if self.deadline.limit and optimizer.schedule != "wsd":
       raise InputError(f"got train.seconds and optimizer.schedule {optimizer.schedule!r}, expected 'wsd', whose last "
                        "optimizer.cooldown_steps can follow any step")

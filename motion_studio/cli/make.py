@@ -1,6 +1,5 @@
 """motion-jax generate, multi-prompt, extend and edit: the commands that generate motion."""
 import functools
-import inspect
 import pathlib
 import time
 
@@ -148,8 +147,8 @@ def _extend(args):
   _batches([clip.seconds * model.fps + _length(pipeline, segments)] * args.num_samples, model)  # checks the length
   _print_model(model, args, f"{clip.seconds:.1f} s of {args.file} to continue")
   more = {name: value for name in ("past_prompt", "way") if (value := getattr(args, name)) is not None}
-  if unknown := more.keys() - inspect.signature(model.extend).parameters.keys():
-    raise InputError(f"got --{min(unknown).replace('_', '-')} for the model {model.id}, which has no such choice")
+  if more and not model.ways:
+    raise InputError(f"got --{min(more).replace('_', '-')} for the model {model.id}, which has no such choice")
   motions = [pipeline.extend(clip, segments, seed=args.seed + i, cleanup=not args.no_cleanup, plan=not args.no_plan,
                              **more, **flags.sampling_of(args, model))
              for i in progress.each(range(args.num_samples), "generating motions", unit="motion")]
