@@ -31,7 +31,7 @@ def millimetres(name: str, prompt: str = PROMPT, frames: int = FRAMES) -> dict[s
   apart = lambda a, b: 1000 * float(np.linalg.norm(a - b, axis=-1).max())
   alone = make()
   found = dict(again=apart(alone, make()), in_a_batch=apart(alone, make(range(BATCH))))
-  if hasattr(model, "stream"):
+  if model.can("stream"):
     found["streamed"] = apart(alone, streamed())
   with jax.default_matmul_precision("highest"):
     exact = make()
