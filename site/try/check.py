@@ -171,11 +171,12 @@ def check_motion(folder, captions):
       time.sleep(1)
       assert driver.execute_script("return document.body.dataset.state") == "ready"
       print(f"  {prompt[:40]!r}: {note(driver) or '(no note)'}")
-    driver.execute_script("window.motionTry.inspect(arguments[0])", captions)
-    pieces = wait(driver, "state.pieces")
-    tokenizer = mj.load("cmdm-small-fast").encoder.tokenizer
-    differ = [caption for caption, found in zip(captions, pieces) if found != tokenizer.encode(caption).ids]
-    print(f"word pieces of {len(captions)} captions: {len(differ)} differ {differ[:3]}")
+    if captions:
+      driver.execute_script("window.motionTry.inspect(arguments[0])", captions)
+      pieces = wait(driver, "state.pieces")
+      tokenizer = mj.load("cmdm-small-fast").encoder.tokenizer
+      differ = [caption for caption, found in zip(captions, pieces) if found != tokenizer.encode(caption).ids]
+      print(f"word pieces of {len(captions)} captions: {len(differ)} differ {differ[:3]}")
     print("second visit:", end=" ")
     start(driver, url)
     # In the background: no frames are shown, so no more than what is ahead is made; after it, it goes on.
