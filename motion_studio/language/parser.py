@@ -76,11 +76,12 @@ def _segments(text, fragments, known, meanings):
 
 def _on_the_way(segments, text):
   """The segments, of which a walk or run and a turn to a side after it are one, as captions say them: "walks forward
-  and turns left"; None where no more than the text is left."""
+  and turns left"; None where no more than the text is left. A turn before another walk is an action of its own."""
   found: list[Segment] = []
-  for segment in segments or ():
+  for segment, after in zip(segments or (), [*(segments or ())[1:], None]):
     before, turn = found[-1] if found else None, segment.action
-    if before and _goes_on(before) and not any((segment.simultaneous, segment.seconds, turn.times > 1)) and (
+    walks_on = after is not None and is_a(after.action.verb, "walk", "run")
+    if before and _goes_on(before) and not any((walks_on, segment.simultaneous, segment.seconds, turn.times > 1)) and (
         _TURN_TO_A_SIDE.fullmatch(turn.words)):
       words = _ON_THE_WAY.sub("", f"{before.action.words} and {turn.words}")
       found[-1] = before._replace(action=before.action._replace(

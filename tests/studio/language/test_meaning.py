@@ -75,6 +75,7 @@ def test_words_of_pace():
     "a person walks forward and turns left": None, "a person walks forward then makes a left turn on the way": None,
     "a person runs, then turns to the right": None, "a person walks, turns slightly to his left": None,
     "a person walks, turns left and waves": "walks and turns left | waves",
+    "a person walks forward, turns left, and walks on": "walks forward | turns left | walks on",
     "a person walks forward for 3 s, then turns left": "walks forward [3] | turns left",
     "a person walks backward, then turns left": "walks backward | turns left",
     "a person walks, then turns around": "walks | turns around",
