@@ -2,20 +2,20 @@
 
   motion-jax train --sweep same_data --workdir runs/same-data --data path/to/cmu path/to/cmu2 path/to/bandai \
       --cpu-seconds 7200 --slice 300
-  python benchmarks/same_data.py runs/same-data --data path/to/cmu path/to/cmu2 path/to/bandai --out FOLDER
+  python benchmarks/sweep_table.py same_data runs/same-data --data path/to/cmu path/to/bandai --page PAGE.md
 
 The budget is that of a method; its stages share it. The first command may be stopped and started again, also with a
 larger budget, and the second makes a table of the models at any moment: docs/lab/same-data-same-budget.md.
 
 All methods have the archives' own captions, mirrored clips, the same text encoder, batches of 16 clips (32 windows of
 64 frames for tokenizers of windows), a constant learning rate after a short warm-up and averaged weights, so that no
-schedule has to know when training ends. Size "gpu" trains for a number of steps instead, with batches of 128 clips and
+schedule has to know when training ends. Widths and depths are chosen for 3.3 to 3.6 million parameters in the networks
+that make a motion; representations are those that each method has in this library on archives.
+
+Size "gpu", which has not been trained yet, is for a number of steps instead of a budget, with batches of 128 clips and
 256 windows, a method in each task of an array:
 
   SLURM_ARRAY_TASK_ID=0 motion-jax train --sweep same_data:gpu --workdir runs/same-data --data ...
-
-Widths and depths are chosen for 3.3 to 3.6 million parameters in the networks
-that make a motion; representations are those that each method has in this library on archives.
 """
 TOKENIZER, GENERATOR = 0.3, 0.7  # shares of the budget
 GPU_STEPS = 4000  # of a method
