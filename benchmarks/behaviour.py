@@ -39,15 +39,15 @@ def judge(pipeline, listed, seeds, pictures=None):
   per_call = max(1, MOST // seeds)
   by_length = collections.defaultdict(list)
   for entry in listed:
-    by_length[entry[3] or 0, entry[0]].append(entry)
-  for (seconds, category), entries in by_length.items():
+    by_length[entry[3] or 0].append(entry)
+  for seconds, entries in by_length.items():
     for first in range(0, len(entries), per_call):
       chunk = entries[first:first + per_call]
-      # As many motions in every call, the last made more than once, so that the rest of a category compiles nothing.
+      # As many motions in every call, the last made more than once, so that a rest compiles nothing.
       full = [*chunk, *[chunk[-1]] * (per_call - len(chunk))]
       prompts = [sentence for _, sentence, *_ in full for _ in range(seeds)]
       made = pipeline(prompts, seconds=seconds or None, seeds=list(range(seeds)) * len(full))
-      for index, (_, sentence, rule, _) in enumerate(chunk):
+      for index, (category, sentence, rule, _) in enumerate(chunk):
         own = made[index * seeds:(index + 1) * seeds]
         passed = [bool(rule(body_of(motion.joints))) for motion in own]
         rows.append(dict(category=category, sentence=sentence, passed=passed, seconds=len(own[0].joints) / FPS,

@@ -64,13 +64,15 @@ def evaluated_size(name):
 
 def data(**fields):
   """The section `data` on HumanML3D; folder or folders: its location. kinematic_captions: whether clips of archives get
-  captions by kinematics beside their own (docs/captions.md). augment: number of new clips of each kind made of the
-  training clips of archives, as a share of these (docs/augmentation.md). feature_bias: what the std of turn, root and
-  contacts of a data set's own statistics is divided by; 0: nothing (docs/papers/momask.md#statistics). workers: number
-  of processes that make clips, captions and features of archives, equal to those of one; 0: this one. source_weights:
-  pairs (archive, factor), how much more or less often than others its clips are drawn (docs/training.md#balance)."""
+  captions by kinematics beside their own (docs/captions.md). paraphrases: the most sentences in other words that each
+  caption of a training clip of archives gets beside it (docs/captions.md#paraphrases). augment: number of new clips of
+  each kind made of the training clips of archives, as a share of these (docs/augmentation.md). feature_bias: what the
+  std of turn, root and contacts of a data set's own statistics is divided by; 0: nothing
+  (docs/papers/momask.md#statistics). workers: number of processes that make clips, captions and features of archives,
+  equal to those of one; 0: this one. source_weights: pairs (archive, factor), how much more or less often than others
+  its clips are drawn (docs/training.md#balance)."""
   return dict(name="humanml3d", folder="", folders=(), mode="benchmark", mirror=False, kinematic_captions=False,
-              feature_bias=0.0, workers=0, source_weights=(),
+              paraphrases=0, feature_bias=0.0, workers=0, source_weights=(),
               augment=dict(stitched=0.0, bent_paths=0.0, idle=0.0, counted=0.0, excerpts=0.0, seats=0.0,
                            wandering=0.0, time_warp=0.0)) | fields
 

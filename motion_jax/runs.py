@@ -151,7 +151,8 @@ _QUANTIZER = _MOTION_ERRORS | {"data.released_windows": False, "data.short_windo
 # say nothing about training, and a method from outside the package names only the fields that it needs.
 DEFAULTS: dict[str, dict[str, Any]] = {
     "": {"data.feature_bias": 0.0, "optimizer.warmup": "full", "data.mode": "benchmark",
-         "data.kinematic_captions": False, "data.augment": {}, "data.workers": 0, "data.source_weights": (),
+         "data.kinematic_captions": False, "data.paraphrases": 0, "data.augment": {}, "data.workers": 0,
+         "data.source_weights": (),
          "optimizer.name": "adamw", "optimizer.fields": {}, "optimizer.schedule_fields": {},
          "optimizer.boundaries": (), "optimizer.gamma": 0.1, "optimizer.skip_loss": 0.0,
          "optimizer.final_rate": 0.0,

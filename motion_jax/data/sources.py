@@ -155,12 +155,12 @@ def load_items(config, split="train", captioned=True) -> list[TextItem]:
     _require_one_license(clips)
     return clip_items(clips, config, split, layout)
   _check_folder(config, dataset)
-  if config.get("kinematic_captions", False) and "kinematic_captions" not in dataset.fields:
-    raise InputError(f"got data.kinematic_captions=True for {config.folder}, {dataset.holds}; captions by kinematics "
-                     "are added to clips of archives, or of several folders that are read clip by clip")
-  if augment_shares(config) and "augment" not in dataset.fields:
-    raise InputError(f"got data.augment for {config.folder}, {dataset.holds}; more clips are made of those of "
-                     "archives, or of several folders that are read clip by clip")
+  given = {"kinematic_captions": config.get("kinematic_captions", False), "augment": augment_shares(config),
+           "paraphrases": config.get("paraphrases", 0)}
+  for field, value in given.items():
+    if value and field not in dataset.fields:
+      raise InputError(f"got data.{field} for {config.folder}, {dataset.holds}; expected archives, or several folders "
+                       "that are read clip by clip: captions and clips are added to theirs only")
   return dataset.items(config, split, layout, captioned)
 
 
@@ -211,6 +211,7 @@ def _key(config, split, captioned):
   folders = tuple(config.get("folders") or ()) if get_dataset(config.name).by_clip else ()
   readers = [dataset_of(folder) for folder in folders] or [get_dataset(config.name)]
   settings = config.to_dict() | {"captioned": captioned or bool(folders)}
-  fields = sorted({"kinematic_captions", *(field for reader in readers for field in reader.fields)} - {"augment"})
+  own = {field for reader in readers for field in reader.fields}
+  fields = sorted({"kinematic_captions", "paraphrases"} | own - {"augment"})
   return (config.name, folders or config.get("folder"), config.layout, split,
           tuple(sorted(augment_shares(config).items())), *((field, settings.get(field) or None) for field in fields))

@@ -6,6 +6,7 @@ features, or define how clips are cut, overrides the others.
 """
 import collections
 import contextlib
+import dataclasses
 import functools
 import hashlib
 import pathlib
@@ -21,6 +22,7 @@ from motion_jax.data.clip import Clip
 from motion_jax.data.kinematic_captions import with_kinematic_captions
 from motion_jax.motion.representations import LAYOUTS, FeatureLayout, get_layout, to_features
 from motion_jax.motion.stats import Stats, compute_stats
+from motion_jax.text.paraphrase import paraphrases
 from motion_jax.utils.atomic import atomic_folder
 from motion_jax.utils.worker_processes import workers
 
@@ -68,7 +70,7 @@ class Dataset(Protocol):
   holds: str
   by_clip: bool = True
   in_folders: bool = True
-  fields: tuple[str, ...] = ("mode", "mirror", "kinematic_captions", "augment")
+  fields: tuple[str, ...] = ("mode", "mirror", "kinematic_captions", "augment", "paraphrases")
   files: tuple[str, ...] = ("**/*",)
   judged_as: str = "archive"
   long_horizon: str = "long-horizon"
@@ -172,8 +174,8 @@ class Dataset(Protocol):
 def clip_items(clips, config, split, layout: FeatureLayout) -> list[TextItem]:
   """The clips of a split as features (config.mode) on the layout's skeleton and at its rate; of train mirrored ones,
   too, if config.mirror. config.kinematic_captions: with captions by kinematics beside their own (`data.describe`).
-  config.augment: of train more clips, made of these (`data.augment`). config.workers: number of processes that do all
-  this, with equal results."""
+  config.augment: of train more clips, made of these (`data.augment`). config.paraphrases: of train captions also in
+  other words (`text.paraphrase`). config.workers: number of processes that do all this, with equal results."""
   clips, made = [clip for clip in clips if clip.split == split], []
   shown = dict(unit="clip", leave=False, disable=None)
   with workers(config.get("workers", 0)) as team:
@@ -182,6 +184,8 @@ def clip_items(clips, config, split, layout: FeatureLayout) -> list[TextItem]:
     if config.get("kinematic_captions", False):
       clips = list(tqdm.tqdm(team.map(with_kinematic_captions, clips, 16), f"captions of {split}", len(clips), **shown))
     clips += made
+    if split == "train" and config.get("paraphrases", 0):
+      clips = [_in_other_words(clip, config.paraphrases) for clip in clips]
     known = LAYOUTS.get(layout.name) is layout  # by its name, which a process of its own knows, too
     make = functools.partial(_item, layout=layout.name if known else layout, mode=config.mode)
     items = list(tqdm.tqdm(team.map(make, clips, 16), f"features of {split}", len(clips), **shown))
@@ -189,6 +193,13 @@ def clip_items(clips, config, split, layout: FeatureLayout) -> list[TextItem]:
       make = functools.partial(make, mirrored=True)
       items += tqdm.tqdm(team.map(make, clips, 16), "features of mirrored clips", len(clips), **shown)
   return [item for item in items if item is not None]
+
+
+def _in_other_words(clip, number) -> Clip:
+  """The clip with up to `number` paraphrases of each of its captions beside them."""
+  said = tuple(dataclasses.replace(caption, text=text) for caption in clip.captions
+               for text in paraphrases(caption.text, number))
+  return clip.replace(captions=tuple(dict.fromkeys((*clip.captions, *said))))
 
 
 def _item(clip, layout, mode, mirrored=False) -> TextItem | None:

@@ -170,7 +170,7 @@ class Synthetic(Dataset):
   """Procedural motion: config.seed, config.num_clips."""
   name, holds = "synthetic", "procedural motion"
   by_clip = in_folders = False
-  fields = ("mode", "mirror", "kinematic_captions", "augment", "seed", "num_clips")
+  fields = ("mode", "mirror", "kinematic_captions", "augment", "paraphrases", "seed", "num_clips")
 
   def matches(self, folder):
     return False
