@@ -1,4 +1,4 @@
-"""Captions in other words say the same: the same sides, counts and paces, and the application reads the same actions."""
+"""Captions in other words say the same: sides and counts stay, and the application reads the same actions."""
 import json
 import re
 
@@ -35,7 +35,7 @@ def test_sides_and_counts_stay(captions):
       assert _sides(other) == _sides(caption), (caption, other)
       assert _counts(other) == _counts(caption), (caption, other)
       assert mirror_caption(mirror_caption(other)) == other.replace("counter-", "counter")
-      assert "\0" not in other and not re.search(r"\b(\w+) \1\b|,,| ,|\bis \w+s\b", other.replace("bye bye", "bye")), other
+      assert not re.search(r"\0|\b(\w+) \1\b|,,| ,|\bis \w+s\b", other.replace("bye bye", "bye")), other
       changed += 1
   assert changed > 1.5 * len(captions[::7])  # two different ones of most captions
 
