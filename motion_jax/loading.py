@@ -6,6 +6,8 @@ from motion_jax.models import registry
 from motion_jax.models.base import TextToMotionModel
 from motion_jax.text.encoder import load_text_encoder
 from motion_jax.training import checkpoint
+from motion_jax.utils.errors import InputError
+from motion_jax.utils.numerals import shortened
 
 
 def load(name: str | os.PathLike = "cmdm-small", text: str | os.PathLike | None = None, raw: bool = False
@@ -16,6 +18,8 @@ def load(name: str | os.PathLike = "cmdm-small", text: str | os.PathLike | None 
   """
   stage = runs.stage_of(name)
   is_model = stage is not None and registry.model_of(stage) is not None  # imports no other method
+  if hint := registry.missing(stage):
+    raise InputError(f"{name} holds a run of the stage {shortened(repr(stage))}, expected one of a known method{hint}")
   run = runs.load_run(name, None if is_model else tuple(registry.model_stages()), raw)
   with checkpoint.building(run.folder):
     encoder = load_text_encoder(text or run.text, level=run.config.frozen.text_level)

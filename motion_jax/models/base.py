@@ -70,7 +70,7 @@ def cannot(name: str, ability: str) -> str:
   from motion_jax.models import registry
   able = runs.shipped_names(registry.model_stages(ability))
   return f"{name} has no {ability!r} ({ABILITIES[ability]}); " + (
-      f"{' and '.join(able)} {'has' if len(able) == 1 else 'have'}: load such a model (--model)" if able else
+      f"{', '.join(able)} {'has' if len(able) == 1 else 'have'}: load such a model (--model)" if able else
       "no model that ships has")
 
 

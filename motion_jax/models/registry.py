@@ -72,5 +72,12 @@ def options() -> dict:
   return {method: _of(method, "options").OPTIONS for method in METHODS}
 
 
+def missing(stage: Any) -> str:
+  """How to add the method of a stage that is called METHOD.PART, as the end of an error; "" for one that is known."""
+  method, dot, _ = str(stage).partition(".")
+  return "" if not dot or method in (*METHODS, *TEACHERS, "evaluator") else (
+      f"; install the package that adds the method {method!r}, or import its module first (docs/adding.md)")
+
+
 def _of(method, part):
   return importlib.import_module(f"{TEACHERS[method] if method in TEACHERS else METHODS[method]}.{part}")

@@ -17,7 +17,9 @@ def add_to(commands):
   shared.add_film(render, "in every output format")
   render.set_defaults(run=_render)
 
-  models = commands.add_parser("models", help="list the shipped models with size, licence and speed")
+  models = commands.add_parser("models", help="list the shipped models with size, licence and speed; of a model, what "
+                               "it can do and how it is sampled")
+  models.add_argument("model", nargs="*", help="run folders or shipped models")
   models.set_defaults(run=_models)
 
   rigs = commands.add_parser("rigs", help="list the rigs that motion is written for by --rig; of a file, the nearest "
@@ -73,8 +75,29 @@ def _nearest_rig(args):
           f"{args.write_mapping}")
 
 
+def _abilities(name):
+  import motion_jax as mj
+  from motion_jax.models.base import ABILITIES
+  model = mj.load(name)
+  print(f"{model.folder.name}: {model.config.stage}, {model.num_params / 1e6:.1f} M parameters, "
+        f"{model.stats.layout.name} features, {model.fps:g} frames a second, up to {model.max_seconds:.4g} s")
+  for word, about in ABILITIES.items():
+    if model.can(word):
+      print(f"  {word:<16} {about}")
+  if model.takes_control:
+    print(f"  {'control':<16} its network is guided by constraints")
+  print("sampled with:")
+  for option, value in model.sampling().about().items():
+    print(f"  --{option.replace('_', '-'):<21} {value}")
+
+
 def _models(args):
   import textwrap
+
+  if args.model:
+    for name in args.model:
+      _abilities(name)
+    return
 
   from motion_jax import runs
   groups = {}

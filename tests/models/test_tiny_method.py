@@ -68,6 +68,21 @@ def test_the_command_line_knows_its_choices(folder, tmp_path, monkeypatch, capsy
     cli.main(["generate", "--help"])
   told = capsys.readouterr().out
   assert "TINY models:" in told and "--spread" in told
+  assert cli.main(["models", str(folder)]) == 0
+  told = capsys.readouterr().out
+  assert "tiny.regressor" in told and "  generate " in told and "  edit " not in told
+  assert {line.split()[0]: line.split()[1] for line in told.splitlines() if line.startswith("  --")} == {
+      "--guidance-scale": "2.0", "--spread": "0.1"}
+
+
+def test_a_run_or_config_of_a_method_that_is_not_installed_names_it(folder, tmp_path, monkeypatch):
+  monkeypatch.delitem(registry.METHODS, "tiny")
+  missing = "'tiny.regressor', expected one of .*; install the package that adds the method 'tiny'"
+  with pytest.raises(ValueError, match=missing):
+    mj.load(folder)
+  with pytest.raises(ValueError, match=missing):
+    training.run(get_config(), tmp_path / "run")
+  assert not (tmp_path / "run").exists()
 
 
 @pytest.mark.slow
