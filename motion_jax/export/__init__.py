@@ -49,11 +49,10 @@ WRITERS: Registry[Callable] = Registry("motion_jax.exports", {
 def check_output(path) -> str:
   """Raises a clear error now if `save` could not write there later; returns the path."""
   path = pathlib.Path(path)
-  if not ending_of(path):
-    raise ValueError(f"got {path.name!r}: nothing here writes {path.suffix or 'a file without extension'}; known are "
-                     + " ".join(WRITERS))
   if path.is_dir():
     raise IsADirectoryError(f"cannot write {path}: it is a folder; name a file in it, such as {path / 'motion.html'}")
+  if not ending_of(path):
+    raise ValueError(f"got {path.name!r}, expected a file name that ends in one of " + " ".join(WRITERS))
   if path.suffix.lower() == ".mp4":
     from motion_jax.export.video import find_ffmpeg
     find_ffmpeg()

@@ -10,6 +10,7 @@ import pathlib
 import shutil
 import subprocess
 import textwrap
+import unicodedata
 
 import numpy as np
 
@@ -318,7 +319,8 @@ def _cameras(figure, fps, size, mode, azimuth):
 
 
 def _fit_text(text, font, width):
-  text = " ".join(text.split())
+  letters = unicodedata.normalize("NFKD", text)  # Pillow's own font has the letters of English only
+  text = " ".join("".join(letter for letter in letters if not unicodedata.combining(letter)).split())
   chars = max(8, int(0.97 * width / max(font.getlength(text) / max(len(text), 1), 1)))
   return "\n".join(textwrap.wrap(text, chars, max_lines=2, placeholder=" …"))
 

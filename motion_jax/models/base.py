@@ -179,7 +179,8 @@ class TextToMotionModel(Able):
     for count in counts:
       if not self.frames_per_latent <= as_float(count) <= self.max_seconds * self.fps:
         raise InputError(f"got a length of {as_float(count):g} frames, expected {self.frames_per_latent} to "
-                         f"{self.max_seconds * self.fps:.0f} ({self.max_seconds:g} s at {self.fps:g} frames a second)")
+                         f"{self.max_seconds * self.fps:,.0f}: {self.frames_per_latent / self.fps:g} to "
+                         f"{self.max_seconds:,g} s at {self.fps:g} frames a second")
     return [int(round(count)) for count in counts]
 
   # --- sampling --------------------------------------------------------------------------------------------------

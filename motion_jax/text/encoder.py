@@ -312,7 +312,7 @@ class TextEncoder:
       warnings.warn(f"CLIP reads {self.max_words} word pieces of the {len(ids)} of {sentence[:60]!r}...", stacklevel=5)
       ids = ids[:self.max_words - 1] + ids[-1:]
     if len(ids) > self.max_words:
-      raise InputError(f"got a caption of {len(ids)} word pieces, this encoder takes {self.max_words}; shorten it or "
+      raise InputError(f"got a caption of {len(ids)} word pieces, expected at most {self.max_words}; shorten it or "
                        f"split it into several: {sentence[:60]!r}...")
     return ids
 

@@ -106,8 +106,9 @@ def segment_frames(planner: Any, prompt: str, plan: Plan | None, frames: float |
   if frames is not None:
     total = as_float(frames)
     if not least * len(counts) <= total <= LONGEST * planner.fps:
-      raise InputError(f"got a length of {total:g} frames for {len(counts)} actions in a row, expected "
-                       f"{least * len(counts)} to {LONGEST * planner.fps:.0f}")
+      raise InputError(f"got a length of {total:g} frames for {len(counts)} actions in sequence, expected "
+                       f"{least * len(counts)} to {LONGEST * planner.fps:,.0f}: {least * len(counts) / planner.fps:g} "
+                       f"to {LONGEST:,} s at {planner.fps:g} frames a second")
     counts = fit_to(counts, [segment.seconds is not None for segment in plan.segments], round(total), least)
   if sum(counts) > LONGEST * planner.fps:
     raise InputError(f"got a sentence of {sum(counts) / planner.fps:,.0f} s, expected at most {LONGEST:,}")

@@ -99,7 +99,7 @@ def test_missing_file_unknown_extension_bad_rate(clip, tmp_path):
 
 @pytest.mark.parametrize("name", ["a.xyz", "a", "a.npz.zip"])
 def test_unknown_output_extension_lists_the_known(clip, tmp_path, name):
-  with pytest.raises(ValueError, match=r"known are .npz .npy .bvh .glb .vrma"):
+  with pytest.raises(ValueError, match=r"ends in one of .npz .npy .bvh .glb .vrma"):
     export.save(clip, tmp_path / name)
   assert leftovers(tmp_path) == []
 
@@ -111,6 +111,8 @@ def test_unwritable_places(clip, tmp_path):
   (tmp_path / "a.npy").mkdir()
   with pytest.raises(IsADirectoryError, match="it is a folder"):
     export.save(clip, tmp_path / "a.npy")
+  with pytest.raises(IsADirectoryError, match="it is a folder"):  # which needs no extension
+    export.save(clip, tmp_path)
   with pytest.raises(ValueError, match="no clip"):
     export.save([], tmp_path / "b.npy")
 

@@ -141,6 +141,11 @@ def test_long_captions_are_cut_to_two_lines():
   assert export.frame(clip, 0, SIZE).shape == (160, 200, 3)
 
 
+def test_accents_that_the_font_lacks_are_left_out():
+  drawn = lambda words: export.frame(make().replace(captions=(Caption(words),)), 0, SIZE)
+  np.testing.assert_array_equal(drawn("vorw\u00e4rts"), drawn("vorwarts"))
+
+
 def test_bad_options(tmp_path):
   clip = make()
   with pytest.raises(ValueError, match="'above', expected auto, follow, fixed or one of front"):
