@@ -195,7 +195,8 @@ class TestOfAModel:
   def test_lengths_that_cannot_be(self, pipeline):
     for given, wrong in ((dict(num_frames=4), "got a length of 4 frames for 2 actions"),
                          (dict(seconds=float("nan")), "got a length of nan frames"),
-                         (dict(seconds=1e9), "expected 8 to 72,000: 0.4 to 3,600 s"), (dict(num_frames=8, seconds=3), "give one")):
+                         (dict(seconds=1e9), "expected 8 to 72,000: 0.4 to 3,600 s"),
+                         (dict(num_frames=8, seconds=3), "give one")):
       with pytest.raises(ValueError, match=wrong):
         pipeline("a person walks, then waves", seed=1, **given)
     with pytest.raises(ValueError, match="expected at most 3,600"):
