@@ -18,7 +18,7 @@ NON_COMMERCIAL, OPEN = (*FREE, "bandai"), (*FREE, "hdm05")
 NO_TEACHER = dict(frozen={"teacher": ""}, model={"teacher_dim": 0})
 # The same for all passes of a recipe, so that clips are made and read once. Clips of games are snappy.
 SHARES = dict(stitched=0.3, bent_paths=0.15, idle=0.12, counted=0.3, excerpts=0.5, seats=0.12, time_warp=0.15,
-              wandering=0.1)
+              stepping=0.12, wandering=0.1)
 DATA = {"kinematic_captions": True, "source_weights": (("gameclips", 0.4), ("kaykit", 0.3), ("mimic", 0.7)),
         **{f"augment.{kind}": share for kind, share in SHARES.items()}}
 CONTRAST = {"contrast": 0.5, "contrast_margin": 0.05, "contrast_until": 0.5}

@@ -47,6 +47,9 @@ _RULES = tuple((re.compile(rf"\b{said}(?!\w)"), tuple(others.split("|"))) for sa
     (f"(?:in a curve|in an arc|along a curved path) to the {_SIDE}", r"curving to the \1|in a \1 curve|"
      r"while turning to the \1|and turns to the \1|around a bend to the \1"),
     ("in a zigzag(?: line)?", r"in a zig zag|from side to side|in an s shape"),
+    (f"(?:turns around|turns 180 degrees) to the {_SIDE}(?:,? and then|, then| then|, and after that|,? and finally) "
+     "walks (?:forward|ahead|straight ahead)", r"turns \1 and walks back|turns around \1 and walks back|"
+     r"turns around to the \1 and walks back to where they started|does a 180 to the \1 and comes back"),
     (f"turns around to the {_SIDE}", r"turns around \1|does a 180 to the \1|turns to face the other way over their \1"),
     (f"turns to the {_SIDE}", r"turns \1|makes a \1 turn|takes a \1 turn|rotates to the \1|pivots \1"),
     (f"turns {_SIDE}", r"turns to the \1|makes a \1|takes a turn to the \1|goes \1"),

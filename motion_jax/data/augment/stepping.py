@@ -1,0 +1,60 @@
+"""Let straight walks and runs step on one spot, or to the side, with captions to match (`motion.root_paths.along`).
+
+Captures of locomotion go forward. Here the course of the body becomes a point or a line to its side; each step is moved
+as a whole, so that standing feet stand. A clip to the side is kept only if the kinematic rules (`analysis`) find the
+side in it, one on the spot only if both feet are lifted again and again.
+"""
+from collections.abc import Iterator
+
+import numpy as np
+
+from motion_jax.analysis.describe import FPS, sentences
+from motion_jax.analysis.events import find_events
+from motion_jax.analysis.signals import PAIR
+from motion_jax.data.augment.parts import MOST, PLAIN, SHORTEST, new_clip
+from motion_jax.data.clip import Clip
+from motion_jax.motion.root_paths import along, course
+from motion_jax.text.captions import SUBJECTS
+
+_SIDEWAYS = (0.2, 0.4)  # metres a second, at which a foot does not step over the other
+_ON_THE_SPOT = {"walk": ("walks in place", "walks on the spot", "steps in place", "marches in place"),
+                "run": ("jogs in place", "runs in place", "jogs on the spot", "runs on the spot")}
+_STEPS, _LIFTED = 2, 0.06  # times that each foot is lifted, metres over the other
+
+
+def stepping(parts, rng) -> Iterator[Clip | None]:
+  """Walks on the spot and to the side, and runs on the spot, from walks and runs that go straight forward."""
+  ways = [(part, part.events[0]) for part in parts
+          if part.going and part.known and part.events[0].way == "forward" and len(part.joints) >= SHORTEST]
+  number = 0
+  while ways:
+    part, event = ways[rng.integers(len(ways))]
+    number += 1
+    joints = part.joints[:MOST]
+    path = course(joints)[0]
+    speed = rng.uniform(*_SIDEWAYS) * (-1, 0, 1)[rng.integers(3)] if event.kind == "walk" else 0.0
+    ahead = path[-1] - path[0]
+    left = np.array([ahead[1], -ahead[0]]) / np.linalg.norm(ahead)
+    goal = path[0] + speed / FPS * np.arange(len(joints))[:, None] * left
+    made = along(joints, np.zeros(len(joints)), path, goal)
+    said = _sideways(made, part, "left" if speed > 0 else "right", number) if speed else _in_place(made, event.kind, rng)
+    shows = f"{event.kind} {'to the side' if speed else 'on the spot'}"
+    yield new_clip("stepping", number, made, said, part, shows) if said else None
+
+
+def _sideways(joints, part, side, number):
+  """Captions by kinematics, () where the rules do not find one walk to the side."""
+  events = find_events(joints, FPS)
+  if [(event.kind, event.way) for event in events] != [("walk", side)]:
+    return ()
+  return sentences(events, (len(joints) - 1) / FPS, key=f"{part.clip.id}{number}", subject=part.subject, plain=PLAIN)
+
+
+def _in_place(joints, kind, rng):
+  """Captions of steps on one spot, () where not both feet are lifted again and again."""
+  feet = joints[:, PAIR["foot"], 1]
+  for over in (feet[:, 0] - feet[:, 1], feet[:, 1] - feet[:, 0]):
+    if (np.diff((over > _LIFTED).astype(int)) == 1).sum() < _STEPS:
+      return ()
+  said = _ON_THE_SPOT[kind]
+  return tuple(f"{SUBJECTS[place]} {said[k]}." for place, k in enumerate(rng.permutation(len(said))[:3]))
