@@ -58,11 +58,7 @@ def speed(folder, rounds=ROUNDS) -> dict:
   def first(seed):
     if not model.can("stream"):
       return clip(seed)
-    stream = model.stream(PROMPT, seed=seed)
-    try:
-      return jax.block_until_ready(next(stream))
-    finally:
-      stream.close()
+    return jax.block_until_ready(next(model.stream(PROMPT, seed=seed)))
 
   wall, processor, waits = [], [], []
   for seed in range(rounds + 1):

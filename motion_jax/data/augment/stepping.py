@@ -37,7 +37,8 @@ def stepping(parts, rng) -> Iterator[Clip | None]:
     left = np.array([ahead[1], -ahead[0]]) / np.linalg.norm(ahead)
     goal = path[0] + speed / FPS * np.arange(len(joints))[:, None] * left
     made = along(joints, np.zeros(len(joints)), path, goal)
-    said = _sideways(made, part, "left" if speed > 0 else "right", number) if speed else _in_place(made, event.kind, rng)
+    side = "left" if speed > 0 else "right"
+    said = _sideways(made, part, side, number) if speed else _in_place(made, event.kind, rng)
     shows = f"{event.kind} {'to the side' if speed else 'on the spot'}"
     yield new_clip("stepping", number, made, said, part, shows) if said else None
 
