@@ -28,10 +28,10 @@ def get_config(size="small"):
                          "extremity_velocity": 0.4, "foot_contact": 6.0, "brief_contact": 2.0, "bone_length": 1.0,
                          "dynamics": 0.1, "limb_direction": 0.3}, optimizer=recipe.rates(8e-4, 8_000, warmup=50)),
       recipe.train("length", "cdamd_length:small", data, frozen={"text": "cmdm-small"},
-                   data=recipe.DATA, train=recipe.steps(2_000)),
+                   data=recipe.CAPTIONED, train=recipe.steps(2_000)),
       recipe.train("generator", "cdamd_generator:steps_small", data, 10,
                    frozen={"tokenizer": "{decoder}", "prior": "", "length": "{length}", "text": "cmdm-small"},
-                   data=recipe.DATA | {"balance": 0.35, "batch_size": 128, "lengths": (196,)},
+                   data=recipe.CAPTIONED | {"balance": 0.35, "batch_size": 128, "lengths": (196,)},
                    loss=recipe.CONTRAST | {"prior_levels": 0},
                    train=recipe.steps(20_000), optimizer=recipe.rates(1e-3, 3_000)),
   ], size)

@@ -15,6 +15,6 @@ from motion_jax.configs.shipped import recipe
 def get_config(size="small"):
   return recipe.get_config([recipe.train(
       "fast", "cmdm_student:8_small", recipe.NON_COMMERCIAL, 1, distill={"teacher": "cmdm-small"},
-      data=recipe.DATA | {"per_segment_captions": 0.5, "batch_size": 64, "lengths": (192,)},
+      data=recipe.CAPTIONED | {"per_segment_captions": 0.5, "batch_size": 64, "lengths": (192,)},
       train=recipe.steps(6_000), optimizer=recipe.rates(3e-4, 800, ema_decay=0.995, warmup=50),
       sampler={"side_guidance": 1.0})], size)

@@ -17,10 +17,12 @@ FREE = ("cmu", "cmu2", "reactidle", "gameclips", "kaykit", "mimic")
 NON_COMMERCIAL, OPEN = (*FREE, "bandai"), (*FREE, "hdm05")
 NO_TEACHER = dict(frozen={"teacher": ""}, model={"teacher_dim": 0})
 # The same for all passes of a recipe, so that clips are made and read once. Clips of games are snappy.
-SHARES = dict(stitched=0.3, bent_paths=0.15, idle=0.12, counted=0.3, excerpts=0.5, seats=0.12, time_warp=0.15,
-              stepping=0.12, wandering=0.1)
+SHARES = dict(stitched=0.5, bent_paths=0.25, idle=0.15, counted=0.3, excerpts=0.5, seats=0.15, time_warp=0.15,
+              stepping=0.2, wandering=0.1)
 DATA = {"kinematic_captions": True, "source_weights": (("gameclips", 0.4), ("kaykit", 0.3), ("mimic", 0.7)),
         **{f"augment.{kind}": share for kind, share in SHARES.items()}}
+# Of passes that read captions, which paraphrases give other subjects, too.
+CAPTIONED = DATA | {"paraphrases": 1, "vary_subject": 0.0}
 CONTRAST = {"contrast": 0.5, "contrast_margin": 0.05, "contrast_until": 0.5}
 
 
@@ -64,7 +66,7 @@ def cmdm_tokenizer(archives, shares, teacher=""):
 def cmdm_denoiser(archives, share):
   """The denoiser, on captions by kinematics, clips made of others and captions that contradict the motion."""
   return train("den", "cmdm_denoiser:small", archives, share, frozen={"tokenizer": "{dec}", "text": "cmdm-small"},
-               data=DATA | {"per_segment_captions": 0.5, "batch_size": 128, "lengths": (192,)}, loss=CONTRAST,
+               data=CAPTIONED | {"per_segment_captions": 0.5, "batch_size": 128, "lengths": (192,)}, loss=CONTRAST,
                train=steps(20_000), optimizer=rates(8e-4, 3_000), sampler=SAMPLER)
 
 
