@@ -75,6 +75,8 @@ def load(path, fps=None, unit="auto", up=None, mapping=None, check=True) -> Clip
   if path.suffix.lower() in (".pkl", ".pickle", ".pt", ".pth"):
     from motion_jax.export import research_files
     raise InputError(research_files.pickled(path))
+  if path.is_dir():
+    raise IsADirectoryError(f"{path} is a folder, expected a motion file; name one in it")
   if read is None:
     raise ValueError(f"got {path.name!r}, expected a file that ends in {', '.join(READERS)}")
   if not path.is_file():

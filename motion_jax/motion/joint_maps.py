@@ -249,11 +249,16 @@ def _by_names(source, names, mapping, parents):
 def mapping_template(names: Sequence[str], positions: Num[Array, "t n 3"], parents: Sequence[int] | None = None
                      ) -> tuple[dict[str, str], str]:
   """{our joint: the file's joint, "" where none is known} to correct and fill in, and whose names are nearest."""
+  source = Source(names, np.asarray(positions, np.float64))
+  label = table_of(source)
+  named_once = {joint: entry for joint, entry in TABLES.get(label, {}).items() if isinstance(entry, str)}
+  if len(named_once) == HUMANML3D.num_joints:
+    return {joint: names[source.index[plain(entry)]] for joint, entry in named_once.items()}, label
   rig = rig_of(names)
   if rig is not None:
     own = {plain(name): name for name in reversed(names)}
     return {joint: own[plain(rig.names[rig.joints[joint]])] for joint in HUMANML3D.joints}, rig.title
-  body = NamedBody(Tree(names, parents), np.asarray(positions, np.float64), None, {})
+  body = NamedBody(Tree(names, parents), source.positions, None, {})
   indices = {joint: body.at.get(joint) for joint in HUMANML3D.joints}
   return {joint: "" if index is None else names[index] for joint, index in indices.items()}, body.label
 

@@ -101,7 +101,7 @@ def _generate(args):
     if plan is not None and not plan.is_plain:  # the length of each segment is printed once it is sampled
       print(f"understood as: {' | '.join(segment.words for segment in plan.segments)}")
   shortest, longest = (f"{count / model.fps:.1f}" for count in (min(frames), max(frames)))
-  _print_model(model, args, f"{len(rows)} motion{'s' * (len(rows) > 1)} of "
+  _print_model(model, args, f"{_counted(len(rows), 'motion')} of "
                             f"{shortest if shortest == longest else f'{shortest} to {longest}'} s")
   motions = []
   for batch in progress.each(_batches(frames, model), "generating motions", unit="batch"):
@@ -121,7 +121,8 @@ def _multi_prompt(args):
   model = pipeline.model
   lists = read_sequences(args.prompts, model.fps)
   _check_count(len(lists), args)
-  _print_model(model, args, f"{len(lists) * args.num_samples} motion(s) of {len(lists[0])} prompt(s) each")
+  count = len(lists) * args.num_samples
+  _print_model(model, args, f"{_counted(count, 'motion')} of {_counted(len(lists[0]), 'prompt')}")
   lists = [one for one in lists for _ in range(args.num_samples)]
   seeds = [args.seed + i % args.num_samples for i in range(len(lists))]
   motions = []
@@ -193,8 +194,9 @@ def _batches(frames, model):
   """
   total = float(sum(frames))
   if not total <= _MOST_FRAMES:
-    raise InputError(f"got {len(frames):,} motion(s) of {total / model.fps / 3600:.3g} hours together, expected at "
-                     f"most {_MOST_FRAMES / model.fps / 3600:.1f} in one run; use several runs with other --seed")
+    raise InputError(f"got {_counted(len(frames), 'motion')} of {total / model.fps / 3600:.3g} hours together, "
+                     f"expected at most {_MOST_FRAMES / model.fps / 3600:.1f} in one run; use several runs with other "
+                     "--seed")
   size = max(1, int(BATCH_FRAMES // max(frames)))
   return [slice(first, first + size) for first in range(0, len(frames), size)]
 
@@ -224,6 +226,10 @@ def _load_pipeline(args, ability=None):
   if ability and not model.can(ability):
     raise InputError(cannot(model.id, ability))
   return pipeline.Pipeline(model, [step for step in pipeline.STEPS if not isinstance(step, Warn)])
+
+
+def _counted(number, noun):
+  return f"{number:,} {noun}{'s' * (number != 1)}"
 
 
 def _print_model(model, args, what):

@@ -1,9 +1,12 @@
 """An argument parser that reports a mistake in one line and suggests the flag that was probably meant."""
 import argparse
 import re
+import shlex
 
 from motion_jax.models.arguments import OTHERS
 from motion_jax.utils.nearest import did_you_mean
+
+_QUOTES = "; a sentence goes in quotes, several go in a file"
 
 
 class Parser(argparse.ArgumentParser):
@@ -21,7 +24,7 @@ class Parser(argparse.ArgumentParser):
     unknown = [one for one in rest if not takes_overrides or (
         one.startswith("--") and not one.startswith(("--config.", "--noconfig.")))]
     if unknown:
-      self._of_command(found).error(f"unrecognized arguments: {' '.join(unknown)}")
+      self._of_command(found).error(f"unrecognized arguments: {shlex.join(unknown)}{_QUOTES * (unknown[0][:1] != '-')}")
     if takes_overrides:
       found.overrides = rest
     return found
@@ -43,7 +46,7 @@ class Parser(argparse.ArgumentParser):
     return flag + equals + value if name.startswith("-") and flag in self._option_string_actions else argument
 
   def error(self, message):
-    unknown = re.match(r"unrecognized arguments: (\S+)", message)
+    unknown = re.match(r"unrecognized arguments: (-\S+)", message)
     if unknown:
       message += _suggestion(unknown[1].partition("=")[0], set(self._option_string_actions))
     chosen = re.search(r"invalid choice: '([^']*)' \(choose from (.*)\)", message)

@@ -19,6 +19,8 @@ def read_prompts(text, fps=MOMASK_FPS):
   returned lengths.
   """
   path = pathlib.Path(text)
+  if not text.strip():
+    raise InputError(f"got the prompt {text!r}; say what the person does, as in \"a person waves\"")
   if path.suffix.lower() not in (".txt", ".csv"):
     return [(text, None)]
   from motion_jax.utils import text_files

@@ -67,7 +67,7 @@ def _nearest_rig(args):
   mapping, label = mapping_template(capture.names, capture.positions[:1], capture.parents)
   print(f"{path}: {len(capture.names)} joints; nearest: {label or 'no rig that is known'}")
   for ours, theirs in mapping.items():
-    print(f"  {ours:<16} {theirs or '(placed by the others, or missing)'}")
+    print(f"  {ours:<16} {theirs or '(computed from other joints, or missing)'}")
   if args.write_mapping:
     with atomic_path(args.write_mapping) as temporary:
       temporary.write_text(json.dumps(mapping, indent=1) + "\n")

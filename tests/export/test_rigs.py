@@ -103,6 +103,10 @@ def test_a_mapping_is_a_rigs_name_or_a_file_that_the_command_begins(tmp_path, ca
   assert cli.main(["rigs", str(path), "--write-mapping", str(mapping)]) == 0
   assert "nearest: Mixamo" in capsys.readouterr().out
   text = mapping.read_text()
+  export.save(clip, tmp_path / "own.bvh")
+  assert cli.main(["rigs", str(tmp_path / "own.bvh")]) == 0
+  own = capsys.readouterr().out
+  assert "nearest: humanml3d" in own and "spine1           spine1" in own and "computed" not in own
   assert '"left_hip": ""' in text and '"right_hip": "RightUpLeg"' in text
   mapping.write_text(text.replace('"left_hip": ""', '"left_hip": "odd"'))
   np.testing.assert_allclose(export.load(path, mapping=mapping).joints, expected, atol=1e-5)

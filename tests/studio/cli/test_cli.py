@@ -90,7 +90,7 @@ def test_many_motions_are_made_in_pieces(generate, tmp_path, monkeypatch):
 
 def test_more_than_one_run_holds_is_refused(generate, tmp_path, capsys):
   assert generate("a person waves", "--seconds", 3600, "--num-samples", 6, "--out", tmp_path / "a.npz") == 1
-  assert "6 motion(s) of 6 hours together, expected at most 5.6 in one run" in capsys.readouterr().err
+  assert "6 motions of 6 hours together, expected at most 5.6 in one run" in capsys.readouterr().err
   (tmp_path / "p.txt").write_text("walks\nruns\n" * 10)
   assert generate(tmp_path / "p.txt", "--num-samples", 10_000, "--out", tmp_path / "a.npz") == 1
   assert "20 prompts with --num-samples 10,000, 200,000 motions; expected at most 10,000" in capsys.readouterr().err

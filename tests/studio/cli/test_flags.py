@@ -79,6 +79,12 @@ def test_a_flag_like_no_other_suggests_nothing(capsys):
   assert capsys.readouterr().err == "motion-jax edit: unrecognized arguments: --lag 3; see motion-jax edit --help\n"
 
 
+def test_a_sentence_without_quotes_is_shown_how_to_be_given(capsys):
+  with pytest.raises(SystemExit):
+    cli.parse(["generate", "a", "person", "bows twice", ""])
+  assert "arguments: person 'bows twice' ''; a sentence goes in quotes" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("command, ability", [("multi-prompt", "multi_prompt"), ("extend", "extend"), ("edit", "edit")])
 def test_commands_have_the_flags_of_the_methods_that_can_run_them(command, ability):
   able = {stage.partition(".")[0] for stage in registry.model_stages(ability)}
