@@ -205,7 +205,8 @@ def tiny_generator(tmp_path_factory):
 
 
 # The further methods and their tokenizers: {name: (config, size)}.
-METHODS = {"mdm": ("mdm_denoiser", "tiny"), "dip": ("mdm_denoiser", "dip_tiny"), "mld": ("mld_denoiser", "tiny"),
+METHODS = {"mdm": ("mdm_denoiser", "tiny"), "dip": ("mdm_denoiser", "dip_tiny"),
+           "dip goals": ("mdm_denoiser", "goals_tiny"), "mld": ("mld_denoiser", "tiny"),
            "momask": ("momask_masked", "tiny"), "momask residual": ("momask_residual", "tiny"),
            "t2m_gpt": ("t2m_gpt_gpt", "tiny"), "motionstreamer": ("motionstreamer_generator", "tiny"),
            "mld frames": ("mld_frames", "tiny"), "mld vae": ("mld_vae", "tiny"),

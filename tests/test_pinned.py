@@ -86,6 +86,7 @@ COUNTS = {
     # Those of the authors' models, counted in their code (docs/papers); MLD's denoiser has 128,000 more there, which
     # nothing reads.
     ("mdm_denoiser", "full"): 17_880_327, ("mdm_denoiser", "words"): 26_424_583, ("mdm_denoiser", "dip"): 26_424_583,
+    ("mdm_denoiser", "goals"): 26_704_135,
     ("mdm_denoiser", "kit"): 17_868_027, ("mdm_denoiser", "small"): 3_527_943, ("mdm_denoiser", "tiny"): 11_463,
     ("mld_vae", "full"): 18_032_135, ("mld_vae", "kit"): 18_025_979, ("mld_vae", "small"): 2_313_351,
     ("mld_denoiser", "full"): 8_221_184, ("mld_denoiser", "small"): 1_072_000,

@@ -59,6 +59,14 @@ class BlockModel(TextToMotionModel):
     """(normalized features of the next block of each motion, the state behind it)."""
     raise NotImplementedError(f"{type(self).__name__} has no `make_block`")
 
+  def constrained(self, state: BlockState, signal: ControlSignal | None) -> BlockState:
+    """The state with constraints from now on, in frames and metres from the motion's beginning; None: without. A method
+    that follows constraints overrides it."""
+    if signal is not None and not signal.is_empty:
+      raise InputError(f"got constraints for a motion of {self.id}, which follows prompts alone; take a model that is "
+                       "guided by constraints, such as cmdm-small")
+    return state
+
   def cut(self, made: Float[np.ndarray, "b t f"], frames: Sequence[int], state: BlockState, chosen: Any) -> list[int]:
     """The frames of each motion that count, of a method whose motions may end by themselves; else as they are."""
     return list(frames)
@@ -66,7 +74,7 @@ class BlockModel(TextToMotionModel):
   def sample(self, prompts: Sequence[str], frames: Sequence[int], keys: jax.Array, seeds: Sequence[int | None],
              cleanup: bool, sampling: dict[str, Any], signal: ControlSignal | None = None) -> Motions:
     """One pass: motions of prompts, a key each."""
-    chosen, state, pieces = self.sampling(**sampling), self.begin_blocks(keys), []
+    chosen, state, pieces = self.sampling(**sampling), self.constrained(self.begin_blocks(keys), signal), []
     for _ in range(-(-max(frames) // self.block_frames)):
       made, state = self.make_block(state, prompts, chosen)
       pieces.append(made)
@@ -259,10 +267,12 @@ class BlockStream(PromptedStream):
     return first * self.block_frames
 
   def hold(self, signal: ControlSignal | None, control_steps: int = 2) -> int:
-    """Raises InputError for constraints, which this method does not follow; the first frame that is still free."""
-    if signal is not None and not signal.is_empty:
-      raise InputError(f"got constraints for a stream of {self._model.id}, which follows prompts alone; take a model "
-                       "that is guided by constraints, such as cmdm-small")
+    """From the next block on, these constraints in the place of those before: the first frame that is still free.
+
+    signal (1, T): in frames and metres from the beginning of the stream; None: no constraints. control_steps has no
+    effect here. Raises InputError for a method that follows prompts alone.
+    """
+    self._state = self._model.constrained(self._state, signal)
     return self._frames
 
   def fork(self, num_frames: int | None = None) -> "BlockStream":

@@ -67,6 +67,7 @@ def traced_training(config, workdir, stage, next_batch, frozen, *_):
     chain(WITH_LENGTH), on("kit", MOMASK), chain(T2M_GPT), on("kit", T2M_GPT),
     chain(MLD), on("kit", MLD), chain(MOTIONSTREAMER), on("kit", MOTIONSTREAMER), on("272", MOTIONSTREAMER),
     chain(MDM), chain(MDM, mdm_denoiser="kit"), chain(MDM, mdm_denoiser="dip_kit"),
+    chain(MDM, mdm_denoiser="goals"),
     chain(MDM, mdm_denoiser="words_essential"), on("v2", MLD), chain(MLD_FRAMES), on("kit", MLD_FRAMES),
     *(on("snapmogen", stages) for stages in (MOMASK, T2M_GPT, MDM, MOTIONSTREAMER)),
     chain(EVALUATOR)])

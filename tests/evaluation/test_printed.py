@@ -86,6 +86,7 @@ ABLATION = "ablations/cmdm:{}/{}"
     ("cmdm-259", candidate("t2m_gpt_gpt", dict(draw="greedy")), "", []),
     ("cmdm-259", candidate("motionstreamer_generator"), "", ["1 MotionStreamer"]),
     ("t2m-263", candidate("mdm_denoiser:dip"), "", ["humanml3d DiP"]),
+    ("t2m-263", candidate("mdm_denoiser:goals"), "", ["humanml3d DiP, target"]),
     ("t2m-263", candidate("momask_masked"), "", ["humanml3d MoMask"]),
     ("editing", candidate("mardm"), "prefix", ["3 prefix: MARDM"]),
 ])
@@ -99,13 +100,13 @@ def test_a_row_goes_with_its_like(protocol, one, part, rows):
 BASELINES = {"GT", "MMM", "MoMask++", "MDM-SMPL", "MDM-SMPL w/ DiffCollage", "MDM-SMPL w/ STMC", "MotionLCM V2",
              "StableMoFusion", "EnergyMoGen", "SALAD", "MotionDiffuse", "ReMoDiffuse", "BAMM", "ACMDM-S-PS22",
              "FlowMDM", "MARDM", "PriorMDM", "GMD", "OmniControl", "TLControl", "MaskControl", "ProjFlow",
-             "MoTok-DDM-4", "MoTok-DDM-4 (RandomOne)", "MotionLCM V2+CtrlNet", "ACMDM-S+CtrlNet", "ACMDM-S+DNO",
-             "DiP, target"}
+             "MoTok-DDM-4", "MoTok-DDM-4 (RandomOne)", "MotionLCM V2+CtrlNet", "ACMDM-S+CtrlNet", "ACMDM-S+DNO"}
 BASELINES |= {f"{task}: BAMM" for task in masking.TASKS}
 
 
 FURTHER = [f"{file}:{size}" for file, sizes in {
-    "mdm_denoiser": ("full", "essential", "fast", "fast_essential", "words", "dip", "kit", "snapmogen"),
+    "mdm_denoiser": ("full", "essential", "fast", "fast_essential", "words", "dip", "goals", "kit",
+                     "snapmogen"),
     "mld_denoiser": ("full", "67", "v2"), "momask_masked": ("full", "kit", "snapmogen"),
     "t2m_gpt_gpt": ("full", "kit", "snapmogen"), "motionstreamer_generator": ("full", "snapmogen")}.items()
            for size in sizes]

@@ -1,9 +1,14 @@
-"""Where DiP's targets are in a motion, and how far a prediction is from them (docs/papers/mdm.md#goals)."""
+"""Where DiP's targets are in a motion, how far a prediction is from them, and which ones constraints ask of a block
+(docs/papers/mdm.md#goals)."""
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Bool, Float
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from motion_jax.control.signal import ControlSignal, rotate_about_y
 
 from motion_jax.motion.representations import Representation
 from motion_jax.motion.skeleton import facing
@@ -15,6 +20,7 @@ _PATH, _HEADING = GOALS.index("path"), GOALS.index("heading")
 # What training draws from: one place with the heading, or nothing.
 TRAINED = (("pelvis", "heading"), ("path", "heading"), ("right_wrist", "heading"), ("left_wrist", "heading"),
            ("right_foot", "heading"), ("left_foot", "heading"), ())
+_FAR = 0.5  # metres on the ground over which a body without a heading target faces where it goes
 
 
 def places(joints: Float[jax.Array, "b t j 3"], layout: Representation) -> Float[jax.Array, "b 8 3"]:
@@ -31,6 +37,11 @@ def goal_mask(goals: Sequence[Sequence[str]]) -> Bool[Array, "b 8"]:
   return jnp.array([[goal in wanted for goal in GOALS] for wanted in goals])
 
 
+def drawn_goals(keys: jax.Array) -> Bool[jax.Array, "b 8"]:
+  """Which goals count in training, drawn uniformly from `TRAINED` by a key for each motion."""
+  return goal_mask(TRAINED)[jax.vmap(lambda key: jax.random.randint(key, (), 0, len(TRAINED)))(keys)]
+
+
 def conditions(goals: Float[Array, "b 8 3"], counts: Bool[Array, "b 8"]) -> Float[Array, "b 8 4"]:
   """Goals as the network takes them: coordinates, 0 in training where they do not count, and whether they count."""
   return jnp.concatenate([goals, counts[..., None].astype(goals.dtype)], axis=-1)
@@ -45,3 +56,73 @@ def goal_error(found: Float[Array, "b 8 3"], wanted: Float[Array, "b 8 3"], coun
   # Parity: the reference wraps the angle modulo pi, so a body that faces the other way is right.
   turn = (found[:, _HEADING, 0] - wanted[:, _HEADING, 0] + jnp.pi / 2) % jnp.pi - jnp.pi / 2
   return square + jnp.where(counts[:, _HEADING], turn ** 2 / (1 + 1e-8), 0.0)
+
+
+class Stand(NamedTuple):
+  """Where motions stand as a block begins, in the frame of their beginning: x and z (B, 2), heading (B,) in radians."""
+  place: Float[np.ndarray, "b 2"]
+  heading: Float[np.ndarray, " b"]
+
+  @classmethod
+  def beginning(cls, batch: int) -> "Stand":
+    return cls(np.zeros((batch, 2)), np.zeros(batch))
+
+  def after(self, features: Float[np.ndarray, "b t f"], layout: Representation) -> "Stand":
+    """Where they stand in the frame that follows a block of features, not normalized."""
+    turned, path = layout.root_path(np.concatenate([features, features[:, -1:]], axis=1))
+    angle = -2 * np.arctan2(turned[..., 2], turned[..., 0])
+    step = np.stack([rotate_about_y(moved, turn - first) for moved, turn, first in
+                     zip(path[:, -1] - path[:, 0], self.heading, angle[:, 0])])[:, ::2]
+    return Stand(self.place + step, self.heading + angle[:, -1] - angle[:, 0])
+
+
+def goals_of_block(signal: ControlSignal, first: int, count: int, stand: Stand, layout: Representation
+                   ) -> Float[np.ndarray, "b 8 4"]:
+  """What constraints ask of the block of count frames from the frame `first` on, seen from where it begins.
+
+  A goal is where the last target of a joint within the block is; training has goals at the block's end. A pelvis or
+  another joint whose next target lies in a later block is approached: the path on the ground counts, in proportion to
+  the time. Without a heading target, which training has beside every goal, a body faces where it goes.
+  """
+  made = np.zeros((signal.batch, len(GOALS), 4), np.float32)
+  for row, wanted in enumerate(made):
+    for goal, place in _targets(signal, row, first, count, stand, layout).items():
+      wanted[GOALS.index(goal)] = [*rotate_about_y(place, -stand.heading[row]), 1.0]
+    turns = _given(np.asarray(signal.heading_given)[row], first, first + count)
+    at = next((one[:3] for one in wanted if one[3]), None)
+    if len(turns):
+      turn = float(np.asarray(signal.heading)[row, turns[-1]]) - stand.heading[row]
+    elif at is not None:
+      turn = np.arctan2(at[0], at[2]) if np.hypot(at[0], at[2]) > _FAR else 0.0
+    else:
+      continue
+    wanted[_HEADING] = [np.arctan2(np.sin(turn), np.cos(turn)), 0, 0, 1.0]
+  return made
+
+
+def _given(flags: Bool[np.ndarray, " t"], first: int, stop: int | None = None) -> Int[np.ndarray, " n"]:
+  """The frames from first on that have a target."""
+  return np.flatnonzero(flags[first:stop]) + first
+
+
+def _targets(signal, row, first, count, stand, layout):
+  """{goal: (x, y, z) from where the block begins, in the directions of the motion} of one motion."""
+  given, positions = np.asarray(signal.given)[row], np.asarray(signal.positions, np.float64)[row]
+  found, approached = {}, None
+  for goal in dict.fromkeys(goal for goals in TRAINED for goal in goals if goal != "heading"):
+    joint = 0 if goal == "path" else layout.skeleton.joints.index(goal)
+    whole = given[:, joint].all(-1)
+    flags = given[:, 0, 0] & given[:, 0, 2] & ~whole if goal == "path" else whole
+    frames = _given(flags, first)
+    if not len(frames):
+      continue
+    inside = frames[frames < first + count]
+    frame = inside[-1] if len(inside) else frames[0]
+    place = positions[frame, joint] - [stand.place[row][0], 0, stand.place[row][1]]
+    if len(inside):
+      found[goal] = place * [1, goal != "path", 1]
+    elif approached is None:
+      approached = place * [1, 0, 1] * count / (frame - first + 1)
+  if approached is not None and not found:
+    found["path"] = approached
+  return found

@@ -1,7 +1,7 @@
 """MDM and DiP ready to use."""
 from collections.abc import Sequence
 from functools import partial
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
 import jax
 import jax.numpy as jnp
@@ -13,9 +13,10 @@ from motion_jax.models.base import TextToMotionModel
 from motion_jax.models.block_stream import BlockModel, BlockState
 from motion_jax.models.editing import EditingModel
 from motion_jax.models.mdm import editing, sampling
+from motion_jax.models.mdm.goals import Stand, goals_of_block
 from motion_jax.models.mdm.options import MdmSampling
 from motion_jax.models.mdm.setup import NUM_PREFIXES, PREFIXES
-from motion_jax.models.mdm.stages import denoiser_shapes
+from motion_jax.models.mdm.stages import denoiser_shapes, no_goals, reads_stats
 from motion_jax.models.motion_errors import STATS
 from motion_jax.models.results import Motions, captions_in_a_row, make_motions
 from motion_jax.nets.masks import padding_mask
@@ -39,7 +40,7 @@ class MdmNetwork(TextToMotionModel):
     self.net = MotionDenoiser(**module_fields(config.model))
     numbers = jax.ShapeDtypeStruct((self.net.features,), jnp.float32)
     frozen: dict[str, Any] = {}
-    if config.loss.positions or config.loss.contacts:
+    if reads_stats(config):
       frozen[STATS] = {"mean": numbers, "std": numbers}
     if config.diffusion.context:
       frozen[PREFIXES] = jax.ShapeDtypeStruct((NUM_PREFIXES, config.diffusion.context, self.net.features), jnp.float32)
@@ -102,14 +103,26 @@ class MdmModel(EditingModel, MdmNetwork):
     return made, chosen.about() | dict(model=self.id)
 
 
+class Memory(NamedTuple):
+  """What DiP remembers: the last normalized frames, where motions stand, and the constraints that they have goals
+  from."""
+  prefix: Float[Any, "b p f"]
+  stand: Stand
+  signal: ControlSignal | None = None
+
+
 class DipModel(BlockModel, MdmNetwork):
-  """DiP ready to use: motion block after block, each from the frames before it, with prompts that may change."""
+  """DiP ready to use: motion block after block, each from the frames before it, with prompts that may change.
+
+  A network with goals follows constraints: those of a block become its goals (`goals.goals_of_block`).
+  """
   abilities = ("generate", "sample_segments", "stream", "multi_prompt", "extend")
 
   def __init__(self, run: Run, encoder: TextEncoder) -> None:
     super().__init__(run, encoder)
     self.context = run.config.diffusion.context
     self.block_frames = run.config.data.max_frames - self.context
+    self.takes_control = bool(self.net.num_goals)
     self._block = cache.Program("mdm.block", partial(_block, self.net), 2, (self.net,))
 
   def begin_blocks(self, keys: jax.Array, past: Float[np.ndarray, "b t f"] | None = None) -> BlockState:
@@ -121,15 +134,28 @@ class DipModel(BlockModel, MdmNetwork):
     else:  # a shorter past stands still before it begins
       missing = max(self.context - past.shape[1], 0)
       prefix = jnp.asarray(np.concatenate([np.repeat(past[:, :1], missing, axis=1), past], axis=1)[:, -self.context:])
-    return BlockState(keys, 0, prefix)
+    return BlockState(keys, 0, Memory(prefix, Stand.beginning(len(prefix))))
+
+  def constrained(self, state: BlockState, signal: ControlSignal | None) -> BlockState:
+    """The state with these constraints from now on. Raises InputError for a network without goals."""
+    if not self.takes_control:
+      return super().constrained(state, signal)
+    return state._replace(memory=state.memory._replace(signal=signal))
 
   def make_block(self, state: BlockState, prompts: Sequence[str], chosen: MdmSampling
                  ) -> tuple[Float[np.ndarray, "b n f"], BlockState]:
     """(normalized features of the next block, the state behind it)."""
     text_emb, text_mask = self.encode_words(prompts)
-    made, prefix = self._block(self.plan_of(chosen), self.block_frames, self.params, state.memory, text_emb, text_mask,
-                               chosen.guidance_scale, state.keys, state.blocks)
-    return np.asarray(made), BlockState(state.keys, state.blocks + 1, prefix)
+    prefix, stand, signal = state.memory
+    goals, layout = no_goals(self.net, len(prefix)), self.stats.layout
+    if signal is not None:
+      goals = goals_of_block(signal, state.blocks * self.block_frames, self.block_frames, stand, layout)
+    made, prefix = self._block(self.plan_of(chosen), self.block_frames, self.params, prefix, text_emb, text_mask,
+                               chosen.guidance_scale, state.keys, state.blocks, goals)
+    made = np.asarray(made)
+    if self.takes_control:
+      stand = stand.after(self.stats.denormalize(made), layout)
+    return made, BlockState(state.keys, state.blocks + 1, Memory(prefix, stand, signal))
 
 
 def _noise(keys, shape):
@@ -142,10 +168,10 @@ def _generate(net, plan, length, params, text_emb, text_mask, frame_mask, scale,
   return sampling.denoise(net, plan, params, condition, scale, _noise(keys, (length, net.features)), known, known_mask)
 
 
-def _block(net, plan, length, params, prefix, text_emb, text_mask, scale, keys, count):
+def _block(net, plan, length, params, prefix, text_emb, text_mask, scale, keys, count, goals):
   keys = jax.vmap(lambda key: jax.random.fold_in(key, count))(keys)
   real = jnp.ones((len(prefix), length), bool)
-  condition = sampling.Condition(jnp.asarray(text_emb), jnp.asarray(text_mask), real, prefix)
+  condition = sampling.Condition(jnp.asarray(text_emb), jnp.asarray(text_mask), real, prefix, goals)
   made = sampling.denoise(net, plan, params, condition, scale, _noise(keys, (length, net.features)))
   return made, jnp.concatenate([prefix, made], axis=1)[:, -prefix.shape[1]:]
 

@@ -7,8 +7,8 @@ from ml_collections import ConfigDict
 
 from motion_jax.data import sources
 from motion_jax.models.captioned_batches import batches_of, held_out_loss, text_encoder, text_files, undisturbed
-from motion_jax.models.mdm.losses import TERMS
-from motion_jax.models.mdm.stages import denoiser_stage
+from motion_jax.models.mdm.goals import GOALS
+from motion_jax.models.mdm.stages import denoiser_stage, reads_stats
 from motion_jax.models.motion_errors import STATS
 from motion_jax.training.setup import TrainingSetup
 from motion_jax.utils.errors import InputError
@@ -22,10 +22,14 @@ def denoiser(config: ConfigDict) -> TrainingSetup:
   if context >= config.data.max_frames:
     raise InputError(f"got diffusion.context = {context} frames of data.max_frames = {config.data.max_frames}, "
                      "expected fewer")
+  missing = {*GOALS[:6]} - {*data.stats.layout.skeleton.joints}
+  if config.model.num_goals not in (0, len(GOALS)) or config.model.num_goals and missing:
+    raise InputError(f"got model.num_goals = {config.model.num_goals} and data of the layout {data.stats.layout.name}, "
+                     f"expected 0 or {len(GOALS)} goals, and for these a body with {', '.join(GOALS[:6])}")
   encoder = text_encoder(config, config.model.text_dim)
   next_batch, num_items = batches_of(config, data, encoder)
   frozen: dict[str, Any] = {}
-  if any(config.loss[name] for name in TERMS[1:]):
+  if reads_stats(config):
     frozen[STATS] = {"mean": data.stats.mean, "std": data.stats.std}
   if context:
     frozen[PREFIXES] = prefixes(data.features, context)

@@ -6,6 +6,7 @@ import jax.numpy as jnp
 from ml_collections import ConfigDict
 
 from motion_jax.diffusion import ddpm
+from motion_jax.models.mdm.goals import conditions, drawn_goals, goal_error, places
 from motion_jax.models.mdm.losses import TERMS, mdm_terms
 from motion_jax.models.motion_errors import STATS
 from motion_jax.motion.representations import get_layout
@@ -15,11 +16,17 @@ from motion_jax.nets.motion_denoiser import MotionDenoiser
 from motion_jax.training.stage import Stage, mixed_precision
 
 
+def reads_stats(config: ConfigDict) -> bool:
+  """Whether its loss is taken on joints, too, so that its frozen parts hold mean and std of the features."""
+  return bool(config.model.num_goals or any(config.loss[name] for name in TERMS[1:]))
+
+
 def denoiser_stage(config: ConfigDict) -> Stage:
   """Trains the denoiser. Batch: features (B, T, F), num_frames (B,), text_emb (B, S, E), text_mask (B, S), index (B,).
 
-  The first config.diffusion.context frames are given as they are, and carry no loss. With a weight for positions or
-  contacts frozen["stats"] holds mean and std of the features.
+  The first config.diffusion.context frames are given as they are, and carry no loss. A network with goals reads where
+  the motion ends, by goals that are drawn for each item (`goals.TRAINED`). With goals, or a weight for positions or
+  contacts, frozen["stats"] holds mean and std of the features.
   """
   plain = MotionDenoiser(**config.model)
   net, layout = mixed_precision(plain, config), get_layout(config.data.layout)
@@ -32,7 +39,8 @@ def denoiser_stage(config: ConfigDict) -> Stage:
 
   def init(batch, rng):
     prefix, x = split(jnp.asarray(batch["features"][:1]))
-    params = plain.init(rng, x, jnp.zeros(1, int), batch["text_emb"][:1], batch["text_mask"][:1], prefix=prefix)
+    params = plain.init(rng, x, jnp.zeros(1, int), batch["text_emb"][:1], batch["text_mask"][:1], prefix=prefix,
+                        goals=no_goals(plain, 1))
     return initial_as_pytorch(params, rng, alike="layer")
 
   def errors(params, frozen, batch, rng, drop_rate, dropout):
@@ -44,14 +52,22 @@ def denoiser_stage(config: ConfigDict) -> Stage:
     drop = jax.vmap(lambda key: jax.random.bernoulli(key, drop_rate))(keys[:, 2])
     text = jnp.where(drop[:, None, None], 0.0, batch["text_emb"])
     more: dict[str, Any] = dict(items=batch["index"], rngs={"dropout": rng}) if dropout else {}
+    joints_of = lambda x: layout.to_joints(x * frozen[STATS]["std"] + frozen[STATS]["mean"])
+    if plain.num_goals:
+      counts = drawn_goals(jax.vmap(lambda i: jax.random.fold_in(jax.random.fold_in(rng, i), 3))(batch["index"]))
+      wanted = places(joints_of(x1), layout)  # seen from the first frame that is predicted, not from the prefix
+      more["goals"] = conditions(jnp.where(counts[..., None], wanted, 0.0), counts)
     made = net.apply(params, ddpm.add_noise(schedule, x1, noise, t[:, None]), t, text, batch["text_mask"],
                      real if config.loss.mask_frames else None, prefix, **more)
     joints = None
     if weights.keys() & {"positions", "contacts"}:
       whole = lambda x: x if prefix is None else jnp.concatenate([prefix, x], axis=1)
-      joints = tuple(layout.to_joints(whole(x) * frozen[STATS]["std"] + frozen[STATS]["mean"])[:, context:]
-                     for x in (made, x1))
-    return made, mdm_terms(made, x1, real, weights, joints=joints, feet=feet)
+      joints = tuple(joints_of(whole(x))[:, context:] for x in (made, x1))
+    terms = mdm_terms(made, x1, real, weights, joints=joints, feet=feet)
+    if plain.num_goals:
+      terms["goals"] = goal_error(places(joints_of(made), layout), wanted, counts)
+      terms["loss"] = terms["loss"] + config.loss.goals * terms["goals"]
+    return made, terms
 
   def loss(params, frozen, batch, step, rng):
     terms = errors(params, frozen, batch, rng, config.loss.drop_rate, config.model.dropout > 0)[1]
@@ -69,5 +85,9 @@ def denoiser_stage(config: ConfigDict) -> Stage:
 def denoiser_shapes(net: MotionDenoiser) -> Any:
   """Shapes of the parameters, to check a file against."""
   x, text = jnp.zeros((1, 2, net.features)), jnp.zeros((1, 1, net.text_dim))
-  goals = jnp.zeros((1, net.num_goals, 4)) if net.num_goals else None
-  return jax.eval_shape(lambda: net.init(jax.random.key(0), x, jnp.zeros(1, int), text, goals=goals))
+  return jax.eval_shape(lambda: net.init(jax.random.key(0), x, jnp.zeros(1, int), text, goals=no_goals(net, 1)))
+
+
+def no_goals(net: MotionDenoiser, batch: int) -> Any:
+  """The goals (B, num_goals, 4) of motions that have none; None for a network without goals."""
+  return jnp.zeros((batch, net.num_goals, 4)) if net.num_goals else None
