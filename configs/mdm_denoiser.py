@@ -8,9 +8,9 @@
   ... --config mdm_denoiser:kit             KIT's 251 numbers; essential: HumanML3D's first 67; snapmogen: 296
   ... --config mdm_denoiser:small           on archives; laptop: fewer steps; tiny: two steps on procedural motion
 
-How sizes are written: docs/configs.md; here words are joined by "_": one of fast, words, dip and goals, one of the data, and a
-size, as in dip_tiny. `full` is the released code's configuration (docs/papers/mdm.md#training): 17.9 M parameters,
-with words 26.4 M, 600,000 steps of 64.
+How sizes are written: docs/configs.md; here words are joined by "_": one of fast, words, dip and goals, one of the
+data, and a size, as in dip_tiny. `full` is the released code's configuration (docs/papers/mdm.md#training): 17.9 M
+parameters, with words 26.4 M, 600,000 steps of 64.
 
 Expected: none of these sizes but `tiny` has been run.
 """

@@ -1,6 +1,7 @@
 """Write and read clips as plain arrays: .npz with joints and all metadata, .npy with joints only."""
 import json
 import pathlib
+import warnings
 from collections.abc import Callable
 
 import numpy as np
@@ -68,7 +69,7 @@ def load(path, fps=None, unit="auto", up=None, mapping=None, check=True) -> Clip
   check=False reads joints that are no person's, too.
 
   Raises FileNotFoundError, or ValueError for an unknown extension, a cut file, NaN, a shape that is no motion, or
-  joints that are no person's (`motion.plausibility`).
+  joints that are no person's (`motion.plausibility`); of a motion that a model generated a warning.
   """
   path, clip_name = split_clip(path)
   read = READERS.get(path.suffix.lower())
@@ -87,7 +88,11 @@ def load(path, fps=None, unit="auto", up=None, mapping=None, check=True) -> Clip
       clip = read(path, fps, unit, up, read_mapping(mapping), **({"clip": clip_name} if clip_name else {}))
   except ValueError as error:
     raise error if str(path) in str(error) else InputError(f"{path}: {error}") from None
-  if check:
+  if check and (model := clip.meta.get("model")) and np.isfinite(clip.joints).all():
+    # A motion that one of our models made is shown as it is: a model that was trained little makes such ones.
+    if found := plausibility.fault(clip.joints, clip.skeleton, clip.fps, str(path)):
+      warnings.warn(f"{found}; {model} generated it so, as models do that were trained too little", stacklevel=2)
+  elif check:
     plausibility.check(clip.joints, clip.skeleton, clip.fps, str(path))
   return clip
 

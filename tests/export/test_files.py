@@ -38,6 +38,18 @@ def test_npz_keeps_everything(clip, tmp_path):
     assert str(file["prompt"]) == "a person walks" and int(file["seed"]) == 7
 
 
+def test_a_generated_motion_that_is_no_person_s_is_read_with_a_warning(clip, tmp_path):
+  """Models that were trained little make such motions; of other sources they are refused."""
+  joints = clip.joints.copy()
+  joints[10:] += np.float32([12, 0, 0])
+  path, = export.save(clip.replace(joints=joints, features=None), tmp_path / "a.npz")
+  with pytest.warns(UserWarning, match="pelvis has moved 12 m since the frame before.*cmdm-small generated it so"):
+    np.testing.assert_array_equal(export.load(path).joints, joints)
+  path, = export.save(clip.replace(joints=joints, features=None, meta={}), tmp_path / "b.npz")
+  with pytest.raises(ValueError, match="pelvis has moved"):
+    export.load(path)
+
+
 def test_npz_of_the_other_skeleton(tmp_path):
   clip = synthetic_clips(num=2, num_frames=20)[1].on_skeleton(KIT)
   assert export.load(export.npz(clip, tmp_path / "kit.npz")).skeleton is KIT
