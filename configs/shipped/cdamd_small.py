@@ -33,5 +33,5 @@ def get_config(size="small"):
                    frozen={"tokenizer": "{decoder}", "prior": "", "length": "{length}", "text": "cmdm-small"},
                    data=recipe.CAPTIONED | {"balance": 0.35, "batch_size": 128, "lengths": (196,)},
                    loss=recipe.CONTRAST | {"prior_levels": 0},
-                   train=recipe.steps(20_000), optimizer=recipe.rates(1e-3, 3_000)),
+                   train=recipe.steps(20_000), optimizer=recipe.rates(1e-3, 3_000), cleanup=recipe.UNSMOOTHED),
   ], size)

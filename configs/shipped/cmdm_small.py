@@ -26,5 +26,6 @@ def get_config(size="small"):
                    train=recipe.steps(6_000, start="{den}", freeze=frozen),
                    data=recipe.CAPTIONED | {"control": 1.0, "batch_size": 64, "lengths": (192,)},
                    loss={"control": 10.0, "decoded_from": 0.0, "pyramid_levels": 1.0, "drop_rate": 0.5},
-                   optimizer=recipe.rates(1e-3, 1_000, ema_decay=0.99, warmup=50), sampler=recipe.SAMPLER),
+                   optimizer=recipe.rates(1e-3, 1_000, ema_decay=0.99, warmup=50),
+                   sampler=recipe.SAMPLER, cleanup=recipe.UNSMOOTHED),
   ], size)

@@ -17,4 +17,4 @@ def get_config(size="small"):
       "fast", "cmdm_student:8_small", recipe.NON_COMMERCIAL, 1, distill={"teacher": "cmdm-small"},
       data=recipe.CAPTIONED | {"per_segment_captions": 0.5, "batch_size": 64, "lengths": (192,)},
       train=recipe.steps(6_000), optimizer=recipe.rates(3e-4, 800, ema_decay=0.995, warmup=50),
-      sampler={"side_guidance": 1.0})], size)
+      sampler={"side_guidance": 1.0}, cleanup=recipe.UNSMOOTHED)], size)

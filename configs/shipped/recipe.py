@@ -21,6 +21,8 @@ SHARES = dict(stitched=0.5, bent_paths=0.25, idle=0.15, counted=0.3, excerpts=0.
               stepping=0.2, wandering=0.1)
 DATA = {"kinematic_captions": True, "source_weights": (("gameclips", 0.4), ("kaykit", 0.3), ("mimic", 0.7)),
         **{f"augment.{kind}": share for kind, share in SHARES.items()}}
+# Decoders that are trained on how limbs move make motions that need no smoothing.
+UNSMOOTHED = {"smoothing": 0.0}
 # Of passes that read captions, which paraphrases give other subjects, too.
 CAPTIONED = DATA | {"paraphrases": 1, "vary_subject": 0.0}
 CONTRAST = {"contrast": 0.5, "contrast_margin": 0.05, "contrast_until": 0.5}
@@ -67,7 +69,7 @@ def cmdm_denoiser(archives, share):
   """The denoiser, on captions by kinematics, clips made of others and captions that contradict the motion."""
   return train("den", "cmdm_denoiser:small", archives, share, frozen={"tokenizer": "{dec}", "text": "cmdm-small"},
                data=CAPTIONED | {"per_segment_captions": 0.5, "batch_size": 128, "lengths": (192,)}, loss=CONTRAST,
-               train=steps(20_000), optimizer=rates(8e-4, 3_000), sampler=SAMPLER)
+               train=steps(20_000), optimizer=rates(8e-4, 3_000), sampler=SAMPLER, cleanup=UNSMOOTHED)
 
 
 SAMPLER = {"num_steps": 20, "guidance_scale": 2.0, "side_guidance": 1.0}
