@@ -177,6 +177,8 @@ def load(name: str | pathlib.Path, mapping: str | pathlib.Path | Mapping[str, st
     path, mapping = ASSETS / str(name) / "robot.json", None
     about = json.loads(path.read_text())
     path = path.with_name(about["model"])
+  elif not path.is_file():
+    raise FileNotFoundError(f"there is no robot file {path}")
   else:
     about = description.read(path, mapping)
   parts = {part: description.body_and_point(path, part, value) for part, value in about["bodies"].items()}
@@ -200,8 +202,6 @@ def _model(path, parts):
     import mujoco
   except ImportError:
     raise InputError(f"robots need MuJoCo and mink: {pip_install('robot')}") from None
-  if not path.is_file():
-    raise FileNotFoundError(f"there is no file {path}")
   try:
     spec = mujoco.MjSpec.from_file(str(path))
     roots = spec.worldbody.bodies

@@ -289,6 +289,8 @@ def test_a_robot_without_a_mapping_gets_a_template(tmp_path):
   (tmp_path / "small.xml").write_text(humanoid())
   with pytest.raises(InputError, match="--robot-mapping FILE.json"):
     robots.load(tmp_path / "small.xml")
+  with pytest.raises(FileNotFoundError, match="no robot file .*none.urdf"):
+    robots.load(tmp_path / "none.urdf")
 
 
 def test_the_command_writes_files_and_a_report(walk, tmp_path, capsys):
