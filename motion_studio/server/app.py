@@ -234,12 +234,12 @@ async def _body(request):
 def _parsed(text):
   try:
     return json.loads(text, parse_constant=_no_number)
-  except (ValueError, RecursionError):
-    raise InputError("got no valid JSON") from None
+  except (ValueError, RecursionError) as error:
+    raise InputError(f"got no valid JSON ({reason(error, 80)})") from None
 
 
 def _no_number(name):
-  raise ValueError(name)
+  raise ValueError(f"{name} is no number of JSON")
 
 
 async def _reply(answer):

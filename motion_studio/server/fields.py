@@ -262,7 +262,9 @@ def check_points(constraints: list[Constraint], limits: Limits, name: str) -> No
 
 def check_prompt(value: Any, limits: Limits) -> str:
   """A valid prompt. Raises InputError for an empty prompt, a long one, and one that is not text."""
-  if not isinstance(value, str) or not value.strip():
+  if not isinstance(value, str):
+    raise InputError(f"got the prompt {str(value)[:60]}, expected text in double quotes, such as \"a person waves\"")
+  if not value.strip():
     raise InputError("got an empty prompt; say what the person does, as in \"a person waves\"")
   if len(value) > limits.prompt:
     raise InputError(f"got a prompt of {len(value):,} characters, expected at most {limits.prompt:,}")

@@ -55,7 +55,8 @@ def test_generate_is_the_pipeline(client, library):
     ({"prompt": "a person walks", "seconds": 0}, "got seconds 0"), ({"prompt": "walks", "seconds": 1e9}, "got seconds"),
     ({"prompt": "walks", "num_samples": 1000}, "got num_samples 1000"),
     ({"prompt": "walks", "model": "/etc"}, "this studio has"),
-    ({"prompt": "walks", "seed": "x"}, "got seed x"), ({"prompt": 5}, "empty prompt"), ([1], "got a list"),
+    ({"prompt": "walks", "seed": "x"}, "got seed x"), ({"prompt": 5}, "got the prompt 5, expected text"),
+    ([1], "got a list"),
     ({"prompt": "walks", "frames": 5}, "unknown field 'frames'"), ({"prompt": "\ud800"}, "valid JSON|UTF-8"),
     ({"prompt": "walks", "sampling": {"lagg": 2}}, "has no argument"),
     ({"prompt": "walks", "sampling": {"num_steps": 0}}, "num_steps")])
@@ -65,8 +66,10 @@ def test_what_cannot_be_generated_is_told(client, body, told):
 
 
 def test_no_json_is_told(client):
-  for content in (b"", b"{", b"\xff", b'{"prompt": NaN}', b"[" * 100_000):
-    assert refusal(client.post("/v1/generate", content=content)) == "got no valid JSON"
+  for content, why in ((b"", "line 1 column 1"), (b"{", "line 1 column 2"), (b"\xff", ""),
+                       (b'{"prompt": NaN}', "NaN is no number"), (b"[" * 100_000, "")):
+    answer = refusal(client.post("/v1/generate", content=content))
+    assert answer.startswith("got no valid JSON (") and why in answer and len(answer) < 120
 
 
 def test_a_story_is_made_anew_from_where_it_changed(client):

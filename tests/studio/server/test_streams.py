@@ -275,7 +275,7 @@ def test_a_page_that_asks_and_never_reads_is_let_go(client, studio, monkeypatch)
 def test_no_json_and_no_number_are_told(page):
   for text in ("{", '{"type": "speed", "value": NaN}', "[" * 5000):
     page.socket.send_text(text)
-    assert page.until(type="error")["message"] == "got no valid JSON"
+    assert page.until(type="error")["message"].startswith("got no valid JSON (")
 
 
 @pytest.mark.parametrize("send, code", [
