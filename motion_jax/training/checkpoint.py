@@ -64,7 +64,12 @@ def check_fits(params, like, what):
            for key in sorted(flat.keys() | expected.keys())
            if key not in flat or key not in expected or flat[key].shape != expected[key].shape]
   if wrong:
-    raise InputError(f"{what}: " + "; ".join(wrong[:5]) + (f" and {len(wrong) - 5} more" if len(wrong) > 5 else ""))
+    shared = len(flat.keys() & expected.keys())
+    hint = ("" if shared == len(expected) == len(flat) else  # of another size, which the shapes show
+            f"; it holds {len(flat)} arrays, of which {shared} are among the {len(expected)} of this network: the "
+            "weights of another network, method or version")
+    raise InputError(f"{what}: " + "; ".join(wrong[:3]) + (f" and {len(wrong) - 3} more" if len(wrong) > 3 else "") +
+                     hint)
 
 
 def save_text(folder, name, text):

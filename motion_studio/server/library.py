@@ -53,8 +53,11 @@ class Library:
     self.slots = {name: ModelSlot(name) for name in names}
     self._load, self._warm = load or _load, warm
 
-  def start(self) -> None:
-    threading.Thread(target=self._fill, name="models", daemon=True).start()
+  def start(self) -> threading.Thread:
+    """Loads and compiles in a thread, which it returns: it ends after everything that is compiled in advance."""
+    thread = threading.Thread(target=self._fill, name="models", daemon=True)
+    thread.start()
+    return thread
 
   def _fill(self):
     for slot in self.slots.values():
@@ -104,7 +107,8 @@ class Library:
     if not slot.model.can(ability):
       able = [other.name for other in self.slots.values() if other.model is not None and other.model.can(ability)]
       raise InputError(f"the model {slot.name} has no {ability!r}; "
-                       + (f"{', '.join(able)} has" if able else "start the studio with one that has, by --model"))
+                       + (f"{', '.join(able)} {'has' if len(able) == 1 else 'have'}" if able else
+                          "start the studio with one that has, by --model"))
     return slot.pipeline
 
 
@@ -129,7 +133,7 @@ def _steps(slot):
     for _ in range(4):
       next(live)
       yield
-    if model.stats.layout.skeleton is not HUMANML3D:  # without control
+    if not model.takes_control or model.stats.layout.skeleton is not HUMANML3D:
       return
     x, z = live.place  # the first path that is drawn does not wait for the compiler
     path = RootPath([[x, z], [x, z + 2.0]])

@@ -118,7 +118,7 @@ def test_a_stream_checks_its_input_too(model):
       next(model.stream(**arguments))
 
 
-def test_broken_run_folders_are_told(tiny_run, tmp_path):
+def test_broken_run_folders_are_told(tiny_run, tiny_generator, tmp_path):
   with pytest.raises(FileNotFoundError, match="neither a run folder"):
     load(tmp_path / "nothing")
   for name, error, words in (("config.json", FileNotFoundError, "config.json"),
@@ -141,6 +141,10 @@ def test_broken_run_folders_are_told(tiny_run, tmp_path):
   (copy / "config.json").write_text(json.dumps(config))
   with pytest.raises(ValueError, match="does not fit its config"):
     load(copy)
+  shutil.copyfile(tiny_generator / "params.safetensors", copy / "params.safetensors")
+  with pytest.raises(ValueError, match="of which 0 are among the .* the weights of another network, method or version"):
+    load(copy)
+  shutil.copyfile(tiny_run / "params.safetensors", copy / "params.safetensors")
   config["model"]["width"] = 16
   (copy / "config.json").write_text(json.dumps(config))
   (copy / "text.json").write_text(json.dumps({"name": "random-init", "fingerprint": "0"}))

@@ -332,3 +332,12 @@ def test_a_stream_ends_with_its_page(client, studio):
     page.more(1)
     stream = next(iter(studio.streams))
   assert stream.join(10) and not studio.streams and studio.places == 0
+
+
+def test_a_model_that_follows_prompts_alone_is_ready_to_stream(random_run):
+  """What is compiled in advance draws no path for it."""
+  from motion_studio.server.library import Library
+  library = Library([str(random_run("dip"))])
+  library.start().join(300)
+  slot = library.slot(None)
+  assert (slot.state, slot.error) == ("ready", "")
