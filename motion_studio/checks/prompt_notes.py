@@ -6,6 +6,7 @@ from typing import Any
 from motion_jax.text.morphology import possible_bases, third_person, verb_of
 from motion_jax.text.vocabulary import closest_word
 from motion_studio.language import Plan
+from motion_studio.language.lexicon import NEGATIONS
 
 _NAMED = 5  # words of a prompt, and notes of a call, at most
 _PEOPLE = r"(?:people|persons|men|women|boys|girls|guys|kids|children|friends|dancers|fighters|boxers|figures|players)"
@@ -27,6 +28,8 @@ def notes_of(planner: Any, prompts: Iterable[str | Plan]) -> list[str]:
       notes[f"{shortened(prompt)} is about several people ({found[0]!r}); only one body is made"] = None
     if not isinstance(one, str):
       notes.update(dict.fromkeys(_of_verbs(planner, one)))
+    if (denial := _denial(one)):
+      notes[f"{shortened(prompt)} says {denial!r}; a model may do what follows nevertheless"] = None
     for part in [prompt] if isinstance(one, str) else one.prompts:
       words = [word for word in planner.model.captions.unknown_words(part) if word.lower() not in named]  # each once
       named.update(map(str.lower, words))
@@ -37,6 +40,13 @@ def notes_of(planner: Any, prompts: Iterable[str | Plan]) -> list[str]:
   more = len(notes) - _NAMED
   return [*notes] if more <= 0 else [
       *[*notes][:_NAMED], f"the model does not know some words or actions of {more} more prompts"]
+
+
+def _denial(prompt):
+  """The word by which a prompt denies an action, "" where none does; standing still can be made."""
+  if isinstance(prompt, str) or any(one.kind == "still" for one in prompt.requirements):
+    return ""
+  return next((word for part in prompt.prompts for word in part.lower().split() if word in NEGATIONS), "")
 
 
 def _of_verbs(planner, plan):

@@ -22,9 +22,13 @@ _STATES = {
     "lie": "the body does not lie down", "rise": "the body is not standing at the end",
     "still": "the body does not stand still",
     "ascend": "the body does not climb up", "descend": "the body does not go down",
-    "dance": "the dance leaves its place", "run": "the run is faster than people run",
-    "straight": "the path is not straight", "zigzag": "no zigzag seen", "slowly": "the {} is not slow",
+    "dance": "the dance leaves its place, or hardly moves", "run": "the run is faster than people run",
+    "straight": "the path is not straight", "zigzag": "no zigzag seen",
+    "bend": "the body does not bend", "crouch": "the body does not crouch", "stays": "the body leaves its place",
+    "treads": "no steps in place seen", "return": "the body does not come back", "slowly": "the {} is not slow",
     "quickly": "the {} is not quick", "usual": "the {} is faster than usual"}
+_SIDED_STATES = {"foot": "{} foot is not lifted far", "balance": "the body does not stand on {} leg",
+                 "aside": "the body does not go to {}"}
 _NAMED = 5  # motions of a call that a warning names
 
 
@@ -62,6 +66,8 @@ def _described(requirement, events):
     return _STATES[kind].format(side)
   if kind == "raise":
     return f"{_HANDS[side]} up over the shoulder"
+  if kind in _SIDED_STATES:
+    return _SIDED_STATES[kind].format(f"the {side}" if side else "one")
   if kind == "sideways":
     return f"no walk sideways{f' to the {side}' if side else ''} seen"
   if kind in KINDS:

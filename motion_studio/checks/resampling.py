@@ -25,9 +25,9 @@ def best_of(job: Job, sample: Callable[..., Sequence[Motion]], max_attempts: int
 
   sample(job, independent=False) -> motions. A motion that violates a requirement is sampled again, by the key
   fold_in(key, 2^20 + attempt): with twice the guidance scale, or half of it where the motion is only too fast, with a
-  side for a circle that has none, and from the third attempt on with segments sampled independently. All attempts are
-  recorded in meta["attempts"], what the best one still violates in meta["unmet"] and, where warnings are read, in a
-  warning.
+  side for a circle that has none, and from the third attempt on in plain words, with segments sampled independently.
+  All attempts are recorded in meta["attempts"], what the best one still violates in meta["unmet"] and, where warnings
+  are read, in a warning.
   """
   required = [plan.requirements if plan else [] for plan in job.plans]
 
@@ -45,6 +45,8 @@ def best_of(job: Job, sample: Callable[..., Sequence[Motion]], max_attempts: int
     keys = jax.numpy.stack([jax.random.fold_in(job.keys[i], FIRST_RESAMPLED + number) for i in rows])
     prompts = [said_again(job.prompts[i], required[i], number) for i in rows]
     plans = [job.plans[i] if prompt == job.prompts[i] else job.planner.plan(prompt) for i, prompt in zip(rows, prompts)]
+    if number >= _INDEPENDENT:
+      plans = [plan and job.planner.in_plain_words(plan) for plan in plans]
     again = job.select(rows, prompts=prompts, plans=plans, keys=keys,
                        sampling=reweighed(job.model, job.sampling, factor), motions=[])
     with progress.part(f"attempt {number + 1} of {max_attempts}, as the last motion does not show all of the prompt"):

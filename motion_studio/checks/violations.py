@@ -14,6 +14,7 @@ from jaxtyping import Num
 
 from motion_jax.analysis.events import PUNCH, Event, feet_up, find_events, punch_speed
 from motion_jax.analysis.signals import JOINT, SIDES, Body
+from motion_studio.checks import posture_violations
 from motion_studio.checks.path_violations import path_violation
 from motion_studio.language.path_shapes import KINDS, PathShape
 from motion_studio.language.requirements import COUNTED, Requirement
@@ -28,6 +29,7 @@ _SEATED_HEIGHT = 0.89  # of the pelvis on a high stool
 _THIGH_ANGLE = 45.0  # degrees of both thighs from upright in a seat; captured ones have 53 and more
 _STANDING_HEIGHT = 0.92  # of the pelvis after getting up
 _HOLD_SECONDS = 0.5  # of sitting, and of standing after getting up
+_LEAVES_SEAT = 0.4  # of the way up from the lowest point, from which a body that sat gets up
 _HEIGHT_PER_LEG = 1.1  # height of the standing pelvis in lengths of a leg, at least; median of CMU 1.14, of Bandai 1.18
 _CLIMB = 0.25  # metres up or down on stairs
 _SIDEWAYS_SECONDS = 0.8  # of a walk to a side
@@ -206,8 +208,11 @@ def _never_sits(body):
 
 
 def _not_seated(body):
-  """Sit at the end: in a seat in the last half second."""
-  return 0.5 * (not _sits(body)[_last(body)].all())
+  """Sit at the end: in a seat in the last half second, and hardly higher than before."""
+  height = body.joints[:, 0, 1]
+  lowest, standing = float(height.min()), _standing_height(body)
+  rises = float(height[_last(body)].max()) > lowest + _LEAVES_SEAT * max(standing - lowest, 0.0)
+  return 0.5 * (rises or not _sits(body)[_last(body)].all())
 
 
 def _not_up(body):
@@ -240,7 +245,9 @@ def _missing_climb(metres):
 
 
 # Measures of requirements that are no events.
-_MEASURES = {"dance": _dance_wanders, "run": _too_fast, "still": _moves, "rise": _not_up, "seated": _not_seated,
-           "sit": _never_sits, "step": _no_step_back, "walk": _not_backward, "ascend": _not_climbed,
+_MEASURES = posture_violations.MEASURES | {
+    "dance": lambda body: max(_dance_wanders(body), posture_violations.hardly_dances(body)), "run": _too_fast,
+    "still": _moves, "rise": _not_up, "seated": _not_seated,
+     "sit": _never_sits, "step": _no_step_back, "walk": _not_backward, "ascend": _not_climbed,
            "descend": _not_descended, "lie": _not_lying}
-_SIDED_MEASURES = {"sideways": _not_sideways, "raise": _not_raised}
+_SIDED_MEASURES = posture_violations.SIDED_MEASURES | {"sideways": _not_sideways, "raise": _not_raised}

@@ -15,7 +15,7 @@ def part_of(verb: str, words: Sequence[str]) -> str:
   "raises the left knee" is of the legs, "nods" of the head.
   """
   if verb in lexicon.MOVED_BY_OBJECT:
-    end = next((i for i, word in enumerate(words) if word in ("with", "to", "toward", "towards")), len(words))
+    end = next((i for i, word in enumerate(words) if word in lexicon.AFTER_AN_OBJECT), len(words))
     for part, things in lexicon.BODY_PARTS:
       if any(base_form(word, things) for word in words[:end]):
         return part

@@ -41,6 +41,8 @@ def clause_of(tokens):
   subject, before = list(tokens[:start]), []
   while subject and subject[0].lower() in ("first", "firstly", "having", ","):
     del subject[0]
+  while subject and subject[-1].lower() in lexicon.RELATIVE:
+    subject.pop()
   while subject and (subject[-1].lower().endswith("ly") or subject[-1].lower() in lexicon.FILLERS):
     before.insert(0, subject.pop())
   if subject and not any(tag in ("NOUN", "PRON") for tag in tags[:start]):
@@ -59,9 +61,10 @@ def _main_verb(words, tags, head, verb):
   """(place, base form) of the verb that says the action: "walk" of "starts to walk", "is walking"."""
   while True:
     after = head + 1
-    while after < len(words) and (words[after] in ("to", "not") or _is_manner(words[after], tags[after])):
+    while after < len(words) and (words[after] in ("to", "not", "be") or _is_manner(words[after], tags[after])):
       after += 1
-    is_aspect = verb in lexicon.ASPECTS or verb == "go" and after < len(words) and is_participle(words[after])
+    is_aspect = verb in lexicon.ASPECTS or verb == "go" and after < len(words) and is_participle(words[after]) or (
+        verb in lexicon.PAUSING_VERBS and words[head + 1:head + 2] == ["to"])  # "stops to bend over"
     if not is_aspect or after >= len(words) or not verb_of(words[after]):
       return head, verb
     head, verb = after, verb_of(words[after])
@@ -75,6 +78,8 @@ def _first_verb(words, tags):
   """The place of the first verb, None where there is none."""
   for at, (word, tag) in enumerate(zip(words, tags)):
     before = tags[at - 1] if at else ""
+    if word in lexicon.SUBORDINATE:
+      return None
     if at and words[at - 1] in lexicon.POSSESSIVES or "jumping jack" in " ".join(words[max(at - 1, 0):at + 2]):
       continue  # "regains his balance"
     if at > 1 and words[at - 1] in lexicon.SIDES and words[at - 2] in lexicon.ONE_MORE and verb_of(word) == word:

@@ -1,4 +1,5 @@
 """A text becomes clauses: cut at connectors and participles, then joined again where a part is no action of its own."""
+import functools
 import re
 
 from motion_jax.text.morphology import is_participle, verb_of
@@ -21,15 +22,17 @@ def fragments_of(text):
 
   The name is "" for the first fragment.
   """
-  tokens = _TOKEN.findall(_NOT.sub(r"\1 not", text))
+  tokens = _TOKEN.findall(functools.reduce(lambda made, one: re.sub(*one, made, flags=re.IGNORECASE), lexicon.SPELT,
+                                           _NOT.sub(r"\1 not", text)))
   words = [token.lower().replace("’", "'") for token in tokens]
   found, kind, start, at = [], "", 0, 0
   between = []  # tokens of the connectors since the last fragment
   while at < len(tokens):
     length, here = connector_at(words, at)
-    if not length and _begins_at_participle(words, start, at):
+    begins = "" if length else _begins_at_verb(words, start, at)
+    if begins:
       found.append((kind, between, tokens[start:at]))
-      kind, between, start = "while", [], at
+      kind, between, start = begins, [], at
     if length:
       if at > start:
         found.append((kind, between, tokens[start:at]))
@@ -42,10 +45,31 @@ def fragments_of(text):
   return found
 
 
+def _begins_at_verb(words, start, at):
+  """The connector that is left out before this word of a fragment: "while" in "walks forward waving both hands", "then"
+  in "turns around walks back"; "" where no action begins."""
+  return ("while" if _begins_at_participle(words, start, at) else
+          "then" if _begins_at_finite_verb(words, start, at) else "")
+
+
+def _begins_at_finite_verb(words, start, at):
+  """Whether a verb in the third person follows a whole clause."""
+  verb = verb_of(words[at])
+  if at - start < 2 or verb in ("", words[at]) or not words[at].endswith("s") or (
+      words[at] in {"jacks", *lexicon.STAIRS, *lexicon.PATH_NOUNS} or words[at - 1] in lexicon.PEOPLE):
+    return False
+  clause, before = clause_of(words[start:at]), tag_words(words[start:at])[-1][1]
+  if clause is None or clause.form.endswith("ed") or clause.verb in lexicon.WITH_ACTIONS_AS_OBJECTS:
+    return False
+  if words[at - 1] == clause.form:  # "a person standing scratches his head"
+    return is_participle(clause.form) and bool(clause.subject)
+  return before in ("ADV", "NOUN") or words[at - 1] in lexicon.DIRECTIONS
+
+
 def _begins_at_participle(words, start, at):
-  """Whether an action of arms or head begins at this word of a fragment, as in "walks forward waving both hands"."""
+  """Whether an action of arms or head begins at this word of a fragment."""
   if not 2 <= at - start <= _LONGEST_CLAUSE or not is_participle(words[at]) or (
-      lexicon.BEFORE_A_PARTICIPLE & {words[at - 1], verb_of(words[at - 1])}):
+      (lexicon.BEFORE_A_PARTICIPLE | lexicon.POSSESSIVES) & {words[at - 1], verb_of(words[at - 1])}):
     return False
   last_tag = tag_words(words[start:at])[-1][1]
   clause, own = clause_of(words[start:at]), clause_of(words[at:at + 4])
@@ -62,8 +86,14 @@ def clauses_of(fragments, keep_together):
   fragments = [(kind, between, list(tokens)) for kind, between, tokens in _with_main_clause(fragments)]
   result: list = []  # [kind, tokens, clause or None]
   lead = ""          # a subordinate clause in front waits for its main clause
-  for kind, between, tokens in fragments:
+  subject: list[str] = []  # of a clause in front that is no action
+  for place, (kind, between, tokens) in enumerate(fragments):
     clause = clause_of(tokens) or (unknown_verb(tokens) if kind == "then" else None)
+    if clause and subject and not result:
+      kind, clause, subject = "", clause._replace(subject=clause.subject or subject), []
+    if not result and clause and place + 1 < len(fragments) and _is_no_action(clause, fragments[place + 1]):
+      subject = clause.subject
+      continue
     if not result:
       lead = kind if kind in _SUBORDINATE else ""
       if lead and clause and clause.subject and not is_person(clause.subject) and len(fragments) > 1:
@@ -90,6 +120,14 @@ def clauses_of(fragments, keep_together):
       kind, lead = f"main {lead}", ""
     result.append([kind, tokens, clause])
   return [(kind, clause and with_numbers(clause)) for kind, _, clause in result]
+
+
+def _is_no_action(clause, then):
+  """Whether a clause in front says no more than where somebody is: "starts in a spot", "a man standing" (waves)."""
+  if clause.verb in lexicon.STARTING:
+    return clause.words[:1] and clause.words[0].lower() in lexicon.AT_A_PLACE
+  kind, between, _ = then
+  return clause.verb in lexicon.IDLE and is_participle(clause.form) and kind == "then" and not between
 
 
 def _join(previous, tokens, clause):
@@ -125,14 +163,16 @@ def _stands_alone(kind, clause, tokens, previous):
   """Whether a fragment after a connector is an action, and not more words of the one before."""
   if clause.subject and not is_person(clause.subject):
     return False
-  if kind == "and" and not clause.verb:
-    return False
+  if kind == "and" and not previous[2].words and previous[2].verb in lexicon.OF_AN_OBJECT and clause.words:
+    return False  # "lifts and bends his right leg"
   if kind == "," and is_participle(clause.form) and not can_be_simultaneous([previous[2]], clause):
     return False  # "walks, turning left"
   if kind in ("and", ","):
     if _ends_in_nouns(previous[2]) or clause.verb in lexicon.LIGHT_VERBS and (
         lexicon.PATH_NOUNS & set(lower(clause.words))):
       return False  # "walks and makes a u-turn"
+    if clause.form.endswith("ed") and not clause.subject and not previous[2].form.endswith("ed"):
+      return False  # "walks forward, directed to the right"
     begins = is_participle(lower(tokens)[0])
     if not begins and is_participle(clause.form) and clause.verb == previous[2].verb and not clause.words:
       return False  # "walks forward and keeps walking"

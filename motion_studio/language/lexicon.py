@@ -1,8 +1,15 @@
 """All word lists of the parser, by topic. Verbs of movement and their body parts: `motion_jax.text.lexicon`."""
+import re
+
 from motion_jax.text.lexicon import VERBS
 from motion_jax.text.wordnet import LOST, Target
 
 PAUSE, HOLD = "stands still", "holds still"  # the words of a pause, and of a pose that is kept
+
+# Spellings, and the one that all rules read.
+SPELT = ((r"\b(?:counter|anti)[- ]*clock[- ]?wise\b", "counterclockwise"), (r"\bzig[- ]zag", "zigzag"),
+         (r"\bsemi[- ]?circle|\bhalf(?: of)? an? circle|\bhalf-circle", "half circle"), (r"\bu turn", "u-turn"),
+         (r"\bside[ -]step", "sidestep"))
 
 # --- who --------------------------------------------------------------------------------------------------------------
 
@@ -49,15 +56,25 @@ BEFORE_WHILE = ("a", "little", "short", "long", "good")  # "rests for a while"
 # --- verbs by what they do in a sentence ------------------------------------------------------------------------------
 
 # Verbs in front of the verb that says the action: "starts walking", "keeps waving".
-ASPECTS = ("be", "start", "begin", "continue", "keep", "proceed", "resume", "will", "can")
+ASPECTS = ("be", "start", "begin", "continue", "keep", "proceed", "resume", "will", "can", "seem", "appear")
 # A participle after these belongs to them: "starts waving", "stops by waving".
 BEFORE_A_PARTICIPLE = set("be start begin continue keep proceed resume go stop quit finish do try practice perform "
                           "pause like by and".split())
 ENDING_VERBS = ("stop", "finish", "quit")  # "stops walking"
+RELATIVE = {"who", "that", "which"}  # between a subject and what is said of it
+SUBORDINATE = {"where", "how"}  # words after which no clause of its own begins: "back to where they started"
+IDLE = {"stand", "face"}  # a participle of these beside the subject is no action: "a person standing waves"
+# Objects of these are things that they are done with: "practices leg kicks".
+WITH_ACTIONS_AS_OBJECTS = {"practice", "alternate", "try", "do", "make", "take", "throw", "give", "perform", "work"}
+STARTING, AT_A_PLACE = {"start", "begin"}, {"in", "at", "on"}  # "starts in a spot" is no action
 PAUSING_VERBS = {"stop", "pause", "wait", "rest", "halt", "freeze"}
 # Meanings that `motion_jax.text.wordnet` does not have.
-OWN_MEANINGS = {"hurry": Target("walk", 1.0, ("quickly",)), "rush": Target("walk", 1.0, ("quickly",)), "wander": Target(
-    "walk", 1.0), "circle": Target("walk", 1.0), "zigzag": Target("walk", 1.0), "march": Target("walk", 1.0, (LOST,))}
+HELD = "held"  # a manner: the pose is kept for a while
+OWN_MEANINGS = {
+    "hurry": Target("walk", 1.0, ("quickly",)), "rush": Target("walk", 1.0, ("quickly",)),
+    "wander": Target("walk", 1.0), "circle": Target("walk", 1.0), "zigzag": Target("walk", 1.0),
+    "return": Target("walk", 1.0), "march": Target("walk", 1.0, (LOST,)),
+    "sidestep": Target("walk", 1.0, ("sideways",)), "crouch": Target("squat", 1.0, (HELD,))}
 # Words of pace that WordNet counts among the lively, and words of its clusters of fast and slow that are manners.
 OWN_PACES = {"brisk": "quickly", "briskly": "quickly"} | dict.fromkeys(
     "easy easygoing lazy lazily instant instantly instantaneous outright straightaway deliberately dilatory".split(),
@@ -67,6 +84,7 @@ DIAGONAL_VERBS = {"walk", "stride", "stroll", "step", "move", "go", "run", "jog"
 STEP_VERBS = set("take step walk go move march run jog make do".split())  # their steps may be counted
 STEPS_ONLY = ("take", "step", "make", "do")  # of these, those that say nothing but the steps
 ONE_ARM_EACH = {"wave", "raise", "lift", "hold", "stretch", "extend", "lower", "swing", "put"}
+OF_AN_OBJECT = {"raise", "lift", "lower", "extend"}  # never without something that they move
 BLOWS = {"kick", "punch", "jab"}
 # Actions that end by themselves and leave the body standing.
 DONE_ONCE = set("bow kick turn squat duck raise lift lower throw toss catch pick point salute grab reach hug slap "
@@ -78,8 +96,9 @@ FROM_THE_FLOOR = {"pick", "place", "drop", "take", "lift"}  # the whole body goe
 CYCLES = {"wave": 0.8, "clap": 0.6, "nod": 0.8, "shake": 0.6, "punch": 1.0, "jab": 0.8, "stomp": 0.8, "stamp": 0.8}
 COUNTED_ONE_BY_ONE = {"kick", "squat"}
 # Their object is what moves: "turns the head"; "walks with the hands up" still walks.
-MOVED_BY_OBJECT = VERBS["arms"] | VERBS["head"] | {
-    "turn", "rotate", "spin", "move", "circle", "bend", "tilt", "twist", "bounce", "roll"}
+MOVED_BY_OBJECT = (VERBS["arms"] | VERBS["head"] | {
+    "turn", "rotate", "spin", "move", "circle", "bend", "tilt", "twist", "bounce", "roll", "bring", "keep"}) - {
+    "scratch", "wipe", "rub", "wash", "brush", "slap", "point", "grab", "reach", "pick", "hug", "carry"}  # with a hand
 
 # --- poses that are kept ----------------------------------------------------------------------------------------------
 
@@ -94,6 +113,7 @@ POSTURES = {"sitting": ("sit", []), "seated": ("sit", []), "kneeling": ("kneel",
 
 # --- nouns ------------------------------------------------------------------------------------------------------------
 
+AFTER_AN_OBJECT = set("with to toward towards above over at on behind near against".split())
 ARM_PARTS = {"arm", "hand", "wrist", "elbow", "fist", "finger", "shoulder"}
 SIDED_ARM_PARTS = {"arm", "hand", "wrist", "elbow", "fist"}
 BODY_PARTS = (("legs", {"leg", "knee", "foot", "feet", "heel", "toe", "ankle", "thigh"}),
@@ -105,6 +125,7 @@ BEFORE_A_LIMB = set("the with on left right both other one".split())
 IDIOMS = {"seat": "sit down"}  # nouns that name another verb: "takes a seat"
 # Nouns that have rules of their own after a light verb.
 NO_ACTION_NOUNS = PATH_NOUNS | {"step", "look", "move", "stop", "halt", "rest"}
+ADVERBS = {"forward": "forward", "backward": "backward", "sharp": "sharply", "full": "fully"}  # of a noun's adjectives
 LIMB_OF_ACTION = {"kick": "foot", "punch": "hand", "jab": "hand", "wave": "hand", "salute": "hand"}
 # Words that may follow the noun of an action; others change its meaning ("does a kick flip").
 AFTER_A_NOUN = set("to in into on onto at with from for over towards toward forward forwards backward backwards back "
@@ -120,11 +141,18 @@ BETWEEN_ACTIONS = {"and", "then", ","}  # words after which a further action may
 
 # Kinds of detected events by verb.
 EVENTS = {"kick": "kick", "punch": "punch", "jab": "punch", "box": "punch", "shadowbox": "punch", "jump": "jump",
-          "hop": "hop", "squat": "squat", "bow": "bow", "wave": "wave", "turn": "turn", "sit": "sit"}
-SIDED_EVENTS = {"kick", "punch", "wave", "turn", "sideways"}
-# Words of raising a hand over the shoulder; with others ("to the chest") it may stay below.
-RAISED = set("raise lift the his her their its my a an one both left right hand hands arm arms up high straight "
-             "upward upwards in into to air sky above over head overhead slowly quickly of".split())
+          "hop": "hop", "squat": "squat", "bow": "bow", "wave": "wave", "turn": "turn", "spin": "turn", "pivot": "turn",
+          "sit": "sit", "crouch": "crouch"}
+SIDED_EVENTS = {"kick", "punch", "wave", "turn", "sideways", "foot", "balance"}
+# Words of a hand that is raised to below the shoulder, or not straight up.
+NOT_RAISED = set("to out front side sides sideways forward chest waist stomach hip hips face mouth shoulder level low "
+                 "slightly halfway parallel down bent across behind again".split())
+ARMS = {"hand", "hands", "arm", "arms"}
+UP = set("air sky".split())  # "raises a hand to the sky"
+BENT_BODY = {"over", "forward", "forwards", "down", "waist"}  # "bends over"
+TURNING = {"turn", "spin", "pivot", "rotate"}
+STEPPING = {"step", "take", "move", "slide", "sidestep", "go"}  # verbs that may lead to a side, beside walking
+IN_PLACE = re.compile(r"\b(?:in|on) (?:place|the spot|one spot)\b")
 STRIKES, FISTS = {"strike", "hit"}, {"fist", "fists"}
 # Words that take a dance to another place.
 ELSEWHERE = {"across", "along", "around", "away", "backward", "backwards", "circle", "circles", "forward", "forwards",

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from motion_jax.text import wordnet
-from motion_jax.text.morphology import present_participle
+from motion_jax.text.morphology import present_participle, verb_of
 from motion_studio.language import lexicon
 from motion_studio.language.meaning import pace_of
 from motion_studio.language.rule import Rule, first_match
@@ -22,12 +22,14 @@ _HANDS_UP = re.compile(
     r"(?P<after>(?: (?:slowly|quickly|again|high|once|twice|\w+ times|with \w+))*)")
 # "step to the left", "sidestep right", "take a step sideways", "take side steps to his right"
 _TO_A_SIDE = r"(?:to )?(?:(?:the|his|her|their|its) )?(?P<side>left|right|side)(?: side)?"
+_SOME = r"(?:(?:an?|some|several|a few|another) )?(?:(?:small|big|large|little|short|long|quick|slow) )*"
 _SIDE_STEPS = re.compile(
-    rf"(?:(?:sidestep|strafe|(?:step|shuffle|walk|move) sideways|(?:take|do|make) (?:(?:a|some|several|a few) )?side"
-    rf" ?-?steps?|(?:take|do|make) (?:(?:some|several|a few) )?steps? sideways)(?: {_TO_A_SIDE})?|"
-    rf"step {_TO_A_SIDE.replace('<side>', '<way>')})"
-    r"(?: (?P<times>once|twice|thrice|\w+ times))?(?P<after>(?: (?:slowly|quickly|again))*)")
-_IN_A_POSTURE = re.compile(rf"(?:(?:from|in|out|off) )?(?:(?:a|the) )?({'|'.join(lexicon.POSTURES)})(?: down)?"
+    rf"(?:(?:sidestep|strafe|(?:step|shuffle|walk|move) sideways|(?:take|do|make) {_SOME}(?:sidesteps?|sideways steps?|"
+    rf"steps? sideways))(?: {_TO_A_SIDE})?|step {_TO_A_SIDE.replace('<side>', '<way>')})"
+    r"(?: (?P<times>once|twice|thrice|\w+ times))?(?P<after>(?: (?:slowly|quickly|again))*(?: (?:,|with|in|and) .+)?)")
+_MOTION = re.compile(r"(?:an? )?(?:\w+ )?(?P<verb>\w+ing) (?:motion|movement|gesture|action)s?\b")
+_IN_A_POSTURE = re.compile(rf"(?:(?:from|in|out|off|(?:back )?(?:in)?to) )?(?:(?:a|the) )?"
+                           rf"({'|'.join(lexicon.POSTURES)})(?: down)?"
                            r"(?: (?:position|pose|posture))?")
 
 
@@ -57,7 +59,7 @@ def _walk_diagonally(verb, words, lower):
 
 
 def _start_in_a_posture(verb, words, lower):
-  found = _IN_A_POSTURE.fullmatch(" ".join(lower)) if verb in ("start", "begin") else None
+  found = _IN_A_POSTURE.fullmatch(" ".join(lower)) if verb in ("start", "begin", "return") else None
   return None if found is None else _action(*lexicon.POSTURES[found[1]])
 
 
@@ -103,6 +105,12 @@ def _side_steps(verb, words, lower):
   return _action("walk", ["sideways", *way, *found["after"].split()])
 
 
+def _motion_of_an_action(verb, words, lower):
+  found = _MOTION.match(" ".join(lower)) if verb in lexicon.LIGHT_VERBS else None
+  meant = found and verb_of(found["verb"])
+  return _action(meant, words[len(found[0].split()):]) if meant else None
+
+
 def _steps_at_a_pace(verb, words, lower):
   pace = pace_of(lower[0]) if verb == "take" and lower[1:2] == ["steps"] else ""
   after = words[2:]
@@ -118,16 +126,24 @@ def _noun_of_an_action(verb, words, lower):
   times, rest = _number_in_front(lower)
   if verb not in lexicon.LIGHT_VERBS or rest is None:
     return None  # "does squats"
-  side, paces = "", []
-  while rest and (rest[0] in lexicon.SIDES or pace_of(rest[0])):
-    side, paces, rest = (rest[0], paces, rest[1:]) if rest[0] in lexicon.SIDES else (side, [pace_of(rest[0])], rest[1:])
+  side, paces, ways = "", [], []
+  while rest and (rest[0] in lexicon.SIDES or rest[0] in lexicon.ADVERBS or pace_of(rest[0])):
+    if rest[0] in lexicon.SIDES:
+      side = rest[0]
+    elif pace_of(rest[0]):
+      paces = [pace_of(rest[0])]
+    else:
+      ways.append(lexicon.ADVERBS[rest[0]])  # "does a forward kick"
+    rest = rest[1:]
+  if rest[1:2] in (["degree"], ["degrees"]) and rest[0].isdigit():  # "does a 180 degree turn"
+    ways, rest = [*ways, rest[0], "degrees"], rest[2:]
   meant = _verb_of_noun(rest[0]) if rest else []
   if not meant or times < 1 or rest[1:] and rest[1] not in lexicon.AFTER_A_NOUN or (
       side and meant[0] not in (*lexicon.LIMB_OF_ACTION, "turn")):
     return None
   with_side = [] if not side else [side] if meant[0] == "turn" else [
       "with", "the", side, lexicon.LIMB_OF_ACTION[meant[0]]]
-  return _action(meant[0], [*meant[1:], *with_side, *words[len(words) - len(rest) + 1:], *paces], times)
+  return _action(meant[0], [*meant[1:], *ways, *with_side, *words[len(words) - len(rest) + 1:], *paces], times)
 
 
 def _verb_of_noun(noun):
@@ -158,7 +174,8 @@ RULES = (
         "she goes forward and to the right, facing ahead": "goes diagonally forward to the right"}, _walk_diagonally),
     Rule("Starting posture", "The body takes the posture first.", {
         "someone starts in a seated position, then stands up and walks": "sits | stands up | walks",
-        "a person starts from standing and sits down": "stands still | sits down"}, _start_in_a_posture),
+        "a person starts from standing and sits down": "stands still | sits down",
+        "a person bends over and returns to a standing position": "bends over | stands still"}, _start_in_a_posture),
     Rule("Coming to a stop", "The body stands still.", {
         "someone walks ahead, then comes to a stop": "walks ahead | stands still"}, _come_to_a_stop),
     Rule("Kick or punch with a side", "The side names the leg or the hand.", {
@@ -175,6 +192,8 @@ RULES = (
              "a person takes a rest": "stands still",
              "a person walks, takes a short break and walks back": "walks | stands still [1] | walks back",
              "a person sits down and takes a long rest": "sits down | holds still [4]"}, _take_a_rest),
+    Rule("Motion of an action", "A motion, movement or gesture of an action is that action.", {
+        "a person makes a waving motion with the left arm": "waves with the left arm"}, _motion_of_an_action),
     Rule("Steps at a pace", "Taking slow or quick steps is walking at that pace.", {
         "the person takes slow steps ahead": "walks forward slowly",
         "a person takes quick steps backward": "walks backward quickly"}, _steps_at_a_pace),
@@ -184,5 +203,7 @@ RULES = (
         "someone walks ahead and takes a seat": "walks ahead | sits down",
         "a person does three squats and then waves": "squats 3 times | waves",
         "a man goes for a brisk walk": "walks quickly",
+        "a person does a 180 degree turn": "turns 180 degrees",
+        "she does a forward kick with her left leg": "kicks forward with her left leg",
         "she throws a left punch": "punches with the left hand"}, _noun_of_an_action),
 )

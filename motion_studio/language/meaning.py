@@ -24,6 +24,7 @@ from motion_studio.language.actions import part_of
 SURE = SYNONYM  # confidence from which a verb is replaced
 _CLOSE = 0.2  # what the confidence of a kind may lack to that of the surest one
 _ENOUGH, _WELL = 3, 20  # captions that name an action which a model knows, and which it knows well
+_HELD_SECONDS = 1.5  # of a pose such as a crouch, where no time is given
 _PLAIN = frozenset("slowly quickly forward backward".split())  # words of manner that every model's captions have
 _NO_TARGETS = frozenset(VERBS[""]) | frozenset("do perform play practice take get put place hold go come move".split())
 
@@ -90,7 +91,8 @@ class Meanings:
     """The meaning of a verb in base form; None of one that the model knows, and of one that means nothing it knows."""
     if verb in self.verbs or verb in _NO_TARGETS or not self._targets:
       return None
-    table = [one for one in _stands_for(verb) if one.verb in self._targets]
+    known = self.verbs if verb in lexicon.OWN_MEANINGS else self._targets
+    table = [one for one in _stands_for(verb) if one.verb in known]
     forms = {verb, third_person(verb), present_participle(verb)}
     if verb not in lexicon.OWN_MEANINGS and not forms.isdisjoint(self._encoder.known_words):
       near = verb_of(self._encoder.synonym(third_person(verb), [third_person(one) for one in self._targets]))
@@ -105,7 +107,8 @@ class Meanings:
 
   def _says(self, manner):
     """Whether captions have words for a manner."""
-    return all(word in _PLAIN or any(form in self.words for form in possible_bases(word)) for word in manner)
+    return all(word in _PLAIN or word == lexicon.HELD or any(form in self.words for form in possible_bases(word))
+               for word in manner)
 
 
 def translated(clause: Any, meanings: Meanings | None) -> Any:
@@ -113,6 +116,12 @@ def translated(clause: Any, meanings: Meanings | None) -> Any:
   meaning = meanings.of(clause.verb) if meanings is not None else None
   if meaning is None or part_of(meaning.verb, clause.words) != part_of(meaning.verb, ()):  # "rotates the wrists"
     return clause
+  if part_of(meaning.verb, ()) == "legs" and clause.words and (
+      clause.words[0].lower() in lexicon.POSSESSIVES | {"it", "them"}):
+    return clause  # "returns his left foot"
+  if lexicon.HELD in meaning.manner:  # keeps its verb, and with it all that is known of the pose
+    form = present_participle(meaning.verb) if is_participle(clause.form) else third_person(meaning.verb)
+    return clause._replace(form=form, reworded=True, seconds=clause.seconds or _HELD_SECONDS)
   said = {word.lower() for word in (*clause.before, *clause.words)}
   way = [word for word in meaning.manner if word in _WAYS and said.isdisjoint(_WAYS)]
   manner = [word for word in meaning.manner if word not in _WAYS and not any(map(pace_of, said))]

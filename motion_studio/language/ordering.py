@@ -68,7 +68,12 @@ def _and_is_simultaneous(group, clause):
   every = [*group, clause]
   if not can_be_simultaneous(group, clause) or any(one.steps for one in group):  # "takes three steps and waves"
     return False
+  if any(one.part == "arms" and one.verb != "lift" and not actions.stays_low(one.verb, one.part, lower(one.words))
+         for one in every):  # "picks it up and walks on"
+    return False
   parts = {one.part for one in every}
+  if "body" in parts:
+    return all(is_participle(one.form) for one in every)  # "dancing and clapping"
   if "legs" in parts:
     return parts <= {"legs", "arms", "head"} and all(
         actions.is_continuous(one.verb, lower(one.words)) or is_participle(one.form)  # "is sitting and clapping"

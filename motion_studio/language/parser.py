@@ -10,7 +10,7 @@ that no rule covers stay with the action before them: "up and down", "back and f
 import re
 from collections.abc import Callable
 
-from motion_jax.text.morphology import is_participle, third_person
+from motion_jax.text.morphology import is_participle, third_person, verb_of
 from motion_studio.language import actions, lexicon
 from motion_studio.language.clause import lower
 from motion_studio.language.clauses import clauses_of, fragments_of
@@ -27,6 +27,8 @@ _TAKEN_TURN = re.compile(r"\b(?:take|takes|taking) (?:a|the|another) (?:left|rig
 _ON_THE_WAY = re.compile(r" on (?:the|his|her|their) way\Z")
 _TURN_TO_A_SIDE = re.compile(r"(?:\w+ly )?(?:turns?|walks? and makes? a) (?:\w+ly )?(?:to (?:the|his|her|their) )?"
                              rf"(?:left|right)(?: turn)?(?:{_ON_THE_WAY.pattern})?")
+_WAY_BACK = re.compile(r"((?:\w+ly )?\w+) back\b(?!wards?\b| and forth)"
+                       r"(?: (?:to|the way|where|towards?|in the)\b.*)?")
 _NOT_FORWARD = frozenset("backward backwards back sideways turns turn circle around diagonally".split())
 _HANDS_UP = re.compile(r"\bwith (?:(?:his|her|their|its|the|a|an|one|both) )*((?:left |right )?)(hands?|arms?) "
                        r"(?:(?:held|stretched|lifted) )?(?:raised|lifted|up|in the air|high|overhead|"
@@ -70,8 +72,26 @@ def _segments(text, fragments, known, meanings):
   if _TAKEN_TURN.search(text) and not any(
       one.simultaneous or is_a(one.action.verb, "run") for one in segments):
     segments = [segment._replace(action=_as_walked_turn(segment.action)) for segment in segments]
-  found = with_poses(segments, who)
+  found = with_poses(_with_ways_back(segments), who)
   return None if Plan(text, found).is_plain else found
+
+
+def _with_ways_back(segments):
+  """The segments, of which a turn before a walk back goes around, and the walk is one ahead, to where one came from."""
+  found = list(segments)
+  for place, (turn, back) in enumerate(zip(segments, segments[1:])):
+    one, other = turn.action, back.action
+    if not (_WAY_BACK.match(other.words) and is_a(other.verb, "walk", "run")) or turn.simultaneous or not (
+        one.verb in lexicon.TURNING or one.verb == "swing" and "around" in one.words.split()):
+      continue
+    sides = {"left", "right"} & set(one.words.lower().split())
+    words = " ".join(["turns around", *(f"to the {side}" for side in sides if len(sides) == 1)])
+    found[place] = turn._replace(action=one._replace(
+        prompt=f"{one.subject} {words}", words=words, part="legs", verb="turn", reworded=True))
+    words = _WAY_BACK.sub(r"\1 forward", other.words)
+    found[place + 1] = back._replace(action=other._replace(
+        prompt=f"{other.subject} {words}", words=words, reworded=True, goes_back=True))
+  return found
 
 
 def _on_the_way(segments, text):
@@ -128,7 +148,8 @@ def _action(clause, subject):
   who, words = " ".join(subject), _words_of(clause, subject)
   said = [word for word in lower(clause.words) if word.isalpha()]
   rest = set(said) - lexicon.SHORT_TIMES
-  stands = clause.verb in ("stand", "stay") and said[:1] == ["still"] and lexicon.LIMBS.isdisjoint(said)
+  stands = clause.verb in ("stand", "stay") and said[:1] == ["still"] and lexicon.LIMBS.isdisjoint(said) or (
+      clause.verb == "stand" and not clause.words and not is_participle(clause.form))
   if stands or clause.verb in lexicon.PAUSING_VERBS and not (clause.verb == "rest" and rest) or (
       clause.verb in ("finish", "quit") and not said):
     return Action(f"{who} {PAUSE}", PAUSE, "legs", verb="stand", reworded=clause.reworded, subject=who)
@@ -144,7 +165,8 @@ def _words_of(clause, subject):
       len(subject) > 1 and lexicon.NUMBERS.get(subject[0], 1) > 1)
   form = clause.form
   if form == clause.verb or is_participle(form):
-    form = clause.verb if is_plural else third_person(clause.verb)
+    base = verb_of(form) if is_participle(form) else clause.verb
+    form = base if is_plural else third_person(base)
   words = " ".join([*lower(clause.before), form, *clause.words])
   return re.sub(r"\s+([,.;:!?%)])", r"\1", words).rstrip(" .,;:!?-–—").replace("( ", "(")
 
@@ -163,6 +185,11 @@ RULES = (
     Rule("Raised hands", "\"with the right hand raised\": the hand stays up during the action.", {
         "a person walks with the right hand raised": "walks + raises the right hand",
         "a person walks with both arms up then sits": "walks + raises both hands | sits"}),
+    Rule("Ways back",
+         "A turn before a walk back goes around, and the walk goes ahead, to where the body came from.", {
+        "a person walks forward, turns and walks back to where he started":
+            "walks forward | turns around | walks forward",
+        "someone runs ahead, spins to the left and runs back": "runs ahead | turns around to the left | runs forward"}),
     Rule("Taken turns", "Taking a turn is part of a walk, not a turn on the spot, unless the sentence has a run.", {
         "the person takes a right turn": "walks and makes a right turn",
         "a person takes a left turn, then right": "walks and makes a left turn | walks and makes a right turn",

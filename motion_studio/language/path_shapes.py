@@ -7,8 +7,6 @@ from motion_studio.language import lexicon
 from motion_studio.language.meaning import is_a, kind_of, pace_of
 from motion_studio.language.segments import Action
 
-_SPELT = ((r"\b(counter|anti)[- ]?clock-?wise\b", "counterclockwise"), (r"\bzig[- ]zag", "zigzag"),
-          (r"\bsemi[- ]?circle|\bhalf(?: of)? an? circle|\bhalf-circle", "half circle"), (r"\bu turn", "u-turn"))
 # Where words about the path end.
 _BESIDE = re.compile(r",| (?:with|while|starting|leading|dragging|leaning|kicking|waving|looking)\b")
 _LIMBS = re.compile(r"\b(?:arms?|hands?|legs?|knees?|head|hips?|fingers?|foot|feet|toes?|shoulders?|wrists?|ankles?|"
@@ -53,8 +51,6 @@ def is_gait(verb: str) -> bool:
 def _shapes_of(verb, words):
   """Shape and pace of the path of one action; none of other actions, of walks in place and of two paths in one."""
   words = words.lower()
-  for spelt, usual in _SPELT:
-    words = re.sub(spelt, usual, words)
   kind = kind_of(verb, "walk", "run")
   gait, manner = (kind.verb, kind.manner) if kind else ("", ())
   own = _BESIDE.split(words, maxsplit=1)[0]

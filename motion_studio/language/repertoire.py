@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from motion_jax.text.captions import without_subject
-from motion_jax.text.morphology import possible_bases, verb_of
+from motion_jax.text.morphology import base_form, possible_bases, verb_of
 from motion_jax.text.tagger import tag_words
 from motion_jax.utils import cache
 from motion_studio.language import lexicon
@@ -31,8 +31,16 @@ _MANNER = re.compile(
     r"energetically|stealthily|casually|calmly|leisurely|gently|carefully)|at an? [\w-]+ (?:pace|speed)|"
     r"in a normal way|once|twice|thrice|(?:two|three|four|five|six|seven|eight|nine|ten|\d+) times(?: in a row)?|"
     r"for (?:a|one|two|three|four|five|six|ten|\d+) (?:moment|while|seconds?|minutes?))\b")
-_NO_THINGS = set("arm hand wrist elbow fist finger shoulder leg knee foot feet heel toe ankle thigh head chin neck "
+_NO_THINGS = set("circle circles direction middle right left "
+                 "arm hand wrist elbow fist finger shoulder leg knee foot feet heel toe ankle thigh head chin neck "
                  "torso hip waist chest body back face spot place side way air time direction line person".split())
+# Where something is done: over, under, up a thing; a hand at the face.
+_OVER = re.compile(r"\b(over|onto|under|through|across|into|off|up|down) (?:(?:and|on|onto|over) )*"
+                   r"(?:(something|it)|(?:an?|the|some) (?:\w+ )?(\w+))\b")
+_AT_A_PART = re.compile(r"\b(?:to|at|on|onto|near|against|over|of|behind|around) (?:the|his|her|their|its|a|one) "
+                        r"(head|face|mouth|ears?|hips?|chest|stomach|chin|eyes?|nose)\b(?! level)")
+_UNNAMED = re.compile(r"\b(?:something|(?:an?|the|some) (?:object|thing|item))\b")
+_OVER_THE_HEAD = re.compile(r"\b(?:over|above) (?:the|his|her|their|its) heads?\b")
 _WALKS = {"go", "move", "step"}
 
 
@@ -82,9 +90,14 @@ class Repertoire:
     near = [phrase for cosine, phrase in nearest if cosine >= NEAR]
     own = _kinds(plan.actions)
     same = not own or any(own & _verbs_of(phrase) for phrase in near)
-    things = _things(phrase_of(sentence)) & self._words  # words of no caption have a note of their own
-    alike = [phrase for phrase in near if things <= _things(phrase)]
-    return Judgement(bool(near) and same, bool(near) and len(alike) <= _FEW and nearest[0][0] < _EQUAL, nearest)
+    said = phrase_of(sentence)
+    # Words of no caption have a note of their own, but for those that the notes leave out.
+    things = (_things(said) & self._words) | _places(said)
+    if _UNNAMED.search(said) and any(action.part == "arms" for action in plan.actions):
+      things |= {"thing"}  # "throws an object"
+    alike = [phrase for phrase in near if things <= _things(phrase) | _places(phrase)]
+    equal = bool(alike) and nearest[0][0] >= _EQUAL and nearest[0][1] == alike[0]
+    return Judgement(bool(near) and same, bool(near) and len(alike) <= _FEW and not equal, nearest)
 
   def suggestions(self, sentence: str, num: int = 3) -> list[str]:
     """The nearest phrases with different verbs, after the first: what the model can do instead."""
@@ -103,6 +116,15 @@ def _things(phrase):
   """The nouns of a phrase in base form, without body parts: things that are kicked, climbed, opened."""
   tagged = tag_words(phrase.split())
   return frozenset(word for word, tag in tagged if tag == "NOUN" and not verb_of(word) and word not in _NO_THINGS)
+
+
+@functools.lru_cache(maxsize=1 << 12)
+def _places(phrase):
+  """Where a phrase has something done, beside the ground: {"over"} a thing, at the {"face"}."""
+  phrase = _OVER_THE_HEAD.sub("", phrase)
+  things = ((found[1], found[2] or found[3]) for found in _OVER.finditer(phrase))
+  over = {"over" if how == "across" else how for how, thing in things if not base_form(thing, _NO_THINGS)}
+  return frozenset(over | {found[1].removesuffix("s") for found in _AT_A_PART.finditer(phrase)})
 
 
 @functools.lru_cache(maxsize=1 << 12)

@@ -1,9 +1,10 @@
 """What actions require of a motion, as far as it can be measured on joints: `checks.violations` measures it."""
+import math
 import re
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from motion_jax.text.morphology import base_form
+from motion_jax.text.morphology import base_form, verb_of
 from motion_studio.language import lexicon
 from motion_studio.language.meaning import is_a
 from motion_studio.language.path_shapes import BENT, is_gait, path_shapes_of
@@ -14,13 +15,20 @@ _TURNING = re.compile(r"\bturn(?:s|ing)(?: (?:around|back|sharply|gently|quickly
 COUNTED = {"kick", "punch", "jump", "hop", "squat", "bow"}  # events of which each is one repetition
 # Degrees, least and most, of a turn by its words; a number in the text may be missed by _NEAR, or by a fifth of it.
 _DEGREES = (({"full", "all", "fully", "completely"}, (290, 430)), ({"corner"}, (40, 140)),
-            ({"around", "round", "about", "back"}, (130, 230)), ({"left", "right"}, (40, 140)))
+            ({"circle", "circles"}, (290, math.inf)), ({"around", "round", "about", "back"}, (130, 230)),
+            ({"left", "right"}, (40, 140)))
 _NEAR = 40
+_RETURNS = re.compile(r"\bback(?! and forth)\b|^returns?\b|"
+                      r"\bto (?:the|his|her|their) (?:starting|start|original)\b")
+_OTHER_WAY = re.compile(r"\bturn|\bback|\bleft and\b|\bright and\b")
+_SIDE = (r"(?:(?:to|toward|towards) (?:(?:the|his|her|their|its) )?)?(left|right)(?: side)?"
+         r"(?! (?:hands?|arms?|leg|foot|feet|knee|then))\b")
+_ASIDE = re.compile(rf"\w+(?: \w+ly| around (?:a|the) (?:bend|corner)| forwards?| ahead| and| sideways)* {_SIDE}")
 
 
 class Requirement(NamedTuple):
   """One thing that a motion has to show: an event, a state of the body, or the shape or pace of its path."""
-  kind: str      # "kick", "seated", "circle", "slowly", ...
+  kind: str      # "kick", "seated", "circle", "slowly", "stays", "aside", ...
   side: str      # "left", "right", "backward" for walks, "walk" or "run" for paces; "" for any
   times: int     # repetitions
   counted: bool  # exactly this number of them, otherwise at least
@@ -37,7 +45,7 @@ def requirements_of(actions: "Sequence[Action]", text: str) -> list[Requirement]
   states = [(kind, "") for kind in _states(actions)]
   climbs = {_climbs(action) for action in actions} - {""}
   climbs = [(kind, "") for kind in climbs] if len(climbs) == 1 else []  # up and down again: neither can be measured
-  found = {key: Requirement(*key, 1, False) for key in (*states, *shapes, *climbs)}
+  found = {key: Requirement(*key, 1, False) for key in (*states, *shapes, *climbs, *_places(actions, shapes))}
   for action in actions:
     if is_a(action.verb, "run") and not action.is_pose:
       found["run", ""] = Requirement("run", "", 1, False)
@@ -66,17 +74,55 @@ def _states(actions):
     yield "rise"
 
 
+def _places(actions, shapes):
+  """Requirements about where the body goes, of the only action that may go anywhere: none, to a side, or back."""
+  going = [action for action in actions if action.part in ("legs", "body", "") and (
+      action.verb not in lexicon.STAYING_VERBS or action.verb == "jump")]
+  words = [action.words.lower() for action in going]
+  gaits = [is_gait(action.verb) or action.verb in ("go", "return", "come") for action in going]
+  if len(going) == 1 and going[0].part == "legs":
+    verb = going[0].verb
+    if lexicon.IN_PLACE.search(words[0]) or is_a(verb, "turn", "spin") and _goes_nowhere(words[0]):
+      yield "stays", ""
+    if is_gait(verb) and lexicon.IN_PLACE.search(words[0]):
+      yield "treads", ""
+    side = _ASIDE.match(words[0])
+    if side and (gaits[0] or verb in {*lexicon.STEPPING, "jump", "hop"}) and not (
+        any(shape.kind in BENT for shape in shapes) or _OTHER_WAY.search(words[0])):
+      yield "aside", side[1]
+  away = next((i for i, gait in enumerate(gaits) if gait), len(gaits))
+  last = [at for at in range(away + 1, len(going)) if gaits[at]]
+  if len(last) == 1 and (going[last[0]].goes_back or _RETURNS.search(words[last[0]])):
+    yield "return", ""
+
+
+def _goes_nowhere(words):
+  return not re.search(r"\b(?:while|walk|run|jog|on (?:the|his|her|their) way|corner|and)\b", words)
+
+
 def _event_of(action, shapes):
   """(kind, side) of the event of an action; (None, "") where it has none."""
   said, kind, side = action.words.lower().replace(",", " ").split(), lexicon.EVENTS.get(action.verb), ""
   words = set(said)
   if action.verb == "walk" and words & {"backward", "backwards"}:
     kind, side = "step" if action.counts_steps else "walk", "backward"
-  if action.verb == "walk" and "sideways" in words and not words & lexicon.PATH_NOUNS:
+  if (is_gait(action.verb) or action.verb in lexicon.STEPPING) and not words & lexicon.PATH_NOUNS and (
+      "sideways" in words or action.verb == "sidestep"):
     kind = "sideways"
+  if action.verb in lexicon.LIGHT_VERBS and kind is None:
+    kind = lexicon.EVENTS.get(verb_of(_head_noun(said[1:])))  # "does a couple of small kicks"
+  if action.verb == "bend" and action.part == "torso" and words & lexicon.BENT_BODY:
+    kind = "bend"
+  if action.part == "legs" and action.verb in ("raise", "lift"):
+    kind = "foot"
+  if action.verb in ("balance", "stand", "stay") and re.search(r"\bon (?:\w+ ){1,2}(?:leg|foot)\b", " ".join(said)):
+    kind = "balance"
+  if kind == "turn" and action.part not in ("legs", ""):  # "rotates the wrists"
+    kind = None
   if action.verb == "lie" and "down" in words:
     kind = "lie"
-  if action.verb in ("raise", "lift") and action.part == "arms" and words - {action.verb + "s"} <= lexicon.RAISED:
+  if action.verb in ("raise", "lift") and action.part == "arms" and (
+      not words & lexicon.NOT_RAISED or words & lexicon.UP) and words & lexicon.ARMS:
     kind, side = "raise", "both" if len(action.sides) == 2 else next(iter(action.sides), "")
   if action.verb in lexicon.STRIKES and words & lexicon.FISTS:
     kind = "punch"
@@ -89,6 +135,13 @@ def _event_of(action, shapes):
   if kind in lexicon.SIDED_EVENTS and not side and len(named) == 1:
     side = named.pop()
   return kind, side
+
+
+def _head_noun(words):
+  """The last word of the noun phrase that an object is: "kicks" of "a couple of small kicks with the left leg"."""
+  end = next((i for i, word in enumerate(words) if word in {*lexicon.AFTER_A_NOUN, "and"} - {"forward", "high"}
+              and i and words[i - 1] not in ("a", "the")), len(words))
+  return words[end - 1] if end else ""
 
 
 def is_counted(requirements: Sequence[Requirement]) -> bool:

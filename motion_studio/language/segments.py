@@ -18,6 +18,7 @@ class Action(NamedTuple):
   reworded: bool = False  # differs from the text: "bows" for "takes a bow"
   counts_steps: bool = False  # a walk of a given number of steps
   subject: str = ""  # "a person"
+  goes_back: bool = False  # a walk to where the walk before it began
 
   @property
   def prompt_with_count(self) -> str:

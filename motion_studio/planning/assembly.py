@@ -64,7 +64,9 @@ def _with_pauses(joints, segments, spans, lengths, layers, skeleton):
       # afterwards, as they do in the sampled motion.
       done = place == len(segments) - 1 or pose == "low" and all(one.is_pause for one in segments[place:])
       ends = done and not (pose == "arms" and segment.seconds)
-      joints, first, past = insert_pause(joints, at, count, skeleton, ends, exact=pose is not None)
+      # Most of what comes before is done, be it a single step.
+      earliest = found[-1][0] + 2 * (at - found[-1][0]) // 3 if found else 0
+      joints, first, past = insert_pause(joints, at, count, skeleton, ends, pose is not None, earliest)
       if found:
         found[-1] = (found[-1][0], first)
       found.append((first if found else 0, past))

@@ -10,7 +10,7 @@ from motion_jax.utils.numerals import as_float, require_numbers
 from motion_studio.language import Action, Plan, Segment, parse, pause
 from motion_studio.language.actions import cycle_of, is_counted_one_by_one
 from motion_studio.language.lexicon import LOW
-from motion_studio.language.path_shapes import min_duration
+from motion_studio.language.path_shapes import is_gait, min_duration
 
 LONGEST = 3600     # seconds of a plan
 _REST = 2.0        # seconds of standing still
@@ -28,10 +28,16 @@ _GET_DOWN = 2.8
 
 def usual_frames(planner: Any, plan: Plan) -> list[int]:
   """Frames of each segment: as the prompt says, or the usual length of its longest action, times its repetitions."""
-  return [round(segment.seconds * planner.fps) if segment.seconds else
-          max([_least_frames(planner, segment, then), *(_action_frames(planner, action) for action in segment.sampled)])
-          if segment.sampled else round(_REST * planner.fps)
-          for segment, then in zip(plan.segments, (*plan.segments[1:], None))]
+  counts: list[int] = []
+  away = 0  # frames of the last walk or run, which the way back takes again
+  for segment, then in zip(plan.segments, (*plan.segments[1:], None)):
+    counts.append(round(segment.seconds * planner.fps) if segment.seconds else
+                  away if segment.action.goes_back and away else
+                  max(_least_frames(planner, segment, then),
+                      *(_action_frames(planner, one) for one in segment.sampled))
+                  if segment.sampled else round(_REST * planner.fps))
+    away = counts[-1] if is_gait(segment.action.verb) else away
+  return counts
 
 
 def _least_frames(planner, segment, then):

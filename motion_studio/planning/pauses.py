@@ -17,17 +17,18 @@ _UP = 5.0         # weight of a foot's height, per metre, against its speed in m
 
 
 def insert_pause(joints: Num[np.ndarray, "t j 3"], at: int, count: int, skeleton: Skeleton, ends: bool = False,
-                 exact: bool = False) -> tuple[Float[np.ndarray, "n j 3"], int, int]:
+                 exact: bool = False, earliest: int = 0) -> tuple[Float[np.ndarray, "n j 3"], int, int]:
   """(joints (T + count, J, 3) that stand still for about `count` frames near frame `at`, the pause's first frame, the
   frame past its last).
 
   The pause begins where both feet are on the ground and slow; the body stops within 0.4 s and continues as before, so
   no foot slides that did not slide before. A foot that is in the air even there, as in running, is put down below its
   hip. at = 0: the body stands from the first frame on, and what came before its best stand is dropped. ends: the
-  motion ends in the pause. exact: at frame `at` itself, in the pose it has there (`held_frame`). float32.
+  motion ends in the pause. exact: at frame `at` itself, in the pose it has there (`held_frame`). earliest: frame before
+  which no pause begins that is not exact. float32.
   """
   joints = np.asarray(joints, np.float64)
-  stop = min(at, len(joints) - 1) if exact else _best_stand(joints, at, skeleton)
+  stop = min(at, len(joints) - 1) if exact else _best_stand(joints, at, earliest, skeleton)
   ease = min(_EASE, 2 * stop, count // 2 * 2)
   # At half the speed on average, stopping takes twice the frames that are passed on the way.
   slow = stop - ease / 2 + _eased(ease)
@@ -93,10 +94,10 @@ def _eased(count):
   return count * (k - k ** 2 / 2)
 
 
-def _best_stand(joints, at, skeleton):
+def _best_stand(joints, at, earliest, skeleton):
   feet = joints[:, [*skeleton.left_feet, *skeleton.right_feet]] * skeleton.unit
   speed = np.linalg.norm(np.gradient(feet, axis=0), axis=-1).sum(-1) * skeleton.fps if len(joints) > 1 else np.zeros(1)
   height = (feet[..., 1] - feet[..., 1].min(0)).sum(-1)
-  first = max(at - _BEFORE, 0)
+  first = max(at - _BEFORE, min(earliest, at), 0)
   past = min(at + _BEHIND, len(joints))
   return first + int(np.argmin((speed + _UP * height)[first:past])) if past > first else len(joints) - 1

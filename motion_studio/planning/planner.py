@@ -4,6 +4,7 @@ from typing import Any
 
 from motion_studio.language import Action, Plan, Segment, parse
 from motion_studio.language.meaning import Meanings
+from motion_studio.language.plain_words import in_plain_words
 from motion_studio.language.repertoire import Repertoire
 from motion_studio.planning.phrasing import in_words_of_captions, wants_words_of_captions
 
@@ -35,6 +36,11 @@ class Planner:
     found = parse(prompt, self.model.captions.knows, self.meanings)
     if not self.can_sequence:
       return found.with_segments((Segment(Action(prompt, prompt)),))
+    return in_words_of_captions(found) if wants_words_of_captions(self.model.config) else found
+
+  def in_plain_words(self, plan: Plan) -> Plan:
+    """The plan with actions in plain words (`language.plain_words`), as this model learned them."""
+    found = in_plain_words(plan) if self.can_sequence else plan
     return in_words_of_captions(found) if wants_words_of_captions(self.model.config) else found
 
   def natural_frames(self, prompt: str, min_seconds: float = 0.0) -> int:

@@ -10,6 +10,7 @@ from motion_jax.models.results import Motion
 from motion_jax.motion.representations import get_layout
 from motion_studio.checks.resampling import best_of
 from motion_studio.language import parse
+from motion_studio.language.plain_words import in_plain_words
 from motion_studio.planning.job import Job
 
 JUMPS = "a person jumps"
@@ -27,7 +28,7 @@ class Sampler:
     self.model = SimpleNamespace(
         sampling=lambda **given: SimpleNamespace(guidance_scale=guidance_scale), stats=SimpleNamespace(
             layout=get_layout("full")), config=SimpleNamespace(data=SimpleNamespace(mode="benchmark")), fps=20.0)
-    self.planner = SimpleNamespace(model=self.model, fps=20.0, plan=parse)
+    self.planner = SimpleNamespace(model=self.model, fps=20.0, plan=parse, in_plain_words=in_plain_words)
 
   def __call__(self, job, independent=False):
     self.jobs.append(job)

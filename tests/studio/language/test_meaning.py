@@ -55,7 +55,7 @@ def test_known_actions_follow_from_the_captions():
 def test_the_requirements_are_those_of_the_meaning(meanings):
   kinds = lambda text: [(one.kind, one.side) for one in parse(text, lambda text: False, meanings).requirements]
   assert kinds("a person retreats") == [("walk", "backward")]
-  assert kinds("a person pivots to the left") == [("turn", "left")]
+  assert kinds("a person pivots to the left") == [("stays", ""), ("turn", "left")]
   assert ("slowly", "walk") in kinds("a person ambles")
 
 

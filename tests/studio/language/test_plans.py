@@ -26,7 +26,7 @@ COMPOSED = {
     "a person picks up a cup, drinks from it and puts it down": "picks up a cup | drinks from it | puts it down",
     "a person punches and kicks": "punches | kicks",
     "a person raises both arms and lowers them": "raises both arms | lowers them",
-    "a person turns around and walks back": "turns around | walks back",
+    "a person turns around and walks back": "turns around | walks forward",
     "a person runs, jumps, and lands": "runs | jumps | lands",
     "a person bows and waves": "bows | waves",
     "a person stretches, bends and twists": "stretches | bends | twists",
