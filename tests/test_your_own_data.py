@@ -127,6 +127,13 @@ def test_a_folder_beside_others_is_read_clip_by_clip_without_its_mirrored_copies
   assert config.data.mirror, "they are made anew, for all folders alike"
 
 
+def test_the_smallest_size_trains_on_a_folder_that_is_given(mine, tmp_path):
+  config, _ = fit.resolve(data_of("tiny", folder=str(mine)))
+  assert config.data.name == "humanml3d" and config.data.folder == str(mine)
+  with pytest.raises(FileNotFoundError, match="there is no folder"):
+    fit.resolve(data_of("tiny", folder=str(tmp_path / "none")))
+
+
 def test_recognition_leaves_alone_what_is_none_of_its_business(mine):
   synthetic = data_of("tiny")
   assert sources.recognize(synthetic) == "" and synthetic.data.name == "synthetic"

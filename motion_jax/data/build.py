@@ -82,8 +82,8 @@ def read_captures(folder, captions=None, mapping=None, fps=20.0, progress=False,
     else:
       unknown.append(row["file"])
   if unknown:
-    raise InputError(f"the captions name {len(unknown)} files that {folder} lacks, the first are "
-                     f"{named(unknown, 3)}; it has {', '.join(list(files)[:3])}, ...")
+    raise InputError(f"the captions name files that {folder} lacks: {named(unknown, 3)}; it has "
+                     f"{named(files, 3)}")
   mapping = read_mapping(mapping)
   clips = []
   for name, own in tqdm.tqdm(rows.items(), desc="files", unit="file", disable=not progress):
@@ -211,8 +211,9 @@ def _find_captions(folder):
   for suffix in (".csv", ".tsv", ".jsonl"):
     if (folder / f"captions{suffix}").is_file():
       return folder / f"captions{suffix}"
-  raise FileNotFoundError(f"{folder} has no captions.csv, .tsv or .jsonl; give a captions file with the columns file, "
-                          "caption and perhaps start, end, split")
+  raise FileNotFoundError(f"{folder} has no captions.csv, .tsv or .jsonl with the columns file, caption and perhaps "
+                          f"start, end, split; motion-jax data describe {folder} --out {folder / 'captions.csv'} "
+                          "describes the motions by their joints")
 
 
 def _id(name):

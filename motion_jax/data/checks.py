@@ -211,5 +211,5 @@ class Body:
     if not self.floors:
       return []
     slide = f", {1000 * np.median(self.slides):.1f} mm a frame while low" if self.slides else ""
-    return [("feet", f"stand at {1000 * np.median(self.floors):.0f} mm (5 % to 95 %: "
-             f"{1000 * np.percentile(self.floors, 5):.0f} to {1000 * np.percentile(self.floors, 95):.0f}){slide}")]
+    middle, low, high = (round(1000 * np.percentile(self.floors, share)) for share in (50, 5, 95))
+    return [("feet", f"stand at {middle} mm (5 % to 95 %: {low} to {high}){slide}")]

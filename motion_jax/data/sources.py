@@ -71,21 +71,28 @@ def recognize(config):
 
   config: an unlocked copy, as `fit.resolve` makes it. If data.name is a data set that is read clip by clip, data.name
   and data.folder or data.folders are set to what the folders hold: a single folder is configured by its own data set
-  (`Dataset.configure`), several are read clip by clip as "archive". Other data sets are used as named.
+  (`Dataset.configure`), several are read clip by clip as "archive". Data that are made, not read, give way to folders
+  of any kind, so that the size tiny trains on them. Other data sets are used as named.
   """
   data = config.data
-  if data.name not in DATASETS or not DATASETS[data.name].by_clip:
+  if data.name not in DATASETS or not _gives_way(DATASETS[data.name]):
     return ""
   folders = tuple(data.get("folders", ())) or ((data.folder,) if data.get("folder") else ())
   if not folders:
     return ""
   if data.get("folder") and data.get("folders"):
     raise InputError(f"got data.folder {data.folder!r} and data.folders {tuple(data.folders)}; give one of them")
+  if len(folders) == 1 and not DATASETS[data.name].in_folders:
+    return dataset_of(folders[0]).configure(data, folders[0])
   datasets = [_readable_by_clip(folder) for folder in folders]
   if len(folders) == 1:
     return datasets[0].configure(data, folders[0])
   data.update(name="archive", folder="", folders=folders)
   return "" if {one.name for one in datasets} == {"archive"} else f"data: {len(folders)} folders, read clip by clip"
+
+
+def _gives_way(dataset):
+  return dataset.by_clip or not dataset.in_folders
 
 
 def _readable_by_clip(folder):
