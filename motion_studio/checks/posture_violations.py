@@ -16,7 +16,7 @@ _TREADS = 0.07         # metres by which each foot is lifted, twice or more, by 
 _STAYS, _AWAY = 0.6, 0.8  # metres from where it began: of a body that stays there, and of one that goes away at least
 _BACK = 0.4            # of the furthest distance, from which a body has come back
 _ASIDE, _ASIDE_DEGREES = 0.6, (35.0, 145.0)  # metres on the way to a side, and degrees from where the body faced
-_MOVES, _DANCES = 0.25, (0.65, 0.55)  # speed of hands and feet against the pelvis, and its least share of a dance
+_MOVES, _DANCES = 0.25, (0.5, 0.4)  # speed of hands and feet against the pelvis, and its least share of a dance
 
 
 def not_bent(body: Body) -> float:

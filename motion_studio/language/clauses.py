@@ -123,10 +123,13 @@ def clauses_of(fragments, keep_together):
 
 
 def _is_no_action(clause, then):
-  """Whether a clause in front says no more than where somebody is: "starts in a spot", "a man standing" (waves)."""
+  """Whether a clause in front says no more than where somebody is: "starts in a spot", "a man standing" (waves),
+  "from a standing position"."""
   if clause.verb in lexicon.STARTING:
     return clause.words[:1] and clause.words[0].lower() in lexicon.AT_A_PLACE
   kind, between, _ = then
+  if clause.verb in lexicon.IDLE and lower(clause.before)[:1] == ["from"]:
+    return True
   return clause.verb in lexicon.IDLE and is_participle(clause.form) and kind == "then" and not between
 
 

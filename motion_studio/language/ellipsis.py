@@ -5,6 +5,7 @@ Two lists of rules, both tried in order: `CONTINUATIONS` after any connector, `V
 import re
 
 from motion_studio.language import lexicon
+from motion_studio.language.actions import sides_of
 from motion_studio.language.clause import Clause, lower
 from motion_studio.language.counting import without_times
 from motion_studio.language.light_verbs import reworded
@@ -100,7 +101,8 @@ def _direction(previous, tokens, words):
   said, adverbs = lower(previous.words), {word for word in words if word.endswith("ly")}
   known = lexicon.DIRECTIONS | {"to", "the"} | lexicon.POSSESSIVES | adverbs
   is_direction = words and words != ["again"] and set(words) <= known
-  of_a_limb = lexicon.LIMBS.intersection(said) and words and words[-1] in lexicon.SIDES and "to" not in words
+  one_limb = len(sides_of(said)) < 2 and lexicon.LIMBS.intersection(said)
+  of_a_limb = one_limb and words and words[-1] in lexicon.SIDES and "to" not in words
   if not is_direction or of_a_limb or not lexicon.DIRECTIONS.intersection(said):
     return None
   shape = _SHAPE.match(" ".join(previous.words))  # "in a circle to the left, then to the right"
@@ -131,7 +133,9 @@ def _steps(previous, tokens, words):
 def _other_limb(previous, tokens, words):
   said = lower(previous.words)
   limb = next((word for word in said if word in lexicon.LIMBS), "")
-  if not words or not set(words) <= lexicon.POSSESSIVES | lexicon.LIMBS | lexicon.BEFORE_A_LIMB or not (
+  if not words or words[-1] not in lexicon.LIMBS and len(sides_of(said)) == 2:
+    return None  # "with both arms to the right, then left"
+  if not set(words) <= lexicon.POSSESSIVES | lexicon.LIMBS | lexicon.BEFORE_A_LIMB or not (
       words[-1] in lexicon.LIMBS or limb and words[-1] in (*lexicon.SIDES, "other")):
     return None
   start = [word for word in ("with", "on") if word in previous.words and word not in words][:1]

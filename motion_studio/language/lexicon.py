@@ -73,7 +73,7 @@ HELD = "held"  # a manner: the pose is kept for a while
 OWN_MEANINGS = {
     "hurry": Target("walk", 1.0, ("quickly",)), "rush": Target("walk", 1.0, ("quickly",)),
     "wander": Target("walk", 1.0), "circle": Target("walk", 1.0), "zigzag": Target("walk", 1.0),
-    "return": Target("walk", 1.0), "march": Target("walk", 1.0, (LOST,)),
+    "return": Target("walk", 1.0, ("back",)), "march": Target("walk", 1.0, (LOST,)),
     "sidestep": Target("walk", 1.0, ("sideways",)), "crouch": Target("squat", 1.0, (HELD,))}
 # Words of pace that WordNet counts among the lively, and words of its clusters of fast and slow that are manners.
 OWN_PACES = {"brisk": "quickly", "briskly": "quickly"} | dict.fromkeys(

@@ -8,13 +8,14 @@ from motion_studio.language.meaning import is_a, kind_of, pace_of
 from motion_studio.language.segments import Action
 
 # Where words about the path end.
-_BESIDE = re.compile(r",| (?:with|while|starting|leading|dragging|leaning|kicking|waving|looking)\b")
+_BESIDE = re.compile(r",(?! (?:counter)?clockwise)| (?:with|while|starting|leading|dragging|leaning|kicking|waving|"
+                     r"looking)\b")
 _LIMBS = re.compile(r"\b(?:arms?|hands?|legs?|knees?|head|hips?|fingers?|foot|feet|toes?|shoulders?|wrists?|ankles?|"
                     r"elbows?|torso|waist|chest|neck|air)\b")
 _NONE = re.compile(r"\b(?:then|in place|on the spot)\b")  # several paths in one, or no path
 _SIZE = r"(?:(?:full|whole|complete|big|small|large|wide|tight|little|single|clockwise|counterclockwise|few) )*"
 _SHAPES = {shape: re.compile(words) for shape, words in {  # the first that matches; "" is no shape
-    "": r"\bquarters?\b|\d ?/ ?\d|\bhalf ?-?way\b|\barc\b|\bdegrees?\b|\band a half\b|\bcircle of\b",
+    "": r"\bquarters?\b|\d ?/ ?\d|\bhalf ?-?way\b|\barc\b|\bdegrees?\b|\band a half\b|\bcircle of\b|clockwise from\b",
     "u-turn": r"\bu-turn|\bhalf circle",
     "zigzag": r"\bzigzag",
     "circle": rf"\bin (?:an? |one |two |three )?{_SIZE}circles?\b|\bcircular\b|\b\w+s (?:around )?(?:an? |one |two "

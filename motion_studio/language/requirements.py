@@ -18,7 +18,7 @@ _DEGREES = (({"full", "all", "fully", "completely"}, (290, 430)), ({"corner"}, (
             ({"circle", "circles"}, (290, math.inf)), ({"around", "round", "about", "back"}, (130, 230)),
             ({"left", "right"}, (40, 140)))
 _NEAR = 40
-_RETURNS = re.compile(r"\bback(?! and forth)\b|^returns?\b|"
+_RETURNS = re.compile(r"^(?:\w+ly )?\w+(?: \w+ly)? back(?! and forth)\b|^returns?\b|"
                       r"\bto (?:the|his|her|their) (?:starting|start|original)\b")
 _OTHER_WAY = re.compile(r"\bturn|\bback|\bleft and\b|\bright and\b")
 _SIDE = (r"(?:(?:to|toward|towards) (?:(?:the|his|her|their|its) )?)?(left|right)(?: side)?"

@@ -70,8 +70,9 @@ def test_who_walks_turning_to_a_side_turns():
   assert parse("walks to the right, turning to the left").requirements[-1][:2] == ("turn", "left")
   assert [one.kind for one in parse("walks in a circle, turning left").requirements] == ["circle", "usual"]
   assert parse("a person steps to the right while looking around").requirements == [
-      Requirement("sideways", "right", 1, False)]
-  assert [one.kind for one in parse("someone walks and makes a u turn to the left").requirements] == ["u-turn"]
+      Requirement("aside", "right", 1, False), Requirement("sideways", "right", 1, False)]
+  assert [one.kind for one in parse("someone walks and makes a u turn to the left").requirements] == [
+      "u-turn", "usual"]
 
 
 def test_a_walk_of_which_no_pace_is_said_is_not_quick():

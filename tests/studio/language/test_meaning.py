@@ -24,6 +24,7 @@ def meanings():
     # the encoder, and the manner by WordNet
     "a person scampers on happily": "runs quickly on happily", "a person saunters ahead": "walks ahead slowly",
     "somebody bolts": "runs", "a person pivots right": "turns right",
+    "a person sidesteps to the left": "walks sideways to the left",
     # a pace or a way that is given stays
     "a person ambles quickly": "walks quickly", "he retreats sideways": "walks sideways",
     # in sequence, in the participle, and once more

@@ -189,6 +189,27 @@ COMPOSED = {
     "a person takes two steps left and waves": "walks sideways to the left [1.1] | waves",
     "a person takes three steps forward for 5 seconds": "walks forward [5]",
     "when the music starts, the man dances and bows": "dances | bows",
+    # a verb behind no connector, and clauses that are no action
+    "a man walks forward sits in a chair": "walks forward | sits in a chair",
+    "a person turns around walks back and waves": "turns around | walks forward + waves",
+    "a person standing raises the left knee, then claps": "raises the left knee | claps",
+    "a man who is standing with his hands by his sides takes two steps forward and waves":
+        "walks forward [1.1] | waves",
+    "a person starts in a spot, walks ahead, then stops": "walks ahead | stands still",
+    "from a standing position, the person slowly walks in a circle, and then stops":
+        "slowly walks in a circle | stands still",
+    "a person jogs, stops to bend over, then continues jogging": "jogs | bends over | jogs",
+    "a person bends at the waist with both arms to the right, then the left":
+        "bends at the waist with both arms to the right | bends to the left",
+    "a person picks something up and walks forward": "picks something up | walks forward",
+    "a person dancing and clapping both hands": "dances + claps both hands",
+    "a man lifts and bends his right leg, then his left leg": "lifts and bends his right leg | lifts his left leg",
+    "a man sits down, brings his hands to his face and stands up":
+        "sits down | holds still + brings his hands to his face | stands up",
+    "he turns left, returns his left foot and waves": "turns left | returns his left foot | waves",
+    "a person side-stepping to their left, then side stepping to their right":
+        "walks sideways to the left | walks sideways to the right",
+    "the man takes a large sideways step to the left": "walks sideways to the left",
     # a main clause behind no comma
     "after sitting for a while the person gets up and walks away": "sits for a while | gets up | walks away",
     "once he sits down he waves": "sits down | holds still + waves",
@@ -280,6 +301,10 @@ a person makes a phone call
 a person gives a thumbs up
 a person does jumps
 a person walks and makes a u-turn
+the person marches forward, directed to the right
+a person practices leg kicks
+a person walks up steps
+a person stands
 someone runs, makes a circle
 a person takes turns
 someone is doing squats and then jumping jacks

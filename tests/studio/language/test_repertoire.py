@@ -52,6 +52,8 @@ def test_a_phrase_is_what_is_done_without_who_how_fast_and_how_often(sentence, p
     ("a person sneaks forward", False, False), ("a person limps", False, False),
     ("a person leans to the left", False, False), ("a person opens a door", False, False),
     # One or two clips.
+    ("a person jumps over an object", True, True), ("a person steps over something", True, True),
+    ("a person raises the right hand to the face", True, True),
     ("a person does jumping jacks", True, True), ("a person climbs stairs", True, True),
     ("a person walks down the stairs", True, True)])
 def test_phrases_are_known_by_meaning_and_verb(repertoire, prompt, known, few):
@@ -75,6 +77,12 @@ def test_what_is_not_known_is_said_once_with_what_is_made_and_three_that_can_be(
   word, = pipeline.notes(["a person does a backflip"])
   assert "does not know 'backflip'" in word and "it can do, for example" in word
   assert len(pipeline.notes([f"a person zz{letter}s" for letter in "abcdefgh"])) == 6
+
+
+def test_of_a_denial_one_sentence_says_that_it_may_be_done(pipeline):
+  note, = pipeline.notes(["a person does not walk"])
+  assert note == "'a person does not walk' says 'not'; a model may do what follows nevertheless"
+  assert not pipeline.notes(["a person does not move"])
 
 
 @pytest.mark.parametrize("prompt, several", [
