@@ -24,6 +24,7 @@ from motion_jax.training.setup import (
   untrained,
 )
 from motion_jax.utils.config_files import module_fields
+from motion_jax.utils.errors import InputError
 
 
 def autoencoder(config: ConfigDict) -> TrainingSetup:
@@ -99,6 +100,14 @@ def load_frozen(folder: str, fields: ConfigDict, stage: str, config: ConfigDict,
                      f"{quantizer.num_levels} of {quantizer.num_codes}; make them agree")
   variables = run.params(autoencoder_shapes(net, quantizer))
   return net, variables, stats_lib.load_stats(folder, config.data.layout)
+
+
+def load_codes(config: ConfigDict, stage: str) -> tuple[Autoencoder, Any, Stats]:
+  """`load_frozen` of the RVQ-VAE whose codes a transformer is trained on: config.frozen.tokenizer."""
+  if config.model.num_codes != config.quantizer.num_codes:
+    raise InputError(f"got model.num_codes = {config.model.num_codes}, the quantizer has {config.quantizer.num_codes} "
+                     "codes; make them agree")
+  return load_frozen(config.frozen.tokenizer, config.tokenizer, stage, config, config.quantizer)
 
 
 def demand_alike(folder: str, theirs: ConfigDict, fields: ConfigDict) -> None:

@@ -172,8 +172,7 @@ def _block(net, plan, length, params, prefix, text_emb, text_mask, scale, keys, 
   keys = jax.vmap(lambda key: jax.random.fold_in(key, count))(keys)
   real = jnp.ones((len(prefix), length), bool)
   condition = sampling.Condition(jnp.asarray(text_emb), jnp.asarray(text_mask), real, prefix, goals)
-  made = sampling.denoise(net, plan, params, condition, scale, _noise(keys, (length, net.features)))
-  return made, jnp.concatenate([prefix, made], axis=1)[:, -prefix.shape[1]:]
+  return sampling.next_block(net, plan, params, condition, scale, _noise(keys, (length, net.features)))
 
 
 MODELS = {"mdm.denoiser": MdmModel, "mdm.dip": DipModel}

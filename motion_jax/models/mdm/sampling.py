@@ -67,18 +67,9 @@ def denoise(net: Net, plan: Plan, params: Any, condition: Condition, scale: Any,
   return ddpm.ancestral(predict, schedule, draw(0), lambda m: draw(m + 1), predicts="x1", replace=replace)
 
 
-def denoise_blocks(net: Net, plan: Plan, params: Any, text_emb: Float[Array, "n b s e"],
-                   text_mask: Bool[Array, "n b s"] | None, scale: Any, prefix: Float[Array, "b p f"], draw: Callable
-                   ) -> Float[Array, "b n*t f"]:
-  """DiP: N blocks (B, N * T, F) in sequence, each from its own caption and the last frames of the one before.
-
-  draw(k, m): noise (B, T, F) of block k; prefix (B, P, F): clean frames that the first block continues.
-  """
-  def block(prefix, inputs):
-    k, text, mask = inputs
-    condition = Condition(text, mask, jnp.ones((len(text), draw(0, 0).shape[1]), bool), prefix)
-    made = denoise(net, plan, params, condition, scale, lambda m: draw(k, m))
-    return jnp.concatenate([prefix, made], axis=1)[:, -prefix.shape[1]:], made
-
-  made = jax.lax.scan(block, prefix, (jnp.arange(len(text_emb)), text_emb, text_mask))[1]
-  return made.swapaxes(0, 1).reshape(len(prefix), -1, made.shape[-1])
+def next_block(net: Net, plan: Plan, params: Any, condition: Condition, scale: Any, draw: Callable
+               ) -> tuple[Float[Array, "b t f"], Float[Array, "b p f"]]:
+  """DiP: the block (B, T, F) after the clean frames condition.prefix (B, P, F), and the prefix of the one after it."""
+  made = denoise(net, plan, params, condition, scale, draw)
+  prefix = condition.prefix
+  return made, jnp.concatenate([prefix, made], axis=1)[:, -prefix.shape[1]:]

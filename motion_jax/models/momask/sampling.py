@@ -43,12 +43,6 @@ def chooser(noise: Callable[[Any], Float[Array, "b l k"]], temperature: float, t
   return choose
 
 
-def gumbel_of(u: Float[Array, "*b"]) -> Float[Array, "*b"]:
-  """Gumbel noise of uniform numbers, as the reference makes it."""
-  log = lambda x: jnp.log(jnp.maximum(x, 1e-20))
-  return -log(-log(u))
-
-
 def noise_of(keys: jax.Array, length: int, num_classes: int, stream: int) -> Callable[[Any], Array]:
   """noise(i) (B, L, K) that depends on a motion's key, the stream, i and the place, nothing else, so neither padding
   nor batch-mates change it. keys (B,)."""

@@ -7,7 +7,7 @@ from motion_jax import runs
 from motion_jax.data import sources
 from motion_jax.latents import TOKENIZER
 from motion_jax.models import length_setup
-from motion_jax.models.autoencoder_setup import load_frozen, rvq
+from motion_jax.models.autoencoder_setup import load_codes, rvq
 from motion_jax.models.captioned_batches import batches_of, held_out_means, text_encoder, text_files
 from motion_jax.models.momask.stages import masked_stage, residual_shapes, residual_stage
 from motion_jax.nets.token_transformers import ResidualCodeTransformer
@@ -36,10 +36,7 @@ def residual(config: ConfigDict) -> TrainingSetup:
 
 
 def _transformer(config, stage, more):
-  if config.model.num_codes != config.quantizer.num_codes:
-    raise ValueError(f"got model.num_codes = {config.model.num_codes}, the quantizer has {config.quantizer.num_codes} "
-                     "codes; make them agree")
-  _, variables, stats = load_frozen(config.frozen.tokenizer, config.tokenizer, "momask.rvq", config, config.quantizer)
+  _, variables, stats = load_codes(config, "momask.rvq")
   data = sources.load_features(config.data, stats=stats)
   encoder = text_encoder(config, config.model.text_dim, "sentence")
   frozen = {TOKENIZER: variables} | more(encoder)

@@ -3,7 +3,7 @@ from ml_collections import ConfigDict
 
 from motion_jax.data import batches, sources
 from motion_jax.latents import TOKENIZER, RvqCodec
-from motion_jax.models.autoencoder_setup import load_frozen, rvq
+from motion_jax.models.autoencoder_setup import load_codes, rvq
 from motion_jax.models.captioned_batches import check_captions, held_out_means, text_encoder, text_files, with_text
 from motion_jax.models.t2m_gpt.items import CodeItems, encode_clips
 from motion_jax.models.t2m_gpt.stages import gpt_stage
@@ -12,10 +12,7 @@ from motion_jax.training.setup import TrainingSetup, held_out
 
 def gpt(config: ConfigDict) -> TrainingSetup:
   """The transformer on codes of a trained VQ-VAE."""
-  if config.model.num_codes != config.quantizer.num_codes:
-    raise ValueError(f"got model.num_codes = {config.model.num_codes}, the quantizer has {config.quantizer.num_codes} "
-                     "codes; make them agree")
-  net, variables, stats = load_frozen(config.frozen.tokenizer, config.tokenizer, "t2m_gpt.vq", config, config.quantizer)
+  net, variables, stats = load_codes(config, "t2m_gpt.vq")
   data = sources.load_features(config.data, stats=stats)
   encoder = text_encoder(config, config.model.text_dim, "sentence")
   codec, stage = RvqCodec(net, variables), gpt_stage(config)

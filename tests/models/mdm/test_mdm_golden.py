@@ -186,12 +186,21 @@ def run_mdm_dip(fixture, dtype):
   num_blocks, frames = len(noise), fixture["out/generated"].shape[-1]
   same = [text_of("one", "two")] * num_blocks
   changing = [text_of("one", "four"), text_of("three", "two"), text_of("two", "one")]
-  run = jax.jit(lambda text, mask: sampling.denoise_blocks(net, plan, params, text, mask, 7.5, prefix,
-                                                           lambda k, m: noise[k, m]))
-  stacked = lambda rows: [jnp.stack([jnp.pad(a, ((0, 0), (0, max(b.shape[1] for b in part) - a.shape[1]),
-                                                 *((0, 0),) * (a.ndim - 2))) for a in part]) for part in zip(*rows)]
-  made["generated"] = run(*stacked(same))[:, :frames]
-  whole = jnp.concatenate([prefix, run(*stacked(changing))], axis=1)
+
+  @jax.jit
+  def block(prefix, text, mask, noise):
+    condition = sampling.Condition(text, mask, jnp.ones(noise.shape[1:3], bool), prefix)
+    return sampling.next_block(net, plan, params, condition, 7.5, lambda m: noise[m])
+
+  def run(texts):
+    last, blocks = prefix, []
+    for (text, mask), noise_of_block in zip(texts, noise):
+      made, last = block(last, text, mask, noise_of_block)
+      blocks.append(made)
+    return jnp.concatenate(blocks, axis=1)
+
+  made["generated"] = run(same)[:, :frames]
+  whole = jnp.concatenate([prefix, run(changing)], axis=1)
   made["generated_changing"] = whole[:, :frames]
   return {name: theirs(value) for name, value in made.items()} | {
       "target_embedding": net.apply(params, given, method="goal")}

@@ -110,3 +110,9 @@ def real_rows(fixture, dtype, name, array, real, axis):
   batch = array.ndim - 3 if array.ndim > real.ndim else array.ndim - 2
   shape[batch] = real.shape[0]
   return np.where(np.reshape(real, shape), np.asarray(array), recorded(fixture, dtype, name))
+
+
+def gumbel_of(u):
+  """Gumbel noise of uniform numbers, as the reference makes it."""
+  log = lambda x: jnp.log(jnp.maximum(x, 1e-20))
+  return -log(-log(u))

@@ -22,6 +22,7 @@ from tests.models.momask.recorded import (
   compared_grads,
   given,
   grads_to_torch,
+  gumbel_of,
   loss_terms,
   real_rows,
   transformer_of,
@@ -63,7 +64,7 @@ def run_rvq_train_step(fixture, dtype):
     step = fixture.under(f"in/{case}/")
     active = int(step.get("start", levels - 1)) + 1
     rows = x.shape[0] * (x.shape[1] // codec.net.frames_per_latent)
-    gumbel = jnp.stack([sampling.gumbel_of(jnp.asarray(step[f"u{q}"], dtype)) if q < active else
+    gumbel = jnp.stack([gumbel_of(jnp.asarray(step[f"u{q}"], dtype)) if q < active else
                         jnp.zeros((rows, codes.shape[1]), dtype) for q in range(levels)])
     noise = rvq.Noise(gumbel, jnp.zeros_like(codes), jnp.zeros_like(codes))
 

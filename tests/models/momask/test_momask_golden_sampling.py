@@ -16,6 +16,7 @@ from tests.models.momask.recorded import (
   EXACT,
   codec_of,
   given,
+  gumbel_of,
   real_rows,
   recorded,
   transformer_of,
@@ -34,7 +35,7 @@ def recorded_choice(draws, prefix, threshold, temperature, gumbel=True):
 
   if not gumbel:
     return by_sum
-  return sampling.chooser(lambda i: sampling.gumbel_of(u[i - first]), temperature, threshold)
+  return sampling.chooser(lambda i: gumbel_of(u[i - first]), temperature, threshold)
 
 
 def decoded_rounds(fixture, dtype, net, params, codes, editable, real, text, draws, prefix, num_rounds, scale,
