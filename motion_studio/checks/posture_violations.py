@@ -16,7 +16,6 @@ _TREADS = 0.07         # metres by which each foot is lifted, twice or more, by 
 _STAYS, _AWAY = 0.6, 0.8  # metres from where it began: of a body that stays there, and of one that goes away at least
 _BACK = 0.4            # of the furthest distance, from which a body has come back
 _ASIDE, _ASIDE_DEGREES = 0.6, (35.0, 145.0)  # metres on the way to a side, and degrees from where the body faced
-_MOVES, _DANCES = 0.25, (0.5, 0.4)  # speed of hands and feet against the pelvis, and its least share of a dance
 
 
 def not_bent(body: Body) -> float:
@@ -75,13 +74,6 @@ def not_aside(body: Body, requirement: Requirement) -> float:
   low, high = _ASIDE_DEGREES
   off = float(np.clip(max(low - degrees, degrees - high) / 90, 0.0, 0.9))
   return max(off, _lacks(float(np.linalg.norm(way)), _ASIDE / 2))
-
-
-def hardly_dances(body: Body) -> float:
-  """Dance: hands and feet move for most of the time."""
-  speeds = [np.linalg.norm(np.diff(body.joints[:, PAIR[part]] - body.joints[:, :1], axis=0), axis=-1).max(1) * body.fps
-            for part in ("wrist", "foot")] if body.num > 1 else []
-  return max((_lacks(float((speed > _MOVES).mean()), share) for speed, share in zip(speeds, _DANCES)), default=0.9)
 
 
 def _lacks(value, least):

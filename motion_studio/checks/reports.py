@@ -22,7 +22,7 @@ _STATES = {
     "lie": "the body does not lie down", "rise": "the body is not standing at the end",
     "still": "the body does not stand still",
     "ascend": "the body does not climb up", "descend": "the body does not go down",
-    "dance": "the dance leaves its place, or hardly moves", "run": "the run is faster than people run",
+    "dance": "the dance leaves its place", "run": "the run is faster than people run",
     "straight": "the path is not straight", "zigzag": "no zigzag seen",
     "bend": "the body does not bend", "crouch": "the body does not crouch", "stays": "the body leaves its place",
     "treads": "no steps in place seen", "return": "the body does not come back", "slowly": "the {} is not slow",

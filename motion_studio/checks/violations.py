@@ -246,8 +246,7 @@ def _missing_climb(metres):
 
 # Measures of requirements that are no events.
 _MEASURES = posture_violations.MEASURES | {
-    "dance": lambda body: max(_dance_wanders(body), posture_violations.hardly_dances(body)), "run": _too_fast,
-    "still": _moves, "rise": _not_up, "seated": _not_seated,
-     "sit": _never_sits, "step": _no_step_back, "walk": _not_backward, "ascend": _not_climbed,
-           "descend": _not_descended, "lie": _not_lying}
+    "dance": _dance_wanders, "run": _too_fast, "still": _moves, "rise": _not_up, "seated": _not_seated,
+    "sit": _never_sits, "step": _no_step_back, "walk": _not_backward, "ascend": _not_climbed,
+    "descend": _not_descended, "lie": _not_lying}
 _SIDED_MEASURES = posture_violations.SIDED_MEASURES | {"sideways": _not_sideways, "raise": _not_raised}

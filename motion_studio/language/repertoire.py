@@ -37,10 +37,10 @@ _NO_THINGS = set("circle circles direction middle right left "
 # Where something is done: over, under, up a thing; a hand at the face.
 _OVER = re.compile(r"\b(over|onto|under|through|across|into|off|up|down) (?:(?:and|on|onto|over) )*"
                    r"(?:(something|it)|(?:an?|the|some) (?:\w+ )?(\w+))\b")
-_AT_A_PART = re.compile(r"\b(?:to|at|on|onto|near|against|over|of|behind|around) (?:the|his|her|their|its|a|one) "
+_AT_A_PART = re.compile(r"\b(?:to|at|on|onto|near|against|over|of|behind|around) (?:(?:the|his|her|their|its|a|one) )?"
                         r"(head|face|mouth|ears?|hips?|chest|stomach|chin|eyes?|nose)\b(?! level)")
 _UNNAMED = re.compile(r"\b(?:something|(?:an?|the|some) (?:object|thing|item))\b")
-_OVER_THE_HEAD = re.compile(r"\b(?:over|above) (?:the|his|her|their|its) heads?\b")
+_OVER_THE_HEAD = re.compile(r"\b(?:over|above) (?:(?:the|his|her|their|its) )?heads?\b")
 _WALKS = {"go", "move", "step"}
 
 
