@@ -1,26 +1,33 @@
 """Small corrections of a sampled motion that nearly meets its requirements: a body that sits down last stays seated,
-and feet do not float."""
+steps in place or to a side are taken there, and feet do not float."""
 import re
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
+from motion_jax.analysis.signals import Body
 from motion_jax.models.results import Motion, features_of
 from motion_jax.motion.retarget import floor_height
+from motion_jax.motion.root_paths import along, course
 from motion_jax.motion.skeleton import HUMANML3D
+from motion_jax.motion.smoothing import gaussian_filter1d
 from motion_studio.checks.violations import violation_score
 from motion_studio.language.requirements import Requirement
 from motion_studio.planning.pauses import held_frame, insert_pause
 
 _FLOATS = 0.08  # metres over the floor below which feet that never come lower count as standing
+_ASIDE = 0.35   # metres a second to a side
+_TURNS = 0.35   # seconds, sigma of what is no turn but a sway of the pelvis
+_FACES = 0.8    # radians by which a body that steps in place or to a side may turn away
 _HANGS = re.compile(r"\b(?:hang|dangl|bars?\b|swings on|rid(?:es|ing)|swim|fl(?:ies|y|ying)\b)", re.IGNORECASE)
 
 
 def corrected(model: Any, motion: Motion, requirements: Sequence[Requirement]) -> Motion:
   """The motion with the corrections it needs; the same object where it needs none."""
-  joints = _kept_seated(motion, requirements, model.stats.layout.skeleton)
-  height = float(floor_height(joints, model.stats.layout.skeleton))
+  skeleton = model.stats.layout.skeleton
+  joints = _stepping(_kept_seated(motion, requirements, skeleton), motion.fps, requirements, skeleton)
+  height = float(floor_height(joints, skeleton))
   if height > _FLOATS and not _HANGS.search(motion.captions[0].text if motion.captions else ""):
     lowest = joints[:, list(HUMANML3D.left_feet + HUMANML3D.right_feet), 1].min()
     joints = joints - np.array([0, lowest, 0], joints.dtype)
@@ -39,3 +46,24 @@ def _kept_seated(motion, requirements, skeleton):
   held, _, _ = insert_pause(motion.joints, at, motion.num_frames - at, skeleton, ends=True, exact=True)
   held = held[:motion.num_frames]
   return motion.joints if violation_score(held, seated, motion.fps) else held
+
+
+def _stepping(joints, fps, requirements, skeleton):
+  """Joints whose steps are taken on one spot or to a side, as the requirements say, where the body went another way.
+
+  The steps are those of the motion; each is moved as a whole, so that standing feet stand (`motion.root_paths.along`).
+  """
+  own = {one.kind: one for one in requirements if one.kind in ("stays", "treads", "aside")}
+  wanted = [own["aside"]] if "aside" in own else list(own.values()) if len(own) == 2 else []
+  if not wanted:
+    return joints
+  facing = gaussian_filter1d(np.unwrap(Body(joints, fps).heading), _TURNS * fps, mode="nearest")
+  if np.ptp(facing) < _FACES and not violation_score(joints, wanted, fps):
+    return joints
+  path, _ = course(joints, fps)
+  side = {"left": 1.0, "right": -1.0}.get(wanted[0].side, 0.0)
+  left = np.array([np.cos(facing[0]), -np.sin(facing[0])])
+  goal = path[0] + side * _ASIDE / fps * np.arange(len(joints))[:, None] * left
+  moved = along(joints, facing[0] - facing, path, goal, skeleton, fps)
+  stepped = [*wanted, Requirement("treads", "", 1, False)]
+  return joints if violation_score(moved, stepped, fps) else moved.astype(joints.dtype)

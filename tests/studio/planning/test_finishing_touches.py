@@ -1,12 +1,16 @@
-"""Who sits down last stays seated, feet are on the floor at some time, and stairs lead the way that is said."""
+"""A body that sits down last stays seated, steps in place and to a side are taken there, feet are on the floor at some
+time, and stairs lead the way that is said."""
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from motion_jax.data.clip import Caption
+from motion_jax.data.datasets.synthetic import synthetic_joints
+from motion_jax.metrics.physics import planted_speed
 from motion_jax.models.results import Motion
 from motion_jax.motion.representations import get_layout
+from motion_jax.motion.retarget import retarget
 from motion_studio.checks.violations import violation_score
 from motion_studio.language import parse
 from motion_studio.planning import finishing_touches
@@ -65,6 +69,24 @@ def test_feet_that_are_never_on_the_floor_come_down_to_it():
   assert _finished(hangs, "a person hangs") is hangs
   jumps = _motion(_joints("jump"), Caption("a person jumps"))
   assert _finished(jumps, "a person jumps") is jumps
+
+
+@pytest.mark.parametrize("prompt, side", [("a person walks in place", 0), ("a person jogs on the spot", 0),
+                                          ("a person takes side steps to the left", 1),
+                                          ("someone sidesteps to the right", -1)])
+def test_steps_in_place_and_to_a_side_are_taken_there(prompt, side):
+  joints = retarget(synthetic_joints("walk", 100, np.random.default_rng(1)))
+  walk = _motion(joints, Caption(prompt))
+  made = _finished(walk, prompt).joints
+  along, away = made[-1, 0, 0] - made[0, 0, 0], np.abs(made[:, 0, 2] - made[0, 0, 2]).max()
+  assert away < 0.2 and (side * along > 1.0 if side else abs(along) < 0.2)
+  assert planted_speed(made) < 0.12  # standing feet stand
+  assert _finished(walk, "a person walks forward") is walk
+
+
+def test_a_body_that_stands_is_not_moved_to_a_side():
+  stands = _motion(np.repeat(_joints("walk")[:1], 60, axis=0), Caption("a person takes side steps to the left"))
+  assert _finished(stands, "a person takes side steps to the left") is stands
 
 
 @pytest.mark.parametrize("prompt, kind", [
