@@ -4,6 +4,7 @@ A stored program is a JSON header, which says what the outputs are, and the exec
 to one machine and one version of everything: `machine` is part of its key. Nothing is unpickled. Where this version of
 jax or the device cannot serialize, or arguments are spread over several devices, `can_store` is false.
 """
+import contextlib
 import functools
 import hashlib
 import importlib
@@ -11,6 +12,7 @@ import json
 import os
 import platform
 import sys
+import threading
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -20,6 +22,9 @@ import numpy as np
 
 # With these jax looks into the results of each call, which a stored program does not.
 _CHECKS = ("jax_debug_nans", "jax_debug_infs", "jax_disable_jit", "jax_no_execution")
+
+_lock = threading.Lock()
+_inside: list[float] = []  # jax's usual setting, once for each thread in `outside_jax_cache`
 
 
 def can_store(leaves: Sequence[Any]) -> bool:
@@ -91,25 +96,39 @@ def compile_and_store(fn: Callable, leaves: Sequence[Any], compiler_options: dic
   kinds = [_key_kind(leaf) for leaf in leaves]
   about: dict[str, Any] = {}
 
-  def plain(*arrays):  # of plain arrays alone, no keys
+  def stored_program(*arrays):  # of plain arrays alone, no keys
     found, tree = jax.tree.flatten(fn(*(array if kind is None else jax.random.wrap_key_data(array, impl=kind)
                                         for array, kind in zip(arrays, kinds))))
     about.update(tree=_describe(jax.tree.unflatten(tree, range(len(found)))), keys=[_key_kind(leaf) for leaf in found])
     return [jnp.asarray(leaf, leaf.dtype) if kind is None else jax.random.key_data(leaf)
             for leaf, kind in zip(map(jnp.asarray, found), about["keys"])]
 
-  lowered = jax.jit(plain, keep_unused=True).lower(*(
+  lowered = jax.jit(stored_program, keep_unused=True).lower(*(
       leaf if kind is None else jax.random.key_data(leaf) for leaf, kind in zip(leaves, kinds)))
-  # Stored by the caller: jax need not keep the same program a second time.
-  usual = jax.config.jax_persistent_cache_min_compile_time_secs
-  jax.config.update("jax_persistent_cache_min_compile_time_secs", 1e9)
-  try:
+  with outside_jax_cache():
     executable = lowered.compile(compiler_options=compiler_options or None).runtime_executable()
-  finally:
-    jax.config.update("jax_persistent_cache_min_compile_time_secs", usual)
   header = json.dumps(about).encode()
   payload = executable.client.serialize_executable(executable)
   return _callable(executable, about), len(header).to_bytes(4, "little") + header + payload
+
+
+@contextlib.contextmanager
+def outside_jax_cache():
+  """What compiles meanwhile is not written to jax's own cache on disk; several threads may be inside.
+
+  An executable that jax reads from there lacks functions once it is serialized again ("Function ... not found").
+  """
+  name = "jax_persistent_cache_min_compile_time_secs"
+  with _lock:
+    _inside.append(getattr(jax.config, name) if not _inside else _inside[0])
+    jax.config.update(name, 1e9)
+  try:
+    yield
+  finally:
+    with _lock:
+      usual = _inside.pop()
+      if not _inside:
+        jax.config.update(name, usual)
 
 
 def load(stored: bytes) -> Callable:
