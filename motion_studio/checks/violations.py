@@ -25,6 +25,7 @@ _DANCE_DISTANCE = 1.2  # metres from beginning to end; three quarters of 142 cap
 _BACKWARD_SPEED, _BACKWARD_SHARE = 0.25, 0.7  # of a walk backward, and its least share of the whole speed
 _BACKWARD_SECONDS, _STEP_BACK_SECONDS = 1.2, 0.35  # of a walk backward, and of one or two steps
 _SWAY = 0.35  # speed of hands, feet or head of a body that stands still
+_GESTURE = 1.0  # of those in a gesture
 _SEATED_HEIGHT = 0.89  # of the pelvis on a high stool
 _THIGH_ANGLE = 45.0  # degrees of both thighs from upright in a seat; captured ones have 53 and more
 _STANDING_HEIGHT = 0.92  # of the pelvis after getting up
@@ -181,10 +182,13 @@ def _standing_height(body):
 
 
 def _moves(body):
-  """Standing still: the share of time in which a hand, a foot or the head moves, and the distance to the end."""
+  """Standing still: the share of time in which a hand, a foot or the head moves, and the distance to the end; a
+  gesture, however short, counts as a fifth of the time."""
   ends = body.joints[:, [10, 11, 15, 20, 21]]
   speed = np.linalg.norm(np.diff(ends, axis=0), axis=-1).max(1) * body.fps
   moves, away = float((speed > _SWAY).mean()) if len(speed) else 0.0, _distance(body)
+  if (speed > _GESTURE).any():
+    moves = max(moves, 0.2)
   return min((moves if moves > 0.1 else 0.0) + (away if away > 0.15 else 0.0), 1.0)
 
 

@@ -17,7 +17,8 @@ _WORDS = {
     "jump": ("jumps", ""), "hop": ("hops", ""), "squat": ("squats", ""), "crouch": ("squats", ""), "bow": ("bows", ""),
     "bend": ("bends forward in a bow", ""), "wave": ("waves", "waves the {} hand"),
     "raise": ("raises a hand", "raises the {} hand"), "sideways": ("walks sideways", "takes steps to the {}"),
-    "sit": ("sits down", ""), "rise": ("stands up", ""), "balance": ("stands on one leg", "stands on the {} leg")}
+    "still": ("stands still", ""), "sit": ("sits down", ""), "rise": ("stands up", ""),
+    "balance": ("stands on one leg", "stands on the {} leg")}
 _TURNS = {"": "turns around", "left": "turns to the left", "right": "turns to the right"}
 _BESIDE = frozenset({"usual", "seated", "stays", "slowly", "quickly", "run"})  # requirements that no other words bring
 
@@ -35,7 +36,7 @@ def _plain(action: Action, plan: Plan) -> Action:
   action = plan.single if plan.is_plain and plan.single else action
   words = "" if action.is_pose or action.prompt == plan.text and plan.single is None else _words_of(
       requirements_of((action,), action.prompt), action.verb in lexicon.TURNING)
-  if not words or words in action.words:
+  if not words or words in (plan.text if plan.is_plain else action.words):
     return plan.segments[0].action if plan.is_plain else action
   subject = action.subject or "a person"
   return action._replace(prompt=f"{subject} {words}", words=words, sides=sides_of(words.split()), reworded=True)

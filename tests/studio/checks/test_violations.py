@@ -129,6 +129,9 @@ def test_what_is_missing_is_counted():
   assert score(still, [Requirement("still", "", 1, False)]) == 0 < score(walk, [Requirement("still", "", 1, False)])
   slides = still + 0.01 * np.arange(40)[:, None, None] * np.array([1.0, 0, 0])  # slower than a body sways, but away
   assert score(slides, [Requirement("still", "", 1, False)]) > 0.3
+  gestures = np.repeat(still[:1], 100, axis=0)
+  gestures[50:54, 20, 1] += (0.1, 0.2, 0.2, 0.1)  # one hand, for a fifth of a second
+  assert score(gestures, [Requirement("still", "", 1, False)]) > 0.1
   waves = _joints("wave_left")
   waves = waves - (waves[:, :1] - waves[:1, :1]) * [1.0, 0, 1]
   assert score(waves, [Requirement("still", "", 1, False)]) > 0.2

@@ -12,13 +12,14 @@ from motion_studio.language.plain_words import in_plain_words
     "a person walks forward and raises their arms in victory": "walks forward + raises both hands",
     "a person jumps to his right": "jumps to the right",
     "a person bends over, then spins around": "bends forward in a bow | turns around",
-    "someone turns around to her left": "turns around to the left"}.items())
+    "someone turns around to her left": "turns around to the left",
+    "someone is standing still": "stands still"}.items())
 def test_actions_with_one_requirement_get_the_words_of_captions(text, plain):
   assert in_plain_words(parse(text)).summary == plain
 
 
 @pytest.mark.parametrize("text", [
-    "a person walks forward", "a person kicks with the left foot", "a person turns left while walking",
+    "a person walks forward", "a person stands still", "a person kicks with the left foot", "a person turns left while walking",
     "somebody sings", "a person swims, then drinks"])
 def test_other_sentences_stay_as_they_are(text):
   plan = parse(text)
