@@ -19,8 +19,8 @@ def test_actions_with_one_requirement_get_the_words_of_captions(text, plain):
 
 
 @pytest.mark.parametrize("text", [
-    "a person walks forward", "a person stands still", "a person kicks with the left foot", "a person turns left while walking",
-    "somebody sings", "a person swims, then drinks"])
+    "a person walks forward", "a person stands still", "a person kicks with the left foot",
+    "a person turns left while walking", "somebody sings", "a person swims, then drinks"])
 def test_other_sentences_stay_as_they_are(text):
   plan = parse(text)
   assert in_plain_words(plan) is plan
