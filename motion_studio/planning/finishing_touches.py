@@ -53,8 +53,9 @@ def _stepping(joints, fps, requirements, skeleton):
 
   The steps are those of the motion; each is moved as a whole, so that standing feet stand (`motion.root_paths.along`).
   """
-  own = {one.kind: one for one in requirements if one.kind in ("stays", "treads", "aside")}
-  wanted = [own["aside"]] if "aside" in own else list(own.values()) if len(own) == 2 else []
+  own = {one.kind: one for one in requirements}
+  pairs = (("aside", "sideways"), ("stays", "treads"))  # "walks to the left" is no side step
+  wanted = next(([own[kind] for kind in pair] for pair in pairs if set(pair) <= own.keys()), [])
   if not wanted:
     return joints
   facing = gaussian_filter1d(np.unwrap(Body(joints, fps).heading), _TURNS * fps, mode="nearest")
