@@ -54,7 +54,7 @@ def test_what_a_model_cannot_do_names_those_that_can(models, tmp_path, capsys, t
   for call in ("edit", "edits"):
     with pytest.raises(AttributeError, match=r"has no 'edit' \(.*\); cdamd-small has: load such a model"):
       getattr(model, call)
-  with pytest.raises(AttributeError, match="has no 'stream' .*; cmdm-open and cmdm-small and cmdm-small-fast have"):
+  with pytest.raises(AttributeError, match="has no 'stream' .*; cmdm-open, cmdm-small, cmdm-small-fast have"):
     editor.stream("a person walks")
   with pytest.raises(AttributeError, match="has no attribute 'genrate'"):
     model.genrate("a person walks")
