@@ -79,7 +79,7 @@ def test_bad_sizes(encoder):
     encoder([])
   with pytest.raises(ValueError, match="pad_to=3"):
     encoder(["a person walks forward."], pad_to=3)
-  with pytest.raises(ValueError, match="takes 5"):
+  with pytest.raises(ValueError, match="at most 5"):
     load_text_encoder(encoder.name, max_words=5)(["a person walks forward and waves."])
 
 
