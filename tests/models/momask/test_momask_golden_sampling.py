@@ -31,7 +31,7 @@ def recorded_choice(draws, prefix, threshold, temperature, gumbel=True):
 
   def by_sum(i, logits):
     shares = jax.nn.softmax(sampling.keep_likeliest(logits, threshold) / temperature, -1)
-    return jnp.minimum((jnp.cumsum(shares, -1) <= u[i - first][..., None]).sum(-1), logits.shape[-1] - 1)
+    return jnp.minimum((jnp.cumsum(shares, axis=-1) <= u[i - first][..., None]).sum(-1), logits.shape[-1] - 1)
 
   if not gumbel:
     return by_sum

@@ -178,7 +178,8 @@ def run_token_items(fixture, dtype):
 def by_sum(u):
   """choose(place, logits) by recorded uniforms u (N, places)."""
   def choose(place, logits):
-    return jnp.minimum((jnp.cumsum(jax.nn.softmax(logits, -1), -1) <= u[:, place, None]).sum(-1), logits.shape[-1] - 1)
+    shares = jnp.cumsum(jax.nn.softmax(logits, -1), axis=-1)
+    return jnp.minimum((shares <= u[:, place, None]).sum(-1), logits.shape[-1] - 1)
   return choose
 
 
