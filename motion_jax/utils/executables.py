@@ -24,7 +24,7 @@ import numpy as np
 _CHECKS = ("jax_debug_nans", "jax_debug_infs", "jax_disable_jit", "jax_no_execution")
 
 _lock = threading.Lock()
-_inside: list[float] = []  # jax's usual setting, once for each thread in `outside_jax_cache`
+_inside: list[float] = []  # jax's setting before each thread that is in `outside_jax_cache`: the usual one first
 
 
 def can_store(leaves: Sequence[Any]) -> bool:
@@ -120,15 +120,13 @@ def outside_jax_cache():
   """
   name = "jax_persistent_cache_min_compile_time_secs"
   with _lock:
-    _inside.append(getattr(jax.config, name) if not _inside else _inside[0])
+    _inside.append(getattr(jax.config, name))
     jax.config.update(name, 1e9)
   try:
     yield
   finally:
     with _lock:
-      usual = _inside.pop()
-      if not _inside:
-        jax.config.update(name, usual)
+      jax.config.update(name, _inside.pop())
 
 
 def load(stored: bytes) -> Callable:

@@ -69,9 +69,9 @@ def test_the_command_line_knows_its_choices(folder, tmp_path, monkeypatch, capsy
   told = capsys.readouterr().out
   assert "TINY models:" in told and "--spread" in told
   assert cli.main(["models", str(folder)]) == 0
-  told = capsys.readouterr().out
-  assert "tiny.regressor" in told and "  generate " in told and "  edit " not in told
-  assert {line.split()[0]: line.split()[1] for line in told.splitlines() if line.startswith("  --")} == {
+  printed = capsys.readouterr().out
+  assert "tiny.regressor" in printed and "  generate " in printed and "  edit " not in printed
+  assert {line.split()[0]: line.split()[1] for line in printed.splitlines() if line.startswith("  --")} == {
       "--guidance-scale": "2.0", "--spread": "0.1"}
 
 

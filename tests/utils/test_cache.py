@@ -1,6 +1,5 @@
 """What is kept on disk: the same numbers from it as without it, and nothing of it trusted that is not whole."""
 import json
-import shutil
 import subprocess
 import sys
 from typing import NamedTuple
@@ -51,40 +50,8 @@ def test_a_damaged_program_is_made_anew(kept, damage):
   assert cache.read("programs", path.name) is not None
 
 
-# A process with a cache folder, of which several threads make programs at once.
-_PROCESS = """
-import concurrent.futures, jax, jax.numpy as jnp, numpy as np
-from motion_jax.utils import cache
-
-def picked(table, rows):
-  return jnp.tanh(table[rows] + jnp.arange(table.shape[1])) @ table.T
-
-cache.keep_in_user_cache()
-jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
-table = jnp.ones((64, 32))
-with concurrent.futures.ThreadPoolExecutor(4) as pool:
-  made = list(pool.map(lambda size: np.asarray(cache.Program("picked", picked)(table, jnp.arange(size))), range(8, 20)))
-assert jax.config.jax_persistent_cache_min_compile_time_secs == 0.0
-"""
-
-
-@pytest.mark.slow
-def test_programs_are_not_in_the_cache_of_jax(tmp_path):
-  """jax's copy of a program cannot be stored again: after an upgrade it would be, and lack functions when it runs."""
-  environment = devices_env(1) | {"XDG_CACHE_HOME": str(tmp_path)}
-  environment.pop("JAX_COMPILATION_CACHE_DIR", None)
-  programs, by_jax = tmp_path / "motion_jax" / "programs", tmp_path / "motion_jax" / "jax"
-  for upgraded in (False, True, False):
-    if upgraded:
-      shutil.rmtree(programs)
-    done = subprocess.run([sys.executable, "-c", _PROCESS], env=environment, capture_output=True, text=True,
-                          check=False)
-    assert not done.returncode, done.stderr
-    names = {path.name.partition("-")[0] for path in by_jax.iterdir()}
-    assert len(list(programs.iterdir())) == 12 and not names & {"jit_stored_program", "jit_picked"}
-
-
 def test_jax_keeps_no_program_while_any_thread_makes_one():
+  """jax's copy of a program, read back after an upgrade and stored again, would lack functions when it runs."""
   usual = jax.config.jax_persistent_cache_min_compile_time_secs
   one, other = executables.outside_jax_cache(), executables.outside_jax_cache()
   for enters in (one, other):
