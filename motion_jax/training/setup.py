@@ -207,14 +207,18 @@ def check_config(config, before, allow=False, report=print):
 
 
 def changes(before, now, path=""):
-  """Yields (path, then, now) of the fields of two configs, as dicts, that differ and are not FREE."""
+  """Yields (path, then, now) of the fields of two configs, as dicts, that differ and are not FREE.
+
+  A field that only one of them has is no change where it is off, as 0 and "" are: a run can be resumed by a version
+  that has more fields than the one that it began with.
+  """
   for key in sorted(before.keys() | now.keys()):
     name = f"{path}.{key}" if path else key
     then, value = (_plain(side.get(key)) for side in (before, now))
-    if name in FREE or then == value:
+    if name in FREE or then == value or not then and not value and None in (then, value):
       continue
-    if isinstance(then, dict) and isinstance(value, dict):
-      yield from changes(then, value, name)
+    if all(isinstance(one, dict | None) for one in (then, value)):
+      yield from changes(then or {}, value or {}, name)
     else:
       yield name, then, value
 

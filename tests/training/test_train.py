@@ -261,6 +261,14 @@ def test_a_run_is_resumed_only_with_its_own_settings():
     check("model", width=8)
 
 
+def test_a_run_resumes_in_a_version_with_more_fields():
+  then = {"loss": {"align": 0.1}}
+  assert not list(setup.changes(then, {"loss": {"align": 0.1, "new": 0.0}, "data": {"augment": {"stepping": 0.0}}}))
+  assert list(setup.changes(then, {"loss": {"align": 0.1, "new": 0.5}})) == [("loss.new", None, 0.5)]
+  assert list(setup.changes(then, {"loss": {}, "data": {"augment": {"stepping": 0.2}}})) == [
+      ("data.augment.stepping", None, 0.2), ("loss.align", 0.1, None)]
+
+
 def test_broken_files_of_a_run_are_told(tmp_path):
   for name, load in (("text.json", checkpoint.load_fingerprint), ("captions.json", checkpoint.load_lengths)):
     assert load(tmp_path) is None
