@@ -29,7 +29,7 @@ _RULES = tuple((re.compile(rf"\b{said}(?!\w)"), tuple(others.split("|"))) for sa
     ("walks backward", r"walks backwards|backs up|steps back|moves backward|walks in reverse|takes steps backward"),
     ("runs (?:forward|ahead)", r"jogs forward|runs|jogs|runs straight|is running|jogs along"),
     (f"sideways to the {_SIDE}", r"sideways \1|to the \1 sideways|to their \1 side|to the \1 side"),
-    (f"steps to the {_SIDE} side", r"steps to their \1|sidesteps \1|moves to the \1 side"),
+    (f"steps to the {_SIDE} side", r"steps to their \1|sidesteps \1|moves to the \1 side|slides to the \1"),
     ("diagonally forward", r"diagonally|at an angle"),
     # paths and turns
     (f"in a circle to the {_SIDE}", r"around in a circle to the \1|in a \1 circle|in a circle turning \1|circling \1"),
@@ -37,19 +37,21 @@ _RULES = tuple((re.compile(rf"\b{said}(?!\w)"), tuple(others.split("|"))) for sa
     ("in a clockwise circle", r"in a circle clockwise|clockwise in a circle|clockwise"),
     ("(?<!around )in a circle(?! to|,? turn)", r"around in a circle|in circles|in a full circle"),
     (f"(?:forward |ahead )?(?:in a half circle|in a u-turn) to the {_SIDE}", r"in a semicircle to the \1|"
-     r"forward, turns around to the \1 and goes back|forward, then turns \1 and returns|"
-     r"away, turns to the \1 and comes back"),
+     r", turns around to the \1 and goes back|, then turns \1 and returns|, turns to the \1 and comes back|"
+     r", then turns and walks back|, turns around and comes back"),
     (f"and (?:makes a u-turn|turns around) to the {_SIDE}", r"and turns around \1, then comes back|then turns around "
-     r"to their \1|, makes a 180 degree turn to the \1 and heads back|then turns back around to the \1"),
-    ("and turns around(?! to)", r"then turns back|, turns around and goes back|and comes back|"
-     r"then turns around, and returns to where they started"),
+     r"to their \1|, makes a 180 degree turn to the \1 and heads back|then turns back around to the \1|"
+     r"then turns and walks back|, turns around, and walks back|then turns around and comes back"),
+    ("and turns around(?! to)", r"then turns back|, turns around and goes back|and comes back|then turns and walks back|"
+     r"then turns around, and returns to where they started|, spins around and walks back"),
     (f"and curves to the {_SIDE}", r"while turning \1|and turns \1|veering to the \1|then veers \1|and curves \1"),
     (f"(?:in a curve|in an arc|along a curved path) to the {_SIDE}", r"curving to the \1|in a \1 curve|"
      r"while turning to the \1|and turns to the \1|around a bend to the \1"),
     ("in a zigzag(?: line)?", r"in a zig zag|from side to side|in an s shape"),
     (f"(?:turns around|turns 180 degrees) to the {_SIDE}(?:,? and then|, then| then|, and after that|,? and finally) "
      "walks (?:forward|ahead|straight ahead)", r"turns \1 and walks back|turns around \1 and walks back|"
-     r"turns around to the \1 and walks back to where they started|does a 180 to the \1 and comes back"),
+     r"turns around to the \1 and walks back to where they started|does a 180 to the \1 and comes back|"
+     r"turns and walks back|turns around and walks back|spins around and walks back"),
     (f"turns around to the {_SIDE}", r"turns around \1|does a 180 to the \1|turns to face the other way over their \1"),
     (f"turns to the {_SIDE}", r"turns \1|makes a \1 turn|takes a \1 turn|rotates to the \1|pivots \1"),
     (f"turns {_SIDE}", r"turns to the \1|makes a \1|takes a turn to the \1|goes \1"),
@@ -76,6 +78,7 @@ _RULES = tuple((re.compile(rf"\b{said}(?!\w)"), tuple(others.split("|"))) for sa
     ("stands up(?: from a chair)?", r"gets up|rises from the chair|stands|stands up from a seat|gets up from sitting"),
     ("bows", r"takes a bow|bends forward|bends at the waist|bows down|bends over"),
     ("stands still", r"stands in place|does not move|stays in place|is standing|stands there"),
+    ("stops and stands still", r"stops|abruptly stops|comes to a halt|stops walking"),
     ("comes to a stop", r"stops|halts|stops walking|stands still"),
     # manners
     ("in a masculine way", r"like a man|in a manly way"), ("in a feminine way", r"like a woman|in a womanly way"),
@@ -100,7 +103,8 @@ _VERB = re.compile(r"^(?!is\b)\w+s\b")
 def paraphrases(caption: str, number: int) -> tuple[str, ...]:
   """Up to `number` different sentences that say what a caption says, in other words; () where there are no others.
 
-  A pure function of the caption. Sides are said so that `data.mirror.mirror_caption` exchanges them.
+  A pure function of the caption. Sides are said so that `data.mirror.mirror_caption` exchanges them; only the side of a
+  turn on a way there and back may be left out, as people mostly do.
   """
   rng = np.random.default_rng(zlib.crc32(caption.encode()))
   found = dict.fromkeys(_paraphrase(caption, rng) for _ in range(number))
@@ -121,9 +125,9 @@ def _paraphrase(caption, rng):
     text = said.sub(lambda match, others=others: other(match, others), text)
   text = re.sub("\0(\\d+)\0", lambda match: put[int(match[1])], text)
   text = re.sub(r"\s+,", ",", text)
+  text = re.sub(r"\bbefore they (\w+)", lambda match: "before " + _ing(match[1]), text)
   if not subject:
     return text
-  text = re.sub(r"\bbefore they (\w+)", lambda match: "before " + _ing(match[1]), text)
   who = _WHO[rng.integers(len(_WHO))] if rng.random() < _CHANCE else subject[0].strip()
   if rng.random() < 0.15 and not re.search(r"[,.]\s*\w|\b(?:and|then|before)\b", text):
     text = _VERB.sub(lambda match: f"is {_ing(match[0])}", text, count=1)

@@ -32,7 +32,8 @@ def test_sides_and_counts_stay(captions):
   changed = 0
   for caption in captions[::7]:
     for other in paraphrases(caption, 2):
-      assert _sides(other) == _sides(caption), (caption, other)
+      left_out = set(_sides(caption)) - set(_sides(other))  # only where there is a way back
+      assert set(_sides(other)) <= set(_sides(caption)) and (not left_out or " back" in other), (caption, other)
       assert _counts(other) == _counts(caption), (caption, other)
       assert mirror_caption(mirror_caption(other)) == other.replace("counter-", "counter")
       assert not re.search(r"\0|\b(\w+) \1\b|,,| ,|\bis \w+s\b", other.replace("bye bye", "bye")), other
