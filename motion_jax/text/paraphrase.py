@@ -42,8 +42,8 @@ _RULES = tuple((re.compile(rf"\b{said}(?!\w)"), tuple(others.split("|"))) for sa
     (f"and (?:makes a u-turn|turns around) to the {_SIDE}", r"and turns around \1, then comes back|then turns around "
      r"to their \1|, makes a 180 degree turn to the \1 and heads back|then turns back around to the \1|"
      r"then turns and walks back|, turns around, and walks back|then turns around and comes back"),
-    ("and turns around(?! to)", r"then turns back|, turns around and goes back|and comes back|then turns and walks back|"
-     r"then turns around, and returns to where they started|, spins around and walks back"),
+    ("and turns around(?! to)", r"then turns back|, turns around and goes back|and comes back|"
+     r"then turns and walks back|then turns around, and returns to where they started|, spins around and walks back"),
     (f"and curves to the {_SIDE}", r"while turning \1|and turns \1|veering to the \1|then veers \1|and curves \1"),
     (f"(?:in a curve|in an arc|along a curved path) to the {_SIDE}", r"curving to the \1|in a \1 curve|"
      r"while turning to the \1|and turns to the \1|around a bend to the \1"),
