@@ -1,5 +1,5 @@
 """Small corrections of a sampled motion that nearly meets its requirements: a body that sits down last stays seated,
-steps in place or to a side are taken there, and feet do not float."""
+steps in place and steps and jumps to a side are taken there, and feet do not float."""
 import re
 from collections.abc import Sequence
 from typing import Any
@@ -8,6 +8,7 @@ import numpy as np
 
 from motion_jax.analysis.signals import Body
 from motion_jax.models.results import Motion, features_of
+from motion_jax.motion.pinned_feet import pin_feet
 from motion_jax.motion.retarget import floor_height
 from motion_jax.motion.root_paths import along, course
 from motion_jax.motion.skeleton import HUMANML3D
@@ -19,6 +20,8 @@ from motion_studio.planning.pauses import held_frame, insert_pause
 _FLOATS = 0.08  # metres over the floor below which feet that never come lower count as standing
 _ASIDE = 0.35   # metres a second to a side
 _TURNS = 0.35   # seconds, sigma of what is no turn but a sway of the pelvis
+_JUMPS, _IN_THE_AIR = 0.5, 0.05  # metres of a jump to a side, and of the lower foot over the floor in it
+_PUSHES = 0.08  # seconds, sigma of the push from the ground
 _FACES = 0.8    # radians by which a body that steps in place or to a side may turn away
 _HANGS = re.compile(r"\b(?:hang|dangl|bars?\b|swings on|rid(?:es|ing)|swim|fl(?:ies|y|ying)\b)", re.IGNORECASE)
 
@@ -26,7 +29,9 @@ _HANGS = re.compile(r"\b(?:hang|dangl|bars?\b|swings on|rid(?:es|ing)|swim|fl(?:
 def corrected(model: Any, motion: Motion, requirements: Sequence[Requirement]) -> Motion:
   """The motion with the corrections it needs; the same object where it needs none."""
   skeleton = model.stats.layout.skeleton
-  joints = _stepping(_kept_seated(motion, requirements, skeleton), motion.fps, requirements, skeleton)
+  joints = _kept_seated(motion, requirements, skeleton)
+  for correct in (_stepping, _jumping):
+    joints = correct(joints, motion.fps, requirements, skeleton)
   height = float(floor_height(joints, skeleton))
   if height > _FLOATS and not _HANGS.search(motion.captions[0].text if motion.captions else ""):
     lowest = joints[:, list(HUMANML3D.left_feet + HUMANML3D.right_feet), 1].min()
@@ -62,9 +67,33 @@ def _stepping(joints, fps, requirements, skeleton):
   if np.ptp(facing) < _FACES and not violation_score(joints, wanted, fps):
     return joints
   path, _ = course(joints, fps)
-  side = {"left": 1.0, "right": -1.0}.get(wanted[0].side, 0.0)
-  left = np.array([np.cos(facing[0]), -np.sin(facing[0])])
-  goal = path[0] + side * _ASIDE / fps * np.arange(len(joints))[:, None] * left
+  goal = path[0] + _ASIDE / fps * np.arange(len(joints))[:, None] * _to(wanted[0].side, facing[0])
   moved = along(joints, facing[0] - facing, path, goal, skeleton, fps)
   stepped = [*wanted, Requirement("treads", "", 1, False)]
   return joints if violation_score(moved, stepped, fps) else moved.astype(joints.dtype)
+
+
+def _jumping(joints, fps, requirements, skeleton):
+  """Joints whose jumps go to a side, as the requirements say, where they did not: each flight leads there.
+
+  The feet are moved in the air only, the rest of the body begins with the push from the ground.
+  """
+  own = {one.kind: one for one in requirements}
+  wanted = [own[kind] for kind in ("aside", "jump", "hop") if kind in own]
+  if len(wanted) < 2 or wanted[0].kind != "aside" or not violation_score(joints, wanted, fps):
+    return joints
+  body, flown = Body(joints, fps), np.zeros(len(joints))
+  for first, past in body.spans(body.air > _IN_THE_AIR, least=0.1):
+    flown[first:past] += _JUMPS / (past - first)
+  way = np.zeros((len(joints), 1, 3))
+  way[..., [0, 2]] = _to(wanted[0].side, body.heading[0])
+  feet = joints + np.cumsum(flown)[:, None, None] * way
+  moved = joints + np.cumsum(gaussian_filter1d(flown, _PUSHES * fps, mode="nearest"))[:, None, None] * way
+  pairs = [feet[:, [left, right]] for left, right in zip(skeleton.left_feet, skeleton.right_feet)]
+  moved = pin_feet(moved, *pairs, skeleton)
+  return joints if violation_score(moved, wanted, fps) else moved.astype(joints.dtype)
+
+
+def _to(side, heading):
+  """x and z (2,) of the direction to a side of where a body faces; 0 without a side."""
+  return {"left": 1.0, "right": -1.0}.get(side, 0.0) * np.array([np.cos(heading), -np.sin(heading)])

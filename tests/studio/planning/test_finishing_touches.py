@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from motion_jax.analysis.signals import Body
 from motion_jax.data.clip import Caption
 from motion_jax.data.datasets.synthetic import synthetic_joints
 from motion_jax.metrics.physics import planted_speed
@@ -83,6 +84,19 @@ def test_steps_in_place_and_to_a_side_are_taken_there(prompt, side):
   assert planted_speed(made) < 0.12  # standing feet stand
   for free in ("a person walks forward", "a person walks to the left", "a person is running to the left"):
     assert _finished(walk, free) is walk
+
+
+@pytest.mark.parametrize("prompt, side", [("a person jumps to the left", 1), ("a man takes a jump to his right", -1)])
+def test_jumps_to_a_side_go_there_in_the_air(prompt, side):
+  jumps = _motion(_joints("jump"), Caption(prompt))
+  made = _finished(jumps, prompt).joints
+  body = Body(jumps.joints, 20.0)
+  flights = body.spans(body.air > 0.05, least=0.1)
+  moved = made[:, 0, 0] - jumps.joints[:, 0, 0]
+  assert moved[-1] * side == pytest.approx(0.5 * len(flights), abs=0.05)
+  feet = np.linalg.norm(np.diff(made[:, [10, 11]], axis=0)[..., [0, 2]], axis=-1)
+  assert feet[:flights[0][0] - 2].max() < 0.01  # they stand until they leave the ground
+  assert _finished(jumps, "a person jumps forward") is jumps
 
 
 def test_a_body_that_stands_is_not_moved_to_a_side():
