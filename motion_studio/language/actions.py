@@ -1,12 +1,19 @@
 """What is known of an action by its verb and words: its body part, its sides, whether it ends by itself."""
+import functools
+import re
 from collections.abc import Sequence
 
 from motion_jax.text.lexicon import VERBS
-from motion_jax.text.morphology import base_form
+from motion_jax.text.morphology import base_form, verb_of
+from motion_jax.text.tagger import tag_words
 from motion_studio.language import lexicon
 
 # Of simultaneous actions the one whose part comes first here is the base of the motion: of walking and waving the walk.
 PARTS = ("legs", "body", "torso", "arms", "head")
+# "with the arms stretched out", ", hands on the hips".
+_BESIDE = re.compile(r"(?:\bwith|,) ([^,]+?)"
+                     r"(?= (?:and|while|as|like|then|with|without|in an? \w+ (?:way|manner|style))\b|,|$)")
+_SMALL_WORDS = ("DET", "PRON", "ADP", "NUM", "AUX", "CCONJ")
 
 
 def part_of(verb: str, words: Sequence[str]) -> str:
@@ -69,3 +76,15 @@ def sides_of(words: Sequence[str]) -> tuple[str, ...]:
            if word == side and base_form(thing, lexicon.SIDED_ARM_PARTS)]
   both = "both" in words or any(word in ("hands", "arms", "fists", "elbows") for word in words)
   return ("left", "right") if both else tuple(dict.fromkeys(named))
+
+
+@functools.lru_cache(maxsize=1 << 12)
+def postures_of(text: str) -> frozenset[str]:
+  """The words that say how limbs are kept beside an action: {"arm", "stretch", "out"} of "walks with the arms stretched
+  out", and none of "jumps with both feet"."""
+  found = set()
+  for words in (beside[1].split() for beside in _BESIDE.finditer(text)):
+    kept = [base_form(word, lexicon.BODY) or verb_of(word) or word for (_, tag), word in zip(tag_words(words), words)
+            if word not in lexicon.NO_POSTURE and (word in lexicon.DIRECTIONS | {"out"} or tag not in _SMALL_WORDS)]
+    found |= set(kept) if len(kept) > 1 and not lexicon.BODY.isdisjoint(kept[:2]) else set()
+  return frozenset(found)

@@ -120,7 +120,9 @@ BODY_PARTS = (("legs", {"leg", "knee", "foot", "feet", "heel", "toe", "ankle", "
               ("head", {"head", "chin", "neck"}),
               ("torso", {"torso", "hip", "waist", "chest"}),
               ("arms", ARM_PARTS))
-LIMBS = {"hand", "arm", "leg", "foot", "knee", "elbow", "hands", "arms"}
+BODY = set().union(*(things for _, things in BODY_PARTS))
+LIMBS = BODY | {f"{part}s" for part in BODY}
+NO_POSTURE = {"left", "right", "side", "sides", "again", "slightly", "first", "it's"}
 BEFORE_A_LIMB = set("the with on left right both other one".split())
 IDIOMS = {"seat": "sit down"}  # nouns that name another verb: "takes a seat"
 # Nouns that have rules of their own after a light verb.

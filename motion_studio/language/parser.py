@@ -148,11 +148,16 @@ def _action(clause, subject):
   who, words = " ".join(subject), _words_of(clause, subject)
   said = [word for word in lower(clause.words) if word.isalpha()]
   rest = set(said) - lexicon.SHORT_TIMES
-  stands = clause.verb in ("stand", "stay") and said[:1] == ["still"] and lexicon.LIMBS.isdisjoint(said) or (
+  keeps_a_limb = bool(actions.postures_of(words))
+  stands = clause.verb in ("stand", "stay") and said[:1] == ["still"] or (
       clause.verb == "stand" and not clause.words and not is_participle(clause.form))
-  if stands or clause.verb in lexicon.PAUSING_VERBS and not (clause.verb == "rest" and rest) or (
-      clause.verb in ("finish", "quit") and not said):
+  pauses = clause.verb in lexicon.PAUSING_VERBS and not (clause.verb == "rest" and rest) or (
+      clause.verb in ("finish", "quit") and not said)
+  if (stands or pauses) and not keeps_a_limb:
     return Action(f"{who} {PAUSE}", PAUSE, "legs", verb="stand", reworded=clause.reworded, subject=who)
+  if pauses:  # "stops with the arms crossed"
+    clause = clause._replace(verb="stand", form="stand", words=["still", *clause.words])
+    words = _words_of(clause, subject)
   if is_hold(clause.verb, rest):
     return Action(f"{who} {words}", HOLD, "legs", verb="stand", subject=who)
   return Action(f"{who} {words}", words, clause.part, actions.sides_of(lower(clause.words)), clause.times, clause.verb,

@@ -10,8 +10,6 @@ from motion_studio.language.segments import Action
 # Where words about the path end.
 _BESIDE = re.compile(r",(?! (?:counter)?clockwise)| (?:with|while|starting|leading|dragging|leaning|kicking|waving|"
                      r"looking)\b")
-_LIMBS = re.compile(r"\b(?:arms?|hands?|legs?|knees?|head|hips?|fingers?|foot|feet|toes?|shoulders?|wrists?|ankles?|"
-                    r"elbows?|torso|waist|chest|neck|air)\b")
 _NONE = re.compile(r"\b(?:then|in place|on the spot)\b")  # several paths in one, or no path
 _SIZE = r"(?:(?:full|whole|complete|big|small|large|wide|tight|little|single|clockwise|counterclockwise|few) )*"
 _SHAPES = {shape: re.compile(words) for shape, words in {  # the first that matches; "" is no shape
@@ -21,6 +19,8 @@ _SHAPES = {shape: re.compile(words) for shape, words in {  # the first that matc
     "circle": rf"\bin (?:an? |one |two |three )?{_SIZE}circles?\b|\bcircular\b|\b\w+s (?:around )?(?:an? |one |two "
               rf"|three )?{_SIZE}circles?\b|\boval\b|clockwise\b|\bcircles (?:around|to)\b",
     "straight": r"\bstraight(?: ahead| on| forwards?| line)?$|\bstraight (?:ahead|on|forwards?|line)\b"}.items()}
+_WORD = re.compile(r"\w+")
+_LIMBS = lexicon.LIMBS | {"air"}
 _TURNS = ("turn", "spin")
 _A_CIRCLE = re.compile(r"\bcircles?\b(?! of| around| to)", re.IGNORECASE)
 _BENDS = re.compile(r"\b(?:veer|turn|curv|swerv|back\b|forth\b)")
@@ -55,7 +55,8 @@ def _shapes_of(verb, words):
   kind = kind_of(verb, "walk", "run")
   gait, manner = (kind.verb, kind.manner) if kind else ("", ())
   own = _BESIDE.split(words, maxsplit=1)[0]
-  if _NONE.search(words) or _LIMBS.search(own if gait else words) or not gait and verb not in lexicon.PATH_MAKING_VERBS:
+  if _NONE.search(words) or not (gait or verb in lexicon.PATH_MAKING_VERBS) or not (
+      _LIMBS.isdisjoint(_WORD.findall(own if gait else words))):
     return []
   shape = next((shape for shape, said in _SHAPES.items() if said.search(own)), "")
   found = [PathShape(shape, _side_of(own, words))] if shape in ("circle", "u-turn") else []

@@ -15,6 +15,7 @@ from motion_jax.text.morphology import base_form, possible_bases, verb_of
 from motion_jax.text.tagger import tag_words
 from motion_jax.utils import cache
 from motion_studio.language import lexicon
+from motion_studio.language.actions import postures_of
 from motion_studio.language.meaning import kind_of
 from motion_studio.language.parser import parse
 from motion_studio.language.plan import Plan
@@ -93,9 +94,11 @@ class Repertoire:
     said = phrase_of(sentence)
     # Words of no caption have a note of their own, but for those that the notes leave out.
     things = (_things(said) & self._words) | _places(said)
+    if not any(action.part == "arms" or action.verb in lexicon.LIMB_OF_ACTION for action in plan.actions):
+      things |= postures_of(said)  # and no "waves with the right hand up"
     if _UNNAMED.search(said) and any(action.part == "arms" for action in plan.actions):
       things |= {"thing"}  # "throws an object"
-    alike = [phrase for phrase in near if things <= _things(phrase) | _places(phrase)]
+    alike = [phrase for phrase in near if things <= _things(phrase) | _places(phrase) | postures_of(phrase)]
     equal = bool(alike) and nearest[0][0] >= _EQUAL and nearest[0][1] == alike[0]
     return Judgement(bool(near) and same, bool(near) and len(alike) <= _FEW and not equal, nearest)
 

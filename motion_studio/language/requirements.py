@@ -4,7 +4,7 @@ import re
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from motion_jax.text.morphology import base_form, verb_of
+from motion_jax.text.morphology import verb_of
 from motion_studio.language import lexicon
 from motion_studio.language.meaning import is_a
 from motion_studio.language.path_shapes import BENT, is_gait, path_shapes_of
@@ -130,7 +130,7 @@ def _event_of(action, shapes):
   if turning and not any(shape.kind in BENT for shape in shapes):  # "walks, turning to the left"
     kind, side = "turn", turning[1] or turning[2]
   if kind == "turn":  # the right foot is no way to turn
-    words = {word for word, thing in zip(said, [*said[1:], ""]) if not base_form(thing, lexicon.LIMBS)}
+    words = {word for word, thing in zip(said, [*said[1:], ""]) if thing not in lexicon.LIMBS - {"shoulder"}}
   named = {"left", "right"} & words
   if kind in lexicon.SIDED_EVENTS and not side and len(named) == 1:
     side = named.pop()
@@ -192,7 +192,7 @@ def _climbs(action):
 def _stands_still(action):
   words = set(action.words.lower().split())
   return action.verb in ("stand", "stay") and bool({"still", "place", "motionless"} & words) and not (
-      words & (lexicon.LIMBS | {"legs", "feet"}))  # "standing still lifts an arm"
+      words & lexicon.LIMBS)  # "standing still lifts an arm"
 
 
 def _gets_up(action):

@@ -62,6 +62,8 @@ COMPOSED = {
     "a person walks then stops walking": "walks | stands still",
     "a person starts walking, then stops": "walks | stands still",
     "a person walks, pauses for two seconds, then runs": "walks | stands still [2] | runs",
+    "a person walks, then stops with both hands on the hips": "walks | stands still with both hands on the hips",
+    "a person walks, then stops with both feet": "walks | stands still",
     # a pose that is kept
     "a person sits down on a chair, stays there and stands up again":
         "sits down on a chair | holds still | stands up again",
