@@ -35,39 +35,16 @@ def is_continuous(verb: str, words: Sequence[str]) -> bool:
   return verb in VERBS["gait"] and part_of(verb, words) == "legs" and not (verb == "stand" and "up" in words)
 
 
-def is_done_once(verb: str) -> bool:
-  """Whether an action ends by itself and leaves the body standing, as a bow does; walking and sitting do not."""
-  return verb in lexicon.DONE_ONCE
-
-
-def leaves_at_ease(verb: str) -> bool:
-  """Whether an action ends by itself in a stance in which the body can stand on, as a raised hand is not."""
-  return is_done_once(verb) and verb not in lexicon.NOT_AT_EASE
-
-
 def stays_low(verb: str, part: str, words: Sequence[str]) -> bool:
   """Whether a body that sits, kneels or lies can act without getting up, as arms wave and a head nods."""
   lifts_an_arm = verb == "lift" and any(base_form(word, lexicon.ARM_PARTS) for word in words)  # and not a box
   return part in ("arms", "head") and (lifts_an_arm or verb not in lexicon.FROM_THE_FLOOR)
 
 
-def is_counted_one_by_one(verb: str) -> bool:
-  """Whether repetitions are better sampled one after the other than by a prompt with their number.
-
-  Of 24 kicks and squats 12 have the right number one by one, and 4 by the prompt; of 18 jumps and bows none, and 9.
-  """
-  return verb in lexicon.COUNTED_ONE_BY_ONE
-
-
 def held_pose(verb: str, part: str) -> str | None:
   """The pose of an action that holding it means: the "low" one, raised "arms", the lifted "leg"; None: its last one."""
   return "low" if verb in lexicon.LOW | {"squat"} else "leg" if verb in ("kick", "balance") else (
       "arms" if part == "arms" else None)
-
-
-def cycle_of(verb: str) -> float | None:
-  """Seconds of one cycle of an action that a clip shows many times, as waving; None of others."""
-  return lexicon.CYCLES.get(verb)
 
 
 def sides_of(words: Sequence[str]) -> tuple[str, ...]:

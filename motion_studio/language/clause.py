@@ -43,7 +43,8 @@ def clause_of(tokens):
     del subject[0]
   while subject and subject[-1].lower() in lexicon.RELATIVE:
     subject.pop()
-  while subject and (subject[-1].lower().endswith("ly") or subject[-1].lower() in lexicon.FILLERS):
+  while subject and tags[start - len(before) - 1] == "ADV" and (
+      subject[-1].lower() not in {*lexicon.SIDES, *lexicon.BACKWARD}):  # "a person with a broken back"
     before.insert(0, subject.pop())
   if subject and not any(tag in ("NOUN", "PRON") for tag in tags[:start]):
     before, subject = subject + before, []

@@ -54,7 +54,7 @@ def with_steps(clause):
   pace = [pace for word in found[2].lower().split() if (pace := pace_of(word)) in _PACE_FACTORS][:1]
   factor = _PACE_FACTORS[pace[0]] if pace else 1.0
   seconds = max(round(_number(found[1]) * (_STEP_BACK if is_back else _STEP) * factor, 2), _SINGLE_STEP)
-  if clause.verb not in lexicon.STEPS_ONLY and not is_back:
+  if clause.verb not in lexicon.LIGHT_VERBS | {"step"} and not is_back:
     return clause._replace(seconds=seconds, steps=True)
   # In the words of captions.
   verb = clause.verb if clause.verb in ("run", "jog", "march") else "walk"

@@ -28,14 +28,15 @@ def completed(done, kind, tokens, clause):
   found = first_match(CONTINUATIONS, done, kind, tokens)
   if found is not None or clause is not None:
     return found
-  previous, words = done[-1], lower(tokens)
+  previous = done[-1]
   if kind == "then":
     return _verbless(previous, tokens)
   if kind not in ("and", ","):
     return None
   # "jumps forward twice and backward once", "punches left, right"; "walks back and forth" stays as it is.
   both_counted = all(without_times(some)[1] is not None for some in (previous.words, tokens))
-  other_side = previous.verb in lexicon.BLOWS and words in (["left"], ["right"])
+  other_side = kind == "," and lexicon.EVENTS.get(previous.verb) in lexicon.SIDED_EVENTS and (
+      lower(tokens) in (["left"], ["right"]))
   return _verbless(previous, tokens) if both_counted or other_side else None
 
 
@@ -79,7 +80,7 @@ def _change_of_pace(done, kind, tokens):
 def _further_steps(done, kind, tokens):
   previous = done[-1]
   is_object = previous.verb in lexicon.LIGHT_VERBS or previous.reworded or previous.steps
-  steps = is_object and kind in ("and", ",", "then") and _is_steps(lower(tokens))
+  steps = (kind == "then" or is_object and kind in ("and", ",")) and _is_steps(lower(tokens))
   return Clause([], [], "take", "take", list(tokens)) if steps else None
 
 
@@ -92,9 +93,11 @@ def _is_steps(words):
 # --- words without a verb ---------------------------------------------------------------------------------------------
 
 def _manner(previous, tokens, words):
-  if not words or not all(word.endswith("ly") for word in words):
+  is_path = words[:1] == ["in"] and _is_gait(previous.verb)
+  if not is_path and words[:1] != ["like"] and not (words and all(word.endswith("ly") for word in words)):
     return None
-  return _with_words(previous, [word for word in previous.words if not word.endswith("ly")] + list(tokens))
+  return _with_words(previous, list(tokens) if is_path else [
+      *(word for word in previous.words if not word.lower().endswith("ly")), *tokens])
 
 
 def _direction(previous, tokens, words):
@@ -110,24 +113,9 @@ def _direction(previous, tokens, words):
   return _with_words(previous, [*(shape[0].split() if shape and words[0] != shape[0] else []), *to, *tokens])
 
 
-def _other_path(previous, tokens, words):
-  is_path = words[:1] == ["in"] and _is_gait(previous.verb)
-  return _with_words(previous, list(tokens)) if is_path else None
-
-
-def _other_style(previous, tokens, words):
-  if words[:1] != ["like"]:
-    return None
-  return _with_words(previous, [word for word in previous.words if word.lower() != "normally"] + list(tokens))
-
-
 def _taken_noun(previous, tokens, words):
   taken = reworded("take", tokens)
   return taken and Clause([], [], taken.verb, taken.verb, taken.words, taken.times, reworded=True)
-
-
-def _steps(previous, tokens, words):
-  return Clause([], [], "take", "take", list(tokens)) if _is_steps(words) else None
 
 
 def _other_limb(previous, tokens, words):
@@ -152,14 +140,18 @@ CONTINUATIONS = (
     Rule("Change of pace", "The same walk or run quickly, slowly, or in another gait.", {
         "a person walks, speeds up, then slows down again": "walks | walks quickly | walks slowly",
         "a person runs, then slows down to a walk": "runs | walks"}, _change_of_pace),
-    Rule("Further steps", "Steps after counted steps, or after an action that a noun names.", {
+    Rule("Further steps", "Steps after \"then\", after counted steps, or after an action that a noun names.", {
         "a person takes three steps forward and two steps back":
             "walks forward [1.65] | walks backward [1.3] | stands still",
+        "a man walks around, then a step back": "walks around | walks backward [0.8] | stands still",
         "a person takes a bow and a step back": "bows | walks backward [0.8] | stands still"}, _further_steps),
 )
 VERBLESS = (
-    Rule("Other manner", "The same action in another manner.", {
-        "a person walks slowly, then quickly": "walks slowly | walks quickly"}, _manner),
+    Rule("Other manner", "The same action in another manner or style, or the same gait along another path.", {
+        "a person walks slowly, then quickly": "walks slowly | walks quickly",
+        "a person walks normally, then like an old man": "walks normally | walks like an old man",
+        "a person walks in a circle to the left, then in a circle to the right":
+            "walks in a circle to the left | walks in a circle to the right"}, _manner),
     Rule("Other direction", "The same action to another side; the shape of a path stays.", {
         "a person turns left, then right": "turns left | turns right",
         "a person walks in a circle to the left, then to the right":
@@ -168,19 +160,12 @@ VERBLESS = (
             "walks sideways to the left | walks sideways to the right",
         "a person leans to the left, then the right": "leans to the left | leans to the right",
         "a person jumps forward twice and backward once": "jumps forward 2 times | jumps backward"}, _direction),
-    Rule("Other path", "The same gait along another path.", {
-        "a person walks in a circle to the left, then in a circle to the right":
-            "walks in a circle to the left | walks in a circle to the right"}, _other_path),
-    Rule("Other style", "The same action in the style of somebody.", {
-        "a person walks normally, then like an old man": "walks normally | walks like an old man"}, _other_style),
     Rule("Noun of an action", "As after a light verb.", {
         "a person walks, then a run": "walks | runs",
         "a person walks followed by a dance": "walks | dances",
         "a man makes a left turn, followed by a right turn": "turns left | turns right",
         "she throws a left punch, then two right kicks":
             "punches with the left hand | kicks with the right foot 2 times"}, _taken_noun),
-    Rule("Steps", "Steps after \"then\" are a walk of as many steps.", {
-        "a man walks around, then a step back": "walks around | walks backward [0.8] | stands still"}, _steps),
     Rule("Other limb", "The same action with another arm or leg; the words may give a number of their own.", {
         "a person raises the left hand, then the right": "raises the left hand | raises the right hand",
         "a person kicks with the left leg, then with the other": "kicks with the left leg | kicks with the right leg",

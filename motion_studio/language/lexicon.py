@@ -22,7 +22,6 @@ SUBJECT_PRONOUNS = {"he", "she", "they", "i"}  # a main clause may begin with th
 PLURAL_SUBJECTS = set("people men women children they we i you".split())
 POSSESSIVES = {"his", "her", "their", "its", "my", "your", "our"}
 DETERMINERS = {"the", "a", "an", "this", "that"}
-DEFINITE = ("the", "this", "that")
 ANOTHER_PERSON = {"another", "other", "second", "else", "each"}
 
 # --- numbers ----------------------------------------------------------------------------------------------------------
@@ -33,7 +32,6 @@ NUMBERS = {word: number for number, word in enumerate(
 INEXACT_NUMBERS = ("zero", "half", "few", "several", "many")
 ARTICLES = {"a", "an", "another", "the"}
 ONE_MORE = ("a", "an", "another")
-REPETITION_WORDS = {"once", "twice", "thrice", "times"}
 
 # --- where to, how fast -----------------------------------------------------------------------------------------------
 
@@ -48,7 +46,6 @@ PATH_NOUNS = {"u-turn", "circle", "circles", "loop", "zigzag", "arc", "detour"} 
 SIMULTANEOUS = ("at the same time", "simultaneously", "at once", "meanwhile")
 PAUSE_SECONDS = {"a moment": 1.0, "a while": 4.0, "a long time": 6.0}
 SHORT_TIMES = set("for a little short long while moment bit time second".split())  # "for a little while"
-FILLERS = {"also", "again", "just", "first", "soon"}
 NOT_A_CONNECTOR_AFTER_AS = ("if", "though", "well", "a", "an")
 AFTER_ONCE = set("with on to in at from by and again more".split())  # "kicks left, then once with the right"
 BEFORE_WHILE = ("a", "little", "short", "long", "good")  # "rests for a while"
@@ -80,12 +77,9 @@ OWN_PACES = {"brisk": "quickly", "briskly": "quickly"} | dict.fromkeys(
     "easy easygoing lazy lazily instant instantly instantaneous outright straightaway deliberately dilatory".split(),
     "")
 LIGHT_VERBS = {"take", "do", "make", "throw", "give", "perform"}  # their object says the action: "takes a bow"
-DIAGONAL_VERBS = {"walk", "stride", "stroll", "step", "move", "go", "run", "jog"}
 STEP_VERBS = set("take step walk go move march run jog make do".split())  # their steps may be counted
-STEPS_ONLY = ("take", "step", "make", "do")  # of these, those that say nothing but the steps
 ONE_ARM_EACH = {"wave", "raise", "lift", "hold", "stretch", "extend", "lower", "swing", "put"}
 OF_AN_OBJECT = {"raise", "lift", "lower", "extend"}  # never without something that they move
-BLOWS = {"kick", "punch", "jab"}
 # Actions that end by themselves and leave the body standing.
 DONE_ONCE = set("bow kick turn squat duck raise lift lower throw toss catch pick point salute grab reach hug slap "
                 "strike pull push put place drop greet shrug cross".split())
@@ -94,6 +88,8 @@ LOW = {"sit", "kneel", "crouch", "lie"}  # after these the body is low, and stay
 FROM_THE_FLOOR = {"pick", "place", "drop", "take", "lift"}  # the whole body goes down and up again with the arms
 # Seconds of one cycle of actions that a clip shows many times.
 CYCLES = {"wave": 0.8, "clap": 0.6, "nod": 0.8, "shake": 0.6, "punch": 1.0, "jab": 0.8, "stomp": 0.8, "stamp": 0.8}
+# Repetitions of these are sampled one after the other: of 24 kicks and squats 12 have the right number one by one, and
+# 4 by a prompt with their number; of 18 jumps and bows none, and 9.
 COUNTED_ONE_BY_ONE = {"kick", "squat"}
 # Their object is what moves: "turns the head"; "walks with the hands up" still walks.
 MOVED_BY_OBJECT = (VERBS["arms"] | VERBS["head"] | {
@@ -103,13 +99,9 @@ MOVED_BY_OBJECT = (VERBS["arms"] | VERBS["head"] | {
 # --- poses that are kept ----------------------------------------------------------------------------------------------
 
 LOW_POSES = set("seated sitting low down crouched crouching kneeling squatting lying bent".split())
-STAYING_WORDS = LOW_POSES | set("still there here put up standing motionless frozen in on the that this place position "
-                                "pose floor chair like so as".split())
 POSE_NOUNS = set("it them that this still pose position posture there steady".split())
-HOLDING_WORDS = POSE_NOUNS | set("the his her their its up out high down in place air like so".split())
-# "starts in a seated position": the verb that such a posture is, and the words after it.
-POSTURES = {"sitting": ("sit", []), "seated": ("sit", []), "kneeling": ("kneel", []), "crouching": ("crouch", []),
-            "crouched": ("crouch", []), "lying": ("lie", ["down"]), "standing": ("stand", ["still"])}
+POSE_WORDS = LOW_POSES | POSE_NOUNS | set("here put up standing motionless frozen in on the his her their its out high "
+                                          "place floor chair air like so as".split())
 
 # --- nouns ------------------------------------------------------------------------------------------------------------
 
@@ -124,20 +116,17 @@ BODY = set().union(*(things for _, things in BODY_PARTS))
 LIMBS = BODY | {f"{part}s" for part in BODY}
 NO_POSTURE = {"left", "right", "side", "sides", "again", "slightly", "first", "it's"}
 BEFORE_A_LIMB = set("the with on left right both other one".split())
-IDIOMS = {"seat": "sit down"}  # nouns that name another verb: "takes a seat"
+# Nouns that name another verb: "takes a seat".
+IDIOMS = {"seat": "sit down", "rest": "rest", "break": "pause", "breather": "pause", "pause": "pause"}
 # Nouns that have rules of their own after a light verb.
-NO_ACTION_NOUNS = PATH_NOUNS | {"step", "look", "move", "stop", "halt", "rest"}
+NO_ACTION_NOUNS = PATH_NOUNS | {"step", "look", "move", "stop", "halt"}
 ADVERBS = {"forward": "forward", "backward": "backward", "sharp": "sharply", "full": "fully"}  # of a noun's adjectives
 LIMB_OF_ACTION = {"kick": "foot", "punch": "hand", "jab": "hand", "wave": "hand", "salute": "hand"}
 # Words that may follow the noun of an action; others change its meaning ("does a kick flip").
 AFTER_A_NOUN = set("to in into on onto at with from for over towards toward forward forwards backward backwards back "
                    "left right up down around high again quickly slowly fast upwards sideways while".split())
-REST_NOUNS = {"rest": "rest", "break": "pause", "breather": "pause", "pause": "pause"}
-REST_LENGTHS = {"short": "moment", "brief": "moment", "quick": "moment", "little": "moment", "small": "moment",
-                "long": "while", "longer": "while"}
 STANDSTILLS = {"stop", "halt", "standstill"}
 PUTTING_VERBS = {"put", "throw", "stick", "bring", "hold", "shoot", "fling", "get"}  # "puts her hands up"
-BETWEEN_ACTIONS = {"and", "then", ","}  # words after which a further action may follow
 
 # --- requirements -----------------------------------------------------------------------------------------------------
 
@@ -167,6 +156,5 @@ NEGATIONS = {"without", "not", "no", "never", "nor", "don't", "doesn't"}
 
 # --- paths ------------------------------------------------------------------------------------------------------------
 
-PATH_MAKING_VERBS = {"make", "do", "take", "perform"}  # "makes a u-turn while walking"
 STAYING_VERBS = set("sit stand stop rest wait stay pause halt squat crouch kneel lie kick jump bow lean".split())
 NO_DIRECTION = {"forward", "forwards", "ahead", "back", "away", "on"}

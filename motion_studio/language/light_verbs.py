@@ -9,6 +9,7 @@ from typing import NamedTuple
 from motion_jax.text import wordnet
 from motion_jax.text.morphology import present_participle, verb_of
 from motion_studio.language import lexicon
+from motion_studio.language.counting import without_times
 from motion_studio.language.meaning import pace_of
 from motion_studio.language.rule import Rule, first_match
 
@@ -28,8 +29,7 @@ _SIDE_STEPS = re.compile(
     rf"steps? sideways))(?: {_TO_A_SIDE})?|step {_TO_A_SIDE.replace('<side>', '<way>')})"
     r"(?: (?P<times>once|twice|thrice|\w+ times))?(?P<after>(?: (?:slowly|quickly|again))*(?: (?:,|with|in|and) .+)?)")
 _MOTION = re.compile(r"(?:an? )?(?:\w+ )?(?P<verb>\w+ing) (?:motion|movement|gesture|action)s?\b")
-_IN_A_POSTURE = re.compile(rf"(?:(?:from|in|out|off|(?:back )?(?:in)?to) )?(?:(?:a|the) )?"
-                           rf"({'|'.join(lexicon.POSTURES)})(?: down)?"
+_IN_A_POSTURE = re.compile(r"(?:(?:from|in|out|off|(?:back )?(?:in)?to) )?(?:(?:a|the) )?(\w+)(?: down)?"
                            r"(?: (?:position|pose|posture))?")
 
 
@@ -51,7 +51,7 @@ def _action(verb, words, times=1):
 
 
 def _walk_diagonally(verb, words, lower):
-  found = _DIAGONAL.fullmatch(" ".join(lower)) if verb in lexicon.DIAGONAL_VERBS else None
+  found = _DIAGONAL.fullmatch(" ".join(lower))
   if found is None:
     return None
   way = "backward" if found[1].startswith("back") else "forward"
@@ -60,7 +60,10 @@ def _walk_diagonally(verb, words, lower):
 
 def _start_in_a_posture(verb, words, lower):
   found = _IN_A_POSTURE.fullmatch(" ".join(lower)) if verb in ("start", "begin", "return") else None
-  return None if found is None else _action(*lexicon.POSTURES[found[1]])
+  posture = found and ("sit" if found[1] == "seated" else verb_of(found[1]))
+  if posture not in lexicon.LOW | {"stand"} or posture == found[1]:
+    return None
+  return _action(posture, {"lie": ["down"], "stand": ["still"]}.get(posture, []))
 
 
 def _come_to_a_stop(verb, words, lower):
@@ -69,8 +72,7 @@ def _come_to_a_stop(verb, words, lower):
 
 
 def _strike_with_explicit_side(verb, words, lower):
-  if verb not in lexicon.BLOWS or lower[:1] not in (["left"], ["right"]) or not (
-      len(lower) == 1 or lower[-1] in lexicon.REPETITION_WORDS):
+  if verb not in lexicon.LIMB_OF_ACTION or lower[:1] not in (["left"], ["right"]) or without_times(lower[1:])[0]:
     return None
   return _action(verb, ["with", "the", lower[0], lexicon.LIMB_OF_ACTION[verb], *words[1:]])
 
@@ -83,14 +85,6 @@ def _put_hands_up(verb, words, lower):
   which = ["the", side] if side else ["both"] if thing.endswith("s") else ["a"]
   after = words[len(words) - len(found["after"].split()):] if found["after"] else []
   return _action("raise", [*which, thing, *(found["where"] or "").split(), *after])
-
-
-def _take_a_rest(verb, words, lower):
-  if verb != "take" or not lower or lower[-1] not in lexicon.REST_NOUNS or lower[0] not in lexicon.ARTICLES or not (
-      set(lower[1:-1]) <= {*lexicon.REST_LENGTHS}):
-    return None
-  lengths = [lexicon.REST_LENGTHS[word] for word in lower[1:-1]]
-  return _action(lexicon.REST_NOUNS[lower[-1]], ["for", "a", lengths[0]] if lengths else [])
 
 
 def _side_steps(verb, words, lower):
@@ -114,8 +108,7 @@ def _motion_of_an_action(verb, words, lower):
 def _steps_at_a_pace(verb, words, lower):
   pace = pace_of(lower[0]) if verb == "take" and lower[1:2] == ["steps"] else ""
   after = words[2:]
-  if not pace or after and lower[2] not in (*lexicon.AFTER_A_NOUN, "ahead") or not (
-      lexicon.BETWEEN_ACTIONS.isdisjoint(lower)):
+  if not pace or after and lower[2] not in (*lexicon.AFTER_A_NOUN, "ahead"):
     return None
   return _action("walk", [*(["forward"] if lower[2:] in (["ahead"], []) else after), pace])
 
@@ -126,6 +119,8 @@ def _noun_of_an_action(verb, words, lower):
   times, rest = _number_in_front(lower)
   if verb not in lexicon.LIGHT_VERBS or rest is None:
     return None  # "does squats"
+  if rest and lexicon.IDIOMS.get(rest[-1]) in lexicon.PAUSING_VERBS:
+    rest = rest[-1:]  # "takes a short break"
   side, paces, ways = "", [], []
   while rest and (rest[0] in lexicon.SIDES or rest[0] in lexicon.ADVERBS or pace_of(rest[0])):
     if rest[0] in lexicon.SIDES:
@@ -187,11 +182,6 @@ RULES = (
         "a man side steps to the left": "walks sideways to the left",
         "someone takes side steps to the right, then waves": "walks sideways to the right | waves",
         "a person steps sideways to their right": "walks sideways to the right"}, _side_steps),
-    Rule("Taking a rest", "The body stands still, or keeps its pose where it is low: 2 s, a short rest 1 s, a long one "
-         "4 s.", {
-             "a person takes a rest": "stands still",
-             "a person walks, takes a short break and walks back": "walks | stands still [1] | walks back",
-             "a person sits down and takes a long rest": "sits down | holds still [4]"}, _take_a_rest),
     Rule("Motion of an action", "A motion, movement or gesture of an action is that action.", {
         "a person makes a waving motion with the left arm": "waves with the left arm"}, _motion_of_an_action),
     Rule("Steps at a pace", "Taking slow or quick steps is walking at that pace.", {
@@ -201,6 +191,7 @@ RULES = (
          "an adjective the pace.", {
         "someone takes two bows": "bows 2 times",
         "someone walks ahead and takes a seat": "walks ahead | sits down",
+        "a person walks, takes a rest and walks back": "walks | stands still | walks back",
         "a person does three squats and then waves": "squats 3 times | waves",
         "a man goes for a brisk walk": "walks quickly",
         "a person does a 180 degree turn": "turns 180 degrees",

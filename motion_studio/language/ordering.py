@@ -13,7 +13,8 @@ def subject_of(clauses):
     return None
   first = next(iter(named or subjects), lexicon.DEFAULT_SUBJECT)
   for words in named:
-    if words != first and (words[0] not in lexicon.DEFINITE or set(words) & lexicon.ANOTHER_PERSON):
+    is_definite = words[0] in lexicon.DETERMINERS - set(lexicon.ONE_MORE)
+    if words != first and (not is_definite or set(words) & lexicon.ANOTHER_PERSON):
       return None
   return first
 

@@ -55,7 +55,7 @@ def _shapes_of(verb, words):
   kind = kind_of(verb, "walk", "run")
   gait, manner = (kind.verb, kind.manner) if kind else ("", ())
   own = _BESIDE.split(words, maxsplit=1)[0]
-  if _NONE.search(words) or not (gait or verb in lexicon.PATH_MAKING_VERBS) or not (
+  if _NONE.search(words) or not (gait or verb in lexicon.LIGHT_VERBS) or not (
       _LIMBS.isdisjoint(_WORD.findall(own if gait else words))):
     return []
   shape = next((shape for shape, said in _SHAPES.items() if said.search(own)), "")
@@ -85,9 +85,9 @@ def path_shapes_of(actions: "Sequence[Action]") -> list[PathShape]:
   """
   found = [(action, _shapes_of(action.verb, action.words)) for action in actions
            if action.part in ("legs", "body", "") and action.verb not in lexicon.STAYING_VERBS]
-  made = [shapes for action, shapes in found if action.verb in lexicon.PATH_MAKING_VERBS and shapes]
+  made = [shapes for action, shapes in found if action.verb in lexicon.LIGHT_VERBS and shapes]
   going = [(action, shapes) for action, shapes in found
-           if action.verb not in lexicon.PATH_MAKING_VERBS and not is_a(action.verb, *_TURNS)]
+           if action.verb not in lexicon.LIGHT_VERBS and not is_a(action.verb, *_TURNS)]
   if made:
     is_free = all(lexicon.NO_DIRECTION.issuperset(action.words.lower().split()[1:]) for action, _ in going)
     return made[0] if len(made) == 1 and is_free else []

@@ -8,10 +8,8 @@ from motion_studio.language.segments import Action, Segment
 
 def is_hold(verb, words):
   """Whether a verb and the words after it say that nothing moves: "stays seated", "holds the pose", "does not move"."""
-  if verb in ("stay", "remain"):
-    return words <= lexicon.STAYING_WORDS
-  if verb in ("hold", "keep"):
-    return words <= lexicon.HOLDING_WORDS and bool(words & lexicon.POSE_NOUNS)
+  if verb in ("stay", "remain", "hold", "keep"):
+    return words <= lexicon.POSE_WORDS and (verb in ("stay", "remain") or bool(words & lexicon.POSE_NOUNS))
   return verb == "do" and words in ({"not", "move"}, {"nothing"})
 
 

@@ -2,7 +2,7 @@
 from typing import NamedTuple
 
 from motion_jax.analysis.event_words import TIMES
-from motion_studio.language import actions
+from motion_studio.language import lexicon
 from motion_studio.language.lexicon import HOLD, PAUSE
 
 
@@ -28,12 +28,12 @@ class Action(NamedTuple):
   @property
   def is_done_once(self) -> bool:
     """Whether the action ends by itself and leaves the body standing, as a bow does and a walk does not."""
-    return self.is_pose or actions.is_done_once(self.verb)
+    return self.is_pose or self.verb in lexicon.DONE_ONCE
 
   @property
   def leaves_at_ease(self) -> bool:
-    """Whether the action ends by itself in a relaxed stance, as a bow does and a raised hand does not."""
-    return actions.leaves_at_ease(self.verb)
+    """Whether the action ends by itself in a stance in which the body can stand on, as a raised hand does not."""
+    return self.verb in lexicon.DONE_ONCE - lexicon.NOT_AT_EASE
 
 
 class Segment(NamedTuple):

@@ -8,8 +8,7 @@ from motion_jax.analysis.event_words import TIMES
 from motion_jax.utils.errors import InputError
 from motion_jax.utils.numerals import as_float, require_numbers
 from motion_studio.language import Action, Plan, Segment, parse, pause
-from motion_studio.language.actions import cycle_of, is_counted_one_by_one
-from motion_studio.language.lexicon import LOW
+from motion_studio.language.lexicon import COUNTED_ONE_BY_ONE, CYCLES, LOW
 from motion_studio.language.path_shapes import is_gait, min_duration
 
 LONGEST = 3600     # seconds of a plan
@@ -47,7 +46,7 @@ def _least_frames(planner, segment, then):
 
 def _action_frames(planner, action):
   natural_frames = lambda prompt: planner.natural_frames(prompt, min_duration((action,), action.prompt))
-  if action.times > 1 and is_counted_one_by_one(action.verb):
+  if action.times > 1 and action.verb in COUNTED_ONE_BY_ONE:
     once = np.clip(_BRISK * natural_frames(action.prompt), _SHORTEST_REPETITION * planner.fps,
                    _LONGEST_REPETITION * planner.fps)
     return round(once) * action.times
@@ -55,7 +54,7 @@ def _action_frames(planner, action):
     nearest = planner.nearest_captions(action.prompt_with_count)
     if nearest and TIMES.get(action.times, "no number") in nearest[0][0]:  # clips show as many repetitions
       return natural_frames(action.prompt_with_count)
-    cycle = cycle_of(action.verb)
+    cycle = CYCLES.get(action.verb)
     if cycle is not None:
       return round((cycle * action.times + _AROUND) * planner.fps)
   return natural_frames(action.prompt) * action.times

@@ -12,7 +12,7 @@ import numpy as np
 
 from motion_jax.models.results import Motion, captions_in_a_row, features_of
 from motion_studio.language import Action, Plan
-from motion_studio.language.actions import is_counted_one_by_one
+from motion_studio.language.lexicon import COUNTED_ONE_BY_ONE
 from motion_studio.language.requirements import Requirement, is_counted, requirements_of
 from motion_studio.planning import assembly, durations
 from motion_studio.planning.independent import sample_independently
@@ -76,7 +76,7 @@ def compose(job: Job, lengths: Sequence[Sequence[int]], sample_segments: Callabl
 
 def repeated(action: Any, count: int, least: int, one_by_one: bool = False) -> list[tuple[str, int]]:
   """[(prompt, frames)] of an action: one, or one for each repetition where these are sampled one by one."""
-  single = is_counted_one_by_one(action.verb) or one_by_one and is_counted(single_requirements(action))
+  single = action.verb in COUNTED_ONE_BY_ONE or one_by_one and is_counted(single_requirements(action))
   if action.times == 1 or not single or count < action.times * least:
     return [(action.prompt_with_count, count)]
   return [(action.prompt, part) for part in durations.shared([1] * action.times, count, least)]
