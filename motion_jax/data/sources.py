@@ -33,7 +33,7 @@ class FeatureSet:
 
   tokens: {caption: its tokens "lemma/POS"} where the data set's files hold them. spans: of each clip that was put
   together of several, (caption, first, past) in rows of its features; of others (). sources: the archive of each clip,
-  "" where the data set names none.
+  "" where the data set names none. own_captions: `captions` without paraphrases (`data.paraphrases`).
   """
   features: list[np.ndarray]
   captions: list[list[str]]
@@ -44,6 +44,7 @@ class FeatureSet:
   tokens: dict[str, tuple[str, ...]] = dataclasses.field(default_factory=dict)
   spans: list[tuple[tuple[str, int, int], ...]] = dataclasses.field(default_factory=list)
   sources: list[str] = dataclasses.field(default_factory=list)
+  own_captions: list[list[str]] = dataclasses.field(default_factory=list)
 
   def source_factors(self, config) -> np.ndarray | None:
     """What data.source_weights, pairs (archive, factor), multiply the draws of each clip by, (N,); None without them.
@@ -192,7 +193,8 @@ def _load_features(config, split, stats, captioned):
   normalized = [x.normalized(stats) if isinstance(x, RecordedFeatures) else stats.normalize(x) for x in features]
   return FeatureSet(normalized, [list(item.captions) for item in items],
                     [item.group or item.id for item in items], [item.id for item in items], stats, layout, tokens,
-                    [item.spans for item in items], [item.source for item in items])
+                    [item.spans for item in items], [item.source for item in items],
+                    [list(item.captions[:item.num_own]) for item in items])
 
 
 # --- features that are kept --------------------------------------------------------------------------------------

@@ -118,9 +118,12 @@ def encoder_files(encoder):
 
 
 def caption_lengths(data):
-  """JSON rows [caption, median frames], from which a prompt without a length gets that of similar captions."""
+  """JSON rows [caption, median frames], from which a prompt without a length gets that of similar captions.
+
+  Without paraphrases: a prompt that is a training caption is one action, and most paraphrases are ways to say several.
+  """
   frames = {}
-  for x, captions in zip(data.features, data.captions):
+  for x, captions in zip(data.features, data.own_captions):
     for caption in captions:
       frames.setdefault(caption, []).append(len(x))
   return json.dumps([[caption, int(np.median(counts))] for caption, counts in sorted(frames.items())], indent=0)

@@ -3,9 +3,12 @@ import json
 import re
 
 import pytest
+from ml_collections import ConfigDict
 
+from motion_jax.data import sources
 from motion_jax.data.mirror import mirror_caption
 from motion_jax.text.paraphrase import paraphrases
+from motion_jax.training import setup
 from motion_studio.language import parse
 from tests.conftest import ROOT
 
@@ -53,3 +56,12 @@ def test_the_same_caption_has_the_same_paraphrases():
   assert paraphrases(said, 3) == paraphrases(said, 3) != ()
   assert said not in paraphrases(said, 8)
   assert not paraphrases("", 2)
+
+
+def test_a_run_keeps_the_captions_of_its_data_and_no_paraphrases():
+  """With mirrored clips, too: the table of lengths, by which the application knows what is one action."""
+  data = {paraphrases: sources.load_features(ConfigDict(dict(
+      name="synthetic", folder="", folders=(), layout="full", mode="corrected", mirror=True, seed=0, num_clips=16,
+      paraphrases=paraphrases))) for paraphrases in (0, 2)}
+  assert setup.caption_lengths(data[2]) == setup.caption_lengths(data[0])
+  assert sum(map(len, data[2].captions)) > 1.5 * sum(map(len, data[0].captions))

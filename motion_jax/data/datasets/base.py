@@ -44,6 +44,7 @@ class TextItem(NamedTuple):
   spans: tuple[tuple[str, int, int], ...] = ()
   made: bool = False
   source: str = ""
+  num_own: int | None = None
 
 
 class TestItem(NamedTuple):
@@ -199,7 +200,8 @@ def _in_other_words(clip, number) -> Clip:
   """The clip with up to `number` paraphrases of each of its captions beside them."""
   said = tuple(dataclasses.replace(caption, text=text) for caption in clip.captions
                for text in paraphrases(caption.text, number))
-  return clip.replace(captions=tuple(dict.fromkeys((*clip.captions, *said))))
+  own = tuple(dict.fromkeys(clip.captions))
+  return clip.replace(captions=tuple(dict.fromkeys((*own, *said))), meta=clip.meta | {"num_own": len(own)})
 
 
 def _item(clip, layout, mode, mirrored=False) -> TextItem | None:
@@ -215,7 +217,7 @@ def _item(clip, layout, mode, mirrored=False) -> TextItem | None:
   spans = tuple((text, first, min(past, len(features))) for text, first, past in clip.meta.get("spans", ()))
   return TextItem(clip.id, features, tuple(caption.text for caption in clip.captions), (),
                   str(clip.meta.get("content") or clip.meta.get("label") or clip.id), spans, "made" in clip.meta,
-                  clip.source)
+                  clip.source, clip.meta.get("num_own"))
 
 
 def augment_shares(config) -> dict[str, float]:
