@@ -42,6 +42,10 @@ _AT_A_PART = re.compile(r"\b(?:to|at|on|onto|near|against|over|of|behind|around)
                         r"(head|face|mouth|ears?|hips?|chest|stomach|chin|eyes?|nose)\b(?! level)")
 _UNNAMED = re.compile(r"\b(?:something|(?:an?|the|some) (?:object|thing|item))\b")
 _OVER_THE_HEAD = re.compile(r"\b(?:over|above) (?:(?:the|his|her|their|its) )?heads?\b")
+# Where to and how high somebody jumps or kicks, beside a named limb.
+_WAY = re.compile(r"(?<!with )(?<!with the )\b(left|right|backward|sideways|low|high)s?\b"
+                  rf"(?! (?:and \w+ )?(?:{'|'.join(sorted(lexicon.LIMBS))})\b)")
+_LEAPS = ("jump", "hop", "leap", "kick")
 _WALKS = {"go", "move", "step"}
 
 
@@ -94,11 +98,14 @@ class Repertoire:
     said = phrase_of(sentence)
     # Words of no caption have a note of their own, but for those that the notes leave out.
     things = (_things(said) & self._words) | _places(said)
+    if any(action.verb in _LEAPS for action in plan.actions):
+      things |= _ways(said)
     if not any(action.part == "arms" or action.verb in lexicon.LIMB_OF_ACTION for action in plan.actions):
       things |= postures_of(said)  # and no "waves with the right hand up"
     if _UNNAMED.search(said) and any(action.part == "arms" for action in plan.actions):
       things |= {"thing"}  # "throws an object"
-    alike = [phrase for phrase in near if things <= _things(phrase) | _places(phrase) | postures_of(phrase)]
+    alike = [phrase for phrase in near
+             if things <= _things(phrase) | _places(phrase) | _ways(phrase) | postures_of(phrase)]
     equal = bool(alike) and nearest[0][0] >= _EQUAL and nearest[0][1] == alike[0]
     return Judgement(bool(near) and same, bool(near) and len(alike) <= _FEW and not equal, nearest)
 
@@ -131,13 +138,24 @@ def _places(phrase):
 
 
 @functools.lru_cache(maxsize=1 << 12)
+def _ways(phrase):
+  """Where to and how high a phrase has something done, beside a named limb: {"left"} of "jumps to the left"."""
+  return frozenset(_WAY.findall(phrase))
+
+
+@functools.lru_cache(maxsize=1 << 12)
 def _verbs_of(phrase):
   """The kinds of verbs of a training caption's phrase."""
   return _kinds(parse(f"a person {phrase}").actions)
 
 
 def _kinds(actions):
-  """The verbs of actions without light ones; all kinds of walking count as one verb, and all kinds of running."""
+  """The verbs of actions without light ones; all kinds of walking count as one verb, and all kinds of running.
+
+  Of a limb that is moved the verb says its part, too: lifting a knee is no lifting of a hand.
+  """
   verbs = {action.verb for action in actions} - {"", *lexicon.LIGHT_VERBS}
   kinds = {verb: kind_of(verb, "walk", "run") for verb in verbs}
-  return frozenset("walk" if verb in _WALKS else kind.verb if kind else verb for verb, kind in kinds.items())
+  moved = {action.verb: f"{action.verb} {action.part}" for action in actions if action.verb in ("raise", "lift")}
+  return frozenset("walk" if verb in _WALKS else kind.verb if kind else moved.get(verb, verb)
+                   for verb, kind in kinds.items())

@@ -59,6 +59,8 @@ def test_a_phrase_is_what_is_done_without_who_how_fast_and_how_often(sentence, p
     # A posture of limbs that is in no caption of the action.
     ("a person stands still with their arms stretched out", True, True),
     ("a person walks in a circle with one hand in front of them", True, True),
+    ("a person jumps to the left", True, True), ("a person kicks low", True, True),
+    ("a person raises the left knee", False, False), ("a person hops on the left leg", True, False),
     ("a person walks forward with relaxed arms", True, False), ("a person jumps with both feet", True, False)])
 def test_phrases_are_known_by_meaning_and_verb(repertoire, prompt, known, few):
   found = repertoire.judge(prompt)
