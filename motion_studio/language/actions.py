@@ -59,7 +59,7 @@ def sides_of(words: Sequence[str]) -> tuple[str, ...]:
 def postures_of(text: str) -> frozenset[str]:
   """The words that say how limbs are kept beside an action: {"arm", "stretch", "out"} of "walks with the arms stretched
   out", and none of "jumps with both feet"."""
-  found = set()
+  found: set[str] = set()
   for words in (beside[1].split() for beside in _BESIDE.finditer(text)):
     kept = [base_form(word, lexicon.BODY) or verb_of(word) or word for (_, tag), word in zip(tag_words(words), words)
             if word not in lexicon.NO_POSTURE and (word in lexicon.DIRECTIONS | {"out"} or tag not in _SMALL_WORDS)]
