@@ -28,7 +28,7 @@ from motion_studio import Pipeline
 
 COLUMNS = "mean error, m", "worst, m", "skating", "planted, m/s", "fastest joint, m/s", "ms a motion"
 WALKS = ("a person walks", "a person walks forward")
-WAYS = {"prompt alone": None, "conditioned": dict(control_steps=0, exact=False), "and guided": dict(project=False),
+WAYS = {"prompt alone": None, "conditioned": dict(control_steps=0, exact=False), "and guided": dict(exact=False),
         "and projected": dict(exact=True)}
 
 
