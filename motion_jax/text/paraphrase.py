@@ -125,6 +125,7 @@ def _paraphrase(caption, rng):
     text = said.sub(lambda match, others=others: other(match, others), text)
   text = re.sub("\0(\\d+)\0", lambda match: put[int(match[1])], text)
   text = re.sub(r"\s+,", ",", text)
+  text = re.sub(r"\b(left|right) before they\b", r"\1, then", text)  # "right before" is no side
   text = re.sub(r"\bbefore they (\w+)", lambda match: "before " + _ing(match[1]), text)
   if not subject:
     return text

@@ -71,8 +71,8 @@ def _of_words(planner, prompt, words):
 def _of_phrase(planner, action):
   """A note on an action, a plan or a prompt, with known words in an unknown combination; "" for one that is known."""
   prompt = action if isinstance(action, str) else action.text
-  if not planner.model.captions or planner.model.captions.knows(prompt):
-    return ""  # before the repertoire, which reads all captions
+  if not planner.model.captions or planner.model.captions.knows(prompt) and not planner.repertoire.is_rare(action):
+    return ""  # before the vectors of all captions are needed
   found = planner.repertoire.judge(action)
   if found.known and not found.few or not found.nearest:
     return ""

@@ -3,6 +3,7 @@
 Known words alone mean little ("stretches" occurs in a caption about a zombie's arms), so a prompt is judged as a whole
 phrase: by its sentence vector, and by the verbs of the nearest phrases.
 """
+import collections
 import functools
 import re
 from collections.abc import Iterable
@@ -24,6 +25,7 @@ from motion_studio.language.plan import Plan
 # others, 1.5 to 1.7 % have none as near; prompts by people: docs/sentences.md.
 NEAR = 0.75
 _FEW, _EQUAL = 2, 0.9  # near phrases of a hardly learned one at most, none of them at this cosine
+_RARE = 5  # phrases with the verb or the thing of a hardly learned one at most, mirrored ones among them: two clips
 _SUBJECT = re.compile(r"^(?:(?:a|an|the|one) (?:[\w'-]+ ){0,3}?(?:person|man|woman|figure|human|dancer|character)|"
                       r"someone|somebody|he|she|they) ")
 _SEVERAL = re.compile(r"\b(?:then|after that|followed by)\b")
@@ -78,7 +80,15 @@ class Repertoire:
 
   @functools.cached_property
   def _words(self):
-    return frozenset(form for phrase in self.phrases for word in phrase.split() for form in possible_bases(word))
+    """{base form: number of phrases in which it may stand}."""
+    return collections.Counter(form for phrase in self.phrases
+                               for form in {form for word in phrase.split() for form in possible_bases(word)})
+
+  def is_rare(self, action: str | Plan) -> bool:
+    """Whether few phrases have the verb of an action, or its thing, such as the backflip that somebody does."""
+    plan = parse(action) if isinstance(action, str) else action
+    words = {kind.split()[0] for kind in _kinds(plan.actions)} | _things(phrase_of(plan.text))
+    return any(0 < self._words[word] <= _RARE for word in words)
 
   def nearest(self, sentence: str, num: int) -> list[tuple[float, str]]:
     """[(cosine, phrase)] of the phrases closest in meaning, the nearest first."""
@@ -97,7 +107,7 @@ class Repertoire:
     same = not own or any(own & _verbs_of(phrase) for phrase in near)
     said = phrase_of(sentence)
     # Words of no caption have a note of their own, but for those that the notes leave out.
-    things = (_things(said) & self._words) | _places(said)
+    things = (_things(said) & self._words.keys()) | _places(said)
     if any(action.verb in _LEAPS for action in plan.actions):
       things |= _ways(said)
     if not any(action.part == "arms" or action.verb in lexicon.LIMB_OF_ACTION for action in plan.actions):
@@ -107,7 +117,8 @@ class Repertoire:
     alike = [phrase for phrase in near
              if things <= _things(phrase) | _places(phrase) | _ways(phrase) | postures_of(phrase)]
     equal = bool(alike) and nearest[0][0] >= _EQUAL and nearest[0][1] == alike[0]
-    return Judgement(bool(near) and same, bool(near) and len(alike) <= _FEW and not equal, nearest)
+    few = len(alike) <= _FEW and not equal or self.is_rare(plan)
+    return Judgement(bool(near) and same, bool(near) and few, nearest)
 
   def suggestions(self, sentence: str, num: int = 3) -> list[str]:
     """The nearest phrases with different verbs, after the first: what the model can do instead."""

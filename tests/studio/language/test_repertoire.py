@@ -46,7 +46,7 @@ def test_a_phrase_is_what_is_done_without_who_how_fast_and_how_often(sentence, p
     ("a person walks forward", True, False), ("someone sits down", True, False), ("a man bows deeply", True, False),
     ("she waves her right hand", True, False), ("a person kicks with the left foot", True, False),
     ("a person drinks from a cup", True, False), ("a person throws three punches", True, False),
-    ("a person turns around slowly", True, False), ("a person walks like a zombie", True, False),
+    ("a person turns around slowly", True, False), ("a person walks like a zombie", True, True),
     # Every word of these stands in some caption.
     ("a person stretches", False, False), ("a person stretches the arms", False, False),
     ("a person sneaks forward", False, False), ("a person limps", False, False),
@@ -61,7 +61,7 @@ def test_a_phrase_is_what_is_done_without_who_how_fast_and_how_often(sentence, p
     ("a person walks in a circle with one hand in front of them", True, True),
     ("a person jumps to the left", True, True), ("a person kicks low", True, True),
     ("a person raises the left knee", False, False), ("a person hops on the left leg", True, False),
-    ("a person walks forward with relaxed arms", True, False), ("a person jumps with both feet", True, False)])
+    ("a person walks forward with relaxed arms", True, True), ("a person jumps with both feet", True, False)])
 def test_phrases_are_known_by_meaning_and_verb(repertoire, prompt, known, few):
   found = repertoire.judge(prompt)
   assert found.known == known and (few or not known or not found.few) and (found.few or not few)
