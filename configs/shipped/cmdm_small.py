@@ -7,8 +7,8 @@ constraints, one pass each.
 The teacher is `part-tmr-small` (shipped/part_tmr_small.py), the text encoder that of the model that ships
 (docs/lab/words.md). Times and measurements: docs/lab/cmdm-small.md, motion_jax/pretrained/cmdm-small/README.md.
 
-It has made no shipped model yet: the weights that ship came from the recipe of commit 39e51fd and a last pass of the
-decoder (motion_jax/pretrained/cmdm-small/README.md).
+It has not been run from nothing: the weights that ship came from the recipe of commit 39e51fd and shorter passes `dec`,
+`den` and `adapters` of this one (motion_jax/pretrained/cmdm-small/README.md).
 """
 from motion_jax.configs.shipped import recipe
 
