@@ -1,5 +1,5 @@
 """Small corrections of a sampled motion that nearly meets its requirements: a body that sits down last stays seated,
-steps in place and steps and jumps to a side are taken there, and feet do not float."""
+steps in place and steps and jumps to a side are taken there, a way back leads back, and feet do not float."""
 import re
 from collections.abc import Sequence
 from typing import Any
@@ -23,6 +23,7 @@ _TURNS = 0.35   # seconds, sigma of what is no turn but a sway of the pelvis
 _JUMPS, _IN_THE_AIR = 0.5, 0.05  # metres of a jump to a side, and of the lower foot over the floor in it
 _PUSHES = 0.08  # seconds, sigma of the push from the ground
 _FACES = 0.8    # radians by which a body that steps in place or to a side may turn away
+_MISSES, _STRIDES = 1.2, 1.5  # radians and factor by which a way back may miss the beginning
 _HANGS = re.compile(r"\b(?:hang|dangl|bars?\b|swings on|rid(?:es|ing)|swim|fl(?:ies|y|ying)\b)", re.IGNORECASE)
 
 
@@ -30,7 +31,7 @@ def corrected(model: Any, motion: Motion, requirements: Sequence[Requirement]) -
   """The motion with the corrections it needs; the same object where it needs none."""
   skeleton = model.stats.layout.skeleton
   joints = _kept_seated(motion, requirements, skeleton)
-  for correct in (_stepping, _jumping):
+  for correct in (_stepping, _jumping, _returning):
     joints = correct(joints, motion.fps, requirements, skeleton)
   height = float(floor_height(joints, skeleton))
   if height > _FLOATS and not _HANGS.search(motion.captions[0].text if motion.captions else ""):
@@ -91,6 +92,27 @@ def _jumping(joints, fps, requirements, skeleton):
   moved = joints + np.cumsum(gaussian_filter1d(flown, _PUSHES * fps, mode="nearest"))[:, None, None] * way
   pairs = [feet[:, [left, right]] for left, right in zip(skeleton.left_feet, skeleton.right_feet)]
   moved = pin_feet(moved, *pairs, skeleton)
+  return joints if violation_score(moved, wanted, fps) else moved.astype(joints.dtype)
+
+
+def _returning(joints, fps, requirements, skeleton):
+  """Joints whose way back leads to the beginning, as the requirements say, where it nearly did: from the farthest place
+  on the course is turned there, and its steps become longer or shorter."""
+  wanted = [one for one in requirements if one.kind == "return"]
+  if not wanted or not violation_score(joints, wanted, fps):
+    return joints
+  path, _ = course(joints, fps)
+  farthest = int(np.linalg.norm(path - path[0], axis=-1).argmax())
+  (goes, length), (should, wants) = (
+      (np.arctan2(*way), float(np.linalg.norm(way))) for way in (end - path[farthest] for end in (path[-1], path[0])))
+  angle = np.angle(np.exp(1j * (should - goes)))
+  if abs(angle) > _MISSES or not 1 / _STRIDES < length / max(wants, 1e-6) < _STRIDES:
+    return joints
+  turn = angle * np.clip(((np.arange(len(joints)) - farthest) / fps + 0.5), 0, 1)
+  sin, cos = np.sin(angle), np.cos(angle)
+  back = (path[farthest:] - path[farthest]) @ np.array([[cos, -sin], [sin, cos]]) * (wants / length)
+  goal = np.concatenate([path[:farthest], path[farthest] + back])
+  moved = along(joints, turn, path, goal, skeleton, fps)
   return joints if violation_score(moved, wanted, fps) else moved.astype(joints.dtype)
 
 

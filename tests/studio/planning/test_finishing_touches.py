@@ -12,6 +12,7 @@ from motion_jax.metrics.physics import planted_speed
 from motion_jax.models.results import Motion
 from motion_jax.motion.representations import get_layout
 from motion_jax.motion.retarget import retarget
+from motion_jax.motion.root_paths import bent, course
 from motion_studio.checks.violations import violation_score
 from motion_studio.language import parse
 from motion_studio.planning import finishing_touches
@@ -97,6 +98,24 @@ def test_jumps_to_a_side_go_there_in_the_air(prompt, side):
   feet = np.linalg.norm(np.diff(made[:, [10, 11]], axis=0)[..., [0, 2]], axis=-1)
   assert feet[:flights[0][0] - 2].max() < 0.01  # they stand until they leave the ground
   assert _finished(jumps, "a person jumps forward") is jumps
+
+
+def test_a_way_back_that_misses_the_beginning_leads_there():
+  prompt = "a person walks forward, turns around and walks back"
+  walk = retarget(synthetic_joints("walk", 160, np.random.default_rng(1)))
+  middle = course(walk)[1][-1] / 2
+  away = lambda turn: bent(walk, lambda gone: turn * np.clip(gone - middle + 0.5, 0, 1))
+  motion = _motion(away(2.3), Caption(prompt))
+  required = [one for one in parse(prompt).requirements if one.kind == "return"]
+  assert required and violation_score(motion.joints, required) > 0
+  made = _finished(motion, prompt).joints
+  ends = np.linalg.norm((made[-1, 0] - made[0, 0])[[0, 2]])
+  assert ends < 0.3 and violation_score(made, required) == 0
+  np.testing.assert_allclose(made[:60], motion.joints[:60], atol=0.02)
+  assert planted_speed(made) < planted_speed(motion.joints) + 0.02  # standing feet stand
+  for other in (away(0.8), away(3.1)):  # it never turned around, and it comes back as it is
+    other = _motion(other, Caption(prompt))
+    assert _finished(other, prompt) is other
 
 
 def test_a_body_that_stands_is_not_moved_to_a_side():
