@@ -25,7 +25,8 @@ from motion_studio.language.plan import Plan
 # others, 1.5 to 1.7 % have none as near; prompts by people: docs/sentences.md.
 NEAR = 0.75
 _FEW, _EQUAL = 2, 0.9  # near phrases of a hardly learned one at most, none of them at this cosine
-_RARE = 5  # phrases with the verb or the thing of a hardly learned one at most, mirrored ones among them: two clips
+# Phrases with the verb or the thing of a hardly learned one at most, mirrored ones among them, and their share of all.
+_RARE, _RARE_SHARE = 5, 0.01
 _SUBJECT = re.compile(r"^(?:(?:a|an|the|one) (?:[\w'-]+ ){0,3}?(?:person|man|woman|figure|human|dancer|character)|"
                       r"someone|somebody|he|she|they) ")
 _SEVERAL = re.compile(r"\b(?:then|after that|followed by)\b")
@@ -88,7 +89,8 @@ class Repertoire:
     """Whether few phrases have the verb of an action, or its thing, such as the backflip that somebody does."""
     plan = parse(action) if isinstance(action, str) else action
     words = {kind.split()[0] for kind in _kinds(plan.actions)} | _things(phrase_of(plan.text))
-    return any(0 < self._words[word] <= _RARE for word in words)
+    most = min(_RARE, _RARE_SHARE * len(self.phrases))
+    return any(0 < self._words[word] <= most for word in words)
 
   def nearest(self, sentence: str, num: int) -> list[tuple[float, str]]:
     """[(cosine, phrase)] of the phrases closest in meaning, the nearest first."""

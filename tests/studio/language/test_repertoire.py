@@ -68,6 +68,13 @@ def test_phrases_are_known_by_meaning_and_verb(repertoire, prompt, known, few):
   assert found.nearest[0][0] >= found.nearest[1][0]
 
 
+def test_what_few_clips_show_is_hardly_known_among_many(repertoire):
+  assert repertoire.is_rare("a person walks like a zombie") and not repertoire.is_rare("a person walks")
+  assert not repertoire.is_rare("a person juggles")  # a word of no caption has a note of its own
+  few = Repertoire(["a person walks.", "a person waves."], None)  # no vectors are needed
+  assert not few.is_rare("a person waves")  # a small set of clips has one of each
+
+
 def test_suggestions_are_near_and_of_different_verbs(repertoire):
   found = repertoire.suggestions("a person stretches the arms")
   assert len(found) == 3 and all(phrase in repertoire.phrases for phrase in found)
