@@ -49,7 +49,7 @@ def bent(joints: Num[Array, "t j 3"], angle: Callable[[np.ndarray], np.ndarray],
   turn = angle(gone)
   steps = np.diff(path, axis=0)
   middle = angle((gone[1:] + gone[:-1]) / 2)
-  goal = path[0] + np.append(np.zeros((1, 2)), np.cumsum(_turned(steps, middle), axis=0), axis=0)
+  goal = path[0] + np.append(np.zeros((1, 2)), np.cumsum(turned(steps, middle), axis=0), axis=0)
   return along(joints, turn, path, goal, skeleton, fps)
 
 
@@ -77,8 +77,8 @@ def _at(values, when):
   return values[low] * (1 - part) + values[np.minimum(low + 1, len(values) - 1)] * part
 
 
-def _turned(vectors, angle):
-  """x and z (N, 2), turned about y from z to x, which is to the left."""
+def turned(vectors: Num[Array, "n 2"], angle: np.ndarray | float) -> Float[np.ndarray, "n 2"]:
+  """x and z (N, 2), turned by an angle or by (N,) of them, radians, about y from z to x, which is to the left."""
   sin, cos = np.sin(angle), np.cos(angle)
   return np.stack([vectors[:, 0] * cos + vectors[:, 1] * sin, vectors[:, 1] * cos - vectors[:, 0] * sin], -1)
 
@@ -88,7 +88,7 @@ def _moved(joints, turn, path, goal):
   result = joints.copy()
   off = joints[..., [0, 2]] - path[:, None]
   for joint in range(joints.shape[1]):
-    result[:, joint, [0, 2]] = _turned(off[:, joint], turn) + goal
+    result[:, joint, [0, 2]] = turned(off[:, joint], turn) + goal
   return result
 
 

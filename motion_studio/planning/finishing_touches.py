@@ -10,7 +10,7 @@ from motion_jax.analysis.signals import Body
 from motion_jax.models.results import Motion, features_of
 from motion_jax.motion.pinned_feet import pin_feet
 from motion_jax.motion.retarget import floor_height
-from motion_jax.motion.root_paths import along, course
+from motion_jax.motion.root_paths import along, course, turned
 from motion_jax.motion.skeleton import HUMANML3D
 from motion_jax.motion.smoothing import gaussian_filter1d
 from motion_studio.checks.violations import violation_score
@@ -109,8 +109,7 @@ def _returning(joints, fps, requirements, skeleton):
   if abs(angle) > _MISSES or not 1 / _STRIDES < length / max(wants, 1e-6) < _STRIDES:
     return joints
   turn = angle * np.clip(((np.arange(len(joints)) - farthest) / fps + 0.5), 0, 1)
-  sin, cos = np.sin(angle), np.cos(angle)
-  back = (path[farthest:] - path[farthest]) @ np.array([[cos, -sin], [sin, cos]]) * (wants / length)
+  back = turned(path[farthest:] - path[farthest], angle) * (wants / length)
   goal = np.concatenate([path[:farthest], path[farthest] + back])
   moved = along(joints, turn, path, goal, skeleton, fps)
   return joints if violation_score(moved, wanted, fps) else moved.astype(joints.dtype)

@@ -16,14 +16,14 @@ import pytest
 from configs import common
 from motion_jax.motion.representations import get_layout
 from motion_jax.motion.stats import Stats, save_stats
-from motion_jax.training import checkpoint, mesh, optimizers, prefetch, setup, train_step
+from motion_jax.training import checkpoint, mesh, optimizers, prefetch, train_step
 from motion_jax.training import loop as train
 from motion_jax.training.metrics import append_metrics, read_metrics
 from motion_jax.training.report import best_step
 from motion_jax.training.saver import Saver, copy_of
 from motion_jax.training.stage import Stage
 from tests import processes
-from tests.conftest import devices_env, load_config
+from tests.conftest import devices_env
 
 
 def _stage():
@@ -242,31 +242,6 @@ def test_a_run_killed_before_its_first_save_starts_anew(tmp_path, resume):
   assert len(read_metrics(tmp_path)) == 1 and checkpoint.is_fresh(tmp_path)
   state = train.train(_config(2), tmp_path, _stage(), _next_batch, resume=resume)
   assert int(state.step) == 2 and [row["step"] for row in read_metrics(tmp_path)] == [1, 2]
-
-
-def test_a_run_is_resumed_only_with_its_own_settings():
-  """What may change is how long it lasts, when it cools down, and where the data lies."""
-  def check(part="optimizer", **changes):
-    config = load_config("cmdm_tokenizer", "tiny")
-    config[part].update(changes)
-    setup.check_config(config, load_config("cmdm_tokenizer", "tiny"))
-
-  for change in (dict(learning_rate=1.0), dict(beta1=0.5), dict(schedule="cosine"), dict(warmup_steps=9)):
-    with pytest.raises(ValueError, match="another optimizer"):
-      check(**change)
-  check(cooldown_steps=7)
-  check("train", num_steps=9)
-  check("data", folder="elsewhere")
-  with pytest.raises(ValueError, match="another model"):
-    check("model", width=8)
-
-
-def test_a_run_resumes_in_a_version_with_more_fields():
-  then = {"loss": {"align": 0.1}}
-  assert not list(setup.changes(then, {"loss": {"align": 0.1, "new": 0.0}, "data": {"augment": {"stepping": 0.0}}}))
-  assert list(setup.changes(then, {"loss": {"align": 0.1, "new": 0.5}})) == [("loss.new", None, 0.5)]
-  assert list(setup.changes(then, {"loss": {}, "data": {"augment": {"stepping": 0.2}}})) == [
-      ("data.augment.stepping", None, 0.2), ("loss.align", 0.1, None)]
 
 
 def test_broken_files_of_a_run_are_told(tmp_path):
