@@ -103,7 +103,7 @@ def test_jumps_to_a_side_go_there_in_the_air(prompt, side):
 def test_a_way_back_that_misses_the_beginning_leads_there():
   prompt = "a person walks forward, turns around and walks back"
   walk = retarget(synthetic_joints("walk", 160, np.random.default_rng(1)))
-  middle = 0.45 * course(walk)[1][-1]  # it goes too far back, too
+  middle = 0.56 * course(walk)[1][-1]  # it does not go far enough, either
   away = lambda turn: bent(walk, lambda gone: turn * np.clip(gone - middle + 0.5, 0, 1))
   motion = _motion(away(2.3), Caption(prompt))
   required = [one for one in parse(prompt).requirements if one.kind == "return"]
