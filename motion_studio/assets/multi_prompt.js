@@ -167,11 +167,15 @@ export class MultiPrompt {
     else this.forget("words");
   }
 
-  /** {key, rows}: the generated motions of the project, for `restore`. */
+  /** {key, rows}: the generated motions of the project, also those before its edits, for `restore`. */
   toKeep() {
     const { project } = this.state();
-    const rows = project.seeds
-      .map((_, take) => keyOf(project, take))
+    const stages = [...project.edits.keys(), project.edits.length].map((n) => ({
+      ...project,
+      edits: project.edits.slice(0, n),
+    }));
+    const keys = new Set(project.seeds.flatMap((_, take) => stages.map((stage) => keyOf(stage, take))));
+    const rows = [...keys]
       .filter((key) => this.made.get(key)?.sent)
       .map((key) => ({ key, sent: this.made.get(key).sent, report: this.made.get(key).report ?? null }));
     return { key: rows.map(({ key }) => key).join(), rows };

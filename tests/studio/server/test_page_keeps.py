@@ -48,6 +48,7 @@ def test_a_reload_loses_nothing(timeline, studio, monkeypatch):
   assert not page.get("stale") and "your project was restored" in page.get("notes")[0]
   page.control(webdriver.Keys.CONTROL, "z")
   assert page.get("undoDepth") == before["undoDepth"] - 1 and not page.get("project.edits")
+  page.wait("stale === false")  # the motion before the edit was kept as well
   page.control(webdriver.Keys.CONTROL, webdriver.Keys.SHIFT, "z")
   assert page.get("project") == before["project"]
   _saved(page)

@@ -588,6 +588,23 @@ test("what was made is kept and put back, with its state and undo", async () => 
   assert.equal(asked.length, 1);
 });
 
+test("the motion before an edit is kept too, for an undo after a reload", async () => {
+  const { multiPrompt, act, state } = studio();
+  act({ type: "add", prompt: "walk" });
+  await multiPrompt.make();
+  const edit = { take: 0, prompt: "kick", change: [[2, 8]], seed: 0, sampling: {}, model: { name: "tiny" } };
+  act({ type: "addEdit", edit });
+  await multiPrompt.make();
+  const kept = structuredClone({ state: state(), ...multiPrompt.toKeep() }),
+    other = studio();
+  other.act({ type: "restore", state: kept.state });
+  other.multiPrompt.restore(kept.rows);
+  assert.ok(!other.multiPrompt.stale);
+  other.act({ type: "undo" });
+  assert.ok(!other.state().project.edits.length && !other.multiPrompt.stale);
+  assert.deepEqual(other.asked, []);
+});
+
 test("an import goes before the blocks or replaces them, and New keeps the model alone", () => {
   const motion = { shape: [20, 22, 3], fps: 20, joints: "" };
   let state = reduce(three(), { type: "importMotion", motion });
