@@ -26,8 +26,9 @@ def get_config(name="full"):
                       head=dict(width=1792, depth=9))
   config.diffusion = dict(num_steps=50)
   # copies: rows at the head for each latent. crop_rate: sequences that lose their first or last latent. mean_latents:
-  # the encoder's means instead of draws.
-  config.loss = dict(drop_rate=0.1, copies=4, crop_rate=1 / 3, mean_latents=False, unit_latents=False)
+  # the encoder's means instead of draws. replace_ramp: steps after which the transformer reads only latents of its own
+  # making, as it does in sampling; 0: train.num_steps, so that a run that is stopped early has learned from true ones.
+  config.loss = dict(drop_rate=0.1, copies=4, crop_rate=1 / 3, mean_latents=False, unit_latents=False, replace_ramp=0)
   layout = DATA[data or ("272" if size == "full" else "263")][1]
   frames = 300 if layout == "motionstreamer" else 196
   config.data = common.captioned_data(layout=layout, batch_size=256, min_frames=60 if frames == 300 else 40,

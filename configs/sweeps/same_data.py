@@ -61,5 +61,5 @@ def get_sweep(size="laptop"):
       "motionstreamer/generator": stage(
           "motionstreamer_generator", GENERATOR, {"frozen.tokenizer": "{motionstreamer/tokenizer}"},
           {"tokenizer.width": 128, "model.transformer.width": 144, "model.transformer.depth": 4,
-           "model.head.width": 192, "model.head.depth": 3}),
+           "model.head.width": 192, "model.head.depth": 3, "loss.replace_ramp": 600}),
   }

@@ -8,6 +8,7 @@ import pytest
 
 from motion_jax import fit, latents, runs
 from motion_jax.models import cdamd, cmdm
+from motion_jax.models.motionstreamer import stages as streamer
 from motion_jax.training.setup import untrained
 from tests.conftest import load_config
 
@@ -195,6 +196,20 @@ def test_alignment_falls_to_a_tenth_after_the_ramp(monkeypatch):
   for step, share in ((0, 1), (2_000, 1), (4_500, 0.775), (7_000, 0.55), (12_000, 0.1), (20_000, 0.1)):
     assert float(weights(step)["align"]) == pytest.approx(0.4 * share, rel=1e-6), step
   assert weights(0)["adaptive"] and not tokenizer_weights(monkeypatch, adaptive_align=False)(0)["adaptive"]
+
+
+@pytest.mark.parametrize("ramp, shares", [(40, {0: 0, 20: 0.5, 40: 1, 90: 1}), (0, {0: 0, 100: 0.5, 200: 1})])
+def test_latents_of_its_own_take_the_place_of_true_ones_along_the_ramp(ramp, shares, monkeypatch):
+  config = tiny("motionstreamer_generator", replace_ramp=ramp, mean_latents=True)
+  config.train.num_steps = 200
+  stage, batch = streamer.generator_stage(config), batch_of(config.tokenizer.features)
+  monkeypatch.setattr(latents.VaeCodec, "encode", lambda self, x: x[:, ::4, :config.model.transformer.latent_dim])
+  seen = []
+  monkeypatch.setattr(streamer, "two_forward_loss", lambda *given: seen.append(given[-2]))
+  frozen = FROZEN | {streamer.END: 0.0, streamer.NO_CAPTION: jnp.zeros((1, 5))}
+  for step, share in shares.items():
+    stage.loss({}, frozen, batch, step, jax.random.key(step))
+    assert np.isclose(float(seen[-1].mean()), share, atol=0.02), step
 
 
 def loss_and_params(name, size="tiny", **train):

@@ -27,8 +27,9 @@ def autoencoder_terms(vae: Net, params: Any, x: Float[Array, "b t f"], noise: Fl
 
 
 def num_replaced(step: Any, total: int, length: Whole) -> Int[Array, "..."]:
-  """How many of `length` latents are replaced by the network's own at a step: none at first, all at the end."""
-  return jnp.floor(length * (1 - (1 + jnp.cos(math.pi * jnp.asarray(step) / total)) / 2)).astype(int)
+  """How many of `length` latents are replaced by the network's own at a step: none at first, all from step total on."""
+  done = jnp.minimum(jnp.asarray(step) / total, 1.0)
+  return jnp.floor(length * (1 - (1 + jnp.cos(math.pi * done)) / 2)).astype(int)
 
 
 class Draws(NamedTuple):

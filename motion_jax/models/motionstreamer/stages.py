@@ -72,6 +72,7 @@ def generator_stage(config: ConfigDict) -> Stage:
   schedule, copies = ddpm.cosine_schedule(config.diffusion.num_steps), config.loss.copies
   most, channels = config.model.transformer.max_length - 1, config.model.transformer.latent_dim
   net = make_generator(config.model, jnp.dtype(config.train.dtype))
+  ramp = config.loss.replace_ramp or config.train.num_steps
 
   def init(batch, rng):
     return plain.init(rng, jnp.asarray(batch["text_emb"][:1, 0]), jnp.zeros((1, 1, channels)), jnp.zeros((1, 1), int))
@@ -103,7 +104,7 @@ def generator_stage(config: ConfigDict) -> Stage:
                   normal(keys[:, 5], copies).swapaxes(0, 1))
     # One choice of places for the whole batch, the same on all devices.
     order = jax.random.permutation(jax.random.fold_in(rng, 2**31 - 1), most)
-    replaced = (jnp.argsort(order) < num_replaced(step, config.train.num_steps, most))[None]
+    replaced = (jnp.argsort(order) < num_replaced(step, ramp, most))[None]
     drop = jax.vmap(lambda key: jax.random.bernoulli(key, config.loss.drop_rate))(keys[:, 6])
     text = jnp.where(drop[:, None], frozen[NO_CAPTION], batch["text_emb"][:, 0])
     return two_forward_loss(net, params, schedule, text, z, real, replaced, draws)

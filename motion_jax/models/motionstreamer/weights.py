@@ -75,7 +75,8 @@ def write_motionstreamer(out: str | pathlib.Path, autoencoder_file: str | pathli
   config = dict(stage="motionstreamer.generator", model=made.fields, tokenizer=vae.fields,
                 frozen=dict(text=str(text), text_level="sentence", tokenizer=checkpoint.FROZEN),
                 diffusion=dict(num_steps=50),
-                loss=dict(drop_rate=0.1, copies=4, crop_rate=1 / 3, mean_latents=False, unit_latents=False),
+                loss=dict(drop_rate=0.1, copies=4, crop_rate=1 / 3, mean_latents=False, unit_latents=False,
+                          replace_ramp=0),
                 data=dict(layout=layout.name, mode="benchmark", max_frames=300, max_words=64),
                 sampler=dict(guidance_scale=4.0, num_steps=50))
   frozen = codec.parts | {END: end, NO_CAPTION: np.asarray(encoder.no_caption())}
