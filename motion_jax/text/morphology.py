@@ -66,6 +66,11 @@ def is_participle(word: str) -> bool:
   return word.endswith("ing") and verb_of(word) not in ("", word)
 
 
+def is_past(word: str) -> bool:
+  """Whether a word is the past tense of a verb of movement, or its past participle: "walked", "sat"."""
+  return (word in _PASTS or word.endswith("ed")) and not word.endswith("ing") and verb_of(word) not in ("", word)
+
+
 @functools.lru_cache(maxsize=1 << 14)
 def possible_bases(word):
   """The word and all base forms that its ending allows, for a comparison of words whatever their form.

@@ -2,7 +2,7 @@
 import re
 from typing import NamedTuple
 
-from motion_jax.text.morphology import is_participle, verb_of
+from motion_jax.text.morphology import is_participle, is_past, verb_of
 from motion_jax.text.tagger import tag_words
 from motion_studio.language import actions, lexicon
 from motion_studio.language.counting import with_steps
@@ -51,6 +51,8 @@ def clause_of(tokens):
   before = [word for word in before if word.lower() != "first"]
   before += [token for token in tokens[start + 1:head] if token.lower().endswith("ly")]
   form, after = tokens[head].lower(), tokens[head + 1:]
+  if is_past(form) and {"is", "are", "was", "were", "be"} & set(words[start:head]):  # "is pushed"
+    before.insert(0, "are" if words[start] == "are" else "is")
   meant = reworded(verb, after)
   if meant is None:
     return with_steps(Clause(subject, before, verb, form, after))

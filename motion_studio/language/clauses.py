@@ -42,7 +42,23 @@ def fragments_of(text):
     at += length or 1
   if start < len(tokens):
     found.append((kind, between, tokens[start:]))
+  return _with_subjects(found)
+
+
+def _with_subjects(fragments):
+  """The fragments, of which one that is only a subject begins the next one: "he" and "sits" of "he then sits"."""
+  found: list = []
+  for kind, between, tokens in fragments:
+    if len(found) > 1 and _is_subject(lower(found[-1][2])):
+      before, words, subject = found.pop()
+      kind, between, tokens = stronger(before, kind), [*words, *between], [*subject, *tokens]
+    found.append((kind, between, tokens))
   return found
+
+
+def _is_subject(words):
+  return words in ([one] for one in lexicon.SUBJECT_PRONOUNS) or (
+      words[0] in lexicon.DETERMINERS and words[-1] in lexicon.PEOPLE - {"one"} and len(words) <= _LONGEST_SUBJECT)
 
 
 def _begins_at_verb(words, start, at):

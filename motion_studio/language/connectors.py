@@ -22,6 +22,7 @@ CONNECTORS = (
               "A, then B: one after the other.", {
                   "a person walks forward, then waves the right hand": "walks forward | waves the right hand",
                   "a person walks. Then he waves. Finally, he sits down.": "walks | waves | sits down",
+                  "a person walks. he then waves, he then sits": "walks | waves | sits",
                   "a person walks; he waves": "walks | waves"}),
     Connector("before", ("before",), "A before B: first A, then B.", {
         "a person waves before sitting down": "waves | sits down",

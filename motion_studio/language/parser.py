@@ -10,7 +10,7 @@ that no rule covers stay with the action before them: "up and down", "back and f
 import re
 from collections.abc import Callable
 
-from motion_jax.text.morphology import is_participle, third_person, verb_of
+from motion_jax.text.morphology import is_participle, is_past, third_person, verb_of
 from motion_studio.language import actions, lexicon
 from motion_studio.language.clause import lower
 from motion_studio.language.clauses import clauses_of, fragments_of
@@ -147,6 +147,7 @@ def _action(clause, subject):
   """The Action of a clause, with the subject of the sentence."""
   who, words = " ".join(subject), _words_of(clause, subject)
   said = [word for word in lower(clause.words) if word.isalpha()]
+  in_the_past = _is_past(clause) and (not clause.subject or clause.subject[-1].lower() in lexicon.PEOPLE)
   rest = set(said) - lexicon.SHORT_TIMES
   keeps_a_limb = bool(actions.postures_of(words))
   stands = clause.verb in ("stand", "stay") and said[:1] == ["still"] or (
@@ -161,7 +162,12 @@ def _action(clause, subject):
   if is_hold(clause.verb, rest):
     return Action(f"{who} {words}", HOLD, "legs", verb="stand", subject=who)
   return Action(f"{who} {words}", words, clause.part, actions.sides_of(lower(clause.words)), clause.times, clause.verb,
-                reworded=clause.reworded, counts_steps=clause.steps, subject=who)
+                reworded=clause.reworded or in_the_past, counts_steps=clause.steps, subject=who)
+
+
+def _is_past(clause):
+  """Whether a clause is in the past tense; a passive stays as it is, and so does "a blind folded person"."""
+  return is_past(clause.form) and not {"is", "are", *lexicon.DETERMINERS} & set(lower(clause.before))
 
 
 def _words_of(clause, subject):
@@ -169,8 +175,8 @@ def _words_of(clause, subject):
   is_plural = subject[-1] in lexicon.PLURAL_SUBJECTS or (
       len(subject) > 1 and lexicon.NUMBERS.get(subject[0], 1) > 1)
   form = clause.form
-  if form == clause.verb or is_participle(form):
-    base = verb_of(form) if is_participle(form) else clause.verb
+  if form == clause.verb or is_participle(form) or _is_past(clause):
+    base = clause.verb if form == clause.verb else verb_of(form)
     form = base if is_plural else third_person(base)
   words = " ".join([*lower(clause.before), form, *clause.words])
   return re.sub(r"\s+([,.;:!?%)])", r"\1", words).rstrip(" .,;:!?-–—").replace("( ", "(")
@@ -187,6 +193,9 @@ def _as_walked_turn(action):
 
 
 RULES = (
+    Rule("Past tense", "Captions are in the present tense, and so is what the model gets; passives stay as they are.", {
+        "the person walked forward and then turned around": "walks forward | turns around",
+        "a person was pushed, then he fell": "is pushed | falls"}),
     Rule("Raised hands", "\"with the right hand raised\": the hand stays up during the action.", {
         "a person walks with the right hand raised": "walks + raises the right hand",
         "a person walks with both arms up then sits": "walks + raises both hands | sits"}),

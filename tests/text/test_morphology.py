@@ -7,6 +7,7 @@ from motion_jax.text.morphology import (
   IRREGULAR,
   base_form,
   is_participle,
+  is_past,
   possible_bases,
   present_participle,
   third_person,
@@ -42,6 +43,11 @@ def test_irregular_forms_have_one_base():
 @pytest.mark.parametrize("word", ["shot", "sang", "taken", "ring", "left", "", "person"])
 def test_other_words_are_no_verbs_of_movement(word):
   assert verb_of(word) == "" and not is_participle(word)
+
+
+def test_which_words_are_past_tenses():
+  assert all(map(is_past, "walked sat stood waved ran bent hopped".split()))
+  assert not any(map(is_past, "walk walks walking put red bed lying hands".split()))
 
 
 def test_a_base_form_is_one_of_the_known_words():

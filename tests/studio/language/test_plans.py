@@ -41,7 +41,16 @@ COMPOSED = {
         "walks | waves with the left hand | sits down",
     "a person walks until he falls": "walks | falls",
     "until he falls, a person walks": "walks | falls",
-    "having walked, he sits": "walked | sits",
+    "having walked, he sits": "walks | sits",
+    # subjects before "then", and the past tense
+    "a person hops on his left leg. the man then waves": "hops on his left leg | waves",
+    "a person raises both arms, they then squat": "raises both arms | squats",
+    "a man lowers the right arm followed by the left one and then squats":
+        "lowers the right arm followed by the left one | squats",
+    "the person jumped twice and then sat down": "jumps 2 times | sits down",
+    "a person walked forward": "walks forward",
+    "a person appears to be pushed, then falls": "is pushed | falls",
+    "they are pushed, then they fell": "are pushed | fall",
     # stops
     "a person walks forward and stops": "walks forward | stands still",
     "a person runs and comes to a sudden halt": "runs | stands still",
