@@ -247,8 +247,7 @@ def _hands(body):
   """Hands that go up over the shoulders from below, and what they do there: stay, or wave."""
   over = body.local("wrist", "shoulder")[..., 1]
   raised = majority(over > 0.0, body.fps)
-  both = np.asarray(raised.all(1))
-  spans = []
+  both, frames, spans = np.asarray(raised.all(1)), np.arange(body.num), []
   for side in (0, 1):
     for first, past in body.spans(raised[:, side], least=0.3, gap=0.5):
       began = over[max(0, first - int(1.5 * body.fps)):first, side]
@@ -257,20 +256,20 @@ def _hands(body):
         continue
       spans.append((first, past, side))
   for first, past, side in spans:
-    shared = both[first:past].mean()
-    other = over[first:past, 1 - side]
-    if shared > 0.6:
-      named = "both" if side == 0 else None
-    else:
-      named = SIDES[side] if (other.max() < -0.2 and shared == 0) else None
-    if named is None:
+    together = both[first:past].mean() > 0.6
+    if together and side:
       continue
+    named = "both" if together else SIDES[side]
+    hangs = (over[:, 1 - side] < -0.2) & (first <= frames) & (frames < past)
+    whole = together or hangs.sum() == past - first
+    if not whole:  # a wave counts from where the other hand has been lowered
+      first, past = max(body.spans(hangs, least=1.0, gap=0.0), key=np.ptp, default=(0, 0))
     swings = [_swings(body, first, past, one) for one in ((0, 1) if named == "both" else (side,))]
     if all(count >= 3 for count, _, _ in swings):
       sure = len({count for count, _, _ in swings}) == 1 and all(sure for _, sure, _ in swings)
       yield _event(body, "wave", first, past, side=named, count=swings[0][0] if sure else 0,
                        amount=float(np.mean([rate for _, _, rate in swings])))
-    elif all(count <= 1 for count, _, _ in swings):
+    elif whole and all(count <= 1 for count, _, _ in swings):
       yield _event(body, "raise", first, past, side=named, count=1, amount=float(over[first:past, side].max()))
 
 

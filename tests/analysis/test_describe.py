@@ -195,6 +195,14 @@ def test_one_action_is_put_in_many_words():
     assert words in said, said
 
 
+def test_a_hand_that_waves_on_where_the_other_is_lowered_waves():
+  joints, arm = _wave("left", 5, 9.0), [J["right_elbow"], J["right_wrist"]]
+  assert [(event.start < 1.5, event.side) for event in find_events(joints) if event.kind == "wave"] == [(True, "left")]
+  joints[:, arm] = _wave("right", 0, 9.0)[:, arm]  # both are put up
+  waves = [event for event in find_events(joints) if event.kind == "wave"]
+  assert [event.side for event in waves] == ["left"] and waves[0].start > 1.5
+
+
 def test_in_doubt_nothing_is_said():
   both = (_wave("left", 0) + _standing(7)) / 2  # a hand that goes half way up
   assert not any(event.kind in ("raise", "wave") for event in find_events(both))
