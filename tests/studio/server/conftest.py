@@ -88,6 +88,8 @@ def driver(tmp_path_factory):
   options.add_experimental_option("prefs", {"download.default_directory": str(folder)})
   options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
   driver = webdriver.Chrome(options, webdriver.ChromeService(DRIVER))
+  # Chromium draws in software: where other work has the cores, pictures take many seconds, and an answer waits for them.
+  driver.command_executor.client_config.timeout = 600
   driver.implicitly_wait(3)
   driver.folder = folder
   yield driver

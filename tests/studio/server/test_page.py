@@ -144,6 +144,7 @@ def test_what_is_exported_opens_elsewhere(timeline):
     old.unlink()
   page.find("#export").click()
   page.find("#export-panel[open]")
+  wait_for(lambda: page.find("#export-button").is_enabled())  # the formats have come
   for kind in ("bvh", "glb", "npz"):
     page.driver.execute_script(f"document.getElementById('format').value = '{kind}'")
     page.find("#export-button").click()
