@@ -87,6 +87,9 @@ def _first_verb(words, tags):
       continue  # "regains his balance"
     if at > 1 and words[at - 1] in lexicon.SIDES and words[at - 2] in lexicon.ONE_MORE and verb_of(word) == word:
       continue  # "a right turn"
+    if keeps_limbs(words, at) or is_participle(word) and words[at + 1:at + 2] and words[at + 1] in lexicon.PEOPLE and (
+        words[at - 1] in lexicon.DETERMINERS and at > 0):
+      continue  # "with the knees bent", "a walking man"
     if tag in ("VERB", "AUX") and word not in ("being", "been", "having"):
       return at
     if tag in ("NOUN", "ADJ") and verb_of(word) and before not in ("DET", "ADJ", "NUM", "ADP") and (
@@ -95,10 +98,18 @@ def _first_verb(words, tags):
   return None
 
 
+def keeps_limbs(words, at):
+  """Whether a participle says how a limb is kept or moves beside the action: "bent" of "walks with the knees bent"."""
+  if not (is_participle(words[at]) or is_past(words[at])) or at < 2 or words[at - 1] not in lexicon.LIMBS:
+    return False
+  first = next((i for i in range(at - 1, -1, -1) if words[i] not in lexicon.LIMBS | lexicon.WITH_A_LIMB), -1)
+  return words[first] == "with"
+
+
 def unknown_verb(tokens):
   """The clause of words that begin with a verb of no list, as in "then warms them"; None of other words."""
   word = tokens[0].lower()
-  if not re.fullmatch(r"[a-z]{3,}s", word) or word.endswith(("ss", "us", "is")) or word in lexicon.DIRECTIONS or (
+  if not re.fullmatch(r"[a-z]{3,}s", word) or word.endswith(("ss", "us", "is")) or word in lexicon.DIRECTIONS | lexicon.LIMBS or (
       tag_words([word])[0][1] != "NOUN"):
     return None
   return Clause([], [], word[:-1], word, tokens[1:])

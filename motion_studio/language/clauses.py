@@ -5,7 +5,7 @@ import re
 from motion_jax.text.morphology import is_participle, verb_of
 from motion_jax.text.tagger import tag_words
 from motion_studio.language import lexicon
-from motion_studio.language.clause import can_be_simultaneous, clause_of, is_person, lower, unknown_verb
+from motion_studio.language.clause import can_be_simultaneous, clause_of, is_person, keeps_limbs, lower, unknown_verb
 from motion_studio.language.connectors import connector_at, stronger
 from motion_studio.language.counting import with_numbers
 from motion_studio.language.ellipsis import completed
@@ -84,7 +84,7 @@ def _begins_at_finite_verb(words, start, at):
 
 def _begins_at_participle(words, start, at):
   """Whether an action of arms or head begins at this word of a fragment."""
-  if not 2 <= at - start <= _LONGEST_CLAUSE or not is_participle(words[at]) or (
+  if not 2 <= at - start <= _LONGEST_CLAUSE or not is_participle(words[at]) or keeps_limbs(words, at) or (
       (lexicon.BEFORE_A_PARTICIPLE | lexicon.POSSESSIVES) & {words[at - 1], verb_of(words[at - 1])}):
     return False
   last_tag = tag_words(words[start:at])[-1][1]
@@ -104,7 +104,8 @@ def clauses_of(fragments, keep_together):
   lead = ""          # a subordinate clause in front waits for its main clause
   subject: list[str] = []  # of a clause in front that is no action
   for place, (kind, between, tokens) in enumerate(fragments):
-    clause = clause_of(tokens) or (unknown_verb(tokens) if kind == "then" else None)
+    clause = clause_of(tokens) or (
+        unknown_verb(tokens) if kind == "then" or _begins_with_object(tokens[1:]) else None)
     if clause and subject and not result:
       kind, clause, subject = "", clause._replace(subject=clause.subject or subject), []
     if not result and clause and place + 1 < len(fragments) and _is_no_action(clause, fragments[place + 1]):
@@ -190,20 +191,25 @@ def _stands_alone(kind, clause, tokens, previous):
     if _ends_in_nouns(previous[2]) or clause.verb in lexicon.LIGHT_VERBS and (
         lexicon.PATH_NOUNS & set(lower(clause.words))):
       return False  # "walks and makes a u-turn"
-    if clause.form.endswith("ed") and not clause.subject and not previous[2].form.endswith("ed"):
-      return False  # "walks forward, directed to the right"
+    if clause.form.endswith("ed") and not clause.subject and not previous[2].form.endswith("ed") and not (
+        _begins_with_object(clause.words)):
+      return False  # "walks forward, directed to the right", but not "sits down and crossed his legs"
     begins = is_participle(lower(tokens)[0])
     if not begins and is_participle(clause.form) and clause.verb == previous[2].verb and not clause.words:
       return False  # "walks forward and keeps walking"
     if begins and kind == "and" and previous[2].form != clause.form and not (
         is_participle(previous[2].form) or "is" in previous[2].subject or previous[0] in ("while", ",")):
       return False  # "walks with jumping and singing"
-    return bool(verb_of(clause.form.lower()))
+    return bool(verb_of(clause.form.lower()) or previous[2].words and _begins_with_object(clause.words))
   if kind == "while" and not previous[0].startswith("lead") and not can_be_simultaneous([previous[2]], clause):
     return False  # "turns left while walking"
   if kind in _SUBORDINATE:
     return bool(clause.subject or is_participle(clause.form) or kind == "until" or not clause.before)
   return True
+
+
+def _begins_with_object(words):
+  return lower(words[:1]) in ([one] for one in {"both", *lexicon.DETERMINERS, *lexicon.POSSESSIVES, *lexicon.LIMBS})
 
 
 def _ends_in_nouns(clause):

@@ -116,6 +116,7 @@ BODY = set().union(*(things for _, things in BODY_PARTS))
 LIMBS = BODY | {f"{part}s" for part in BODY}
 NO_POSTURE = {"left", "right", "side", "sides", "again", "slightly", "first", "it's"}
 BEFORE_A_LIMB = set("the with on left right both other one".split())
+WITH_A_LIMB = POSSESSIVES | set("the a an one both left right".split())  # between "with" and a limb
 # Nouns that name another verb: "takes a seat".
 IDIOMS = {"seat": "sit down", "rest": "rest", "break": "pause", "breather": "pause", "pause": "pause"}
 # Nouns that have rules of their own after a light verb.

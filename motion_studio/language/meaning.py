@@ -117,7 +117,7 @@ def translated(clause: Any, meanings: Meanings | None) -> Any:
   if meaning is None or part_of(meaning.verb, clause.words) != part_of(meaning.verb, ()):  # "rotates the wrists"
     return clause
   if part_of(meaning.verb, ()) == "legs" and clause.words and (
-      clause.words[0].lower() in lexicon.POSSESSIVES | {"it", "them"}):
+      clause.words[0].lower() in lexicon.POSSESSIVES | {"it", "them", "something", "someone", "somebody"}):
     return clause  # "returns his left foot"
   if lexicon.HELD in meaning.manner:  # keeps its verb, and with it all that is known of the pose
     form = present_participle(meaning.verb) if is_participle(clause.form) else third_person(meaning.verb)
