@@ -51,6 +51,10 @@ def clause_of(tokens):
   before = [word for word in before if word.lower() != "first"]
   before += [token for token in tokens[start + 1:head] if token.lower().endswith("ly")]
   form, after = tokens[head].lower(), tokens[head + 1:]
+  who = lower(subject)
+  if "with" in who and who[0] != "with" and not lexicon.LIMBS.isdisjoint(who) and actions.part_of(verb, ()) == "legs":
+    kept = who.index("with")  # "a person with both arms up walks"; arms that act themselves do not stay so
+    subject, after = subject[:kept], [*after, *subject[kept:]]
   if is_past(form) and {"is", "are", "was", "were", "be"} & set(words[start:head]):  # "is pushed"
     before.insert(0, "are" if words[start] == "are" else "is")
   meant = reworded(verb, after)
@@ -87,8 +91,7 @@ def _first_verb(words, tags):
       continue  # "regains his balance"
     if at > 1 and words[at - 1] in lexicon.SIDES and words[at - 2] in lexicon.ONE_MORE and verb_of(word) == word:
       continue  # "a right turn"
-    if keeps_limbs(words, at) or is_participle(word) and words[at + 1:at + 2] and words[at + 1] in lexicon.PEOPLE and (
-        words[at - 1] in lexicon.DETERMINERS and at > 0):
+    if keeps_limbs(words, at) or _describes(words, at):
       continue  # "with the knees bent", "a walking man"
     if tag in ("VERB", "AUX") and word not in ("being", "been", "having"):
       return at
@@ -106,11 +109,18 @@ def keeps_limbs(words, at):
   return words[first] == "with"
 
 
+def _describes(words, at):
+  """Whether a participle belongs to the noun after it: "a walking man", "with bent knees"."""
+  before, after = words[at - 1] if at else "", words[at + 1] if at + 1 < len(words) else ""
+  return is_participle(words[at]) and before in lexicon.DETERMINERS and after in lexicon.PEOPLE or (
+      is_past(words[at]) and before in lexicon.WITH_A_LIMB | {"with"} and after in lexicon.LIMBS)
+
+
 def unknown_verb(tokens):
   """The clause of words that begin with a verb of no list, as in "then warms them"; None of other words."""
   word = tokens[0].lower()
-  if not re.fullmatch(r"[a-z]{3,}s", word) or word.endswith(("ss", "us", "is")) or word in lexicon.DIRECTIONS | lexicon.LIMBS or (
-      tag_words([word])[0][1] != "NOUN"):
+  if not re.fullmatch(r"[a-z]{3,}s", word) or word.endswith(("ss", "us", "is")) or (
+      word in lexicon.DIRECTIONS | lexicon.LIMBS or tag_words([word])[0][1] != "NOUN"):
     return None
   return Clause([], [], word[:-1], word, tokens[1:])
 

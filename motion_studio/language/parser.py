@@ -198,10 +198,12 @@ RULES = (
         "a person was pushed, then he fell": "is pushed | falls"}),
     Rule("Raised hands", "\"with the right hand raised\": the hand stays up during the action.", {
         "a person walks with the right hand raised": "walks + raises the right hand",
-        "a person walks with both arms up then sits": "walks + raises both hands | sits"}),
+        "a person walks with both arms up then sits": "walks + raises both hands | sits",
+        "a person with the left hand raised walks, then sits": "walks + raises the left hand | sits"}),
     Rule("Kept limbs", "How a limb is kept or moves beside an action is no action of its own.", {
         "a person with knees bent raises the left hand, then bows": "raises the left hand | bows",
-        "a man walks with his arms swinging, then sits": "walks with his arms swinging | sits"}),
+        "a man walks with his arms swinging, then sits": "walks with his arms swinging | sits",
+        "a kneeling man raises the left hand, then stands up": "raises the left hand | stands up"}),
     Rule("Other verbs", "A word in the third person with an object is an action, although no list has it.", {
         "a person walks forward, clasps hands and bows": "walks forward | clasps hands | bows",
         "a man steps back and shields his face": "steps back | shields his face"}),
