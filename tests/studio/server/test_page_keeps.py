@@ -124,8 +124,9 @@ def test_an_import_asks_before_it_touches_the_blocks(timeline, tmp_path, library
   page.find("#new").click()
   page.wait("figures === 0")
   assert page.get("steps") == 0  # no footprints without a body
-  for _ in range(2):
-    page.control(webdriver.Keys.CONTROL, "z")
+  page.control(webdriver.Keys.CONTROL, "z")
+  page.wait(f"figures === 1 && window.__studio.frames === {motion.num_frames}")
+  page.control(webdriver.Keys.CONTROL, "z")
   page.wait("blocks.length === 2 && window.__studio.stale === false")
 
 
