@@ -36,8 +36,12 @@ def text_encoder(config: ConfigDict, text_dim: int, level: str | None = None) ->
 
 
 def text_files(data: sources.FeatureSet, encoder: TextEncoder) -> dict[str, str | bytes]:
-  """What a generator's run folder keeps of its captions: how long their motions are, and the encoder's identity."""
-  return {checkpoint.LENGTHS: caption_lengths(data), **encoder_files(encoder)}
+  """What a generator's run folder keeps of its captions: how long their motions are, and the encoder's identity.
+
+  Without captions that the encoder cannot take: the application compares prompts with all that are kept.
+  """
+  long = encoder.too_long([caption for captions in data.own_captions for caption in captions])
+  return {checkpoint.LENGTHS: caption_lengths(data, long), **encoder_files(encoder)}
 
 
 def items_of(config: ConfigDict, data: sources.FeatureSet) -> batches.TextItems:

@@ -117,7 +117,7 @@ def encoder_files(encoder):
   return files
 
 
-def caption_lengths(data):
+def caption_lengths(data, left_out=()):
   """JSON rows [caption, median frames], from which a prompt without a length gets that of similar captions.
 
   Without paraphrases: a prompt that is a training caption is one action, and most paraphrases are ways to say several.
@@ -125,7 +125,8 @@ def caption_lengths(data):
   frames = {}
   for x, captions in zip(data.features, data.own_captions):
     for caption in captions:
-      frames.setdefault(caption, []).append(len(x))
+      if caption not in left_out:
+        frames.setdefault(caption, []).append(len(x))
   return json.dumps([[caption, int(np.median(counts))] for caption, counts in sorted(frames.items())], indent=0)
 
 

@@ -1,5 +1,6 @@
 """A caption of a hundred words trains, generates, streams, edits and is judged like one of five."""
 import dataclasses
+import json
 import types
 
 import jax
@@ -14,7 +15,7 @@ from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.evaluation import protocols, run
 from motion_jax.evaluation.request import Request
 from motion_jax.evaluators.evaluator import fresh_evaluator
-from motion_jax.models.captioned_batches import check_captions
+from motion_jax.models.captioned_batches import check_captions, text_files
 from motion_jax.models.cdamd import setup as cdamd_setups
 from motion_jax.models.cmdm import setup as cmdm_setups
 from motion_jax.models.tmr import setup as tmr_setups
@@ -68,6 +69,13 @@ def test_a_long_caption_beside_a_shorter_one_is_left_out(capsys):
   check_captions(data, load_text_encoder("words"))
   assert data.captions == [["a person walks"], ["a person waves"], []]
   assert "captions left out" in capsys.readouterr().out
+
+
+def test_a_run_keeps_no_long_caption():
+  captions = [[LONG, "a person walks"], ["a person waves"]]
+  data = types.SimpleNamespace(own_captions=captions, features=[np.zeros((40, 3)), np.zeros((60, 3))])
+  kept = text_files(data, load_text_encoder("words"))["captions.json"]
+  assert json.loads(kept) == [["a person walks", 40], ["a person waves", 60]]
 
 
 def _clips():
