@@ -7,8 +7,7 @@ the network for 6 seconds instead of the 76 of 20 guided steps. 16 only folds gu
 teacher goes in four. Sizes are those of `cmdm_denoiser`: full, small, tiny. The network, its words and its latents are
 the teacher's, and so are the parameters to begin with. What comes out is a run of `cmdm_denoiser`.
 
-Expected: `8_small` from cmdm-small: 75 minutes of one core, FID 0.952 +- 0.205 on our own benchmark where the
-teacher has 0.841 +- 0.195 (pretrained/cmdm-small-fast/README.md). The others were not run.
+Times and measurements of the one that ships: pretrained/cmdm-small-fast/README.md. The others were not run.
 """
 from motion_jax import paper_tables
 from motion_jax.configs import cmdm_denoiser, common

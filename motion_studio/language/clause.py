@@ -105,8 +105,7 @@ def keeps_limbs(words, at):
   """Whether a participle says how a limb is kept or moves beside the action: "bent" of "walks with the knees bent"."""
   if not (is_participle(words[at]) or is_past(words[at])) or at < 2 or words[at - 1] not in lexicon.LIMBS:
     return False
-  first = next((i for i in range(at - 1, -1, -1) if words[i] not in lexicon.LIMBS | lexicon.WITH_A_LIMB), -1)
-  return words[first] == "with"
+  return "with" == next((word for word in reversed(words[:at]) if word not in lexicon.LIMBS | lexicon.WITH_A_LIMB), "")
 
 
 def _describes(words, at):

@@ -195,7 +195,8 @@ def _as_walked_turn(action):
 RULES = (
     Rule("Past tense", "Captions are in the present tense, and so is what the model gets; passives stay as they are.", {
         "the person walked forward and then turned around": "walks forward | turns around",
-        "a person was pushed, then he fell": "is pushed | falls"}),
+        "a person was pushed, then he fell": "is pushed | falls",
+        "a person sits down and crossed his legs": "sits down | crosses his legs"}),
     Rule("Raised hands", "\"with the right hand raised\": the hand stays up during the action.", {
         "a person walks with the right hand raised": "walks + raises the right hand",
         "a person walks with both arms up then sits": "walks + raises both hands | sits",
