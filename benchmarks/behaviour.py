@@ -1,27 +1,30 @@
 """Share of motions that do what their sentence says, evaluated by rules on the joints.
 
-Two lists, always reported apart: 225 sentences of this project in 17 categories, and 317 captions in people's words.
+Three lists, always reported apart: 225 sentences of this project in 17 categories, 317 captions in people's words, of
+two halves, and 150 further captions.
 
   python benchmarks/behaviour.py [--model cmdm-small ...] [--only turn path] [--pictures FOLDER] [--out FILE]
   python benchmarks/behaviour.py --captions humanml3d_test_captions.txt [--half final]      the captions
+  python benchmarks/behaviour.py --captions humanml3d_test_captions.txt --half blind        the 150 further ones
   python benchmarks/behaviour.py --real path/to/bandai path/to/cmu ...      the rules on real clips
 
-Sentences and their rules: behaviour_sentences.py, caption_rules.py, behaviour_rules.py. Each model is measured twice:
-one pass of the network with the prompt as given, and the application, which plans and takes the best of several
-attempts. Prints, in Markdown, the share of each category in both, the speed of planted feet, and the result of each
-sentence. --out writes everything as JSON. --pictures draws the first failing seed of each sentence of the
-application, or its first.
+Sentences and their rules: behaviour_sentences.py, caption_rules.py, caption_rules_blind.py, behaviour_rules.py. Each
+model is measured twice: one pass of the network with the prompt as given, and the application, which plans and takes
+the best of several attempts. Prints, in Markdown, the share of each category in both, the speed of planted feet, and
+the result of each sentence. --out writes everything as JSON. --pictures draws the first failing seed of each sentence
+of the application, or its first.
 """
 import argparse
 import collections
 import json
 import pathlib
 
+import caption_rules
+import caption_rules_blind
 import numpy as np
 from behaviour_rules import FPS, body_of
 from behaviour_sentences import COUNTED, PACED, REAL, sentences
-from caption_rules import DEVELOPMENT, FINAL, outside
-from caption_rules import sentences as captions
+from caption_rules import DEVELOPMENT, FINAL
 
 from motion_jax import export
 from motion_jax.data.datasets.archive import read_archive
@@ -30,6 +33,7 @@ from motion_studio import Pipeline, steps
 from motion_studio.checks import MAX_ATTEMPTS
 
 MOST = 24  # motions in one batch
+BLIND = "blind"
 ONE_PASS, BEST = "one pass", f"best of {MAX_ATTEMPTS}"
 
 
@@ -83,6 +87,16 @@ def table(found, name):
     lines += ["", f"{column}:", *(f"{sum(row['passed'])} of {len(row['passed'])}  {row['category']}: {row['sentence']}"
                                   for row in sorted(rows, key=lambda row: sum(row["passed"])))]
   return lines
+
+
+def captions(path, half):
+  """[(kind, caption, rule, None)] of a half of the captions, or of the blind list."""
+  return caption_rules_blind.sentences(path) if half == BLIND else caption_rules.sentences(path, half)
+
+
+def outside():
+  """Kinds of captions that no capture of the shipped models' data shows."""
+  return {kind.name for module in (caption_rules, caption_rules_blind) for kind in module.KINDS if kind.outside}
 
 
 def summary(found):
@@ -146,8 +160,9 @@ def main():
   parser.add_argument("--seeds", type=int, default=4)
   parser.add_argument("--only", nargs="*", help="categories (default: all)")
   parser.add_argument("--captions", type=pathlib.Path, help="the file of captions: judge those, not our own sentences")
-  parser.add_argument("--half", choices=(DEVELOPMENT, FINAL), default=DEVELOPMENT,
-                      help="which half of the captions; final: only for figures that end a piece of work")
+  parser.add_argument("--half", choices=(DEVELOPMENT, FINAL, BLIND), default=DEVELOPMENT,
+                      help="which half of the captions; final: only for figures that end a piece of work; blind: the "
+                      "third list")
   parser.add_argument("--real", nargs="*", default=[], help="archives of real motion: apply the rules to their "
                       "clips, and evaluate no model")
   parser.add_argument("--pictures", type=pathlib.Path, help="folder for a strip of each sentence")

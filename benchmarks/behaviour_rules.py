@@ -74,7 +74,7 @@ def turns_around(body):
   return 130 <= abs(_net_turn(body)) <= 230
 
 
-def _turned_course(body):
+def turned_course(body):
   """Degrees by which the way over the ground turns in all, of the frames in which the body goes somewhere."""
   path = body.smooth(body.path, 0.3)[body.speed > 0.3]
   if len(path) < 10:
@@ -85,7 +85,7 @@ def _turned_course(body):
 def circles(side=0):
   """Goes round by 270 degrees or more, in one sense. side: 1 left, -1 right, 0 either."""
   def rule(body):
-    course, path = _turned_course(body)
+    course, path = turned_course(body)
     total = course[-1] - course[0]
     length = np.linalg.norm(np.diff(path, axis=0), axis=-1).sum() if len(path) > 1 else 0.0
     return bool(abs(total) >= 270 and np.ptp(course) < abs(total) + 30 and length > 2.0 and side * total >= 0)
@@ -93,20 +93,20 @@ def circles(side=0):
 
 
 def makes_a_u_turn(body):
-  course, _ = _turned_course(body)
+  course, _ = turned_course(body)
   total = abs(course[-1] - course[0])
   return bool(140 <= total <= 225 and np.ptp(course) < total + 40)
 
 
 def zigzags(body):
-  course, path = _turned_course(body)
+  course, path = turned_course(body)
   swings = len(turning_points(course, 25.0)) - 1
   chord = np.linalg.norm(path[-1] - path[0]) if len(path) else 0.0
   return bool(swings >= 3 and chord > 1.0)
 
 
 def keeps_straight(body):
-  course, _ = _turned_course(body)
+  course, _ = turned_course(body)
   return bool(np.ptp(course) < 45)
 
 
@@ -131,7 +131,7 @@ def stays(body):
 # --- arms ------------------------------------------------------------------------------------------------------------
 
 
-def _over(body):
+def above_shoulders(body):
   """Height (T, 2) of the wrists over their shoulders."""
   return body.local("wrist", "shoulder")[..., 1]
 
@@ -139,18 +139,18 @@ def _over(body):
 def raises(left, right):
   """Which hands go over their shoulders: True must, False must not, None may."""
   def rule(body):
-    top = _over(body).max(0)
+    top = above_shoulders(body).max(0)
     return bool(all(wanted is None or (height > 0.0) == wanted for wanted, height in zip((left, right), top)))
   return rule
 
 
 def raises_one(body):
-  return bool(_over(body).max() > 0.0)
+  return bool(above_shoulders(body).max() > 0.0)
 
 
 def _swings(body, side):
   """How often a raised wrist turns round by 6 cm or more against its shoulder."""
-  high = _over(body)[:, side] > -0.05
+  high = above_shoulders(body)[:, side] > -0.05
   if high.sum() < 0.5 * FPS:
     return 0
   line = body.local("wrist", "shoulder")[high, side]
@@ -162,7 +162,7 @@ def _swings(body, side):
 def waves(left, right):
   """Which hands swing to and fro, raised: True must, False must not be raised for long, None may."""
   def rule(body):
-    over = _over(body)
+    over = above_shoulders(body)
     for side, wanted in enumerate((left, right)):
       if wanted is True and _swings(body, side) < 3:
         return False
@@ -198,7 +198,7 @@ def punches(side=None):
 # --- legs ------------------------------------------------------------------------------------------------------------
 
 
-def _kicks(body, side):
+def kick_peaks(body, side):
   """Frames in which a foot is highest over the other one, 0.3 m or more, after 2.2 m/s or more."""
   height = body.joints[:, PAIR["foot"], 1]
   over = height[:, side] - height[:, 1 - side]
@@ -211,7 +211,7 @@ def _kicks(body, side):
 def kicks(side=None, count=None):
   """side: the foot, None either. count: how often, None once or more."""
   def rule(body):
-    numbers = [len(_kicks(body, one)) for one in (LEFT, RIGHT)]
+    numbers = [len(kick_peaks(body, one)) for one in (LEFT, RIGHT)]
     number = sum(numbers) if side is None else numbers[side]
     if side is not None and numbers[1 - side]:
       return False

@@ -12,6 +12,7 @@ import behaviour  # noqa: E402
 import behaviour_rules as rules  # noqa: E402
 import behaviour_sentences  # noqa: E402
 import caption_rules  # noqa: E402
+import caption_rules_blind  # noqa: E402
 
 # What is done, and every rule that says yes to it.
 DONE = {
@@ -88,6 +89,8 @@ def test_rules_of_captions_pass_what_they_are_about():
   walk, backward, jump, wave = _walk(), _walk(speed=0.7, ways=180), _jump(0.3), _wave("left", 4)
   assert caption_rules.leads(-45, 45)(body(walk)) and not caption_rules.leads(-45, 45)(body(backward))
   assert caption_rules.leads(45, 135)(body(_walk(ways=90))) and not caption_rules.leads(-135, -45)(body(_walk(ways=90)))
+  back = [way for way in (150, 180, 210) if caption_rules.leads(120, 240, 0.15)(body(_walk(speed=0.7, ways=way)))]
+  assert back == [150, 180, 210] and not caption_rules.leads(120, 240, 0.15)(body(walk))
   assert caption_rules.goes(2.0, 9.0)(body(walk)) and not caption_rules.goes(2.0, 9.0)(body(jump))
   there_and_back = np.concatenate([walk, walk[::-1]])
   assert caption_rules.comes_back(body(there_and_back)) and not caption_rules.comes_back(body(walk))
@@ -114,3 +117,44 @@ def test_halves_of_the_captions_are_apart(tmp_path):
            for half in (caption_rules.DEVELOPMENT, caption_rules.FINAL)}
   assert not found[caption_rules.DEVELOPMENT] & found[caption_rules.FINAL]
   assert sum(map(len, found.values())) == len(lines)
+
+
+def _rule(kinds, name):
+  return next(kind.rule for kind in kinds if kind.name == name)
+
+
+def test_sitting_down_and_standing_up_again_passes_in_this_order_only():
+  standing = _standing(6.0)
+  sunk = np.interp(np.arange(len(standing)) / 20, [0, 1, 2, 4, 5, 6], [0, 0, 1, 1, 0, 0])[:, None]
+  down = standing.copy()
+  down[..., 1] -= 0.45 * sunk
+  down[:, [4, 5], 2] += 0.4 * sunk  # knees ahead of hips and ankles
+  down[:, [7, 8, 10, 11]] = standing[:, [7, 8, 10, 11]]
+  rule = _rule(caption_rules.KINDS, "sit and stand")
+  assert rules.sits(rules.body_of(down)) and rule(rules.body_of(down))
+  assert not rule(rules.body_of(down[:80])) and not rule(rules.body_of(_standing(6.0)))
+
+
+def test_the_blind_list_has_no_line_of_the_others():
+  lines = [line for kind in caption_rules_blind.KINDS for line in kind.lines]
+  others = {line for kind in caption_rules.KINDS for line in kind.lines}
+  assert len(lines) == len(set(lines)) == 150 and not others & set(lines) and max(lines) < 4042
+  for kinds in (caption_rules.KINDS, caption_rules_blind.KINDS):  # a name says whether the data show it
+    names = {outside: {kind.name for kind in kinds if kind.outside == outside} for outside in (True, False)}
+    assert not names[True] & names[False]
+  shown = {kind.name for kind in (*caption_rules.KINDS, *caption_rules_blind.KINDS) if not kind.outside}
+  assert not behaviour.outside() & shown
+
+
+@pytest.mark.parametrize("name", ["walk", "kick left", "wave", "turn right", "jump to the left", "clap", "throw"])
+def test_rules_of_the_blind_list_reject_what_is_something_else(name):
+  """Each says yes to its own motion, where one is made here, and no to standing."""
+  rule = _rule(caption_rules_blind.KINDS, name)
+  own = {"walk": _walk(), "kick left": _kick("left"), "wave": _wave("left", 4), "turn right": _walk(-90)}
+  assert not rule(rules.body_of(_standing(4.0)))
+  assert name not in own or rule(rules.body_of(own[name]))
+
+
+def test_every_rule_of_the_blind_list_judges_a_motion():
+  for kind in caption_rules_blind.KINDS:
+    assert kind.rule(rules.body_of(_walk(speed=0.7))) in (True, False), kind.name
