@@ -7,7 +7,7 @@
   excerpts    a short cut around what is done in a longer clip: "punches with the right hand"
   seats       sitting down or standing up, cut out of a clip of both
   wandering   any locomotion, on a path that turns at random: for training on constraints
-  stepping    walks and runs on one spot, walks to the side
+  stepping    walks and runs on one spot, walks to the side and backward
   time_warp   0.7 to 1.4 times as fast: "walks slowly", "bows quickly"
 
 The number of each is a share of the captured clips. The new clips are a pure function of clips and shares. Clips of

@@ -1,8 +1,10 @@
-"""Let straight walks and runs step on one spot, or to the side, with captions to match (`motion.root_paths.along`).
+"""Let straight walks and runs step on one spot, to the side, or backward, with captions to match.
 
 Captures of locomotion go forward. Here the course of the body becomes a point or a line to its side; each step is moved
-as a whole, so that standing feet stand. A clip to the side is kept only if the kinematic rules (`analysis`) find the
-side in it, one on the spot only if both feet are lifted again and again.
+as a whole, so that standing feet stand (`motion.root_paths.along`). A walk in reverse is close to a walk backward: the
+angles of the joints are nearly those of a walk forward with time reversed (Winter, Pluck and Yang 1989, Journal of Motor
+Behavior 21, 291-305). A clip to the side or backward is kept only if the kinematic rules (`analysis`) find that direction
+in it, one on the spot only if both feet are lifted again and again.
 """
 from collections.abc import Iterator
 
@@ -13,17 +15,20 @@ from motion_jax.analysis.events import find_events
 from motion_jax.analysis.signals import PAIR
 from motion_jax.data.augment.parts import MOST, PLAIN, SHORTEST, new_clip
 from motion_jax.data.clip import Clip
+from motion_jax.motion.retiming import retimed
 from motion_jax.motion.root_paths import along, course
 from motion_jax.text.captions import SUBJECTS
 
 _SIDEWAYS = (0.2, 0.4)  # metres a second, at which a foot does not step over the other
+_SLOWER = (0.5, 0.8)  # times as fast as forward, as people walk backward
 _ON_THE_SPOT = {"walk": ("walks in place", "walks on the spot", "steps in place", "marches in place"),
                 "run": ("jogs in place", "runs in place", "jogs on the spot", "runs on the spot")}
+_SHOWS = {"": "on the spot", "left": "to the side", "right": "to the side", "backward": "backward"}
 _STEPS, _LIFTED = 2, 0.06  # times that each foot is lifted, metres over the other
 
 
 def stepping(parts, rng) -> Iterator[Clip | None]:
-  """Walks on the spot and to the side, and runs on the spot, from walks and runs that go straight forward."""
+  """Walks on the spot, to the side and backward, and runs on the spot, of walks and runs that go straight forward."""
   ways = [(part, part.events[0]) for part in parts
           if part.going and part.known and part.events[0].way == "forward" and len(part.joints) >= SHORTEST]
   number = 0
@@ -31,22 +36,27 @@ def stepping(parts, rng) -> Iterator[Clip | None]:
     part, event = ways[rng.integers(len(ways))]
     number += 1
     joints = part.joints[:MOST]
-    path = course(joints)[0]
-    speed = rng.uniform(*_SIDEWAYS) * (-1, 0, 1)[rng.integers(3)] if event.kind == "walk" else 0.0
-    ahead = path[-1] - path[0]
-    left = np.array([ahead[1], -ahead[0]]) / np.linalg.norm(ahead)
-    goal = path[0] + speed / FPS * np.arange(len(joints))[:, None] * left
-    made = along(joints, np.zeros(len(joints)), path, goal)
-    side = "left" if speed > 0 else "right"
-    said = _sideways(made, part, side, number) if speed else _in_place(made, event.kind, rng)
-    shows = f"{event.kind} {'to the side' if speed else 'on the spot'}"
+    way = ("left", "right", "backward", "")[rng.integers(4)] if event.kind == "walk" else ""
+    made = retimed(joints[::-1], rng.uniform(*_SLOWER))[:MOST] if way == "backward" else _moved(joints, way, rng)
+    said = _directed(made, part, way, number) if way else _in_place(made, event.kind, rng)
+    shows = f"{event.kind} {_SHOWS[way]}"
     yield new_clip("stepping", number, made, said, part, shows) if said else None
 
 
-def _sideways(joints, part, side, number):
-  """Captions by kinematics, () where the rules do not find one walk to the side."""
+def _moved(joints, way, rng):
+  """A walk or run straight forward whose course is a line to its left or right, or a point."""
+  path = course(joints)[0]
+  speed = rng.uniform(*_SIDEWAYS) * {"left": 1, "right": -1, "": 0}[way]
+  ahead = path[-1] - path[0]
+  left = np.array([ahead[1], -ahead[0]]) / np.linalg.norm(ahead)
+  goal = path[0] + speed / FPS * np.arange(len(joints))[:, None] * left
+  return along(joints, np.zeros(len(joints)), path, goal)
+
+
+def _directed(joints, part, way, number):
+  """Captions by kinematics, () where the rules do not find one walk in that direction."""
   events = find_events(joints, FPS)
-  if [(event.kind, event.way) for event in events] != [("walk", side)]:
+  if [(event.kind, event.way) for event in events] != [("walk", way)]:
     return ()
   return sentences(events, (len(joints) - 1) / FPS, key=f"{part.clip.id}{number}", subject=part.subject, plain=PLAIN)
 
