@@ -9,7 +9,9 @@ PAUSE, HOLD = "stands still", "holds still"  # the words of a pause, and of a po
 # Spellings, and the one that all rules read.
 SPELT = ((r"\b(?:counter|anti)[- ]*clock[- ]?wise\b", "counterclockwise"), (r"\bzig[- ]zag", "zigzag"),
          (r"\bsemi[- ]?circle|\bhalf(?: of)? an? circle|\bhalf-circle", "half circle"), (r"\bu turn", "u-turn"),
-         (r"\bside[ -]step", "sidestep"))
+         (r"\bside[ -]step", "sidestep"),
+         (r"\bserpentine\b|\bs[- ](?:shape|curve)\b|\b(?:s[- ](?:shaped|curved)|wavy|winding|wiggly|snaking)"
+          r" (?:line|path|route|course|way)\b", "zigzag"))
 
 # --- who --------------------------------------------------------------------------------------------------------------
 

@@ -39,6 +39,10 @@ from motion_studio.language.requirements import Requirement
     ("a person turns around and walks quickly away", [PathShape("quickly", "walk")]),
     ("someone walks slowly with a straight back", [PathShape("slowly", "walk")]),
     ("someone walks in a zig zag", [PathShape("zigzag", "")]),
+    ("a person walks in an s-shape", [PathShape("zigzag", "")]),
+    ("a person walks along an s curve", [PathShape("zigzag", "")]),
+    ("a man walks in a wavy line", [PathShape("zigzag", "")]),
+    ("someone walks along a winding path", [PathShape("zigzag", "")]),
     ("a person walks straight", [PathShape("straight", "")]),
     ("a person slowly walks in a big circle then stops", [PathShape("circle", ""), PathShape("slowly", "walk")]),
     # No walk, not of the whole body, of one of several walks, or of a walk whose usual pace is another one.

@@ -13,6 +13,7 @@ from motion_studio.language.plain_words import in_plain_words
     "a person jumps to his right": "jumps to the right",
     "a person bends over, then spins around": "bends forward in a bow | turns around",
     "someone turns around to her left": "turns around to the left",
+    "a person walks in an s shape": "walks in a zigzag",
     "someone is standing still": "stands still"}.items())
 def test_actions_with_one_requirement_get_the_words_of_captions(text, plain):
   assert in_plain_words(parse(text)).summary == plain
