@@ -2,9 +2,9 @@
 
 Captures of locomotion go forward. Here the course of the body becomes a point or a line to its side; each step is moved
 as a whole, so that standing feet stand (`motion.root_paths.along`). A walk in reverse is close to a walk backward: the
-angles of the joints are nearly those of a walk forward with time reversed (Winter, Pluck and Yang 1989, Journal of Motor
-Behavior 21, 291-305). A clip to the side or backward is kept only if the kinematic rules (`analysis`) find that direction
-in it, one on the spot only if both feet are lifted again and again.
+angles of the joints are nearly those of a walk forward with time reversed (Winter, Pluck and Yang 1989, Journal of
+Motor Behavior 21, 291-305). A clip to the side or backward is kept only if the kinematic rules (`analysis`) find that
+direction in it, one on the spot only if both feet are lifted again and again.
 """
 from collections.abc import Iterator
 
