@@ -1,4 +1,4 @@
-"""A third list of captions, of the same file as those of caption_rules.py, which nobody had seen when it was drawn.
+"""A third list of captions, of the same file as those of caption_rules.py, not seen by any developer when it was drawn.
 
 How it was drawn, 2026-11-27: of the file's 4,042 lines 1,497 were taken out, those in KINDS of caption_rules.py, those
 that `tools/survey_parses.py --sample 150` draws with the seeds 40 to 45, and others of the same text. The 2,012
@@ -79,7 +79,7 @@ def swivels(count=0, least=30):
 
 
 def leans(side, degrees=5):
-  """The neck is so many degrees to the side of the feet. side: 1 left, -1 right."""
+  """The neck is that far (degrees) to the side of the feet. side: 1 left, -1 right."""
   def rule(body):
     x, y, z = (body.joints[:, JOINT["neck"]] - body.joints[:, PAIR["ankle"]].mean(1)).T
     left = x * np.cos(body.heading) - z * np.sin(body.heading)

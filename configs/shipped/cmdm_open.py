@@ -7,8 +7,8 @@ scratch on free archives.
 No teacher: the one that ships has learned from bandai, which is NonCommercial. Times and measurements:
 docs/lab/cmdm-open.md, motion_jax/pretrained/cmdm-open/README.md.
 
-It has made no shipped model yet: the weights that ship came from the recipe of commit 39e51fd and a last pass of the
-decoder (motion_jax/pretrained/cmdm-open/README.md).
+It has not been run from nothing: the weights that ship came from the recipe of commit 39e51fd and shorter passes `dec`
+and `den` of this one (motion_jax/pretrained/cmdm-open/README.md).
 """
 from motion_jax.configs.shipped import recipe
 
