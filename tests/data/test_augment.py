@@ -14,6 +14,8 @@ from motion_jax.data.augment import KINDS, augmented
 from motion_jax.data.augment.chains import in_a_row
 from motion_jax.data.augment.counted import how_often
 from motion_jax.data.augment.excerpts import _lead
+from motion_jax.data.augment.parts import part_of
+from motion_jax.data.augment.stepping import _directed
 from motion_jax.data.augment.warps import at_pace
 from motion_jax.data.clip import Caption, Clip
 from motion_jax.data.datasets.base import clip_items
@@ -23,6 +25,7 @@ from motion_jax.metrics.physics import planted_speed
 from motion_jax.motion.representations import get_layout
 from motion_jax.motion.retarget import retarget
 from motion_jax.motion.root_paths import SMALLEST, course
+from tests.analysis.test_describe import _walk
 
 _SAID = {"walk": "a person walks forward.", "wave_left": "a person waves with the left hand.",
          "squat": "a person squats down and stands up.", "stand": "a person stands still."}
@@ -116,10 +119,18 @@ def test_a_walk_on_the_spot_to_the_side_or_backward_steps():
     assert (moved > 0.7) == goes and ("place" in words or "on the spot" in words) != goes
     ways = {event.way for event in find_events(clip.joints) if event.kind == "walk"}
     assert not goes or ways == {"backward" if "backward" in clip.meta["content"] else re.search("left|right", words)[0]}
+    if "backward" in clip.meta["content"]:  # slower than the walk that it was, of 1.2 m/s
+      assert 0.5 < moved / (clip.num_frames / 20) < 1.05
     assert planted_speed(clip.joints) < 0.1
     lifted = np.abs(clip.joints[:, 10, 1] - clip.joints[:, 11, 1])
     assert (np.diff((lifted > 0.05).astype(int)) == 1).sum() >= 3
   assert shown == {"left", "right", "back", "spot"}
+
+
+def test_a_walk_that_does_not_go_where_it_should_gets_no_captions():
+  part, forward, backward = part_of(_clips(seeds=1)[0]), _walk(), _walk(speed=0.7, ways=180)
+  assert _directed(backward, part, "backward", 1)
+  assert not _directed(forward, part, "backward", 1) and not _directed(backward, part, "left", 1)
 
 
 _TIMES = {1: r"\b(once|one time|a squat|a bow)\b|squats .*up", 2: r"\b(twice|two)\b", 3: r"\bthree\b", 4: r"\bfour\b"}
