@@ -1,0 +1,101 @@
+"""Bring hands to a place by turning and bending the arms: out to the sides, ahead, to the face, on the hips.
+
+Places are relative to the body, so that a hand keeps its place while the body walks, turns or bends. numpy, whole clips
+of `HUMANML3D`'s joints.
+"""
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Num
+
+from motion_jax.motion import rotations as rot
+from motion_jax.motion.layering import turned_towards
+from motion_jax.motion.skeleton import HUMANML3D
+
+_STRAIGHT = 0.985  # of the length of an arm: the farthest that a wrist is brought from its shoulder
+SIDES = ("left", "right")
+
+
+class _Place(NamedTuple):
+  """Where a wrist is, seen from a joint: out (away from the other arm), up and ahead, in lengths of the arm."""
+  joint: str  # "{}" in it is the side of the arm, "[]" the other side
+  away: tuple[float, float, float]
+  elbow: tuple[float, float, float]  # direction to which the elbow points: out, up, ahead
+
+
+PLACES = {
+    "side": _Place("{}_shoulder", (0.98, 0.0, 0.08), (0.0, -1.0, -0.3)),
+    "front": _Place("{}_shoulder", (-0.08, 0.0, 0.98), (0.4, -1.0, 0.0)),
+    "up": _Place("{}_shoulder", (0.12, 0.97, 0.06), (1.0, 0.0, 0.2)),
+    "down": _Place("{}_shoulder", (0.2, -0.96, 0.08), (0.4, 0.0, -1.0)),
+    "face": _Place("head", (0.13, -0.12, 0.28), (0.6, -1.0, 0.0)),
+    "ear": _Place("head", (0.25, -0.02, 0.06), (1.0, -0.6, 0.2)),
+    "head": _Place("head", (0.15, 0.26, 0.04), (1.0, -0.1, 0.2)),
+    "shoulder": _Place("[]_shoulder", (0.16, 0.0, 0.22), (0.0, -1.0, 0.4)),
+    "chest": _Place("spine3", (0.1, 0.15, 0.34), (1.0, -0.6, 0.0)),
+    "together": _Place("spine3", (0.05, -0.05, 0.6), (1.0, -0.7, 0.0)),
+    "apart": _Place("spine3", (0.55, 0.0, 0.62), (1.0, -0.7, 0.0)),
+    "crossed": _Place("spine3", (-0.22, 0.0, 0.42), (1.0, -0.8, 0.0)),
+    "stomach": _Place("spine1", (0.1, 0.1, 0.34), (1.0, -0.3, -0.2)),
+    "back": _Place("spine1", (0.05, 0.05, -0.3), (1.0, 0.0, -0.6)),
+    "hips": _Place("{}_hip", (0.18, 0.24, 0.0), (1.0, 0.0, -0.5)),
+    "knees": _Place("{}_knee", (0.0, 0.15, 0.12), (1.0, 0.0, 0.2))}
+
+
+def bring_hands(joints: Num[np.ndarray, "t j 3"], place: str, sides: Sequence[str], weight: Num[np.ndarray, " t"]
+                ) -> Float[np.ndarray, "t j 3"]:
+  """Joints (T, J, 3) with the hands of some sides brought to one of PLACES. float32.
+
+  weight (T,): 0 leaves an arm as it is, 1 brings its wrist to the place, as near as the arm is long; in between upper
+  arm and forearm are turned by that share of the angle. Bones keep their lengths; all other joints stay.
+  """
+  result = np.array(joints, np.float64)
+  for side in sides:
+    shoulder, elbow, wrist = (HUMANML3D.joints.index(f"{side}_{name}") for name in ("shoulder", "elbow", "wrist"))
+    own = [result[:, elbow] - result[:, shoulder], result[:, wrist] - result[:, elbow]]
+    line = target(result, place, side) - result[:, shoulder]
+    new = _bent(own, line, _in_the_world(result, side, PLACES[place].elbow))
+    upper, fore = (turned_towards(*pair, weight) for pair in zip(own, new))
+    result[:, elbow] = result[:, shoulder] + upper
+    result[:, wrist] = result[:, elbow] + fore
+  return result.astype(np.float32)
+
+
+def target(joints: Num[np.ndarray, "t j 3"], place: str, side: str) -> Float[np.ndarray, "t 3"]:
+  """Where (T, 3) the wrist of a side is to be for one of PLACES."""
+  other = SIDES[1 - SIDES.index(side)]
+  shoulder, elbow, wrist, seen_from = (HUMANML3D.joints.index(name) for name in (
+      f"{side}_shoulder", f"{side}_elbow", f"{side}_wrist",
+      PLACES[place].joint.replace("{}", side).replace("[]", other)))
+  length = sum(np.linalg.norm(joints[:, a] - joints[:, b], axis=-1) for a, b in ((shoulder, elbow), (elbow, wrist)))
+  return joints[:, seen_from] + length[:, None] * _in_the_world(joints, side, PLACES[place].away)
+
+
+def misses(joints: Num[np.ndarray, "t j 3"], place: str, side: str) -> Float[np.ndarray, " t"]:
+  """Metres (T,) from the wrist of a side to where it is to be for one of PLACES."""
+  wrist = HUMANML3D.joints.index(f"{side}_wrist")
+  return np.linalg.norm(joints[:, wrist] - target(joints, place, side), axis=-1)
+
+
+def _in_the_world(joints, side, direction):
+  """A direction (out, up, ahead) of the trunk as vectors (T, 3); out is away from the other arm."""
+  at = HUMANML3D.joints.index
+  up = rot.unit(joints[:, at("neck")] - joints[:, at("pelvis")])
+  across = joints[:, at("left_shoulder")] - joints[:, at("right_shoulder")]
+  left = rot.unit(across - (across * up).sum(-1, keepdims=True) * up)
+  out, high, ahead = direction
+  return (out if side == "left" else -out) * left + high * up + ahead * np.cross(left, up)
+
+
+def _bent(bones, line, hint):
+  """[upper arm, forearm] (T, 3) of bones' lengths that end at a line from the shoulder, the elbow towards the hint."""
+  first, second = (np.linalg.norm(bone, axis=-1, keepdims=True) for bone in bones)
+  far = np.clip(np.linalg.norm(line, axis=-1, keepdims=True), np.abs(first - second) + 1e-3,
+                _STRAIGHT * (first + second))
+  way = rot.unit(line)
+  aside = rot.unit(hint - (hint * way).sum(-1, keepdims=True) * way)
+  along = (first**2 - second**2 + far**2) / (2 * far)
+  upper = along * way + np.sqrt(np.maximum(first**2 - along**2, 0.0)) * aside
+  return [upper, far * way - upper]
+

@@ -1,0 +1,58 @@
+"""Hands come to each place as near as the arm is long; bones keep their lengths, and nothing else moves."""
+import numpy as np
+import pytest
+
+from motion_jax.data.datasets.synthetic import synthetic_joints
+from motion_jax.motion import rotations as rot
+from motion_jax.motion.reaching import PLACES, bring_hands, misses
+from motion_jax.motion.retarget import mirror, retarget
+from motion_jax.motion.skeleton import HUMANML3D, bone_lengths
+
+ARMS = [HUMANML3D.joints.index(f"{side}_{part}") for side in ("left", "right") for part in ("elbow", "wrist")]
+WALK = retarget(synthetic_joints("walk", 40, np.random.default_rng(0)))
+WHOLE = np.ones(len(WALK))
+
+
+@pytest.mark.parametrize("place", PLACES)
+def test_hands_come_to_their_place_and_nothing_else_moves(place):
+  made = bring_hands(WALK, place, ("left", "right"), WHOLE)
+  rest = [joint for joint in range(22) if joint not in ARMS]
+  np.testing.assert_array_equal(made[:, rest], WALK[:, rest].astype(np.float32))
+  np.testing.assert_allclose(bone_lengths(made.astype(np.float64), HUMANML3D), bone_lengths(WALK, HUMANML3D), atol=1e-5)
+  if place != "knees":  # farther than an arm is long while the body stands
+    for side in ("left", "right"):
+      assert misses(made, place, side).max() < 1e-3
+
+
+def test_one_hand_leaves_the_other_and_a_weight_of_zero_leaves_both():
+  np.testing.assert_allclose(bring_hands(WALK, "head", ("left", "right"), 0 * WHOLE), WALK, atol=1e-5)
+  made = bring_hands(WALK, "head", ("left",), WHOLE)
+  np.testing.assert_array_equal(made[:, ARMS[2:]], WALK[:, ARMS[2:]].astype(np.float32))
+  assert np.abs(made[:, ARMS[:2]] - WALK[:, ARMS[:2]]).max() > 0.3
+
+
+def test_a_hand_in_between_is_on_its_way():
+  half = misses(bring_hands(WALK, "side", ("left",), 0.5 * WHOLE), "side", "left")
+  assert (half < 0.7 * misses(WALK, "side", "left")).all() and half.min() > 0.1
+
+
+@pytest.mark.parametrize("place", ["face", "shoulder", "hips", "side"])
+def test_places_turn_with_the_body_and_are_the_same_on_both_sides(place):
+  made = bring_hands(WALK, place, ("left",), WHOLE)
+  turn = rot.about_axis(np.array(1.2), "y")
+  elsewhere = rot.rotate(turn[None, None], WALK) + [3.0, 0.0, -1.0]
+  np.testing.assert_allclose(bring_hands(elsewhere, place, ("left",), WHOLE),
+                             rot.rotate(turn[None, None], made.astype(np.float64)) + [3.0, 0.0, -1.0], atol=1e-5)
+  np.testing.assert_allclose(bring_hands(mirror(WALK), place, ("right",), WHOLE), mirror(made), atol=1e-5)
+
+
+def test_places_are_where_their_names_say():
+  wrists = {place: bring_hands(WALK, place, ("left", "right"), WHOLE)[:, [20, 21]].mean(0) - WALK[:, [0]].mean(0)
+            for place in PLACES}
+  height = {place: own[:, 1].mean() for place, own in wrists.items()}
+  assert height["up"] > height["head"] > height["face"] > height["chest"] > height["stomach"] > height["hips"] > (
+      height["down"])
+  apart = {place: own[0, 0] - own[1, 0] for place, own in wrists.items()}
+  assert apart["side"] > 1.2 and apart["crossed"] < 0 < apart["together"] < 0.15 < apart["apart"]
+  ahead = {place: own[:, 2].mean() for place, own in wrists.items()}
+  assert ahead["front"] > 0.4 > ahead["chest"] > 0.05 and ahead["back"] < -0.05
