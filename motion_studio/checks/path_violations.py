@@ -1,7 +1,7 @@
 """Prompt checks of paths: how far the path of a body is from the shape and the pace that its prompt requires.
 
-Circles, half circles and zigzags are measured by the direction of travel, slow and quick by the usual pace of captions
-by kinematics (`analysis.event_words`).
+Circles, half circles, curves and zigzags are measured by the direction of travel, slow and quick by the usual pace of
+captions by kinematics (`analysis.event_words`).
 """
 import numpy as np
 
@@ -11,7 +11,7 @@ from motion_studio.language.path_shapes import PACES, PathShape
 
 _MOVING, _MOVING_SLOWLY = 0.3, 0.12  # metres per second from which on a body goes somewhere, and of a slow walk
 _CIRCLE = 300.0     # degrees of a circle at least, as in `analysis.events`
-_HALF_CIRCLE = (150.0, 210.0)
+_HALF_CIRCLE, _CURVE = (150.0, 210.0), (40.0, 300.0)
 _ZIGZAG_TURNS, _ZIGZAG_ANGLE = 4, 25.0  # turns of a zigzag, and degrees of each at least
 _STRAIGHT = 45.0    # degrees by which a straight path bends at most
 _TURNED_BACK = 30.0  # degrees by which a circle may turn the other way
@@ -38,7 +38,7 @@ def path_violation(body: Body, shape: PathShape) -> float:
     return _share(_ZIGZAG_TURNS + 1 - len(turning_points(course, _ZIGZAG_ANGLE)), _ZIGZAG_TURNS)
   if shape.side and abs(total) > _ZIGZAG_ANGLE and (total > 0) != (shape.side == "left"):
     return 1.0
-  least, most = (_CIRCLE, np.inf) if shape.kind == "circle" else _HALF_CIRCLE
+  least, most = {"circle": (_CIRCLE, np.inf), "u-turn": _HALF_CIRCLE, "curve": _CURVE}[shape.kind]
   back = max(spread - abs(total) - _TURNED_BACK, 0.0)
   return _share(max(least - abs(total), abs(total) - most, 0.0) + back, least)
 

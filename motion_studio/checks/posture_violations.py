@@ -76,6 +76,13 @@ def not_aside(body: Body, requirement: Requirement) -> float:
   return max(off, _lacks(float(np.linalg.norm(way)), _ASIDE / 2))
 
 
+def other_hand_acts(body: Body, requirement: Requirement) -> float:
+  """An action of one hand: that hand is no slower than the other, seen from its shoulder, in root mean square."""
+  speed = np.sqrt((np.diff(body.local("wrist", "shoulder"), axis=0) ** 2).sum(-1).mean(0))
+  own = SIDES.index(requirement.side)
+  return _lacks(float(speed[own]), max(float(speed[1 - own]), 1e-6))
+
+
 def _lacks(value, least):
   """What a value lacks to the least one, as a share of it, at most 0.9."""
   return float(np.clip(1 - value / least, 0.0, 0.9))
@@ -83,4 +90,4 @@ def _lacks(value, least):
 
 MEASURES = {"bend": not_bent, "crouch": not_crouched, "treads": does_not_tread, "stays": leaves_its_place,
             "return": not_come_back}
-SIDED_MEASURES = {"foot": foot_not_lifted, "balance": not_balanced, "aside": not_aside}
+SIDED_MEASURES = {"foot": foot_not_lifted, "balance": not_balanced, "aside": not_aside, "acts": other_hand_acts}

@@ -28,7 +28,7 @@ _STATES = {
     "treads": "no steps in place seen", "return": "the body does not come back", "slowly": "the {} is not slow",
     "quickly": "the {} is not quick", "usual": "the {} is faster than usual"}
 _SIDED_STATES = {"foot": "{} foot is not lifted far", "balance": "the body does not stand on {} leg",
-                 "aside": "the body does not go to {}"}
+                 "aside": "the body does not go to {}", "acts": "{} hand moves less than the other"}
 _NAMED = 5  # motions of a call that a warning names
 
 

@@ -13,9 +13,10 @@ _BESIDE = re.compile(r",(?! (?:counter)?clockwise)| (?:with|while|starting|leadi
 _NONE = re.compile(r"\b(?:then|in place|on the spot)\b")  # several paths in one, or no path
 _SIZE = r"(?:(?:full|whole|complete|big|small|large|wide|tight|little|single|clockwise|counterclockwise|few) )*"
 _SHAPES = {shape: re.compile(words) for shape, words in {  # the first that matches; "" is no shape
-    "": r"\bquarters?\b|\d ?/ ?\d|\bhalf ?-?way\b|\barc\b|\bdegrees?\b|\band a half\b|\bcircle of\b|clockwise from\b",
+    "": r"\bquarters?\b|\d ?/ ?\d|\bhalf ?-?way\b|\bdegrees?\b|\band a half\b|\bcircle of\b|clockwise from\b",
     "u-turn": r"\bu-turn|\bhalf circle",
     "zigzag": r"\bzigzag",
+    "curve": r"\bcurve[ds]?\b|\bcurving\b|\barc\b",
     "circle": rf"\bin (?:an? |one |two |three )?{_SIZE}circles?\b|\bcircular\b|\b\w+s (?:around )?(?:an? |one |two "
               rf"|three )?{_SIZE}circles?\b|\boval\b|clockwise\b|\bcircles (?:around|to)\b",
     "straight": r"\bstraight(?: ahead| on| forwards?| line)?$|\bstraight (?:ahead|on|forwards?|line)\b"}.items()}
@@ -35,13 +36,13 @@ _WALKED_CIRCLE, _RUN_CIRCLE = 8.0, 6.5
 
 class PathShape(NamedTuple):
   """The shape of a path, or its pace."""
-  kind: str  # "circle", "u-turn", "zigzag", "straight"; "slowly", "quickly", "usual"
+  kind: str  # "circle", "u-turn", "curve", "zigzag", "straight"; "slowly", "quickly", "usual"
   side: str  # of a shape "left", "right" or "" for any; of a pace its gait, "walk" or "run"
 
 
 PACES = frozenset({"slowly", "quickly", "usual"})
 KINDS = (PACES | frozenset(_SHAPES)) - {""}
-BENT = frozenset({"circle", "u-turn", "zigzag"})  # they contain turns
+BENT = frozenset({"circle", "u-turn", "zigzag", "curve"})  # they contain turns
 
 
 def is_gait(verb: str) -> bool:
@@ -59,7 +60,7 @@ def _shapes_of(verb, words):
       _LIMBS.isdisjoint(_WORD.findall(own if gait else words))):
     return []
   shape = next((shape for shape, said in _SHAPES.items() if said.search(own)), "")
-  found = [PathShape(shape, _side_of(own, words))] if shape in ("circle", "u-turn") else []
+  found = [PathShape(shape, _side_of(own, words))] if shape in ("circle", "u-turn", "curve") else []
   if shape == "zigzag" or shape == "straight" and not _BENDS.search(words):
     found = [PathShape(shape, "")]
   if not gait:

@@ -50,6 +50,8 @@ def requirements_of(actions: "Sequence[Action]", text: str) -> list[Requirement]
     if is_a(action.verb, "run") and not action.is_pose:
       found["run", ""] = Requirement("run", "", 1, False)
     kind, side = _event_of(action, shapes)
+    if kind is None and len(actions) == 1 and action.part == "arms" and len(action.sides) == 1:
+      kind, side = "acts", action.sides[0]
     if kind is None or action.is_pose or action.part == "head":  # "turns the head"
       continue
     if kind == "raise":

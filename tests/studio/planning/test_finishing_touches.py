@@ -11,7 +11,7 @@ from motion_jax.data.datasets.synthetic import synthetic_joints
 from motion_jax.metrics.physics import planted_speed
 from motion_jax.models.results import Motion
 from motion_jax.motion.representations import get_layout
-from motion_jax.motion.retarget import retarget
+from motion_jax.motion.retarget import mirror, retarget
 from motion_jax.motion.root_paths import bent, course
 from motion_studio.checks.violations import violation_score
 from motion_studio.language import parse
@@ -116,6 +116,50 @@ def test_a_way_back_that_misses_the_beginning_leads_there():
   for other in (away(0.8), away(3.1)):  # it never turned around, and it comes back as it is
     other = _motion(other, Caption(prompt))
     assert _finished(other, prompt) is other
+
+
+@pytest.mark.parametrize("prompt", [
+    "a person walks in a circle", "a person walks in a circle to the right", "a man walks in a half circle",
+    "a person walks in a counterclockwise half circle", "a person walks in a zigzag", "a person walks and turns left",
+    "a person walks along a curve to the left", "a man walks in an arc",
+    "a person jogs and turns to the right"])
+def test_a_walk_is_bent_to_the_shape_that_is_said(prompt):
+  walk = _motion(retarget(synthetic_joints("walk", 160, np.random.default_rng(1))), Caption(prompt))
+  required = [one for one in parse(prompt).requirements if one.kind in ("circle", "u-turn", "curve", "zigzag", "turn")]
+  assert len(required) == 1 and violation_score(walk.joints, required) > 0
+  made = _finished(walk, prompt).joints
+  assert violation_score(made, required) == 0
+  assert planted_speed(made) < planted_speed(walk.joints) + 0.05  # standing feet stand
+  assert course(made)[1][-1] == pytest.approx(course(walk.joints)[1][-1], rel=0.2)  # as far as before
+  again = _motion(made, Caption(prompt))
+  assert _finished(again, prompt) is again
+  short = _motion(walk.joints[:24], Caption(prompt))
+  assert _finished(short, prompt) is short
+
+
+def test_a_turn_on_the_spot_is_no_bend_of_a_path():
+  walk = _motion(retarget(synthetic_joints("walk", 160, np.random.default_rng(1))), Caption("a person turns left"))
+  for prompt in ("a person turns left", "a person turns around while walking", "a person turns left, then right"):
+    assert _finished(walk, prompt) is walk
+
+
+@pytest.mark.parametrize("prompt", ["a person waves the right hand", "a person throws a ball with the right hand"])
+def test_the_wrong_side_is_exchanged(prompt):
+  required, motion = parse(prompt).requirements, _motion(_joints("wave_left"), Caption(prompt))
+  assert violation_score(motion.joints, required) > 0
+  made = _finished(motion, prompt)
+  assert violation_score(made.joints, required) == 0
+  np.testing.assert_allclose(made.joints, mirror(motion.joints), atol=1e-6)
+  left = prompt.replace("right", "left")
+  right = _motion(motion.joints, Caption(left))
+  assert _finished(right, left) is right
+
+
+def test_a_side_is_not_exchanged_where_something_else_is_of_one_side():
+  motion = _motion(_joints("wave_left"), Caption("a person waves the right hand with the left foot ahead"))
+  required = parse("a person waves the right hand").requirements
+  assert violation_score(motion.joints, required) > 0
+  assert finishing_touches.corrected(MODEL, motion, required) is motion
 
 
 def test_a_body_that_stands_is_not_moved_to_a_side():
