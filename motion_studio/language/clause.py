@@ -36,7 +36,10 @@ def clause_of(tokens):
   if start is None:
     return None
   head, verb = _main_verb(words, tags, start, verb_of(words[start]) or lemmas[start])
-  if tags[head] == "AUX" and verb != "do":  # "is happy", "can"
+  if verb == "have" and next((word for word in words[head + 1:] if word not in lexicon.WITH_A_LIMB), "") in (
+      lexicon.LIMBS):
+    verb = "hold"  # "has the left hand raised"
+  elif tags[head] == "AUX" and verb != "do":  # "is happy", "can"
     return None
   subject, before = list(tokens[:start]), []
   while subject and subject[0].lower() in ("first", "firstly", "having", ","):

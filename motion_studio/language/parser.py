@@ -208,10 +208,16 @@ RULES = (
     Rule("Other verbs", "A word in the third person with an object is an action, although no list has it.", {
         "a person walks forward, clasps hands and bows": "walks forward | clasps hands | bows",
         "a man steps back and shields his face": "steps back | shields his face"}),
+    Rule("Backing away", "Backing up, away or off is walking backward.", {
+        "a person was backing away, then bows": "walks backward | bows",
+        "a person bows and backs up slowly": "bows | walks backward slowly"}),
+    Rule("Left and right", "A kick or punch with one limb and the other is done with each.", {
+        "a person kicks with the left and right foot": "kicks with the left foot | kicks with the right foot"}),
     Rule("Ways back",
          "A turn before a walk back goes around, and the walk goes ahead, to where the body came from.", {
         "a person walks forward, turns and walks back to where he started":
             "walks forward | turns around | walks forward",
+        "a man walks forward, then turns to walk back": "walks forward | turns around | walks forward",
         "someone runs ahead, spins to the left and runs back": "runs ahead | turns around to the left | runs forward"}),
     Rule("Taken turns", "Taking a turn is part of a walk, not a turn on the spot, unless the sentence has a run.", {
         "the person takes a right turn": "walks and makes a right turn",

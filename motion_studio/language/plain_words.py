@@ -18,7 +18,8 @@ _WORDS = {
     "bend": ("bends forward in a bow", ""), "wave": ("waves", "waves the {} hand"),
     "raise": ("raises a hand", "raises the {} hand"), "sideways": ("walks sideways", "takes steps to the {}"),
     "still": ("stands still", ""), "sit": ("sits down", ""), "rise": ("stands up", ""),
-    "zigzag": ("walks in a zigzag", ""), "balance": ("stands on one leg", "stands on the {} leg")}
+    "zigzag": ("walks in a zigzag", ""), "walk": ("walks backward", "walks {}"),
+    "balance": ("stands on one leg", "stands on the {} leg")}
 _TURNS = {"": "turns around", "left": "turns to the left", "right": "turns to the right"}
 _BESIDE = frozenset({"usual", "seated", "stays", "slowly", "quickly", "run"})  # requirements that no other words bring
 
