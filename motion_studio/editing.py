@@ -18,7 +18,7 @@ from motion_jax.motion.skeleton import bone_lengths
 from motion_jax.utils import progress
 from motion_studio.checks import resampling
 from motion_studio.checks.reports import report, unmet_requirements
-from motion_studio.checks.violations import excess_speed, violation_score
+from motion_studio.checks.violations import can_be_checked, excess_speed, violation_score
 from motion_studio.language import Plan
 from motion_studio.planning.job import Job
 
@@ -40,7 +40,7 @@ def edited(job: Job, clips: Sequence[Any], new: Callable[[int], np.ndarray], max
   model, fps, count = job.model, job.planner.fps, len(job.prompts)
   edits = [pasting.prepare(model, clip, new) for clip in clips]
   prompts = [_network_prompt(prompt, plan) for prompt, plan in zip(job.prompts, job.plans)]
-  checked = max_attempts > 1 and resampling.can_be_checked(model)
+  checked = max_attempts > 1 and can_be_checked(model)
   required = [plan.requirements if plan and checked else [] for plan in job.plans]
   keeps_legs = [checked and job.cleanup and plan is not None and moves_upper_body(plan) for plan in job.plans]
 

@@ -8,6 +8,7 @@ import warnings
 from motion_jax.models.results import Motion
 from motion_studio import constraining
 from motion_studio.checks import MAX_ATTEMPTS, prompt_notes, resampling
+from motion_studio.checks.violations import can_be_checked
 from motion_studio.constraining import is_constrained
 from motion_studio.planning import path_ends, sequencing
 from motion_studio.planning.job import Job
@@ -97,7 +98,7 @@ class Check:
 
   def __call__(self, job: Job) -> None:
     rows = [i for i, plan in enumerate(job.plans) if plan is not None and not _is_guided(job, i)]
-    if not rows or self.max_attempts == 1 or not resampling.can_be_checked(job.model):
+    if not rows or self.max_attempts == 1 or not can_be_checked(job.model):
       return
     part = job.select(rows)
     for i, motion in zip(rows, resampling.best_of(part, sequencing.sample, self.max_attempts)):

@@ -5,8 +5,12 @@ from typing import Any
 
 from motion_jax.text.morphology import possible_bases, third_person, verb_of
 from motion_jax.text.vocabulary import closest_word
+from motion_studio.checks.violations import can_be_checked
 from motion_studio.language import Plan
+from motion_studio.language.hand_places import places_of, without_hands
+from motion_studio.language.leaning import lean_of
 from motion_studio.language.lexicon import NEGATIONS
+from motion_studio.planning.spans import segments_of
 
 _NAMED = 5  # words of a prompt, and notes of a call, at most
 _PEOPLE = r"(?:people|persons|men|women|boys|girls|guys|kids|children|friends|dancers|fighters|boxers|figures|players)"
@@ -30,12 +34,12 @@ def notes_of(planner: Any, prompts: Iterable[str | Plan]) -> list[str]:
       notes.update(dict.fromkeys(_of_verbs(planner, one)))
     if (denial := _denial(one)):
       notes[f"{shortened(prompt)} says {denial!r}; a model may do what follows nevertheless"] = None
-    for part in [prompt] if isinstance(one, str) else one.prompts:
+    for part in [prompt] if isinstance(one, str) else _without_postures(planner.model, one):
       words = [word for word in planner.model.captions.unknown_words(part) if word.lower() not in named]  # each once
       named.update(map(str.lower, words))
       if words:
         notes[_of_words(planner, part, words)] = None
-      elif not isinstance(one, str) and (note := _of_phrase(planner, one if one.is_plain else part)):
+      elif not isinstance(one, str) and (note := _of_phrase(planner, one if part == one.text else part)):
         notes[note] = None
   more = len(notes) - _NAMED
   return [*notes] if more <= 0 else [
@@ -47,6 +51,18 @@ def _denial(prompt):
   if isinstance(prompt, str) or any(one.kind == "still" for one in prompt.requirements):
     return ""
   return next((word for part in prompt.prompts for word in part.lower().split() if word in NEGATIONS), "")
+
+
+def _without_postures(model, plan):
+  """The prompts of a plan without what they say of postures, which need no learning."""
+  if not can_be_checked(model):
+    return plan.prompts
+  named = {plan.single.prompt: plan.text} if plan.is_plain and plan.single else {}
+  segments = segments_of(plan)
+  placed = [action for own in places_of(segments) for action, place in own if action.part == "arms" and place.alone]
+  leaning = [one for part in segments for one in (part.action, *part.simultaneous) if lean_of(one)]
+  placed = {named.get(action.prompt, action.prompt) for action in (*placed, *leaning)}
+  return [without_hands(prompt) for prompt in plan.prompts if prompt not in placed]
 
 
 def _of_verbs(planner, plan):

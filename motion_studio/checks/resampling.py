@@ -5,7 +5,6 @@ from typing import Any
 import jax
 
 from motion_jax.models.results import Motion
-from motion_jax.motion.skeleton import HUMANML3D
 from motion_jax.utils import progress
 from motion_studio.checks.reports import report, unmet_requirements
 from motion_studio.checks.violations import excess_speed, violation_score
@@ -85,11 +84,6 @@ def _record(job, row, number, score):
   return dict(number=number + 1, seed=job.seeds[row], prompt=job.prompts[row],
               guidance_scale=guidance_scale(job.model, job.sampling), independent=number >= _INDEPENDENT,
               violation_score=round(float(score), 4))
-
-
-def can_be_checked(model: Any) -> bool:
-  """Whether requirements can be measured on the motions of a model: on the skeleton of 22 joints alone."""
-  return model.stats.layout.skeleton is HUMANML3D
 
 
 def said_again(prompt: str, requirements: Sequence[Any], number: int) -> str:

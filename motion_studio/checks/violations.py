@@ -8,12 +8,14 @@ action, or of the frames that an edit has made. `reports.unmet_requirements` say
 """
 import functools
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 from jaxtyping import Num
 
 from motion_jax.analysis.events import PUNCH, Event, feet_up, find_events, punch_speed
 from motion_jax.analysis.signals import JOINT, SIDES, Body
+from motion_jax.motion.skeleton import HUMANML3D
 from motion_studio.checks import posture_violations
 from motion_studio.checks.path_violations import path_violation
 from motion_studio.language.path_shapes import KINDS, PathShape
@@ -37,6 +39,11 @@ _SIDEWAYS_SECONDS = 0.8  # of a walk to a side
 _RAISED_SECONDS = 0.3  # of a hand over its shoulder
 _LYING_HEIGHT = 0.4  # metres of the head over the ground
 _WEAK_KICK = 0.4  # of a violation: a foot that goes up and is no kick, where kicks are counted
+
+
+def can_be_checked(model: Any) -> bool:
+  """Whether requirements can be measured on the motions of a model: on the skeleton of 22 joints alone."""
+  return model.stats.layout.skeleton is HUMANML3D
 
 
 def violation_score(joints: Num[np.ndarray, "t 22 3"], requirements: Sequence[Requirement], fps: float = 20.0

@@ -26,7 +26,8 @@ _CLOSE = 0.2  # what the confidence of a kind may lack to that of the surest one
 _ENOUGH, _WELL = 3, 20  # captions that name an action which a model knows, and which it knows well
 _HELD_SECONDS = 1.5  # of a pose such as a crouch, where no time is given
 _PLAIN = frozenset("slowly quickly forward backward".split())  # words of manner that every model's captions have
-_NO_TARGETS = frozenset(VERBS[""]) | frozenset("do perform play practice take get put place hold go come move".split())
+_NO_TARGETS = frozenset(VERBS[""]) | frozenset(
+    "do perform play practice take get put place hold go come move cover".split())
 
 
 _NO_LEGS = VERBS["arms"] | VERBS["torso"] | VERBS["head"] | VERBS[""]  # swings, also of the body

@@ -8,7 +8,7 @@ from motion_jax.analysis.event_words import TIMES
 from motion_jax.utils.errors import InputError
 from motion_jax.utils.numerals import as_float, require_numbers
 from motion_studio.language import Action, Plan, Segment, parse, pause
-from motion_studio.language.lexicon import COUNTED_ONE_BY_ONE, CYCLES, LOW
+from motion_studio.language.lexicon import COUNTED_ONE_BY_ONE, CYCLES, LOW, PAUSE
 from motion_studio.language.path_shapes import is_gait, min_duration
 
 LONGEST = 3600     # seconds of a plan
@@ -20,6 +20,7 @@ _BRISK = 0.8       # share of its usual time that one repetition takes
 # repeated kicks or squats 17 came out right with a limit of 3 s, 11 without one, 10 with 2.2 s. By its own lengths
 # `cdamd-small` would give a kick 1.4 s and a squat 1.9 s, which is too short.
 _LONGEST_REPETITION, _SHORTEST_REPETITION = 3.0, 2.4
+_POSTURE = 2.5  # seconds in which a standing body takes a posture and keeps it
 # Least seconds to get down into a pose that is held. By its own lengths `cdamd-small` takes 0.9 to 1.6 s, and of 16
 # seats the median trunk leans by 44 degrees; with 2.2 s it leans by 36, with 2.8 s by 24.
 _GET_DOWN = 2.8
@@ -32,6 +33,7 @@ def usual_frames(planner: Any, plan: Plan) -> list[int]:
   for segment, then in zip(plan.segments, (*plan.segments[1:], None)):
     counts.append(round(segment.seconds * planner.fps) if segment.seconds else
                   away if segment.action.goes_back and away else
+                  round(_POSTURE * planner.fps) if segment.action.words == PAUSE and segment.simultaneous else
                   max(_least_frames(planner, segment, then),
                       *(_action_frames(planner, one) for one in segment.sampled))
                   if segment.sampled else round(_REST * planner.fps))

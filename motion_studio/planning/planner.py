@@ -2,10 +2,12 @@
 import functools
 from typing import Any
 
+from motion_studio.checks.violations import can_be_checked
 from motion_studio.language import Action, Plan, Segment, parse
 from motion_studio.language.meaning import Meanings
 from motion_studio.language.plain_words import in_plain_words
 from motion_studio.language.repertoire import Repertoire
+from motion_studio.planning import posing
 from motion_studio.planning.phrasing import in_words_of_captions, wants_words_of_captions
 
 
@@ -36,6 +38,7 @@ class Planner:
     found = parse(prompt, self.model.captions.knows, self.meanings)
     if not self.can_sequence:
       return found.with_segments((Segment(Action(prompt, prompt)),))
+    found = posing.standing(found, self._knows) if can_be_checked(self.model) else found
     return in_words_of_captions(found) if wants_words_of_captions(self.model.config) else found
 
   def in_plain_words(self, plan: Plan) -> Plan:
@@ -58,6 +61,13 @@ class Planner:
   def nearest_captions(self, prompt: str, num: int = 1) -> list[tuple[str, int]]:
     """[(training caption, its usual frames)], the nearest in meaning first."""
     return self.model.captions.nearest(prompt, num)
+
+  def _knows(self, prompt):
+    """Whether the training captions name an action in much the same words."""
+    if self.model.captions.knows(prompt) or self.repertoire is None:
+      return True
+    found = self.repertoire.judge(prompt)
+    return found.known and not found.few
 
   @functools.cached_property
   def meanings(self) -> Meanings:

@@ -1,7 +1,8 @@
 """Plans become motions: segments in sequence by the method's own means, simultaneous actions as layers on one body.
 
 Simultaneous actions are sampled as motions of the same length, and arms, head or torso of one are put on the other
-(`assembly`). A plan of one plain action is one pass of the network with the prompt as it was written.
+(`assembly`); postures need no sample (`posing`). A plan of one plain action is one pass of the network with the prompt
+as it was written.
 """
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -17,6 +18,7 @@ from motion_studio.language.requirements import Requirement, is_counted, require
 from motion_studio.planning import assembly, durations
 from motion_studio.planning.independent import sample_independently
 from motion_studio.planning.job import Job
+from motion_studio.planning.posing import is_posture, posed
 
 _TAKES = 3  # of each segment that is sampled independently
 
@@ -35,8 +37,8 @@ def sample(job: Job, independent: bool = False) -> list[Motion]:
   found: dict[int, Motion] = {}
   if plain:
     part = job.select(plain)
-    found |= zip(plain, model.sample(part.prompts, [lengths[i][0] for i in plain], part.keys, part.seeds, job.cleanup,
-                                     job.sampling))
+    made = model.sample(part.prompts, [lengths[i][0] for i in plain], part.keys, part.seeds, job.cleanup, job.sampling)
+    found |= {i: posed(model, motion, plans[i]) for i, motion in zip(plain, made)}
   rest = [i for i in range(len(plans)) if i not in found]
   if rest:
     part = job.select(rest, plans=[plans[i] for i in rest])
@@ -71,7 +73,8 @@ def compose(job: Job, lengths: Sequence[Sequence[int]], sample_segments: Callabl
   bodies = [assembly.assemble(base.joints, plan.segments, span, frames,
                               [layers.get((row, place), []) for place in range(len(plan.segments))], skeleton)
             for row, (base, plan, span, frames) in enumerate(zip(bases, plans, spans, lengths))]
-  return [_described(model, base, plan, *body) for base, plan, body in zip(bases, plans, bodies)]
+  return [posed(model, _described(model, base, plan, *body), plan)
+          for base, plan, body in zip(bases, plans, bodies)]
 
 
 def repeated(action: Any, count: int, least: int, one_by_one: bool = False) -> list[tuple[str, int]]:
@@ -107,7 +110,8 @@ def _sample_layers(job, lengths, spans):
   """{(row, segment): [(action, joints)]} of the actions that are layered on segments."""
   model, rows = job.model, [plan.segments for plan in job.plans]
   layers = [(row, place, number, action) for row, segments in enumerate(rows) for number, (place, action) in enumerate(
-      (place, action) for place, segment in enumerate(segments) for action in segment.simultaneous)]
+      (place, action) for place, segment in enumerate(segments) for action in segment.simultaneous)
+      if not is_posture(model, action)]
   found: dict[tuple[int, int], list[Any]] = {}
   if not layers:
     return found

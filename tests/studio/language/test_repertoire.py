@@ -1,11 +1,13 @@
 """A prompt is judged as a phrase, not word by word; what a model cannot do is said, with what it does instead."""
 import json
+from types import SimpleNamespace
 
 import pytest
 
 from motion_jax import runs
 from motion_jax.models.base import TextToMotionModel
 from motion_jax.models.captions import TrainingCaptions
+from motion_jax.motion.representations import get_layout
 from motion_jax.text.captions import SUBJECTS
 from motion_jax.text.encoder import load_text_encoder
 from motion_studio import Pipeline
@@ -15,6 +17,7 @@ from motion_studio.language.repertoire import Repertoire, phrase_of
 class Model(TextToMotionModel):
   """The captions of a shipped model, without its network."""
   abilities = ("sample_segments",)
+  stats = SimpleNamespace(layout=get_layout("full"))
 
   def __init__(self, name):
     run = runs.load_run(name)

@@ -1,0 +1,134 @@
+"""Where hands are by the words of an action: "holds the arms out to the sides", "puts a hand on the hip"."""
+import re
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from motion_studio.language.segments import Action, Segment
+
+_WHOSE = r"(?:(?:of|his|her|their|its|the|my|your|our|both|a|an|one) )*"
+_LIMB = rf"(?P<whose>{_WHOSE})(?P<how>outstretched )?(?:(?P<side>left|right) )?(?P<limb>arm|hand|palm)(?P<several>s?)\b"
+_VERB = r"^(?:[a-z]+ly )*(?P<verb>[a-z']+)"
+_MOVED = re.compile(rf"{_VERB} (?P<before>(?:(?:up|out|down|back|together|forwards?) )?){_LIMB}(?P<after>.*)")
+_BESIDE = re.compile(rf"(?:\bwith|\bha(?:s|ve|d)|,) {_LIMB}(?P<after>.*)")
+_AGAIN = re.compile(rf"{_VERB}(?: it\b| them\b)?(?P<after>.*)")  # of the hands of the action before
+_REACHED = re.compile(rf"{_VERB} (?P<after>(?:up|out|forwards?|above|over|overhead|in front)\b.*)")
+_TOUCHED = re.compile(rf"{_VERB} (?:his|her|their|its|the) (?P<thing>\w+)(?: with (?:his |her |their )?.*)?$")
+_END = re.compile(r",| (?:and(?! (?:up|down|back|forth)\b)|then|while|as|to show|with|before|after) ")
+
+_HIS = r"(?:(?:his|her|their|its|the|each|both|either) )*(?:(?:left|right|opposite) )?"
+_AT = rf"\b(?:to|at|on|onto|near|by|against|around|towards?|over|behind|in|front of) (?:top of )?{_HIS}"
+_LEVEL = r"\b(?! ?-?(?:level|height|high|length))"
+# The place by what is said of a hand, the first that matches; "out" is one for both hands and another for one.
+_PLACES = tuple((re.compile(pattern), place) for pattern, place in (
+    (r"^(?:lower|drop)s?\b.* from\b", "down"),
+    (rf"\b(?:on|to|onto) {_HIS}shoulders?{_LEVEL}", "shoulder"),
+    (r"\bcross|\bfold", "crossed"),
+    (rf"\b(?:above|over) {_HIS}heads?\b|\boverhead\b", "up"),
+    (rf"{_AT}(?:face|mouth|nose|chin|eyes?|lips|cheeks?){_LEVEL}", "face"),
+    (rf"{_AT}ears?{_LEVEL}", "ear"),
+    (rf"{_AT}(?:head|forehead|temples?){_LEVEL}", "head"),
+    (rf"{_AT}(?:hips?|waist){_LEVEL}", "hips"),
+    (rf"{_AT}(?:knees?|thighs?|lap){_LEVEL}", "knees"),
+    (rf"{_AT}back\b", "back"),
+    (rf"{_AT}(?:stomach|belly|abdomen){_LEVEL}", "stomach"),
+    (r"\btogether\b|\bclasp", "together"),
+    (rf"{_AT}(?:chest|heart){_LEVEL}", "chest"),
+    (rf"\b(?:sideways|horizontally|apart|wide)\b|\bshoulder[ -](?:level|height)\b|\blevel with {_HIS}shoulders\b|"
+     rf"\b(?:out|stretch|spread|rais|extend|lift)\w*(?: \w+)? (?:on|to|at|by) "
+     rf"(?:{_HIS}sides?|(?:the |his |her )?(?:left|right))\b", "side"),
+    (rf"\b(?:at|to|by|beside) {_HIS}sides?\b", "down"),
+    (r"\bfront\b|\bforwards?\b|\bahead\b|\bbefore (?:him|her|them|it)|\b\w+[ -](?:level|height)\b", "front"),
+    (r"\bdown\b|^(?:lower|drop)", "down"),
+    (r"\bout(?:wards?|stretched)?\b|\bextended\b|\bstretched\b|\bspread\b", "out"),
+    (r"\bup\b|\bair\b|\bhigh\b|\braised\b|\blifted\b", "up"), (r"^(?:extend|spread)", "out")))
+# Hands that move or hang are in no place: "with the arms swinging in front of him".
+_MOVES = re.compile(r"\bup and down\b|\bdown and up\b|\band back\b|\bback and forth\b|\b(?:bent|dangling|hanging|"
+                    r"moving|waving|flapping|swinging|clapping|shaking|spinning|pushing|pumping|circling|rotating)\b")
+_KEEPS = {"hold", "keep", "have"}  # hands that are in their place from the first moment on
+_BRINGS = _KEEPS | set("raise lift stretch extend reach spread lower drop put place bring rest stick take lay return "
+                       "cross fold clasp open rub wipe".split())
+_RUBS = {"scratch", "rub", "wipe"}
+_TOUCHES = {"touch", "cover", "hold", "grab", "clutch"} | _RUBS
+_RUBBED = {"head": "ear", "ear": "head", "face": "head", "stomach": "chest", "chest": "stomach"}
+_AT_THE_HEAD = {"salute": "head", "drink": "face", "sip": "face", "eat": "face"}
+
+
+class HandPlace(NamedTuple):
+  """A place of `motion_jax.motion.reaching.PLACES`, and the sides of the hands that are brought there."""
+  place: str
+  sides: tuple[str, ...]
+  at_once: bool  # the hands are there from the beginning of the action: "stands with the arms out"
+  between: str = ""  # another place to which the hands go and come back again and again, as in clapping
+  alone: bool = True  # the action says nothing else
+
+
+def hand_place_of(action: Action, before: HandPlace | None = None) -> HandPlace | None:
+  """Where an action has hands, None where its words name no place.
+
+  before: the place of an action before it, whose hands are meant by "lowers them".
+  """
+  words = action.words.lower().replace("’", "'")
+  brings = action.verb in _BRINGS
+  if brings and (found := _MOVED.match(words)):
+    sides = _sides(found) or before and before.sides or ("right",)
+    return _brought([found["verb"], found["how"], found["before"], _end(found)], sides, action.verb in _KEEPS,
+                    found["after"] == _end(found))
+  if action.verb == "reach" and (found := _REACHED.match(words)):
+    return _brought([_end(found)], action.sides or ("right",), False, False)
+  if brings and before and (found := _AGAIN.match(words)):
+    return _brought([found["verb"], _end(found)], before.sides, False, found["after"] == _end(found))
+  if action.verb in _TOUCHES and (found := _TOUCHED.match(words)):
+    touched = _brought(["to the", found["thing"]], action.sides or ("right",), False)
+    return touched and touched._replace(between=_RUBBED.get(touched.place, "") if action.verb in _RUBS else "")
+  if action.verb == "clap":
+    return HandPlace("together", ("left", "right"), False, between="apart")
+  if action.verb in _AT_THE_HEAD:
+    return HandPlace(_AT_THE_HEAD[action.verb], action.sides or ("right",), False)
+  found = _BESIDE.search(words)
+  kept = found and _brought([found["how"], _end(found)], _sides(found) or ("right",), True, False)
+  return None if kept is None or kept.place == "down" else kept  # beside another action arms hang and swing as they do
+
+
+def without_hands(text: str) -> str:
+  """A text without what it says of where hands are beside its action: "walks" of "walks with the arms out"."""
+  found = _BESIDE.search(text)
+  if not found or found[0].startswith("ha") or not _brought([found["how"], _end(found)], _sides(found), True):
+    return text
+  rest = text[:found.start()] + text[found.start("after") + len(_end(found)):]
+  return " ".join(rest.split()) if len(rest.split()) > 2 else text
+
+
+def _sides(found):
+  """The sides of a match of a limb: the named one, both where there are several, none where it does not say which."""
+  several = found["several"] or "both" in found["whose"].split()
+  return ("left", "right") if several else tuple(filter(None, [found["side"]]))
+
+
+def _end(found):
+  """What a match says of a limb."""
+  return _END.split(found["after"], maxsplit=1)[0]
+
+
+def _brought(said, sides, at_once, alone=True):
+  words = " ".join(" ".join(filter(None, said)).split())
+  place = None if _MOVES.search(words) else next((one for pattern, one in _PLACES if pattern.search(words)), None)
+  if place == "out":
+    place = "side" if len(sides) == 2 else "front"
+  return HandPlace(place, sides, at_once, alone=alone) if place else None
+
+
+def places_of(segments: Sequence[Segment]) -> list[list[tuple[Action, HandPlace]]]:
+  """Where the actions of each of some segments have hands; hands that another action of a segment moves have none."""
+  found: list[list[tuple[Action, HandPlace]]] = []
+  before = None
+  for segment in segments:
+    own, busy = [], set()
+    for action in (segment.action, *segment.simultaneous):
+      place = hand_place_of(action, before)
+      if place:
+        own.append((action, place))
+      elif action.part == "arms":
+        busy |= set(action.sides or ("left", "right"))
+    found.append([one for one in own if busy.isdisjoint(one[1].sides)])
+    before = found[-1][-1][1] if found[-1] else before
+  return found

@@ -1,0 +1,57 @@
+"""Hands are brought to where a plan has them, in a sampled motion that has them elsewhere."""
+from typing import Any
+
+import numpy as np
+
+from motion_jax.models.results import Motion, features_of
+from motion_jax.motion.reaching import bring_hands, misses
+from motion_studio.language import Plan
+from motion_studio.language.hand_places import HandPlace, places_of
+from motion_studio.language.lexicon import CYCLES
+from motion_studio.planning.spans import bounds_of, rising, segments_of
+
+_NEAR, _MOSTLY = 0.15, 0.4  # metres from its place at which a hand is there, and the share of the time that it needs
+
+
+def with_hands(model: Any, motion: Motion, plan: Plan) -> Motion:
+  """The motion of a plan with hands where its words have them; the same object where they are there, or it has none.
+
+  A hand is brought in the time of its action, kept to the end of it and of a pause after it, or until a later action
+  brings it elsewhere.
+  """
+  segments, joints = segments_of(plan), motion.joints
+  places = places_of(segments)
+  if not any(places):
+    return motion
+  bounds = bounds_of(motion, segments)
+  for number, own in enumerate(places):
+    for _, place in own:
+      joints = _brought(joints, place, bounds[number][0], _until(segments, places, bounds, number, place), motion.fps)
+  return motion if joints is motion.joints else motion.replace(joints=joints, features=features_of(model, joints))
+
+
+def _until(segments, places, bounds, number, place):
+  """The frame to which hands keep a place: that of the next place of theirs, if the arms do nothing before it; else
+  they keep it in the action itself and in a pause after it."""
+  past, rests = bounds[number][1], True
+  for later in range(number + 1, len(segments)):
+    if any(not set(place.sides).isdisjoint(other.sides) for _, other in places[later]):
+      return bounds[later][0]
+    if any(one.part == "arms" for one in (segments[later].action, *segments[later].simultaneous)):
+      break
+    rests = rests and segments[later].is_pause
+    past = bounds[later][1] if rests else past
+  return past
+
+
+def _brought(joints, place: HandPlace, first, past, fps):
+  """Joints with the hands of a place that are not there in frames first to past."""
+  sides = [side for side in place.sides if (misses(joints[first:past], place.place, side) < _NEAR).mean() < _MOSTLY]
+  if not sides:
+    return joints
+  weight = rising(len(joints), first, past, fps, place.at_once)
+  if place.between:
+    sides = list(place.sides)
+    joints = bring_hands(joints, place.between, sides, weight)
+    weight = weight * (0.5 - 0.5 * np.cos(2 * np.pi * (np.arange(len(joints)) - first) / (CYCLES["clap"] * fps)))
+  return bring_hands(joints, place.place, sides, weight)

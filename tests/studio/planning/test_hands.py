@@ -1,0 +1,74 @@
+"""Hands are brought to where the words have them, smoothly, and stay there as long as they should."""
+import numpy as np
+import pytest
+
+from motion_jax.analysis.signals import turning_points
+from motion_jax.data.clip import Caption
+from motion_jax.data.datasets.synthetic import synthetic_joints
+from motion_jax.models.results import Motion
+from motion_jax.motion.reaching import bring_hands, misses
+from motion_jax.motion.retarget import retarget
+from motion_studio.language import parse
+from motion_studio.planning.hands import with_hands
+from tests.studio.planning.test_finishing_touches import MODEL
+
+WALK = retarget(synthetic_joints("walk", 120, np.random.default_rng(1)))
+
+
+def _made(text, *seconds, joints=WALK):
+  """The joints of a walk of six seconds with the hands of a text; seconds: where its segments end."""
+  ends = (0.0, *seconds, len(joints) / 20)
+  captions = tuple(Caption("", first, past) for first, past in zip(ends, ends[1:]))
+  motion = Motion(joints.astype(np.float32), 20.0, captions)
+  plan = parse(text, lambda text: False)
+  assert len(plan.segments) == len(captions)
+  made = with_hands(MODEL, motion, plan)
+  assert made is motion or made.features.shape == (len(joints), 263)
+  return made.joints
+
+
+def _is_there(joints, place, side):
+  return misses(joints, place, side) < 0.02
+
+
+def test_hands_beside_a_walk_are_there_from_its_beginning_to_its_end():
+  made = _made("a person walks forward with the arms out to the sides")
+  assert all(_is_there(made, "side", side).all() for side in ("left", "right"))
+  np.testing.assert_array_equal(made[:, :16], WALK[:, :16].astype(np.float32))  # legs, trunk and head
+
+
+def test_a_hand_is_brought_in_its_action_and_goes_on_with_the_next_one():
+  made = _made("a person puts the left hand on the hip, then walks", 3.0)
+  there = _is_there(made, "hips", "left")
+  assert not there[0] and there[20:58].all() and not there[75:].any()
+  np.testing.assert_allclose(made[80:], WALK[80:], atol=1e-5)
+  np.testing.assert_allclose(made[:, [19, 21]], WALK[:, [19, 21]], atol=1e-5)  # the right arm
+  assert np.linalg.norm(np.diff(made[:, 20] - made[:, 0], axis=0), axis=-1).max() * 20 < 3.0  # metres a second
+
+
+def test_hands_stay_until_they_are_brought_elsewhere():
+  made = _made("a person puts the left hand to the face, walks, then lowers it", 2.0, 4.0)
+  there = _is_there(made, "face", "left")
+  assert there[20:78].all() and not there[95:].any() and misses(made, "down", "left")[100:].max() < 0.4
+  assert not _is_there(_made("a person puts the left hand to the face, walks, then bows", 2.0, 4.0), "face", "left")[
+      60:].any()
+  waves = _made("a person puts the left hand to the face, waves it, then lowers the left hand", 2.0, 4.0)
+  assert not _is_there(waves, "face", "left")[60:].any()
+
+
+def test_hands_that_are_in_their_place_are_not_moved():
+  there = bring_hands(WALK, "hips", ("left", "right"), np.ones(len(WALK)))
+  made = _made("a person walks with the hands on the hips", joints=there)
+  np.testing.assert_array_equal(made, there)
+
+
+def test_hands_that_clap_come_together_again_and_again():
+  made = _made("a person claps")
+  apart = np.linalg.norm(made[:, 20] - made[:, 21], axis=-1)
+  assert 16 <= len(turning_points(apart[20:], 0.2)) - 2 <= 18  # five seconds of 0.6 s, there and back
+  assert apart[20:].min() < 0.12
+
+
+@pytest.mark.parametrize("text", ["a person walks", "a person waves the left hand", "a person raises the right hand"])
+def test_other_motions_stay_as_they_are(text):
+  np.testing.assert_array_equal(_made(text), WALK.astype(np.float32))

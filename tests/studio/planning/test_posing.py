@@ -1,0 +1,86 @@
+"""Postures come without the network: a body stands where it only leans or brings its hands to a place."""
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from motion_jax.data.clip import Caption
+from motion_jax.data.datasets.synthetic import synthetic_joints
+from motion_jax.models.results import Motion
+from motion_jax.motion.leaning import lean, leans
+from motion_jax.motion.representations import get_layout
+from motion_jax.motion.retarget import retarget
+from motion_jax.motion.skeleton import HUMANML3D, bone_lengths
+from motion_studio.language import parse
+from motion_studio.language.leaning import lean_of
+from motion_studio.planning.posing import is_posture, posed, standing
+from tests.studio.planning.test_finishing_touches import MODEL
+
+WALK = retarget(synthetic_joints("walk", 120, np.random.default_rng(1)))
+
+
+def test_other_skeletons_keep_their_hands():
+  kit = SimpleNamespace(stats=SimpleNamespace(layout=get_layout("full_kit")))
+  motion = Motion(WALK.astype(np.float32), 20.0, (Caption("a person claps"),))
+  assert posed(kit, motion, parse("a person claps")) is motion
+
+
+def test_a_body_stands_where_the_model_does_not_know_the_words():
+  plan = parse("a person walks, puts the left hand on the hip and bows", lambda text: False)
+  assert standing(plan, lambda prompt: True) is plan
+  made = standing(plan, lambda prompt: False)
+  assert made.summary == "walks | stands still + puts the left hand on the hip | bows"
+  assert made.requirements == plan.requirements
+  plain = parse("a person holds the arms out to the sides")
+  assert standing(plain, lambda prompt: False).summary == "stands still + holds the arms out to the sides"
+  for text in ("a person walks with the arms out", "a person raises the left hand", "he holds his hands up and sings"):
+    plan = parse(text)
+    assert standing(plan, lambda prompt: False) is plan
+  assert standing(parse("a person leans to the left"), lambda prompt: True).summary == (
+      "stands still + leans to the left")
+
+
+def test_what_a_posture_is():
+  actions = {text: parse(f"a person {text}").single for text in (
+      "folds the arms", "leans forward", "waves", "holds the arms out and sings", "leans on a table")}
+  assert [text for text, action in actions.items() if is_posture(MODEL, action)] == ["folds the arms", "leans forward"]
+
+
+@pytest.mark.parametrize("text, way, sways", [
+    ("leans to the left", (1, 0), False), ("leans over to his right", (-1, 0), False), ("leans forward", (0, 1), False),
+    ("tilts back slightly", (0, -1), False), ("slouches", (0, 1), False), ("sways", (1, 0), True),
+    ("sways slightly to his left", (1, 0), False), ("rocks back and forth", (0, 1), True),
+    ("sways from side to side", (1, 0), True)])
+def test_a_lean_is_read_from_the_words(text, way, sways):
+  assert lean_of(parse(f"a person {text}").single) == (way, sways)
+
+
+@pytest.mark.parametrize("text", ["leans on a table", "tilts the head to the left", "walks to the left", "bows",
+                                  "sways the hips"])
+def test_other_words_say_no_lean(text):
+  assert lean_of(parse(f"a person {text}").single) is None
+
+
+@pytest.mark.parametrize("left, ahead", [(1, 0), (-1, 0), (0, 1), (0, -1)])
+def test_a_trunk_leans_by_what_is_said_and_legs_stay(left, ahead):
+  stands = np.repeat(WALK[:1], 10, axis=0)
+  made = lean(stands, left, ahead, np.linspace(0, 20, 10))
+  legs = [joint for chain in HUMANML3D.chains[:2] for joint in chain]
+  np.testing.assert_allclose(made[:, legs], stands[:, legs], atol=1e-5)
+  np.testing.assert_allclose(bone_lengths(made.astype(np.float64), HUMANML3D), bone_lengths(stands, HUMANML3D),
+                             atol=1e-5)
+  more = leans(made, left, ahead) - leans(stands, left, ahead)
+  assert more[0] == pytest.approx(0, abs=1e-3) and 12 < more[-1] < 21 and (np.diff(more) > 0).all()
+
+
+def test_a_plan_leans_in_its_time():
+  motion = Motion(WALK.astype(np.float32), 20.0, (Caption("", 0, 3), Caption("", 3, 6)))
+  made = posed(MODEL, motion, parse("a person leans to the left, then walks"))
+  own, before = leans(made.joints, 1, 0), leans(WALK, 1, 0)
+  assert np.median(own[20:58]) > 11 and np.abs(own - before)[80:].max() < 1
+  again = posed(MODEL, made, parse("a person leans to the left, then walks"))
+  assert np.abs(leans(again.joints, 1, 0) - own).max() < 8  # it leans already
+  sways = leans(posed(MODEL, motion, parse("a person sways from side to side, then walks")).joints, 1, 0)
+  assert sways[:60].max() > 8 and sways[:60].min() < -8
+  walks = parse("a person walks, then bows")
+  assert posed(MODEL, motion, walks) is motion
