@@ -51,6 +51,14 @@ _RUBS = {"scratch", "rub", "wipe"}
 _TOUCHES = {"touch", "cover", "hold", "grab", "clutch"} | _RUBS
 _RUBBED = {"head": "ear", "ear": "head", "face": "head", "stomach": "chest", "chest": "stomach"}
 _AT_THE_HEAD = {"salute": "head", "drink": "face", "sip": "face", "eat": "face"}
+# Places in a row, each with the seconds in which it is reached, for gestures of one hand and of both.
+_BEAT = 0.3
+_ONE_HAND = dict.fromkeys(("throw", "toss", "hurl"), (("ear", 0.7), ("front", 0.25), ("down", 0.8))) | dict.fromkeys(
+    ("hit", "strike", "slap", "swat", "slash"), (("head", 0.6), ("front", 0.25), ("down", 0.8))) | dict.fromkeys(
+    ("point", "reach", "grab"), (("front", 0.8),))
+_BOTH_HANDS = dict.fromkeys(("push", "shove"), (("chest", 0.7), ("front", 0.5))) | {
+    "pull": (("front", 0.8), ("stomach", 0.6)), "catch": (("front", 0.5), ("stomach", 0.5))}
+_AGAIN_AND_AGAIN = {"clap": (("together", _BEAT), ("apart", _BEAT)), "flap": (("side", _BEAT), ("down", _BEAT))}
 
 
 class HandPlace(NamedTuple):
@@ -58,8 +66,10 @@ class HandPlace(NamedTuple):
   place: str
   sides: tuple[str, ...]
   at_once: bool  # the hands are there from the beginning of the action: "stands with the arms out"
-  between: str = ""  # another place to which the hands go and come back again and again, as in clapping
   alone: bool = True  # the action says nothing else
+  # A gesture: places in a row, each with the seconds in which it is reached; over and over if it is a rhythm.
+  gesture: tuple[tuple[str, float], ...] = ()
+  rhythm: bool = False
 
 
 def hand_place_of(action: Action, before: HandPlace | None = None) -> HandPlace | None:
@@ -79,14 +89,30 @@ def hand_place_of(action: Action, before: HandPlace | None = None) -> HandPlace 
     return _brought([found["verb"], _end(found)], before.sides, False, found["after"] == _end(found))
   if action.verb in _TOUCHES and (found := _TOUCHED.match(words)):
     touched = _brought(["to the", found["thing"]], action.sides or ("right",), False)
-    return touched and touched._replace(between=_RUBBED.get(touched.place, "") if action.verb in _RUBS else "")
-  if action.verb == "clap":
-    return HandPlace("together", ("left", "right"), False, between="apart")
+    rubbed = touched and action.verb in _RUBS and _RUBBED.get(touched.place)
+    return touched if not rubbed else touched._replace(
+        gesture=((touched.place, _BEAT), (rubbed, _BEAT)), rhythm=True)
   if action.verb in _AT_THE_HEAD:
     return HandPlace(_AT_THE_HEAD[action.verb], action.sides or ("right",), False)
+  if gesture := _gesture_of(action):
+    return gesture
   found = _BESIDE.search(words)
   kept = found and _brought([found["how"], _end(found)], _sides(found) or ("right",), True, False)
   return None if kept is None or kept.place == "down" else kept  # beside another action arms hang and swing as they do
+
+
+def _gesture_of(action):
+  """The gesture of an action of the arms, None of other actions."""
+  both = ("left", "right")
+  if action.part == "arms" and action.verb in _AGAIN_AND_AGAIN:
+    rhythm = _AGAIN_AND_AGAIN[action.verb]
+    return HandPlace("", both, False, gesture=rhythm * action.times + (("down", 0.8),) * (action.times > 1),
+                     rhythm=action.times == 1)
+  if action.part == "arms" and action.verb in _ONE_HAND:
+    return HandPlace("", action.sides or ("right",), False, gesture=_ONE_HAND[action.verb] * action.times)
+  if action.part == "arms" and action.verb in _BOTH_HANDS:
+    return HandPlace("", action.sides or both, False, gesture=_BOTH_HANDS[action.verb] * action.times)
+  return None
 
 
 def without_hands(text: str) -> str:

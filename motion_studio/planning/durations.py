@@ -8,6 +8,7 @@ from motion_jax.analysis.event_words import TIMES
 from motion_jax.utils.errors import InputError
 from motion_jax.utils.numerals import as_float, require_numbers
 from motion_studio.language import Action, Plan, Segment, parse, pause
+from motion_studio.language.hand_places import hand_place_of
 from motion_studio.language.lexicon import COUNTED_ONE_BY_ONE, CYCLES, LOW, PAUSE
 from motion_studio.language.path_shapes import is_gait, min_duration
 
@@ -33,12 +34,19 @@ def usual_frames(planner: Any, plan: Plan) -> list[int]:
   for segment, then in zip(plan.segments, (*plan.segments[1:], None)):
     counts.append(round(segment.seconds * planner.fps) if segment.seconds else
                   away if segment.action.goes_back and away else
-                  round(_POSTURE * planner.fps) if segment.action.words == PAUSE and segment.simultaneous else
+                  round(_posture_seconds(segment.simultaneous[0]) * planner.fps)
+                  if segment.action.words == PAUSE and segment.simultaneous else
                   max(_least_frames(planner, segment, then),
                       *(_action_frames(planner, one) for one in segment.sampled))
                   if segment.sampled else round(_REST * planner.fps))
     away = counts[-1] if is_gait(segment.action.verb) else away
   return counts
+
+
+def _posture_seconds(action):
+  """Seconds of a posture that a standing body takes, or of a gesture."""
+  place = hand_place_of(action)
+  return max(_POSTURE, sum(seconds for _, seconds in place.gesture) if place else 0.0)
 
 
 def _least_frames(planner, segment, then):

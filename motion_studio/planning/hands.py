@@ -1,16 +1,19 @@
 """Hands are brought to where a plan has them, in a sampled motion that has them elsewhere."""
+import itertools
 from typing import Any
 
 import numpy as np
 
 from motion_jax.models.results import Motion, features_of
+from motion_jax.motion.layering import put_on
 from motion_jax.motion.reaching import bring_hands, misses
+from motion_jax.motion.skeleton import HUMANML3D
 from motion_studio.language import Plan
 from motion_studio.language.hand_places import HandPlace, places_of
-from motion_studio.language.lexicon import CYCLES
-from motion_studio.planning.spans import bounds_of, rising, segments_of
+from motion_studio.planning.spans import bounds_of, eased, rising, segments_of
 
 _NEAR, _MOSTLY = 0.15, 0.4  # metres from its place at which a hand is there, and the share of the time that it needs
+_LOWERED = 1.0  # seconds in which hands come down that a motion begins with
 
 
 def with_hands(model: Any, motion: Motion, plan: Plan) -> Motion:
@@ -25,7 +28,11 @@ def with_hands(model: Any, motion: Motion, plan: Plan) -> Motion:
     return motion
   bounds = bounds_of(motion, segments)
   for number, own in enumerate(places):
-    for _, place in own:
+    for action, place in own:
+      if not place.place and segments[number].action is action:
+        continue  # the network knows this gesture, and has made it
+      if place.place == "down" and number == 0:  # hands that are lowered first of all have been up
+        joints = bring_hands(joints, "front", place.sides, 1 - eased(np.arange(len(joints)) / (_LOWERED * motion.fps)))
       joints = _brought(joints, place, bounds[number][0], _until(segments, places, bounds, number, place), motion.fps)
   return motion if joints is motion.joints else motion.replace(joints=joints, features=features_of(model, joints))
 
@@ -45,13 +52,17 @@ def _until(segments, places, bounds, number, place):
 
 
 def _brought(joints, place: HandPlace, first, past, fps):
-  """Joints with the hands of a place that are not there in frames first to past."""
-  sides = [side for side in place.sides if (misses(joints[first:past], place.place, side) < _NEAR).mean() < _MOSTLY]
+  """Joints with the hands of a place that are not there in frames first to past, or that make a gesture in them."""
+  sides = [side for side in place.sides if not place.place or (
+      misses(joints[first:past], place.place, side) < _NEAR).mean() < _MOSTLY]
   if not sides:
     return joints
-  weight = rising(len(joints), first, past, fps, place.at_once)
-  if place.between:
-    sides = list(place.sides)
-    joints = bring_hands(joints, place.between, sides, weight)
-    weight = weight * (0.5 - 0.5 * np.cos(2 * np.pi * (np.arange(len(joints)) - first) / (CYCLES["clap"] * fps)))
-  return bring_hands(joints, place.place, sides, weight)
+  if not place.gesture:
+    return bring_hands(joints, place.place, sides, rising(len(joints), first, past, fps, place.at_once))
+  frames, start, posed = np.arange(len(joints)), float(first), joints
+  for name, seconds in itertools.cycle(place.gesture) if place.rhythm else place.gesture:
+    if start >= past:
+      break
+    posed = bring_hands(posed, name, sides, eased((frames - start) / (seconds * fps)))
+    start += seconds * fps
+  return put_on(joints, posed, "arms", sides, rising(len(joints), 0, past, fps, True), HUMANML3D)

@@ -31,5 +31,10 @@ def rising(count: int, first: int, past: int, fps: float, at_once: bool = False)
   """
   k = np.arange(count)
   rise = np.ones(count) if at_once and first == 0 else (k - first) / max(min(_RISE * fps, _SHARE * (past - first)), 1)
-  weight = np.clip(np.minimum(rise, 1 - (k - past + 1) / (_FALL * fps)), 0.0, 1.0)
-  return weight * weight * (3 - 2 * weight)
+  return eased(np.minimum(rise, 1 - (k - past + 1) / (_FALL * fps)))
+
+
+def eased(share: Float[np.ndarray, " t"]) -> Float[np.ndarray, " t"]:
+  """A share of a way, below 0 before it and above 1 after it, that begins and ends slowly."""
+  part = np.clip(share, 0.0, 1.0)
+  return part * part * (3 - 2 * part)

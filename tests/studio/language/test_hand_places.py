@@ -2,7 +2,7 @@
 import pytest
 
 from motion_studio.language import parse
-from motion_studio.language.hand_places import places_of, without_hands
+from motion_studio.language.hand_places import hand_place_of, places_of, without_hands
 
 LEFT, RIGHT, BOTH = ("left",), ("right",), ("left", "right")
 
@@ -44,7 +44,7 @@ def _places(text):
     ("a person places both hands on the knees", "knees", BOTH),
     ("a person lowers the left arm", "down", LEFT),
     ("a person drops both arms to the sides", "down", BOTH),
-    ("a person claps", "together", BOTH), ("a person scratches his head with the left hand", "head", LEFT),
+    ("a person scratches his head with the left hand", "head", LEFT),
     ("a person rubs his hands together", "together", BOTH)])
 def test_a_place_is_read_from_the_words(text, place, sides):
   assert _places(text) == [[(place, sides)]]
@@ -58,6 +58,21 @@ def test_a_place_is_read_from_the_words(text, place, sides):
     "a person punches with the left hand", "a person lifts the left knee", "a person turns the head to the left"])
 def test_other_words_say_no_place(text):
   assert not any(_places(text))
+
+
+@pytest.mark.parametrize("text, first, sides", [
+    ("a person claps", "together", BOTH), ("a bird flaps both arms", "side", BOTH),
+    ("a person throws a ball", "ear", RIGHT), ("he tosses it with the left hand", "ear", LEFT),
+    ("a person pushes a box", "chest", BOTH),
+    ("a person pulls with the left hand", "front", LEFT), ("someone points ahead", "front", RIGHT)])
+def test_a_gesture_is_a_row_of_places(text, first, sides):
+  place = hand_place_of(parse(text).single)
+  assert place.gesture[0][0] == first and place.sides == sides
+
+
+def test_a_gesture_that_is_counted_ends():
+  once, thrice = (hand_place_of(parse(f"a person claps{times}").actions[0]) for times in ("", " three times"))
+  assert once.rhythm and len(once.gesture) == 2 and not thrice.rhythm and len(thrice.gesture) == 7
 
 
 def test_hands_are_those_of_the_action_before():

@@ -10,6 +10,7 @@ from motion_jax.motion.reaching import bring_hands, misses
 from motion_jax.motion.retarget import retarget
 from motion_studio.language import parse
 from motion_studio.planning.hands import with_hands
+from motion_studio.planning.posing import standing
 from tests.studio.planning.test_finishing_touches import MODEL
 
 WALK = retarget(synthetic_joints("walk", 120, np.random.default_rng(1)))
@@ -56,17 +57,48 @@ def test_hands_stay_until_they_are_brought_elsewhere():
   assert not _is_there(waves, "face", "left")[60:].any()
 
 
+def test_hands_that_are_lowered_first_of_all_begin_ahead():
+  made = _made("a person lowers the left arm, then walks", 3.0)
+  assert misses(made, "front", "left")[0] < 0.02 and made[0, 20, 1] - made[40, 20, 1] > 0.3
+  np.testing.assert_allclose(made[:, [19, 21]], WALK[:, [19, 21]], atol=1e-5)
+
+
 def test_hands_that_are_in_their_place_are_not_moved():
   there = bring_hands(WALK, "hips", ("left", "right"), np.ones(len(WALK)))
   made = _made("a person walks with the hands on the hips", joints=there)
   np.testing.assert_array_equal(made, there)
 
 
+def _gesture(text, joints=WALK):
+  """The joints of a walk with the gesture of a text that its model does not know."""
+  motion = Motion(joints.astype(np.float32), 20.0, (Caption("", 0, len(joints) / 20),))
+  return with_hands(MODEL, motion, standing(parse(text), lambda prompt: False)).joints
+
+
 def test_hands_that_clap_come_together_again_and_again():
-  made = _made("a person claps")
-  apart = np.linalg.norm(made[:, 20] - made[:, 21], axis=-1)
+  apart = np.linalg.norm(np.diff(_gesture("a person claps")[:, [20, 21]], axis=1)[:, 0], axis=-1)
   assert 16 <= len(turning_points(apart[20:], 0.2)) - 2 <= 18  # five seconds of 0.6 s, there and back
   assert apart[20:].min() < 0.12
+  thrice = np.linalg.norm(np.diff(_gesture("a person claps three times")[:, [20, 21]], axis=1)[:, 0], axis=-1)
+  assert len([one for one in turning_points(thrice, 0.2) if thrice[one] < 0.15]) == 3
+
+
+def test_a_hand_that_throws_goes_back_and_ahead_quickly():
+  made = _gesture("a person throws a ball with the left hand")
+  assert misses(made, "ear", "left")[14] < 0.05 and misses(made, "front", "left")[19] < 0.05
+  speed = np.linalg.norm(np.diff(made[:, 20] - made[:, 16], axis=0), axis=-1) * 20
+  assert 2.5 < speed.max() < 8 and 13 < speed.argmax() < 20
+  np.testing.assert_allclose(made[:, [19, 21]], WALK[:, [19, 21]], atol=1e-5)
+
+
+def test_a_gesture_that_the_network_knows_is_its_own():
+  np.testing.assert_array_equal(_made("a person throws a ball"), WALK.astype(np.float32))
+
+
+def test_a_hand_that_scratches_the_head_stays_near_it():
+  made = _made("a person scratches the head with the right hand")
+  away = np.linalg.norm(made[20:, 21] - made[20:, 15], axis=-1)
+  assert away.max() < 0.25 and len(turning_points(made[20:, 21, 1] - made[20:, 15, 1], 0.05)) > 10
 
 
 @pytest.mark.parametrize("text", ["a person walks", "a person waves the left hand", "a person raises the right hand"])
