@@ -34,6 +34,7 @@ def standing(plan: Plan, known: Callable[[str], bool]) -> Plan:
   segments = tuple(
       Segment(Action(f"{segment.action.subject} {PAUSE}", PAUSE, "legs", verb="stand", subject=segment.action.subject),
               (segment.action, *segment.simultaneous), segment.seconds)
-      if not segment.simultaneous and id(segment.action) in own or lean_of(segment.action) else segment
+      if not segment.simultaneous and id(segment.action) in own or lean_of(segment.action) and all(
+          one.part in ("arms", "head") for one in segment.simultaneous) else segment
       for segment in segments_of(plan))
   return plan if segments == segments_of(plan) else plan.with_segments(segments)

@@ -38,6 +38,10 @@ def test_a_body_stands_where_the_model_does_not_know_the_words():
     assert standing(plan, lambda prompt: False) is plan
   assert standing(parse("a person leans to the left"), lambda prompt: True).summary == (
       "stands still + leans to the left")
+  plan = parse("a person leans to the left while waving")
+  assert standing(plan, lambda prompt: True).summary == "stands still + leans to the left + waves"
+  plan = parse("a person leans to the left while lifting the right foot")
+  assert standing(plan, lambda prompt: True) is plan
 
 
 def test_what_a_posture_is():
