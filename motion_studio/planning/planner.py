@@ -38,7 +38,7 @@ class Planner:
     found = parse(prompt, self.model.captions.knows, self.meanings)
     if not self.can_sequence:
       return found.with_segments((Segment(Action(prompt, prompt)),))
-    found = posing.standing(found, self._knows) if can_be_checked(self.model) else found
+    found = posing.standing(found, self.model.captions.knows, self._can) if can_be_checked(self.model) else found
     return in_words_of_captions(found) if wants_words_of_captions(self.model.config) else found
 
   def in_plain_words(self, plan: Plan) -> Plan:
@@ -62,12 +62,10 @@ class Planner:
     """[(training caption, its usual frames)], the nearest in meaning first."""
     return self.model.captions.nearest(prompt, num)
 
-  def _knows(self, prompt):
-    """Whether the training captions name an action in much the same words."""
-    if self.model.captions.knows(prompt) or self.repertoire is None:
-      return True
-    found = self.repertoire.judge(prompt)
-    return found.known and not found.few
+  def _can(self, prompt):
+    """Whether the training captions name an action in much the same words, and more than a few do."""
+    found = self.repertoire.judge(prompt) if self.repertoire else None
+    return found is None or found.known and not found.few
 
   @functools.cached_property
   def meanings(self) -> Meanings:

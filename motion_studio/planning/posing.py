@@ -26,11 +26,14 @@ def is_posture(model: Any, action: Action) -> bool:
   return can_be_checked(model) and bool(action.part == "arms" and place and place.alone or lean_of(action))
 
 
-def standing(plan: Plan, known: Callable[[str], bool]) -> Plan:
-  """The plan in which a body stands still where it only leans, or has its hands brought to a place in words that a
-  model does not know."""
+def standing(plan: Plan, knows: Callable[[str], bool], can: Callable[[str], bool]) -> Plan:
+  """The plan in which a body stands still where it only leans, has its hands brought to a place, or makes a gesture.
+
+  knows: whether a prompt is a training caption, which is sampled; can: whether a model can make a gesture.
+  """
   own = {id(action) for placed in places_of(segments_of(plan)) for action, place in placed
-         if action.part == "arms" and place.alone and not (hand_place_of(action) and known(action.prompt))}
+         if action.part == "arms" and place.alone and not (
+             knows(action.prompt) or not place.place and can(action.prompt))}
   segments = tuple(
       Segment(Action(f"{segment.action.subject} {PAUSE}", PAUSE, "legs", verb="stand", subject=segment.action.subject),
               (segment.action, *segment.simultaneous), segment.seconds)

@@ -72,7 +72,7 @@ def test_hands_that_are_in_their_place_are_not_moved():
 def _gesture(text, joints=WALK):
   """The joints of a walk with the gesture of a text that its model does not know."""
   motion = Motion(joints.astype(np.float32), 20.0, (Caption("", 0, len(joints) / 20),))
-  return with_hands(MODEL, motion, standing(parse(text), lambda prompt: False)).joints
+  return with_hands(MODEL, motion, standing(parse(text), lambda prompt: False, lambda prompt: False)).joints
 
 
 def test_hands_that_clap_come_together_again_and_again():

@@ -16,6 +16,7 @@ from motion_studio.language.leaning import lean_of
 from motion_studio.planning.posing import is_posture, posed, standing
 from tests.studio.planning.test_finishing_touches import MODEL
 
+_yes, _no = lambda prompt: True, lambda prompt: False
 WALK = retarget(synthetic_joints("walk", 120, np.random.default_rng(1)))
 
 
@@ -27,21 +28,28 @@ def test_other_skeletons_keep_their_hands():
 
 def test_a_body_stands_where_the_model_does_not_know_the_words():
   plan = parse("a person walks, puts the left hand on the hip and bows", lambda text: False)
-  assert standing(plan, lambda prompt: True) is plan
-  made = standing(plan, lambda prompt: False)
+  assert standing(plan, _yes, _yes) is plan
+  made = standing(plan, _no, _no)
   assert made.summary == "walks | stands still + puts the left hand on the hip | bows"
   assert made.requirements == plan.requirements
   plain = parse("a person holds the arms out to the sides")
-  assert standing(plain, lambda prompt: False).summary == "stands still + holds the arms out to the sides"
+  assert standing(plain, _no, _no).summary == "stands still + holds the arms out to the sides"
   for text in ("a person walks with the arms out", "a person raises the left hand", "he holds his hands up and sings"):
     plan = parse(text)
-    assert standing(plan, lambda prompt: False) is plan
-  assert standing(parse("a person leans to the left"), lambda prompt: True).summary == (
+    assert standing(plan, _no, _no) is plan
+  assert standing(parse("a person leans to the left"), _yes, _yes).summary == (
       "stands still + leans to the left")
   plan = parse("a person leans to the left while waving")
-  assert standing(plan, lambda prompt: True).summary == "stands still + leans to the left + waves"
+  assert standing(plan, _yes, _yes).summary == "stands still + leans to the left + waves"
   plan = parse("a person leans to the left while lifting the right foot")
-  assert standing(plan, lambda prompt: True) is plan
+  assert standing(plan, _yes, _yes) is plan
+
+
+def test_a_gesture_that_the_model_can_make_is_sampled():
+  throws, puts = parse("a person throws a ball"), parse("a person puts a hand on the hip")
+  assert standing(throws, _no, _yes) is throws and standing(puts, _yes, _no) is puts
+  assert standing(throws, _no, _no).summary == "stands still + throws a ball"
+  assert standing(puts, _no, _yes).summary == "stands still + puts a hand on the hip"
 
 
 def test_what_a_posture_is():
