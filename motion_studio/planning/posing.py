@@ -1,4 +1,4 @@
-"""Postures that need no network: hands and trunk are brought to where a plan says that they are."""
+"""What needs no network: walks are turned to their side, hands and trunk brought to where a plan has them."""
 from collections.abc import Callable
 from typing import Any
 
@@ -11,13 +11,17 @@ from motion_studio.language.lexicon import PAUSE
 from motion_studio.planning.hands import with_hands
 from motion_studio.planning.leaning import with_lean
 from motion_studio.planning.spans import segments_of
+from motion_studio.planning.steering import with_steering
 
 
 def posed(model: Any, motion: Motion, plan: Plan | None) -> Motion:
-  """The motion of a plan with trunk and hands where its words have them; the same object where they are there."""
+  """The motion of a plan with walks, trunk and hands where its words have them; the same object where they are there.
+  """
   if plan is None or not can_be_checked(model):
     return motion
-  return with_hands(model, with_lean(model, motion, plan), plan)
+  for change in (with_steering, with_lean, with_hands):
+    motion = change(model, motion, plan)
+  return motion
 
 
 def is_posture(model: Any, action: Action) -> bool:

@@ -1,0 +1,68 @@
+"""Walks of a plan that lead to a side, one after the other: their courses are turned there if they lead elsewhere."""
+import re
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from motion_jax.analysis.signals import Body
+from motion_jax.models.results import Motion, features_of
+from motion_jax.motion.root_paths import bent, course
+from motion_studio.language import Plan, Segment
+from motion_studio.language.path_shapes import is_gait
+from motion_studio.planning.spans import bounds_of, eased, segments_of
+
+_TO_A_SIDE = re.compile(r"\b(?:to|towards?) (?:(?:the|his|her|their|its) )?(left|right)\b(?! (?:foot|leg|hand|arm))|"
+                        r"^(?:\w+ly )?\w+(?: \w+ly)? (left|right)\b(?! (?:foot|leg|hand|arm|and))")
+_OTHERWISE = re.compile(r"\b(?:sideways|circles?|turn\w*|arc|curv\w*|diagonal\w*|zigzag|from)\b")
+_BACKWARD = re.compile(r"\bbackwards?\b")
+_TURN, _ENOUGH = 75.0, (30.0, 150.0)  # degrees to a side that a course is turned, and that it may have by itself
+_FAR, _CORNER = 0.5, 0.8  # metres that a walk leads at least, and in which it is turned
+
+
+def with_steering(model: Any, motion: Motion, plan: Plan) -> Motion:
+  """The motion of a plan of two walks or more, those to a side turned there; the same object where they lead there."""
+  segments = segments_of(plan)
+  walks = [(number, side) for number, segment in enumerate(segments) if (side := _side_of(segment)) is not None]
+  if len(walks) < 2 or not any(side for _, side in walks):
+    return motion
+  path, gone = course(motion.joints, motion.fps)
+  turns = _turns(segments, walks, bounds_of(motion, segments), path, Body(motion.joints, motion.fps).heading[0])
+  if not turns:
+    return motion
+  angle = lambda metres: sum(turn * eased((metres - gone[frame]) / _CORNER) for frame, turn in turns)
+  joints = bent(motion.joints, angle, model.stats.layout.skeleton, motion.fps).astype(motion.joints.dtype)
+  return motion.replace(joints=joints, features=features_of(model, joints))
+
+
+def _side_of(segment: Segment) -> str | None:
+  """The side that a walk leads to, "" for a walk elsewhere, None for other actions."""
+  action, words = segment.action, segment.action.words.lower()
+  if not is_gait(action.verb) and action.verb not in ("go", "move") or action.part not in ("legs", "body", ""):
+    return None
+  found = None if _OTHERWISE.search(words) else _TO_A_SIDE.search(words)
+  return found[1] or found[2] if found else ""
+
+
+def _turns(segments: Sequence[Segment], walks, bounds, path, heading):
+  """[(frame, radians to the left)] by which the course is turned from a frame on."""
+  found, turned, before = [], 0.0, float(heading)
+  for number, side in walks:
+    first, past = bounds[number]
+    way = path[min(past, len(path)) - 1] - path[first]
+    if np.linalg.norm(way) < _FAR:
+      continue
+    backward = bool(_BACKWARD.search(segments[number].action.words.lower()))
+    goes = float(np.arctan2(*way)) + turned
+    if side:
+      # Seen from who walks backward, left and right of the course are exchanged.
+      sign = (1 if side == "left" else -1) * (-1 if backward else 1)
+      if not found and number == walks[0][0] and backward:
+        before += np.pi
+      change = np.degrees(np.angle(np.exp(1j * (goes - before)))) * sign
+      if not _ENOUGH[0] <= change <= _ENOUGH[1]:
+        turn = float(np.angle(np.exp(1j * (before + sign * np.radians(_TURN) - goes))))
+        found.append((first, turn))
+        turned, goes = turned + turn, goes + turn
+    before = goes
+  return found
