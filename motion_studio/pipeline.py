@@ -63,7 +63,7 @@ class Pipeline:
 
   def plan(self, prompt: str) -> Plan:
     """The segments, simultaneous actions and repetitions of a prompt, as `pipeline(...)` samples them."""
-    return self.planner.plan(*self.model.prompts_of(prompt))
+    return self.planner.with_postures(self.planner.plan(*self.model.prompts_of(prompt)))
 
   def schedule(self, prompt: str | Plan, frames: float | None = None, control: Any = None
                ) -> tuple[Plan | None, list[int]]:
@@ -76,17 +76,18 @@ class Pipeline:
     plan = durations.with_final_pause(self.planner, plan, frames)
     return plan, durations.segment_frames(self.planner, text, plan, frames)
 
-  def notes(self, prompts: Iterable[str | Plan], plan: bool = True) -> list[str]:
+  def notes(self, prompts: Iterable[str | Plan], plan: bool = True, postures: bool = True) -> list[str]:
     """Sentences on words and actions of prompts, or plans, that the model has not learned, with suggestions.
 
-    plan: a prompt is judged action by action, not as a whole.
+    plan: a prompt is judged action by action, not as a whole. postures: hands and trunk come to where a prompt has
+    them, as in `pipeline(...)` and not in streams and lists of segments.
     """
     return prompt_notes.notes_of(self.planner, [
-        self.planner.plan(one) if plan and isinstance(one, str) else one for one in prompts])
+        self.planner.plan(one) if plan and isinstance(one, str) else one for one in prompts], postures)
 
   def warn(self, prompts: Iterable[str | Plan], plan: bool = True) -> None:
-    """Warns with `notes` of prompts, where warnings are read."""
-    for note in self.notes(list(prompts), plan) if self.warns else ():
+    """Warns with `notes` of prompts whose motions get no postures, where warnings are read."""
+    for note in self.notes(list(prompts), plan, postures=False) if self.warns else ():
       warnings.warn(note, stacklevel=3)
 
   def _sampling(self, sampling):

@@ -19,7 +19,10 @@ class Plan:
   """Parses each prompt, once, into segments and simultaneous actions. Without it prompts go to the network as given."""
 
   def __call__(self, job: Job) -> None:
-    job.plans = [plan or job.planner.plan(prompt) for prompt, plan in zip(job.prompts, job.plans)]
+    plans = [plan or job.planner.plan(prompt) for prompt, plan in zip(job.prompts, job.plans)]
+    # Constraints guide the sampling of a plain plan, which therefore stays one.
+    job.plans = [plan if is_constrained(constraints) else job.planner.with_postures(plan)
+                 for plan, constraints in zip(plans, job.constraints)]
 
 
 @dataclasses.dataclass(frozen=True)

@@ -10,10 +10,10 @@ import numpy as np
 from jaxtyping import Float, Num
 
 from motion_jax.motion import rotations as rot
-from motion_jax.motion.layering import turned_towards
 from motion_jax.motion.skeleton import HUMANML3D
 
 _STRAIGHT = 0.985  # of the length of an arm: the farthest that a wrist is brought from its shoulder
+_DETOUR, _BEFORE = 0.5, (0.7, 0.0, 0.7)  # lengths of the arm, and the direction, of the way around the shoulder
 SIDES = ("left", "right")
 
 
@@ -47,18 +47,20 @@ def bring_hands(joints: Num[np.ndarray, "t j 3"], place: str, sides: Sequence[st
                 ) -> Float[np.ndarray, "t j 3"]:
   """Joints (T, J, 3) with the hands of some sides brought to one of PLACES. float32.
 
-  weight (T,): 0 leaves an arm as it is, 1 brings its wrist to the place, as near as the arm is long; in between upper
-  arm and forearm are turned by that share of the angle. Bones keep their lengths; all other joints stay.
+  weight (T,): 0 leaves an arm as it is, 1 brings its wrist to the place, as near as the arm is long; in between the
+  wrist is on its way, before the body and beside it where the place is on the other side of the shoulder. Bones keep
+  their lengths; all other joints stay.
   """
-  result = np.array(joints, np.float64)
+  result, weight = np.array(joints, np.float64), np.asarray(weight, np.float64)[:, None]
   for side in sides:
     shoulder, elbow, wrist = (HUMANML3D.joints.index(f"{side}_{name}") for name in ("shoulder", "elbow", "wrist"))
-    own = [result[:, elbow] - result[:, shoulder], result[:, wrist] - result[:, elbow]]
-    line = target(result, place, side) - result[:, shoulder]
-    new = _bent(own, line, _in_the_world(result, side, PLACES[place].elbow))
-    upper, fore = (turned_towards(*pair, weight) for pair in zip(own, new))
-    result[:, elbow] = result[:, shoulder] + upper
-    result[:, wrist] = result[:, elbow] + fore
+    bones = [result[:, elbow] - result[:, shoulder], result[:, wrist] - result[:, elbow]]
+    own, new = result[:, wrist] - result[:, shoulder], target(result, place, side) - result[:, shoulder]
+    opposite = 0.5 - 0.5 * (rot.unit(own) * rot.unit(new)).sum(-1, keepdims=True)
+    detour = _DETOUR * np.linalg.norm(new, axis=-1, keepdims=True) * opposite * _in_the_world(result, side, _BEFORE)
+    line = own + weight * (new - own) + 4 * weight * (1 - weight) * detour
+    result[:, elbow], result[:, wrist] = _bent(result[:, shoulder], bones, own, line, weight,
+                                               _in_the_world(result, side, PLACES[place].elbow))
   return result.astype(np.float32)
 
 
@@ -72,7 +74,7 @@ def target(joints: Num[np.ndarray, "t j 3"], place: str, side: str) -> Float[np.
   return joints[:, seen_from] + length[:, None] * _in_the_world(joints, side, PLACES[place].away)
 
 
-def misses(joints: Num[np.ndarray, "t j 3"], place: str, side: str) -> Float[np.ndarray, " t"]:
+def distance_to_place(joints: Num[np.ndarray, "t j 3"], place: str, side: str) -> Float[np.ndarray, " t"]:
   """Metres (T,) from the wrist of a side to where it is to be for one of PLACES."""
   wrist = HUMANML3D.joints.index(f"{side}_wrist")
   return np.linalg.norm(joints[:, wrist] - target(joints, place, side), axis=-1)
@@ -88,14 +90,18 @@ def _in_the_world(joints, side, direction):
   return (out if side == "left" else -out) * left + high * up + ahead * np.cross(left, up)
 
 
-def _bent(bones, line, hint):
-  """[upper arm, forearm] (T, 3) of bones' lengths that end at a line from the shoulder, the elbow towards the hint."""
-  first, second = (np.linalg.norm(bone, axis=-1, keepdims=True) for bone in bones)
-  far = np.clip(np.linalg.norm(line, axis=-1, keepdims=True), np.abs(first - second) + 1e-3,
-                _STRAIGHT * (first + second))
-  way = rot.unit(line)
-  aside = rot.unit(hint - (hint * way).sum(-1, keepdims=True) * way)
-  along = (first**2 - second**2 + far**2) / (2 * far)
-  upper = along * way + np.sqrt(np.maximum(first**2 - along**2, 0.0)) * aside
-  return [upper, far * way - upper]
+def _bent(shoulder, bones, own, line, weight, hint):
+  """(elbow, wrist) (T, 3) of an arm of bones' lengths whose wrist is at a line from the shoulder.
 
+  The elbow is where it was, seen from the line of the arm, at weight (T, 1) 0, and points to the hint at 1.
+  """
+  first, second = (np.linalg.norm(bone, axis=-1, keepdims=True) for bone in bones)
+  now = np.linalg.norm(own, axis=-1, keepdims=True)
+  far = np.clip(np.linalg.norm(line, axis=-1, keepdims=True), np.abs(first - second) + 1e-3,
+                np.maximum(now, _STRAIGHT * (first + second)))
+  way, before = rot.unit(line), rot.unit(own)
+  points = (bones[0] - (bones[0] * before).sum(-1, keepdims=True) * before) / first
+  points = points + weight * (hint - points)
+  aside = rot.unit(points - (points * way).sum(-1, keepdims=True) * way, 1e-9)
+  along = (first**2 - second**2 + far**2) / (2 * far)
+  return shoulder + along * way + np.sqrt(np.maximum(first**2 - along**2, 0.0)) * aside, shoulder + far * way

@@ -7,10 +7,10 @@ from motion_jax.text.morphology import possible_bases, third_person, verb_of
 from motion_jax.text.vocabulary import closest_word
 from motion_studio.checks.violations import can_be_checked
 from motion_studio.language import Plan
-from motion_studio.language.hand_places import places_of, without_hands
-from motion_studio.language.leaning import lean_of
+from motion_studio.language.hand_places import without_hands
 from motion_studio.language.lexicon import NEGATIONS
-from motion_studio.planning.spans import segments_of
+from motion_studio.language.postures import postures_of
+from motion_studio.planning.spans import read_segments
 
 _NAMED = 5  # words of a prompt, and notes of a call, at most
 _PEOPLE = r"(?:people|persons|men|women|boys|girls|guys|kids|children|friends|dancers|fighters|boxers|figures|players)"
@@ -22,8 +22,11 @@ _SEVERAL = re.compile(
     r"(?:man|woman|person|boy|girl)\b|\b(?:his|her|their|a|the) (?:partner|opponent|friend)\b", re.IGNORECASE)
 
 
-def notes_of(planner: Any, prompts: Iterable[str | Plan]) -> list[str]:
-  """Notes on prompts that a model may not do as intended; a plan is judged action by action, a string as a whole."""
+def notes_of(planner: Any, prompts: Iterable[str | Plan], postures: bool = True) -> list[str]:
+  """Notes on prompts that a model may not do as intended; a plan is judged action by action, a string as a whole.
+
+  postures: hands and trunk of a plan come to where its words have them, whatever a model has learned.
+  """
   notes: dict[str, None] = {}
   named: set[str] = set()
   for one in prompts:
@@ -34,7 +37,8 @@ def notes_of(planner: Any, prompts: Iterable[str | Plan]) -> list[str]:
       notes.update(dict.fromkeys(_of_verbs(planner, one)))
     if (denial := _denial(one)):
       notes[f"{shortened(prompt)} says {denial!r}; a model may do what follows nevertheless"] = None
-    for part in [prompt] if isinstance(one, str) else _without_postures(planner.model, one):
+    for part in [prompt] if isinstance(one, str) else (
+        _without_postures(one) if postures and can_be_checked(planner.model) else one.prompts):
       words = [word for word in planner.model.captions.unknown_words(part) if word.lower() not in named]  # each once
       named.update(map(str.lower, words))
       if words:
@@ -53,16 +57,13 @@ def _denial(prompt):
   return next((word for part in prompt.prompts for word in part.lower().split() if word in NEGATIONS), "")
 
 
-def _without_postures(model, plan):
-  """The prompts of a plan without what they say of postures, which need no learning."""
-  if not can_be_checked(model):
-    return plan.prompts
+def _without_postures(plan):
+  """The prompts of a plan without what they say of postures; the gestures that a model samples stay."""
   named = {plan.single.prompt: plan.text} if plan.is_plain and plan.single else {}
-  segments = segments_of(plan)
-  placed = [action for own in places_of(segments) for action, place in own if action.part == "arms" and place.alone]
-  leaning = [one for part in segments for one in (part.action, *part.simultaneous) if lean_of(one)]
-  placed = {named.get(action.prompt, action.prompt) for action in (*placed, *leaning)}
-  return [without_hands(prompt) for prompt in plan.prompts if prompt not in placed]
+  sampled = {id(segment.action) for segment in read_segments(plan)}
+  made = {named.get(action.prompt, action.prompt) for action, place in postures_of(read_segments(plan))
+          if place is None or place.place or id(action) not in sampled}
+  return [without_hands(prompt) for prompt in plan.prompts if prompt not in made]
 
 
 def _of_verbs(planner, plan):

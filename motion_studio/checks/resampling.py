@@ -43,7 +43,8 @@ def best_of(job: Job, sample: Callable[..., Sequence[Motion]], max_attempts: int
   def resample(rows, number, factor):
     keys = jax.numpy.stack([jax.random.fold_in(job.keys[i], FIRST_RESAMPLED + number) for i in rows])
     prompts = [said_again(job.prompts[i], required[i], number) for i in rows]
-    plans = [job.plans[i] if prompt == job.prompts[i] else job.planner.plan(prompt) for i, prompt in zip(rows, prompts)]
+    plans = [job.plans[i] if prompt == job.prompts[i] else job.planner.with_postures(job.planner.plan(prompt))
+             for i, prompt in zip(rows, prompts)]
     if number >= _INDEPENDENT:
       plans = [plan and job.planner.in_plain_words(plan) for plan in plans]
     again = job.select(rows, prompts=prompts, plans=plans, keys=keys,

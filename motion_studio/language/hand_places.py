@@ -3,6 +3,8 @@ import re
 from collections.abc import Sequence
 from typing import NamedTuple
 
+from motion_jax.text.morphology import verb_of
+from motion_studio.language import lexicon
 from motion_studio.language.segments import Action, Segment
 
 _WHOSE = r"(?:(?:of|his|her|their|its|the|my|your|our|both|a|an|one) )*"
@@ -10,7 +12,8 @@ _LIMB = rf"(?P<whose>{_WHOSE})(?P<how>outstretched )?(?:(?P<side>left|right) )?(
 _VERB = r"^(?:[a-z]+ly )*(?P<verb>[a-z']+)"
 _MOVED = re.compile(rf"{_VERB} (?P<before>(?:(?:up|out|down|back|together|forwards?) )?){_LIMB}(?P<after>.*)")
 _BESIDE = re.compile(rf"(?:\bwith|\bha(?:s|ve|d)|,) {_LIMB}(?P<after>.*)")
-_AGAIN = re.compile(rf"{_VERB}(?: it\b| them\b)?(?P<after>.*)")  # of the hands of the action before
+# Of the hands of the action before: "lowers them to the hips", "lowers again".
+_AGAIN = re.compile(rf"{_VERB}(?: it\b| them\b(?P<after>.*)|(?P<alone>(?: back| down| again)*)$)")
 _REACHED = re.compile(rf"{_VERB} (?P<after>(?:up|out|forwards?|above|over|overhead|in front)\b.*)")
 _TOUCHED = re.compile(rf"{_VERB} (?:his|her|their|its|the) (?P<thing>\w+)(?: with (?:his |her |their )?.*)?$")
 _END = re.compile(r",| (?:and(?! (?:up|down|back|forth)\b)|then|while|as|to show|with|before|after) ")
@@ -22,8 +25,8 @@ _LEVEL = r"\b(?! ?-?(?:level|height|high|length))"
 _PLACES = tuple((re.compile(pattern), place) for pattern, place in (
     (r"^(?:lower|drop)s?\b.* from\b", "down"),
     (rf"\b(?:on|to|onto) {_HIS}shoulders?{_LEVEL}", "shoulder"),
-    (r"\bcross|\bfold", "crossed"),
     (rf"\b(?:above|over) {_HIS}heads?\b|\boverhead\b", "up"),
+    (r"\bcross|\bfold", "crossed"),
     (rf"{_AT}(?:face|mouth|nose|chin|eyes?|lips|cheeks?){_LEVEL}", "face"),
     (rf"{_AT}ears?{_LEVEL}", "ear"),
     (rf"{_AT}(?:head|forehead|temples?){_LEVEL}", "head"),
@@ -33,17 +36,22 @@ _PLACES = tuple((re.compile(pattern), place) for pattern, place in (
     (rf"{_AT}(?:stomach|belly|abdomen){_LEVEL}", "stomach"),
     (r"\btogether\b|\bclasp", "together"),
     (rf"{_AT}(?:chest|heart){_LEVEL}", "chest"),
+    (r"\bfront\b", "front"),
     (rf"\b(?:sideways|horizontally|apart|wide)\b|\bshoulder[ -](?:level|height)\b|\blevel with {_HIS}shoulders\b|"
      rf"\b(?:out|stretch|spread|rais|extend|lift)\w*(?: \w+)? (?:on|to|at|by) "
      rf"(?:{_HIS}sides?|(?:the |his |her )?(?:left|right))\b", "side"),
     (rf"\b(?:at|to|by|beside) {_HIS}sides?\b", "down"),
-    (r"\bfront\b|\bforwards?\b|\bahead\b|\bbefore (?:him|her|them|it)|\b\w+[ -](?:level|height)\b", "front"),
+    (r"\bforwards?\b|\bahead\b|\bbefore (?:him|her|them|it)|\b\w+[ -](?:level|height)\b", "front"),
     (r"\bdown\b|^(?:lower|drop)", "down"),
     (r"\bout(?:wards?|stretched)?\b|\bextended\b|\bstretched\b|\bspread\b", "out"),
     (r"\bup\b|\bair\b|\bhigh\b|\braised\b|\blifted\b", "up"), (r"^(?:extend|spread)", "out")))
-# Hands that move or hang are in no place: "with the arms swinging in front of him".
+# Hands that move, hang, or are on things are in no place: "with the arms swinging in front of him".
 _MOVES = re.compile(r"\bup and down\b|\bdown and up\b|\band back\b|\bback and forth\b|\b(?:bent|dangling|hanging|"
-                    r"moving|waving|flapping|swinging|clapping|shaking|spinning|pushing|pumping|circling|rotating)\b")
+                    r"moving|waving|flapping|swinging|clapping|shaking|spinning|pushing|pumping|circling|rotating|"
+                    r"backwards?|pockets?|floor|ground|prayer|zombie)\b")
+# Actions in which hands carry the body.
+_CARRY = re.compile(r"\b(?:push[- ]?ups?|crawl\w*|planks?|handstands?|cartwheels?)\b")
+
 _KEEPS = {"hold", "keep", "have"}  # hands that are in their place from the first moment on
 _BRINGS = _KEEPS | set("raise lift stretch extend reach spread lower drop put place bring rest stick take lay return "
                        "cross fold clasp open rub wipe".split())
@@ -56,6 +64,8 @@ _BEAT = 0.3
 _ONE_HAND = dict.fromkeys(("throw", "toss", "hurl"), (("ear", 0.7), ("front", 0.25), ("down", 0.8))) | dict.fromkeys(
     ("hit", "strike", "slap", "swat", "slash"), (("head", 0.6), ("front", 0.25), ("down", 0.8))) | dict.fromkeys(
     ("point", "reach", "grab"), (("front", 0.8),))
+_NO_GESTURE = re.compile(r"\b(?:\w+sel(?:f|ves)|ups|floor|ground|stairs?|steps?|pose|up|down|behind|above|head|back|"
+                         rf"{'|'.join(sorted(lexicon.LIMBS - {'hand', 'hands', 'arm', 'arms'}))})\b")
 _BOTH_HANDS = dict.fromkeys(("push", "shove"), (("chest", 0.7), ("front", 0.5))) | {
     "pull": (("front", 0.8), ("stomach", 0.6)), "catch": (("front", 0.5), ("stomach", 0.5))}
 _AGAIN_AND_AGAIN = {"clap": (("together", _BEAT), ("apart", _BEAT)), "flap": (("side", _BEAT), ("down", _BEAT))}
@@ -78,15 +88,18 @@ def hand_place_of(action: Action, before: HandPlace | None = None) -> HandPlace 
   before: the place of an action before it, whose hands are meant by "lowers them".
   """
   words = action.words.lower().replace("’", "'")
+  if _CARRY.search(words):
+    return None
   brings = action.verb in _BRINGS
   if brings and (found := _MOVED.match(words)):
     sides = _sides(found) or before and before.sides or ("right",)
     return _brought([found["verb"], found["how"], found["before"], _end(found)], sides, action.verb in _KEEPS,
-                    found["after"] == _end(found))
+                    found["after"] == _end(found) and not _says_more(found["after"]))
   if action.verb == "reach" and (found := _REACHED.match(words)):
-    return _brought([_end(found)], action.sides or ("right",), False, False)
+    return _brought(["reaches", _end(found)], action.sides or ("right",), False, False)
   if brings and before and (found := _AGAIN.match(words)):
-    return _brought([found["verb"], _end(found)], before.sides, False, found["after"] == _end(found))
+    after = found["after"] or found["alone"] or ""
+    return _brought([found["verb"], _END.split(after, maxsplit=1)[0]], before.sides, False, not _END.search(after))
   if action.verb in _TOUCHES and (found := _TOUCHED.match(words)):
     touched = _brought(["to the", found["thing"]], action.sides or ("right",), False)
     rubbed = touched and action.verb in _RUBS and _RUBBED.get(touched.place)
@@ -96,7 +109,7 @@ def hand_place_of(action: Action, before: HandPlace | None = None) -> HandPlace 
     return HandPlace(_AT_THE_HEAD[action.verb], action.sides or ("right",), False)
   if gesture := _gesture_of(action):
     return gesture
-  found = _BESIDE.search(words)
+  found = _BESIDE.search(words) if action.part != "arms" else None
   kept = found and _brought([found["how"], _end(found)], _sides(found) or ("right",), True, False)
   return None if kept is None or kept.place == "down" else kept  # beside another action arms hang and swing as they do
 
@@ -104,13 +117,16 @@ def hand_place_of(action: Action, before: HandPlace | None = None) -> HandPlace 
 def _gesture_of(action):
   """The gesture of an action of the arms, None of other actions."""
   both = ("left", "right")
-  if action.part == "arms" and action.verb in _AGAIN_AND_AGAIN:
+  words = action.words.lower().split(" with ")[0]
+  if action.part != "arms" or _NO_GESTURE.search(words):
+    return None
+  if action.verb in _AGAIN_AND_AGAIN:
     rhythm = _AGAIN_AND_AGAIN[action.verb]
     return HandPlace("", both, False, gesture=rhythm * action.times + (("down", 0.8),) * (action.times > 1),
                      rhythm=action.times == 1)
-  if action.part == "arms" and action.verb in _ONE_HAND:
+  if action.verb in _ONE_HAND:
     return HandPlace("", action.sides or ("right",), False, gesture=_ONE_HAND[action.verb] * action.times)
-  if action.part == "arms" and action.verb in _BOTH_HANDS:
+  if action.verb in _BOTH_HANDS:
     return HandPlace("", action.sides or both, False, gesture=_BOTH_HANDS[action.verb] * action.times)
   return None
 
@@ -122,6 +138,11 @@ def without_hands(text: str) -> str:
     return text
   rest = text[:found.start()] + text[found.start("after") + len(_end(found)):]
   return " ".join(rest.split()) if len(rest.split()) > 2 else text
+
+
+def _says_more(words):
+  """Whether words after a limb have a verb of their own: "has his arms crossed walks forward"."""
+  return any(word.endswith("s") and verb_of(word) and word not in lexicon.LIMBS for word in words.split())
 
 
 def _sides(found):
@@ -139,7 +160,7 @@ def _brought(said, sides, at_once, alone=True):
   words = " ".join(" ".join(filter(None, said)).split())
   place = None if _MOVES.search(words) else next((one for pattern, one in _PLACES if pattern.search(words)), None)
   if place == "out":
-    place = "side" if len(sides) == 2 else "front"
+    place = "side" if len(sides) == 2 and not words.startswith("reach") else "front"
   return HandPlace(place, sides, at_once, alone=alone) if place else None
 
 
@@ -156,5 +177,6 @@ def places_of(segments: Sequence[Segment]) -> list[list[tuple[Action, HandPlace]
       elif action.part == "arms":
         busy |= set(action.sides or ("left", "right"))
     found.append([one for one in own if busy.isdisjoint(one[1].sides)])
-    before = found[-1][-1][1] if found[-1] else before
+    hands = [one for one in (segment.action, *segment.simultaneous) if one.part == "arms" and one.sides]
+    before = found[-1][-1][1] if found[-1] else HandPlace("", hands[-1].sides, False) if hands else before
   return found

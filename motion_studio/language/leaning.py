@@ -2,10 +2,13 @@
 import re
 from typing import NamedTuple
 
+from motion_studio.language.hand_places import without_hands
 from motion_studio.language.segments import Action
 
 _VERBS = {"lean", "sway", "tilt", "rock", "slouch", "slump", "hunch"}
-_OTHER_THINGS = re.compile(r"\b(?:head|neck|hands?|arms?|legs?|foot|feet|hips?|on|against)\b")
+_OTHER_THINGS = re.compile(r"\b(?:head|neck|hands?|arms?|legs?|foot|feet|hips?|heels?|toes?|on|against|chair|seat|"
+                           r"sofa|couch|ground|floor|while|then)\b|^(?:\w+ly )*\w+ (?:a|an|the|his|her|their) "
+                           r"(?!left|right|side|front|back|other)")
 _WAYS = tuple((re.compile(rf"\b(?:{words})\b"), way) for words, way in (
     (r"back and forth|forwards? and backwards?|front to back", (0, 1)),
     (r"side to side|left and right|right and left|left to right|right to left", (1, 0)),
@@ -22,7 +25,7 @@ class Lean(NamedTuple):
 
 def lean_of(action: Action) -> Lean | None:
   """Where an action has the trunk lean, None where its words say no such thing."""
-  said = action.words.lower().split(",")[0]
+  said = without_hands(action.words.lower()).split(",")[0]
   if action.verb not in _VERBS or _OTHER_THINGS.search(said):
     return None
   swaying = action.verb in ("sway", "rock")

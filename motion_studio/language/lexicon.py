@@ -12,7 +12,7 @@ SPELT = ((r"\b(?:counter|anti)[- ]*clock[- ]?wise\b", "counterclockwise"), (r"\b
          (r"\bside[ -]step", "sidestep"),
          (r"\bserpentine\b|\bs[- ](?:shape|curve)\b|\b(?:s[- ](?:shaped|curved)|wavy|winding|wiggly|snaking)"
           r" (?:line|path|route|course|way|motions?|manner)\b", "zigzag"),
-         (r"\bback(s|ing|ed) (?:up|away|off)\b", r"walk\1 backward"),
+         (r"\bback(s|ing|ed) (?:up|away|off)\b(?! (?:the|a|an|his|her|their|its)\b)", r"walk\1 backward"),
          (r"\bturn(s|ing)?((?: \w+)?) to (walk|run|jog|go)(?= back\b)", r"turn\1\2 and \3\1"),
          (r"\b(kick|punch|jab)(e?s|ing|e?d)? with (?:(?:both|his|her|their|the) )*(left|right) and "
           r"(?:(?:his|her|their|the) )?(left|right) (foot|leg|hand|fist|arm)\b",

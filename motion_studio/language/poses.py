@@ -32,7 +32,7 @@ def with_poses(segments, who):
   With no pose before it a hold is a pause, but for "stays seated", which is an action then.
   """
   found, low = [], False
-  for segment in _without_repeated_pauses(segments):
+  for segment in map(_without_beside, _without_repeated_pauses(segments)):
     action, before = segment.action, found[-1] if found else None
     if action.words == HOLD and before is None and lexicon.LOW_POSES & set(action.prompt.split()):
       action = action._replace(words=action.prompt.removeprefix(who + " "))
@@ -46,6 +46,11 @@ def with_poses(segments, who):
     found.append(segment._replace(action=action))
     low = action.verb in lexicon.LOW or low and found[-1].hold_pose
   return tuple(found)
+
+
+def _without_beside(segment):
+  """The segment without pauses and holds beside its action: "steps back while holding still" steps back."""
+  return segment._replace(simultaneous=tuple(one for one in segment.simultaneous if one.words not in (PAUSE, HOLD)))
 
 
 def _stays_low(action):

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 from motion_jax.text.morphology import verb_of
 from motion_studio.language import lexicon
+from motion_studio.language.hand_places import hand_place_of
 from motion_studio.language.meaning import is_a
 from motion_studio.language.path_shapes import BENT, is_gait, path_shapes_of
 from motion_studio.language.segments import Action
@@ -50,7 +51,9 @@ def requirements_of(actions: "Sequence[Action]", text: str) -> list[Requirement]
     if is_a(action.verb, "run") and not action.is_pose:
       found["run", ""] = Requirement("run", "", 1, False)
     kind, side = _event_of(action, shapes)
-    if kind is None and len(actions) == 1 and action.part == "arms" and len(action.sides) == 1:
+    place = hand_place_of(action) if kind is None else None
+    if kind is None and len(actions) == 1 and action.part == "arms" and len(action.sides) == 1 and not (
+        place and place.place):  # a hand that is kept in a place does not act
       kind, side = "acts", action.sides[0]
     if kind is None or action.is_pose or action.part == "head":  # "turns the head"
       continue

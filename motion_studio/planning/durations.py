@@ -8,9 +8,9 @@ from motion_jax.analysis.event_words import TIMES
 from motion_jax.utils.errors import InputError
 from motion_jax.utils.numerals import as_float, require_numbers
 from motion_studio.language import Action, Plan, Segment, parse, pause
-from motion_studio.language.hand_places import hand_place_of
 from motion_studio.language.lexicon import COUNTED_ONE_BY_ONE, CYCLES, LOW, PAUSE
 from motion_studio.language.path_shapes import is_gait, min_duration
+from motion_studio.language.postures import postures_of
 
 LONGEST = 3600     # seconds of a plan
 _REST = 2.0        # seconds of standing still
@@ -30,12 +30,14 @@ _GET_DOWN = 2.8
 def usual_frames(planner: Any, plan: Plan) -> list[int]:
   """Frames of each segment: as the prompt says, or the usual length of its longest action, times its repetitions."""
   counts: list[int] = []
+  postures = {id(action): place for action, place in postures_of(plan.segments)}
   away = 0  # frames of the last walk or run, which the way back takes again
   for segment, then in zip(plan.segments, (*plan.segments[1:], None)):
     counts.append(round(segment.seconds * planner.fps) if segment.seconds else
                   away if segment.action.goes_back and away else
-                  round(_posture_seconds(segment.simultaneous[0]) * planner.fps)
-                  if segment.action.words == PAUSE and segment.simultaneous else
+                  round(max(_posture_seconds(postures[id(one)]) for one in segment.simultaneous) * planner.fps)
+                  if segment.action.words == PAUSE and segment.simultaneous and all(
+                      id(one) in postures for one in segment.simultaneous) else
                   max(_least_frames(planner, segment, then),
                       *(_action_frames(planner, one) for one in segment.sampled))
                   if segment.sampled else round(_REST * planner.fps))
@@ -43,9 +45,8 @@ def usual_frames(planner: Any, plan: Plan) -> list[int]:
   return counts
 
 
-def _posture_seconds(action):
+def _posture_seconds(place):
   """Seconds of a posture that a standing body takes, or of a gesture."""
-  place = hand_place_of(action)
   return max(_POSTURE, sum(seconds for _, seconds in place.gesture) if place else 0.0)
 
 

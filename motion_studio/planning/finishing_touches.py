@@ -29,8 +29,9 @@ def corrected(model: Any, motion: Motion, requirements: Sequence[Requirement]) -
   """The motion with the corrections it needs; the same object where it needs none."""
   skeleton = model.stats.layout.skeleton
   joints = _mirrored(_kept_seated(motion, requirements, skeleton), motion, requirements, skeleton)
-  for correct in (stepping, _jumping, returning, shaped):
+  for correct in (stepping, _jumping, returning):
     joints = correct(joints, motion.fps, requirements, skeleton)
+  joints = shaped(joints, motion.fps, requirements, skeleton, one_action=len(motion.captions) <= 1)
   height = float(floor_height(joints, skeleton))
   if height > _FLOATS and not _HANGS.search(motion.captions[0].text if motion.captions else ""):
     lowest = joints[:, list(HUMANML3D.left_feet + HUMANML3D.right_feet), 1].min()

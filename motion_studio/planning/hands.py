@@ -6,14 +6,14 @@ import numpy as np
 
 from motion_jax.models.results import Motion, features_of
 from motion_jax.motion.layering import put_on
-from motion_jax.motion.reaching import bring_hands, misses
+from motion_jax.motion.reaching import bring_hands, distance_to_place
 from motion_jax.motion.skeleton import HUMANML3D
 from motion_studio.language import Plan
 from motion_studio.language.hand_places import HandPlace, places_of
-from motion_studio.planning.spans import bounds_of, eased, rising, segments_of
+from motion_studio.planning.spans import bounds_of, read_segments, rising, smoothstep
 
 _NEAR, _MOSTLY = 0.15, 0.4  # metres from its place at which a hand is there, and the share of the time that it needs
-_LOWERED = 1.0  # seconds in which hands come down that a motion begins with
+_LOWERED = 1.0  # seconds in which hands come down that are up when a motion begins
 
 
 def with_hands(model: Any, motion: Motion, plan: Plan) -> Motion:
@@ -22,7 +22,7 @@ def with_hands(model: Any, motion: Motion, plan: Plan) -> Motion:
   A hand is brought in the time of its action, kept to the end of it and of a pause after it, or until a later action
   brings it elsewhere.
   """
-  segments, joints = segments_of(plan), motion.joints
+  segments, joints = read_segments(plan), motion.joints
   places = places_of(segments)
   if not any(places):
     return motion
@@ -32,7 +32,8 @@ def with_hands(model: Any, motion: Motion, plan: Plan) -> Motion:
       if not place.place and segments[number].action is action:
         continue  # the network knows this gesture, and has made it
       if place.place == "down" and number == 0:  # hands that are lowered first of all have been up
-        joints = bring_hands(joints, "front", place.sides, 1 - eased(np.arange(len(joints)) / (_LOWERED * motion.fps)))
+        weight = 1 - smoothstep(np.arange(len(joints)) / (_LOWERED * motion.fps))
+        joints = bring_hands(joints, "front", place.sides, weight)
       joints = _brought(joints, place, bounds[number][0], _until(segments, places, bounds, number, place), motion.fps)
   return motion if joints is motion.joints else motion.replace(joints=joints, features=features_of(model, joints))
 
@@ -53,8 +54,10 @@ def _until(segments, places, bounds, number, place):
 
 def _brought(joints, place: HandPlace, first, past, fps):
   """Joints with the hands of a place that are not there in frames first to past, or that make a gesture in them."""
+  if past <= first:
+    return joints
   sides = [side for side in place.sides if not place.place or (
-      misses(joints[first:past], place.place, side) < _NEAR).mean() < _MOSTLY]
+      distance_to_place(joints[first:past], place.place, side) < _NEAR).mean() < _MOSTLY]
   if not sides:
     return joints
   if not place.gesture:
@@ -63,6 +66,8 @@ def _brought(joints, place: HandPlace, first, past, fps):
   for name, seconds in itertools.cycle(place.gesture) if place.rhythm else place.gesture:
     if start >= past:
       break
-    posed = bring_hands(posed, name, sides, eased((frames - start) / (seconds * fps)))
+    now = min(int(start), len(joints) - 1)
+    weight = smoothstep((frames[now:] - start) / (seconds * fps))
+    posed = np.concatenate([posed[:now], bring_hands(posed[now:], name, sides, weight)])
     start += seconds * fps
   return put_on(joints, posed, "arms", sides, rising(len(joints), 0, past, fps, True), HUMANML3D)

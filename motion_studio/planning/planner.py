@@ -38,8 +38,13 @@ class Planner:
     found = parse(prompt, self.model.captions.knows, self.meanings)
     if not self.can_sequence:
       return found.with_segments((Segment(Action(prompt, prompt)),))
-    found = posing.standing(found, self.model.captions.knows, self._can) if can_be_checked(self.model) else found
     return in_words_of_captions(found) if wants_words_of_captions(self.model.config) else found
+
+  def with_postures(self, plan: Plan) -> Plan:
+    """The plan in which a body stands still where `posing.posed` will lean it or bring its hands to a place."""
+    if not self.can_sequence or not can_be_checked(self.model):
+      return plan
+    return posing.standing(plan, self.model.captions.knows, self._can)
 
   def in_plain_words(self, plan: Plan) -> Plan:
     """The plan with actions in plain words (`language.plain_words`), as this model learned them."""

@@ -4,13 +4,12 @@ from typing import Any
 
 from motion_jax.models.results import Motion
 from motion_studio.checks.violations import can_be_checked
-from motion_studio.language import Action, Plan, Segment
-from motion_studio.language.hand_places import hand_place_of, places_of
-from motion_studio.language.leaning import lean_of
+from motion_studio.language import Action, Plan
 from motion_studio.language.lexicon import PAUSE
+from motion_studio.language.postures import postures_of
 from motion_studio.planning.hands import with_hands
 from motion_studio.planning.leaning import with_lean
-from motion_studio.planning.spans import segments_of
+from motion_studio.planning.spans import read_segments
 from motion_studio.planning.steering import with_steering
 
 
@@ -24,24 +23,23 @@ def posed(model: Any, motion: Motion, plan: Plan | None) -> Motion:
   return motion
 
 
-def is_posture(model: Any, action: Action) -> bool:
-  """Whether an action is no more than a posture, so that `posed` makes it and nothing is sampled for it."""
-  place = hand_place_of(action)
-  return can_be_checked(model) and bool(action.part == "arms" and place and place.alone or lean_of(action))
-
-
 def standing(plan: Plan, knows: Callable[[str], bool], can: Callable[[str], bool]) -> Plan:
   """The plan in which a body stands still where it only leans, has its hands brought to a place, or makes a gesture.
 
-  knows: whether a prompt is a training caption, which is sampled; can: whether a model can make a gesture.
+  knows: whether a prompt is a training caption, which is sampled, unless it leans; can: whether a model can make a
+  gesture.
   """
-  own = {id(action) for placed in places_of(segments_of(plan)) for action, place in placed
-         if action.part == "arms" and place.alone and not (
-             knows(action.prompt) or not place.place and can(action.prompt))}
-  segments = tuple(
-      Segment(Action(f"{segment.action.subject} {PAUSE}", PAUSE, "legs", verb="stand", subject=segment.action.subject),
-              (segment.action, *segment.simultaneous), segment.seconds)
-      if not segment.simultaneous and id(segment.action) in own or lean_of(segment.action) and all(
-          one.part in ("arms", "head") for one in segment.simultaneous) else segment
-      for segment in segments_of(plan))
-  return plan if segments == segments_of(plan) else plan.with_segments(segments)
+  segments = read_segments(plan)
+  stands = {id(action) for action, place in postures_of(segments) if place is None or not (
+      knows(action.prompt) or not place.place and can(action.prompt))}
+  changed = tuple(_standing(segment) if id(segment.action) in stands else segment for segment in segments)
+  return plan if changed == segments else plan.with_segments(changed)
+
+
+def _standing(segment):
+  """The segment with a body that stands still below its action; unless another action moves more than arms and head."""
+  who = segment.action.subject
+  if any(one.part not in ("arms", "head") for one in segment.simultaneous):
+    return segment
+  return segment._replace(action=Action(f"{who} {PAUSE}", PAUSE, "legs", verb="stand", subject=who),
+                          simultaneous=(segment.action, *segment.simultaneous))

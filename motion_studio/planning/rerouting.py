@@ -59,9 +59,12 @@ def returning(joints, fps, requirements, skeleton):
   return joints if violation_score(moved, wanted, fps) else moved.astype(joints.dtype)
 
 
-def shaped(joints, fps, requirements, skeleton):
-  """Joints whose walk has the shape that the requirements say, or turns to a side by the way: bent where it did not."""
-  wanted = [one for one in requirements if one.kind in _SHORTEST]
+def shaped(joints, fps, requirements, skeleton, one_action):
+  """Joints whose walk has the shape that the requirements say, or turns to a side by the way: bent where it did not.
+
+  one_action: the walk and the turn are sampled as one; a turn before a walk, or after one, is not by the way.
+  """
+  wanted = [one for one in requirements if one.kind in _SHORTEST and (one_action or one.kind != "turn")]
   if len(wanted) != 1 or not violation_score(joints, wanted, fps) or wanted[0].kind == "turn" and (
       wanted[0].degrees != (40, 140) or not any(one.kind in {*PACES, "run"} for one in requirements)):
     return joints

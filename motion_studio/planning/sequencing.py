@@ -12,13 +12,15 @@ import jax
 import numpy as np
 
 from motion_jax.models.results import Motion, captions_in_a_row, features_of
+from motion_studio.checks.violations import can_be_checked
 from motion_studio.language import Action, Plan
 from motion_studio.language.lexicon import COUNTED_ONE_BY_ONE
+from motion_studio.language.postures import postures_of
 from motion_studio.language.requirements import Requirement, is_counted, requirements_of
 from motion_studio.planning import assembly, durations
 from motion_studio.planning.independent import sample_independently
 from motion_studio.planning.job import Job
-from motion_studio.planning.posing import is_posture, posed
+from motion_studio.planning.posing import posed
 
 _TAKES = 3  # of each segment that is sampled independently
 
@@ -109,9 +111,10 @@ def spans_of(base: Motion, sizes: Sequence[int]) -> list[tuple[int, int]]:
 def _sample_layers(job, lengths, spans):
   """{(row, segment): [(action, joints)]} of the actions that are layered on segments."""
   model, rows = job.model, [plan.segments for plan in job.plans]
+  postures = {id(action) for segments in rows for action, _ in postures_of(segments)} if can_be_checked(model) else ()
   layers = [(row, place, number, action) for row, segments in enumerate(rows) for number, (place, action) in enumerate(
       (place, action) for place, segment in enumerate(segments) for action in segment.simultaneous)
-      if not is_posture(model, action)]
+      if id(action) not in postures]
   found: dict[tuple[int, int], list[Any]] = {}
   if not layers:
     return found

@@ -11,7 +11,7 @@ _RISE, _FALL = 0.8, 0.7  # seconds in which a posture is taken, and goes over in
 _SHARE = 0.4             # of the time of an action, at most, in which it is taken
 
 
-def segments_of(plan: Plan) -> tuple[Segment, ...]:
+def read_segments(plan: Plan) -> tuple[Segment, ...]:
   """The segments of a plan; that of a plain one with its action as it is read."""
   first, *_ = plan.segments
   return (first._replace(action=plan.single),) if plan.is_plain and plan.single else plan.segments
@@ -31,10 +31,10 @@ def rising(count: int, first: int, past: int, fps: float, at_once: bool = False)
   """
   k = np.arange(count)
   rise = np.ones(count) if at_once and first == 0 else (k - first) / max(min(_RISE * fps, _SHARE * (past - first)), 1)
-  return eased(np.minimum(rise, 1 - (k - past + 1) / (_FALL * fps)))
+  return smoothstep(np.minimum(rise, 1 - (k - past + 1) / (_FALL * fps)))
 
 
-def eased(share: Float[np.ndarray, " t"]) -> Float[np.ndarray, " t"]:
+def smoothstep(share: Float[np.ndarray, " t"]) -> Float[np.ndarray, " t"]:
   """A share of a way, below 0 before it and above 1 after it, that begins and ends slowly."""
   part = np.clip(share, 0.0, 1.0)
   return part * part * (3 - 2 * part)

@@ -10,7 +10,7 @@ from motion_jax.models.results import Motion, features_of
 from motion_jax.motion.root_paths import bent, course
 from motion_studio.language import Plan, Segment
 from motion_studio.language.path_shapes import is_gait
-from motion_studio.planning.spans import bounds_of, eased, segments_of
+from motion_studio.planning.spans import bounds_of, read_segments, smoothstep
 
 _TO_A_SIDE = re.compile(r"\b(?:to|towards?) (?:(?:the|his|her|their|its) )?(left|right)\b(?! (?:foot|leg|hand|arm))|"
                         r"^(?:\w+ly )?\w+(?: \w+ly)? (left|right)\b(?! (?:foot|leg|hand|arm|and))")
@@ -22,7 +22,7 @@ _FAR, _CORNER = 0.5, 0.8  # metres that a walk leads at least, and in which it i
 
 def with_steering(model: Any, motion: Motion, plan: Plan) -> Motion:
   """The motion of a plan of two walks or more, those to a side turned there; the same object where they lead there."""
-  segments = segments_of(plan)
+  segments = read_segments(plan)
   walks = [(number, side) for number, segment in enumerate(segments) if (side := _side_of(segment)) is not None]
   if len(walks) < 2 or not any(side for _, side in walks):
     return motion
@@ -30,7 +30,7 @@ def with_steering(model: Any, motion: Motion, plan: Plan) -> Motion:
   turns = _turns(segments, walks, bounds_of(motion, segments), path, Body(motion.joints, motion.fps).heading[0])
   if not turns:
     return motion
-  angle = lambda metres: sum(turn * eased((metres - gone[frame]) / _CORNER) for frame, turn in turns)
+  angle = lambda metres: sum(turn * smoothstep((metres - gone[frame]) / _CORNER) for frame, turn in turns)
   joints = bent(motion.joints, angle, model.stats.layout.skeleton, motion.fps).astype(motion.joints.dtype)
   return motion.replace(joints=joints, features=features_of(model, joints))
 

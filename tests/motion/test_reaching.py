@@ -4,7 +4,7 @@ import pytest
 
 from motion_jax.data.datasets.synthetic import synthetic_joints
 from motion_jax.motion import rotations as rot
-from motion_jax.motion.reaching import PLACES, bring_hands, misses
+from motion_jax.motion.reaching import PLACES, bring_hands, distance_to_place
 from motion_jax.motion.retarget import mirror, retarget
 from motion_jax.motion.skeleton import HUMANML3D, bone_lengths
 
@@ -21,7 +21,7 @@ def test_hands_come_to_their_place_and_nothing_else_moves(place):
   np.testing.assert_allclose(bone_lengths(made.astype(np.float64), HUMANML3D), bone_lengths(WALK, HUMANML3D), atol=1e-5)
   if place != "knees":  # farther than an arm is long while the body stands
     for side in ("left", "right"):
-      assert misses(made, place, side).max() < 1e-3
+      assert distance_to_place(made, place, side).max() < 1e-3
 
 
 def test_one_hand_leaves_the_other_and_a_weight_of_zero_leaves_both():
@@ -31,9 +31,17 @@ def test_one_hand_leaves_the_other_and_a_weight_of_zero_leaves_both():
   assert np.abs(made[:, ARMS[:2]] - WALK[:, ARMS[:2]]).max() > 0.3
 
 
+@pytest.mark.parametrize("place", PLACES)
+def test_hands_come_to_their_place_without_a_jump(place):
+  count = len(WALK)
+  made = bring_hands(WALK, place, ("left", "right"), np.clip((np.arange(count) - 10) / 16, 0, 1))
+  arms = np.linalg.norm(np.diff(made[:, ARMS] - made[:, :1], axis=0), axis=-1) * 20
+  assert arms[:, [1, 3]].max() < 4 and arms.max() < 8  # metres a second, of wrists and elbows
+
+
 def test_a_hand_in_between_is_on_its_way():
-  half = misses(bring_hands(WALK, "side", ("left",), 0.5 * WHOLE), "side", "left")
-  assert (half < 0.7 * misses(WALK, "side", "left")).all() and half.min() > 0.1
+  half = distance_to_place(bring_hands(WALK, "side", ("left",), 0.5 * WHOLE), "side", "left")
+  assert (half < 0.7 * distance_to_place(WALK, "side", "left")).all() and half.min() > 0.1
 
 
 @pytest.mark.parametrize("place", ["face", "shoulder", "hips", "side"])

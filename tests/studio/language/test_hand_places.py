@@ -45,7 +45,9 @@ def _places(text):
     ("a person lowers the left arm", "down", LEFT),
     ("a person drops both arms to the sides", "down", BOTH),
     ("a person scratches his head with the left hand", "head", LEFT),
-    ("a person rubs his hands together", "together", BOTH)])
+    ("a person rubs his hands together", "together", BOTH), ("a person folds the arms above the head", "up", BOTH),
+    ("he holds both hands out in front of him at shoulder height", "front", BOTH),
+    ("a person reaches out with both arms", "front", BOTH)])
 def test_a_place_is_read_from_the_words(text, place, sides):
   assert _places(text) == [[(place, sides)]]
 
@@ -55,7 +57,11 @@ def test_a_place_is_read_from_the_words(text, place, sides):
     "a person walks, swinging the arms forward", "a person swings the arms back and forth",
     "a person runs with the arms pumping up and down", "a person picks up a box with both hands",
     "a person walks forward", "a person raises the left hand up and down", "a man jogs with his arms bent in front",
-    "a person punches with the left hand", "a person lifts the left knee", "a person turns the head to the left"])
+    "a person punches with the left hand", "a person lifts the left knee", "a person extends the arms backward",
+    "a person does push ups with the hands wide", "a person kneels with the hands on the ground in front of him",
+    "a person pushes himself up from the ground", "he throws himself on the floor", "a person reaches the stairs",
+    "someone grabs his left foot with the right hand", "a person points up", "she strikes a pose",
+    "a person turns the head to the left"])
 def test_other_words_say_no_place(text):
   assert not any(_places(text))
 
@@ -80,11 +86,14 @@ def test_hands_are_those_of_the_action_before():
   assert _places("a person holds the arms out to the sides, bows and drops them") == [
       [("side", BOTH)], [], [("down", BOTH)]]
   assert _places("a person lowers it") == [[]]
+  assert _places("a person raises both hands, then puts them on the hips") == [[], [("hips", BOTH)]]
+  assert _places("a person puts the hands on the hips, then drops to the floor") == [[("hips", BOTH)], []]
 
 
 def test_hands_that_another_action_moves_at_the_same_time_are_in_no_place():
   assert _places("a person waves the right hand while putting the left hand on the hip") == [[("hips", LEFT)]]
   assert _places("a person with the hands on the hips waves") == [[]]
+  assert _places("a person walks and waves with the hands on the hips") == [[]]
 
 
 @pytest.mark.parametrize("text, rest", [

@@ -141,6 +141,8 @@ def test_a_turn_on_the_spot_is_no_bend_of_a_path():
   walk = _motion(retarget(synthetic_joints("walk", 160, np.random.default_rng(1))), Caption("a person turns left"))
   for prompt in ("a person turns left", "a person turns around while walking", "a person turns left, then right"):
     assert _finished(walk, prompt) is walk
+  parts = walk.replace(captions=(Caption("a person turns left", 0, 4), Caption("a person walks", 4, 8)))
+  assert _finished(parts, "a person turns left, then walks") is parts
 
 
 @pytest.mark.parametrize("prompt", ["a person waves the right hand", "a person throws a ball with the right hand"])

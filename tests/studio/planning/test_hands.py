@@ -6,7 +6,7 @@ from motion_jax.analysis.signals import turning_points
 from motion_jax.data.clip import Caption
 from motion_jax.data.datasets.synthetic import synthetic_joints
 from motion_jax.models.results import Motion
-from motion_jax.motion.reaching import bring_hands, misses
+from motion_jax.motion.reaching import bring_hands, distance_to_place
 from motion_jax.motion.retarget import retarget
 from motion_studio.language import parse
 from motion_studio.planning.hands import with_hands
@@ -29,7 +29,7 @@ def _made(text, *seconds, joints=WALK):
 
 
 def _is_there(joints, place, side):
-  return misses(joints, place, side) < 0.02
+  return distance_to_place(joints, place, side) < 0.02
 
 
 def test_hands_beside_a_walk_are_there_from_its_beginning_to_its_end():
@@ -50,7 +50,7 @@ def test_a_hand_is_brought_in_its_action_and_goes_on_with_the_next_one():
 def test_hands_stay_until_they_are_brought_elsewhere():
   made = _made("a person puts the left hand to the face, walks, then lowers it", 2.0, 4.0)
   there = _is_there(made, "face", "left")
-  assert there[20:78].all() and not there[95:].any() and misses(made, "down", "left")[100:].max() < 0.4
+  assert there[20:78].all() and not there[95:].any() and distance_to_place(made, "down", "left")[100:].max() < 0.4
   assert not _is_there(_made("a person puts the left hand to the face, walks, then bows", 2.0, 4.0), "face", "left")[
       60:].any()
   waves = _made("a person puts the left hand to the face, waves it, then lowers the left hand", 2.0, 4.0)
@@ -59,7 +59,7 @@ def test_hands_stay_until_they_are_brought_elsewhere():
 
 def test_hands_that_are_lowered_first_of_all_begin_ahead():
   made = _made("a person lowers the left arm, then walks", 3.0)
-  assert misses(made, "front", "left")[0] < 0.02 and made[0, 20, 1] - made[40, 20, 1] > 0.3
+  assert distance_to_place(made, "front", "left")[0] < 0.02 and made[0, 20, 1] - made[40, 20, 1] > 0.3
   np.testing.assert_allclose(made[:, [19, 21]], WALK[:, [19, 21]], atol=1e-5)
 
 
@@ -85,7 +85,7 @@ def test_hands_that_clap_come_together_again_and_again():
 
 def test_a_hand_that_throws_goes_back_and_ahead_quickly():
   made = _gesture("a person throws a ball with the left hand")
-  assert misses(made, "ear", "left")[14] < 0.05 and misses(made, "front", "left")[19] < 0.05
+  assert distance_to_place(made, "ear", "left")[14] < 0.05 and distance_to_place(made, "front", "left")[19] < 0.05
   speed = np.linalg.norm(np.diff(made[:, 20] - made[:, 16], axis=0), axis=-1) * 20
   assert 2.5 < speed.max() < 8 and 13 < speed.argmax() < 20
   np.testing.assert_allclose(made[:, [19, 21]], WALK[:, [19, 21]], atol=1e-5)

@@ -7,13 +7,15 @@ import pytest
 from motion_jax.data.clip import Caption
 from motion_jax.data.datasets.synthetic import synthetic_joints
 from motion_jax.models.results import Motion
-from motion_jax.motion.leaning import lean, leans
+from motion_jax.motion.leaning import leans
+from motion_jax.motion.reaching import distance_to_place
 from motion_jax.motion.representations import get_layout
 from motion_jax.motion.retarget import retarget
-from motion_jax.motion.skeleton import HUMANML3D, bone_lengths
-from motion_studio.language import parse
+from motion_studio.language import Segment, parse
 from motion_studio.language.leaning import lean_of
-from motion_studio.planning.posing import is_posture, posed, standing
+from motion_studio.language.postures import postures_of
+from motion_studio.planning.finishing_touches import corrected
+from motion_studio.planning.posing import posed, standing
 from tests.studio.planning.test_finishing_touches import MODEL
 
 _yes, _no = lambda prompt: True, lambda prompt: False
@@ -55,7 +57,8 @@ def test_a_gesture_that_the_model_can_make_is_sampled():
 def test_what_a_posture_is():
   actions = {text: parse(f"a person {text}").single for text in (
       "folds the arms", "leans forward", "waves", "holds the arms out and sings", "leans on a table")}
-  assert [text for text, action in actions.items() if is_posture(MODEL, action)] == ["folds the arms", "leans forward"]
+  assert [text for text, action in actions.items() if postures_of([Segment(action)])] == ["folds the arms",
+                                                                                          "leans forward"]
 
 
 @pytest.mark.parametrize("text, way, sways", [
@@ -68,21 +71,10 @@ def test_a_lean_is_read_from_the_words(text, way, sways):
 
 
 @pytest.mark.parametrize("text", ["leans on a table", "tilts the head to the left", "walks to the left", "bows",
-                                  "sways the hips"])
+                                  "leans back in a chair", "rocks a baby", "tilts a glass to drink",
+                                  "slumps to the ground", "sways the hips"])
 def test_other_words_say_no_lean(text):
   assert lean_of(parse(f"a person {text}").single) is None
-
-
-@pytest.mark.parametrize("left, ahead", [(1, 0), (-1, 0), (0, 1), (0, -1)])
-def test_a_trunk_leans_by_what_is_said_and_legs_stay(left, ahead):
-  stands = np.repeat(WALK[:1], 10, axis=0)
-  made = lean(stands, left, ahead, np.linspace(0, 20, 10))
-  legs = [joint for chain in HUMANML3D.chains[:2] for joint in chain]
-  np.testing.assert_allclose(made[:, legs], stands[:, legs], atol=1e-5)
-  np.testing.assert_allclose(bone_lengths(made.astype(np.float64), HUMANML3D), bone_lengths(stands, HUMANML3D),
-                             atol=1e-5)
-  more = leans(made, left, ahead) - leans(stands, left, ahead)
-  assert more[0] == pytest.approx(0, abs=1e-3) and 12 < more[-1] < 21 and (np.diff(more) > 0).all()
 
 
 def test_a_plan_leans_in_its_time():
@@ -96,3 +88,24 @@ def test_a_plan_leans_in_its_time():
   assert sways[:60].max() > 8 and sways[:60].min() < -8
   walks = parse("a person walks, then bows")
   assert posed(MODEL, motion, walks) is motion
+
+
+def test_a_posture_is_not_taken_for_the_wrong_hand():
+  prompt = "a person holds the left arm out to the side"
+  stands = np.repeat(WALK[:1], 60, axis=0)
+  stands[:, 21, 2] += 0.02 * np.sin(np.arange(60) / 3)  # the other hand moves a little
+  plan = standing(parse(prompt), _no, _no)
+  motion = posed(MODEL, Motion(stands.astype(np.float32), 20.0, (Caption(prompt),)), plan)
+  assert distance_to_place(motion.joints, "side", "left").max() < 0.02
+  assert corrected(MODEL, motion, plan.requirements) is motion
+
+
+def test_a_segment_without_time_is_left_alone():
+  motion = Motion(WALK.astype(np.float32), 20.0, (Caption("", 0, 0), Caption("", 0, 6)))
+  assert posed(MODEL, motion, parse("a person leans to the left, then walks")) is motion
+  assert posed(MODEL, motion, parse("a person folds the arms, then walks", lambda text: False)) is motion
+
+
+def test_pauses_and_holds_beside_an_action_are_left_out():
+  plan = parse("a person steps back to the starting position while holding still")
+  assert all(one.words not in ("holds still", "stands still") for part in plan.segments for one in part.simultaneous)
