@@ -25,9 +25,9 @@ def bounds_of(motion: Motion, segments: Sequence[Segment]) -> list[tuple[int, in
 
 
 def rising(count: int, first: int, past: int, fps: float, at_once: bool = False) -> Float[np.ndarray, " t"]:
-  """Weight (count,) of a posture in frames first to past: it rises there, and falls after them.
+  """Weight (count,) of a posture: from 0 to 1 in the first of its frames, first to past, and back to 0 after them.
 
-  at_once: it is whole from the first frame of a motion that begins so.
+  at_once: it is 1 from the first frame of a motion that begins with it.
   """
   k = np.arange(count)
   rise = np.ones(count) if at_once and first == 0 else (k - first) / max(min(_RISE * fps, _SHARE * (past - first)), 1)
