@@ -28,7 +28,8 @@ class Sampler:
     self.model = SimpleNamespace(
         sampling=lambda **given: SimpleNamespace(guidance_scale=guidance_scale), stats=SimpleNamespace(
             layout=get_layout("full")), config=SimpleNamespace(data=SimpleNamespace(mode="benchmark")), fps=20.0)
-    self.planner = SimpleNamespace(model=self.model, fps=20.0, plan=parse, in_plain_words=in_plain_words)
+    self.planner = SimpleNamespace(model=self.model, fps=20.0, plan=parse, in_plain_words=in_plain_words,
+                                   with_postures=lambda plan: plan)
 
   def __call__(self, job, independent=False):
     self.jobs.append(job)
