@@ -1,18 +1,18 @@
 """Share of motions that do what their sentence says, evaluated by rules on the joints.
 
-Three lists, always reported apart: 225 sentences of this project in 17 categories, 317 captions in people's words, of
-two halves, and 150 further captions.
+Four lists, always reported apart: 225 sentences of this project in 17 categories, 317 captions in people's words, of
+two halves, and 150 and 120 further captions.
 
   python benchmarks/behaviour.py [--model cmdm-small ...] [--only turn path] [--pictures FOLDER] [--out FILE]
   python benchmarks/behaviour.py --captions humanml3d_test_captions.txt [--half final]      the captions
-  python benchmarks/behaviour.py --captions humanml3d_test_captions.txt --half blind        the 150 further ones
+  python benchmarks/behaviour.py --captions humanml3d_test_captions.txt --half blind        the 150, blind2 the 120
   python benchmarks/behaviour.py --real path/to/bandai path/to/cmu ...      the rules on real clips
 
-Sentences and their rules: behaviour_sentences.py, caption_rules.py, caption_rules_blind.py, behaviour_rules.py. Each
-model is measured twice: one pass of the network with the prompt as given, and the application, which plans and takes
-the best of several attempts. Prints, in Markdown, the share of each category in both, the speed of planted feet, and
-the result of each sentence. --out writes everything as JSON. --pictures draws the first failing seed of each sentence
-of the application, or its first.
+Sentences and their rules: behaviour_sentences.py, caption_rules.py, caption_rules_blind.py, caption_rules_blind2.py,
+behaviour_rules.py. Each model is measured twice: one pass of the network with the prompt as given, and the application,
+which plans and takes the best of several attempts. Prints, in Markdown, the share of each category in both, the speed
+of planted feet, and the result of each sentence. --out writes everything as JSON. --pictures draws the first failing
+seed of each sentence of the application, or its first.
 """
 import argparse
 import collections
@@ -21,6 +21,7 @@ import pathlib
 
 import caption_rules
 import caption_rules_blind
+import caption_rules_blind2
 import numpy as np
 from behaviour_rules import FPS, body_of
 from behaviour_sentences import COUNTED, PACED, REAL, sentences
@@ -33,7 +34,7 @@ from motion_studio import Pipeline, steps
 from motion_studio.checks import MAX_ATTEMPTS
 
 MOST = 24  # motions in one batch
-BLIND = "blind"
+BLIND = {"blind": caption_rules_blind, "blind2": caption_rules_blind2}
 ONE_PASS, BEST = "one pass", f"best of {MAX_ATTEMPTS}"
 
 
@@ -90,13 +91,13 @@ def table(found, name):
 
 
 def captions(path, half):
-  """[(kind, caption, rule, None)] of a half of the captions, or of the blind list."""
-  return caption_rules_blind.sentences(path) if half == BLIND else caption_rules.sentences(path, half)
+  """[(kind, caption, rule, None)] of a half of the captions, or of a blind list."""
+  return BLIND[half].sentences(path) if half in BLIND else caption_rules.sentences(path, half)
 
 
 def outside():
   """Kinds of captions that no capture of the shipped models' data shows."""
-  return {kind.name for module in (caption_rules, caption_rules_blind) for kind in module.KINDS if kind.outside}
+  return {kind.name for module in (caption_rules, *BLIND.values()) for kind in module.KINDS if kind.outside}
 
 
 def summary(found):
@@ -160,9 +161,9 @@ def main():
   parser.add_argument("--seeds", type=int, default=4)
   parser.add_argument("--only", nargs="*", help="categories (default: all)")
   parser.add_argument("--captions", type=pathlib.Path, help="the file of captions: judge those, not our own sentences")
-  parser.add_argument("--half", choices=(DEVELOPMENT, FINAL, BLIND), default=DEVELOPMENT,
-                      help="which half of the captions; final: only for figures that end a piece of work; blind: the "
-                      "third list")
+  parser.add_argument("--half", choices=(DEVELOPMENT, FINAL, *BLIND), default=DEVELOPMENT,
+                      help="which half of the captions; final: only for figures that end a piece of work; blind, "
+                      "blind2: the further lists")
   parser.add_argument("--real", nargs="*", default=[], help="archives of real motion: apply the rules to their "
                       "clips, and evaluate no model")
   parser.add_argument("--pictures", type=pathlib.Path, help="folder for a strip of each sentence")
