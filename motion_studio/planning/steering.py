@@ -55,7 +55,7 @@ def _turns(segments: Sequence[Segment], walks, bounds, path, heading):
     backward = bool(_BACKWARD.search(segments[number].action.words.lower()))
     goes = float(np.arctan2(*way)) + turned
     if side:
-      # Seen from who walks backward, left and right of the course are exchanged.
+      # Of a walk backward, left and right of the body are right and left of the course.
       sign = (1 if side == "left" else -1) * (-1 if backward else 1)
       if not found and number == walks[0][0] and backward:
         before += np.pi
