@@ -107,5 +107,6 @@ def test_a_segment_without_time_is_left_alone():
 
 
 def test_pauses_and_holds_beside_an_action_are_left_out():
-  plan = parse("a person steps back to the starting position while holding still")
+  plan = parse("a man picks something up and holds it as he steps back to his starting position", lambda text: False)
+  assert "steps back to his starting position" in plan.summary
   assert all(one.words not in ("holds still", "stands still") for part in plan.segments for one in part.simultaneous)
