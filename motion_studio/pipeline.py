@@ -61,9 +61,13 @@ class Pipeline:
 
   # --- prompts -----------------------------------------------------------------------------------------------------
 
-  def plan(self, prompt: str) -> Plan:
-    """The segments, simultaneous actions and repetitions of a prompt, as `pipeline(...)` samples them."""
-    return self.planner.with_postures(self.planner.plan(*self.model.prompts_of(prompt)))
+  def plan(self, prompt: str, postures: bool = True) -> Plan:
+    """The segments, simultaneous actions and repetitions of a prompt, as `pipeline(...)` samples them.
+
+    postures: False for a motion with constraints, as it is sampled without postures.
+    """
+    found = self.planner.plan(*self.model.prompts_of(prompt))
+    return self.planner.with_postures(found) if postures else found
 
   def schedule(self, prompt: str | Plan, frames: float | None = None, control: Any = None
                ) -> tuple[Plan | None, list[int]]:
@@ -83,11 +87,11 @@ class Pipeline:
     them, as in `pipeline(...)` and not in streams and lists of segments.
     """
     return prompt_notes.notes_of(self.planner, [
-        self.planner.plan(one) if plan and isinstance(one, str) else one for one in prompts], postures)
+        self.plan(one, postures) if plan and isinstance(one, str) else one for one in prompts], postures)
 
-  def warn(self, prompts: Iterable[str | Plan], plan: bool = True) -> None:
-    """Warns with `notes` of prompts whose motions get no postures, where warnings are read."""
-    for note in self.notes(list(prompts), plan, postures=False) if self.warns else ():
+  def warn(self, prompts: Iterable[str | Plan], plan: bool = True, postures: bool = False) -> None:
+    """Warns with `notes` of prompts, where warnings are read."""
+    for note in self.notes(list(prompts), plan, postures) if self.warns else ():
       warnings.warn(note, stacklevel=3)
 
   def _sampling(self, sampling):

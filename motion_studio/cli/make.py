@@ -93,8 +93,9 @@ def _generate(args):
     rows = [(prompt, length) for prompt, _ in rows]
   constraints = control.constraints_of(args, model)
   with timing.part("text"), progress.part("reading the prompts"):
-    plans = {prompt: prompt if args.no_plan else pipeline.plan(prompt) for prompt, _ in dict.fromkeys(rows)}
-    pipeline.warn(plans.values(), plan=False)
+    plans = {prompt: prompt if args.no_plan else pipeline.plan(prompt, postures=not constraints)
+             for prompt, _ in dict.fromkeys(rows)}
+    pipeline.warn(plans.values(), plan=False, postures=not constraints)
     schedules = {row: pipeline.schedule(plans[row[0]], row[1], constraints) for row in dict.fromkeys(rows)}
     frames = [sum(schedules[row][1]) for row in rows]
   for plan, _ in list(schedules.values())[:_PRINTED]:

@@ -11,7 +11,7 @@ _WHOSE = r"(?:(?:of|his|her|their|its|the|my|your|our|both|a|an|one) )*"
 _LIMB = rf"(?P<whose>{_WHOSE})(?P<how>outstretched )?(?:(?P<side>left|right) )?(?P<limb>arm|hand|palm)(?P<several>s?)\b"
 _VERB = r"^(?:[a-z]+ly )*(?P<verb>[a-z']+)"
 _MOVED = re.compile(rf"{_VERB} (?P<before>(?:(?:up|out|down|back|together|forwards?) )?){_LIMB}(?P<after>.*)")
-_BESIDE = re.compile(rf"(?:\bwith|\bha(?:s|ve|d)|,) {_LIMB}(?P<after>.*)")
+_BESIDE = re.compile(rf"(?:^|\bwith |\bha(?:s|ve|d) |, ){_LIMB}(?P<after>.*)")
 # Of the hands of the action before: "lowers them to the hips", "lowers again".
 _AGAIN = re.compile(rf"{_VERB}(?: it\b| them\b(?P<after>.*)|(?P<alone>(?: back| down| again)*)$)")
 _REACHED = re.compile(rf"{_VERB} (?P<after>(?:up|out|forwards?|above|over|overhead|in front)\b.*)")

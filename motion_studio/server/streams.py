@@ -262,7 +262,7 @@ class Stream:
       nearest = captions.nearest(action) if unknown else []
       self._send({"type": "words", "words": self._words, "prompt": action, "whole": prompt, "from_frame": begins,
                   "run": self._run, "unknown": unknown[:10], "nearest": nearest[0][0] if nearest else "",
-                  "notes": pipeline.notes([action])})
+                  "notes": pipeline.notes([action], postures=False)})
     self._send_state()
 
   def _pause(self, paused):

@@ -112,3 +112,15 @@ def test_of_several_people_one_sentence_says_that_one_body_is_made(pipeline, pro
 
 def test_an_empty_repertoire_judges_nothing():
   assert Repertoire([], None).judge("a person walks").nearest == [] == Repertoire([], None).suggestions("walks")
+
+
+@pytest.mark.parametrize("sentence", ["a person claps", "a person puts the left hand on the hip and bows",
+                                      "a person raises the hands to the face, then lowers them"])
+def test_postures_need_no_note(pipeline, sentence):
+  """Where they are made without the network; streams are not."""
+  assert not pipeline.notes([sentence]) and pipeline.notes([sentence], postures=False)
+
+
+def test_what_is_said_beside_a_posture_has_its_note(pipeline):
+  note, = pipeline.notes(["a person juggles with the hands on the hips"])
+  assert "juggles" in note

@@ -38,6 +38,10 @@ def test_hands_beside_a_walk_are_there_from_its_beginning_to_its_end():
   np.testing.assert_array_equal(made[:, :16], WALK[:, :16].astype(np.float32))  # legs, trunk and head
 
 
+def test_words_without_a_verb_are_a_posture_too():
+  assert _is_there(_made("hands on hips"), "hips", "left").all()
+
+
 def test_a_hand_is_brought_in_its_action_and_goes_on_with_the_next_one():
   made = _made("a person puts the left hand on the hip, then walks", 3.0)
   there = _is_there(made, "hips", "left")
