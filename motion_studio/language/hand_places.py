@@ -16,6 +16,7 @@ _BESIDE = re.compile(rf"(?:^|\bwith |\bha(?:s|ve|d) |, ){_LIMB}(?P<after>.*)")
 _AGAIN = re.compile(rf"{_VERB}(?: it\b| them\b(?P<after>.*)|(?P<alone>(?: back| down| again)*)$)")
 _REACHED = re.compile(rf"{_VERB} (?P<after>(?:up|out|forwards?|above|over|overhead|in front)\b.*)")
 _TOUCHED = re.compile(rf"{_VERB} (?:his|her|their|its|the) (?P<thing>\w+)(?: with (?:his |her |their )?.*)?$")
+_TO_THE_HEAD = re.compile(rf"{_VERB} .*\b(?:to|at|near) (?:(?:his|her|their|the) )?(?P<thing>ear|mouth|face|lips)\b")
 _END = re.compile(r",| (?:and(?! (?:up|down|back|forth)\b)|then|while|as|to show|with|before|after) ")
 
 _HIS = r"(?:(?:his|her|their|its|the|each|both|either) )*(?:(?:left|right|opposite) )?"
@@ -100,6 +101,8 @@ def hand_place_of(action: Action, before: HandPlace | None = None) -> HandPlace 
   if brings and before and (found := _AGAIN.match(words)):
     after = found["after"] or found["alone"] or ""
     return _brought([found["verb"], _END.split(after, maxsplit=1)[0]], before.sides, False, not _END.search(after))
+  if brings and (found := _TO_THE_HEAD.match(words)):
+    return _brought(["to the", found["thing"]], action.sides or ("right",), False, False)
   if action.verb in _TOUCHES and (found := _TOUCHED.match(words)):
     touched = _brought(["to the", found["thing"]], action.sides or ("right",), False)
     rubbed = touched and action.verb in _RUBS and _RUBBED.get(touched.place)
