@@ -39,6 +39,13 @@ def test_hands_come_to_their_place_without_a_jump(place):
   assert arms[:, [1, 3]].max() < 4 and arms.max() < 8  # metres a second, of wrists and elbows
 
 
+def test_a_hand_goes_around_its_shoulder():
+  hangs = bring_hands(WALK, "down", ("left",), WHOLE)
+  half = bring_hands(hangs, "up", ("left",), 0.5 * WHOLE)
+  wrist, shoulder = (HUMANML3D.joints.index(f"left_{part}") for part in ("wrist", "shoulder"))
+  assert np.linalg.norm(half[:, wrist] - half[:, shoulder], axis=-1).min() > 0.2
+
+
 def test_a_hand_in_between_is_on_its_way():
   half = distance_to_place(bring_hands(WALK, "side", ("left",), 0.5 * WHOLE), "side", "left")
   assert (half < 0.7 * distance_to_place(WALK, "side", "left")).all() and half.min() > 0.1

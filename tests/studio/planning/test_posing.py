@@ -7,7 +7,7 @@ import pytest
 from motion_jax.data.clip import Caption
 from motion_jax.data.datasets.synthetic import synthetic_joints
 from motion_jax.models.results import Motion
-from motion_jax.motion.leaning import leans
+from motion_jax.motion.leaning import lean, leans
 from motion_jax.motion.reaching import distance_to_place
 from motion_jax.motion.representations import get_layout
 from motion_jax.motion.retarget import retarget
@@ -16,6 +16,7 @@ from motion_studio.language.leaning import lean_of
 from motion_studio.language.postures import postures_of
 from motion_studio.planning.finishing_touches import corrected
 from motion_studio.planning.posing import posed, standing
+from motion_studio.steps import Plan
 from tests.studio.planning.test_finishing_touches import MODEL
 
 _yes, _no = lambda prompt: True, lambda prompt: False
@@ -88,6 +89,26 @@ def test_a_plan_leans_in_its_time():
   assert sways[:60].max() > 8 and sways[:60].min() < -8
   walks = parse("a person walks, then bows")
   assert posed(MODEL, motion, walks) is motion
+
+
+def test_a_bent_body_sways_about_its_own_lean():
+  bent = lean(WALK, 0, 1, np.full(120, 35.0))
+  motion = Motion(bent, 20.0, (Caption("", 0, 6),))
+  own = leans(posed(MODEL, motion, parse("a person rocks back and forth")).joints, 0, 1)
+  assert np.median(own) == pytest.approx(np.median(leans(bent, 0, 1)), abs=6)
+
+
+def test_a_lean_beside_an_action_of_the_legs_is_left_to_the_network():
+  plan = parse("a person leans to the left")
+  both = plan.with_segments((Segment(plan.single, (parse("a person lifts the right foot").single,)),))
+  assert standing(both, _no, _no) is both
+
+
+def test_plans_with_constraints_stay_as_they_are():
+  job = SimpleNamespace(planner=SimpleNamespace(plan=parse, with_postures=lambda plan: standing(plan, _no, _no)),
+                        prompts=["a person claps"] * 2, plans=[None] * 2, constraints=[[], [object()]])
+  Plan()(job)
+  assert [plan.is_plain for plan in job.plans] == [False, True]
 
 
 def test_a_posture_is_not_taken_for_the_wrong_hand():
