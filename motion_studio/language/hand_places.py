@@ -113,7 +113,8 @@ def hand_place_of(action: Action, before: HandPlace | None = None) -> HandPlace 
   if gesture := _gesture_of(action):
     return gesture
   found = _BESIDE.search(words) if action.part != "arms" else None
-  kept = found and _brought([found["how"], _end(found)], _sides(found) or ("right",), True, False)
+  kept = found and _brought([found["how"], _end(found)], _sides(found) or ("right",), True,
+                            not action.verb and found.start() == 0 and found["after"] == _end(found))  # "hands on hips"
   return None if kept is None or kept.place == "down" else kept  # beside another action arms hang and swing as they do
 
 

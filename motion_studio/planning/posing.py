@@ -38,7 +38,7 @@ def standing(plan: Plan, knows: Callable[[str], bool], can: Callable[[str], bool
 
 def _standing(segment):
   """The segment with a body that stands still below its action; unless another action moves more than arms and head."""
-  who = segment.action.subject
+  who = segment.action.subject or "a person"
   if any(one.part not in ("arms", "head") for one in segment.simultaneous):
     return segment
   return segment._replace(action=Action(f"{who} {PAUSE}", PAUSE, "legs", verb="stand", subject=who),

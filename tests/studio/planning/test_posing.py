@@ -48,6 +48,13 @@ def test_a_body_stands_where_the_model_does_not_know_the_words():
   assert standing(plan, _yes, _yes) is plan
 
 
+def test_words_without_a_verb_are_a_standing_posture():
+  plan = parse("hands on hips")
+  assert standing(plan, _no, _no).summary == "stands still + hands on hips"
+  motion = Motion(WALK.astype(np.float32), 20.0, (Caption("", 0, 6),))
+  assert distance_to_place(posed(MODEL, motion, standing(plan, _no, _no)).joints, "hips", "left").max() < 0.02
+
+
 def test_a_gesture_that_the_model_can_make_is_sampled():
   throws, puts = parse("a person throws a ball"), parse("a person puts a hand on the hip")
   assert standing(throws, _no, _yes) is throws and standing(puts, _yes, _no) is puts
