@@ -53,7 +53,7 @@ _MOVES = re.compile(r"\bup and down\b|\bdown and up\b|\band back\b|\bback and fo
 # Actions in which hands carry the body.
 _CARRY = re.compile(r"\b(?:push[- ]?ups?|crawl\w*|planks?|handstands?|cartwheels?)\b")
 
-_KEEPS = {"hold", "keep", "have"}  # hands that are in their place from the first moment on
+_KEEPS = {"hold", "keep"}  # hands that are in their place from the first moment on
 _BRINGS = _KEEPS | set("raise lift stretch extend reach spread lower drop put place bring rest stick take lay return "
                        "cross fold clasp open rub wipe".split())
 _RUBS = {"scratch", "rub", "wipe"}
