@@ -87,3 +87,9 @@ def _convolve(values: Any, kernel: Float[np.ndarray, " n"], mode: str) -> Any:
   found = jax.lax.conv_general_dilated(flat, jnp.asarray(kernel, values.dtype)[None, None], (1,), "VALID",
                                        precision="highest")
   return jnp.moveaxis(found.reshape(rows.shape), -1, -2)
+
+
+def smoothstep(share: Float[np.ndarray, " t"]) -> Float[np.ndarray, " t"]:
+  """A share of a way, below 0 before it and above 1 after it, that begins and ends slowly."""
+  part = np.clip(share, 0.0, 1.0)
+  return part * part * (3 - 2 * part)

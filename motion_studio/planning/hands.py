@@ -1,23 +1,24 @@
 """Hands are brought to where a plan has them, in a sampled motion that has them elsewhere."""
 import itertools
-from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
-from motion_jax.models.results import Motion, features_of
+from motion_jax.models.results import Motion
 from motion_jax.motion.layering import put_on
 from motion_jax.motion.reaching import bring_hands, distance_to_place
 from motion_jax.motion.skeleton import HUMANML3D
+from motion_jax.motion.smoothing import smoothstep
 from motion_studio.language import Plan
 from motion_studio.language.hand_places import HandPlace, places_of
-from motion_studio.planning.spans import bounds_of, read_segments, rising, smoothstep
+from motion_studio.planning.spans import bounds_of, read_segments, rising
 
 _NEAR, _MOSTLY = 0.15, 0.4  # metres from its place at which a hand is there, and the share of the time that it needs
 _LOWERED = 1.0  # seconds in which hands come down that are up when a motion begins
 
 
-def with_hands(model: Any, motion: Motion, plan: Plan) -> Motion:
-  """The motion of a plan with hands where its words have them; the same object where they are there, or it has none.
+def with_hands(motion: Motion, plan: Plan) -> Float[np.ndarray, "t j 3"]:
+  """Joints of the motion of a plan with hands where its words have them; its own where they are there.
 
   A hand is brought in the time of its action, kept to the end of it and of a pause after it, or until a later action
   brings it elsewhere.
@@ -25,7 +26,7 @@ def with_hands(model: Any, motion: Motion, plan: Plan) -> Motion:
   segments, joints = read_segments(plan), motion.joints
   places = places_of(segments)
   if not any(places):
-    return motion
+    return joints
   bounds = bounds_of(motion, segments)
   for number, own in enumerate(places):
     for action, place in own:
@@ -35,7 +36,7 @@ def with_hands(model: Any, motion: Motion, plan: Plan) -> Motion:
         weight = 1 - smoothstep(np.arange(len(joints)) / (_LOWERED * motion.fps))
         joints = bring_hands(joints, "front", place.sides, weight)
       joints = _brought(joints, place, bounds[number][0], _until(segments, places, bounds, number, place), motion.fps)
-  return motion if joints is motion.joints else motion.replace(joints=joints, features=features_of(model, joints))
+  return joints
 
 
 def _until(segments, places, bounds, number, place):

@@ -1,9 +1,8 @@
 """The trunk leans where a plan says so, in a sampled motion in which it does not."""
-from typing import Any
-
 import numpy as np
+from jaxtyping import Float
 
-from motion_jax.models.results import Motion, features_of
+from motion_jax.models.results import Motion
 from motion_jax.motion.leaning import lean, leans
 from motion_jax.motion.smoothing import gaussian_filter1d
 from motion_studio.language import Plan
@@ -14,8 +13,8 @@ _DEGREES = {"aside": 20.0, "ahead": 30.0, "back": 15.0}  # of a lean that is mad
 _CYCLE, _STEADY = 2.5, 0.2  # seconds of swaying there and back; and sigma of a lean, without its tremor
 
 
-def with_lean(model: Any, motion: Motion, plan: Plan) -> Motion:
-  """The motion of a plan with a trunk that leans where its words say so; the same object where it does."""
+def with_lean(motion: Motion, plan: Plan) -> Float[np.ndarray, "t j 3"]:
+  """Joints of the motion of a plan with a trunk that leans where its words say so; its own where it does."""
   segments, joints = read_segments(plan), motion.joints
   for segment, (first, past) in zip(segments, bounds_of(motion, segments)):
     if past <= first:
@@ -24,7 +23,7 @@ def with_lean(model: Any, motion: Motion, plan: Plan) -> Motion:
       found = lean_of(action)
       if found:
         joints = _leaning(joints, found, first, past, motion.fps)
-  return motion if joints is motion.joints else motion.replace(joints=joints, features=features_of(model, joints))
+  return joints
 
 
 def _leaning(joints, found: Lean, first, past, fps):

@@ -2,7 +2,7 @@
 from collections.abc import Callable
 from typing import Any
 
-from motion_jax.models.results import Motion
+from motion_jax.models.results import Motion, features_of
 from motion_studio.checks.violations import can_be_checked
 from motion_studio.language import Action, Plan
 from motion_studio.language.lexicon import PAUSE
@@ -18,9 +18,10 @@ def posed(model: Any, motion: Motion, plan: Plan | None) -> Motion:
   """
   if plan is None or not can_be_checked(model):
     return motion
+  joints = motion.joints
   for change in (with_steering, with_lean, with_hands):
-    motion = change(model, motion, plan)
-  return motion
+    joints = change(motion.replace(joints=joints), plan)
+  return motion if joints is motion.joints else motion.replace(joints=joints, features=features_of(model, joints))
 
 
 def standing(plan: Plan, knows: Callable[[str], bool], can: Callable[[str], bool]) -> Plan:

@@ -5,6 +5,7 @@ import numpy as np
 from jaxtyping import Float
 
 from motion_jax.models.results import Motion
+from motion_jax.motion.smoothing import smoothstep
 from motion_studio.language import Plan, Segment
 
 _RISE, _FALL = 0.8, 0.7  # seconds in which a posture is taken, and goes over into the sampled motion
@@ -32,9 +33,3 @@ def rising(count: int, first: int, past: int, fps: float, at_once: bool = False)
   k = np.arange(count)
   rise = np.ones(count) if at_once and first == 0 else (k - first) / max(min(_RISE * fps, _SHARE * (past - first)), 1)
   return smoothstep(np.minimum(rise, 1 - (k - past + 1) / (_FALL * fps)))
-
-
-def smoothstep(share: Float[np.ndarray, " t"]) -> Float[np.ndarray, " t"]:
-  """A share of a way, below 0 before it and above 1 after it, that begins and ends slowly."""
-  part = np.clip(share, 0.0, 1.0)
-  return part * part * (3 - 2 * part)

@@ -1,16 +1,18 @@
 """Walks of a plan that lead to a side, one after the other: their courses are turned there if they lead elsewhere."""
 import re
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from motion_jax.analysis.signals import Body
-from motion_jax.models.results import Motion, features_of
+from motion_jax.models.results import Motion
 from motion_jax.motion.root_paths import bent, course
+from motion_jax.motion.skeleton import HUMANML3D
+from motion_jax.motion.smoothing import smoothstep
 from motion_studio.language import Plan, Segment
 from motion_studio.language.path_shapes import is_gait
-from motion_studio.planning.spans import bounds_of, read_segments, smoothstep
+from motion_studio.planning.spans import bounds_of, read_segments
 
 _TO_A_SIDE = re.compile(r"\b(?:to|towards?) (?:(?:the|his|her|their|its) )?(left|right)\b(?! (?:foot|leg|hand|arm))|"
                         r"^(?:\w+ly )?\w+(?: \w+ly)? (left|right)\b(?! (?:foot|leg|hand|arm|and))")
@@ -20,19 +22,18 @@ _TURN, _ENOUGH = 75.0, (30.0, 150.0)  # degrees to a side that a course is turne
 _FAR, _CORNER = 0.5, 0.8  # metres that a walk leads at least, and in which it is turned
 
 
-def with_steering(model: Any, motion: Motion, plan: Plan) -> Motion:
-  """The motion of a plan of two walks or more, those to a side turned there; the same object where they lead there."""
+def with_steering(motion: Motion, plan: Plan) -> Float[np.ndarray, "t j 3"]:
+  """Joints of the motion of a plan of several walks, those to a side turned there; its own where they lead there."""
   segments = read_segments(plan)
   walks = [(number, side) for number, segment in enumerate(segments) if (side := _side_of(segment)) is not None]
   if len(walks) < 2 or not any(side for _, side in walks):
-    return motion
+    return motion.joints
   path, gone = course(motion.joints, motion.fps)
   turns = _turns(segments, walks, bounds_of(motion, segments), path, Body(motion.joints, motion.fps).heading[0])
   if not turns:
-    return motion
+    return motion.joints
   angle = lambda metres: sum(turn * smoothstep((metres - gone[frame]) / _CORNER) for frame, turn in turns)
-  joints = bent(motion.joints, angle, model.stats.layout.skeleton, motion.fps).astype(motion.joints.dtype)
-  return motion.replace(joints=joints, features=features_of(model, joints))
+  return bent(motion.joints, angle, HUMANML3D, motion.fps).astype(motion.joints.dtype)
 
 
 def _side_of(segment: Segment) -> str | None:

@@ -6,7 +6,7 @@ import pytest
 
 from motion_jax.data.clip import Caption
 from motion_jax.data.datasets.synthetic import synthetic_joints
-from motion_jax.models.results import Motion
+from motion_jax.models.results import Motion, features_of
 from motion_jax.motion.leaning import lean, leans
 from motion_jax.motion.reaching import distance_to_place
 from motion_jax.motion.representations import get_layout
@@ -88,6 +88,7 @@ def test_other_words_say_no_lean(text):
 def test_a_plan_leans_in_its_time():
   motion = Motion(WALK.astype(np.float32), 20.0, (Caption("", 0, 3), Caption("", 3, 6)))
   made = posed(MODEL, motion, parse("a person leans to the left, then walks"))
+  np.testing.assert_allclose(made.features, features_of(MODEL, made.joints))
   own, before = leans(made.joints, 1, 0), leans(WALK, 1, 0)
   assert np.median(own[20:58]) > 11 and np.abs(own - before)[80:].max() < 1
   again = posed(MODEL, made, parse("a person leans to the left, then walks"))
