@@ -74,7 +74,7 @@ def data(**fields):
   return dict(name="humanml3d", folder="", folders=(), mode="benchmark", mirror=False, kinematic_captions=False,
               paraphrases=0, feature_bias=0.0, workers=0, source_weights=(),
               augment=dict(stitched=0.0, bent_paths=0.0, idle=0.0, counted=0.0, excerpts=0.0, seats=0.0,
-                           stepping=0.0, wandering=0.0, time_warp=0.0)) | fields
+                           stepping=0.0, postures=0.0, wandering=0.0, time_warp=0.0)) | fields
 
 
 def captioned_data(**fields):

@@ -22,9 +22,12 @@ from motion_jax.data.datasets.base import clip_items
 from motion_jax.data.datasets.synthetic import synthetic_joints
 from motion_jax.data.mirror import mirror_clip
 from motion_jax.metrics.physics import planted_speed
+from motion_jax.motion.leaning import leans
+from motion_jax.motion.reaching import PLACES, distance_to_place
 from motion_jax.motion.representations import get_layout
 from motion_jax.motion.retarget import retarget
 from motion_jax.motion.root_paths import SMALLEST, course
+from motion_jax.motion.skeleton import HUMANML3D
 from tests.analysis.test_describe import _walk
 
 _SAID = {"walk": "a person walks forward.", "wave_left": "a person waves with the left hand.",
@@ -106,6 +109,50 @@ def test_a_bent_walk_is_said_to_be_one():
     assert path in clip.meta["content"] and all(re.search(words, caption.text) for caption in clip.captions)
     assert not any("straight" in caption.text for caption in clip.captions)
   assert len(shapes) > 1
+
+
+def test_hands_are_where_their_captions_have_them_and_feet_where_they_were():
+  captured = {clip.id: retarget(clip.joints) for clip in _clips() + _clips("theirs")}
+  shown = set()
+  for clip in _made("postures"):
+    *base, place = clip.meta["content"].removeprefix("postures: ").split(" ")
+    words = clip.captions[-1].text
+    sides = [side for side in ("left", "right") if side in words] or ["left", "right"]
+    if place in PLACES and base in ([], ["walk"]) and not clip.meta["spans"]:
+      shown.add("walk" if base else "stand")
+      there = np.stack([distance_to_place(clip.joints, place, side) for side in sides])
+      assert there[:, -1].max() < 0.1 and (not base or there.max() < 0.1), words
+      assert len(sides) == 1 or all(re.search("both|the hands|the arms|arms crossed|hands together", caption.text)
+                                    for caption in clip.captions)
+    if base == ["walk"]:
+      own = captured[clip.id.split("+")[0]][:clip.num_frames]
+      legs = [joint for joint, name in enumerate(HUMANML3D.joints) if re.search("hip|knee|ankle|foot", name)]
+      np.testing.assert_allclose(clip.joints[:, legs], own[:, legs], atol=1e-5)
+  assert shown == {"walk", "stand"}
+
+
+def test_hands_that_come_down_or_go_on_are_said_in_a_row():
+  rows = [clip for clip in _made("postures") if clip.meta["spans"]]
+  assert rows
+  for clip in rows:
+    spans = clip.meta["spans"]
+    assert spans[0][1] == 0 and spans[-1][2] == clip.num_frames
+    assert all(one[2] == other[1] for one, other in zip(spans, spans[1:]))
+    if re.search("lower|drop|back down", spans[-1][0]):
+      sides = [side for side in ("left", "right") if side in spans[-1][0]] or ["left", "right"]
+      assert max(distance_to_place(clip.joints, "down", side)[-1] for side in sides) < 0.1
+
+
+def test_bodies_lean_to_where_their_captions_say():
+  ways = {"left": (1, 0), "right": (-1, 0), "forward": (0, 1), "back": (0, -1)}
+  found = set()
+  for clip in _made("postures"):
+    said = re.match(r"postures: leans (?:to the )?(\w+)$", clip.meta["content"])
+    if said:
+      found.add(said[1])
+      degrees = leans(clip.joints, *ways[said[1]])
+      assert degrees[-1] - degrees[0] > 8 and all(re.search("lean|bend|tilt", one.text) for one in clip.captions)
+  assert found
 
 
 def test_a_walk_on_the_spot_to_the_side_or_backward_steps():

@@ -8,6 +8,7 @@
   seats       sitting down or standing up, cut out of a clip of both
   wandering   any locomotion, on a path that turns at random: for training on constraints
   stepping    walks and runs on one spot, walks to the side and backward
+  postures    hands brought to a place, arms held somewhere while walking, leaning and swaying
   time_warp   0.7 to 1.4 times as fast: "walks slowly", "bows quickly"
 
 The number of each is a share of the captured clips. The new clips are a pure function of clips and shares. Clips of
@@ -24,6 +25,7 @@ from motion_jax.data.augment.counted import counted
 from motion_jax.data.augment.excerpts import excerpts
 from motion_jax.data.augment.parts import part_of, usable
 from motion_jax.data.augment.paths import bent_paths
+from motion_jax.data.augment.postures import postures
 from motion_jax.data.augment.seats import seats
 from motion_jax.data.augment.stepping import stepping
 from motion_jax.data.augment.wandering import wandering
@@ -34,7 +36,7 @@ from motion_jax.utils.worker_processes import Workers
 # {kind: function(parts, rng), an endless generator of clips, or None for failed attempts}
 KINDS: dict[str, Callable] = {"stitched": stitched, "bent_paths": bent_paths, "idle": idle, "counted": counted,
                               "excerpts": excerpts, "seats": seats, "stepping": stepping,
-                              "wandering": wandering, "time_warp": time_warp}
+                              "wandering": wandering, "postures": postures, "time_warp": time_warp}
 _ATTEMPTS = 8  # at most, for each requested clip
 
 

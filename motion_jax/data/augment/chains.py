@@ -58,15 +58,15 @@ def idle(parts, rng) -> Iterator[Clip | None]:
     yield None if chain is None else _with_standing(graph, chain, number, rng)
 
 
-def standing(part) -> list[Part]:
-  """Spans in which a body stands still with its arms down, as parts of their own, longer than they were captured."""
+def standing(part, least=_STANDS[1]) -> list[Part]:
+  """Spans in which a body stands still with its arms down, as parts of their own, continued to at least some frames."""
   found, rests = [], resting(part.joints)
   for event in part.events:
     first, past = round(event.start * FPS), round(event.end * FPS)
     joints = part.joints[first:past]
     if event.kind != "still" or not rests[first:past].all() or len(joints) < 2 * REACH + 6:
       continue
-    while len(joints) < _STANDS[1]:  # on from its end as from its beginning: what little it moved fades
+    while len(joints) < least:  # on from its end as from its beginning: what little it moved fades
       joints = spliced(joints, len(joints) - 1 - REACH, part.joints[first:past], REACH)
     doors = range(REACH, len(joints) - REACH)
     clip = part.clip.replace(joints=joints, captions=(Caption("a person stands still."),), meta={"content": STAND})
