@@ -28,21 +28,27 @@ _GET_DOWN = 2.8
 
 
 def usual_frames(planner: Any, plan: Plan) -> list[int]:
-  """Frames of each segment: as the prompt says, or the usual length of its longest action, times its repetitions."""
+  """Frames of each segment: as the prompt says, or the usual length of its longest action, times its repetitions, at
+  most the longest motion of the model."""
   counts: list[int] = []
   postures = {id(action): place for action, place in postures_of(plan.segments)}
   away = 0  # frames of the last walk or run, which the way back takes again
   for segment, then in zip(plan.segments, (*plan.segments[1:], None)):
-    counts.append(round(segment.seconds * planner.fps) if segment.seconds else
-                  away if segment.action.goes_back and away else
-                  round(max(_posture_seconds(postures[id(one)]) for one in segment.simultaneous) * planner.fps)
-                  if segment.action.words == PAUSE and segment.simultaneous and all(
-                      id(one) in postures for one in segment.simultaneous) else
-                  max(_least_frames(planner, segment, then),
-                      *(_action_frames(planner, one) for one in segment.sampled))
-                  if segment.sampled else round(_REST * planner.fps))
+    counts.append(round(segment.seconds * planner.fps) if segment.seconds else min(
+        away if segment.action.goes_back and away else _segment_frames(planner, segment, then, postures),
+        round(planner.model.max_seconds * planner.fps)))
     away = counts[-1] if is_gait(segment.action.verb) else away
   return counts
+
+
+def _segment_frames(planner, segment, then, postures):
+  """The usual length of a segment before another one."""
+  beside = segment.simultaneous
+  if segment.action.words == PAUSE and beside and all(id(one) in postures for one in beside):
+    return round(max(_posture_seconds(postures[id(one)]) for one in beside) * planner.fps)
+  if not segment.sampled:
+    return round(_REST * planner.fps)
+  return max(_least_frames(planner, segment, then), *(_action_frames(planner, one) for one in segment.sampled))
 
 
 def _posture_seconds(place):
@@ -56,7 +62,7 @@ def _least_frames(planner, segment, then):
 
 
 def _action_frames(planner, action):
-  natural_frames = lambda prompt: planner.natural_frames(prompt, min_duration((action,), action.prompt))
+  natural_frames = lambda prompt: planner.natural_frames(prompt, min_duration((action,)))
   if action.times > 1 and action.verb in COUNTED_ONE_BY_ONE:
     once = np.clip(_BRISK * natural_frames(action.prompt), _SHORTEST_REPETITION * planner.fps,
                    _LONGEST_REPETITION * planner.fps)

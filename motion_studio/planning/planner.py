@@ -56,12 +56,12 @@ class Planner:
 
     min_seconds: of its path, such as `Plan.min_duration`.
     """
-    model, least = self.model, min_seconds * self.fps
-    estimate = model.estimated_frames(prompt)
-    if estimate is not None:
-      return int(min(max(estimate, least), round(model.max_seconds * self.fps)))
-    usual = model.captions.natural_frames(prompt)
-    return model.default_frames(prompt) if usual is None else int(max(usual, least))
+    model = self.model
+    usual = model.estimated_frames(prompt)
+    if usual is None:
+      usual = model.captions.natural_frames(prompt)
+    return model.default_frames(prompt) if usual is None else int(
+        min(max(usual, min_seconds * self.fps), round(model.max_seconds * self.fps)))
 
   def nearest_captions(self, prompt: str, num: int = 1) -> list[tuple[str, int]]:
     """[(training caption, its usual frames)], the nearest in meaning first."""

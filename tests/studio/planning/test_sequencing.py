@@ -29,7 +29,7 @@ class Lengths(Planner):
   """A planner that knows how long prompts take, and what clips say."""
 
   def __init__(self, model=None, frames=lambda prompt: 48, nearest=""):
-    super().__init__(model)
+    super().__init__(model or SimpleNamespace(max_seconds=3600.0))
     self.frames, self.nearest, self.calls = frames, nearest, []
 
   fps, frames_per_latent = 20.0, 4
@@ -247,6 +247,13 @@ def test_counted_kicks_and_squats_take_some_three_seconds():
   frames = lambda text: durations.usual_frames(planner, parse(text))
   assert frames("a person kicks twice") == [120] and frames("someone does three squats") == [180]
   assert frames("a person kicks twice with the left foot") == [96]
+
+
+def test_no_segment_is_longer_than_the_longest_motion_of_its_model():
+  planner = Lengths(SimpleNamespace(max_seconds=9.8), frames=lambda prompt: 140)
+  assert durations.usual_frames(planner, parse("a person spins four times, then bows")) == [196, 140]
+  given = durations.usual_frames(planner, parse("a person walks for 20 seconds, then bows"))
+  assert given == [400, 140]  # which the model refuses
 
 
 def test_getting_down_into_a_held_pose_takes_its_time():
