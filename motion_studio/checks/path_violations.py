@@ -1,7 +1,7 @@
 """Prompt checks of paths: how far the path of a body is from the shape and the pace that its prompt requires.
 
-Circles, half circles, curves and zigzags are measured by the direction of travel, slow and quick by the usual pace of
-captions by kinematics (`analysis.event_words`).
+Circles, half circles, figures of eight, curves and zigzags are measured by the direction of travel, slow and quick by
+the usual pace of captions by kinematics (`analysis.event_words`).
 """
 import numpy as np
 
@@ -11,6 +11,7 @@ from motion_studio.language.path_shapes import PACES, PathShape
 
 _MOVING, _MOVING_SLOWLY = 0.3, 0.12  # metres per second from which on a body goes somewhere, and of a slow walk
 _CIRCLE = 300.0     # degrees of a circle at least, as in `analysis.events`
+_LOOP = 270.0       # degrees of each loop of a figure of eight at least: those of a lemniscate
 _HALF_CIRCLE, _CURVE = (150.0, 210.0), (40.0, 300.0)
 _ZIGZAG_TURNS, _ZIGZAG_ANGLE = 4, 25.0  # turns of a zigzag, and degrees of each at least
 _STRAIGHT = 45.0    # degrees by which a straight path bends at most
@@ -36,6 +37,10 @@ def path_violation(body: Body, shape: PathShape) -> float:
     return _share(spread - _STRAIGHT, 180)
   if shape.kind == "zigzag":
     return _share(_ZIGZAG_TURNS + 1 - len(turning_points(course, _ZIGZAG_ANGLE)), _ZIGZAG_TURNS)
+  if shape.kind == "figure-eight":
+    turned = np.abs(course - course[0])
+    most = int(turned.argmax())
+    return _share(_LOOP - min(turned[most], abs(course[-1] - course[most])), _LOOP)
   if shape.side and abs(total) > _ZIGZAG_ANGLE and (total > 0) != (shape.side == "left"):
     return 1.0
   least, most = {"circle": (_CIRCLE, np.inf), "u-turn": _HALF_CIRCLE, "curve": _CURVE}[shape.kind]

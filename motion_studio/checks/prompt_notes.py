@@ -9,6 +9,7 @@ from motion_studio.checks.violations import can_be_checked
 from motion_studio.language import Plan
 from motion_studio.language.hand_places import without_hands
 from motion_studio.language.lexicon import NEGATIONS
+from motion_studio.language.path_shapes import without_shape
 from motion_studio.language.postures import postures_of
 from motion_studio.planning.spans import read_segments
 
@@ -58,12 +59,14 @@ def _denial(prompt):
 
 
 def _without_postures(plan):
-  """The prompts of a plan without what they say of postures; the gestures that a model samples stay."""
+  """The prompts of a plan without what they say of postures, and of paths to which walks are bent; the gestures that a
+  model samples stay."""
   named = {plan.single.prompt: plan.text} if plan.is_plain and plan.single else {}
   sampled = {id(segment.action) for segment in read_segments(plan)}
   made = {named.get(action.prompt, action.prompt) for action, place in postures_of(read_segments(plan))
           if place is None or place.place or id(action) not in sampled}
-  return [without_hands(prompt) for prompt in plan.prompts if prompt not in made]
+  bends = any(one.kind == "figure-eight" for one in plan.requirements)
+  return [without_hands(without_shape(prompt) if bends else prompt) for prompt in plan.prompts if prompt not in made]
 
 
 def _of_verbs(planner, plan):

@@ -24,6 +24,7 @@ _STATES = {
     "ascend": "the body does not climb up", "descend": "the body does not go down",
     "dance": "the dance leaves its place", "run": "the run is faster than people run",
     "straight": "the path is not straight", "zigzag": "no zigzag seen",
+    "figure-eight": "no figure of eight seen",
     "bend": "the body does not bend", "crouch": "the body does not crouch", "stays": "the body leaves its place",
     "treads": "no steps in place seen", "return": "the body does not come back", "slowly": "the {} is not slow",
     "quickly": "the {} is not quick", "usual": "the {} is faster than usual"}

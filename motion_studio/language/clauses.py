@@ -1,5 +1,4 @@
 """A text becomes clauses: cut at connectors and participles, then joined again where a part is no action of its own."""
-import functools
 import re
 
 from motion_jax.text.morphology import is_participle, verb_of
@@ -22,8 +21,7 @@ def fragments_of(text):
 
   The name is "" for the first fragment.
   """
-  tokens = _TOKEN.findall(functools.reduce(lambda made, one: re.sub(*one, made, flags=re.IGNORECASE), lexicon.SPELT,
-                                           _NOT.sub(r"\1 not", text)))
+  tokens = _TOKEN.findall(lexicon.spelt(_NOT.sub(r"\1 not", text)))
   words = [token.lower().replace("’", "'") for token in tokens]
   found, kind, start, at = [], "", 0, 0
   between = []  # tokens of the connectors since the last fragment

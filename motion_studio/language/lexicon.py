@@ -1,4 +1,5 @@
 """All word lists of the parser, by topic. Verbs of movement and their body parts: `motion_jax.text.lexicon`."""
+import functools
 import re
 
 from motion_jax.text.lexicon import VERBS
@@ -7,16 +8,24 @@ from motion_jax.text.wordnet import LOST, Target
 PAUSE, HOLD = "stands still", "holds still"  # the words of a pause, and of a pose that is kept
 
 # Spellings, and the one that all rules read.
-SPELT = ((r"\b(?:counter|anti)[- ]*clock[- ]?wise\b", "counterclockwise"), (r"\bzig[- ]zag", "zigzag"),
-         (r"\bsemi[- ]?circle|\bhalf(?: of)? an? circle|\bhalf-circle", "half circle"), (r"\bu turn", "u-turn"),
-         (r"\bside[ -]step", "sidestep"),
-         (r"\bserpentine\b|\bs[- ](?:shape|curve)\b|\b(?:s[- ](?:shaped|curved)|wavy|winding|wiggly|snaking)"
-          r" (?:line|path|route|course|way|motions?|manner)\b", "zigzag"),
-         (r"\bback(s|ing|ed) (?:up|away|off)\b(?! (?:the|a|an|his|her|their|its)\b)", r"walk\1 backward"),
-         (r"\bturn(s|ing)?((?: \w+)?) to (walk|run|jog|go)(?= back\b)", r"turn\1\2 and \3\1"),
-         (r"\b(kick|punch|jab)(e?s|ing|e?d)? with (?:(?:both|his|her|their|the) )*(left|right) and "
-          r"(?:(?:his|her|their|the) )?(left|right) (foot|leg|hand|fist|arm)\b",
-          r"\1\2 with the \3 \5, then \1\2 with the \4 \5"))
+_SPELT = ((r"\b(?:counter|anti)[- ]*clock[- ]?wise\b", "counterclockwise"), (r"\bzig[- ]zag", "zigzag"),
+          (r"\bsemi[- ]?circle|\bhalf(?: of)? an? circle|\bhalf-circle", "half circle"), (r"\bu turn", "u-turn"),
+          (r"\bside[ -]step", "sidestep"),
+          (r"\bserpentine\b|\bs[- ](?:shape|curve)\b|\b(?:s[- ](?:shaped|curved)|wavy|winding|wiggly|snaking)"
+           r" (?:line|path|route|course|way|motions?|manner)\b", "zigzag"),
+          (r"\b(?:the (?:shape|form|pattern) of an?|(?:an? |the )?figure(?:[ -]of)?(?:[ -]an)?)[ -](?:eight|8)s?\b"
+           r"(?:[ -](?:shape|pattern|loop|path)\b)?", "a figure-eight"),
+          (r"\bback(s|ing|ed) (?:up|away|off)\b(?! (?:the|a|an|his|her|their|its)\b)", r"walk\1 backward"),
+          (r"\bturn(s|ing)?((?: \w+)?) to (walk|run|jog|go)(?= back\b)", r"turn\1\2 and \3\1"),
+          (r"\b(kick|punch|jab)(e?s|ing|e?d)? with (?:(?:both|his|her|their|the) )*(left|right) and "
+           r"(?:(?:his|her|their|the) )?(left|right) (foot|leg|hand|fist|arm)\b",
+           r"\1\2 with the \3 \5, then \1\2 with the \4 \5"))
+
+
+def spelt(text: str) -> str:
+  """The text in the spellings that all rules read."""
+  return functools.reduce(lambda made, one: re.sub(*one, made, flags=re.IGNORECASE), _SPELT, text)
+
 
 # --- who --------------------------------------------------------------------------------------------------------------
 
@@ -46,7 +55,7 @@ SIDES = {"left": "right", "right": "left"}  # each with its opposite
 DIRECTIONS = set("left right forward forwards backward backwards back sideways up down around ahead away clockwise "
                  "counterclockwise again".split())
 BACKWARD = {"back", "backward", "backwards"}
-PATH_NOUNS = {"u-turn", "circle", "circles", "loop", "zigzag", "arc", "detour"}  # shapes of a walked path
+PATH_NOUNS = {"u-turn", "circle", "circles", "figure-eight", "loop", "zigzag", "arc", "detour"}  # shapes of a path
 
 # --- when -------------------------------------------------------------------------------------------------------------
 

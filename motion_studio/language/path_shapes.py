@@ -16,6 +16,7 @@ _SHAPES = {shape: re.compile(words) for shape, words in {  # the first that matc
     "": r"\bquarters?\b|\d ?/ ?\d|\bhalf ?-?way\b|\bdegrees?\b|\band a half\b|\bcircle of\b|clockwise from\b",
     "u-turn": r"\bu-turn|\bhalf circle",
     "zigzag": r"\bzigzag",
+    "figure-eight": r"\bfigure-eight",
     "curve": r"\bcurve[ds]?\b|\bcurving\b|\barc\b",
     "circle": rf"\bin (?:an? |one |two |three )?{_SIZE}circles?\b|\bcircular\b|\b\w+s (?:around )?(?:an? |one |two "
               rf"|three )?{_SIZE}circles?\b|\boval\b|clockwise\b|\bcircles (?:around|to)\b",
@@ -31,18 +32,19 @@ _OTHERWISE = re.compile(r"\b(?:back|backwards?|sideways|diagonal(?:ly)?|normal)\
 _CHANGES = re.compile(r"\b(?:first|faster|slower|speed\w*|slows|slowing|gradually|stops?)\b")
 # Seconds of a full circle, as in `cmdm-small`. `cmdm-open` would take 3 to 4 by its clips, which are arcs: of its 20
 # circles none is complete in these, 9 are in 6 s, 16 in 7.5 s, all in 9 s.
-_WALKED_CIRCLE, _RUN_CIRCLE = 8.0, 6.5
+_CIRCLE_SECONDS = {"walk": 8.0, "run": 6.5}
+_CIRCLES = {"circle": 1.0, "figure-eight": 1.5}  # as long as circles: those of a figure of eight are smaller
 
 
 class PathShape(NamedTuple):
   """The shape of a path, or its pace."""
-  kind: str  # "circle", "u-turn", "curve", "zigzag", "straight"; "slowly", "quickly", "usual"
+  kind: str  # "circle", "u-turn", "curve", "zigzag", "figure-eight", "straight"; "slowly", "quickly", "usual"
   side: str  # of a shape "left", "right" or "" for any; of a pace its gait, "walk" or "run"
 
 
 PACES = frozenset({"slowly", "quickly", "usual"})
 KINDS = (PACES | frozenset(_SHAPES)) - {""}
-BENT = frozenset({"circle", "u-turn", "zigzag", "curve"})  # they contain turns
+BENT = frozenset({"circle", "u-turn", "zigzag", "figure-eight", "curve"})  # they contain turns
 
 
 def is_gait(verb: str) -> bool:
@@ -61,7 +63,7 @@ def _shapes_of(verb, words):
     return []
   shape = next((shape for shape, said in _SHAPES.items() if said.search(own)), "")
   found = [PathShape(shape, _side_of(own, words))] if shape in ("circle", "u-turn", "curve") else []
-  if shape == "zigzag" or shape == "straight" and not _BENDS.search(words):
+  if shape in ("zigzag", "figure-eight") or shape == "straight" and not _BENDS.search(words):
     found = [PathShape(shape, "")]
   if not gait:
     return [shape for shape in found if shape.kind == "u-turn"]
@@ -98,11 +100,15 @@ def path_shapes_of(actions: "Sequence[Action]") -> list[PathShape]:
   return [shape for shape in going[0][1] if shape.kind in PACES or not turns]
 
 
-def min_duration(actions: "Sequence[Action]", text: str) -> float:
-  """Seconds that a circle takes at least, walking or running; 0 for other paths."""
-  if "circ" not in text.lower() or not any(shape.kind == "circle" for shape in path_shapes_of(actions)):
-    return 0.0
-  return _RUN_CIRCLE if any(is_a(action.verb, "run") for action in actions) else _WALKED_CIRCLE
+def min_duration(actions: "Sequence[Action]") -> float:
+  """Seconds that a circle or a figure of eight takes at least, walking or running; 0 for other paths."""
+  circles = max((_CIRCLES.get(shape.kind, 0.0) for shape in path_shapes_of(actions)), default=0.0)
+  return circles * _CIRCLE_SECONDS["run" if any(is_a(action.verb, "run") for action in actions) else "walk"]
+
+
+def without_shape(text: str) -> str:
+  """A text without what it says of a figure of eight, to which any walk is bent: "walks" of "walks in a figure 8"."""
+  return re.sub(r"(?: in| along| on)? a figure-eight\b", "", lexicon.spelt(text), flags=re.IGNORECASE)
 
 
 def with_explicit_side(text: str, number: int) -> str:

@@ -57,7 +57,7 @@ class Plan:
   @property
   def min_duration(self) -> float:
     """Seconds that the path takes at least: time for a full circle; 0 for other paths."""
-    return min_duration(self.actions, self.text)
+    return min_duration(self.actions)
 
   def with_segments(self, segments: tuple[Segment, ...]) -> "Plan":
     """The same plan with other segments; what the text asks for stays."""

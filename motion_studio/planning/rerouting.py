@@ -1,7 +1,8 @@
 """Another way for the steps of a sampled motion that nearly goes where its requirements say.
 
-Steps in place and to a side are taken there, a way back leads back, and a walk in a circle, a zigzag or around a corner
-is bent to that shape. Each step is moved as a whole, so that standing feet stand (`motion.root_paths.along`).
+Steps in place and to a side are taken there, a way back leads back, and a walk in a circle, a figure of eight, a zigzag
+or around a corner is bent to that shape. Each step is moved as a whole, so that standing feet stand
+(`motion.root_paths.along`).
 """
 import numpy as np
 
@@ -16,8 +17,9 @@ _ASIDE = 0.35   # metres a second to a side
 _TURNS = 0.35   # seconds, sigma of what is no turn but a sway of the pelvis
 _FACES = 0.8    # radians by which a body that steps in place or to a side may turn away
 _MISSES, _STRIDES = 1.2, 1.5  # radians and factor by which a way back may miss the beginning
-_SHORTEST = {"circle": 4.0, "u-turn": 2.5, "curve": 1.6, "zigzag": 3.0, "turn": 1.6}  # metres of a path that is bent
-_DEGREES = {"circle": 340.0, "u-turn": 180.0, "curve": 100.0, "turn": 90.0}
+# Metres of a path that is bent.
+_SHORTEST = {"circle": 4.0, "figure-eight": 7.0, "u-turn": 2.5, "curve": 1.6, "zigzag": 3.0, "turn": 1.6}
+_DEGREES = {"circle": 340.0, "figure-eight": 360.0, "u-turn": 180.0, "curve": 100.0, "turn": 90.0}
 _CORNER = 0.8   # metres, sigma of a turn by the way
 _LEGS, _SWERVE = 5, 60.0  # straight parts of a zigzag, and degrees of each from the way ahead
 
@@ -89,6 +91,8 @@ def _course(kind, metres, length):
     return _SWERVE * np.sin(np.pi * _LEGS * metres / length)
   if kind == "turn":
     return _DEGREES[kind] * 0.5 * (1 + np.tanh((metres - length / 2) / (_CORNER / 2)))
+  if kind == "figure-eight":
+    return _DEGREES[kind] * (1 - np.abs(2 * metres / length - 1))
   return _DEGREES[kind] * metres / length
 
 

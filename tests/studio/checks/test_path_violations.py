@@ -43,6 +43,11 @@ from motion_studio.language.requirements import Requirement
     ("a person walks along an s curve", [PathShape("zigzag", "")]),
     ("a man walks in a wavy line", [PathShape("zigzag", "")]),
     ("someone walks along a winding path", [PathShape("zigzag", "")]),
+    ("a person walks in a figure eight", [PathShape("figure-eight", "")]),
+    ("someone walks a figure of 8", [PathShape("figure-eight", "")]),
+    ("a man walks in the shape of an eight", [PathShape("figure-eight", "")]),
+    ("a person walks in a figure-8 pattern with the arms out", [PathShape("figure-eight", "")]),
+    ("a person walks eight steps", []), ("a figure walks 8 steps", []),
     ("a person walks straight", [PathShape("straight", "")]),
     ("a person slowly walks in a big circle then stops", [PathShape("circle", ""), PathShape("slowly", "walk")]),
     # No walk, not of the whole body, of one of several walks, or of a walk whose usual pace is another one.
@@ -107,7 +112,9 @@ def test_a_circle_leads_all_the_way_round_to_its_side():
   assert _missed(_walk(lambda t: -360 * t), "circle", "right") == 0 == _missed(_walk(lambda t: -360 * t), "circle", "")
   assert _missed(_walk(lambda t: -360 * t), "circle", "left") == 1  # the wrong way round
   eight = _walk(lambda t: 360 * np.minimum(t, 1 - t) * 2)  # there, and back again
-  assert _missed(eight, "circle", "") > 0.8
+  assert _missed(eight, "circle", "") > 0.8 and _missed(eight, "figure-eight", "") == 0
+  loops = [_missed(_walk(lambda t, to=to: to * np.minimum(t, 1 - t) * 2), "figure-eight", "") for to in (240, 120, 0)]
+  assert 0 < loops[0] < loops[1] < loops[2] < 1 and _missed(_walk(lambda t: 360 * t), "figure-eight", "") > 0.8
   swerves = _walk(lambda t: np.interp(t, [0, 0.2, 1], [0, -90, 240]))  # first to the other side
   assert 0 < _missed(_walk(lambda t: 240 * t), "circle", "left") < _missed(swerves, "circle", "left")
 

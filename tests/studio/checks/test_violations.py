@@ -194,6 +194,7 @@ def test_a_circle_gets_a_side(text, said):
 def test_a_circle_has_time_to_be_gone_round():
   assert parse("a person walks in a circle, then bows").min_duration == 8
   assert 6 < parse("she runs in circles").min_duration < 8
+  assert parse("a person walks in a figure eight").min_duration == 12
   for text in ("a person circles the arms", "a person walks", "a person walks in a half circle"):
     assert parse(text).min_duration == 0
 
