@@ -14,7 +14,7 @@ VERBS = {part: set(words.split()) for part, words in {
             "duck land return approach collapse descend get",
     "body": "dance exercise roll fight practice perform do cartwheel flip somersault swim fly balance box shadowbox "
             "play skate slide waltz",
-    "torso": "bow bend lean twist tilt stoop",
+    "torso": "bow bend lean twist tilt stoop hunch slouch",
     "arms": "wave clap raise lift lower throw toss catch punch jab drink eat pick point salute grab reach hug swing "
             "shake gesture wipe scratch cross answer push pull put pray cheer juggle drum beckon snap rub wash greet "
             "carry stir pour shrug fold hold flap slap extend draw pump shoot applaud swat stretch strike slash "
@@ -22,7 +22,7 @@ VERBS = {part: set(words.split()) for part, words in {
     "head": "nod look glance stare",
     "": "talk sing laugh speak shout smile cry yell whisper yawn call say think breathe show respond direct "
         "make give keep start begin continue stop pause wait rest halt freeze finish quit resume proceed use work "
-        "follow try want face touch hit hang rock lift blow bring set leave enter",
+        "follow try attempt manage pretend seem appear want face touch hit hang rock lift blow bring set leave enter",
 }.items()}
 ACTIONS = set().union(*VERBS.values())
 

@@ -74,7 +74,7 @@ def _main_verb(words, tags, head, verb):
     while after < len(words) and (words[after] in ("to", "not", "be") or _is_manner(words[after], tags[after])):
       after += 1
     is_aspect = verb in lexicon.ASPECTS or verb == "go" and after < len(words) and is_participle(words[after]) or (
-        verb in lexicon.PAUSING_VERBS and words[head + 1:head + 2] == ["to"])  # "stops to bend over"
+        verb in lexicon.BEFORE_TO and words[head + 1:head + 2] == ["to"])  # "stops to bend over"
     if not is_aspect or after >= len(words) or not verb_of(words[after]):
       return head, verb
     head, verb = after, verb_of(words[after])

@@ -11,6 +11,7 @@ from motion_studio.language.ellipsis import completed
 
 _TOKEN = re.compile(r"\d+(?:\.\d+)?|\w+(?:['’-]\w+)*|\S", re.UNICODE)
 _NOT = re.compile(r"(?i)\b(do|does|did)n['’]t\b")
+_HELD_LIMBS = re.compile(r"(?i)with (?:[a-z]+ ){0,3}(?:arms?|hands?)\b(?! (?:down )?(?:by|at|to|on) (?:\w+ )?sides?\b)")
 _SUBORDINATE = ("before", "after", "while", "until")
 _LONGEST_SUBJECT = 5  # words: "the tired old man"
 _LONGEST_CLAUSE = 40  # words after which a participle begins no further clause
@@ -70,14 +71,17 @@ def _begins_at_finite_verb(words, start, at):
   """Whether a verb in the third person follows a whole clause."""
   verb = verb_of(words[at])
   if at - start < 2 or verb in ("", words[at]) or not words[at].endswith("s") or (
-      words[at] in {"jacks", *lexicon.STAIRS, *lexicon.PATH_NOUNS} or words[at - 1] in lexicon.PEOPLE):
+      words[at] in {"jacks", *lexicon.PATH_NOUNS} or words[at - 1] in lexicon.PEOPLE):
     return False
   clause, before = clause_of(words[start:at]), tag_words(words[start:at])[-1][1]
+  if words[at] in lexicon.STAIRS and (before != "NOUN" or words[at - 1] in lexicon.NUMBERS or (
+      words[at + 1:at + 2] not in ([one] for one in lexicon.DIRECTIONS))):
+    return False  # "walks up the steps", but not "stands with the arms at the sides, steps forward"
   if clause is None or clause.form.endswith("ed") or clause.verb in lexicon.WITH_ACTIONS_AS_OBJECTS:
     return False
   if words[at - 1] == clause.form:  # "a person standing scratches his head"
     return is_participle(clause.form) and bool(clause.subject)
-  return before in ("ADV", "NOUN") or words[at - 1] in lexicon.DIRECTIONS
+  return before in ("ADV", "NOUN") or words[at - 1] in lexicon.DIRECTIONS | {"out"}
 
 
 def _begins_at_participle(words, start, at):
@@ -101,13 +105,23 @@ def clauses_of(fragments, keep_together):
   result: list = []  # [kind, tokens, clause or None]
   lead = ""          # a subordinate clause in front waits for its main clause
   subject: list[str] = []  # of a clause in front that is no action
+  beside: list[str] = []   # what that says of limbs: "with the arms out"
   for place, (kind, between, tokens) in enumerate(fragments):
-    clause = clause_of(tokens) or (
-        unknown_verb(tokens) if kind == "then" or _begins_with_object(tokens[1:]) else None)
+    clause = clause_of(tokens)
+    if clause is None and not result and fragments[place + 1:] and fragments[place + 1][0] == "then" and (
+        state := _state_of(tokens)):
+      subject = state
+      continue  # "is ready, then walks"
+    if clause is None and (kind == "then" or _begins_with_object(tokens[1:])) or (
+        kind == "then" and clause.subject and not is_person(clause.subject)):
+      clause = unknown_verb(tokens) or clause
     if clause and subject and not result:
-      kind, clause, subject = "", clause._replace(subject=clause.subject or subject), []
+      kept = beside if clause.part == "legs" else []
+      kind, clause, subject, beside = "", clause._replace(
+          subject=clause.subject or subject, words=[*clause.words, *kept]), [], []
     if not result and clause and place + 1 < len(fragments) and _is_no_action(clause, fragments[place + 1]):
       subject = clause.subject
+      beside = clause.words if _HELD_LIMBS.match(" ".join(clause.words)) else []
       continue
     if not result:
       lead = kind if kind in _SUBORDINATE else ""
@@ -135,6 +149,13 @@ def clauses_of(fragments, keep_together):
       kind, lead = f"main {lead}", ""
     result.append([kind, tokens, clause])
   return [(kind, clause and with_numbers(clause)) for kind, _, clause in result]
+
+
+def _state_of(tokens):
+  """The subject of a fragment that says how somebody is, and names no action: "a man" of "a man is ready"; else []."""
+  words = lower(tokens)
+  at = next((at for at, word in enumerate(words) if word in lexicon.BEING), 0)
+  return tokens[:at] if at and is_person(words[:at]) else []
 
 
 def _is_no_action(clause, then):

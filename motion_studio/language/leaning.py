@@ -2,6 +2,7 @@
 import re
 from typing import NamedTuple
 
+from motion_jax.text.morphology import is_participle
 from motion_studio.language.hand_places import without_hands
 from motion_studio.language.segments import Action
 
@@ -26,7 +27,7 @@ class Lean(NamedTuple):
 def lean_of(action: Action) -> Lean | None:
   """Where an action has the trunk lean, None where its words say no such thing."""
   said = without_hands(action.words.lower()).split(",")[0]
-  if action.verb not in _VERBS or _OTHER_THINGS.search(said):
+  if action.verb not in _VERBS or _OTHER_THINGS.search(said) or any(map(is_participle, said.split()[1:])):
     return None
   swaying = action.verb in ("sway", "rock")
   way = next((way for words, way in _WAYS if words.search(said)), (1, 0) if swaying else (0, 1))

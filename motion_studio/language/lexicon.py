@@ -10,7 +10,10 @@ PAUSE, HOLD = "stands still", "holds still"  # the words of a pause, and of a po
 # Spellings, and the one that all rules read.
 _SPELT = ((r"\b(?:counter|anti)[- ]*clock[- ]?wise\b", "counterclockwise"), (r"\bzig[- ]zag", "zigzag"),
           (r"\bsemi[- ]?circle|\bhalf(?: of)? an? circle|\bhalf-circle", "half circle"), (r"\bu turn", "u-turn"),
+          (r"\b(?:is|was) (?:seated|sat)\b", "sits"), (r"\b(?:is|was) on (?:his|her|their) knees\b", "kneels"),
+          (r"\b(?:is|was) (?:(?:laying|lying|laid)(?= (?:down|on)\b)|(?=on the (?:floor|ground)\b))", "lies "),
           (r"\bside[ -]step", "sidestep"),
+          (r"\b(push|sit|pull|chin|press)[ -](ups?)(?= *$|[,.]| (?:and|then|on)\b)", r"\1-\2"),
           (r"\bserpentine\b|\bs[- ](?:shape|curve)\b|\b(?:s[- ](?:shaped|curved)|wavy|winding|wiggly|snaking)"
            r" (?:line|path|route|course|way|motions?|manner)\b", "zigzag"),
           (r"\b(?:the (?:shape|form|pattern) of an?|(?:an? |the )?figure(?:[ -]of)?(?:[ -]an)?)[ -](?:eight|8)s?\b"
@@ -76,18 +79,22 @@ BEFORE_A_PARTICIPLE = set("be start begin continue keep proceed resume go stop q
 ENDING_VERBS = ("stop", "finish", "quit")  # "stops walking"
 RELATIVE = {"who", "that", "which"}  # between a subject and what is said of it
 SUBORDINATE = {"where", "how"}  # words after which no clause of its own begins: "back to where they started"
+BEING = {"is", "are", "was", "were"}
 IDLE = {"stand", "face"}  # a participle of these beside the subject is no action: "a person standing waves"
 # Objects of these are things that they are done with: "practices leg kicks".
 WITH_ACTIONS_AS_OBJECTS = {"practice", "alternate", "try", "do", "make", "take", "throw", "give", "perform", "work"}
 STARTING, AT_A_PLACE = {"start", "begin"}, {"in", "at", "on"}  # "starts in a spot" is no action
 PAUSING_VERBS = {"stop", "pause", "wait", "rest", "halt", "freeze"}
+# Before "to" and the verb that says the action: "tries to wave".
+BEFORE_TO = PAUSING_VERBS | {"try", "attempt", "manage", "pretend", "look", "decide", "prepare"}
 # Meanings that `motion_jax.text.wordnet` does not have.
 HELD = "held"  # a manner: the pose is kept for a while
 OWN_MEANINGS = {
     "hurry": Target("walk", 1.0, ("quickly",)), "rush": Target("walk", 1.0, ("quickly",)),
     "wander": Target("walk", 1.0), "circle": Target("walk", 1.0), "zigzag": Target("walk", 1.0),
     "return": Target("walk", 1.0, ("back",)), "march": Target("walk", 1.0, (LOST,)),
-    "sidestep": Target("walk", 1.0, ("sideways",)), "crouch": Target("squat", 1.0, (HELD,))}
+    "sidestep": Target("walk", 1.0, ("sideways",)), "dribble": Target("bounce", 1.0), "sneak": Target("creep", 1.0),
+    "crouch": Target("squat", 1.0, (HELD,))}
 # Words of pace that WordNet counts among the lively, and words of its clusters of fast and slow that are manners.
 OWN_PACES = {"brisk": "quickly", "briskly": "quickly"} | dict.fromkeys(
     "easy easygoing lazy lazily instant instantly instantaneous outright straightaway deliberately dilatory".split(),

@@ -51,6 +51,25 @@ COMPOSED = {
     "a person walked forward": "walks forward",
     "a person appears to be pushed, then falls": "is pushed | falls",
     "they are pushed, then they fell": "are pushed | fall",
+    # verbs in front of the verb that says the action
+    "a man walks and tries to kick with the right foot": "walks | kicks with the right foot",
+    "a person turns and manages to sit down": "turns | sits down",
+    "a man pretends to throw a ball, then appears to look around": "throws a ball | looks around",
+    "he looks to be walking, then sits": "walks | sits",
+    # how somebody is before the first action
+    "a person is seated, then stands up": "sits | stands up",
+    "a person is on the floor, then gets up": "lies on the floor | gets up",
+    "a man was laying down and then he got up": "lies down | gets up",
+    "she is on her knees and then gets up": "kneels | gets up",
+    "a man is hunched over, then steps forward": "is hunched over | steps forward",
+    "a man is ready, then walks and turns left": "walks | turns left",
+    "a person who is standing with his hands by his sides steps forward and kicks": "steps forward | kicks",
+    "a person standing with his arms out takes two steps forward and bows":
+        "walks forward with his arms out [1.1] | bows",
+    "a person standing with the arms out lowers them, then bows": "lowers them | bows",
+    "a figure spins with arms outstretched then adjusts sleeves": "spins with arms outstretched | adjusts sleeves",
+    # exercises that are named by two words
+    "a man does two push ups, then stands up": "does two push-ups | stands up",
     # stops
     "a person walks forward and stops": "walks forward | stands still",
     "a person runs and comes to a sudden halt": "runs | stands still",
