@@ -205,7 +205,7 @@ def _stands_alone(kind, clause, tokens, previous):
   if kind == "and" and not previous[2].words and previous[2].verb in lexicon.OF_AN_OBJECT and clause.words:
     return False  # "lifts and bends his right leg"
   if kind == "," and is_participle(clause.form) and not can_be_simultaneous([previous[2]], clause):
-    return False  # "walks, turning left"
+    return clause.verb in lexicon.HALTING_VERBS  # "walks, stopping", but not "walks, turning left"
   if kind in ("and", ","):
     if _ends_in_nouns(previous[2]) or clause.verb in lexicon.LIGHT_VERBS and (
         lexicon.PATH_NOUNS & set(lower(clause.words))):

@@ -14,6 +14,9 @@ _STEPS = re.compile(
     rf"(?i)(?<!up )(?<!down )(?<!half )\b(?:a )?(\d+|{_EXACT})(?: of)?"
     r"((?: more| short| small| big| large| long| side| tiny| giant| quick| fast| rapid| slow| careful)*) steps?\b"
     r"(?! by| in place| at a time)")
+# "steps forward", "steps back with the left foot": a single step.
+_A_STEP = re.compile(r"(?i)(?:slightly )?(?:forwards?|ahead|back|backwards?)(?: (?:slightly|once|a (?:bit|little)))?"
+                     r"(?: with (?:his|her|their|the) (?:left|right) (?:foot|leg))?")
 _ABOUT = r"(?i)\b(?:for )?(?:about |around |roughly |exactly )?(?:a )?"
 _SECONDS = (re.compile(_ABOUT + r"(\d+(?:\.\d+)?) ?(s|secs?|seconds?|mins?|minutes?)\b(?: long)?"),
             re.compile(rf"{_ABOUT}{_NUMBER}(?: of)?(?: a)? (secs?|seconds?|mins?|minutes?)\b(?: long)?"))
@@ -47,6 +50,9 @@ def with_numbers(clause):
 def with_steps(clause):
   """The clause with the duration of its counted steps; "takes two steps back" becomes "walks backward"."""
   text = " ".join(clause.words)
+  goes_on = clause.subject and is_participle(clause.form)  # "a person stepping backward"
+  if clause.verb == "step" and not goes_on and _A_STEP.fullmatch(text):
+    text = f"one step {text}"
   found = _STEPS.search(text) if clause.verb in lexicon.STEP_VERBS else None
   if found is None or _number(found[1]) < 1:
     return clause
@@ -95,10 +101,11 @@ RULES = (
         "a person walks for five seconds, then runs for 2.5 s": "walks [5] | runs [2.5]",
         "a person walks for half a minute": "walks [30]"}),
     Rule("Counted steps", "Each step takes 0.55 s (0.65 s backward), quick ones three quarters of that, slow ones 1.4 "
-         "times as much; a body with nothing else to do stands still after them.", {
+         "times as much; a body with nothing else to do stands still after them. \"Steps forward\" is one step.", {
              "a person takes two steps forward and one step back":
                  "walks forward [1.1] | walks backward [0.8] | stands still",
              "a person walks forward five steps, then turns around": "walks forward five steps [2.75] | turns around",
              "someone takes two steps to the left and waves": "walks sideways to the left [1.1] | waves",
+             "a man steps forward and bows": "walks forward [0.8] | bows",
              "a person takes three quick steps forward, then waves": "walks forward quickly [1.24] | waves"}),
 )

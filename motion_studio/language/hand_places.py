@@ -15,7 +15,8 @@ _BESIDE = re.compile(rf"(?:^|\bwith |\bha(?:s|ve|d) |, ){_LIMB}(?P<after>.*)")
 # Of the hands of the action before: "lowers them to the hips", "lowers again".
 _AGAIN = re.compile(rf"{_VERB}(?: it\b| them\b(?P<after>.*)|(?P<alone>(?: back| down| again)*)$)")
 _REACHED = re.compile(rf"{_VERB} (?P<after>(?:up|out|forwards?|above|over|overhead|in front)\b.*)")
-_TOUCHED = re.compile(rf"{_VERB} (?:his|her|their|its|the) (?P<thing>\w+)(?: with (?:his |her |their )?.*)?$")
+_TOUCHED = re.compile(rf"{_VERB} (?:(?:his|her|their|its|the) )?(?:(?:left|right) side of (?:his|her|their|the) )?"
+                      r"(?P<thing>\w+)(?: or (?:\w+ )?\w+)?(?: with (?:his |her |their )?.*)?$")
 _TO_THE_HEAD = re.compile(rf"{_VERB} .*\b(?:to|at|near) (?:(?:his|her|their|the) )?(?P<thing>ear|mouth|face|lips)\b")
 _END = re.compile(r",| (?:and(?! (?:up|down|back|forth)\b)|then|while|as|to show|with|before|after) ")
 
@@ -106,8 +107,9 @@ def hand_place_of(action: Action, before: HandPlace | None = None) -> HandPlace 
   if action.verb in _TOUCHES and (found := _TOUCHED.match(words)):
     touched = _brought(["to the", found["thing"]], action.sides or ("right",), False)
     rubbed = touched and action.verb in _RUBS and _RUBBED.get(touched.place)
-    return touched if not rubbed else touched._replace(
-        gesture=((touched.place, _BEAT), (rubbed, _BEAT)), rhythm=True)
+    if touched:
+      return touched if not rubbed else touched._replace(
+          gesture=((touched.place, _BEAT), (rubbed, _BEAT)), rhythm=True)
   if action.verb in _AT_THE_HEAD:
     return HandPlace(_AT_THE_HEAD[action.verb], action.sides or ("right",), False)
   if gesture := _gesture_of(action):

@@ -12,6 +12,8 @@ _SPELT = ((r"\b(?:counter|anti)[- ]*clock[- ]?wise\b", "counterclockwise"), (r"\
           (r"\bsemi[- ]?circle|\bhalf(?: of)? an? circle|\bhalf-circle", "half circle"), (r"\bu turn", "u-turn"),
           (r"\b(?:is|was) (?:seated|sat)\b", "sits"), (r"\b(?:is|was) on (?:his|her|their) knees\b", "kneels"),
           (r"\b(?:is|was) (?:(?:laying|lying|laid)(?= (?:down|on)\b)|(?=on the (?:floor|ground)\b))", "lies "),
+          (r"(\b(?:then|and),? (?:walk|run|jog|go|move|head)(?:s|es)?) (?:back )?(?:(?:in|to|towards) )?(?:the )?"
+           r"(?:other|opposite) (?:direction|way)\b", r"\1 back"),
           (r"\bside[ -]step", "sidestep"),
           (r"\b(push|sit|pull|chin|press)[ -](ups?)(?= *$|[,.]| (?:and|then|on)\b)", r"\1-\2"),
           (r"\bserpentine\b|\bs[- ](?:shape|curve)\b|\b(?:s[- ](?:shaped|curved)|wavy|winding|wiggly|snaking)"
@@ -84,7 +86,8 @@ IDLE = {"stand", "face"}  # a participle of these beside the subject is no actio
 # Objects of these are things that they are done with: "practices leg kicks".
 WITH_ACTIONS_AS_OBJECTS = {"practice", "alternate", "try", "do", "make", "take", "throw", "give", "perform", "work"}
 STARTING, AT_A_PLACE = {"start", "begin"}, {"in", "at", "on"}  # "starts in a spot" is no action
-PAUSING_VERBS = {"stop", "pause", "wait", "rest", "halt", "freeze"}
+HALTING_VERBS = {"stop", "pause", "halt", "freeze"}
+PAUSING_VERBS = HALTING_VERBS | {"wait", "rest"}
 # Before "to" and the verb that says the action: "tries to wave".
 BEFORE_TO = PAUSING_VERBS | {"try", "attempt", "manage", "pretend", "look", "decide", "prepare"}
 # Meanings that `motion_jax.text.wordnet` does not have.

@@ -130,6 +130,8 @@ def _noun_of_an_action(verb, words, lower):
     else:
       ways.append(lexicon.ADVERBS[rest[0]])  # "does a forward kick"
     rest = rest[1:]
+  if rest[:1] in (["90"], ["180"], ["360"]) and rest[1:2] not in (["degree"], ["degrees"]):  # "does a 180"
+    rest = [rest[0], "degrees", *(rest[1:] if rest[1:2] in (["turn"], ["spin"]) else ["turn", *rest[1:]])]
   if rest[1:2] in (["degree"], ["degrees"]) and rest[0].isdigit():  # "does a 180 degree turn"
     ways, rest = [*ways, rest[0], "degrees"], rest[2:]
   meant = _verb_of_noun(rest[0]) if rest else []
@@ -195,6 +197,7 @@ RULES = (
         "a person does three squats and then waves": "squats 3 times | waves",
         "a man goes for a brisk walk": "walks quickly",
         "a person does a 180 degree turn": "turns 180 degrees",
+        "a man walks and does a 180": "walks | turns 180 degrees",
         "she does a forward kick with her left leg": "kicks forward with her left leg",
         "she throws a left punch": "punches with the left hand"}, _noun_of_an_action),
 )

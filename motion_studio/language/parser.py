@@ -207,7 +207,7 @@ RULES = (
         "a kneeling man raises the left hand, then stands up": "raises the left hand | stands up"}),
     Rule("Other verbs", "A word in the third person with an object is an action, although no list has it.", {
         "a person walks forward, clasps hands and bows": "walks forward | clasps hands | bows",
-        "a man steps back and shields his face": "steps back | shields his face"}),
+        "a man steps back and shields his face": "walks backward [0.8] | shields his face"}),
     Rule("Backing away", "Backing up, away or off is walking backward.", {
         "a person was backing away, then bows": "walks backward | bows",
         "a person bows and backs up slowly": "bows | walks backward slowly"}),

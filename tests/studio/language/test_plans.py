@@ -56,14 +56,23 @@ COMPOSED = {
     "a person turns and manages to sit down": "turns | sits down",
     "a man pretends to throw a ball, then appears to look around": "throws a ball | looks around",
     "he looks to be walking, then sits": "walks | sits",
+    # single steps, halts as participles, the way back, half turns
+    "a man is standing still and then steps back": "stands still | walks backward [0.8] | stands still",
+    "a person steps forward with the left foot and kicks": "walks forward with the left foot [0.8] | kicks",
+    "a man takes a few steps forward, stopping with the feet apart":
+        "takes a few steps forward | stands still with the feet apart",
+    "a person walks forward, then turns around and goes the other direction":
+        "walks forward | turns around | goes back",
+    "she jumps and does a 360 to the left": "jumps | turns 360 degrees to the left",
     # how somebody is before the first action
     "a person is seated, then stands up": "sits | stands up",
     "a person is on the floor, then gets up": "lies on the floor | gets up",
     "a man was laying down and then he got up": "lies down | gets up",
     "she is on her knees and then gets up": "kneels | gets up",
-    "a man is hunched over, then steps forward": "is hunched over | steps forward",
+    "a man is hunched over, then takes a bow": "is hunched over | bows",
     "a man is ready, then walks and turns left": "walks | turns left",
-    "a person who is standing with his hands by his sides steps forward and kicks": "steps forward | kicks",
+    "a person who is standing with his hands by his sides steps forward and kicks":
+        "walks forward [0.8] | kicks",
     "a person standing with his arms out takes two steps forward and bows":
         "walks forward with his arms out [1.1] | bows",
     "a person standing with the arms out lowers them, then bows": "lowers them | bows",
