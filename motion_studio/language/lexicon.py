@@ -14,6 +14,8 @@ _SPELT = ((r"\b(?:counter|anti)[- ]*clock[- ]?wise\b", "counterclockwise"), (r"\
           (r"\b(?:is|was) (?:(?:laying|lying|laid)(?= (?:down|on)\b)|(?=on the (?:floor|ground)\b))", "lies "),
           (r"(\b(?:then|and),? (?:walk|run|jog|go|move|head)(?:s|es)?) (?:back )?(?:(?:in|to|towards) )?(?:the )?"
            r"(?:other|opposite) (?:direction|way)\b", r"\1 back"),
+          (r"\bwith (an? (?:(?:slight|gentle|small|wide) )?(?:arc|curve) to (?:the|his|her|their) (?:left|right))\b",
+           r"in \1"),
           (r"\bside[ -]step", "sidestep"),
           (r"\b(push|sit|pull|chin|press)[ -](ups?)(?= *$|[,.]| (?:and|then|on)\b)", r"\1-\2"),
           (r"\bserpentine\b|\bs[- ](?:shape|curve)\b|\b(?:s[- ](?:shaped|curved)|wavy|winding|wiggly|snaking)"

@@ -31,6 +31,7 @@ _NO_TARGETS = frozenset(VERBS[""]) | frozenset(
 
 
 _NO_LEGS = VERBS["arms"] | VERBS["torso"] | VERBS["head"] | VERBS[""]  # swings, also of the body
+_OBJECTS = frozenset("it them him her".split())
 _WAYS = frozenset("forward forwards ahead along back backward backwards sideways up down left right around away"
                   .split())
 
@@ -127,6 +128,6 @@ def translated(clause: Any, meanings: Meanings | None) -> Any:
   way = [word for word in meaning.manner if word in _WAYS and said.isdisjoint(_WAYS)]
   manner = [word for word in meaning.manner if word not in _WAYS and not any(map(pace_of, said))]
   form = present_participle(meaning.verb) if is_participle(clause.form) else meaning.verb
-  first = next((at for at, word in enumerate(clause.words) if word.lower() not in _WAYS), len(clause.words))
+  first = next((at for at, word in enumerate(clause.words) if word.lower() not in _WAYS | _OBJECTS), len(clause.words))
   words = [*way, *clause.words[:first], *manner, *clause.words[first:]]  # "walks backward slowly to the door"
   return clause._replace(verb=meaning.verb, form=form, words=words, reworded=True)

@@ -11,6 +11,8 @@ from motion_studio.language.meaning import is_a
 from motion_studio.language.path_shapes import BENT, is_gait, path_shapes_of
 from motion_studio.language.segments import Action
 
+_SWITCHES = re.compile(r"\w+ (?:on|off) (?:(?:the|a|an|his|her|their) )?(?:\w+ )?(?:lights?|lamp|faucet|tap|tv|"
+                       r"television|radio|stove|oven|switch|water|machine|computer|engine|shower|fan)\b")
 _TURNING = re.compile(r"\bturn(?:s|ing)(?: (?:around|back|sharply|gently|quickly|slowly))*(?: to (?:the|his|her))? "
                       r"(left|right)\b|\b(left|right) turn\b")
 COUNTED = {"kick", "punch", "jump", "hop", "squat", "bow"}  # events of which each is one repetition
@@ -122,12 +124,13 @@ def _event_of(action, shapes):
     kind = "foot"
   if action.verb in ("balance", "stand", "stay") and re.search(r"\bon (?:\w+ ){1,2}(?:leg|foot)\b", " ".join(said)):
     kind = "balance"
-  if kind == "turn" and action.part not in ("legs", ""):  # "rotates the wrists"
-    kind = None
+  if kind == "turn" and (action.part not in ("legs", "") or _SWITCHES.match(action.words.lower())):
+    kind = None  # "rotates the wrists", "turns on the light"
   if action.verb == "lie" and "down" in words:
     kind = "lie"
   if action.verb in ("raise", "lift") and action.part == "arms" and (
-      not words & lexicon.NOT_RAISED or words & lexicon.UP) and words & lexicon.ARMS:
+      not words & lexicon.NOT_RAISED or words & lexicon.UP) and not lexicon.ARMS.isdisjoint(
+          action.words.lower().split(" with ")[0].split()):  # not "lifts a box with both hands"
     kind, side = "raise", "both" if len(action.sides) == 2 else next(iter(action.sides), "")
   if action.verb in lexicon.STRIKES and words & lexicon.FISTS:
     kind = "punch"

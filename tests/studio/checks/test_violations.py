@@ -24,7 +24,8 @@ STAYS = Requirement("stays", "", 1, False)
         Requirement("raise", "right", 1, False), Requirement("wave", "", 1, False)]),
     ("a person raises the left arm", [Requirement("raise", "left", 1, True)]),
     ("she puts her hands up", [Requirement("raise", "both", 1, True)]),
-    ("someone raises a hand to the chest", []),
+    ("someone raises a hand to the chest", []), ("a person lifts a box with both hands", []),
+    ("a person turns on the light", [STAYS]),
     ("a person side steps to the left", [
         Requirement("aside", "left", 1, False), Requirement("sideways", "left", 1, False)]),
     ("a person lies down", [Requirement("lie", "", 1, False)]),
