@@ -26,7 +26,11 @@ _SPELT = ((r"\b(?:counter|anti)[- ]*clock[- ]?wise\b", "counterclockwise"), (r"\
           (r"\bturn(s|ing)?((?: \w+)?) to (walk|run|jog|go)(?= back\b)", r"turn\1\2 and \3\1"),
           (r"\b(kick|punch|jab)(e?s|ing|e?d)? with (?:(?:both|his|her|their|the) )*(left|right) and "
            r"(?:(?:his|her|their|the) )?(left|right) (foot|leg|hand|fist|arm)\b",
-           r"\1\2 with the \3 \5, then \1\2 with the \4 \5"))
+           r"\1\2 with the \3 \5, then \1\2 with the \4 \5"),
+          (r"\b(?:do|make|throw|perform)(?:e?s|ing)? an? (\w+ )?(kick|punch|jab) with each (foot|leg|hand|fist|arm)\b",
+           r"does a \1\2 with the left \3, then does a \1\2 with the right \3"),
+          (r"\b(kick|punch|jab)(e?s|ing|e?d)?((?: \w+)?) with each (foot|leg|hand|fist|arm)\b",
+           r"\1\2\3 with the left \4, then \1\2\3 with the right \4"))
 
 
 def spelt(text: str) -> str:

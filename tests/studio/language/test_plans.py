@@ -56,6 +56,8 @@ COMPOSED = {
     "a person turns and manages to sit down": "turns | sits down",
     "a man pretends to throw a ball, then appears to look around": "throws a ball | looks around",
     "he looks to be walking, then sits": "walks | sits",
+    "a person does a forward kick with each leg": "kicks forward with the left leg | kicks forward with the right leg",
+    "a person punches with each hand": "punches with the left hand | punches with the right hand",
     # single steps, halts as participles, the way back, half turns
     "a man is standing still and then steps back": "stands still | walks backward [0.8] | stands still",
     "a person steps forward with the left foot and kicks": "walks forward with the left foot [0.8] | kicks",
