@@ -8,21 +8,23 @@ VERBS = {part: set(words.split()) for part, words in {
     # Continuous actions of the legs, beside which other parts may act;
     "gait": "walk run jog stroll stride march hop skip jump leap crawl sneak creep tiptoe limp wander pace sprint dash "
             "hurry rush trot gallop wade shuffle strut saunter stagger sidestep strafe move stand stay remain circle "
-            "amble hike prowl stalk waddle step go come bounce",
+            "amble hike prowl stalk waddle step go come bounce hustle lumber catwalk grapevine",
     # and single ones.
     "legs": "turn spin rotate pivot sit kneel squat crouch kick fall lie rise climb trip stumble lunge stomp stamp "
-            "duck land return approach collapse descend get",
+            "duck dodge land return approach collapse faint descend get",
     "body": "dance exercise roll fight practice perform do cartwheel flip somersault swim fly balance box shadowbox "
             "play skate slide waltz",
-    "torso": "bow bend lean twist tilt stoop hunch slouch",
+    "torso": "bow bend lean twist tilt stoop hunch slouch sway slump wiggle",
     "arms": "wave clap raise lift lower throw toss catch punch jab drink eat pick point salute grab reach hug swing "
             "shake gesture wipe scratch cross answer push pull put pray cheer juggle drum beckon snap rub wash greet "
             "carry stir pour shrug fold hold flap slap extend draw pump shoot applaud swat stretch strike slash "
-            "brush open screw take place drop",
-    "head": "nod look glance stare",
+            "brush open screw take place drop clasp unclasp uncross check sweep gather spread dust knock tap type "
+            "press block shield claw slice sprinkle pass aim",
+    "head": "nod look glance stare listen",
     "": "talk sing laugh speak shout smile cry yell whisper yawn call say think breathe show respond direct "
         "make give keep start begin continue stop pause wait rest halt freeze finish quit resume proceed use work "
-        "follow try attempt manage pretend seem appear want face touch hit hang rock lift blow bring set leave enter",
+        "lose regain recover repeat hesitate adjust switch follow try attempt manage pretend seem appear want face "
+        "touch hit hang rock lift blow bring set leave enter",
 }.items()}
 ACTIONS = set().union(*VERBS.values())
 

@@ -17,6 +17,7 @@ _AGAIN = re.compile(rf"{_VERB}(?: it\b| them\b(?P<after>.*)|(?P<alone>(?: back| 
 _REACHED = re.compile(rf"{_VERB} (?P<after>(?:up|out|forwards?|above|over|overhead|in front)\b.*)")
 _TOUCHED = re.compile(rf"{_VERB} (?:(?:his|her|their|its|the) )?(?:(?:left|right) side of (?:his|her|their|the) )?"
                       r"(?P<thing>\w+)(?: or (?:\w+ )?\w+)?(?: with (?:his |her |their )?.*)?$")
+_T_POSE = re.compile(r"(?:[a-z]+ ){0,4}t[- ]pose\b")
 _TO_THE_HEAD = re.compile(rf"{_VERB} .*\b(?:to|at|near) (?:(?:his|her|their|the) )?(?P<thing>ear|mouth|face|lips)\b")
 _END = re.compile(r",| (?:and(?! (?:up|down|back|forth)\b)|then|while|as|to show|with|before|after) ")
 
@@ -92,6 +93,8 @@ def hand_place_of(action: Action, before: HandPlace | None = None) -> HandPlace 
   words = action.words.lower().replace("’", "'")
   if _CARRY.search(words):
     return None
+  if _T_POSE.match(words):
+    return HandPlace("side", ("left", "right"), True, alone=action.verb not in _BRINGS)
   brings = action.verb in _BRINGS
   if brings and (found := _MOVED.match(words)):
     sides = _sides(found) or before and before.sides or ("right",)

@@ -16,6 +16,7 @@ _SPELT = ((r"\b(?:counter|anti)[- ]*clock[- ]?wise\b", "counterclockwise"), (r"\
            r"(?:other|opposite) (?:direction|way)\b", r"\1 back"),
           (r"\bwith (an? (?:(?:slight|gentle|small|wide) )?(?:arc|curve) to (?:the|his|her|their) (?:left|right))\b",
            r"in \1"),
+          (r"\blays(?= (?:down|on|back)\b)", "lies"), (r"(^|then |and |, )back (?:away|off)$", r"\1walk backward"),
           (r"\bside[ -]step", "sidestep"),
           (r"\b(push|sit|pull|chin|press)[ -](ups?)(?= *$|[,.]| (?:and|then|on)\b)", r"\1-\2"),
           (r"\bserpentine\b|\bs[- ](?:shape|curve)\b|\b(?:s[- ](?:shaped|curved)|wavy|winding|wiggly|snaking)"
@@ -111,7 +112,7 @@ OWN_PACES = {"brisk": "quickly", "briskly": "quickly"} | dict.fromkeys(
 LIGHT_VERBS = {"take", "do", "make", "throw", "give", "perform"}  # their object says the action: "takes a bow"
 STEP_VERBS = set("take step walk go move march run jog make do".split())  # their steps may be counted
 ONE_ARM_EACH = {"wave", "raise", "lift", "hold", "stretch", "extend", "lower", "swing", "put"}
-OF_AN_OBJECT = {"raise", "lift", "lower", "extend"}  # never without something that they move
+OF_AN_OBJECT = {"raise", "lift", "lower", "extend", "clasp"}  # never without something that they move
 # Actions that end by themselves and leave the body standing.
 DONE_ONCE = set("bow kick turn squat duck raise lift lower throw toss catch pick point salute grab reach hug slap "
                 "strike pull push put place drop greet shrug cross".split())

@@ -33,6 +33,7 @@ def _places(text):
     ("she brings a cup to her mouth with the left hand", "face", LEFT),
     ("she touches her head with the left hand", "head", LEFT),
     ("a person touches head with left hand", "head", LEFT),
+    ("a person stands in a t pose", "side", BOTH),
     ("a man touches his head or face with the right hand", "head", RIGHT),
     ("she touches the left side of her face with the left hand", "face", LEFT), ("a soldier salutes", "head", RIGHT),
     ("a person puts the right hand on the left shoulder", "shoulder", RIGHT),

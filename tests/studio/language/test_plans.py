@@ -58,6 +58,11 @@ COMPOSED = {
     "he looks to be walking, then sits": "walks | sits",
     "a person does a forward kick with each leg": "kicks forward with the left leg | kicks forward with the right leg",
     "a person punches with each hand": "punches with the left hand | punches with the right hand",
+    # verbs of everyday actions, commands
+    "she tiptoes to the door, listens, and knocks": "tiptoes to the door | listens | knocks",
+    "a man is pushed, recovers and checks his watch": "is pushed | recovers | checks his watch",
+    "a person lays down and repeats it": "lies down | repeats it",
+    "bow respectfully, then back away": "bows respectfully | walks backward",
     # single steps, halts as participles, the way back, half turns
     "a man is standing still and then steps back": "stands still | walks backward [0.8] | stands still",
     "a person steps forward with the left foot and kicks": "walks forward with the left foot [0.8] | kicks",
@@ -214,6 +219,7 @@ COMPOSED = {
     "a person moves forward and backward then left and right": "moves forward and backward | moves left and right",
 }
 PLAIN = """
+a person clasps and unclasps his hands
 a person walks forward and keeps walking
 a person turns left and continues turning
 the person on the right turns left
