@@ -1,18 +1,18 @@
 """Share of motions that do what their sentence says, evaluated by rules on the joints.
 
-Four lists, always reported apart: 225 sentences of this project in 17 categories, 317 captions in people's words, of
-two halves, and 150 and 120 further captions.
+Five lists, always reported apart: 225 sentences of this project in 17 categories, 317 captions in people's words, of
+two halves, and 150, 120 and 100 further captions.
 
   python benchmarks/behaviour.py [--model cmdm-small ...] [--only turn path] [--pictures FOLDER] [--out FILE]
   python benchmarks/behaviour.py --captions humanml3d_test_captions.txt [--half final]      the captions
-  python benchmarks/behaviour.py --captions humanml3d_test_captions.txt --half blind        the 150, blind2 the 120
+  python benchmarks/behaviour.py --captions humanml3d_test_captions.txt --half blind        the 150; blind2, blind3
   python benchmarks/behaviour.py --real path/to/bandai path/to/cmu ...      the rules on real clips
 
 Sentences and their rules: behaviour_sentences.py, caption_rules.py, caption_rules_blind.py, caption_rules_blind2.py,
-behaviour_rules.py. Each model is measured twice: one pass of the network with the prompt as given, and the application,
-which plans and takes the best of several attempts. Prints, in Markdown, the share of each category in both, the speed
-of planted feet, and the result of each sentence. --out writes everything as JSON. --pictures draws the first failing
-seed of each sentence of the application, or its first.
+caption_rules_blind3.py, behaviour_rules.py. Each model is measured twice: one pass of the network with the prompt as
+given, and the application, which plans and takes the best of several attempts. Prints, in Markdown, the share of each
+category in both, the speed of planted feet, and the result of each sentence. --out writes everything as JSON.
+--pictures draws the first failing seed of each sentence of the application, or its first.
 """
 import argparse
 import collections
@@ -22,6 +22,7 @@ import pathlib
 import caption_rules
 import caption_rules_blind
 import caption_rules_blind2
+import caption_rules_blind3
 import numpy as np
 from behaviour_rules import FPS, body_of
 from behaviour_sentences import COUNTED, PACED, REAL, sentences
@@ -34,7 +35,7 @@ from motion_studio import Pipeline, steps
 from motion_studio.checks import MAX_ATTEMPTS
 
 MOST = 24  # motions in one batch
-BLIND = {"blind": caption_rules_blind, "blind2": caption_rules_blind2}
+BLIND = {"blind": caption_rules_blind, "blind2": caption_rules_blind2, "blind3": caption_rules_blind3}
 ONE_PASS, BEST = "one pass", f"best of {MAX_ATTEMPTS}"
 
 
@@ -163,7 +164,7 @@ def main():
   parser.add_argument("--captions", type=pathlib.Path, help="the file of captions: judge those, not our own sentences")
   parser.add_argument("--half", choices=(DEVELOPMENT, FINAL, *BLIND), default=DEVELOPMENT,
                       help="which half of the captions; final: only for figures that end a piece of work; blind, "
-                      "blind2: the further lists")
+                      "blind2, blind3: the further lists")
   parser.add_argument("--real", nargs="*", default=[], help="archives of real motion: apply the rules to their "
                       "clips, and evaluate no model")
   parser.add_argument("--pictures", type=pathlib.Path, help="folder for a strip of each sentence")
