@@ -1,7 +1,7 @@
 """Share of motions that do what their sentence says, evaluated by rules on the joints.
 
 Five lists, always reported apart: 225 sentences of this project in 17 categories, 317 captions in people's words, of
-two halves, and 150, 120 and 100 further captions.
+two halves, and 150, 120 and 99 further captions.
 
   python benchmarks/behaviour.py [--model cmdm-small ...] [--only turn path] [--pictures FOLDER] [--out FILE]
   python benchmarks/behaviour.py --captions humanml3d_test_captions.txt [--half final]      the captions

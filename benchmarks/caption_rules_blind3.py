@@ -3,8 +3,8 @@
 How it was drawn, with seed 50: of the file's 4,042 lines those in KINDS of the three other lists were taken out, and
 284 lines that had been read in development, and others of the same text, lower-cased and with left and right exchanged;
 of lines that are the same but for left and right the first was kept. The 1,693 that are left, in the order of the file,
-were shuffled by `numpy.random.default_rng(50)`. Of the first 102 of them 100 were kept; no rule on joints can judge
-lines 128 (plays dodgeball) and 864 (acts like a bear).
+were shuffled by `numpy.random.default_rng(50)`. Of the first 102 of them 99 were kept; no rule on joints can judge
+lines 128 (plays dodgeball) and 864 (acts like a bear), and line 1892 is longer than what the text encoder reads.
 
 The rules were written from the captions' words alone: before any motion or any plan of these captions was seen, and
 without sight of the code that reads prompts. Objects, faces, moods and where the eyes look are not judged, nor the
@@ -268,8 +268,6 @@ OUTSIDE = (
     Kind("bent back", both(stays, bent_back), (601,)),
     Kind("guard, lean right, then left", both(bends_elbow(LEFT), bends_elbow(RIGHT), in_turn(leans(-1, 4),
          leans(1, 4))), (754,)),
-    Kind("push left foot, then right foot ahead", in_turn(hands_lifted, both(stance(LEFT), reaches_out(RIGHT, True)),
-         both(stance(RIGHT), reaches_out(RIGHT, True), lowers(RIGHT))), (1892,)),
     Kind("ward off", in_turn(both(arms_ahead, either(stance(LEFT), stance(RIGHT))), lower_both), (608,)),
     Kind("open something, T-pose", in_turn(both(before(LEFT), before(RIGHT)), ends_in_t), (1357,)),
     Kind("arms out and down, twist", both(stays, in_turn(spreads_arms, lower_both, twists_waist)), (4000,)),
