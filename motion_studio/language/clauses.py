@@ -8,6 +8,7 @@ from motion_studio.language.clause import can_be_simultaneous, clause_of, is_per
 from motion_studio.language.connectors import connector_at, stronger
 from motion_studio.language.counting import with_numbers
 from motion_studio.language.ellipsis import completed
+from motion_studio.language.meaning import is_a
 
 _TOKEN = re.compile(r"\d+(?:\.\d+)?|\w+(?:['’-]\w+)*|\S", re.UNICODE)
 _NOT = re.compile(r"(?i)\b(do|does|did)n['’]t\b")
@@ -202,6 +203,8 @@ def _stands_alone(kind, clause, tokens, previous):
   """Whether a fragment after a connector is an action, and not more words of the one before."""
   if clause.subject and not is_person(clause.subject):
     return False
+  if clause.verb == "land" and is_a(previous[2].verb, "jump", "hop"):
+    return False  # "jumps up, then lands"
   if kind == "and" and not previous[2].words and previous[2].verb in lexicon.OF_AN_OBJECT and clause.words:
     return False  # "lifts and bends his right leg"
   if kind == "," and is_participle(clause.form) and not can_be_simultaneous([previous[2]], clause):
