@@ -72,6 +72,12 @@ _NO_GESTURE = re.compile(r"\b(?:\w+sel(?:f|ves)|ups|floor|ground|stairs?|steps?|
 _BOTH_HANDS = dict.fromkeys(("push", "shove"), (("chest", 0.7), ("front", 0.5))) | {
     "pull": (("front", 0.8), ("stomach", 0.6)), "catch": (("front", 0.5), ("stomach", 0.5))}
 _AGAIN_AND_AGAIN = {"clap": (("together", _BEAT), ("apart", _BEAT)), "flap": (("side", _BEAT), ("down", _BEAT))}
+# Circles of whole arms, and of hands before the body: each place is left on the way to the next one.
+_CIRCLES = re.compile(r"\bcirc(?:les?|ling|ular)\b|\brotat\w+ (?:(?:his|her|their|the|both|left|right) )*arms?\b")
+_CIRCLING = {"move", "make", "do", "circle", "rotate", "swing", "spin", "draw", "gesture", "use", "stir"}
+_NO_CIRCLE = re.compile(r"\b(?:wrists?|shoulders?|elbows?|fingers?|heads?|hips?|legs?|foot|feet|knees?|around)\b")
+_OF_ARMS = tuple((place, 0.45) for place in ("front", "up", "side", "down"))
+_OF_HANDS = tuple((place, 0.3) for place in ("face", "front", "stomach", "chest"))
 
 
 class HandPlace(NamedTuple):
@@ -83,6 +89,7 @@ class HandPlace(NamedTuple):
   # A gesture: places in a row, each with the seconds in which it is reached; over and over if it is a rhythm.
   gesture: tuple[tuple[str, float], ...] = ()
   rhythm: bool = False
+  flows: bool = False  # no place of the gesture is kept for a moment
 
 
 def hand_place_of(action: Action, before: HandPlace | None = None) -> HandPlace | None:
@@ -126,7 +133,14 @@ def hand_place_of(action: Action, before: HandPlace | None = None) -> HandPlace 
 def _gesture_of(action):
   """The gesture of an action of the arms, None of other actions."""
   both = ("left", "right")
-  words = action.words.lower().split(" with ")[0]
+  words = action.words.lower()
+  if action.verb in _CIRCLING and _CIRCLES.search(words) and (
+      limb := re.search(r"\b(arm|hand|forearm)(s?)\b", words)) and not _NO_CIRCLE.search(words):
+    way = _OF_ARMS if limb[1] == "arm" and not re.search(r"\b(?:small|little|tiny)\b|\bfront\b", words) else _OF_HANDS
+    way = way[::-1] if re.search(r"\b(?:backwards?|reverse)\b", words) else way
+    sides = action.sides or (both if limb[2] or "circles" in words and limb[1] == "arm" else ("right",))
+    return HandPlace("", sides, False, gesture=way * action.times, rhythm=action.times == 1, flows=True)
+  words = words.split(" with ")[0]
   if action.part != "arms" or _NO_GESTURE.search(words):
     return None
   if action.verb in _AGAIN_AND_AGAIN:

@@ -9,7 +9,7 @@ from motion_studio.language.segments import Action, Segment
 def postures_of(segments: Sequence[Segment]) -> list[tuple[Action, HandPlace | None]]:
   """The actions that are no more than a posture, each with where it has hands; None for a lean."""
   hands = [(action, place) for own in places_of(segments) for action, place in own
-           if place.alone and (action.part == "arms" or not action.verb)]
+           if place.alone and (action.part == "arms" or not action.verb or place.flows)]
   leans = [(action, None) for segment in segments for action in (segment.action, *segment.simultaneous)
            if lean_of(action)]
   return [*hands, *leans]

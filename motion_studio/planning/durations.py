@@ -22,6 +22,7 @@ _BRISK = 0.8       # share of its usual time that one repetition takes
 # `cdamd-small` would give a kick 1.4 s and a squat 1.9 s, which is too short.
 _LONGEST_REPETITION, _SHORTEST_REPETITION = 3.0, 2.4
 _POSTURE = 2.5  # seconds in which a standing body takes a posture and keeps it
+_ROUNDS = 3     # of a gesture that is made over and over, at least
 # Least seconds to get down into a pose that is held. By its own lengths `cdamd-small` takes 0.9 to 1.6 s, and of 16
 # seats the median trunk leans by 44 degrees; with 2.2 s it leans by 36, with 2.8 s by 24.
 _GET_DOWN = 2.8
@@ -53,7 +54,8 @@ def _segment_frames(planner, segment, then, postures):
 
 def _posture_seconds(place):
   """Seconds of a posture that a standing body takes, or of a gesture."""
-  return max(_POSTURE, sum(seconds for _, seconds in place.gesture) if place else 0.0)
+  gesture = sum(seconds for _, seconds in place.gesture) if place else 0.0
+  return max(_POSTURE, gesture * (_ROUNDS if place and place.rhythm else 1))
 
 
 def _least_frames(planner, segment, then):

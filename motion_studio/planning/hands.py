@@ -14,6 +14,7 @@ from motion_studio.language.hand_places import HandPlace, places_of
 from motion_studio.planning.spans import bounds_of, read_segments, rising
 
 _NEAR, _MOSTLY = 0.15, 0.4  # metres from its place at which a hand is there, and the share of the time that it needs
+_OVERLAP = 1.8  # times the seconds between two places of a gesture that flows: a hand is on its way to both
 _LOWERED = 1.0  # seconds in which hands come down that are up when a motion begins
 
 
@@ -68,7 +69,7 @@ def _brought(joints, place: HandPlace, first, past, fps):
     if start >= past:
       break
     now = min(int(start), len(joints) - 1)
-    weight = smoothstep((frames[now:] - start) / (seconds * fps))
+    weight = smoothstep((frames[now:] - start) / ((_OVERLAP if place.flows else 1.0) * seconds * fps))
     posed = np.concatenate([posed[:now], bring_hands(posed[now:], name, sides, weight)])
     start += seconds * fps
   return put_on(joints, posed, "arms", sides, rising(len(joints), 0, past, fps, True), HUMANML3D)

@@ -60,6 +60,7 @@ def test_a_place_is_read_from_the_words(text, place, sides):
     "a person waves the right hand", "a person raises the left hand", "a person walks with the arms at the sides",
     "a person walks, swinging the arms forward", "a person swings the arms back and forth",
     "a person runs with the arms pumping up and down", "a person picks up a box with both hands",
+    "a person circles the wrists", "a person walks in a circle around his hands", "a person circles the head",
     "a person walks forward", "a person raises the left hand up and down", "a man jogs with his arms bent in front",
     "a person punches with the left hand", "a person lifts the left knee", "a person extends the arms backward",
     "a person does push ups with the hands wide", "a person kneels with the hands on the ground in front of him",

@@ -84,6 +84,21 @@ def test_hands_that_clap_come_together_again_and_again():
   assert len([one for one in turning_points(thrice, 0.2) if thrice[one] < 0.15]) == 3
 
 
+@pytest.mark.parametrize("text, height", [
+    ("circles the left arm", 0.7), ("moves the left hand in circles in front", 0.15)])
+def test_a_limb_that_circles_goes_round_without_a_stop(text, height):
+  turned = []
+  for words in (text, f"{text} backward"):
+    made = _gesture(f"a person {words}")[30:]
+    hand = made[:, 20] - made[:, 16]
+    speed = np.linalg.norm(np.diff(hand, axis=0), axis=-1) * 20
+    assert np.ptp(hand[:, 1]) > height and np.ptp(hand[:, 2]) > 0.15 and 0.1 < speed.min() < speed.max() < 5
+    assert len(turning_points(hand[:, 1], height / 2)) > 4
+    (_, up, ahead), (_, rises, goes) = (hand[:-1] - hand.mean(0)).T, np.diff(hand, axis=0).T
+    turned.append((up * goes - ahead * rises).sum())
+  assert turned[0] * turned[1] < 0  # the other way round
+
+
 def test_a_hand_that_throws_goes_back_and_ahead_quickly():
   made = _gesture("a person throws a ball with the left hand")
   assert distance_to_place(made, "ear", "left")[14] < 0.05 and distance_to_place(made, "front", "left")[19] < 0.05

@@ -20,6 +20,7 @@ from motion_studio.planning import assembly, durations, sequencing
 from motion_studio.planning.independent import SLACK
 from motion_studio.planning.job import Job
 from motion_studio.planning.planner import Planner
+from motion_studio.planning.posing import standing
 
 FAST = dict(num_steps=3, lag=2)
 ARMS = [14, 17, 19, 21, 13, 16, 18, 20]
@@ -254,6 +255,12 @@ def test_no_segment_is_longer_than_the_longest_motion_of_its_model():
   assert durations.usual_frames(planner, parse("a person spins four times, then bows")) == [196, 140]
   given = durations.usual_frames(planner, parse("a person walks for 20 seconds, then bows"))
   assert given == [400, 140]  # which the model refuses
+
+
+def test_postures_take_their_time_and_gestures_three_rounds():
+  planner = Lengths(frames=lambda prompt: 140)
+  frames = lambda text: durations.usual_frames(planner, standing(parse(text), lambda one: False, lambda one: False))
+  assert frames("a person puts the left hand on the hip") == [50] and frames("a person circles the left arm") == [108]
 
 
 def test_getting_down_into_a_held_pose_takes_its_time():
