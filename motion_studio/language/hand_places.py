@@ -184,7 +184,8 @@ def _brought(said, sides, at_once, alone=True):
   place = None if _MOVES.search(words) else next((one for pattern, one in _PLACES if pattern.search(words)), None)
   if place == "out":
     place = "side" if len(sides) == 2 and not words.startswith("reach") else "front"
-  return HandPlace(place, sides, at_once, alone=alone) if place else None
+  # A body that only stands does not reach its knees.
+  return HandPlace(place, sides, at_once, alone=alone and place != "knees") if place else None
 
 
 def places_of(segments: Sequence[Segment]) -> list[list[tuple[Action, HandPlace]]]:

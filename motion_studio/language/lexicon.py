@@ -7,11 +7,11 @@ from motion_jax.text.wordnet import LOST, Target
 
 PAUSE, HOLD = "stands still", "holds still"  # the words of a pause, and of a pose that is kept
 
-# Spellings, and the one that all rules read.
+# Spellings and turns of phrase, each with the words that all rules read.
 _SPELT = ((r"\b(?:counter|anti)[- ]*clock[- ]?wise\b", "counterclockwise"), (r"\bzig[- ]zag", "zigzag"),
           (r"\bsemi[- ]?circle|\bhalf(?: of)? an? circle|\bhalf-circle", "half circle"), (r"\bu turn", "u-turn"),
           (r"\b(?:is|was) (?:seated|sat)\b", "sits"), (r"\b(?:is|was) on (?:his|her|their) knees\b", "kneels"),
-          (r"\b(?:is|was) (?:(?:laying|lying|laid)(?= (?:down|on)\b)|(?=on the (?:floor|ground)\b))", "lies "),
+          (r"\b(?:is|was) (?:laying|lying|laid)(?= (?:down|on)\b)|\b(?:is|was)(?= on the (?:floor|ground)\b)", "lies"),
           (r"(\b(?:then|and),? (?:walk|run|jog|go|move|head)(?:s|es)?) (?:back )?(?:(?:in|to|towards) )?(?:the )?"
            r"(?:other|opposite) (?:direction|way)\b", r"\1 back"),
           (r"\bwith (an? (?:(?:slight|gentle|small|wide) )?(?:arc|curve) to (?:the|his|her|their) (?:left|right))\b",
@@ -35,7 +35,7 @@ _SPELT = ((r"\b(?:counter|anti)[- ]*clock[- ]?wise\b", "counterclockwise"), (r"\
 
 
 def spelt(text: str) -> str:
-  """The text in the spellings that all rules read."""
+  """The text in the spellings and words that all rules read."""
   return functools.reduce(lambda made, one: re.sub(*one, made, flags=re.IGNORECASE), _SPELT, text)
 
 

@@ -46,13 +46,13 @@ _SAID = {
 _BY_BOTH = ("together", "crossed")
 _LOWERED = ("lowers {arms}", "brings {arms} back down", "drops {hands} to the side{s}")
 # (left, ahead) of a lean, its degrees and its words; a sway is a lean to there and to the other way.
-_LEANS = tuple((way, degrees, sways, said) for way, degrees, sways, said in (
+_LEANS = (
     ((1, 0), 20.0, False, ("leans to the left", "bends to the left side", "tilts to the left")),
     ((-1, 0), 20.0, False, ("leans to the right", "bends to the right side", "tilts to the right")),
     ((0, 1), 30.0, False, ("leans forward", "bends forward a little", "leans ahead")),
     ((0, -1), 15.0, False, ("leans back", "leans backward")),
     ((1, 0), 15.0, True, ("sways from side to side", "leans from left to right", "sways left and right")),
-    ((0, 1), 15.0, True, ("sways back and forth", "rocks back and forth"))))
+    ((0, 1), 15.0, True, ("sways back and forth", "rocks back and forth")))
 _LEANING, _GOING, _TWO, _LOWERING = 0.2, 0.35, 0.35, 0.4  # of the clips, or of those that stand or keep one place
 _TAKEN, _KEPT, _CYCLE = (0.5, 1.2), (0.7, 2.2), 2.5  # seconds in which a posture is taken and kept, and of a sway
 _LEAD = (0.2, 0.8)  # seconds of standing before it
@@ -83,13 +83,12 @@ def _held(part, number, rng):
   if rng.random() < _LOWERING:
     places.append("down")
   joints, start = part.joints, rng.uniform(*_LEAD) * FPS
-  first, spans = rng.permutation(3), []
+  subjects, spans = [SUBJECTS[k] for k in rng.permutation(3)], []
   for place in places:
     taken, kept = (rng.uniform(*seconds) * FPS for seconds in (_TAKEN, _KEPT))
     joints = bring_hands(joints, place, sides, smoothstep((np.arange(len(joints)) - start) / taken))
     begin, start = round(start) if spans else 0, start + taken + kept
     spans.append((_words(place, sides, rng), begin, min(round(start), len(joints))))
-  subjects = [SUBJECTS[k] for k in first]
   said = [in_a_row([f"{subject} {_words(place, sides, rng)}." for place in places], k) if len(places) > 1
           else f"{subject} {_words(places[0], sides, rng)}." for k, subject in enumerate(subjects)]
   spans = [(f"{subjects[0]} {words}.", begin, past) for words, begin, past in spans]

@@ -37,7 +37,8 @@ def test_a_body_stands_where_the_model_does_not_know_the_words():
   assert made.requirements == plan.requirements
   plain = parse("a person holds the arms out to the sides")
   assert standing(plain, _no, _no).summary == "stands still + holds the arms out to the sides"
-  for text in ("a person walks with the arms out", "a person raises the left hand", "he holds his hands up and sings"):
+  for text in ("a person walks with the arms out", "a person raises the left hand", "he puts his hands on his knees",
+               "he holds his hands up and sings"):
     plan = parse(text)
     assert standing(plan, _no, _no) is plan
   assert standing(parse("a person leans to the left"), _yes, _yes).summary == (
