@@ -122,6 +122,8 @@ def test_hands_are_where_their_captions_have_them_and_feet_where_they_were():
       shown.add("walk" if base else "stand")
       there = np.stack([distance_to_place(clip.joints, place, side) for side in sides])
       assert there[:, -1].max() < 0.1 and (not base or there.max() < 0.1), words
+      other = [side for side in ("left", "right") if side not in sides]
+      assert all(distance_to_place(clip.joints, place, side)[-1] > 0.05 for side in other)
       assert len(sides) == 1 or all(re.search("both|the hands|the arms|arms crossed|hands together", caption.text)
                                     for caption in clip.captions)
     if base == ["walk"]:

@@ -50,6 +50,8 @@ def test_a_verb_that_is_made_as_a_wider_one_is_said():
   pipeline = Pipeline("cmdm-small")
   note, = pipeline.notes(["a person curtsies"])
   assert note == "'curtsies' is made as 'bows', the nearest that cmdm-small has learned"
+  # A walk is bent to a figure of eight, whatever the captions say.
+  assert not pipeline.notes(["a man walks in a figure of 8", "a person jogs in a figure-eight pattern, then bows"])
   # A manner keeps what sets a verb apart, and what stays as it is written is known.
   assert not pipeline.notes(["someone sidesteps to the right", "a person strolls", "a person bows"])
 
