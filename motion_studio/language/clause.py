@@ -58,7 +58,7 @@ def clause_of(tokens):
   if "with" in who and who[0] != "with" and not lexicon.LIMBS.isdisjoint(who) and actions.part_of(verb, ()) == "legs":
     kept = who.index("with")  # "a person with both arms up walks"; arms that act themselves do not stay so
     subject, after = subject[:kept], [*after, *subject[kept:]]
-  if is_past(form) and {"is", "are", "was", "were", "be"} & set(words[start:head]):  # "is pushed"
+  if is_past(form) and (lexicon.BEING | {"be"}) & set(words[start:head]):  # "is pushed"
     before.insert(0, "are" if words[start] == "are" else "is")
   meant = reworded(verb, after)
   if meant is None:

@@ -28,10 +28,8 @@ _SPELT = ((r"\b(?:counter|anti)[- ]*clock[- ]?wise\b", "counterclockwise"), (r"\
           (r"\b(kick|punch|jab)(e?s|ing|e?d)? with (?:(?:both|his|her|their|the) )*(left|right) and "
            r"(?:(?:his|her|their|the) )?(left|right) (foot|leg|hand|fist|arm)\b",
            r"\1\2 with the \3 \5, then \1\2 with the \4 \5"),
-          (r"\b(?:do|make|throw|perform)(?:e?s|ing)? an? (\w+ )?(kick|punch|jab) with each (foot|leg|hand|fist|arm)\b",
-           r"does a \1\2 with the left \3, then does a \1\2 with the right \3"),
-          (r"\b(kick|punch|jab)(e?s|ing|e?d)?((?: \w+)?) with each (foot|leg|hand|fist|arm)\b",
-           r"\1\2\3 with the left \4, then \1\2\3 with the right \4"))
+          (r"\b((?:do|make|throw|perform)(?:e?s|ing)? an? (?:\w+ )?)?(kick|punch|jab)(e?s|ing|e?d)?((?: \w+)?) with "
+           r"each (foot|leg|hand|fist|arm)\b", r"\1\2\3\4 with the left \5, then \1\2\3\4 with the right \5"))
 
 
 def spelt(text: str) -> str:
