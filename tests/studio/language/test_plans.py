@@ -64,6 +64,8 @@ COMPOSED = {
     "a man is pushed, recovers and checks his watch": "is pushed | recovers | checks his watch",
     "a person lays down and repeats it": "lies down | repeats it",
     "bow respectfully, then back away": "bows respectfully | walks backward",
+    "a person walks straight then looks like it takes a couple steps up":
+        "walks straight | looks like it takes a couple steps up",
     # single steps, halts as participles, the way back, half turns
     "a man is standing still and then steps back": "stands still | walks backward [0.8] | stands still",
     "a person steps forward with the left foot and kicks": "walks forward with the left foot [0.8] | kicks",
@@ -220,6 +222,7 @@ COMPOSED = {
     "a person moves forward and backward then left and right": "moves forward and backward | moves left and right",
 }
 PLAIN = """
+a person carefully stepping backward
 a person clasps and unclasps his hands
 a person walks forward and keeps walking
 a person turns left and continues turning
@@ -350,6 +353,11 @@ def test_a_plan_keeps_what_the_text_says_beside_what_a_model_has_learned():
   assert whole.fully_split() == plan.fully_split() == plan
   assert whole.single.verb == "walk" and parse("a person walks, then waves").single is None
   assert plan.with_segments(plan.segments[:1]).requirements == plan.requirements
+
+
+def test_somebody_who_only_is_somehow_keeps_the_name():
+  plan = parse("an old man is ready, then walks and turns left")
+  assert plan.prompts == ["an old man walks", "an old man turns left"]
 
 
 @pytest.mark.parametrize("text, subject, done, at_ease", [

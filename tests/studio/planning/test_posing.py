@@ -81,7 +81,7 @@ def test_a_lean_is_read_from_the_words(text, way, sways):
 
 @pytest.mark.parametrize("text", ["leans on a table", "tilts the head to the left", "walks to the left", "bows",
                                   "leans back in a chair", "rocks a baby", "tilts a glass to drink",
-                                  "slumps to the ground", "sways the hips"])
+                                  "slumps to the ground", "sways the hips", "hunches over creeping"])
 def test_other_words_say_no_lean(text):
   assert lean_of(parse(f"a person {text}").single) is None
 
