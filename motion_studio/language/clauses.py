@@ -126,9 +126,6 @@ def clauses_of(fragments, keep_together):
       continue
     if not result:
       lead = kind if kind in _SUBORDINATE else ""
-      if lead and clause and clause.subject and not is_person(clause.subject) and len(fragments) > 1:
-        lead = ""
-        continue  # "when the music starts, the man dances"
       result.append([lead and f"lead {lead}" or "", tokens, clause])
       continue
     previous = result[-1]

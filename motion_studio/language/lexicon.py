@@ -10,26 +10,20 @@ PAUSE, HOLD = "stands still", "holds still"  # the words of a pause, and of a po
 # Spellings and turns of phrase, each with the words that all rules read.
 _SPELT = ((r"\b(?:counter|anti)[- ]*clock[- ]?wise\b", "counterclockwise"), (r"\bzig[- ]zag", "zigzag"),
           (r"\bsemi[- ]?circle|\bhalf(?: of)? an? circle|\bhalf-circle", "half circle"), (r"\bu turn", "u-turn"),
-          (r"\b(?:is|was) (?:seated|sat)\b", "sits"), (r"\b(?:is|was) on (?:his|her|their) knees\b", "kneels"),
+          (r"\b(?:is|was) on (?:his|her|their) knees\b", "kneels"),
           (r"\b(?:is|was) (?:laying|lying|laid)(?= (?:down|on)\b)|\b(?:is|was)(?= on the (?:floor|ground)\b)", "lies"),
           (r"(\b(?:then|and),? (?:walk|run|jog|go|move|head)(?:s|es)?) (?:back )?(?:(?:in|to|towards) )?(?:the )?"
            r"(?:other|opposite) (?:direction|way)\b", r"\1 back"),
-          (r"\bwith (an? (?:(?:slight|gentle|small|wide) )?(?:arc|curve) to (?:the|his|her|their) (?:left|right))\b",
-           r"in \1"),
-          (r"\blays(?= (?:down|on|back)\b)", "lies"), (r"(^|then |and |, )back (?:away|off)$", r"\1walk backward"),
-          (r"\bside[ -]step", "sidestep"),
+          (r"\blays(?= (?:down|on|back)\b)", "lies"), (r"\bside[ -]step", "sidestep"),
+          (r"(^|then |and |, )back (?:away|off)$", r"\1walk backward"),
+          (r"(?<!and )(?<!then )(?<!, )\btake(s?) a (left|right) turn\b", r"walk\1 and make\1 a \2 turn"),
+          (r"\bturn(s|ing)?((?: \w+)?) to (walk|run|jog|go)(?= back\b)", r"turn\1\2 and \3\1"),
           (r"\b(push|sit|pull|chin|press)[ -](ups?)(?= *$|[,.]| (?:and|then|on)\b)", r"\1-\2"),
           (r"\bserpentine\b|\bs[- ](?:shape|curve)\b|\b(?:s[- ](?:shaped|curved)|wavy|winding|wiggly|snaking)"
            r" (?:line|path|route|course|way|motions?|manner)\b", "zigzag"),
           (r"\b(?:the (?:shape|form|pattern) of an?|(?:an? |the )?figure(?:[ -]of)?(?:[ -]an)?)[ -](?:eight|8)s?\b"
            r"(?:[ -](?:shape|pattern|loop|path)\b)?", "a figure-eight"),
-          (r"\bback(s|ing|ed) (?:up|away|off)\b(?! (?:the|a|an|his|her|their|its)\b)", r"walk\1 backward"),
-          (r"\bturn(s|ing)?((?: \w+)?) to (walk|run|jog|go)(?= back\b)", r"turn\1\2 and \3\1"),
-          (r"\b(kick|punch|jab)(e?s|ing|e?d)? with (?:(?:both|his|her|their|the) )*(left|right) and "
-           r"(?:(?:his|her|their|the) )?(left|right) (foot|leg|hand|fist|arm)\b",
-           r"\1\2 with the \3 \5, then \1\2 with the \4 \5"),
-          (r"\b((?:do|make|throw|perform)(?:e?s|ing)? an? (?:\w+ )?)?(kick|punch|jab)(e?s|ing|e?d)?((?: \w+)?) with "
-           r"each (foot|leg|hand|fist|arm)\b", r"\1\2\3\4 with the left \5, then \1\2\3\4 with the right \5"))
+          (r"\bback(s|ing|ed) (?:up|away|off)\b(?! (?:the|a|an|his|her|their|its)\b)", r"walk\1 backward"))
 
 
 def spelt(text: str) -> str:
@@ -83,7 +77,6 @@ ASPECTS = ("be", "start", "begin", "continue", "keep", "proceed", "resume", "wil
 # A participle after these belongs to them: "starts waving", "stops by waving".
 BEFORE_A_PARTICIPLE = set("be start begin continue keep proceed resume go stop quit finish do try practice perform "
                           "pause like by and".split())
-ENDING_VERBS = ("stop", "finish", "quit")  # "stops walking"
 RELATIVE = {"who", "that", "which"}  # between a subject and what is said of it
 SUBORDINATE = {"where", "how"}  # words after which no clause of its own begins: "back to where they started"
 BEING = {"is", "are", "was", "were"}

@@ -1,7 +1,7 @@
 """Clauses in the order of time: groups of simultaneous ones, one group after the other, all of one subject."""
 from motion_jax.text.morphology import is_participle
 from motion_studio.language import actions, lexicon
-from motion_studio.language.clause import can_be_simultaneous, clause_of, lower
+from motion_studio.language.clause import can_be_simultaneous, lower
 from motion_studio.language.rule import Rule
 
 
@@ -22,7 +22,7 @@ def subject_of(clauses):
 def in_order(clauses):
   """Lists of simultaneous clauses in the order of time, of [(connector, clause)]; None where a body cannot do it."""
   groups, in_list, subordinate, before = [], False, [], ""
-  for kind, clause in _with_ended_actions(clauses):
+  for kind, clause in clauses:
     if kind == "" or kind.startswith("lead ") or kind == "main after":
       groups.append([clause])
     elif kind == "main while":
@@ -43,19 +43,6 @@ def in_order(clauses):
       groups.append([clause])
     before = kind
   return groups + subordinate
-
-
-def _with_ended_actions(clauses):
-  """The clauses, and the action that "stops walking" ends, where no clause before has begun it."""
-  found, verbs = [], set()
-  for kind, clause in clauses:
-    ended = clause.words[0].lower() if clause.verb in lexicon.ENDING_VERBS and clause.words else ""
-    if is_participle(ended) and not verbs:
-      found.append((kind, clause_of(clause.words)._replace(subject=clause.subject)))
-      kind = "then"
-    verbs.add(clause.verb)
-    found.append((kind, clause))
-  return found
 
 
 def _is_said_to_be_simultaneous(kind, clause, before):

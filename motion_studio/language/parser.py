@@ -23,7 +23,6 @@ from motion_studio.language.poses import holding, is_hold, with_poses
 from motion_studio.language.rule import Rule
 from motion_studio.language.segments import Action, Segment, pause
 
-_TAKEN_TURN = re.compile(r"\b(?:take|takes|taking) (?:a|the|another) (?:left|right) turn\b", re.IGNORECASE)
 _ON_THE_WAY = re.compile(r" on (?:the|his|her|their) way\Z")
 _TURN_TO_A_SIDE = re.compile(r"(?:\w+ly )?(?:turns?|walks? and makes? a) (?:\w+ly )?(?:to (?:the|his|her|their) )?"
                              rf"(?:left|right)(?: turn)?(?:{_ON_THE_WAY.pattern})?")
@@ -69,9 +68,6 @@ def _segments(text, fragments, known, meanings):
   segments = [part for group in groups for part in holding(_segment(group, subject))]
   if any(clause.steps for clause in groups[-1]) and segments[-1].seconds:  # after its steps the body stands there
     segments.append(pause(who, None))
-  if _TAKEN_TURN.search(text) and not any(
-      one.simultaneous or is_a(one.action.verb, "run") for one in segments):
-    segments = [segment._replace(action=_as_walked_turn(segment.action)) for segment in segments]
   found = with_poses(_with_ways_back(segments), who)
   return None if Plan(text, found).is_plain else found
 
@@ -182,16 +178,6 @@ def _words_of(clause, subject):
   return re.sub(r"\s+([,.;:!?%)])", r"\1", words).rstrip(" .,;:!?-–—").replace("( ", "(")
 
 
-def _as_walked_turn(action):
-  """A turn that is taken is walked: "turns left" becomes "walks and makes a left turn"."""
-  found = re.fullmatch(r"(turns?) (left|right)", action.words)
-  if not found:
-    return action
-  walk, make = ("walk", "make") if found[1] == "turn" else ("walks", "makes")
-  words = f"{walk} and {make} a {found[2]} turn"
-  return action._replace(prompt=action.prompt.removesuffix(action.words) + words, words=words, verb="walk")
-
-
 RULES = (
     Rule("Past tense", "Captions are in the present tense, and so is what the model gets; passives stay as they are.", {
         "the person walked forward and then turned around": "walks forward | turns around",
@@ -211,16 +197,10 @@ RULES = (
     Rule("Backing away", "Backing up, away or off is walking backward.", {
         "a person was backing away, then bows": "walks backward | bows",
         "a person bows and backs up slowly": "bows | walks backward slowly"}),
-    Rule("Left and right", "A kick or punch with one limb and the other is done with each.", {
-        "a person kicks with the left and right foot": "kicks with the left foot | kicks with the right foot"}),
     Rule("Ways back",
          "A turn before a walk back goes around, and the walk goes ahead, to where the body came from.", {
         "a person walks forward, turns and walks back to where he started":
             "walks forward | turns around | walks forward",
         "a man walks forward, then turns to walk back": "walks forward | turns around | walks forward",
         "someone runs ahead, spins to the left and runs back": "runs ahead | turns around to the left | runs forward"}),
-    Rule("Taken turns", "Taking a turn is part of a walk, not a turn on the spot, unless the sentence has a run.", {
-        "the person takes a right turn": "walks and makes a right turn",
-        "a person takes a left turn, then right": "walks and makes a left turn | walks and makes a right turn",
-        "a person jogs, takes a left turn, then keeps jogging": "jogs | turns left | jogs"}),
 )

@@ -67,7 +67,7 @@ RULES = (
     Rule("Pause", "\"stops\", \"pauses\", \"waits\", \"stands still\": the body stands still, 2 s where no duration is "
          "given.", {
              "a person walks, pauses for two seconds, then runs": "walks | stands still [2] | runs",
-             "a person stops walking and then waves": "walks | stands still | waves"}),
+             "a person walks, stops and then waves": "walks | stands still | waves"}),
     Rule("Kept pose", "\"stays there\", \"remains seated\", \"holds it up\", \"does not move\": the pose is kept, "
          "2 s (a moment 1 s, a while 4 s).", {
              "a person sits down on a chair, stays there and stands up again":

@@ -11,8 +11,7 @@ from motion_studio.language.meaning import is_a
 from motion_studio.language.path_shapes import BENT, is_gait, path_shapes_of
 from motion_studio.language.segments import Action
 
-_SWITCHES = re.compile(r"\w+ (?:on|off) (?:(?:the|a|an|his|her|their) )?(?:\w+ )?(?:lights?|lamp|faucet|tap|tv|"
-                       r"television|radio|stove|oven|switch|water|machine|computer|engine|shower|fan)\b")
+_SWITCHES = re.compile(r"\w+ (?:on|off) (?:the|a|an)\b(?! (?:spot|place|ball|heel|\w+ (?:foot|leg|heel))\b)")
 _TURNING = re.compile(r"\bturn(?:s|ing)(?: (?:around|back|sharply|gently|quickly|slowly))*(?: to (?:the|his|her))? "
                       r"(left|right)\b|\b(left|right) turn\b")
 COUNTED = {"kick", "punch", "jump", "hop", "squat", "bow"}  # events of which each is one repetition

@@ -43,7 +43,6 @@ from motion_studio.language.requirements import Requirement
     ("a person walks along an s curve", [PathShape("zigzag", "")]),
     ("a man walks in a wavy line", [PathShape("zigzag", "")]),
     ("someone walks along a winding path", [PathShape("zigzag", "")]),
-    ("a man walks forward with a slight arc to the left", [PathShape("curve", "left")]),
     ("a person walks in a figure eight", [PathShape("figure-eight", "")]),
     ("someone walks a figure of 8", [PathShape("figure-eight", "")]),
     ("a man walks in the shape of an eight", [PathShape("figure-eight", "")]),

@@ -57,8 +57,6 @@ COMPOSED = {
     "a person turns and manages to sit down": "turns | sits down",
     "a man pretends to throw a ball, then appears to look around": "throws a ball | looks around",
     "he looks to be walking, then sits": "walks | sits",
-    "a person does a forward kick with each leg": "kicks forward with the left leg | kicks forward with the right leg",
-    "a person punches with each hand": "punches with the left hand | punches with the right hand",
     # verbs of everyday actions, commands
     "she tiptoes to the door, listens, and knocks": "tiptoes to the door | listens | knocks",
     "a man is pushed, recovers and checks his watch": "is pushed | recovers | checks his watch",
@@ -75,7 +73,6 @@ COMPOSED = {
         "walks forward | turns around | goes back",
     "she jumps and does a 360 to the left": "jumps | turns 360 degrees to the left",
     # how somebody is before the first action
-    "a person is seated, then stands up": "sits | stands up",
     "a person is on the floor, then gets up": "lies on the floor | gets up",
     "a man was laying down and then he got up": "lies down | gets up",
     "she is on her knees and then gets up": "kneels | gets up",
@@ -169,7 +166,6 @@ COMPOSED = {
     "a person waves, then goes faster": "waves | goes faster",
     "a person takes two steps left and waves": "walks sideways to the left [1.1] | waves",
     "a person takes three steps forward for 5 seconds": "walks forward [5]",
-    "when the music starts, the man dances and bows": "dances | bows",
     # a verb behind no connector, and clauses that are no action
     "a man walks forward sits in a chair": "walks forward | sits in a chair",
     "a person turns around walks back and waves": "turns around | walks forward + waves",
@@ -203,9 +199,9 @@ COMPOSED = {
     "someone walks up and takes a bow": "walks up | bows",
     "a man walks a few steps and stands still": "walks a few steps | stands still",
     "she puts her hands up": "raises both hands", "someone puts up the left hand": "raises the left hand",
-    "they take a left turn": "walk and make a left turn",
-    "a man takes a left turn and then a right turn": "walks and makes a left turn | walks and makes a right turn",
-    "she walks on and takes a right turn and keeps walking": "walks on | walks and makes a right turn | walks",
+    "they take a left turn": "walk | turn left",
+    "a man takes a left turn and then a right turn": "walks | turns left | turns right",
+    "she walks on and takes a right turn and keeps walking": "walks on | turns right | walks",
     "a person makes a right turn while walking": "turns right while walking",
     "a man takes two steps forward, then a step back":
         "walks forward [1.1] | walks backward [0.8] | stands still",
