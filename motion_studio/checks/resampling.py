@@ -12,7 +12,6 @@ from motion_studio.language.path_shapes import with_explicit_side
 from motion_studio.planning.finishing_touches import corrected
 from motion_studio.planning.job import Job
 
-MAX_ATTEMPTS = 4
 LOUDER = 2.0  # factor on the guidance scale of another attempt; of 24 punches with a named hand 6 show without, 16 with
 SOFTER = 0.5  # factor where a motion overdoes its prompt and violates nothing else
 FIRST_RESAMPLED = 1 << 20  # added to an attempt's number, so that its key is unique
