@@ -119,6 +119,19 @@ def pytest_collection_modifyitems(config, items):
         item.add_marker(pytest.mark.skip(reason="needs torch and transformers; .ci/run runs it where they are"))
 
 
+def some_of(params, quick=(), slow=()):
+  """Parameters of a test for `pytest.mark.parametrize`; a tuple is several arguments.
+
+  The quick ones run always and the slow ones among the slow tests. For the others, which are `exhaustive`, the test
+  repeats what these show.
+  """
+  if missing := {*quick, *slow} - set(params):
+    raise ValueError(f"{sorted(missing)} are no parameters of this test: {sorted(params)}")
+  marks = lambda one: [] if one in quick else [pytest.mark.slow] if one in slow else [
+      pytest.mark.slow, pytest.mark.exhaustive]
+  return [pytest.param(*(one if isinstance(one, tuple) else [one]), marks=marks(one)) for one in params]
+
+
 def load_config(name, size):
   """configs/NAME.py's config of a size, as `motion-jax train` reads it."""
   return config_files.load(f"{name}:{size}")

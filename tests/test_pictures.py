@@ -7,7 +7,7 @@ from motion_jax import fit, pictures
 from motion_jax.training import checkpoint, loop
 from motion_jax.training.metrics import read_metrics
 from motion_jax.utils.errors import InputError
-from tests.conftest import load_config
+from tests.conftest import load_config, some_of
 from tests.training.test_guards import _bad_from, _skipping
 from tests.training.test_train import _config, _equal, _killed, _next_batch, _stage
 
@@ -58,18 +58,18 @@ def test_a_picture_that_fails_is_told_and_training_goes_on(tmp_path, capsys):
   assert "step000002.png could not be drawn (RuntimeError: no such colour); training continues" in said
 
 
-@pytest.mark.parametrize("name, rows", [
-    pytest.param("cmdm_denoiser", 4, marks=pytest.mark.slow), ("cmdm_tokenizer", 8),
-    pytest.param("cdamd_generator", 4, marks=pytest.mark.slow), pytest.param("cdamd_rvq", 8, marks=pytest.mark.slow),
-    pytest.param("cdamd_autoencoder", 8, marks=pytest.mark.slow)])
-def test_a_run_shows_what_it_makes(name, rows, tmp_path, capsys, unjudged):
+ROWS = {"cmdm_denoiser": 4, "cmdm_tokenizer": 8, "cdamd_generator": 4, "cdamd_rvq": 8, "cdamd_autoencoder": 8}
+
+
+@pytest.mark.parametrize("name", some_of(ROWS, quick=["cmdm_tokenizer"], slow=["cdamd_generator"]))
+def test_a_run_shows_what_it_makes(name, tmp_path, capsys, unjudged):
   """Motions of captions, or windows above what comes back; in the report, too."""
   config = _drawing(load_config(name, "tiny").unlock(), 2)
   config.train.num_steps = 2
   fit.run(config, tmp_path)
   assert "could not be drawn" not in capsys.readouterr().out
   image = Image.open(tmp_path / "samples/step000002.png")
-  assert image.height == rows * pictures.HEIGHT and np.asarray(image).std() > 5
+  assert image.height == ROWS[name] * pictures.HEIGHT and np.asarray(image).std() > 5
   assert "data:image/png" in (tmp_path / "report.html").read_text()
   assert not [row for row in read_metrics(tmp_path) if row["step"] > 2] and checkpoint.load_params(tmp_path)
 

@@ -37,11 +37,14 @@ ELSEWHERE = ("tmr", "motion_patches",            # test_teacher_kinds.py
 # Evaluators of which the quick tests count the parameters, and train another.
 COUNTED = ("evaluator_matching", "evaluator_snapmogen", "evaluator_clip")
 
+OWN_WEIGHTS = ("cmdm_tokenizer", "cmdm_denoiser", "cdamd_rvq", "cdamd_generator", "tmr")
+
 
 @pytest.mark.parametrize("name, own_weights", [
     *(pytest.param(name, False, id=name, marks=pytest.mark.slow if name in ELSEWHERE + COUNTED else [])
       for name in CONFIGS),
-    *(pytest.param(name, True, id=f"{name}-own-weights", marks=pytest.mark.slow) for name in CONFIGS)])
+    *(pytest.param(name, True, id=f"{name}-own-weights", marks=[pytest.mark.slow] if name in OWN_WEIGHTS else [
+        pytest.mark.slow, pytest.mark.exhaustive]) for name in CONFIGS)])
 def test_every_config_trains_two_steps(name, own_weights, tmp_path):
   """From weights that numpy draws, and from the network's own, whose initializers are another program."""
   config = load_config(name, "tiny")

@@ -7,7 +7,7 @@ import pytest
 from benchmarks import kills
 from motion_jax.utils import config_files
 from tests import processes
-from tests.conftest import ROOT, devices_env
+from tests.conftest import ROOT, devices_env, some_of
 
 STAGES = [name for name in config_files.names() if "/" not in name]
 
@@ -29,8 +29,7 @@ def test_a_training_that_is_killed_ends_as_if_it_had_not_been(tmp_path):
   assert sum('"point"' in row for row in rows) == count + 1
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("stage", STAGES)
+@pytest.mark.parametrize("stage", some_of(STAGES, slow=("cmdm_denoiser", "cdamd_rvq", "cdamd_length", "momask_masked")))
 def test_every_stage_that_is_killed_ends_as_if_it_had_not_been(tmp_path, stage):
   assert "| in all | 1 |" in _run(1, stage, tmp_path)
 

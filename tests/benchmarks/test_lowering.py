@@ -1,6 +1,7 @@
 """Programs for machines that we do not have: each sampler and training step is lowered for CUDA and TPU, and its work
 counted. Nothing is compiled or run, and no parameter takes memory."""
 import pathlib
+import re
 import sys
 
 import jax
@@ -15,6 +16,8 @@ import programs  # noqa: E402
 import results  # noqa: E402
 import roofline  # noqa: E402
 
+from tests.conftest import some_of  # noqa: E402
+
 ALL = {name: build for name, build in {
     **programs.all_programs(types=("bfloat16",), train_batches=(1, 256), attention="cudnn"),
     **programs.all_programs(types=("float32",), sizes=("S",), batches=(1,), train_batches=(1,))}.items()
@@ -27,11 +30,10 @@ CUDNN = [export.DisabledSafetyCheck.custom_call(f"__cudnn$fmha{name}") for name 
     "ScaleBiasSoftmax", "ScaleBiasSoftmaxBackward")]
 
 
-def names():
-  return [pytest.param(name, marks=() if name in QUICK else pytest.mark.slow) for name in ALL]
+LARGE = re.compile(r"/(?:denoiser-)?(?:M|L|XL)/")  # the same programs as of size S, with other numbers
 
 
-@pytest.mark.parametrize("name", names())
+@pytest.mark.parametrize("name", some_of(ALL, QUICK, [name for name in ALL if not LARGE.search(name)]))
 def test_every_program_is_lowered_for_cuda_and_tpu(name, traced_cudnn):
   program = ALL[name]()
   texts = {platform: export.export(program.function, platforms=[platform], disabled_checks=CUDNN)(

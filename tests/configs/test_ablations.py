@@ -8,7 +8,7 @@ from motion_jax import fit as training
 from motion_jax.models.cmdm.options import CmdmSampling
 from motion_jax.models.tmr.space import make_teacher
 from motion_jax.training.metrics import read_metrics
-from tests.conftest import ROOT, load_config, traced_loss_shape
+from tests.conftest import ROOT, load_config, some_of, traced_loss_shape
 
 pytestmark = pytest.mark.usefixtures("kept_features")
 CMDM = runpy.run_path(str(ROOT / "configs" / "ablations" / "cmdm.py"))
@@ -31,35 +31,31 @@ def test_every_row_of_cmdms_tables_is_there():
   assert {table: len(found) for table, found in rows.items() if table != "4"} == {"8": 8, "9": 5, "10": 4, "11": 4}
 
 
-BOTH = [(CMDM, *pair) for pair in TRAINED] + [(CDAMD, *pair) for pair in TRAINED_CDAMD]
-IDS = ["-".join(pair) for pair in TRAINED + TRAINED_CDAMD]
+# {"row-stage": (the paper's configs, row, stage)}
+BOTH = {"-".join(pair): (paper, *pair) for paper, pairs in ((CMDM, TRAINED), (CDAMD, TRAINED_CDAMD)) for pair in pairs}
 # Of each stage that has rows, one whose program no base config has (those are trained in test_smoke.py). What the other
 # rows choose, networks, losses and masks, has its tests beside what it is made of.
 KINDS = {"vae-tokenizer", "one-level-denoiser"}
 
 
-# Of each paper's stages, one that is traced where the slow tests, which train every row, are left out.
+# Of each paper's stages, some that are traced where the slow tests, which train them, are left out.
 TRACED = {"teacher-tmr-teacher", "teacher-motion-patches-tokenizer", "latent-16-8-tokenizer", "vae-denoiser",
           "text-clip-sentence-denoiser", "mardm-generator", "bcm-generator", "67-generator",
           "67-autoencoder", "263-rvq"}
 
 
-@pytest.mark.parametrize("paper, row, stage", [
-    pytest.param(*which, id=name) for which, name in zip(BOTH, IDS) if name in TRACED])
-def test_the_loss_of_a_row_is_one_number(paper, row, stage):
+@pytest.mark.parametrize("name", sorted(TRACED))
+def test_the_loss_of_a_row_is_one_number(name):
+  paper, row, stage = BOTH[name]
   assert traced_loss_shape(paper["get_config"](f"{row}/{stage}/tiny")) == ()
 
 
-@pytest.mark.parametrize("paper, row, stage", [
-    pytest.param(*which, id=name, marks=[] if name in KINDS else pytest.mark.slow) for which, name in zip(BOTH, IDS)])
-def test_rows_train_two_steps(paper, row, stage, tmp_path, unjudged):
+@pytest.mark.parametrize("name", some_of(BOTH, KINDS, TRACED))
+def test_rows_train_two_steps(name, tmp_path, unjudged):
+  paper, row, stage = BOTH[name]
   state = training.run(paper["get_config"](f"{row}/{stage}/tiny"), tmp_path)
   assert int(state.step) == 2
   assert np.isfinite([line["loss"] for line in read_metrics(tmp_path) if "loss" in line]).all()
-
-
-def test_the_rows_that_stand_for_others_are_there():
-  assert KINDS | TRACED <= set(IDS)
 
 
 def test_cdamds_rows_are_those_of_its_tables():

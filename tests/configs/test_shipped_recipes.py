@@ -11,7 +11,7 @@ from motion_jax import fit, runs
 from motion_jax.training import checkpoint
 from motion_jax.utils import config_files, stopping
 from motion_jax.utils.errors import InputError
-from tests.conftest import light_training
+from tests.conftest import light_training, some_of
 
 RECIPES = config_files.recipes()
 
@@ -54,8 +54,8 @@ def test_the_last_pass_makes_the_network_that_ships(name):
       made["tokenizer"])
 
 
-@pytest.mark.parametrize("name", [pytest.param(name, marks=[] if name == "shipped/clip_evaluator_small"
-                                               else pytest.mark.slow) for name in RECIPES])
+@pytest.mark.parametrize("name", some_of(RECIPES, quick=["shipped/clip_evaluator_small"],
+                                         slow=["shipped/cmdm_small", "shipped/cdamd_small"]))
 def test_the_tiny_recipe_trains_end_to_end(name, tmp_path, capsys):
   config = config_files.load(f"{name}:tiny")
   with light_training(judged=True):

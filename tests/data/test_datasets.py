@@ -14,7 +14,7 @@ from motion_jax.models.tmr import space
 from motion_jax.motion import representations as F
 from motion_jax.motion.skeleton import SNAPMOGEN
 from motion_jax.training.metrics import read_metrics
-from tests.conftest import ROOT, load_config, traced_loss_shape
+from tests.conftest import ROOT, load_config, some_of, traced_loss_shape
 
 DATASETS = ("essential", "kit", "snapmogen", "babel")
 STAGES = ("part_tmr", "cmdm_tokenizer", "cmdm_denoiser")
@@ -34,11 +34,11 @@ def test_the_loss_of_each_stage_and_data_set_is_one_number(name, dataset, two_pa
   assert traced_loss_shape(load_config(name, f"{dataset}_tiny")) == ()
 
 
-@pytest.mark.parametrize("name, dataset", [
-    pytest.param(name, dataset, marks=[] if (name, dataset) == ("cmdm_denoiser", "snapmogen") else pytest.mark.slow)
-    for name in STAGES for dataset in DATASETS])
-def test_every_config_trains_two_steps(name, dataset, tmp_path, unjudged, two_parts):
-  state = training.run(load_config(name, f"{dataset}_tiny"), tmp_path)
+@pytest.mark.parametrize("size", some_of(
+    [f"{name}:{dataset}_tiny" for name in STAGES for dataset in DATASETS], quick=["cmdm_denoiser:snapmogen_tiny"],
+    slow=["part_tmr:kit_tiny", "cmdm_tokenizer:babel_tiny", "cmdm_denoiser:essential_tiny"]))
+def test_every_config_trains_two_steps(size, tmp_path, unjudged, two_parts):
+  state = training.run(load_config(*size.split(":")), tmp_path)
   assert int(state.step) == 2
   assert np.isfinite([row["loss"] for row in read_metrics(tmp_path) if "loss" in row]).all()
 

@@ -10,7 +10,7 @@ from motion_jax import fit, latents, runs
 from motion_jax.models import cdamd, cmdm
 from motion_jax.models.motionstreamer import stages as streamer
 from motion_jax.training.setup import untrained
-from tests.conftest import load_config
+from tests.conftest import load_config, some_of
 
 pytestmark = pytest.mark.usefixtures("kept_features")
 
@@ -241,8 +241,8 @@ def norm(tree):
   return np.sqrt(sum(float((leaf ** 2).sum()) for leaf in jax.tree.leaves(tree)))
 
 
-@pytest.mark.parametrize("name", ["cmdm_denoiser", "cdamd_generator", "cmdm_tokenizer"])
-@pytest.mark.slow
+@pytest.mark.parametrize("name", some_of(
+    ["cmdm_denoiser", "cdamd_generator", "cmdm_tokenizer"], slow=["cmdm_denoiser"]))
 def test_a_network_computes_in_bfloat16_and_numbers_stay_float32(name):
   """The loss is near that of float32 and another; loss, gradients and parameters are float32."""
   (one, grads), (other, rough) = (compiled_gradients(name, "tiny", **train)[2] for train in ({}, {"dtype": "bfloat16"}))

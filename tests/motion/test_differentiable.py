@@ -12,13 +12,16 @@ from motion_jax.motion import representations as F
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.skeleton import HUMANML3D, SKELETONS, SMPL, body_axes, facing
 from motion_jax.motion.smoothing import gaussian, moving_average
+from tests.conftest import some_of
 
 STAND, WALK, CURVE, TURN = 0, 1, 3, 5
 # Every way to make features; the others are columns of these, or joints recovered from them. XLA compiles one in 5 to
-# 15 s, so all but one are of the slow suite.
-OTHERS = [("full", "corrected"), ("full_kit", "benchmark"), ("steps", "benchmark"), ("snapmogen", "benchmark"),
-          ("snapmogen", "corrected"), ("motionstreamer", "corrected"), ("babel", "benchmark"), ("babel", "corrected")]
-CASES = [("full", "benchmark"), *(pytest.param(*case, marks=pytest.mark.slow) for case in OTHERS)]
+# 15 s.
+CASES = some_of(
+    [("full", "benchmark"), ("full", "corrected"), ("full_kit", "benchmark"), ("steps", "benchmark"),
+     ("snapmogen", "benchmark"), ("snapmogen", "corrected"), ("motionstreamer", "corrected"), ("babel", "benchmark"),
+     ("babel", "corrected")],
+    quick=[("full", "benchmark")], slow=[("full", "corrected"), ("steps", "benchmark"), ("snapmogen", "corrected")])
 
 
 @functools.cache
@@ -102,8 +105,8 @@ def test_gradients_are_those_of_finite_differences_and_finite_at_degenerate_pose
       assert np.isfinite(value) and np.isfinite(grad).all(), what
 
 
-@pytest.mark.parametrize("name", ["full", *(pytest.param(name, marks=pytest.mark.slow) for name in
-                                            ("full_kit", "snapmogen", "snapmogen_148", "motionstreamer", "babel"))])
+@pytest.mark.parametrize("name", some_of(
+    ("full", "full_kit", "snapmogen", "snapmogen_148", "motionstreamer", "babel"), ["full"], ["snapmogen", "babel"]))
 def test_recovery_has_gradients_too(name):
   """Back from features, of zeros as well, by positions and by rotations."""
   layout = F.get_layout(name)

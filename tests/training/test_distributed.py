@@ -13,7 +13,7 @@ from motion_jax.training import checkpoint, distributed
 from motion_jax.training.metrics import read_metrics
 from motion_jax.utils.errors import InputError
 from tests import processes
-from tests.conftest import ROOT
+from tests.conftest import ROOT, some_of
 
 CLUSTER = ("SLURM_", "OMPI_", "TPU_")
 
@@ -71,6 +71,7 @@ def test_processes_ask_one_another_every_five_seconds_at_the_same_steps(monkeypa
 
 TOKENIZER = ("cmdm_tokenizer:tiny", "--config.frozen.teacher=")
 LENGTH = ("cdamd_length:tiny",)  # compiles in a fifth of the time
+CONFIGS = {config[0]: config for config in (LENGTH, TOKENIZER)}
 
 
 def begin(folder, num_steps, num_processes, devices, *flags, config=TOKENIZER, environments=None,
@@ -134,15 +135,14 @@ def _leaves(tree):
                                                      else [tree[name]])]
 
 
-@pytest.mark.parametrize("config", [LENGTH, TOKENIZER], ids=lambda c: c[0])
-@pytest.mark.slow
+@pytest.mark.parametrize("config", some_of([LENGTH[0], TOKENIZER[0]], slow=LENGTH))
 def test_two_processes_train_as_one_with_two_devices_and_go_on_from_each_other(tmp_path, config):
   """Each half of one run is what the other trains in the same steps; both write one run folder."""
-  train(tmp_path / "a", 2, 1, 2, config=config)
-  train(tmp_path / "b", 2, 2, 1, config=config)
+  train(tmp_path / "a", 2, 1, 2, config=CONFIGS[config])
+  train(tmp_path / "b", 2, 2, 1, config=CONFIGS[config])
   assert_alike(numbers(tmp_path / "a"), numbers(tmp_path / "b"), 1e-6)
-  said = train(tmp_path / "a", 4, 2, 1, config=config)  # goes on by itself
-  train(tmp_path / "b", 4, 1, 2, "--resume", config=config)
+  said = train(tmp_path / "a", 4, 2, 1, config=CONFIGS[config])  # goes on by itself
+  train(tmp_path / "b", 4, 1, 2, "--resume", config=CONFIGS[config])
   assert_alike(numbers(tmp_path / "a"), numbers(tmp_path / "b"), 1e-6)
   assert numbers(tmp_path / "a")[0] == [1, 2, 3, 4]
   assert "of 2 processes" in said[0]
@@ -150,6 +150,7 @@ def test_two_processes_train_as_one_with_two_devices_and_go_on_from_each_other(t
 
 
 @pytest.mark.slow
+@pytest.mark.exhaustive
 def test_four_processes_train_as_one_with_four_devices(tmp_path):
   train(tmp_path / "one", 2, 1, 4)
   train(tmp_path / "four", 2, 4, 1)
@@ -265,8 +266,7 @@ sys.exit(cli.main())
 """
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("who, step", [("1", 3), ("0", 0), ("01", 3), ("01", 0)])
+@pytest.mark.parametrize("who, step", some_of([("1", 3), ("0", 0), ("01", 3), ("01", 0)], slow=[("1", 3), ("01", 0)]))
 def test_processes_that_are_told_to_end_can_go_on(tmp_path, who, step):
   """Whoever hears it, all save the same step, one says so, and the same command goes on to the same end."""
   program = ("-c", _TOLD.replace("WHO", repr(who)).replace("STEP", str(step)))
@@ -299,8 +299,7 @@ sys.exit(cli.main())
 """
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("who, place", [(1, 1), (0, 0), (0, 1), (1, 0), (0, 3)])
+@pytest.mark.parametrize("who, place", some_of([(1, 1), (0, 0), (0, 1), (1, 0), (0, 3)], slow=[(1, 1), (0, 3)]))
 def test_a_disk_that_is_full_for_one_process_is_full_for_all(tmp_path, who, place):
   """The first of three saves fails, before orbax begins (place 0), while it writes or after it; all go on at once."""
   program = ("-c", _NO_ROOM.replace("WHO", str(who)).replace("PLACE", str(place)))

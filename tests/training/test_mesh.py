@@ -17,7 +17,7 @@ from motion_jax.nets.partitioning import LAYOUTS, axes_of, shardings
 from motion_jax.training import mesh, optimizers, train_step
 from motion_jax.utils.errors import InputError
 from tests import processes
-from tests.conftest import devices_env
+from tests.conftest import devices_env, some_of
 from tests.training.test_train_step import steps, tiny
 
 SHARDED, TENSOR = LAYOUTS["fully_sharded"], LAYOUTS["tensor"]
@@ -139,8 +139,7 @@ def measured(name, path):
   path.write_text(json.dumps(found))
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", CONFIGS)
+@pytest.mark.parametrize("name", some_of(CONFIGS, slow=("denoiser", "rvq")))
 def test_every_layout_learns_the_same(tmp_path, name):
   """Losses of two steps, and what the parameters are then, up to the rounding of sums in another order."""
   code = (f"import pathlib; from tests.training import test_mesh; "

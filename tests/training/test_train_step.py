@@ -7,7 +7,7 @@ import pytest
 from motion_jax import fit
 from motion_jax.training import mesh, optimizers, train_step
 from tests import processes
-from tests.conftest import devices_env, load_config
+from tests.conftest import devices_env, load_config, some_of
 from tests.training.test_train import _next_batch, _stage
 
 MAPS = {"pmap": mesh.Pmap, "mesh": mesh.Mesh}
@@ -59,8 +59,7 @@ def run(name, folder):
   np.savez(f"{folder}/{jax.device_count()}.npz", *jax.tree.leaves((state.params, losses)))
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", CONFIGS)
+@pytest.mark.parametrize("name", some_of(CONFIGS, slow=("denoiser", "rvq")))
 def test_pmap_and_a_mesh_give_the_same_bytes_and_devices_the_same_numbers(tmp_path, name):
   """Bytes are compared inside of `run`; sums over more devices are added in another order."""
   code = f"from tests.training import test_train_step; test_train_step.run({name!r}, {str(tmp_path)!r})"
@@ -75,8 +74,9 @@ def test_pmap_and_a_mesh_give_the_same_bytes_and_devices_the_same_numbers(tmp_pa
       np.testing.assert_allclose(a, b, rtol=2e-4, atol=2e-5)
 
 
-@pytest.mark.parametrize("name", [pytest.param(name, marks=pytest.mark.slow) for name in (
-    "cmdm_denoiser", "cmdm_tokenizer", "cdamd_autoencoder", "cdamd_generator", "cdamd_length")])
+@pytest.mark.parametrize("name", some_of(
+    ("cmdm_denoiser", "cmdm_tokenizer", "cdamd_autoencoder", "cdamd_generator", "cdamd_length"),
+    slow=("cmdm_denoiser", "cmdm_tokenizer")))
 def test_a_batch_in_parts_is_the_whole_batch(name):
   """Noise, dropout, micro-batches of 2 windows: losses and parameters agree up to rounding."""
   sections = {"cmdm_tokenizer": dict(frozen=dict(teacher=""), loss=dict(micro_batch=2))}.get(name, {})
