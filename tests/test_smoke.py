@@ -220,6 +220,7 @@ def test_pages_that_are_typed_from_the_top_need_no_file_of_ones_own():
 
 
 @pytest.mark.slow
+@pytest.mark.exhaustive
 def test_a_page_can_be_typed_from_the_top(tmp_path):
   """Of control.md, in a shell as a reader has it: the flags of `tests/conftest.py` compile fast and sample slowly."""
   environment = {name: value for name, value in os.environ.items() if name not in ("XLA_FLAGS", *CACHE)}

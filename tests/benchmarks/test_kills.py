@@ -29,7 +29,7 @@ def test_a_training_that_is_killed_ends_as_if_it_had_not_been(tmp_path):
   assert sum('"point"' in row for row in rows) == count + 1
 
 
-@pytest.mark.parametrize("stage", some_of(STAGES, slow=("cmdm_denoiser", "cdamd_rvq", "cdamd_length", "momask_masked")))
+@pytest.mark.parametrize("stage", some_of(STAGES, slow=("cmdm_denoiser", "cdamd_rvq", "cdamd_length")))
 def test_every_stage_that_is_killed_ends_as_if_it_had_not_been(tmp_path, stage):
   assert "| in all | 1 |" in _run(1, stage, tmp_path)
 

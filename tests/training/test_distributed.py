@@ -224,6 +224,7 @@ SPLIT = "--config.mesh.layout=fully_sharded", "--config.mesh.model=2"
 
 
 @pytest.mark.slow
+@pytest.mark.exhaustive
 def test_a_mesh_of_two_axes_trains_and_continues_on_another(tmp_path):
   """Eight devices of one, two and four processes: replicated, 4 x 2 sharded, then 2 x 4 from the same files."""
   train(tmp_path / "whole", 2, 1, 8, config=DENOISER)
