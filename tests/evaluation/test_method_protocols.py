@@ -11,6 +11,7 @@ from motion_jax.evaluation.request import Request
 from motion_jax.evaluation.tasks import control
 from motion_jax.evaluators.evaluator import fresh_evaluator
 from motion_jax.models.base import Able
+from tests.conftest import some_of
 from tests.evaluation.test_run import make_clips, write_archive
 
 _FEW = dict(pool=4, diversity_draws=3, few_draws=3, replications=1, min_frames=24)
@@ -61,8 +62,10 @@ def judged(runs, name, data, judges, out, **options):
                               samples=out / "samples", force=True, verbose=False, **options))
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("method, protocol", [(method, one) for method, all_ in METHODS.items() for one in all_])
+@pytest.mark.parametrize("method, protocol", some_of(
+    [(method, one) for method, all_ in METHODS.items() for one in all_],
+    slow=[("mdm", "archives-66"), ("dip", "long-horizon"), ("mld", "archives-66"), ("mld frames", "archives-66"),
+          ("momask", "editing"), ("t2m_gpt", "archives-66"), ("motionstreamer", "mtt"), ("mld vae", "reconstruction")]))
 def test_a_method_is_judged(method, protocol, random_run, data, judges, tmp_path):
   folder = random_run(method)
   result = judged([folder], protocol, data, judges, tmp_path)
