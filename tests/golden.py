@@ -137,15 +137,18 @@ def _runner_among(known, names):
   return None
 
 
-def recordings(*names, sharp=(), single=()):
+def recordings(*names, sharp=(), single=(), further=False):
   """Marks a test(name, precision) of recordings: each in one precision, and in the other one among the slow tests.
+
+  further: of a method beyond the two papers; the other precision is among the exhaustive tests.
 
   The quick one is float32, in which all outputs are recorded; of `sharp` ones it is float64, for what a solver with
   steps of its own makes of rounding leaves float32 little to say. single: recorded in float32 alone.
   """
   quick = lambda name, precision: (precision == "float64") == (name in sharp)
+  other = [pytest.mark.slow, pytest.mark.exhaustive] if further else [pytest.mark.slow]
   return pytest.mark.parametrize("name, precision", [
-      pytest.param(name, precision, marks=[] if quick(name, precision) else pytest.mark.slow)
+      pytest.param(name, precision, marks=[] if quick(name, precision) else other)
       for name in (*names, *sharp, *single) for precision in PRECISIONS
       if name not in single or quick(name, precision)])
 

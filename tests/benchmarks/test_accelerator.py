@@ -68,6 +68,7 @@ def test_processes_share_what_is_compiled(accelerator, capsys):
 
 
 @pytest.mark.slow
+@pytest.mark.exhaustive
 def test_every_piece_runs(accelerator, results, tmp_path):
   assert results.measure(tmp_path, accelerator.pieces(tiny=True), 10_000, ABOUT)
   rows = [json.loads(path.read_text()) for path in tmp_path.glob("*.json")]

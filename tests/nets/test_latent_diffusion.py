@@ -92,7 +92,7 @@ def run_mld_denoiser(fixture, dtype):
 NAMES = ("mld_vae", "mld_vae_variants", "mld_denoiser")
 
 
-@recordings(*NAMES)
+@recordings(*NAMES, further=True)
 def test_golden(name, precision):
   assert not check(fixtures.path(f"mld/{name}.npz"), [precision]).failures
 

@@ -109,7 +109,7 @@ def run_ms_head(fixture, dtype):
   return made
 
 
-@recordings("ms_transformer", "ms_head")
+@recordings("ms_transformer", "ms_head", further=True)
 def test_golden(name, precision):
   assert not check(fixtures.path(f"motionstreamer/{name}.npz"), [precision]).failures
 

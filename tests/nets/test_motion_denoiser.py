@@ -111,7 +111,7 @@ def gru_over_the_batch(net, params, x, t, text):
 NAMES = ("mdm_encoder", "mdm_decoder_words", "mdm_decoder_pooled")
 
 
-@recordings(*NAMES)
+@recordings(*NAMES, further=True)
 def test_golden(name, precision):
   assert not check(fixtures.path(f"mdm/{name}.npz"), [precision]).failures
 

@@ -76,7 +76,7 @@ def run_motion_patches(fixture, dtype):
   return made
 
 
-@recordings("motion_patches")
+@recordings("motion_patches", further=True)
 def test_golden(name, precision):
   assert not check(fixtures.path(f"cmdm/{name}.npz"), [precision]).failures
 

@@ -226,6 +226,6 @@ def run_mdm_targets(fixture, dtype):
 NAMES = ("mdm_tables", "mdm_losses", "mdm_losses_geometric", "mdm_sample", "mdm_dip", "mdm_targets")
 
 
-@recordings(*NAMES, single=("mdm_edit",))
+@recordings(*NAMES, single=("mdm_edit",), further=True)
 def test_golden(name, precision):
   assert not check(fixtures.path(f"mdm/{name}.npz"), [precision]).failures

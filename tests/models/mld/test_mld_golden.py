@@ -137,6 +137,6 @@ def run_mld_diffusion_loss(fixture, dtype):
 NAMES = ("mld_tables", "mld_vae_loss", "mld_novae", "mld_sample", "mld_diffusion_loss")
 
 
-@recordings(*NAMES)
+@recordings(*NAMES, further=True)
 def test_golden(name, precision):
   assert not check(fixtures.path(f"mld/{name}.npz"), [precision]).failures

@@ -235,6 +235,6 @@ def run_statistics(fixture, dtype):
 
 
 @recordings("rvq_eval", "mask_transformer", "mask_train_step", "schedules", "residual_transformer",
-            "residual_train_step", "statistics", "rvq_train_step", single=("mask_corruption",))
+            "residual_train_step", "statistics", "rvq_train_step", single=("mask_corruption",), further=True)
 def test_golden(name, precision):
   assert not check(fixtures.path(f"momask/{name}.npz"), [precision]).failures

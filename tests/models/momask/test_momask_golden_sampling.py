@@ -170,6 +170,6 @@ def run_pipeline(fixture, dtype):
   return made
 
 
-@recordings("mask_generate", "residual_generate", "pipeline", single=("edit",))
+@recordings("mask_generate", "residual_generate", "pipeline", single=("edit",), further=True)
 def test_golden(name, precision):
   assert not check(fixtures.path(f"momask/{name}.npz"), [precision]).failures

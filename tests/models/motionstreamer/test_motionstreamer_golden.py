@@ -156,6 +156,6 @@ def run_ms_stream(fixture, dtype):
 NAMES = ("ms_tae", "ms_tae_loss", "ms_two_forward", "ms_generate", "ms_stream")
 
 
-@recordings(*NAMES)
+@recordings(*NAMES, further=True)
 def test_golden(name, precision):
   assert not check(fixtures.path(f"motionstreamer/{name}.npz"), [precision]).failures

@@ -220,7 +220,7 @@ def run_pipeline(fixture, dtype):
 
 
 @recordings("vq_eval", "vq_train_step", "quantizer_train", "gpt", "gpt_train", "gpt_sample", "pipeline",
-            single=("token_items",))
+            single=("token_items",), further=True)
 def test_golden(name, precision):
   assert not check(fixtures.path(f"t2m_gpt/{name}.npz"), [precision]).failures
 

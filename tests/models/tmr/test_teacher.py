@@ -18,7 +18,7 @@ from motion_jax.training.metrics import read_metrics
 from motion_jax.training.optimizers import make_optimizer
 from motion_studio import cli
 from tests import processes
-from tests.conftest import brief_run, devices_env, load_config
+from tests.conftest import brief_run, devices_env, load_config, some_of
 
 
 def test_contrast_of_orthogonal_pairs():
@@ -66,8 +66,7 @@ print(json.dumps(test_teacher.losses(sys.argv[1], sys.argv[2], 2)))
 """
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["part_tmr", "tmr"])
+@pytest.mark.parametrize("name", some_of(["part_tmr", "tmr"], slow=["part_tmr"]))
 def test_two_devices_contrast_the_whole_batch(tmp_path, name, unjudged):
   """In training, on devices (`test_matching` has losses alone): each sentence meets the motions of the other device too
   (dropout off: its masks fall on other rows), and a TMR's noise is that of a pair's place in the whole batch.

@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from tests.conftest import ROOT, devices_env
+from tests.conftest import ROOT, devices_env, some_of
 
 # Run main, then print which of the modules named after the marker were imported.
 CODE = """
@@ -37,8 +37,7 @@ def test_help_and_mistakes_import_no_array_library(arguments, status):
   assert imported(arguments, names) == [status, []]
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("out", ["walk.npz", "walk.bvh", "walk.html"])
+@pytest.mark.parametrize("out", some_of(["walk.npz", "walk.bvh", "walk.html"], slow=["walk.bvh"]))
 def test_generating_imports_nothing_that_only_other_commands_use(tiny_run, tmp_path, out):
   """Once programs and shapes are in the cache, a command neither traces nor loads what traces."""
   names = ["scipy", "orbax", "optax", "chex", "PIL", "tensorstore", "jinja2", "motion_jax.training.loop",
