@@ -122,13 +122,12 @@ def pytest_collection_modifyitems(config, items):
 def some_of(params, quick=(), slow=()):
   """Parameters of a test for `pytest.mark.parametrize`; a tuple is several arguments.
 
-  The quick ones run always and the slow ones among the slow tests. For the others, which are `exhaustive`, the test
-  repeats what these show.
+  The quick ones run always and the slow ones among the slow tests; these two cover every kind. The others are
+  exhaustive: the test repeats for them what it shows for those.
   """
   if missing := {*quick, *slow} - set(params):
     raise ValueError(f"{sorted(missing)} are no parameters of this test: {sorted(params)}")
-  marks = lambda one: [] if one in quick else [pytest.mark.slow] if one in slow else [
-      pytest.mark.slow, pytest.mark.exhaustive]
+  marks = lambda one: () if one in quick else pytest.mark.slow if one in slow else pytest.mark.exhaustive
   return [pytest.param(*(one if isinstance(one, tuple) else [one]), marks=marks(one)) for one in params]
 
 

@@ -146,7 +146,7 @@ def recordings(*names, sharp=(), single=(), further=False):
   steps of its own makes of rounding leaves float32 little to say. single: recorded in float32 alone.
   """
   quick = lambda name, precision: (precision == "float64") == (name in sharp)
-  other = [pytest.mark.slow, pytest.mark.exhaustive] if further else [pytest.mark.slow]
+  other = pytest.mark.exhaustive if further else pytest.mark.slow
   return pytest.mark.parametrize("name, precision", [
       pytest.param(name, precision, marks=[] if quick(name, precision) else other)
       for name in (*names, *sharp, *single) for precision in PRECISIONS

@@ -11,7 +11,7 @@ from tests.fuzz_damage import damage
 from tests.fuzz_healthy import healthy
 
 
-@pytest.mark.parametrize("count", [60, pytest.param(300, marks=[pytest.mark.slow, pytest.mark.exhaustive])])
+@pytest.mark.parametrize("count", [60, pytest.param(300, marks=pytest.mark.exhaustive)])
 def test_damaged_inputs_are_refused_in_one_line(count):
   table, failures = fuzz.run(fuzz.plan(count, seed=1), workers=1)
   assert sum(row[result] for row in table.values() for result in fuzz.RESULTS) == count

@@ -43,8 +43,8 @@ OWN_WEIGHTS = ("cmdm_tokenizer", "cmdm_denoiser", "cdamd_rvq", "cdamd_generator"
 @pytest.mark.parametrize("name, own_weights", [
     *(pytest.param(name, False, id=name, marks=pytest.mark.slow if name in ELSEWHERE + COUNTED else [])
       for name in CONFIGS),
-    *(pytest.param(name, True, id=f"{name}-own-weights", marks=[pytest.mark.slow] if name in OWN_WEIGHTS else [
-        pytest.mark.slow, pytest.mark.exhaustive]) for name in CONFIGS)])
+    *(pytest.param(name, True, id=f"{name}-own-weights", marks=pytest.mark.slow if name in OWN_WEIGHTS else
+                   pytest.mark.exhaustive) for name in CONFIGS)])
 def test_every_config_trains_two_steps(name, own_weights, tmp_path):
   """From weights that numpy draws, and from the network's own, whose initializers are another program."""
   config = load_config(name, "tiny")
@@ -219,7 +219,6 @@ def test_pages_that_are_typed_from_the_top_need_no_file_of_ones_own():
       assert read <= made, (name, line, read - made)
 
 
-@pytest.mark.slow
 @pytest.mark.exhaustive
 def test_a_page_can_be_typed_from_the_top(tmp_path):
   """Of control.md, in a shell as a reader has it: the flags of `tests/conftest.py` compile fast and sample slowly."""

@@ -67,7 +67,6 @@ def test_processes_share_what_is_compiled(accelerator, capsys):
   assert ", ValueError" in capsys.readouterr().out
 
 
-@pytest.mark.slow
 @pytest.mark.exhaustive
 def test_every_piece_runs(accelerator, results, tmp_path):
   assert results.measure(tmp_path, accelerator.pieces(tiny=True), 10_000, ABOUT)

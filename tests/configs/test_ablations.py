@@ -33,8 +33,8 @@ def test_every_row_of_cmdms_tables_is_there():
 
 # {"row-stage": (the paper's configs, row, stage)}
 BOTH = {"-".join(pair): (paper, *pair) for paper, pairs in ((CMDM, TRAINED), (CDAMD, TRAINED_CDAMD)) for pair in pairs}
-# Of each stage that has rows, one whose program no base config has (those are trained in test_smoke.py). What the other
-# rows choose, networks, losses and masks, has its tests beside what it is made of.
+# Rows whose program no base config has (those are trained in test_smoke.py). What the other rows choose, networks,
+# losses and masks, has its tests beside what it is made of.
 KINDS = {"vae-tokenizer", "one-level-denoiser"}
 
 

@@ -36,7 +36,7 @@ def chain(stages, **sizes):
   """A case of the test: (stages, {config: its size}), sizes before `tiny` where a data set has its own."""
   sizes = {name: f"{sizes[name]}_tiny" if name in sizes else "tiny" for name in stages}
   return pytest.param(stages, sizes, id=",".join(f"{name}:{size}" for name, size in sizes.items()),
-                      marks=[pytest.mark.slow, pytest.mark.exhaustive] if set(sizes.values()) != {"tiny"} else [])
+                      marks=pytest.mark.exhaustive if set(sizes.values()) != {"tiny"} else [])
 
 
 def on(data, stages):

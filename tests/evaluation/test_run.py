@@ -137,7 +137,6 @@ def command(arguments):
   return cli.main(arguments, "evaluate", "eval.py")
 
 
-@pytest.mark.slow
 @pytest.mark.exhaustive
 def test_eval_py_killed_goes_on_to_the_same_table(judged, tiny_run, archive, tmp_path, monkeypatch, capsys):
   """The command itself, dead in the middle of sampling: what is on disk is whole, the rest is made by the next one."""

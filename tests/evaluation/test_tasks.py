@@ -255,7 +255,6 @@ def test_control(tiny_run, archive, evaluator, tmp_path, monkeypatch):
            sampling=dict(num_steps=2, joints="nose"))
 
 
-@pytest.mark.slow
 @pytest.mark.exhaustive
 def test_exact_control(tiny_run, archive, evaluator, tmp_path, monkeypatch):
   monkeypatch.setattr(control, "DENSITIES", (1, 100))

@@ -44,7 +44,6 @@ def write(folder, configs=CONFIGS):
   np.savez(f"{folder}/{jax.device_count()}.npz", **found)
 
 
-@pytest.mark.slow
 @pytest.mark.exhaustive
 def test_a_step_on_two_devices_is_the_step_on_one(tmp_path):
   code = f"from tests.models import test_two_devices; test_two_devices.write({str(tmp_path)!r})"

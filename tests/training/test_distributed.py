@@ -135,7 +135,7 @@ def _leaves(tree):
                                                      else [tree[name]])]
 
 
-@pytest.mark.parametrize("config", some_of([LENGTH[0], TOKENIZER[0]], slow=LENGTH))
+@pytest.mark.parametrize("config", some_of(CONFIGS, slow=[LENGTH[0]]))
 def test_two_processes_train_as_one_with_two_devices_and_go_on_from_each_other(tmp_path, config):
   """Each half of one run is what the other trains in the same steps; both write one run folder."""
   train(tmp_path / "a", 2, 1, 2, config=CONFIGS[config])
@@ -149,7 +149,6 @@ def test_two_processes_train_as_one_with_two_devices_and_go_on_from_each_other(t
   assert all("[Gloo]" in line for line in said[1].splitlines())  # a word of the library that connects them
 
 
-@pytest.mark.slow
 @pytest.mark.exhaustive
 def test_four_processes_train_as_one_with_four_devices(tmp_path):
   train(tmp_path / "one", 2, 1, 4)
@@ -223,7 +222,6 @@ DENOISER = ("cmdm_denoiser:tiny", "--config.data.batch_size=8", "--config.model.
 SPLIT = "--config.mesh.layout=fully_sharded", "--config.mesh.model=2"
 
 
-@pytest.mark.slow
 @pytest.mark.exhaustive
 def test_a_mesh_of_two_axes_trains_and_continues_on_another(tmp_path):
   """Eight devices of one, two and four processes: replicated, 4 x 2 sharded, then 2 x 4 from the same files."""
