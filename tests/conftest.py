@@ -91,7 +91,7 @@ def pytest_terminal_summary(terminalreporter):
   for reports in terminalreporter.stats.values():
     for report in reports:
       if isinstance(report, pytest.TestReport):
-        took["slow" if "slow" in report.keywords else "quick"] += report.duration
+        took["slow" if {"slow", "exhaustive"} & set(report.keywords) else "quick"] += report.duration
   terminalreporter.write_line(f"workers' time: quick tests {took['quick']:.0f} s, slow tests {took['slow']:.0f} s")
 
 

@@ -13,6 +13,9 @@ from motion_studio.language.counting import without_times
 from motion_studio.language.meaning import pace_of
 from motion_studio.language.rule import Rule, first_match
 
+_DIAGONAL = re.compile(r"(?:straight )?(ahead|forwards?|back|backwards?) and to (?:the|his|her|their) (left|right) ?,? "
+                       r"(?:without (?:ever )?turning|without a turn|(?:while |still )?facing (?:forwards?|ahead))"
+                       r"(?: around)?")
 _HANDS_UP = re.compile(
     r"(?:up )?(?:(?:the|his|her|their|its|my|your|both|a|an|one|of) )*(?P<side>(?:left|right) )?(?P<thing>hands?|arms?)"
     r"(?: (?:straight |right |high )?up)?(?P<where> (?:high )?(?:in|into) the (?:air|sky)| overhead| (?:high )?"
@@ -45,6 +48,14 @@ def reworded(verb: str, words: Sequence[str]) -> Reworded | None:
 
 def _action(verb, words, times=1):
   return Reworded(verb, present_participle(verb), words, times)
+
+
+def _walk_diagonally(verb, words, lower):
+  found = _DIAGONAL.fullmatch(" ".join(lower))
+  if found is None:
+    return None
+  way = "backward" if found[1].startswith("back") else "forward"
+  return _action(verb, ["diagonally", way, "to", "the", found[2]])
 
 
 def _start_in_a_posture(verb, words, lower):
@@ -153,6 +164,9 @@ def _number_in_front(words):
 
 
 RULES = (
+    Rule("Diagonal walk", "Going ahead and to a side without turning is walking diagonally.", {
+        "someone walks ahead and to the left without turning": "walks diagonally forward to the left",
+        "she goes forward and to the right, facing ahead": "goes diagonally forward to the right"}, _walk_diagonally),
     Rule("Starting posture", "The body takes the posture first.", {
         "someone starts in a seated position, then stands up and walks": "sits | stands up | walks",
         "a person starts from standing and sits down": "stands still | sits down",
