@@ -61,7 +61,7 @@ def test_a_picture_that_fails_is_told_and_training_goes_on(tmp_path, capsys):
 ROWS = {"cmdm_denoiser": 4, "cmdm_tokenizer": 8, "cdamd_generator": 4, "cdamd_rvq": 8, "cdamd_autoencoder": 8}
 
 
-@pytest.mark.parametrize("name", some_of(ROWS, quick=["cmdm_tokenizer"], slow=["cdamd_generator"]))
+@pytest.mark.parametrize("name", some_of(ROWS, quick=["cmdm_tokenizer"], slow=["cmdm_denoiser"]))
 def test_a_run_shows_what_it_makes(name, tmp_path, capsys, unjudged):
   """Motions of captions, or windows above what comes back; in the report, too."""
   config = _drawing(load_config(name, "tiny").unlock(), 2)

@@ -37,7 +37,7 @@ ELSEWHERE = ("tmr", "motion_patches",            # test_teacher_kinds.py
 # Evaluators of which the quick tests count the parameters, and train another.
 COUNTED = ("evaluator_matching", "evaluator_snapmogen", "evaluator_clip")
 
-OWN_WEIGHTS = ("cmdm_tokenizer", "cmdm_denoiser", "cdamd_rvq", "cdamd_generator", "tmr")
+OWN_WEIGHTS = ("cmdm_denoiser", "cdamd_rvq", "cdamd_generator")
 
 
 @pytest.mark.parametrize("name, own_weights", [

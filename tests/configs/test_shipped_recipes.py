@@ -55,7 +55,7 @@ def test_the_last_pass_makes_the_network_that_ships(name):
 
 
 @pytest.mark.parametrize("name", some_of(RECIPES, quick=["shipped/clip_evaluator_small"],
-                                         slow=["shipped/cmdm_small", "shipped/cdamd_small"]))
+                                         slow=["shipped/cmdm_small"]))
 def test_the_tiny_recipe_trains_end_to_end(name, tmp_path, capsys):
   config = config_files.load(f"{name}:tiny")
   with light_training(judged=True):

@@ -247,7 +247,8 @@ def _made(paper, folder):
 
 
 @pytest.mark.parametrize("case", [
-    pytest.param(case, id=_name(case), marks=[] if case[:3:2] == ("cdamd", "generator") else pytest.mark.slow)
+    pytest.param(case, id=_name(case), marks=() if case[:3:2] == ("cdamd", "generator") else pytest.mark.slow
+                 if case[2] == "denoiser" else pytest.mark.exhaustive)
     for case in ROWS if case[1] == "paper" and case[2] != "teacher"])
 def test_the_papers_own_side_trains_and_makes_motion(case, tmp_path, unjudged):
   """All differences at once; the frozen parts are untrained."""

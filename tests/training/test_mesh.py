@@ -139,7 +139,7 @@ def measured(name, path):
   path.write_text(json.dumps(found))
 
 
-@pytest.mark.parametrize("name", some_of(CONFIGS, slow=("denoiser", "rvq")))
+@pytest.mark.parametrize("name", some_of(CONFIGS, slow=["denoiser"]))
 def test_every_layout_learns_the_same(tmp_path, name):
   """Losses of two steps, and what the parameters are then, up to the rounding of sums in another order."""
   code = (f"import pathlib; from tests.training import test_mesh; "

@@ -59,7 +59,7 @@ def run(name, folder):
   np.savez(f"{folder}/{jax.device_count()}.npz", *jax.tree.leaves((state.params, losses)))
 
 
-@pytest.mark.parametrize("name", some_of(CONFIGS, slow=("denoiser", "rvq")))
+@pytest.mark.parametrize("name", some_of(CONFIGS, slow=["denoiser"]))
 def test_pmap_and_a_mesh_give_the_same_bytes_and_devices_the_same_numbers(tmp_path, name):
   """Bytes are compared inside of `run`; sums over more devices are added in another order."""
   code = f"from tests.training import test_train_step; test_train_step.run({name!r}, {str(tmp_path)!r})"
@@ -76,7 +76,7 @@ def test_pmap_and_a_mesh_give_the_same_bytes_and_devices_the_same_numbers(tmp_pa
 
 @pytest.mark.parametrize("name", some_of(
     ("cmdm_denoiser", "cmdm_tokenizer", "cdamd_autoencoder", "cdamd_generator", "cdamd_length"),
-    slow=("cmdm_denoiser", "cmdm_tokenizer")))
+    slow=["cmdm_denoiser"]))
 def test_a_batch_in_parts_is_the_whole_batch(name):
   """Noise, dropout, micro-batches of 2 windows: losses and parameters agree up to rounding."""
   sections = {"cmdm_tokenizer": dict(frozen=dict(teacher=""), loss=dict(micro_batch=2))}.get(name, {})
