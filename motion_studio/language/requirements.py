@@ -11,7 +11,9 @@ from motion_studio.language.meaning import is_a
 from motion_studio.language.path_shapes import BENT, is_gait, path_shapes_of
 from motion_studio.language.segments import Action
 
-_SWITCHES = re.compile(r"\w+ (?:on|off) (?:the|a|an)\b(?! (?:spot|place|ball|heel|\w+ (?:foot|leg|heel))\b)")
+# "turns on his lamp", but not "turns on the spot", "turns on his left heel", "turns off to the left".
+_SWITCHES = re.compile(r"turn\w* (?:on|off) (?!to\b|(?:\w+ ){0,2}"
+                       r"(?:spot|place|balls?|heels?|toes?|foot|feet|legs?|sides?|back|stomach|way)\b)")
 _TURNING = re.compile(r"\bturn(?:s|ing)(?: (?:around|back|sharply|gently|quickly|slowly))*(?: to (?:the|his|her))? "
                       r"(left|right)\b|\b(left|right) turn\b")
 COUNTED = {"kick", "punch", "jump", "hop", "squat", "bow"}  # events of which each is one repetition

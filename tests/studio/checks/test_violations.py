@@ -26,6 +26,8 @@ STAYS = Requirement("stays", "", 1, False)
     ("she puts her hands up", [Requirement("raise", "both", 1, True)]),
     ("someone raises a hand to the chest", []), ("a person lifts a box with both hands", []),
     ("a person turns on the light", [STAYS]),
+    ("a person turns off his lamp", [STAYS]), ("a person turns on the spot", [
+        STAYS, Requirement("turn", "", 1, False)]),
     ("a person side steps to the left", [
         Requirement("aside", "left", 1, False), Requirement("sideways", "left", 1, False)]),
     ("a person lies down", [Requirement("lie", "", 1, False)]),
