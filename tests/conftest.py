@@ -1,5 +1,4 @@
 """What several tests share: a tiny trained run, made once."""
-import collections
 import contextlib
 import gc
 import importlib.metadata
@@ -36,6 +35,7 @@ import jax
 import jaxtyping
 
 import tests.typechecker
+from tests import processor_time
 
 ROOT = pathlib.Path(__file__).parents[1]
 # The shapes that annotations state are checked wherever a test calls these rooms, or compiles a call of them. Has to be
@@ -70,11 +70,13 @@ def pytest_addoption(parser):
   parser.addoption("--torch", action="store_true",
                    help="run the tests that need torch and transformers, and no others; without this option they are "
                    "skipped where these are not installed")
+  processor_time.add_options(parser)
 
 
 def pytest_configure(config):
   """Keeps the compiled programs of the tests below KEPT bytes, once a run and not once a worker."""
   progress.FIRST = math.inf  # a slow machine adds no lines to what commands of the tests say
+  processor_time.configure(config)
   if hasattr(config, "workerinput"):
     return
   used = lambda path: max(path.stat().st_atime, path.stat().st_mtime)
@@ -85,21 +87,12 @@ def pytest_configure(config):
       path.unlink(missing_ok=True)
 
 
-def pytest_terminal_summary(terminalreporter):
-  """How long the tests marked `slow` and the others took, workers side by side added up."""
-  took = collections.Counter()
-  for reports in terminalreporter.stats.values():
-    for report in reports:
-      if isinstance(report, pytest.TestReport):
-        took["slow" if {"slow", "exhaustive"} & set(report.keywords) else "quick"] += report.duration
-  terminalreporter.write_line(f"workers' time: quick tests {took['quick']:.0f} s, slow tests {took['slow']:.0f} s")
-
-
 def pytest_collection_finish(session):
   """What has been imported stays; the collector need not look through it again and again while programs are traced."""
   gc.collect()
   gc.freeze()
   gc.set_threshold(50_000, 20, 50)
+  processor_time.collected(session)
 
 
 def pytest_collection_modifyitems(config, items):
