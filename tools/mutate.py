@@ -1,18 +1,21 @@
-"""Breaks important lines one at a time and sees whether a test notices: python tools/mutate.py [NAME ...]
+"""Break important lines one at a time and run the tests that should notice: python tools/mutate.py [NAME ...]
 
-`tools/mutations.py` lists what is broken: a file, a piece of it that stands there exactly once, what takes its place,
-and the tests that ought to notice. The tree is copied to a temporary folder, where the tests are run once as it is
-(they must pass, or they could not tell anything) and then once for each mutation. Printed is a table in Markdown:
-killed, by which test; survived; or what went wrong. The exit status is 1 if one survived, 2 if the tests fail anyway.
+The files of `tools/mutations/` list what is broken: a file, a snippet that stands there exactly once, its replacement,
+and the tests that should fail. The tree is copied to a temporary folder, where the tests run once without a mutation
+(they must pass, or their failures would mean nothing) and then once for each mutation. Prints a table in Markdown:
+killed, by which test; survived; or what went wrong. The exit status is 1 if a mutation survived, 2 if the tests fail
+without one.
 
-  python tools/mutate.py                 all of them, some minutes
+  python tools/mutate.py                 all of them, before a release
   python tools/mutate.py ema kl-ramp     some, by name
-  python tools/mutate.py --check         only that every piece and every test is there
+  python tools/mutate.py --room core     those of tools/mutations/core.py
+  python tools/mutate.py --check         only that every snippet and every test is there
 """
 import argparse
 import os
 import pathlib
 import re
+import runpy
 import shutil
 import subprocess
 import sys
@@ -21,7 +24,9 @@ import time
 from typing import NamedTuple
 
 ROOT = pathlib.Path(__file__).parents[1]
-COPIED = ("motion_jax", "tests", "configs", "tools", "benchmarks", "launch.py", "eval.py", "pyproject.toml")
+COPIED = ("motion_jax", "motion_studio", "tests", "configs", "tools", "benchmarks", "examples", "blender", "site", "docs",
+          "launch.py", "eval.py", "pyproject.toml", "README.md")
+MUTATIONS = ROOT / "tools" / "mutations"
 LIMIT = 600  # seconds for the tests of one mutation: one that never ends is noticed, too
 
 
@@ -65,19 +70,22 @@ def problems(mutations, root=ROOT):
 
 
 def copy_tree(root, folder):
-  """The parts of a tree that tests need, in a new folder."""
+  """The parts of a tree that tests need, in a new folder; files that are no Python are links."""
+  copy = lambda source, target: (shutil.copy2 if source.endswith(".py") else os.symlink)(source, target)
   for name in COPIED:
     source = pathlib.Path(root) / name
     if source.is_dir():
-      shutil.copytree(source, folder / name, ignore=shutil.ignore_patterns("__pycache__", "*.pyc"))
+      shutil.copytree(source.resolve(), folder / name, copy_function=copy,
+                      ignore=shutil.ignore_patterns("__pycache__", "*.pyc", "node_modules"))
     elif source.is_file():
       shutil.copy2(source, folder / name)
 
 
 def run_tests(folder, tests, limit=LIMIT):
   """(exit status of pytest or None if it did not end, its output), from a folder and against the code in it."""
-  environment = os.environ | {"PYTHONPATH": str(folder), "PYTHONDONTWRITEBYTECODE": "1", "JAX_PLATFORMS": "cpu"}
-  command = [sys.executable, "-m", "pytest", "-q", "-x", "--no-header", "-p", "no:cacheprovider", "-m", "", *tests]
+  environment = os.environ | {"PYTHONPATH": str(folder), "JAX_PLATFORMS": "cpu"}
+  environment.pop("PYTHONDONTWRITEBYTECODE", None)  # the copy is read again for each mutation
+  command = [sys.executable, "-m", "pytest", "-q", "-x", "--no-header", "-p", "no:cacheprovider", "-m", "not exhaustive", "--no-bounds", *tests]
   try:
     done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, timeout=limit,
                           check=False)
@@ -135,9 +143,10 @@ def main(argv=None):
   parser.add_argument("names", nargs="*", help="mutations to run; all if left out")
   parser.add_argument("--check", action="store_true", help="only check the list against the tree")
   parser.add_argument("--passed", action="store_true", help="the tests are known to pass as the tree is: do not try")
-  parser.add_argument("--list", type=pathlib.Path, help="another file with MUTATIONS (default: tools/mutations.py)")
+  parser.add_argument("--room", default="*",
+                      help="only those of tools/mutations/ROOM.py")
   args = parser.parse_args(argv)
-  mutations = load_list(args.list or ROOT / "tools" / "mutations.py")
+  mutations = load_lists(args.room)
   unknown = set(args.names) - {m.name for m in mutations}
   if unknown:
     parser.error(f"got {', '.join(sorted(unknown))}; the list has {', '.join(m.name for m in mutations)}")
@@ -158,11 +167,12 @@ def main(argv=None):
   return 1 if verdicts.count("survived") > known else 0
 
 
-def load_list(path):
-  """MUTATIONS of a Python file, each a tuple of Mutation's fields."""
-  names = {}
-  exec(compile(pathlib.Path(path).read_text(encoding="utf-8"), str(path), "exec"), names)
-  return [Mutation(*row) for row in names["MUTATIONS"]]
+def load_lists(room="*", folder=MUTATIONS):
+  """MUTATIONS of the files of a folder, each a tuple of Mutation's fields."""
+  rows = []
+  for path in sorted(folder.glob(f"{room}.py")):
+    rows += runpy.run_path(str(path))["MUTATIONS"]
+  return [Mutation(*row) for row in rows]
 
 
 if __name__ == "__main__":

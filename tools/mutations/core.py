@@ -1,6 +1,6 @@
-"""What `tools/mutate.py` breaks: (name, file, piece of it, what takes its place, tests that ought to notice, reason).
+"""What `tools/mutate.py` breaks: (name, file, snippet, replacement, tests that should notice, reason to survive).
 
-A piece stands exactly once in its file. Who changes such a line brings the list up to date; a test says if not.
+A snippet stands exactly once in its file. After a change of such a line, update the list; a test says so.
 """
 LOSSES, BATCHES = "tests/models/test_stage_losses.py", "tests/data/test_batches.py"
 TRAIN = "tests/training/test_train.py"
