@@ -134,8 +134,8 @@ class Meter:
 
 def exceeded(what, seconds, bound, slowness):
   return (f"{what} took {seconds:.1f} processor seconds; {bound:g} are allowed"
-          f"{f', times {slowness:.1f} on a machine as slow as this' if slowness > 1.05 else ''}: make it smaller, share "
-          "what it compiles, or give it another mark (docs/testing.md)")
+          f"{f', times {slowness:.1f} on a machine as slow as this' if slowness > 1.05 else ''}: make it smaller, "
+          "share what it compiles, or give it another mark (docs/testing.md)")
 
 
 class Times:
