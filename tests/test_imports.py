@@ -9,6 +9,7 @@ import re
 import subprocess
 import sys
 import tomllib
+from typing import NamedTuple
 
 import pytest
 
@@ -62,10 +63,16 @@ def _part(path):
   return package, rest[0] if len(rest) > 1 else path.stem
 
 
+class Imports(NamedTuple):
+  at_top: list
+  anywhere: list
+
+
 @functools.cache
-def _trees():
-  """{file of the packages: its syntax tree}"""
-  return {path: ast.parse(path.read_text()) for path in FILES}
+def _of_files():
+  """{file of the packages: what it imports}"""
+  trees = {path: ast.parse(path.read_text()) for path in FILES}
+  return {path: Imports(list(_imports(tree, True)), list(_imports(tree))) for path, tree in trees.items()}
 
 
 def _pointing_down(path):
@@ -76,7 +83,7 @@ def _pointing_down(path):
     return ["nothing yet: it has no layer; add it to LAYERS and to the style guide"]
   # The rooms of motion and networks know nothing of one another; elsewhere rooms of one line may.
   allowed = rank[part] - (package == "motion_jax" and rank[part] == 1)
-  names = [name.split(".") for name in _imports(_trees()[path])]
+  names = [name.split(".") for name in _of_files()[path].anywhere]
   return [".".join(name) for name in names
           if package == "motion_jax" and name[0] == "motion_studio"
           or name[0] == package and len(name) > 1 and name[1] != part and rank.get(name[1], -1) > allowed]
@@ -92,9 +99,9 @@ def test_a_method_imports_no_other():
   models = ROOT / "motion_jax" / "models"
   methods = {path.parent.name for path in models.glob("*/__init__.py")}
   wrong = []
-  for path, tree in _trees().items():
+  for path, imports in _of_files().items():
     if path.parent.parent == models and path.parent.name in methods:
-      others = {name.split(".")[2] for name in _imports(tree) if name.startswith("motion_jax.models.")} & methods
+      others = {name.split(".")[2] for name in imports.anywhere if name.startswith("motion_jax.models.")} & methods
       wrong += [f"{path.relative_to(ROOT)} imports {name}" for name in others - {path.parent.name, "tmr"}]
   assert {"cmdm", "cdamd", "tmr", "mdm", "mld", "momask", "t2m_gpt", "motionstreamer"} <= methods
   assert not wrong, "\n".join(wrong)
@@ -102,9 +109,9 @@ def test_a_method_imports_no_other():
 
 def test_core_needs_no_extra():
   wrong = []
-  for path, tree in _trees().items():
+  for path, imports in _of_files().items():
     known = CORE | OF_EXTRAS.get(_part(path)[1], set()) | set(LAYERS) | set(sys.stdlib_module_names)
-    at_top, anywhere = ({name.split(".")[0] for name in _imports(tree, at_top)} for at_top in (True, False))
+    at_top, anywhere = ({name.split(".")[0] for name in names} for names in imports)
     unknown = at_top - known | anywhere - known - LAZY
     wrong += [f"{path.relative_to(ROOT)} imports {name}" for name in unknown]
   assert not wrong, "\n".join(wrong)
