@@ -1,4 +1,5 @@
 """What several tests share: a tiny trained run, made once."""
+import collections
 import contextlib
 import gc
 import importlib.metadata
@@ -9,6 +10,8 @@ import pathlib
 import signal
 
 import pytest
+
+from tests import compiled_programs, processor_time
 
 # Compiling is most of what these tests do. Without the compiler's late optimizations and each program in one piece it
 # takes far less time, less still with the older way to write fused loops and the compiler's own choice of fewer passes
@@ -24,18 +27,12 @@ os.environ["XLA_FLAGS"] = " ".join([
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 # What one test has compiled no other compiles again, nor another worker of xdist, nor the next run of the tests.
-if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
-  os.environ["JAX_COMPILATION_CACHE_DIR"] = os.path.join(
-      os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache"), "motion_jax", "tests",
-      "jax-" + importlib.metadata.version("jax"))
-  os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0.05"
-  os.environ["JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES"] = "-1"
+compiled_programs.choose_folder()
 
-import jax
-import jaxtyping
+import jax  # noqa: E402
+import jaxtyping  # noqa: E402
 
-import tests.typechecker
-from tests import processor_time
+import tests.typechecker  # noqa: E402
 
 ROOT = pathlib.Path(__file__).parents[1]
 # The shapes that annotations state are checked wherever a test calls these rooms, or compiles a call of them. Has to be
@@ -56,15 +53,6 @@ from motion_jax.utils import (  # noqa: E402
   progress,
 )
 
-# Files whose tests take longest, with the slow ones: workers begin with them, so that none is left with one at the end.
-LONG = ("test_distributed", "test_smoke", "test_kills", "test_your_own_data", "test_ablations", "test_streaming",
-        "test_train_step", "test_run", "test_paper_side", "test_datasets", "test_continuation", "test_cdamd_golden",
-        "test_study", "test_multi_prompt", "test_model", "test_long_captions", "test_guards", "test_convert",
-        "test_rvq", "test_teacher", "test_pictures", "test_validation", "test_part_tmr", "test_stage_losses",
-        "test_cdamd_generator", "test_causal_vae", "test_teacher_kinds", "test_representation_promises",
-        "test_accelerator")
-KEPT = 1_000_000_000  # bytes of compiled programs, of all versions of jax together; those unused for longest go first
-
 
 def pytest_addoption(parser):
   parser.addoption("--torch", action="store_true",
@@ -74,17 +62,14 @@ def pytest_addoption(parser):
 
 
 def pytest_configure(config):
-  """Keeps the compiled programs of the tests below KEPT bytes, once a run and not once a worker."""
   progress.FIRST = math.inf  # a slow machine adds no lines to what commands of the tests say
   processor_time.configure(config)
-  if hasattr(config, "workerinput"):
-    return
-  used = lambda path: max(path.stat().st_atime, path.stat().st_mtime)
-  total = 0
-  for path in sorted((cache.user_folder() / "tests").glob("jax-*/*"), key=used, reverse=True):
-    total += path.stat().st_size
-    if total > KEPT:
-      path.unlink(missing_ok=True)
+  if not hasattr(config, "workerinput"):
+    compiled_programs.prune()
+
+
+def pytest_terminal_summary(terminalreporter):
+  terminalreporter.write_line(compiled_programs.summary())
 
 
 def pytest_collection_finish(session):
@@ -96,9 +81,10 @@ def pytest_collection_finish(session):
 
 
 def pytest_collection_modifyitems(config, items):
-  """Files that take long come first. Tests marked `torch` need the extra `convert`: skipped without it, and alone in
-  the run that is about them."""
-  items.sort(key=lambda item: LONG.index(item.path.stem) if item.path.stem in LONG else len(LONG))
+  """The files with most slow tests come first, so that no worker is left with one at the end. Tests marked `torch` need
+  the extra `convert`: skipped without it, and alone in the run that is about them."""
+  slow = collections.Counter(item.path for item in items if item.get_closest_marker("slow"))
+  items.sort(key=lambda item: -slow[item.path])
   absent = [name for name in ("torch", "transformers") if importlib.util.find_spec(name) is None]
   wanted = config.getoption("--torch")
   if wanted and absent:

@@ -84,6 +84,15 @@ def slowness():
   return max(1.0, min(_work() for _ in range(2)) / REFERENCE)
 
 
+def forecast():
+  """What to expect of the quick and slow tests on this machine, one line."""
+  factor, cores = slowness(), len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+  minutes = (TIERS["quick"].total + TIERS["slow"].total) / 60 * factor
+  speed = f"{factor:.1f} times slower than" if factor > SLOW else "as fast as"
+  return (f"this machine is {speed} that of docs/lab/test-times.md: the tests may take {minutes:.0f} processor "
+          f"minutes, {minutes / cores:.0f} by the clock on {cores} {'cores' if cores > 1 else 'core'}")
+
+
 class Meter:
   """In the process that runs tests: adds `processor_seconds`, `shared_seconds` and `slowness` to each report, and
   fails tests above their bound."""
