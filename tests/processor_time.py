@@ -165,13 +165,6 @@ class Times:
   def pytest_testnodedown(self, node):
     self.workers.append(getattr(node, "workeroutput", {}).get("start", {}))
 
-  def totals(self):
-    """{(tier, room): seconds, fixtures that tests share included}"""
-    totals = collections.Counter()
-    for nodeid, row in self.rows.items():
-      totals[row["tier"], room_of(nodeid)] += row["seconds"] + sum(row["shared"].values())
-    return totals
-
   @property
   def slowness(self):
     return max((start["slowness"] for start in self.workers if start), default=1.0)
@@ -179,7 +172,7 @@ class Times:
   def over_budget(self):
     """One line for each tier above its total."""
     sums = collections.Counter()
-    for (tier, _), seconds in self.totals().items():
+    for (tier, _), seconds in totals(self.rows).items():
       sums[tier] += seconds
     return [f"the {tier} tests took {sums[tier] / 60:.1f} processor minutes in all; {TIERS[tier].total / 60:g} are "
             f"allowed{f', times {self.slowness:.1f} on a machine as slow as this' if self.slowness > 1.05 else ''}"
@@ -195,7 +188,7 @@ class Times:
 
   def pytest_terminal_summary(self, terminalreporter):
     write = terminalreporter.write_line
-    for line in table(self.totals()):
+    for line in table(totals(self.rows)):
       write(line)
     if len(self.rows) > SHOWN:
       longest = sorted(self.rows.items(), key=lambda item: -item[1]["seconds"])[:SHOWN]
@@ -208,6 +201,14 @@ class Times:
             "wider by as much")
     for line in self.over_budget():
       write(line, red=True)
+
+
+def totals(rows):
+  """{(tier, room): seconds, with the fixtures that tests share} of rows by test."""
+  totals = collections.Counter()
+  for nodeid, row in rows.items():
+    totals[row["tier"], room_of(nodeid)] += row["seconds"] + sum(row["shared"].values())
+  return totals
 
 
 def table(totals):

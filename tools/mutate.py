@@ -24,8 +24,8 @@ import time
 from typing import NamedTuple
 
 ROOT = pathlib.Path(__file__).parents[1]
-COPIED = ("motion_jax", "motion_studio", "tests", "configs", "tools", "benchmarks", "examples", "blender", "site", "docs",
-          "launch.py", "eval.py", "pyproject.toml", "README.md")
+COPIED = ("motion_jax", "motion_studio", "tests", "configs", "tools", "benchmarks", "examples", "blender", "site",
+          "docs", "launch.py", "eval.py", "pyproject.toml", "README.md")
 MUTATIONS = ROOT / "tools" / "mutations"
 LIMIT = 600  # seconds for the tests of one mutation: one that never ends is noticed, too
 
@@ -85,7 +85,8 @@ def run_tests(folder, tests, limit=LIMIT):
   """(exit status of pytest or None if it did not end, its output), from a folder and against the code in it."""
   environment = os.environ | {"PYTHONPATH": str(folder), "JAX_PLATFORMS": "cpu"}
   environment.pop("PYTHONDONTWRITEBYTECODE", None)  # the copy is read again for each mutation
-  command = [sys.executable, "-m", "pytest", "-q", "-x", "--no-header", "-p", "no:cacheprovider", "-m", "not exhaustive", "--no-bounds", *tests]
+  command = [sys.executable, "-m", "pytest", "-q", "-x", "--no-header", "-p", "no:cacheprovider", "-m", "not exhaustive",
+             "--no-bounds", *tests]
   try:
     done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, timeout=limit,
                           check=False)
