@@ -41,7 +41,7 @@ def tier_of(marks):
 
 def room_of(nodeid):
   """tests/studio/cli/test_cli.py::test_x -> studio/cli; files at the top are a room, "repository"."""
-  parts = pathlib.PurePosixPath(nodeid.partition("::")[0]).parts[1:-1]
+  parts = pathlib.PurePosixPath(nodeid.partition("::")[0].removeprefix("tests/")).parts[:-1]
   return "/".join(parts[:2]) or "repository"
 
 
@@ -106,7 +106,7 @@ class Meter:
     outermost = fixturedef.scope != "function" and not self.depth
     if not outermost:
       return (yield)
-    self.depth, began = 1, tree_seconds()
+    self.depth, began = 1, tree_seconds()  # a fixture that it needs in turn is part of it
     try:
       return (yield)
     finally:
@@ -190,9 +190,9 @@ class Times:
     write = terminalreporter.write_line
     for line in table(totals(self.rows)):
       write(line)
-    if len(self.rows) > SHOWN:
-      longest = sorted(self.rows.items(), key=lambda item: -item[1]["seconds"])[:SHOWN]
-      write("longest: " + ", ".join(f"{nodeid.rpartition('/')[2]} {row['seconds']:.1f}" for nodeid, row in longest))
+    longest = sorted(((row["seconds"], nodeid) for nodeid, row in self.rows.items()), reverse=True)[:SHOWN]
+    write("longest: " + ", ".join(f"{nodeid.removeprefix('tests/')} {seconds:.1f}" for seconds, nodeid in longest
+                                  if seconds > 1))
     starts = [start["seconds"] for start in self.workers if start]
     if starts:
       write(f"{len(starts)} workers started in {sum(starts) / len(starts):.0f} s each, imports and collection")

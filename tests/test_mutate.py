@@ -31,6 +31,7 @@ def broken_to(replacement, name="sum", snippet="a + b", test="test_adds", **fiel
   return Mutation(name, "motion_jax/sums.py", snippet, replacement, (f"tests/test_sums.py::{test}",), **fields)
 
 
+@pytest.mark.slow
 def test_what_is_noticed_and_what_survives(tmp_path):
   rows, tree = [], write_tree(tmp_path)
   verdicts = run([broken_to("a * b", "times"), broken_to("a - b", "minus"), broken_to("a +", "cut")], tree, rows.append)

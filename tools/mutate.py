@@ -85,8 +85,8 @@ def run_tests(folder, tests, limit=LIMIT):
   """(exit status of pytest or None if it did not end, its output), from a folder and against the code in it."""
   environment = os.environ | {"PYTHONPATH": str(folder), "JAX_PLATFORMS": "cpu"}
   environment.pop("PYTHONDONTWRITEBYTECODE", None)  # the copy is read again for each mutation
-  command = [sys.executable, "-m", "pytest", "-q", "-x", "--no-header", "-p", "no:cacheprovider", "-m", "not exhaustive",
-             "--no-bounds", *tests]
+  command = [sys.executable, "-m", "pytest", "-q", "-x", "--no-header", "-p", "no:cacheprovider", "--no-bounds",
+             "-m", "not exhaustive", *tests]
   try:
     done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, timeout=limit,
                           check=False)

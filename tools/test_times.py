@@ -1,7 +1,7 @@
 """Write docs/lab/test-times.md: the processor time of the tests by room and tier, cold and warm.
 
-  python tools/test_times.py                          run the quick and slow tests twice: with an empty cache, then again
-  python tools/test_times.py --cold A.json --warm B.json    from files of `pytest --times FILE`, of this machine
+  python tools/test_times.py                              runs the quick and slow tests from an empty cache, and again
+  python tools/test_times.py --cold A.json --warm B.json  from files of `pytest --times FILE`, of this machine
 
 The figures are those of tests/processor_time.py: processor seconds of tests, of fixtures that they share and of the
 processes that they start.
