@@ -55,5 +55,5 @@ def find_blender() -> list[str]:
         f".fbx files are written by Blender: set {VARIABLE} to an installed Blender or to a Python that has bpy, or "
         f"add bpy here, {pip_install('fbx')}; most programs also read .glb")
   if "python" in pathlib.Path(found).name.lower():
-    return [found, script]
+    return [found, "-I", script]  # without the current folder and this one, whose files have names of modules
   return [found, "--background", "--factory-startup", "--python-exit-code", "1", "--python", script, "--"]

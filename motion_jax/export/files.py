@@ -1,4 +1,5 @@
 """Write and read clips as plain arrays: .npz with joints and all metadata, .npy with joints only."""
+import contextlib
 import json
 import pathlib
 import warnings
@@ -83,9 +84,10 @@ def load(path, fps=None, unit="auto", up=None, mapping=None, check=True) -> Clip
   if not path.is_file():
     raise FileNotFoundError(f"there is no file {path}")
   plausibility.check_rate(fps, str(path))
+  read_as = lambda up: read(path, fps, unit, up, read_mapping(mapping), **({"clip": clip_name} if clip_name else {}))
   try:
     with np.errstate(over="ignore", invalid="ignore"):  # infinite numbers are reported below
-      clip = read(path, fps, unit, up, read_mapping(mapping), **({"clip": clip_name} if clip_name else {}))
+      clip = read_as(up)
   except ValueError as error:
     raise error if str(path) in str(error) else InputError(f"{path}: {error}") from None
   if check and (model := clip.meta.get("model")) and np.isfinite(clip.joints).all():
@@ -94,7 +96,22 @@ def load(path, fps=None, unit="auto", up=None, mapping=None, check=True) -> Clip
       warnings.warn(f"{found}; {model} generated it so, as models do that were trained too little", stacklevel=2)
   elif check:
     plausibility.check(clip.joints, clip.skeleton, clip.fps, str(path))
+    if up is None and plausibility.upward_axis(clip.joints, clip.skeleton) not in ("y", ""):
+      _tell_upward_axis(read_as, path)
   return clip
+
+
+def _tell_upward_axis(read_as, path):
+  """Warns about a body that lies along an axis, with the value of `up` by which it stands."""
+  for up in ("y", "z", "x", "-y", "-z", "-x"):
+    with contextlib.suppress(ValueError), warnings.catch_warnings(action="ignore"):
+      clip = read_as(up)
+      if plausibility.upward_axis(clip.joints, clip.skeleton) == "y":
+        break
+  else:
+    return
+  warnings.warn(f"{path}: the body lies, or the file's upward axis is {up.removeprefix('-')}; --up {up} (up={up!r}) "
+                "reads it so that it stands", stacklevel=3)
 
 
 def _load_npz(path, fps, unit, up, mapping):

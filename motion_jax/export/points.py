@@ -6,6 +6,9 @@ names those that are not known.
 import pathlib
 import re
 import struct
+import subprocess
+import tempfile
+import warnings
 
 import numpy as np
 
@@ -13,11 +16,15 @@ from motion_jax.data.clip import Clip
 from motion_jax.motion import plausibility
 from motion_jax.motion.joint_maps import map_joints, own_joints, skeleton_of
 from motion_jax.motion.skeleton import HUMANML3D
+from motion_jax.utils import child
 from motion_jax.utils.atomic import atomic_path
 from motion_jax.utils.errors import InputError
+from motion_jax.utils.input_files import load_npz
 from motion_jax.utils.install import pip_install
-from motion_jax.utils.text_files import LARGEST_MOTION, read_lines
+from motion_jax.utils.text_files import LARGEST_MOTION, read_lines, split_cells
 
+_SECONDS, _MEMORY = 120, 2e9  # of the process that reads a C3D file; bytes of address space, more by the file's size
+_MISSING = 3  # its exit status without ezc3d
 _OPENSIM = np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]])    # y up, facing +z -> y up, facing +x
 _LABORATORY = np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])  # y up, facing +z -> z up, facing +x
 
@@ -64,23 +71,44 @@ def c3d(clip, path) -> pathlib.Path:
 def load_csv(path, fps, unit, up, mapping) -> Clip:
   """A table that names its columns as `csv` does; one of numbers alone is a robot's (`motion_jax.robots`)."""
   lines = [line for line in read_lines(path, "CSV file", LARGEST_MOTION) if line.strip()]
-  head = [cell.strip() for cell in lines[0].split(",")] if lines else []
+  head, *cells = split_cells(lines) or [[]]
   if head and all(map(_is_number, head)):
     from motion_jax import robots
     if len(head) not in (36, 30):
       raise InputError(f"{path}: got {len(head)} numbers a row and no header, expected 36 or 30 (a Unitree G1: root "
                        "position, quaternion, 29 or 23 angles), or a header of columns NAME_x, NAME_y, NAME_z")
     return robots.read_csv(path, robots.load("g1").with_joints(len(head) - 7), None, fps).to_clip()
-  columns = {name: number for number, name in enumerate(head)}
-  names = [name[:-2] for name in head if name.endswith("_x") and {name[:-1] + "y", name[:-1] + "z"} <= set(head)]
+  columns = {}  # {(name, axis): column}
+  for number, title in enumerate(head):
+    if match := _COORDINATE.fullmatch(title):
+      columns[match["name"], match["axis"].lower()] = number
+  names = [name for name, axis in columns if axis == "x" and {(name, "y"), (name, "z")} <= columns.keys()]
   if not names:
     raise InputError(f"{path}: got the header {lines[0][:60] if lines else ''!r}, expected columns NAME_x, NAME_y, "
                      "NAME_z of each joint, or a Unitree G1's 36 numbers a row without a header")
-  rows = _rows(path, [line.split(",") for line in lines[1:]], len(head), 2)
-  points = rows[:, [[columns[f"{name}_{axis}"] for axis in "xyz"] for name in names]]
-  if fps is None and "time" in columns and len(rows) > 1:
-    fps = _rate(rows[:, columns["time"]], path)
+  rows = _rows(path, cells, len(head), 2)
+  points = rows[:, [[columns[name, axis] for axis in "xyz"] for name in names]]
+  if fps is None:
+    fps = _rate_of_table(path, head, rows)
   return _clip(path, names, points, fps, unit, up or "y", mapping)
+
+
+# Columns of coordinates, pelvis_x, pelvis.X, "pelvis x"; and of times, time, Time, "t [s]", time_ms.
+_COORDINATE = re.compile(r"(?P<name>.*[^ _.:-])[ _.:-](?P<axis>[xyzXYZ])")
+_TIME = re.compile(r"(?:time|timestamps?|t|seconds?)(?:[ _]?[\[(]?(?:s|sec|seconds|(?P<milli>ms|milliseconds))[\])]?)?",
+                   re.IGNORECASE)
+
+
+def _rate_of_table(path, head, rows):
+  """The rate by a column of times; None, with a warning, where there is none."""
+  times = [(number, match) for number, title in enumerate(head) if (match := _TIME.fullmatch(title))]
+  if times and len(rows) > 1:
+    number, match = times[0]
+    return _rate(rows[:, number] / (1000 if match["milli"] else 1), path)
+  if len(rows) > 1:
+    warnings.warn(f"{path} has no column of times, taken as {HUMANML3D.fps:g} frames a second; --fps (fps=) sets "
+                  "another rate", stacklevel=2)
+  return None
 
 
 def load_trc(path, fps, unit, up, mapping) -> Clip:
@@ -102,16 +130,23 @@ def load_trc(path, fps, unit, up, mapping) -> Clip:
 def load_c3d(path, fps, unit, up, mapping) -> Clip:
   """The points of a C3D file. Needs the extra `c3d`."""
   _check_c3d(path)
-  try:
-    file = _ezc3d().c3d(str(path))
-  except (OSError, RuntimeError) as error:
-    raise InputError(f"{path} is cut or no C3D file ({str(error)[:80]})") from None
-  about = file["parameters"]["POINT"]
-  points = file["data"]["points"][:3].transpose(2, 1, 0)
-  names, units = about["LABELS"]["value"][:points.shape[1]], about.get("UNITS", {"value": []})["value"]
+  with tempfile.TemporaryDirectory() as folder:
+    out = pathlib.Path(folder, "points.npz")
+    try:
+      done = child.run("motion_jax.data.mocap.c3d_child", path.absolute(), out, seconds=_SECONDS,
+                       memory=_MEMORY + 64 * path.stat().st_size)
+    except subprocess.TimeoutExpired:
+      raise InputError(f"{path}: it took more than {_SECONDS} s to read; it may be damaged") from None
+    if done.returncode == _MISSING:
+      raise _no_ezc3d()
+    if done.returncode or not out.is_file():
+      why = (done.stderr.strip().splitlines() or [f"the reader ended with {done.returncode}"])[-1]
+      raise InputError(f"{path} is cut or no C3D file ({why[:80]})")
+    file = load_npz(out, ("points", "labels", "rate", "units"), ())
+  points = file["points"]
   turned = points if up else points @ _LABORATORY
-  return _clip(path, names, turned, fps or float(about["RATE"]["value"][0]), _stated(unit, (units or [""])[0]),
-               up or "y", mapping)
+  return _clip(path, file["labels"].tolist()[:points.shape[1]], turned, fps or float(file["rate"]),
+               _stated(unit, file["units"].item()), up or "y", mapping)
 
 
 def _check_c3d(path):
@@ -173,6 +208,9 @@ def _ezc3d():
   try:
     import ezc3d
   except ImportError:
-    raise InputError(f".c3d files are read and written by ezc3d: {pip_install('c3d')}; .trc and .csv need "
-                     "nothing") from None
+    raise _no_ezc3d() from None
   return ezc3d
+
+
+def _no_ezc3d():
+  return InputError(f".c3d files are read and written by ezc3d: {pip_install('c3d')}; .trc and .csv need nothing")

@@ -36,10 +36,15 @@ def check(joints: Num[Array, "t j 3"], skeleton: Skeleton = HUMANML3D, fps: floa
           ) -> None:
   """Raises ValueError, beginning with name, unless joints (T, J, 3) in the skeleton's unit can be a person's.
 
-  Warns about joints in another order, bones that change their length, and jumps. fps: frames a second, if known.
+  Warns about joints in another order, left and right exchanged, bones that change their length, and jumps. fps: frames
+  a second, if known.
   """
   lengths, oddness, metres = _checked(joints, skeleton, fps, name)
   _tell_jumps(metres, skeleton, fps, name)
+  if is_mirrored(metres, skeleton):
+    warnings.warn(f"{name}: left and right are exchanged: the left hip is where a body whose toes point ahead has its "
+                  "right one; the file's axes are left-handed (negate one of x, y, z) or its sides are swapped",
+                  stacklevel=2)
   if oddness > ODD:
     warnings.warn(f"{name}: bone lengths are unlike a person's; are the joints in the order "
                   f"{', '.join(skeleton.joints[:4])}, ...?", stacklevel=2)
@@ -112,12 +117,7 @@ def to_unit(joints: Num[Array, "t j 3"], skeleton: Skeleton = HUMANML3D, unit: s
   """
   if unit != "auto" and unit not in UNITS:
     raise InputError(f"got unit {unit!r}, expected auto, {', '.join(UNITS)}")
-  placed = _array(joints, skeleton, name)
-  if up != "y":
-    placed = with_y_up(placed, up)
-  elif _stands_along_z(placed, skeleton):
-    warnings.warn(f"{name}: the body lies, or stands along z; --up z (up=\"z\") turns files whose upward axis is z",
-                  stacklevel=2)
+  placed = with_y_up(_array(joints, skeleton, name), up)
   if unit == "auto":
     guess = guess_unit(placed, skeleton)
     if guess is None or np.isclose(UNITS[guess], skeleton.unit):
@@ -131,10 +131,32 @@ def to_unit(joints: Num[Array, "t j 3"], skeleton: Skeleton = HUMANML3D, unit: s
 
 def with_y_up(joints: Num[np.ndarray, "*lead 3"], up: str) -> Num[np.ndarray, "*lead 3"]:
   """Joints (..., 3) turned so that the axis up of the file, "x", "y", "z" or with a minus before it, is +y."""
+  if up == "y":
+    return joints
   if up.removeprefix("-") not in AXES:
     raise InputError(f"got up {up!r}, expected {', '.join(AXES)}, or one of these with a minus before it")
   placed = joints[..., AXES[up.removeprefix("-")]]
   return placed * np.array([1, -1, -1], placed.dtype) if up.startswith("-") else placed
+
+
+def upward_axis(joints: Num[Array, "t j 3"], skeleton: Skeleton = HUMANML3D) -> str:
+  """The axis along which the neck is above the feet, by the median of joints (T, J, 3): "y", "-z", ...; "" if it is
+  along none."""
+  feet = list(skeleton.left_feet + skeleton.right_feet)
+  rise = np.median(joints[:, skeleton.joints.index("neck")] - np.asarray(joints)[:, feet].mean(1), axis=0)
+  axis = int(np.abs(rise).argmax())
+  alone = abs(rise[axis]) > 3 * np.delete(np.abs(rise), axis).max()
+  return ("-" if rise[axis] < 0 else "") + "xyz"[axis] if alone else ""
+
+
+def is_mirrored(joints: Num[Array, "t j 3"], skeleton: Skeleton = HUMANML3D) -> bool:
+  """Whether the toes of joints (T, J, 3) point behind: away from left hip x neck, which is ahead of every body."""
+  joints = np.asarray(joints, np.float64)
+  across = joints[:, skeleton.hips[1]] - joints[:, skeleton.hips[0]]
+  ahead = np.cross(across, joints[:, skeleton.joints.index("neck")] - joints[:, 0])
+  feet = sum(joints[:, toes] - joints[:, ankle] for ankle, toes in (skeleton.left_feet, skeleton.right_feet))
+  along = (ahead * feet).sum(-1)
+  return bool(np.median(along) < -0.5 * np.median(np.linalg.norm(ahead, axis=-1) * np.linalg.norm(feet, axis=-1)))
 
 
 def guess_unit(joints: Num[Array, "t j 3"], skeleton: Skeleton = HUMANML3D) -> str | None:
@@ -209,14 +231,6 @@ def _tell_jumps(metres, skeleton, fps, name):
                   f"{frame + 1}, {skeleton.joints[joint]}", stacklevel=3)
 
 
-def _stands_along_z(joints, skeleton):
-  """Whether the neck is above the feet along z, mostly, and not along y."""
-  feet = list(skeleton.left_feet + skeleton.right_feet)
-  top = skeleton.joints.index("neck")
-  rise = np.median(joints[:, top] - joints[:, feet].mean(1), axis=0)
-  return bool(rise[2] > 3 * np.abs(rise[:2]).max())
-
-
 def _how_to_scale(guess, skeleton):
   to = next(name for name, metres in UNITS.items() if metres == skeleton.unit)
   return (f"--unit {guess} (unit={guess!r}) says so to a reader, in Python multiply joints by "
@@ -227,5 +241,5 @@ def _far(metres):
   return f"{metres / 1000:,.0f} km" if metres >= 10_000 else f"{metres:,.3g} m"
 
 
-__all__ = ["AXES", "ODD", "UNITS", "check", "check_bones", "check_rate", "fault", "oddness", "to_unit", "guess_unit",
-           "with_y_up"]
+__all__ = ["AXES", "ODD", "UNITS", "check", "check_bones", "check_rate", "fault", "guess_unit", "is_mirrored", "oddness",
+           "to_unit", "upward_axis", "with_y_up"]

@@ -187,11 +187,16 @@ def read_csv(path: str | pathlib.Path, robot: Robot, quaternion: str | None = No
   if off.max() > 0.02:
     raise InputError(f"{path} row {int(off.argmax()) + 1}: columns 4 to 7 have length {1 - off.max():.3g} or "
                      f"{1 + off.max():.3g}, expected a quaternion of length 1; are these Euler angles or degrees?")
-  quaternion = quaternion or _guess(path, four)
-  qpos = np.zeros((len(rows), robot.model.nq))
-  qpos[:, :3], qpos[:, 3:7] = rows[:, :3], rot.unit(four if quaternion == "wxyz" else np.roll(four, 1, axis=1))
-  for column, name in enumerate(robot.moving):
-    qpos[:, 7 + robot.joints.index(name)] = rows[:, 7 + column]
+
+  def qpos_as(order):
+    qpos = np.zeros((len(rows), robot.model.nq))
+    qpos[:, :3], qpos[:, 3:7] = rows[:, :3], rot.unit(four if order == "wxyz" else np.roll(four, 1, axis=1))
+    for column, name in enumerate(robot.moving):
+      qpos[:, 7 + robot.joints.index(name)] = rows[:, 7 + column]
+    return qpos
+
+  quaternion = quaternion or _guess(path, robot, qpos_as)
+  qpos = qpos_as(quaternion)
   if np.abs(qpos[:, 7:]).max() > 2 * np.pi:
     raise InputError(f"{path}: an angle is {np.abs(qpos[:, 7:]).max():.3g}, expected radians; these look like degrees")
   if fps is None and "fps" not in about:
@@ -209,19 +214,17 @@ def _side_car(path):
 
 
 def _rows(path, width):
-  from motion_jax.utils.text_files import read_lines
+  from motion_jax.utils.text_files import read_lines, split_cells
   if not path.is_file():
     raise FileNotFoundError(f"there is no file {path}")
+  numbered = [(number, line) for number, line in enumerate(read_lines(path), 1) if line.strip()]
   rows = []
-  for number, line in enumerate(read_lines(path), 1):
-    if not line.strip():
-      continue
-    cells = line.split(",")
+  for (number, line), cells in zip(numbered, split_cells([line for _, line in numbered])):
     try:
       row = [float(cell) for cell in cells]
     except ValueError:
-      raise InputError(f"{path} line {number}: got {line[:40]!r}, expected {width} numbers; a CSV with a header is of "
-                       "another format") from None
+      what = "a CSV with a header is of another format" if number == numbered[0][0] else "it is damaged"
+      raise InputError(f"{path} line {number}: got {line[:40]!r}, expected {width} numbers; {what}") from None
     if len(row) != width or not np.isfinite(row).all():
       finite = "" if np.isfinite(row).all() else ", not all finite"
       raise InputError(f"{path} line {number}: got {len(row)} numbers{finite}, expected {width}: root position, "
@@ -232,13 +235,22 @@ def _rows(path, width):
   return np.array(rows)
 
 
-def _guess(path, four):
-  """The order in which the pelvis is upright."""
-  upright = lambda q: float(np.median(1 - 2 * (q[:, 1] ** 2 + q[:, 2] ** 2)))  # z of the turned z axis
-  found = {"wxyz": upright(four), "xyzw": upright(np.roll(four, 1, axis=1))}
-  best, other = sorted(found, key=lambda order: -found[order])
-  if found[best] < 0.5 or found[best] - found[other] < 0.3:
+def _guess(path, robot, qpos_as):
+  """The order in which the pelvis is upright; one that puts the body into the floor is none.  """
+  upright, depth = {}, {}
+  for order in ("wxyz", "xyzw"):
+    qpos = qpos_as(order)
+    upright[order] = float(np.median(1 - 2 * (qpos[:, 4] ** 2 + qpos[:, 5] ** 2)))  # z of the turned z axis
+    some = qpos[np.linspace(0, len(qpos) - 1, min(len(qpos), _LOOKED_AT)).astype(int)]
+    depth[order] = float(np.median(robot.kinematics(some)[0][..., 2].min(1)))
+  best, other = sorted(upright, key=lambda order: -upright[order])
+  if depth[best] < -_IN_THE_FLOOR < depth[other] < _IN_THE_FLOOR:
+    return other
+  if upright[best] < 0.5 or upright[best] - upright[other] < 0.3:
     raise InputError(f"{path}: nothing in the file says whether its quaternions are (w, x, y, z) or (x, y, z, w): the "
-                     f"pelvis is upright by {found['wxyz']:.2f} and {found['xyzw']:.2f}; give --quaternion wxyz or "
-                     "xyzw")
+                     f"pelvis is upright by {upright['wxyz']:.2f} and {upright['xyzw']:.2f}; state it: motion-jax "
+                     f"retarget {path.name} --quaternion wxyz (or xyzw)")
   return best
+
+
+_LOOKED_AT, _IN_THE_FLOOR = 16, 0.3  # frames; metres of the lowest joint

@@ -19,7 +19,7 @@ from motion_jax.utils.errors import InputError
 RATE = 50.0          # frames a second, the tick of most controllers
 MAX_SPEED = 20.0     # radians a second of any joint
 _ITERATIONS = 4      # of inverse kinematics in a frame
-_FIRST = 60          # before the first frame, from the upright pose
+_FIRST = 60          # before the first frame, from the upright pose at its place
 _APART = 0.01        # metres that bodies which must not touch are kept apart
 _LEVEL = np.array([1.0, 0, 0, 0])
 # (position, rotation) weights of the parts.
@@ -133,11 +133,22 @@ class Solver:
       self.tasks[f"{side}_ankle"].set_position_cost(_STANDING if stands else _WEIGHTS["ankle"][0])
       self.tasks[f"{side}_knee"].set_target(_pose(_LEVEL, target.limbs[f"{side}_knee"]))
     first = not self._begun
+    if first:  # half a turn away, the joints would wind up to their limits on the way, and stay there
+      self.configuration.update(self._standing_at(target))
     self._iterate(self.configuration, target, _FIRST if first else _ITERATIONS,
                   self._limits if first else [*self._limits, self._speed])
     self._begun = True
     self._look_for_another_way(target)
     return self.configuration.q.copy()
+
+  def _standing_at(self, target):
+    """The upright pose where the target's pelvis is, facing as it does."""
+    w, _, _, z = target.turned["pelvis"]
+    yaw = np.array([w, 0, 0, z]) if np.hypot(w, z) > 1e-6 else _LEVEL
+    start = self.robot.standing()
+    start[:2] = target.pelvis[:2]
+    start[3:7] = rot.multiply(rot.unit(yaw), start[3:7])
+    return start
 
   def _iterate(self, configuration, target, rounds, limits):
     import mink

@@ -36,8 +36,10 @@ def workers(count: int) -> Iterator[Workers]:
 @contextlib.contextmanager
 def on_cpu():
   """Processes that begin inside the block use no accelerator; JAX in this process must run already to be unaffected."""
-  before = {name: os.environ.get(name) for name in ("JAX_PLATFORMS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")}
-  os.environ.update(JAX_PLATFORMS="cpu", OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1")
+  changed = {"JAX_PLATFORMS": "cpu", "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1",
+             "PYTHONSAFEPATH": "1"}  # nor does a file of the current folder stand for a module of Python's
+  before = {name: os.environ.get(name) for name in changed}
+  os.environ.update(changed)
   try:
     yield
   finally:

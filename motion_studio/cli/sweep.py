@@ -13,7 +13,7 @@ import subprocess
 import sys
 from typing import NamedTuple
 
-from motion_jax.utils import config_files, exit_status
+from motion_jax.utils import child, config_files, exit_status
 from motion_jax.utils.errors import InputError
 from motion_jax.utils.nearest import did_you_mean
 
@@ -195,8 +195,8 @@ def run(name, workdir, arguments, call=None, budget=None, slice=None) -> int:
     overrides += [f"--config.train.cpu_seconds={limit:.6g}"] if limit else []
     print(f"{one}: {config} {' '.join(overrides)}", flush=True)
     before = _spent(folder)
-    status = call([sys.executable, "-m", "motion_studio.cli", "train", "--config", config, "--workdir", str(folder),
-                   "--resume=auto", *arguments, *overrides])
+    status = call(child.command("motion_studio.cli", "train", "--config", config, "--workdir", folder, "--resume=auto",
+                                *arguments, *overrides))
     write_table(runs, workdir)
     draw_chart(runs, workdir)
     if status == exit_status.PREEMPTED or status > 128 or status < 0:

@@ -1,18 +1,19 @@
 """Animations of FBX files as motion capture, by the extra `fbx-read` (ufbx)."""
 import pathlib
 import subprocess
-import sys
 import tempfile
 
 import numpy as np
 
 from motion_jax.data.mocap.capture import Capture, check_size, to_clip, with_rate
 from motion_jax.data.mocap.gltf_motion import bone_capture, choose
+from motion_jax.utils import child
 from motion_jax.utils.errors import InputError
 from motion_jax.utils.install import pip_install
 
 _LARGEST = 1 << 28  # bytes
 _SECONDS = 300
+_MEMORY = 4e9       # bytes of address space, more by the file's size
 _MISSING = 3        # the child's exit status without ufbx
 _CONVERT = "or convert it to .glb in Blender (File, Import, then File, Export, glTF 2.0)"
 
@@ -31,10 +32,10 @@ def read_fbx(path, animation=None) -> Capture:
                      "armature without its mesh")
   with tempfile.TemporaryDirectory() as folder:
     out = pathlib.Path(folder) / "motion.npz"
-    command = [sys.executable, "-m", "motion_jax.data.mocap.fbx_child", str(path.absolute()), str(out)]
+    wanted = [animation] if animation is not None else []
     try:
-      done = subprocess.run([*command, *([str(animation)] if animation is not None else [])], capture_output=True,
-                            text=True, errors="replace", timeout=_SECONDS, check=False)
+      done = child.run("motion_jax.data.mocap.fbx_child", path.absolute(), out, *wanted, seconds=_SECONDS,
+                       memory=_MEMORY + 64 * path.stat().st_size)
     except subprocess.TimeoutExpired:
       raise InputError(f"{path}: it took more than {_SECONDS} s to read; cut it in parts, {_CONVERT}") from None
     if done.returncode == _MISSING:
