@@ -142,7 +142,7 @@ def load_c3d(path, fps, unit, up, mapping) -> Clip:
     if done.returncode or not out.is_file():
       why = (done.stderr.strip().splitlines() or [f"the reader ended with {done.returncode}"])[-1]
       raise InputError(f"{path} is cut or no C3D file ({why[:80]})")
-    file = load_npz(out, ("points", "labels", "rate", "units"), ())
+    file = load_npz(out, ("points", "rate"), ("labels", "units"))
   points = file["points"]
   turned = points if up else points @ _LABORATORY
   return _clip(path, file["labels"].tolist()[:points.shape[1]], turned, fps or float(file["rate"]),

@@ -241,5 +241,5 @@ def _far(metres):
   return f"{metres / 1000:,.0f} km" if metres >= 10_000 else f"{metres:,.3g} m"
 
 
-__all__ = ["AXES", "ODD", "UNITS", "check", "check_bones", "check_rate", "fault", "guess_unit", "is_mirrored", "oddness",
-           "to_unit", "upward_axis", "with_y_up"]
+__all__ = ["AXES", "ODD", "UNITS", "check", "check_bones", "check_rate", "fault", "guess_unit", "is_mirrored",
+           "oddness", "to_unit", "upward_axis", "with_y_up"]
