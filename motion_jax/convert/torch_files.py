@@ -9,6 +9,7 @@ import math
 import os
 import pickletools
 import re
+import tarfile
 import zipfile
 from collections import OrderedDict
 from collections.abc import Callable
@@ -20,6 +21,8 @@ import numpy as np
 from motion_jax.utils.errors import InputError
 
 _REPEATED = 1 << 24  # numbers of an expanded tensor, which a few in the file stand for
+_SHARED = 4          # times the size of the file that all tensors together may have: weights may be tied
+_LARGEST_INT = 1 << 64
 DTYPES = {
     "DoubleStorage": np.float64, "FloatStorage": np.float32, "HalfStorage": np.float16,
     "BFloat16Storage": jnp.bfloat16, "LongStorage": np.int64, "IntStorage": np.int32, "ShortStorage": np.int16,
@@ -50,13 +53,20 @@ class Dtype(NamedTuple):
 
 
 class Storage(NamedTuple):
-  """The bytes of a storage; dtype None: untyped, the tensor on it says what they are."""
+  """The bytes of a storage; dtype None: untyped, the tensor on it says what they are.
+
+  left: [bytes that the tensors of the file may still take], one list for all its storages.
+  """
   data: bytes
   dtype: Any
+  left: list[int]
 
 
 def _array(storage, offset, shape, strides, dtype=None):
   """The tensor on a storage as an array of its own; sizes are checked before anything is made."""
+  if dtype is None and storage.dtype is None:
+    raise InputError("a tensor lies on a storage of a type that is not known; save it as one of "
+                     f"{', '.join(sorted(TORCH_DTYPES))}")
   dtype = np.dtype(dtype or storage.dtype)
   sizes = (*shape, *strides, offset)
   if len(shape) != len(strides) or any(not isinstance(size, int) or size < 0 for size in sizes):
@@ -67,6 +77,9 @@ def _array(storage, offset, shape, strides, dtype=None):
     raise InputError(f"a tensor of shape {shape} needs {past} numbers of a storage of {count}")
   if math.prod(shape) > max(count, _REPEATED):  # strides of 0 repeat numbers without bound
     raise InputError(f"a tensor of shape {shape} repeats the {count} numbers of its storage")
+  storage.left[0] -= math.prod(shape) * dtype.itemsize
+  if storage.left[0] < 0:
+    raise InputError(f"its tensors together are over {_SHARED} times as large as the file")
   # As raw bytes, for numpy has no strides of some small floats.
   flat = np.frombuffer(storage.data, f"V{dtype.itemsize}", count)
   steps = tuple(stride * dtype.itemsize for stride in strides)
@@ -96,7 +109,9 @@ def _parameter(data, *more):
 
 
 def _ordered_dict(items=()):
-  return OrderedDict(items)
+  pairs = [tuple(pair) for pair in (items.items() if isinstance(items, dict) else items)]
+  _keys([pair[0] for pair in pairs])
+  return OrderedDict(pairs)
 
 
 def _dtype(code, *more):
@@ -124,7 +139,7 @@ CALLS: dict[Name, Callable[..., Any]] = {
     Name("torch._utils", "_rebuild_tensor_v3"): _rebuild_tensor_v3,
     Name("torch._utils", "_rebuild_parameter"): _parameter,
     Name("collections", "OrderedDict"): _ordered_dict,
-    Name("collections", "Counter"): lambda items=(): dict(items),
+    Name("collections", "Counter"): lambda items=(): dict(_ordered_dict(items)),
     Name("torch", "Size"): lambda items=(): tuple(items),
     Name("numpy", "dtype"): _dtype,
     Name("numpy.core.multiarray", "scalar"): _scalar,
@@ -145,7 +160,7 @@ def load(path: str | os.PathLike) -> Any:
   if not zipfile.is_zipfile(path):
     with open(path, "rb") as file:
       start = file.read(16)
-    if start[:1] == b"\x80" or start[257:262] == b"ustar":
+    if start[:1] == b"\x80" or tarfile.is_tarfile(path):
       raise InputError(f"{path} is a checkpoint from before PyTorch 1.6, whose parts are several pickles; save it "
                        "again with a current PyTorch, torch.save(torch.load(old, weights_only=True), new)")
     raise InputError(f"{path} is no whole PyTorch checkpoint (no zip archive); fetch it again")
@@ -170,12 +185,18 @@ def _load_zip(archive, path):
   root = pickles[0][:-len("data.pkl")]
   if f"{root}constants.pkl" in names or any(name.startswith(f"{root}code/") for name in names):
     raise InputError(f"{path} is a TorchScript archive, which holds programs; save module.state_dict() instead")
+  members, size = archive.infolist(), os.path.getsize(path)
+  if any(info.compress_type != zipfile.ZIP_STORED for info in members):
+    raise InputError(f"{path} is a compressed zip, which PyTorch does not write; it may unpack to more than it holds")
+  if any(info.flag_bits & 1 for info in members):
+    raise InputError(f"{path} is an encrypted zip, which PyTorch does not write; unpack it and save it again")
+  if sum(info.file_size for info in members) > size:
+    raise InputError(f"{path} holds parts that lie inside one another; fetch it again")
   order = f"{root}byteorder"
   if order in names and archive.read(order).strip() not in (b"little", b""):
     raise InputError(f"{path} was written on a machine of the other byte order; save it again on a usual one")
-  if any(info.compress_type != zipfile.ZIP_STORED for info in archive.infolist()):
-    raise InputError(f"{path} is a compressed zip, which PyTorch does not write; it may unpack to more than it holds")
   kept: dict[str, bytes] = {}
+  left = [_SHARED * size + 4 * _REPEATED]
 
   def storage_of(saved):
     if not isinstance(saved, tuple) or len(saved) != 5 or saved[0] != "storage":
@@ -186,10 +207,10 @@ def _load_zip(archive, path):
     if key not in kept:
       kept[key] = archive.read(f"{root}data/{key}")
     dtype = DTYPES.get(kind.name)
-    size = count * (1 if dtype is None else np.dtype(dtype).itemsize)
-    if len(kept[key]) < size:
-      raise InputError(f"storage {key} holds {len(kept[key])} bytes of {size}; fetch the file again")
-    return Storage(kept[key], dtype)
+    expected = count * (1 if dtype is None else np.dtype(dtype).itemsize)
+    if len(kept[key]) < expected:
+      raise InputError(f"storage {key} holds {len(kept[key])} bytes of {expected}; fetch the file again")
+    return Storage(kept[key], dtype, left)
 
   return interpret(archive.read(pickles[0]), storage_of)
 
@@ -214,6 +235,8 @@ def interpret(data: bytes, storage_of: Callable[[Any], Any]) -> Any:
   for opcode, argument, _ in pickletools.genops(data):
     name = opcode.name
     if name in _PUSH_ARGUMENT:
+      if isinstance(argument, int) and abs(argument) >= _LARGEST_INT:
+        raise InputError("it holds a whole number of over 64 bits; no checkpoint has one")
       stack.append(argument)
     elif name in _CONSTANTS:
       stack.append(_CONSTANTS[name]())
@@ -246,9 +269,9 @@ def interpret(data: bytes, storage_of: Callable[[Any], Any]) -> Any:
       stack.append(since_mark())
     elif name == "DICT":
       items = since_mark()
-      stack.append(dict(zip(items[::2], items[1::2])))
+      stack.append(dict(zip(_keys(items[::2]), items[1::2])))
     elif name == "FROZENSET":
-      stack.append(frozenset(since_mark()))
+      stack.append(frozenset(_keys(since_mark())))
     elif name == "APPEND":
       item = stack.pop()
       _plain(stack[-1], list, name).append(item)
@@ -257,13 +280,13 @@ def interpret(data: bytes, storage_of: Callable[[Any], Any]) -> Any:
       _plain(stack[-1], list, name).extend(items)
     elif name == "ADDITEMS":
       items = since_mark()
-      _plain(stack[-1], set, name).update(items)
+      _plain(stack[-1], set, name).update(_keys(items))
     elif name == "SETITEM":
       value, key = stack.pop(), stack.pop()
-      _plain(stack[-1], dict, name)[key] = value
+      _plain(stack[-1], dict, name).update(zip(_keys([key]), [value]))
     elif name == "SETITEMS":
       items = since_mark()
-      _plain(stack[-1], dict, name).update(zip(items[::2], items[1::2]))
+      _plain(stack[-1], dict, name).update(zip(_keys(items[::2]), items[1::2]))
     elif name == "GLOBAL":
       stack.append(_known(*argument.split(" ", 1)))
     elif name == "STACK_GLOBAL":
@@ -305,6 +328,14 @@ def _call(called, arguments):
   if not isinstance(called, Name) or called not in CALLS or not isinstance(arguments, tuple):
     raise InputError(f"it calls {called if isinstance(called, Name) else type(called).__name__}, which is refused")
   return CALLS[called](*arguments)
+
+
+def _keys(items):
+  """Keys of a dictionary or members of a set: plain ones, for nested tuples can take for ever to hash."""
+  for item in items:
+    if not isinstance(item, str | int | float | bool | None | Name):
+      raise InputError(f"it has a {type(item).__name__} as a key, expected texts or numbers; no checkpoint has one")
+  return items
 
 
 def _plain(value, kind, opcode):

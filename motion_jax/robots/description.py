@@ -41,6 +41,11 @@ def read(path: pathlib.Path, mapping: str | pathlib.Path | Mapping[str, Any] | N
       if type(value) not in (int, float) or not abs(value) < 1e3:
         raise InputError(f"{path}: {key} of the description gives {joint} the value {str(value)[:60]}, expected a "
                          f"number{' of radians' if key == 'stand' else ''}")
+  for key in ("fixed", "orders"):
+    for name, value in about.get(key, {}).items():
+      if not isinstance(value, list | tuple) or not all(isinstance(joint, str) for joint in value):
+        raise InputError(f"{path}: {key} of the description gives {name} the value {str(value)[:60]}, expected a list "
+                         "of joints")
   return about
 
 

@@ -19,7 +19,7 @@ from motion_jax.robots.motion import RobotMotion
 from motion_jax.robots.robot import Robot, to_robot_axes
 from motion_jax.utils.atomic import atomic_path
 from motion_jax.utils.errors import InputError
-from motion_jax.utils.numerals import named
+from motion_jax.utils.numerals import FRAME_RATES, named
 
 
 class Format(NamedTuple):
@@ -209,8 +209,17 @@ def _side_car(path):
   from motion_jax.utils.input_files import parse_json
   from motion_jax.utils.text_files import read_text
   beside = path.with_suffix(".json")
-  found = parse_json(read_text(beside), str(beside)) if beside.is_file() else {}
-  return found if isinstance(found, dict) else {}
+  about = parse_json(read_text(beside), str(beside)) if beside.is_file() else {}
+  if not isinstance(about, dict):
+    return {}
+  number = lambda value: type(value) in (int, float) and FRAME_RATES[0] <= value <= FRAME_RATES[1]
+  text = lambda value: value is None or isinstance(value, str)
+  for key, fits, expected in (("fps", number, f"{FRAME_RATES[0]} to {FRAME_RATES[1]} frames a second"),
+                              ("quaternion_order", text, "xyzw or wxyz"), ("licence", text, "a text")):
+    if key in about and not fits(about[key]):
+      raise InputError(f"{beside}: {key} is {str(about[key])[:60]}, expected {expected}; mend it, or remove the file, "
+                       "which is read beside the table of its name")
+  return about
 
 
 def _rows(path, width):

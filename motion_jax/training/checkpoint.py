@@ -117,12 +117,16 @@ def load_config(folder) -> ml_collections.FrozenConfigDict:
   config = load_json(folder, CONFIG)
   path = pathlib.Path(folder) / CONFIG
   advice = "restore it from the run that wrote it"
+  for section in _SECTIONS:
+    if not isinstance(config.get(section) or {}, dict) or config.get(section) == "":
+      raise InputError(f"{path}: {section} is {str(config[section])[:60]!r}, expected an object; {advice}")
   for section in _NETWORKS:
     check_sizes(config.get(section), path, section, advice)
   with reading(path, advice):
     return ml_collections.FrozenConfigDict(config)
 
 
+_SECTIONS = ("model", "data", "train", "optimizer", "frozen", "sampler", "loss", "cleanup")
 _NETWORKS = ("model", "tokenizer", "quantizer", "text", "length")  # sections of a config that describe a network
 
 

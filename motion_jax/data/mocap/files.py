@@ -61,7 +61,8 @@ def read_mapping(mapping):
   twice = [joint for joint, count in collections.Counter(joint for joint, _ in pairs).items() if count > 1]
   if twice:
     raise InputError(f"{path} names {named(twice, 10)} twice, expected each of our joints once")
-  names = lambda entry: isinstance(entry, str) or (isinstance(entry, list) and entry and all(map(names, entry)))
+  text = lambda entry: isinstance(entry, str)
+  names = lambda entry: text(entry) or (isinstance(entry, list) and entry and all(map(text, entry)))
   bad = [joint for joint, entry in value.items() if not names(entry)]
   if bad:
     raise InputError(f"{path}: {named(bad, 10)} should be a joint's name or a list of names")
