@@ -34,7 +34,8 @@ PRINTED = {"": {"authors humanml3d": "MDM", "control 263-pelvis": "MDM"},
 def get_config(name="full"):
   size, data, kind = common.words_of(name, SIZES, DATA, KINDS)
   config = common.experiment("mdm.dip" if kind in ("dip", "goals") else "mdm.denoiser", seed=10)
-  config.frozen = dict(text="clip-vit-base-patch32", text_level="sentence")
+  # text_pieces: of a caption, with the two special ones; 0 for all.
+  config.frozen = dict(text="clip-vit-base-patch32", text_level="sentence", text_pieces=22)
   config.model = dict(features=263, width=512, depth=8, num_heads=4, mlp_width=1024, text_dim=512, kind="encoder",
                       time_token=False, num_goals=0, num_steps=1_000, dropout=0.1)
   # context: clean frames that the network reads in front of those that it denoises.
@@ -53,7 +54,7 @@ def get_config(name="full"):
     config.loss.mask_frames = True
     config.optimizer.ema_decay = 0.9999
   if kind in ("words", "dip", "goals"):
-    config.frozen.update(text="distilbert-base-uncased", text_level="words")
+    config.frozen.update(text="distilbert-base-uncased", text_level="words", text_pieces=0)
     config.model.update(kind="decoder", text_dim=768)
   if kind in ("dip", "goals"):
     config.diffusion.context = 20
@@ -65,7 +66,8 @@ def get_config(name="full"):
     config.model.features = DATA[data][0]
     config.data.update(DATA[data][1])
   if size in ("small", "laptop"):
-    config.frozen.update(text="words", text_level="words" if config.model.kind == "decoder" else "sentence")
+    config.frozen.update(text="words", text_level="words" if config.model.kind == "decoder" else "sentence",
+                         text_pieces=0)
     config.model.update(width=256, depth=6, mlp_width=512, text_dim=128 if config.model.kind == "decoder" else 384)
     common.archives(config, batch_size=32, balance=0.5, vary_subject=0.5, max_words=24)
     if kind not in ("dip", "goals"):
@@ -77,7 +79,7 @@ def get_config(name="full"):
     config.train.update(num_steps=4_000 if size == "laptop" else 12_000, log_every=20, save_every=500,
                         sample_every=2_000)
   elif size == "tiny":
-    config.frozen.text = "random-init"
+    config.frozen.update(text="random-init", text_pieces=0)
     config.model.update(width=16, depth=1, num_heads=2, mlp_width=16, text_dim=32, num_steps=4)
     config.diffusion.num_steps = config.sampler.num_steps = 4
     common.tiny(config)

@@ -22,5 +22,6 @@ def load(name: str | os.PathLike = "cmdm-small", text: str | os.PathLike | None 
     raise InputError(f"{name} holds a run of the stage {shortened(repr(stage))}, expected one of a known method{hint}")
   run = runs.load_run(name, None if is_model else tuple(registry.model_stages()), raw)
   with checkpoint.building(run.folder):
-    encoder = load_text_encoder(text or run.text, level=run.config.frozen.text_level)
+    encoder = load_text_encoder(text or run.text, max_words=run.config.frozen.get("text_pieces") or None,
+                                level=run.config.frozen.text_level)
     return registry.model_of(run.stage)(run, encoder)

@@ -142,7 +142,7 @@ _MOTION_ERRORS = {"data.balance": 0.0, "loss.acceleration": 0.0, "loss.extremity
                   "loss.foot_contact": 0.0, "loss.brief_contact": 0.0, "loss.bone_length": 0.0}
 _CONTRAST = {"loss.contrast": 0.0, "loss.contrast_margin": 0.1, "loss.contrast_until": 0.5}
 _TEXT_ITEMS = {"data.frames_per_latent": 4, "data.crop_frames": 0, "data.keep_long": False, "data.shorten_rate": 1 / 3}
-_GOALS = {"model.num_goals": 0, "loss.goals": 0.0}
+_MDM = {"model.num_goals": 0, "loss.goals": 0.0, "diffusion.schedule": "cosine", "frozen.text_pieces": 0}
 _EVALUATOR = {"frozen.text": "", "data.max_frames": 196,
               "model.columns": lambda config: get_layout(config["data"]["layout"]).dim}
 _CAPTIONED_EVALUATOR = _EVALUATOR | _TEXT_ITEMS
@@ -189,7 +189,7 @@ DEFAULTS: dict[str, dict[str, Any]] = {
         "train.remat": False, "train.attention": "xla", "frozen.text_level": "sentence", "frozen.length": "",
         "length": {}, "loss.mask_draw": "count", "data.vary_subject": 0.0, "sampler.edit_mask": "bcm"},
     "cdamd.length": {"data.vary_subject": 0.0},
-    "mdm.denoiser": _GOALS, "mdm.dip": _GOALS, "mld.vae": {}, "mld.denoiser": {}, "mld.frames": {},
+    "mdm.denoiser": _MDM, "mdm.dip": _MDM, "mld.vae": {}, "mld.denoiser": {}, "mld.frames": {},
     "motionstreamer.tokenizer": {}, "motionstreamer.generator": {},
     "momask.rvq": _QUANTIZER,
     "momask.masked": _TEXT_ITEMS | {"data.vary_subject": 0.0, "frozen.text_level": "sentence", "frozen.residual": "",

@@ -109,10 +109,8 @@ def read_part(path, wanted=(), others=(), choices=()):
     state = {name: array for name, array in state.items() if name.split("/")[0] in wanted}
     if len(wanted) == 1:
       state = select(state, f"{wanted[0]}/")
-  # Data-parallel and compiled modules prefix every name alike.
-  for prefix in ("module.", "_orig_mod."):
-    if state and all(name.startswith(prefix) for name in state):
-      state = {name.removeprefix(prefix): array for name, array in state.items()}
+  state, counters = _unwrapped(state)
+  left |= counters
   broken = [name for name, array in state.items() if not np.isfinite(array).all()]
   if broken:
     raise ValueError(f"{path}: {broken[0]} holds NaN or infinity; fetch the file again")
@@ -120,6 +118,20 @@ def read_part(path, wanted=(), others=(), choices=()):
     digest = hashlib.file_digest(file, "sha256").hexdigest()
   part = ", ".join(wanted) if nested else ""
   return NetworkState(state, dict(file=pathlib.Path(path).name, part=part, sha256=digest), tuple(sorted(left)))
+
+
+# What wraps a module, data-parallel, compiled or averaged, puts before every name alike, in any order and number.
+_WRAPPER = re.compile(r"(?:(?:module|_orig_mod)\.)+")
+
+
+def _unwrapped(state):
+  """(state without what wrappers put before its names, the counter that an averaging one keeps)."""
+  counters = {"n_averaged"} & state.keys()
+  state = {name: array for name, array in state.items() if name not in counters}
+  starts = {match[0] if (match := _WRAPPER.match(name)) else "" for name in state}
+  if len(starts) == 1:
+    state = {name[len(min(starts)):]: array for name, array in state.items()}
+  return state, counters
 
 
 def without_clip(part):

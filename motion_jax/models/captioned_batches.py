@@ -28,7 +28,8 @@ def text_encoder(config: ConfigDict, text_dim: int, level: str | None = None) ->
 
   level: "sentence" or "words"; without it that of config.frozen.text_level.
   """
-  encoder = load_text_encoder(config.frozen.text, level=level or config.frozen.text_level)
+  encoder = load_text_encoder(config.frozen.text, config.frozen.get("text_pieces") or None,
+                              level or config.frozen.text_level)
   if encoder.dim != text_dim:
     raise InputError(f"text encoder {config.frozen.text!r} gives {encoder.dim} numbers a "
                      f"{encoder.level.removesuffix('s')}, the model takes text_dim = {text_dim}; make them agree")

@@ -53,7 +53,7 @@ class MdmNetwork(TextToMotionModel):
 
   def plan_of(self, chosen: MdmSampling) -> sampling.Plan:
     return sampling.Plan(self.config.diffusion.num_steps, cast(int, chosen.num_steps), cast(str, chosen.solver),
-                         chosen.guidance_scale != 1.0)
+                         chosen.guidance_scale != 1.0, self.config.diffusion.schedule)
 
 
 class MdmModel(EditingModel, MdmNetwork):

@@ -9,6 +9,8 @@ from jaxtyping import Bool, Float
 from motion_jax.diffusion import ddpm, guidance
 from motion_jax.shapes import Array, Net
 
+SCHEDULES = {"cosine": ddpm.cosine_schedule, "linear": ddpm.linear_schedule}
+
 
 class Plan(NamedTuple):
   """How it is sampled; hashable. train_steps: those of training, num_steps: those made (`ddpm.spaced_steps`)."""
@@ -16,10 +18,11 @@ class Plan(NamedTuple):
   num_steps: int | str = 1000
   solver: str = "ancestral"  # or "ddim"
   guided: bool = True
+  schedule: str = "cosine"
 
 
 def schedule_of(plan: Plan) -> ddpm.Schedule:
-  return ddpm.respace(ddpm.cosine_schedule(plan.train_steps), plan.num_steps)
+  return ddpm.respace(SCHEDULES[plan.schedule](plan.train_steps), plan.num_steps)
 
 
 class Condition(NamedTuple):

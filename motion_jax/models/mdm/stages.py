@@ -8,6 +8,7 @@ from ml_collections import ConfigDict
 from motion_jax.diffusion import ddpm
 from motion_jax.models.mdm.goals import conditions, drawn_goals, goal_error, places
 from motion_jax.models.mdm.losses import TERMS, mdm_terms
+from motion_jax.models.mdm.sampling import SCHEDULES
 from motion_jax.models.motion_errors import STATS
 from motion_jax.motion.representations import get_layout
 from motion_jax.nets.initial import initial_as_pytorch
@@ -30,7 +31,8 @@ def denoiser_stage(config: ConfigDict) -> Stage:
   """
   plain = MotionDenoiser(**config.model)
   net, layout = mixed_precision(plain, config), get_layout(config.data.layout)
-  schedule, context = ddpm.cosine_schedule(config.diffusion.num_steps), config.diffusion.context
+  context = config.diffusion.context
+  schedule = SCHEDULES[config.diffusion.get("schedule", "cosine")](config.diffusion.num_steps)
   weights = {name: config.loss[name] for name in TERMS if config.loss[name]}
   feet = (*layout.skeleton.left_feet, *layout.skeleton.right_feet)
 

@@ -92,6 +92,10 @@ def write_momask(out: str | pathlib.Path, tokenizer_file: str | pathlib.Path, st
     networks.append(more)
   if length_file is not None:
     estimator = length_estimator(length_file)
+    text_dim = estimator.params["params"]["layer0"]["kernel"].shape[0]
+    if text_dim != made.fields["text_dim"]:
+      raise ValueError(f"the length estimator reads {text_dim} numbers of text, the masked transformer "
+                       f"{made.fields['text_dim']}; they are of different trainings, or leave --length out")
     frozen["length"], config["length"] = estimator.params, estimator.fields
     networks.append(estimator)
   files = text_files(text, made.fields["text_dim"], "masked transformer", f"{TEXT} has 512", level="sentence")
