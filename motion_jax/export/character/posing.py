@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
+from scipy.linalg import solveh_banded
 
 from motion_jax.export.character.figure import Figure
 from motion_jax.export.character.neutral import eased, is_own
@@ -17,7 +18,7 @@ from motion_jax.export.rig import rigged
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.joint_names import SIDES
 from motion_jax.motion.pose import pose_to_joints
-from motion_jax.motion.retarget import bend_leg, floor_height, foot_move
+from motion_jax.motion.retarget import bend_leg, firmness, floor_height, foot_move
 from motion_jax.motion.skeleton import HUMANML3D
 
 _LINES = {"shoulder": "elbow", "elbow": "wrist", "hip": "knee", "knee": "ankle"}  # the next joint of a limb
@@ -138,11 +139,14 @@ def _stand(figure, joints, turns, places, offsets):
       turn = rot.multiply(turns[:, parts[names[2]]], rot.conjugate(figure.turned[parts[names[2]]])[None])
       result[:, leg[3]] = result[:, leg[2]] + rot.rotate(turn, offsets[leg[3]][None])
   body = dataclasses.replace(skeleton, bone_lengths=lengths)
-  # In height a foot keeps its own distance from the floor: at rest toes of the character are higher, or lower.
-  high = np.mean([figure.places[parts[name], 1] for name in ("left_foot", "right_foot") if name in parts] or [0.0])
   moves = [foot_move(joints, result, leg, 1.0) for leg in legs]
-  for move in moves:
-    move[:, 1] += high
+  for leg, side, move in zip(legs, ("right", "left"), moves):
+    ankle, toes = leg[2], leg[3]
+    # The sole's lowest point is as far above the floor as the motion's foot is, whichever part of it is the lowest.
+    clearance = np.minimum(joints[:, toes, 1], joints[:, ankle, 1] + offsets[toes, 1]).clip(0)
+    depth = places[:, parts[f"{side}_ankle"], 1] - _sole_height(figure, turns, places, side)
+    move[:, 1] = depth + clearance - joints[:, ankle, 1]
+    move[:, [0, 2]] += _stance(figure, joints, side, leg)
   lift = np.median([move[:, 1] for move in moves])
   result[..., 1] += lift
   turns, places = turns.copy(), places + [0, lift, 0]
@@ -159,7 +163,29 @@ def _stand(figure, joints, turns, places, offsets):
   return turns, places
 
 
-def _sole_height(figure, turns, places):
-  """The height (T,) of the lowest point of both soles."""
+def _stance(figure, joints, side, leg):
+  """How much farther out (T, 2), along x and z, a foot stands than the motion's: by as much as the hip is farther from
+  the pelvis. While the foot stands it stays, and so does this."""
+  skeleton, parts = HUMANML3D, figure.parts
+  across = joints[:, skeleton.hips[1]] - joints[:, skeleton.hips[0]]
+  wide = np.linalg.norm(figure.places[parts["left_hip"]] - figure.places[parts["right_hip"]])
+  more = (wide - np.median(np.linalg.norm(across, axis=-1))) / 2 * (1 if side == "left" else -1)
+  level = across[:, [0, 2]] / np.maximum(np.linalg.norm(across[:, [0, 2]], axis=-1, keepdims=True), 1e-9)
+  return more * _held(level, firmness(joints[:, leg[2]], 1.0))
+
+
+def _held(path, firm, pull=1e-3):
+  """The path (T, N) nearest to a path that stays in firm steps (T - 1,): min sum firm |step|^2 + pull |off the path|^2."""
+  if len(path) < 3:
+    return path
+  diagonal = pull + np.append(firm, 0) + np.append(0, firm)
+  return solveh_banded(np.stack([np.append(0, -firm), diagonal]), pull * path)
+
+
+def _sole_height(figure, turns, places, side=None):
+  """The height (T,) of the lowest point of the soles, of one side or of both."""
+  sides = SIDES if side is None else (side,)
+  bones = {figure.parts.get(f"{name}_{joint}") for name in sides for joint in ("ankle", "foot")}
+  soles = {bone: points for bone, points in figure.soles.items() if bone in bones} or figure.soles
   return np.min([(places[:, bone, None] + rot.rotate(turns[:, bone, None], points[None]))[..., 1].min(1)
-                 for bone, points in figure.soles.items()], axis=0)
+                 for bone, points in soles.items()], axis=0)
