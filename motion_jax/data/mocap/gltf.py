@@ -23,6 +23,7 @@ _DTYPES = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: 
 FLOAT = 5126
 _SIZES = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
 _PACKED = ("EXT_meshopt_compression", "KHR_meshopt_compression")
+_ZEROS = 4  # values of an accessor without a buffer for each byte of the file
 _CUT = "the file is cut or damaged, copy or export it again"
 
 
@@ -38,7 +39,7 @@ class Document:
     self._buffers: dict[int, bytes] = {}
     if not path.is_file():
       raise FileNotFoundError(f"there is no file {path}")
-    size = path.stat().st_size
+    self._size = size = path.stat().st_size
     if size > LARGEST:
       raise InputError(f"{path}: got {size / 2**20:,.0f} MiB, expected at most {LARGEST >> 20}; make its textures "
                        "smaller, for instance with npx @gltf-transform/cli resize")
@@ -67,12 +68,11 @@ class Document:
         if not 0 <= child < len(parents) or parents[child] >= 0:
           raise InputError(f"{self.path}: node {number} has the child {child}, which is no node of its own; {_CUT}")
         parents[child] = number
-    for start in range(len(parents)):
-      joint, steps = start, 0
-      while joint >= 0:
-        joint, steps = parents[joint], steps + 1
-        if steps > len(parents):
-          raise InputError(f"{self.path}: node {start} hangs on itself; {_CUT}")
+    below = [j for j, parent in enumerate(parents) if parent < 0]
+    for node in below:
+      below.extend(self.nodes[node].get("children", ()))
+    if len(below) < len(parents):  # a node below no root
+      raise InputError(f"{self.path}: node {min({*range(len(parents))} - {*below})} hangs on itself; {_CUT}")
     return parents
 
   @functools.cached_property
@@ -125,7 +125,9 @@ class Document:
     with self.checked():
       about = self.json["accessors"][number]
       dtype, width, count = np.dtype(_DTYPES[about["componentType"]]), _SIZES[about["type"]], about["count"]
-      if not 0 <= count <= LARGEST:
+      # Values without a buffer are zeros: a few bytes may not ask for gigabytes.
+      most = LARGEST if "bufferView" in about else _ZEROS * self._size
+      if not 0 <= count <= most:
         raise InputError(f"{self.path}: accessor {number} states {count:,} values; {_CUT}")
       if "bufferView" in about:
         values = self._view(about["bufferView"], about.get("byteOffset", 0), dtype, count, width).copy()

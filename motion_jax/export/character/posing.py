@@ -175,7 +175,10 @@ def _stance(figure, joints, side, leg):
 
 
 def _held(path, firm, pull=1e-3):
-  """The path (T, N) nearest to a path that stays in firm steps (T - 1,): min sum firm |step|^2 + pull |off the path|^2."""
+  """The path (T, N) nearest to this one that stays in firm steps (T - 1,).
+
+  It solves min sum firm |step|^2 + pull |off the path|^2.
+  """
   if len(path) < 3:
     return path
   diagonal = pull + np.append(firm, 0) + np.append(0, firm)
