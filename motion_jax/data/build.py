@@ -91,11 +91,18 @@ def read_captures(folder, captions=None, mapping=None, fps=20.0, progress=False,
     if len(splits) > 1:
       raise InputError(f"the captions put {name} into the splits {named(sorted(splits), 5)}; expected one")
     first = own[0]
-    clips.append(read_clip(
+    clip = read_clip(
         files[name], name, faults, mapping=mapping, fps=fps, source_fps=source_fps, id=_id(name), split="".join(splits),
         captions=tuple(Caption(row["caption"], row["start"], row["end"]) for row in own),
-        source=first["source"] or folder.resolve().name, license=first["license"]))
-  return [clip for clip in clips if clip is not None], sorted(set(files) - set(rows) - named_clips)
+        source=first["source"] or folder.resolve().name, license=first["license"])
+    if clip is not None and clip.num_frames < 2:
+      short = f"it has {clip.num_frames} frame at {fps:g} frames a second, expected 2 or more"
+      if faults is None:
+        raise InputError(f"{files[name]}: {short}; leave it out of the captions")
+      faults.append((name, short))
+    elif clip is not None:
+      clips.append(clip)
+  return clips, sorted(set(files) - set(rows) - named_clips)
 
 
 def read_captions(path) -> list[dict]:

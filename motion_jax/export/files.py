@@ -124,7 +124,7 @@ def _load_npz(path, fps, unit, up, mapping):
   if "joints" not in arrays and "features" not in arrays:
     keys = npz_names(path)
     if research_files.is_amass(keys):
-      joints, rate = research_files.read_amass(path, up)
+      joints, rate = research_files.read_amass(path, up, fps)
       return Clip(joints=joints.astype(np.float32), fps=fps or rate, id=path.stem, source=path.name)
     raise InputError(f"{path} holds {', '.join(keys[:8]) or 'nothing'}, expected a key joints (T, 22, 3), features, "
                      "posed_joints (Kimodo) or poses and trans (AMASS)")

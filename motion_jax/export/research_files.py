@@ -14,33 +14,45 @@ from motion_jax.motion.rigid import fit_pose
 from motion_jax.motion.skeleton import HUMANML3D, SMPL
 from motion_jax.utils.atomic import atomic_path
 from motion_jax.utils.errors import InputError
-from motion_jax.utils.input_files import load_npz
+from motion_jax.utils.input_files import load_npz, npz_names
 
-KIMODO_FPS = 30.0
+KIMODO_FPS, _VIDEO_FPS = 30.0, 30.0
+# {AMASS' name: that of tools that read video}
+_VIDEO_NAMES = {"root_orient": "global_orient", "pose_body": "body_pose", "trans": ("transl", "trans"), "poses": "pose"}
 # Of SMPL's pelvis at rest from the model's origin, metres: what AMASS' trans is counted from.
 _PELVIS = np.array([0.0, -0.22, 0.03])
 _TO_AMASS = np.array([[-1.0, 0, 0], [0, 0, 1], [0, 1, 0]])  # y up, facing +z -> z up, facing +y
 
 
 def is_amass(keys) -> bool:
-  """Whether a .npz with these keys holds the poses of a body model, as AMASS' files do."""
-  return "trans" in keys and ("poses" in keys or {"root_orient", "pose_body"} <= set(keys))
+  """Whether a .npz with these keys holds the poses of a body model, as AMASS' files do, or those of video tools."""
+  return "trans" in keys and ("poses" in keys or {"root_orient", "pose_body"} <= set(keys)) or is_of_video(keys)
 
 
-def read_amass(path, up=None):
+def is_of_video(keys) -> bool:
+  """Whether these keys are those of SMPL's poses as tools that read video name them (GVHMR, WHAM, TRAM; ROMP, VIBE)."""
+  return {"global_orient", "body_pose", "transl"} <= set(keys) or {"pose", "trans"} <= set(keys)
+
+
+def read_amass(path, up=None, fps=None):
   """Joints (T, 22, 3) of the poses in an AMASS file, metres, y up, and its rate, on a neutral adult's bones.
 
-  up: the file's upward axis, by default "z". The body's own shape (betas) takes the SMPL body model, which is not here.
+  up: the file's upward axis, by default "z", of video tools "y". The body's own shape (betas) takes the SMPL body model, which is not here.
   """
-  poses = read_poses(path)
+  of_video = is_of_video(npz_names(path))
+  if of_video and fps is None:
+    warnings.warn(f"{path} states no rate, taken as {_VIDEO_FPS:g} frames a second; --fps (fps=) sets another",
+                  stacklevel=2)
+  poses = read_poses(path, _VIDEO_NAMES if of_video else {}, (fps or _VIDEO_FPS) if of_video else None)
   pelvis = load_npz(path, ("pelvis_offset",)).get("pelvis_offset", _PELVIS)
   if pelvis.shape != (3,):
     raise InputError(f"{path}: got pelvis_offset {pelvis.shape}, expected (3,)")
-  warnings.warn(f"{path}: AMASS poses, put on the bones of a neutral adult; for the person's own (betas), run the SMPL "
+  warnings.warn(f"{path}: SMPL poses, put on the bones of a neutral adult; for the person's own (betas), run the SMPL "
                 "body model (pip install smplx) and save its joints (frames, 22, 3)", stacklevel=2)
   local = np.tile(SMPL.offsets, (len(poses.translation), 1, 1))
   local[:, 0] = poses.translation + pelvis
   joints = forward_kinematics(SMPL.parents, local, poses.rotations)[0]
+  up = up or ("y" if of_video else None)
   return with_y_up(joints, up) if up else joints @ _TO_AMASS, poses.fps
 
 

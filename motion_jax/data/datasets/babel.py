@@ -99,13 +99,21 @@ def read_recording(path) -> Recording:
   return Recording(rotations, translation)
 
 
-def read_poses(path) -> Recording:
-  """A motion file at its own rate: poses (T, 66 or more) or root_orient and pose_body, trans (T, 3), and the rate."""
+def read_poses(path, names=None, fps=None) -> Recording:
+  """A motion file at its own rate: poses (T, 66 or more) or root_orient and pose_body, trans (T, 3), and the rate.
+
+  names: {one of these: what it is called in the file, or several such names}. fps: the rate of a file that states none.
+  """
   path = pathlib.Path(path)
   if not path.is_file():
     raise FileNotFoundError(f"there is no file {path}; expected SMPL poses and trans, as AMASS files hold them")
   rates = ("fps", "mocap_framerate", "mocap_frame_rate")
-  file = load_npz(path, ("poses", "root_orient", "pose_body", "trans", *rates), required=("trans",))
+  there = set(npz_names(path))
+  called = {name: next((other for other in _several((names or {}).get(name, name)) if other in there), name)
+            for name in ("poses", "root_orient", "pose_body", "trans")}
+  file = load_npz(path, (*called.values(), *rates), required=(called["trans"],))
+  file = {name: file[other] for name, other in called.items() if other in file} | {
+      name: file[name] for name in rates if name in file}
   if "poses" not in file and {"root_orient", "pose_body"} <= set(file):
     root, body = file["root_orient"], file["pose_body"]
     if root.ndim != 2 or body.ndim != 2 or len(root) != len(body):
@@ -114,6 +122,8 @@ def read_poses(path) -> Recording:
   if "poses" not in file:
     raise InputError(f"{path} lacks poses; it holds {', '.join(npz_names(path))}")
   rate = next((name for name in rates if name in file), None)
+  if rate is None and fps is not None:
+    rate, file["fps"] = "fps", np.float64(fps)
   if rate is None:
     raise InputError(f"{path} has no fps; expected poses, trans and fps (or AMASS's mocap_framerate)")
   poses, translation, fps = (np.asarray(file[name], np.float64) for name in ("poses", "trans", rate))
@@ -129,6 +139,10 @@ def read_poses(path) -> Recording:
   if not 0 < fps < np.inf:
     raise InputError(f"{path} has {fps:g} frames a second, expected a rate")
   return Recording(rot.from_vector(poses[:, :66].reshape(-1, 22, 3)), translation, fps)
+
+
+def _several(names):
+  return (names,) if isinstance(names, str) else names
 
 
 def read_segments(annotation, num_frames) -> list[Segment]:

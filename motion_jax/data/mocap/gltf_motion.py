@@ -28,8 +28,8 @@ def choose(names, wanted, path) -> int:
   listed += f" and {len(names) - 12} more" * (len(names) > 12)
   if wanted is None:
     if len(names) > 1:
-      raise InputError(f"{path}: it holds {len(names)} animations ({listed}); choose one by its name or number: --clip "
-                       "(clip=)")
+      raise InputError(f"{path}: it holds {len(names)} animations ({listed}); name one behind the file: "
+                       f"\"{path}#1\", or #NAME")
     return 0
   if str(wanted) in names:
     return names.index(str(wanted))
