@@ -1,0 +1,80 @@
+"""Robots' tables and side-cars of other programs, and motions that face any way."""
+import json
+
+import numpy as np
+import pytest
+
+from motion_jax import robots
+from motion_jax.data.clip import Clip
+from motion_jax.data.datasets.synthetic import synthetic_joints
+from motion_jax.motion import rotations as rot
+from motion_jax.utils.errors import InputError
+from tests.robots.test_robots import humanoid, mapping
+
+
+@pytest.fixture(scope="module")
+def robot(tmp_path_factory):
+  path = tmp_path_factory.mktemp("robot") / "small.xml"
+  path.write_text(humanoid())
+  return robots.load(path, mapping())
+
+
+def standing(robot, count=4, turn=(1.0, 0, 0, 0), height=None):
+  qpos = np.tile(robot.standing(), (count, 1))
+  qpos[:, 3:7] = rot.multiply(np.array(turn)[None], qpos[:, 3:7])
+  if height is not None:
+    qpos[:, 2] = height
+  return qpos
+
+
+def write_table(path, robot, qpos, order="wxyz", separator=","):
+  rows = qpos.copy()
+  rows[:, 3:7] = qpos[:, 3:7] if order == "wxyz" else np.roll(qpos[:, 3:7], -1, axis=1)
+  np.savetxt(path, rows, delimiter=separator, fmt="%.6f")
+  return path
+
+
+@pytest.mark.parametrize("separator", [",", ";", " ", "\t"])
+def test_a_table_of_any_separator_is_read(separator, robot, tmp_path):
+  qpos = standing(robot)
+  path = write_table(tmp_path / "a.csv", robot, qpos, separator=separator)
+  np.testing.assert_allclose(robots.read_csv(path, robot, "wxyz", 30).qpos, qpos, atol=1e-5)
+
+
+def test_an_order_that_puts_the_body_into_the_floor_is_none(robot, tmp_path):
+  """On its side, 0.12 m high: (x, y, z, w) read as (w, x, y, z) would be upright, with its legs in the ground."""
+  half = np.sqrt(0.5)
+  qpos = standing(robot, turn=(half, half, 0, 0), height=0.12)
+  path = write_table(tmp_path / "a.csv", robot, qpos, "xyzw")
+  assert robots.read_csv(path, robot, None, 30).meta["quaternion_order"] == "xyzw"
+
+
+@pytest.mark.parametrize("about, named", [({"fps": [30]}, "fps"), ({"fps": "30"}, "fps"), ({"fps": 1e9}, "fps"),
+                                          ({"quaternion_order": 4}, "quaternion_order"), ({"licence": 3}, "licence")])
+def test_a_side_car_of_wrong_types_is_one_sentence(about, named, robot, tmp_path):
+  path = write_table(tmp_path / "a.csv", robot, standing(robot))
+  path.with_suffix(".json").write_text(json.dumps({"quaternion_order": "wxyz"} | about))
+  with pytest.raises(InputError, match=f"a.json: {named} is "):
+    robots.read_csv(path, robot)
+
+
+@pytest.mark.parametrize("wrong", [{"fixed": {"14": 5}}, {"orders": {"isaaclab": "waist"}}, {"fixed": {"a": [3]}}])
+def test_a_description_of_wrong_types_is_one_sentence(wrong, tmp_path):
+  (tmp_path / "small.xml").write_text(humanoid())
+  with pytest.raises(InputError, match=f"{next(iter(wrong))} of the description gives .* expected a list of joints"):
+    robots.load(tmp_path / "small.xml", {"bodies": mapping()} | wrong)
+
+
+@pytest.mark.slow
+def test_which_way_a_person_faces_changes_nothing_but_the_root(robot):
+  """Half a turn from the robot's own heading, the joints wound up to their limits and stayed there."""
+  joints = synthetic_joints("walk", 8, np.random.default_rng(0))
+  angles = []
+  for degrees in (0, 90, 180):
+    turn = rot.about_axis(np.radians(degrees), "y")
+    moved = rot.rotate(turn[None, None], joints) + [1.0, 0, -2.0]
+    motion = robots.retarget(Clip(joints=moved.astype(np.float32), fps=20), robot, 20)
+    angles.append(motion.angles)
+  for turned in angles[1:]:
+    off = np.abs(turned - angles[0])
+    assert off.mean() < 0.02 and off.max() < 0.2
