@@ -45,13 +45,6 @@ def test_golden(name, precision):
   assert not check(fixtures.path(f"cdamd/{name}.npz"), [precision]).failures
 
 
-@pytest.mark.parametrize("features, expected", [
-    (66, 18_831_426), (63, 18_822_207), (67, 18_834_499), (64, 18_825_280), (263, 19_436_807), (251, 19_399_931)])
-def test_parameter_counts(features, expected):
-  shapes = cdamd.autoencoder_shapes(Autoencoder(features=features))
-  assert sum(a.size for a in jax.tree.leaves(shapes)) == expected
-
-
 @pytest.fixture(scope="module")
 def small():
   net = Autoencoder(features=7, latent_dim=3, width=8)
@@ -73,8 +66,9 @@ def test_lengths(small):
 def test_it_looks_both_ways_and_no_further_than_its_layers(small):
   net, params = small
   encode = jax.jit(lambda x: net.apply(params, x, method="encode"))
-  x = jax.random.normal(jax.random.key(1), (1, 400, 7))
-  changed = np.flatnonzero(np.abs(encode(x.at[:, 200].add(10.0)) - encode(x)).max((0, 2)))
+  x = np.random.default_rng(1).normal(size=(1, 400, 7)).astype(np.float32)
+  moved = x + 10 * (np.arange(400) == 200)[:, None].astype(np.float32)
+  changed = np.flatnonzero(np.abs(encode(moved) - encode(x)).max((0, 2)))
   assert changed[0] < 50 < changed[-1]
   assert 50 - changed[0] < 30 and changed[-1] - 50 < 30
 
@@ -105,17 +99,3 @@ def test_hidden_padding_is_no_padding(small):
   np.testing.assert_array_equal(run(jnp.where(real[..., None], x, 7.0))[0], z)
   shown = jax.jit(lambda x: net.apply(params, x, real_mask=real, method="encode"))(x)
   assert np.abs(shown - z)[0, :4].max() > 1e-3 and np.allclose(shown[2], z[2], atol=1e-5)
-
-
-@pytest.mark.slow
-def test_dropout_acts_in_training_only_and_is_the_items_own(small):
-  net, params = small
-  x = jax.random.normal(jax.random.key(1), (4, 16, 7))
-  items = jnp.arange(4)
-  train = jax.jit(lambda x, items, seed=2: net.apply(params, x, items, rngs={"dropout": jax.random.key(seed)}))
-  both = train(x, items)
-  assert np.allclose(both[2:], train(x[2:], items[2:]), atol=1e-5)
-  still = jax.jit(net.apply)(params, x)
-  assert np.abs(both - still).max() > 1e-3 and np.abs(train(x[:2], items[2:]) - both[:2]).max() > 1e-3
-  average = np.mean([train(x, items, i) for i in range(200)], axis=0)
-  assert np.abs(average - still).max() < 0.3 * np.abs(both - still).max()

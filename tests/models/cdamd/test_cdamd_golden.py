@@ -4,6 +4,7 @@ import functools
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 from ml_collections import ConfigDict
 
 from motion_jax.convert.state import from_torch, select
@@ -18,6 +19,7 @@ from motion_jax.nets.masks import padding_mask
 from tests import fixtures
 from tests.golden import check, golden, recordings
 from tests.models.cdamd.test_cdamd_generator import LOSS
+from tests.nets.naming import by_reference
 from tests.nets.test_masked_transformer import cast, expected, sizes_of
 
 DOPRI5 = 1e-9  # in float64; in float32 its steps follow rounding, and the result follows the steps (note 1 of README)
@@ -41,21 +43,6 @@ def coordinates(fixture, dtype):
   net = Autoencoder(features=sizes["input_width"], latent_dim=sizes["output_emb_width"], width=sizes["width"],
                     dtype=dtype)
   return net, cast(from_torch(select(fixture.params, "ae."), autoencoder_names()), dtype)
-
-
-def to_torch(params, table):
-  """Our arrays under the reference's names and layouts."""
-  made = {}
-  for theirs, (ours, kind) in table.items():
-    node = params["params"]
-    for key in ours.split("/"):
-      node = node[key]
-    if kind == "array":
-      made[theirs] = node
-      continue
-    for leaf, array in node.items():
-      made[f"{theirs}.{'bias' if leaf == 'bias' else 'weight'}"] = array.T if leaf == "kernel" else array
-  return made
 
 
 @golden("train_step", bounds={"grad_rows": (0, 0), "loss": (1e-6, 1e-10)})
@@ -83,7 +70,7 @@ def run_train_step(fixture, dtype):
   value, grads = loss(params)
   rows = np.unique(fixture["in/codes"])  # only these of the table have a gradient at all
   made = {"loss": value, "grad_rows/token_emb.weight": rows}
-  for name, array in to_torch(grads, table).items():
+  for name, array in by_reference(grads["params"], table).items():
     recorded = expected(fixture, dtype)[f"grad/{name}"]
     if name == "token_emb.weight":
       array = array[rows]
@@ -210,6 +197,14 @@ def run_edit(fixture, dtype):
   return made
 
 
-@recordings("train_step", "generate_mardm_ddpm", sharp=("generate", "generate_mardm", "edit"))
+@pytest.mark.slow
+@recordings("train_step", "generate_mardm_ddpm", sharp=("generate", "edit"), further=True)
 def test_golden(name, precision):
+  assert not check(fixtures.path(f"cdamd/{name}.npz"), [precision]).failures
+
+
+@pytest.mark.exhaustive
+@recordings(sharp=("generate_mardm",))
+def test_golden_of_mardm_as_a_flow(name, precision):
+  """Its network is that of generate_mardm_ddpm, its solver that of generate."""
   assert not check(fixtures.path(f"cdamd/{name}.npz"), [precision]).failures
