@@ -5,23 +5,8 @@ import numpy as np
 import pytest
 from jax import export
 
-from motion_jax.nets.attention import Attention, dot_product_attention, rotary
+from motion_jax.nets.attention import Attention, dot_product_attention
 from motion_jax.training.setup import untrained
-
-
-def test_rotary_turns_adjacent_pairs():
-  """Channel pair (2 i, 2 i + 1) is a complex number times exp(i pos 10000^(-2 i / K)); items may have positions of
-  their own.
-
-  Source: docs/papers/cmdm.md#causal-dit.
-  """
-  x, positions = np.random.default_rng(1).normal(size=(2, 5, 2, 8)), np.stack([np.arange(5), np.arange(5) + 3])
-  turn = np.exp(1j * positions[..., None] * 10_000.0 ** (-2 * np.arange(4) / 8))
-  expected = (x[..., 0::2] + 1j * x[..., 1::2]) * turn[:, :, None]
-  with jax.enable_x64(True):
-    made = np.asarray(jax.jit(rotary)(x, positions))
-  np.testing.assert_allclose(made[..., 0::2], expected.real, atol=1e-14)
-  np.testing.assert_allclose(made[..., 1::2], expected.imag, atol=1e-14)
 
 
 def test_masked_keys_do_not_exist():

@@ -98,7 +98,8 @@ def run_tables(fixture, dtype):
           "time_numbers": timestep_embedding(t), "time_embedding": dit.apply(params, t, method="level")}
 
 
-@recordings("causal_dit", "dit_tables")
+@pytest.mark.slow
+@recordings("causal_dit", "dit_tables", further=True)
 def test_golden(name, precision):
   assert not check(fixtures.path(f"cmdm/{name}.npz"), [precision]).failures
 
@@ -140,8 +141,8 @@ def inputs(batch=2, length=9, words=4):
                ) + (jnp.ones((batch, words), bool),)
 
 
-@pytest.mark.parametrize("block", [1, 3])
-def test_no_latent_sees_a_later_block(block):
+def test_no_latent_sees_a_later_block():
+  block = 3
   dit, params = small()
   x, t, text, text_mask = inputs()
   run = lambda x, t: apply(dit, params, x, t, text, block_causal_mask(9, block), text_mask)
@@ -153,6 +154,7 @@ def test_no_latent_sees_a_later_block(block):
       assert touched[j // block * block:].all()
 
 
+@pytest.mark.slow
 def test_padding_and_batch_mates_are_invisible():
   dit, params = small()
   x, t, text, text_mask = inputs()
@@ -249,9 +251,8 @@ def test_an_unknown_size_or_prediction_is_refused():
     small(predicts="v")
 
 
-@pytest.mark.parametrize("fields", [{}, dict(use_adaln=False, use_rope=False, remat=True)],
-                         ids=["as it is", "otherwise"])
-@pytest.mark.slow
+@pytest.mark.parametrize("fields", [pytest.param({}, marks=pytest.mark.slow), pytest.param(
+    dict(use_adaln=False, use_rope=False, remat=True), marks=pytest.mark.exhaustive)], ids=["as it is", "otherwise"])
 def test_layers_in_one_loop_are_the_layers_one_by_one(fields):
   """The same parameters, the same output and gradients in float64; one layer is compiled instead of each."""
   with jax.enable_x64(True):

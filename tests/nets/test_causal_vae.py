@@ -92,8 +92,15 @@ def run_mac_vae_loss(fixture, dtype):
   return made
 
 
-@recordings("mac_vae", "mac_vae_long", "mac_vae_loss", "mac_vae_loss_reversed")
+@pytest.mark.slow
+@recordings("mac_vae", "mac_vae_loss", "mac_vae_loss_reversed", further=True)
 def test_golden(name, precision):
+  assert not check(fixtures.path(f"cmdm/{name}.npz"), [precision]).failures
+
+
+@pytest.mark.exhaustive
+@recordings("mac_vae_long")
+def test_golden_of_a_long_motion(name, precision):
   assert not check(fixtures.path(f"cmdm/{name}.npz"), [precision]).failures
 
 

@@ -105,15 +105,10 @@ def test_golden(name, precision):
   assert not check(fixtures.path(f"cdamd/{name}.npz"), [precision]).failures
 
 
-def test_a_random_init_head_is_silent_and_rows_are_strangers():
-  """Its loss at the start is mean(v^2); a row depends on no other one."""
+def test_a_random_init_head_is_silent():
+  """Its loss at the start is mean(v^2)."""
   net = DiffusionMLP(latent_dim=5, width=16, depth=2)
   draw = np.random.default_rng(2)
   x, t, c = draw.standard_normal((4, 5), np.float32), np.array([0.0, 0.2, 0.6, 1.0], np.float32), np.ones((4, 7))
   params = jax.jit(net.init)(jax.random.key(1), x, t, c)  # the network's own: its gates are closed
-  run = jax.jit(net.apply)
-  assert float(jnp.abs(run(params, x, t, c)).max()) == 0
-  params = jax.tree.map(lambda a: a + 0.1 * draw.standard_normal(a.shape, np.float32), params)
-  y = run(params, x, t, c)
-  changed = np.abs(run(params, x + (np.arange(4) == 1)[:, None], t, c) - y)
-  assert not changed[[0, 2, 3]].any() and changed[1].max() > 1e-3
+  assert not jax.jit(net.apply)(params, x, t, c).any()

@@ -1,27 +1,11 @@
 """Layers that training takes often compute what plain ones do, and so do their gradients; dropout is the item's own."""
-import flax.linen as nn
 import jax
 import jax.numpy as jnp
 import numpy as np
-import pytest
 
-from motion_jax.nets.layers import Dense, Dropout, broadcast_to_length
-from motion_jax.training.setup import untrained
+from motion_jax.nets.layers import Dropout, broadcast_to_length
 
 NUMBERS = np.random.default_rng(0).normal(size=(3, 4, 6))
-
-
-@pytest.mark.parametrize("x", [NUMBERS, NUMBERS[0]], ids=["rows of items", "rows"])
-def test_a_dense_layer_is_flax_own(x):
-  """The same names, and the same numbers and gradients to rounding of float64."""
-  with jax.enable_x64(True):
-    ours, theirs = Dense(5, dtype=float), nn.Dense(5, dtype=float)
-    params = untrained(jax.eval_shape(theirs.init, jax.random.key(1), x))
-    params = jax.tree.map(lambda a: np.asarray(a, float), params)
-    loss = lambda net: jax.jit(jax.value_and_grad(lambda params, x: (
-        net.apply(params, x) ** 2 * np.arange(1.0, 6.0)).sum(), (0, 1)))
-    jax.tree.map(lambda one, other: np.testing.assert_allclose(one, other, atol=1e-12),
-                 loss(ours)(params, x), loss(theirs)(params, x))
 
 
 def test_rows_are_repeated_and_their_gradients_added_up():

@@ -77,7 +77,8 @@ def run_mardm_transformer(fixture, dtype):
           for name, factor in (("yes", 1), ("null", 0))}
 
 
-@recordings("mardm_transformer", "transformer")
+@pytest.mark.slow
+@recordings("mardm_transformer", "transformer", further=True)
 def test_golden(name, precision):
   assert not check(fixtures.path(f"cdamd/{name}.npz"), [precision]).failures
 

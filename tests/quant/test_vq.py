@@ -5,20 +5,11 @@ import numpy as np
 
 from motion_jax.quant import vq
 
-update, initialise = jax.jit(vq.update), jax.jit(vq.initialise)
+update = jax.jit(vq.update)
 
 
 def rows(*size, seed=0):
   return np.random.default_rng(seed).normal(size=size).astype(np.float32)
-
-
-def test_assignment():
-  codes, x = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 2.0]]), np.array([[0.4, 0.1], [0.6, 0.1], [0.1, 1.2]])
-  assert jax.jit(vq.nearest)(codes, x).tolist() == [0, 1, 2]
-  noise = np.random.default_rng(0).gumbel(size=(20_000, 3))
-  shares = np.bincount(jax.jit(vq.sample)(codes, np.tile(x[:1], (20_000, 1)), noise), minlength=3) / 20_000
-  likely = np.exp(-2 * np.array([0.17, 0.37, 0.16 + 3.61]))  # by squared distances over the temperature, a half
-  assert np.allclose(shares, likely / likely.sum(), atol=0.02)
 
 
 def test_a_code_used_exactly_once_at_the_first_step_is_alive():
@@ -46,16 +37,3 @@ def test_dead_codes_take_rows_of_the_batch_and_keep_their_sums():
   assert np.allclose(after.counts[0], 0.99 + 0.12) and np.allclose(after.counts[1:], 0.99)
   assert np.array_equal(after.codes[1:], x[1:8]) and np.allclose(after.codes[0], 0.01 * x.sum(0) / 1.11, atol=1e-6)
   assert not np.asarray(after.sums)[1:].any()
-
-
-def test_the_first_batch_initialises_once_and_fewer_rows_than_codes_are_repeated_with_noise():
-  x, noise = rows(3, 4), rows(8, 4, seed=1)
-  book = initialise(vq.empty_codebook(8, 4), x, noise)
-  assert np.allclose(book.codes, np.tile(x, (3, 1))[:8] + 0.005 * noise, atol=1e-7)
-  assert book.initialised and (np.asarray(book.counts) == 1).all()
-  assert np.array_equal(initialise(book, -x, noise).codes, book.codes)
-  assert np.array_equal(vq.first_rows(x, 2, noise), x[:2])
-
-
-def test_perplexity_is_the_number_of_codes_in_even_use():
-  assert np.allclose(vq.perplexity(np.array([5.0, 5, 5, 0])), 3, atol=1e-4)

@@ -12,7 +12,7 @@ MUTATIONS = (
     ("papers-padding-border", "motion_jax/nets/masks.py", "[None, :] < lengths[:, None]",
      "[None, :] <= lengths[:, None]", (f"{MASKS}::test_padding",)),
     ("papers-rotary-sign", "motion_jax/nets/attention.py", "even * cos - odd * sin", "even * cos + odd * sin",
-     (f"{ATTENTION}::test_rotary_turns_adjacent_pairs",)),
+     (f"{DIT}::test_golden[dit_tables-float32]",)),
     ("papers-padded-key", "motion_jax/nets/attention.py", "(0, odd_rows), (0, odd_keys)))",
      "(0, odd_rows), (0, odd_keys)), constant_values=True)",
      (f"{ATTENTION}::test_fused_attention_is_the_plain_one_where_there_is_no_such_kernel",)),
@@ -51,7 +51,8 @@ MUTATIONS = (
     ("papers-first-words", "motion_jax/models/cmdm/streaming.py", "xp.where(begins == 0, _ANY, begins - plan.memory)",
      "begins - plan.memory", (f"{STREAMING}::test_what_a_window_shows_and_a_block_sees",)),
     ("papers-sixth-caption", "motion_jax/models/cmdm/offline.py",
-     "self._shown[row, places[row]] = np.array(index)[own]", "pass", (f"{PROMPTS}::test_several_prompts_are_one_motion_and_a_stream_says_the_same",)),
+     "self._shown[row, places[row]] = np.array(index)[own]", "pass", (
+         f"{PROMPTS}::test_several_prompts_are_one_motion_and_a_stream_says_the_same",)),
     ("papers-not-before", "motion_jax/models/cmdm/live.py", "-(-not_before // self.block_frames)",
      "not_before // self.block_frames", (f"{PROMPTS}::test_words_of_a_stream_change_when_they_are_said",)),
     ("papers-own-past", "motion_jax/models/cmdm/stages.py", "minval=0.5", "minval=0.0",

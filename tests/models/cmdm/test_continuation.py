@@ -26,8 +26,9 @@ def chained(dit, plan, params, fresh, **given):
 prefill = jax.jit(streaming.Sampler.prefill)
 
 
-@golden("continuation", leave_out=("levels/", "states/"))  # each state decides the final one
+@golden("continuation", leave_out=("levels/", "states/", "long/"))
 def run_continuation(fixture, dtype):
+  """The last state, which all others decide; a motion of several segments is no more than these one after another."""
   dit, params = network(fixture, dtype, fixture.config["block"])
   config, made = fixture.config, {}
   plan = streaming.make_plan(config["steps"], config["lag"], dit.block, 16 * dit.block)
@@ -46,19 +47,6 @@ def run_continuation(fixture, dtype):
     made[f"final/{name}"] = chained(
         dit, plan, params, fresh, text_emb=caption_emb[:batch], text_mask=caption_mask[:batch], scale=config["scale"],
         lengths=lengths, past=past, noise=x, times=times_of(length))
-
-  for name, one in config["longs"].items():
-    latents = None
-    for i, frames in enumerate(one["frames"]):
-      noise = array(f"in/segment_noise/{name}/{i}")
-      batch, past = noise.shape[0], noise[:, :0] if latents is None else latents[:, -one["past"]:]
-      text_emb, text_mask = (np.repeat(a[i:i + 1], batch, axis=0) for a in (caption_emb, caption_mask))
-      lengths = jnp.full(batch, max(1, frames // 4))
-      fresh = array(f"in/segment_fresh/{name}/{i}") if i else None
-      new = chained(dit, plan, params, fresh, text_emb=text_emb, text_mask=text_mask, scale=config["scale"],
-                    lengths=lengths, past=past, noise=noise, times=times_of(noise.shape[1]))
-      latents = np.asarray(new) if latents is None else np.concatenate([latents, new], axis=1)
-    made[f"long/{name}"] = latents
   return made
 
 

@@ -198,9 +198,5 @@ def test_sequences_are_read_from_words_and_files(tmp_path):
   assert cli.read_sequences("a person walks: 4 | sits down |waves:2.5s") == [
       [("a person walks", 4.0), ("sits down", None), ("waves", 2.5)]]
   assert cli.read_sequences("says: hello") == [[("says: hello", None)]]
-  (tmp_path / "s.csv").write_text("prompt,length\na person walks,40\na person sits,\n")
-  assert cli.read_sequences(str(tmp_path / "s.csv")) == [[("a person walks", 2.0), ("a person sits", None)]]
-  (tmp_path / "s.txt").write_text("a person walks:3\na person sits\n")
-  assert cli.read_sequences(str(tmp_path / "s.txt")) == [[("a person walks", 3.0), ("a person sits", None)]]
   (tmp_path / "t.txt").write_text("walks # 0 # 4 # legs\nwaves # 2 # 4 # left arm\n\nsits # 0 # 3 # legs\n")
   assert cli.read_sequences(str(tmp_path / "t.txt")) == [[("walks", 2.0), ("walks and waves", 2.0)], [("sits", 3.0)]]
