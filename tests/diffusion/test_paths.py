@@ -51,10 +51,9 @@ def test_loss_counts_real_latents_only():
 def test_targets_weigh_times():
   """eps is off by t times the velocity's error, x1 by 1 - t times (the path is straight)."""
   x1, noise, t = arrays()
-  mask = np.ones(t.shape, bool)
   velocity = lambda x, t: x1 - noise + 1.0
-  loss = jax.jit(lambda: {target: paths.forcing_loss(velocity, x1, mask, t, noise, target)[0]["loss"]
-                          for target in paths.TARGETS})()
+  loss = jax.jit(lambda mask: {target: paths.forcing_loss(velocity, x1, mask, t, noise, target)[0]["loss"]
+                               for target in paths.TARGETS})(np.ones(t.shape, bool))
   t = np.asarray(t, np.float64)
   for target, expected in (("velocity", t.size), ("eps", (t ** 2).sum()), ("x1", ((1 - t) ** 2).sum())):
     assert loss[target] == pytest.approx(expected, rel=1e-4)
@@ -66,10 +65,10 @@ def test_further_terms_weigh_a_clip_by_its_real_latents():
   mask = np.arange(6) < np.array([[4], [6]])
   off = lambda error: lambda x, t: x1 - noise + error  # the mean squared error is that of `error`
   counts = mask & np.array([[True], [False]])  # the second clip has no such caption
-  run = jax.jit(lambda other: paths.forcing_loss(
+  run = jax.jit(lambda other, mask, counts: paths.forcing_loss(
       off(2.0), x1, mask, t, noise, errors_of=lambda clean: {"far": np.array([0.25, 0.5])},
       contrast=paths.Contrast(off(other), counts, 0.1, 3.0))[0])
-  sums = run(1.0)
+  sums = run(1.0, mask, counts)
   np.testing.assert_allclose([sums["far"], sums["contrast"]], [0.25 * 4 + 0.5 * 6, 0.1 * (3 + 4 - 1) * 4], rtol=1e-5)
   np.testing.assert_allclose(sums["loss"], 4 * 10 + sums["far"] + sums["contrast"], rtol=1e-5)
-  assert run(3.0)["contrast"] == 0  # 9 is over 4 + 3
+  assert run(3.0, mask, counts)["contrast"] == 0  # 9 is over 4 + 3

@@ -72,8 +72,9 @@ def run_ms_transformer(fixture, dtype):
   return {"conditions": by_row, "first": first, **scales(net)}
 
 
-@golden("ms_head", leave_out=("grad/",), bounds={"tables/posterior_log": (1e-9, 1e-9), "tables": (1e-12, 1e-12), "loss": (1e-6, 1e-10),
-                           "predicted_noise": (1e-6, 1e-10), "": (1e-5, 1e-10)})
+@golden("ms_head", leave_out=("grad/",), bounds={
+    "tables/posterior_log": (1e-9, 1e-9), "tables": (1e-12, 1e-12), "loss": (1e-6, 1e-10),
+    "predicted_noise": (1e-6, 1e-10), "": (1e-5, 1e-10)})
 def run_ms_head(fixture, dtype):
   sizes, state = fixture.meta["arguments"], fixture.params
   table = {name: value for name, value in generator_names(0, sizes["num_diffusion_head_layers"]).items()

@@ -138,7 +138,7 @@ def test_decoding_adds_up_the_codes_that_are_named():
 
 
 def test_quantize_dropout_keeps_at_least_one_level_and_all_if_it_is_off():
-  draw = jax.jit(jax.vmap(lambda key, rate: rvq.draw_active(key, 4, rate), (0, None)))
+  draw = jax.jit(lambda keys, rate: jax.vmap(lambda key: rvq.draw_active(key, 4, rate))(keys), static_argnums=1)
   keys = jax.random.split(jax.random.key(0), 4000)
   counts = np.bincount(draw(keys, 0.2), minlength=5) / 4000
   assert counts[0] == 0 and np.allclose(counts[1:], [0.05, 0.05, 0.05, 0.85], atol=0.02)

@@ -44,6 +44,7 @@ def test_borders_are_on_blocks_and_the_end_is_as_asked():
   assert multi_prompt.borders([100], 12) == ([9], 100)
 
 
+@pytest.mark.slow
 def test_several_prompts_are_one_motion_and_a_stream_says_the_same(model):
   whole = model.multi_prompt(PROMPTS, seed=2, **FAST)
   assert whole.num_frames == 64 and whole.features.shape == (64, 263)
@@ -98,6 +99,7 @@ def test_the_released_way_chains_segments(model):
   assert all(np.abs(both[0].joints - changed[0].joints).max() > 1e-3 for changed in (other, led))
 
 
+@pytest.mark.slow
 def test_words_of_a_stream_change_when_they_are_said(model):
   """Said after n blocks: the blocks that are under way keep their words, unless `after` is shorter."""
   run = lambda after, prompt: _told(model, after, prompt)
@@ -151,6 +153,7 @@ def test_a_motion_goes_on(model, walk):
     model.extend(np.zeros((5, 3)), "a person waves", seed=1)
 
 
+@pytest.mark.slow
 def test_other_bodies_and_rates_are_fitted(model, walk, tmp_path):
   big = Clip(np.repeat(walk.joints * 1.2, 2, axis=0), fps=40, id="big")
   longer = model.extend(big, "a person walks", num_frames=12, seed=0, cleanup=True, **FAST)
