@@ -87,16 +87,16 @@ def test_a_motion_of_several_prompts_does_not_know_its_batch_mates(model):
 
 @pytest.mark.slow
 def test_the_released_way_chains_segments(model):
-  """A motion does not know its batch-mates; negative prompts lead those alone that name a side."""
+  """A motion does not know its batch-mates; negative prompts move those alone that name a side."""
   prompts = [("a person walks", 0.65), ("a person waves", 1.0)]
   make = lambda seed, scale: model.multi_prompts(
       [[("a person kicks with the left foot", 2.0)], prompts], seeds=[seed, 5], way="chain",
       negative_prompts=mirror_legs, contrast_scale=scale, **FAST)
-  both, other, led = make(1, 0.0), make(2, 0.0), make(1, 2.0)
+  both, other, moved = make(1, 0.0), make(2, 0.0), make(1, 2.0)
   assert both[0].num_frames == 40 and both[1].num_frames == 32
   assert both[1].captions[1].start == pytest.approx(0.6)  # 13 frames are 3 latents
-  assert all(np.abs(both[1].joints - changed[1].joints).max() < 1e-4 for changed in (other, led))
-  assert all(np.abs(both[0].joints - changed[0].joints).max() > 1e-3 for changed in (other, led))
+  assert all(np.abs(both[1].joints - changed[1].joints).max() < 1e-4 for changed in (other, moved))
+  assert all(np.abs(both[0].joints - changed[0].joints).max() > 1e-3 for changed in (other, moved))
 
 
 @pytest.mark.slow

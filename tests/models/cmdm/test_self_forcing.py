@@ -19,14 +19,14 @@ def test_a_beginning_of_whole_blocks_is_its_own_and_clean_and_has_no_gradient():
   t, keys = np.full((CLIPS, LENGTH), 0.25, np.float32), jax.random.split(jax.random.key(2), CLIPS)
 
   def run(seven, keys):
-    asked = []
+    seen = []
 
     def said(x, t):
-      asked.append(t)
+      seen.append(t)
       return (seven - x) / (1 - t[..., None])  # wherever it is, it heads for 7
 
     made = stages.self_forced(said, z1, real, t, noise, keys, BLOCK, 0.5)
-    return made[0].sum(), (*made, *asked)
+    return made[0].sum(), (*made, *seen)
 
   (_, (made, times, own, level)), slope = jax.jit(jax.value_and_grad(run, has_aux=True))(7.0, keys)
   assert 0.5 <= level.min() < 0.51 and level.max() > 0.99  # noise that is more than half gone
