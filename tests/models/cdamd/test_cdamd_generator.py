@@ -80,6 +80,7 @@ def test_solving_for_unmasked_latents_alone_changes_nothing(solver, mask):
   assert np.abs(few).max() > 0.1 and not few[1, 6:].any()
 
 
+@pytest.mark.slow
 def test_padding_and_batch_mates_are_invisible():
   alone, _ = make([6], num_steps=2, length=6)
   padded, _ = make([6, 9], num_steps=2)
@@ -262,7 +263,7 @@ def test_draws_do_not_depend_on_the_number_of_devices():
 
 def test_what_does_not_fit_is_refused():
   with pytest.raises(ValueError, match="'middle'.*random or left_to_right"):
-    draws_lib.draw_order(None, [9], 9, "middle")
+    draws_lib.draw_order(jax.random.split(jax.random.key(0), 1), [9], 9, "middle")
   with pytest.raises(ValueError, match="'rk5'.*euler, heun, midpoint, rk4, dopri5, ddpm"):
     cdamd.make_plan(solver="rk5")
   with pytest.raises(ValueError, match="'dcc'.*dccm"):
