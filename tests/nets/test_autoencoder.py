@@ -1,4 +1,4 @@
-"""The autoencoder is the reference's, looks both ways, and its dropout belongs to each item."""
+"""The autoencoder is the reference's, and padding may be hidden from it."""
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -56,16 +56,6 @@ def test_too_few_frames_are_refused(small):
   net, params = small
   with pytest.raises(ValueError, match="one latent needs 4"):
     net.apply(params, jnp.zeros((1, 3, 7)), method="encode")
-
-
-def test_it_looks_both_ways_and_no_further_than_its_layers(small):
-  net, params = small
-  encode = jax.jit(lambda x: net.apply(params, x, method="encode"))
-  x = np.random.default_rng(1).normal(size=(1, 400, 7)).astype(np.float32)
-  moved = x + 10 * (np.arange(400) == 200)[:, None].astype(np.float32)
-  changed = np.flatnonzero(np.abs(encode(moved) - encode(x)).max((0, 2)))
-  assert changed[0] < 50 < changed[-1]
-  assert 50 - changed[0] < 30 and changed[-1] - 50 < 30
 
 
 @pytest.mark.slow

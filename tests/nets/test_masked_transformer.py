@@ -156,20 +156,6 @@ def test_latents_look_where_the_mask_lets_them(kind):
       np.testing.assert_array_equal(touched[:6], reach[:6, j])  # bit for bit
 
 
-@pytest.mark.parametrize("kind", [MaskedTransformer, GatedTransformer])
-def test_padding_and_batch_mates_are_invisible(kind):
-  net, params = small(kind)
-  x, text, _ = inputs()
-  alone = apply(net, params, x[:1, :5], text[:1], no_mask(5))
-  real = padding_mask(jnp.array([5, 7]), 7)
-  run = lambda x: apply(net, params, x, text, latent_mask("bidirectional", real, real))
-  padded = run(x)
-  np.testing.assert_allclose(padded[:1, :5], alone, atol=2e-5)
-  other = np.array(x)
-  other[0, 5:], other[1] = 99.0, -3.0
-  np.testing.assert_array_equal(run(jnp.asarray(other))[:1, :5], padded[:1, :5])
-
-
 @pytest.mark.slow
 def test_words_beyond_one_are_seen_unless_padding():
   net, params = small()
