@@ -12,7 +12,7 @@ from motion_jax.models.cdamd.weight_names import diffusion_mlp_names
 from motion_jax.nets.diffusion_mlp import DiffusionMLP
 from motion_jax.nets.layers import timestep_embedding
 from tests import fixtures
-from tests.golden import check, golden, recordings
+from tests.golden import check, golden
 
 
 def network(fixture, dtype):
@@ -99,8 +99,9 @@ def run_diffusion_ddpm(fixture, dtype):
   return made
 
 
-@pytest.mark.slow
-@recordings("diffusion_ddpm", sharp=("diffusion_sit",), further=True)
+@pytest.mark.parametrize("name, precision", [
+    pytest.param("diffusion_ddpm", "float32", marks=pytest.mark.slow), *(pytest.param(
+        *one, marks=pytest.mark.exhaustive) for one in (("diffusion_ddpm", "float64"), ("diffusion_sit", "float64")))])
 def test_golden(name, precision):
   assert not check(fixtures.path(f"cdamd/{name}.npz"), [precision]).failures
 

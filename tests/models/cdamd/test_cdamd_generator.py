@@ -66,8 +66,8 @@ def _make(net, plan, length, params, text, schedule, real, keys):
                             draw=draws_lib.make_draw(keys, channels))
 
 
-@pytest.mark.parametrize("solver, mask", [("midpoint", "bcm"), ("ddpm", "dccm")])
-@pytest.mark.slow
+@pytest.mark.parametrize("solver, mask", [
+    pytest.param("midpoint", "bcm", marks=pytest.mark.slow), pytest.param("ddpm", "dccm", marks=pytest.mark.exhaustive)])
 def test_solving_for_unmasked_latents_alone_changes_nothing(solver, mask):
   """In float64 nothing but rounding is left; with steps of its own the solver would differ by its error."""
   with jax.enable_x64(True):
@@ -87,8 +87,8 @@ def test_padding_and_batch_mates_are_invisible():
   np.testing.assert_allclose(padded[:1, :6], alone, atol=2e-5)
 
 
-@pytest.mark.parametrize("num_iterations, num_rows", [(9, 2), (6, 1)])
-@pytest.mark.slow
+@pytest.mark.parametrize("num_iterations, num_rows", [
+    pytest.param(9, 2, marks=pytest.mark.slow), pytest.param(6, 1, marks=pytest.mark.exhaustive)])
 def test_a_window_with_a_cache_is_the_whole_pass(num_iterations, num_rows):
   """Left to right under the causal mask: earlier latents are computed once. In float64 only rounding is left."""
   with jax.enable_x64(True):

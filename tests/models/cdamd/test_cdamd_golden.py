@@ -187,13 +187,13 @@ def run_edit(fixture, dtype):
 
 
 @pytest.mark.slow
-@recordings("train_step", "generate_mardm_ddpm", sharp=("generate", "edit"), further=True)
+@recordings("train_step", "generate_mardm_ddpm", sharp=("generate",), further=True)
 def test_golden(name, precision):
   assert not check(fixtures.path(f"cdamd/{name}.npz"), [precision]).failures
 
 
 @pytest.mark.exhaustive
-@recordings(sharp=("generate_mardm",))
-def test_golden_of_mardm_as_a_flow(name, precision):
-  """Its network is that of generate_mardm_ddpm, its solver that of generate."""
+@recordings(sharp=("generate_mardm", "edit"))
+def test_golden_of_what_the_others_imply(name, precision):
+  """MARDM as a flow: a network of one and a solver of another recording. Editing: the loop of generating."""
   assert not check(fixtures.path(f"cdamd/{name}.npz"), [precision]).failures

@@ -19,6 +19,9 @@ from motion_studio import Pipeline, cli
 from tests.conftest import load_config
 
 
+pytestmark = pytest.mark.slow
+
+
 @pytest.fixture(scope="module")
 def model(tiny_generator):
   return load(tiny_generator)
@@ -124,7 +127,6 @@ def test_a_motion_longer_than_the_model_knows_is_edited_around_the_new_frames(pi
     pipeline.edit(joints, "a person waves", keep=[(0, 20)])
 
 
-@pytest.mark.slow
 def test_a_model_of_steps_edits_in_place(clip, tmp_path):
   """Its features do not tell where a motion is; kept frames stay where they are all the same, also behind new ones."""
   config = load_config("cdamd_generator", "steps_tiny").unlock()
@@ -179,7 +181,6 @@ def test_the_command_line(tiny_generator, clip, tmp_path, monkeypatch, capsys):
   assert "'multi_prompt'" in capsys.readouterr().err and not (tmp_path / "no.npz").exists()
 
 
-@pytest.mark.slow
 def test_a_model_may_read_words_behind_the_sentence(tiny_generator, tmp_path):
   """The transformer is the same; a run that was trained on words says so in its config."""
   for name in ("params.safetensors", "frozen.safetensors", "Mean.npy", "Std.npy"):

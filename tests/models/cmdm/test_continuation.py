@@ -72,10 +72,10 @@ def whole_after(dit, params, text_emb, text_mask, attn_mask, past, noise, times,
   return samplers.euler(behind, noise, times)
 
 
-@pytest.mark.parametrize("given, context, num_blocks", [(7, 48, 3), (12, 9, 8)])
 @pytest.mark.slow
-def test_a_clean_past_is_kept_exactly(given, context, num_blocks):
-  """Cached = recomputed, for pasts of whole blocks and not, shorter and longer than the cache."""
+def test_a_clean_past_is_kept_exactly():
+  """Cached = recomputed, for a past that is longer than the cache and no whole number of blocks."""
+  given, context, num_blocks = 13, 9, 4
   dit, plan, params, constants, text_emb, text_mask, keys = setting(6, 2, 3, context, num_blocks)
   sampler = streaming.Sampler(dit, plan, params, constants, encode_text(dit, params, text_emb, text_mask), SCALE, keys)
   past = jax.random.normal(jax.random.key(5), (2, given, 5))

@@ -17,6 +17,7 @@ from motion_jax.models.cmdm.loop import SamplingLoop
 from motion_jax.utils.errors import InputError
 from tests.conftest import ROOT
 
+pytestmark = pytest.mark.slow
 PROMPT = "a person walks forward, then waves"
 TOLERANCE = 1e-4
 

@@ -6,6 +6,7 @@ import pytest
 import motion_jax as mj
 from motion_jax.models import cmdm
 
+pytestmark = pytest.mark.slow
 FAST = dict(num_steps=4, lag=2)
 
 
@@ -32,7 +33,6 @@ def test_one_program_serves_all_lengths_and_kinds(model):
   assert advance._cache_size() == several
 
 
-@pytest.mark.slow
 def test_a_motion_is_that_of_the_pure_sampler(model):
   alone = model.generate("a person waves", num_frames=84, seeds=[6], **FAST)
   plan, chosen, _, _ = model.plan_of(**FAST)
