@@ -67,7 +67,8 @@ def _make(net, plan, length, params, text, schedule, real, keys):
 
 
 @pytest.mark.parametrize("solver, mask", [
-    pytest.param("midpoint", "bcm", marks=pytest.mark.slow), pytest.param("ddpm", "dccm", marks=pytest.mark.exhaustive)])
+    pytest.param("midpoint", "bcm", marks=pytest.mark.slow),
+    pytest.param("ddpm", "dccm", marks=pytest.mark.exhaustive)])
 def test_solving_for_unmasked_latents_alone_changes_nothing(solver, mask):
   """In float64 nothing but rounding is left; with steps of its own the solver would differ by its error."""
   with jax.enable_x64(True):

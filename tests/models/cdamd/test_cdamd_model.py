@@ -18,7 +18,6 @@ from motion_jax.utils.spans import spans_of
 from motion_studio import Pipeline, cli
 from tests.conftest import load_config
 
-
 pytestmark = pytest.mark.slow
 
 
