@@ -19,23 +19,18 @@ def known_noise(schedule):
   return predict
 
 
-def test_the_schedule():
-  """Measured on the reference (docs/papers/cdamd.md#diffusion-mlp)."""
-  schedule = ddpm.cosine_schedule(50)
-  np.testing.assert_allclose(schedule.betas[[0, 1, 24, 49]], [0.00174751, 0.00368895, 0.05935366, 0.999], atol=5e-9)
-  np.testing.assert_allclose(schedule.alphas_cumprod[[0, 24]], [0.998252, 0.493844], atol=5e-7)
-  assert (np.diff(schedule.alphas_cumprod) < 0).all() and schedule.posterior_variance[0] == 0
-
-
-@pytest.mark.parametrize("num_steps", [50, 10, 1])
+@pytest.mark.parametrize("num_steps", [50, 1])
 def test_the_way_back_ends_at_the_data(num_steps):
   whole = ddpm.cosine_schedule(50)
   schedule = ddpm.respace(whole, num_steps)
   np.testing.assert_allclose(schedule.alphas_cumprod, whole.alphas_cumprod[schedule.steps], rtol=1e-12)
   assert len(schedule.betas) == num_steps and schedule.steps[0] == 0
   fresh = lambda m: jax.random.normal(jax.random.fold_in(jax.random.key(0), m), X1.shape)
-  made = jax.jit(lambda x: ddpm.ancestral(known_noise(whole), schedule, x, fresh))(fresh(99))
-  np.testing.assert_allclose(made, X1, atol=1e-4)
+  knows_data = lambda x, step: jnp.asarray(X1)
+  for back in (lambda x: ddpm.ancestral(known_noise(whole), schedule, x, fresh),
+               lambda x: ddpm.ddim(known_noise(whole), schedule, x),
+               lambda x: ddpm.ddim(knows_data, schedule, x, predicts="x1")):
+    np.testing.assert_allclose(jax.jit(back)(np.ones_like(X1)), X1, atol=1e-4)
 
 
 def test_all_steps_are_the_schedule_itself():
@@ -44,9 +39,3 @@ def test_all_steps_are_the_schedule_itself():
     np.testing.assert_allclose(ours, theirs, rtol=1e-9)
   with pytest.raises(ValueError, match="51 sampler steps.*50 of training"):
     ddpm.respace(whole, 51)
-
-
-def test_the_loss_of_a_perfect_prediction_is_zero():
-  schedule, noise = ddpm.cosine_schedule(50), np.ones((1, 3), np.float32)
-  rows = [ddpm.loss_rows(known_noise(schedule), schedule, X1, jnp.array([step]), noise)[0] for step in (0, 9, 30, 48)]
-  np.testing.assert_allclose(rows, 0, atol=1e-6)

@@ -41,9 +41,3 @@ def test_only_counted_rows_decide_the_steps():
 def test_what_does_not_arrive_is_nan():
   assert np.isnan(solve(X, max_steps=1, rtol=1e-6, atol=1e-9).value).all()
   assert np.isnan(jax.jit(lambda x: dopri5(lambda x, t: x / 0, x))(X).value).all()
-
-
-def test_a_still_velocity_takes_great_steps():
-  value, evaluations = jax.jit(lambda x: dopri5(lambda x, t: 0 * x, x))(X)
-  np.testing.assert_allclose(value, X, atol=1e-6)  # the quartic through equal values rounds
-  assert evaluations < 2 + 6 * 10

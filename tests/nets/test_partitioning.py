@@ -38,15 +38,6 @@ def test_every_axis_of_a_large_network_has_a_name_that_fits_its_size(make):
   assert sizes["embed"] == sizes["heads"] == {16} and len(sizes) > 4
 
 
-def test_initialized_parameters_are_plain_arrays():
-  init, args = _generator()
-  before = jax.eval_shape(init, *args)
-  axes_of(init, *args)
-  assert jax.tree.structure(before) == jax.tree.structure(jax.eval_shape(init, *args))
-  assert all(type(leaf) is jax.ShapeDtypeStruct for leaf in jax.tree.leaves(before, is_leaf=lambda n: not isinstance(
-      n, dict)))
-
-
 def test_parameters_that_are_stacked_later_have_layers_in_front():
   dense = Dense(5, ("embed", "mlp"))
 

@@ -4,8 +4,7 @@ import pytest
 
 from motion_jax.data.mirror import mirror_legs
 from motion_jax.loading import load
-from motion_jax.text.contrast import Contrast, contrasted
-from motion_jax.text.encoder import load_text_encoder
+from motion_jax.text.contrast import Contrast
 from tests.models.cmdm.test_multi_prompt import FAST, shaken
 
 KICK = "a person kicks with the left foot"
@@ -31,10 +30,7 @@ def test_embeddings_move_away_from_those_of_the_other_leg(model):
                            for prompt in (KICK, KICK.replace("left", "right")))
   np.testing.assert_allclose(both(1.0), both(0.0), rtol=1e-5, atol=1e-5)
   assert (model.encode_words([KICK], Contrast(mirror_legs, 1.5))[0][0] == led[1]).all()
-
-
-def test_embeddings_of_another_number_of_tokens_stay(model):
-  """Their tokens have no counterpart."""
+  # Tokens of a prompt whose negative has another number of them have no counterpart.
   longer = Contrast(lambda text: text.replace("left", "right flibbertigibbet"), 1.0)
   assert (model.encode_words([KICK], longer)[0] == model.encode_words([KICK])[0]).all()
 
@@ -43,19 +39,10 @@ def test_embeddings_of_another_number_of_tokens_stay(model):
     ("a left-footed kick", "a right-footed kick"), ("Left hand up, right leg out", "Left hand up, left leg out"),
     ("a right kick, turning right", "a left kick, turning right"), ("on his LEFT  KNEE", "on his RIGHT  KNEE"),
     *((same, same) for same in (
-        "turns left", "walks to the right", "turns left while waving a hand", "goes clockwise", "a right hand turn",
-        "left the foot", "upright legs", "waves the left hand", "right away", "puts the foot to the left"))])
+        "turns left while waving a hand", "a right hand turn", "left the foot", "upright legs",
+        "puts the foot to the left"))])
 def test_which_words_name_a_leg(text, other):
   assert (mirror_legs(text), mirror_legs(other)) == (other, text)
-
-
-def test_sentence_vectors_are_contrasted_too():
-  encoder = load_text_encoder("words", level="sentence")
-  emb, mask = encoder([KICK, "a person walks"])
-  led = contrasted(encoder, [KICK, "a person walks"], emb, mask, Contrast(mirror_legs, 1.0))
-  other = encoder([KICK.replace("left", "right")])[0]
-  np.testing.assert_allclose(led[0], 2 * emb[0] - other[0], rtol=1e-5, atol=1e-6)
-  assert (led[1] == emb[1]).all()
 
 
 def test_motions_that_name_no_side_stay_and_streams_say_the_same(model):
@@ -72,21 +59,12 @@ def test_motions_that_name_no_side_stay_and_streams_say_the_same(model):
   assert np.abs(np.concatenate(list(stream)) - led.joints).max() < 1e-4
 
 
-@pytest.mark.slow
-def test_the_released_way_is_led_too(model):
-  prompts = [("a person walks", 1.2), (KICK, 1.3)]
-  plain, led = (model.multi_prompt(prompts, seed=2, way="chain", negative_prompts=mirror_legs,
-                                   contrast_scale=scale, **FAST).joints
-                for scale in (0.0, 2.0))
-  assert np.abs(led[:20] - plain[:20]).max() < 1e-4 and np.abs(led - plain).max() > 1e-3
-
-
 def test_without_negative_prompts_nothing_is_contrasted(model):
   """Whatever the scale, and with them only where a scale is chosen: cmdm-small's config does, others do not."""
   assert load("cmdm-small").sampling().contrast_scale == 1.0 and model.sampling().contrast_scale == 0.0
-  plain = model.generate(KICK, 24, seed=1, **FAST)
-  same = model.generate(KICK, 24, seed=1, contrast_scale=2.0, **FAST), model.generate(
-      KICK, 24, seed=1, negative_prompts=mirror_legs, **FAST)
+  plain = model.generate(KICK, 72, seed=1, **FAST)
+  same = model.generate(KICK, 72, seed=1, contrast_scale=2.0, **FAST), model.generate(
+      KICK, 72, seed=1, negative_prompts=mirror_legs, **FAST)
   assert all((one.joints == plain.joints).all() and one[0].meta["contrast_scale"] == 0.0 for one in same)
   with pytest.raises(ValueError, match="contrast_scale -1.*from 0 to 10"):
     model.sampling(contrast_scale=-1)

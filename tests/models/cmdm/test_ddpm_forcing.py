@@ -4,11 +4,21 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from motion_jax.diffusion import ddpm, guidance
+from motion_jax.diffusion import ddpm
 from motion_jax.diffusion.schedules import staircase_levels
+from motion_jax.models import cmdm
 from motion_jax.models.cmdm import ddpm_forcing, streaming
 from motion_jax.nets.masks import sliding_mask
-from tests.models.cmdm.test_streaming import SCALE, assert_close, encode_text, fast, make_constants, setting, streamed
+from tests.models.cmdm.test_streaming import (
+  SCALE,
+  assert_close,
+  encode_text,
+  fast,
+  make_constants,
+  noise_of,
+  setting,
+  streamed,
+)
 
 BETAS = 1e-4 + (0.02 - 1e-4) * np.arange(1000) / 999  # of levels 1 to 1000
 KEPT = np.array([np.prod(1 - BETAS[:k]) for k in range(1001)])
@@ -50,16 +60,6 @@ def test_the_loss_is_the_error_of_the_noise():
   assert weight == 5
 
 
-def test_steps_are_those_of_algorithm_2():
-  """One level at a time: 1 / sqrt(a), (1 - a) / sqrt(1 - kept); no noise into level 0."""
-  steps = ddpm_forcing.make_steps(1000)
-  a, kept, after = (1 - BETAS)[::-1], KEPT[1:][::-1], KEPT[:-1][::-1]
-  np.testing.assert_allclose(steps.of_x, 1 / np.sqrt(a), rtol=1e-6)
-  np.testing.assert_allclose(steps.of_predicted, -BETAS[::-1] / np.sqrt(1 - kept) / np.sqrt(a), rtol=1e-5)
-  np.testing.assert_allclose(steps.of_fresh, np.sqrt(BETAS[::-1] * (1 - after) / (1 - kept)), rtol=1e-5, atol=1e-9)
-  assert steps.of_fresh[-1] == 0 and steps.times[0] == 0 and steps.times[-1] == 1
-
-
 def test_fifty_steps_are_those_of_a_schedule_with_fifty():
   """K = 50 at inference: the tables of a DDPM whose levels are every twentieth of the thousand."""
   levels = np.arange(1000, -1, -20)
@@ -92,75 +92,43 @@ def _of_gaussian(mean, std):
   return noise_at
 
 
-def test_gaussian_data_come_out():
-  """Many steps from noise give data of the right mean and spread, whatever the lag."""
-  levels = staircase_levels(100, 3, 10)
-  x = jax.random.normal(jax.random.key(0), (4000, 3, 1))
-  fresh = lambda now: jax.random.normal(jax.random.fold_in(jax.random.key(1), now.sum()), x.shape)
-  for solver in ddpm_forcing.SOLVERS:
-    steps = ddpm_forcing.make_steps(100, solver)
-    made = np.asarray(jax.jit(lambda x, steps=steps: ddpm_forcing.sample(
-        _of_gaussian(2.0, 0.5), x, levels, steps, fresh))(x))
-    np.testing.assert_allclose(made.mean((0, 2)), 2.0, atol=0.04)
-    np.testing.assert_allclose(made.std((0, 2)), 0.5, atol=0.04)
+@jax.jit
+def _sampled(x, levels, steps, fresh):
+  """Data with mean 2 and standard deviation 0.5 of noise; fresh: 0 for none."""
+  draw = lambda now: fresh * jax.random.normal(jax.random.fold_in(jax.random.key(1), now.sum()), x.shape)
+  return ddpm_forcing.sample(_of_gaussian(2.0, 0.5), x, levels, steps, draw)
 
 
-def test_ddim_is_a_solver():
-  """Its error against the exact map of the ODE falls with the steps: x = mean + std noise, to the last level's rest."""
-  x = jax.random.normal(jax.random.key(0), (64, 1, 1))
+def test_gaussian_data_come_out_and_ddim_is_a_solver():
+  """Many steps from noise give data of the right mean and spread, whatever the lag. Without fresh noise the error
+  against the exact map of the ODE falls with the steps: x = mean + std noise, to the last level's rest."""
+  x = np.random.default_rng(0).standard_normal((4000, 3, 1)).astype(np.float32)
   start = np.sqrt(KEPT[1000] * 0.25 + 1 - KEPT[1000])
-  expected = 2 + 0.5 * (np.asarray(x) - np.sqrt(KEPT[1000]) * 2) / start
-  errors = []
-  for count in (25, 100):
-    made = ddpm_forcing.sample(_of_gaussian(2.0, 0.5), x, staircase_levels(count, 1, 0),
-                               ddpm_forcing.make_steps(count, "ddim"), lambda now: 0.0)
-    errors.append(np.abs(np.asarray(made) - expected).max())
-  assert errors[1] < errors[0] / 3 and errors[1] < 0.04
+  exact = 2 + 0.5 * (x - np.sqrt(KEPT[1000]) * 2) / start
+  run = lambda count, solver, fresh: np.asarray(_sampled(
+      x, staircase_levels(count, 3, count // 10), ddpm_forcing.make_steps(count, solver), fresh))
+  made = run(100, "ancestral", 1.0)
+  np.testing.assert_allclose(made.mean((0, 2)), 2.0, atol=0.04)
+  np.testing.assert_allclose(made.std((0, 2)), 0.5, atol=0.04)
+  coarse, fine = (np.abs(run(count, "ddim", 0.0) - exact).max() for count in (25, 100))
+  assert fine < coarse / 3 and fine < 0.1
 
 
-def _ddpm_setting(num_steps, lag, block, context, num_blocks=None, solver="ancestral", **options):
-  dit, plan, params, *rest = setting(num_steps, lag, block, context, num_blocks, predicts="ddpm", time_scale=100.0,
-                                     **options)
-  plan = plan._replace(solver=solver)
-  return dit, plan, params, make_constants(dit, params, plan), *rest[1:]
-
-
-@pytest.mark.parametrize("num_steps, lag, block, context, num_blocks, solver", [
-    (4, 2, 1, 2, 5, "ancestral"), (5, 2, 3, 6, 3, "ancestral")])
 @pytest.mark.slow
-def test_fast_is_plain_and_streamed_is_offline(num_steps, lag, block, context, num_blocks, solver):
-  dit, plan, params, constants, text_emb, text_mask, keys = _ddpm_setting(
-      num_steps, lag, block, context, num_blocks, solver)
-  text, length = encode_text(dit, params, text_emb, text_mask), num_blocks * block
+def test_fast_is_plain_and_streamed_is_offline():
+  num_steps, lag, block, num_blocks = 5, 2, 3, 3
+  dit, plan, params, _, text_emb, text_mask, keys = setting(num_steps, lag, block, 6, num_blocks, predicts="ddpm",
+                                                            time_scale=100.0)
+  plan = plan._replace(solver="ancestral")
+  constants, text = make_constants(dit, params, plan), encode_text(dit, params, text_emb, text_mask)
   made = fast(dit, plan, params, constants, text, SCALE, keys, num_blocks)
 
-  noise = jnp.concatenate([streaming.block_noise(keys, i, plan, 5) for i in range(num_blocks)], axis=1)
-  mask = sliding_mask(length, block, context)
-
-  def noise_at(x, t, drop):
-    words = jnp.where(drop[:, None, None], 0, jnp.concatenate([text_emb, text_emb]))
-    return dit.apply(params, x, jnp.broadcast_to(t, x.shape[:2]), words, mask, jnp.concatenate([text_mask, text_mask]))
-
+  levels = staircase_levels(num_steps, num_blocks * block, lag, block)
+  steps, mask = ddpm_forcing.make_steps(num_steps), sliding_mask(num_blocks * block, block, 6)
+  noise_at = cmdm.plain_velocity(dit, params, text_emb, text_mask, mask, SCALE)
   fresh = lambda now: streaming.fresh_noise(keys, jnp.arange(num_blocks), now[::block], plan, 5)
-  levels = staircase_levels(num_steps, length, lag, block)
-  steps = ddpm_forcing.make_steps(num_steps, solver)
-  expected = jax.jit(lambda noise: ddpm_forcing.sample(guidance.guided(noise_at, SCALE), noise, levels, steps, fresh))(
-      noise)
+  expected = jax.jit(lambda noise: ddpm_forcing.sample(noise_at, noise, levels, steps, fresh))(
+      noise_of(keys, plan, num_blocks))
   assert_close(made, expected, 2e-5)
-
-  live, _ = streamed(dit, streaming.make_plan(num_steps, lag, block, context, solver=solver), params, constants, text,
-                     keys, num_blocks)
-  assert_close(live, made, 5e-6)
-  alone = encode_text(dit, params, text_emb[1:], text_mask[1:])
-  assert_close(fast(dit, plan, params, constants, alone, SCALE, keys[1:], num_blocks), made[1:], 5e-6)
-
-
-def test_fresh_noise_is_new_in_every_step_block_and_motion():
-  plan, keys = streaming.make_plan(4, 2, 2, 4), jax.vmap(jax.random.key)(jnp.arange(2))
-  noise = streaming.fresh_noise(keys, jnp.array([0, 1, 0, 7]), jnp.array([0, 0, 1, 3]), plan, 3)
-  assert noise.shape == (2, 8, 3)
-  first = jnp.concatenate([streaming.block_noise(keys, i, plan, 3) for i in (0, 1)], axis=1)
-  values = np.concatenate([np.ravel(noise), np.ravel(first)])
-  assert len(np.unique(values)) == len(values)
-  alone = streaming.fresh_noise(keys[1:], jnp.array([7]), jnp.array([3]), plan, 3)
-  np.testing.assert_array_equal(alone[0], noise[1, 6:])
+  endless = streaming.make_plan(num_steps, lag, block, 6, solver="ancestral")
+  assert_close(streamed(dit, endless, params, constants, text, keys, num_blocks)[0], made, 5e-6)

@@ -6,6 +6,7 @@ import pytest
 import motion_jax as mj
 from motion_jax.models import cmdm
 
+pytestmark = pytest.mark.slow
 FAST = dict(num_steps=4, lag=2)
 
 
@@ -32,15 +33,11 @@ def test_one_program_serves_all_lengths_and_kinds(model):
   assert advance._cache_size() == several
 
 
-def test_a_motion_is_the_same_alone_in_a_batch_and_by_the_pure_sampler(model):
-  prompts = ["a person walks", "a person waves", "a person runs"]
-  several = model.generate(prompts, num_frames=84, seeds=[5, 6, 7], **FAST)
-  alone = model.generate(prompts[1], num_frames=84, seeds=[6], **FAST)
-  np.testing.assert_allclose(several[1].features, alone[0].features, atol=2e-5)
+def test_a_motion_is_that_of_the_pure_sampler(model):
+  alone = model.generate("a person waves", num_frames=84, seeds=[6], **FAST)
   plan, chosen, _, _ = model.plan_of(**FAST)
-  emb, mask = model.encode_words(prompts[1:2])
+  emb, mask = model.encode_words(["a person waves"])
   pure = jax.jit(cmdm.generate, static_argnums=(0, 1, 2))(
       model.dit, plan, 7, model.params, model.codec, text_emb=emb, text_mask=mask, scale=chosen.guidance_scale,
       keys=jax.random.key(6)[None])
   np.testing.assert_allclose(model.stats.denormalize(np.asarray(pure))[0], alone[0].features, atol=2e-5)
-  assert np.abs(several[0].features - several[1].features).max() > 1e-2
