@@ -1,5 +1,4 @@
 """Motions that another program made are read from its files; see test_run.py for how they are judged."""
-import dataclasses
 import json
 import shutil
 import types
@@ -8,21 +7,14 @@ import numpy as np
 import pytest
 
 from motion_jax.data.datasets.synthetic import synthetic_clips
-from motion_jax.evaluation import external, protocols, run
+from motion_jax.evaluation import external, run
 from motion_jax.evaluation.harness import Harness
 from motion_jax.evaluation.request import Request, resolve
 from motion_jax.evaluation.tasks import control
 from motion_jax.evaluation.tasks.editing import kept_spans
 from motion_jax.evaluators.evaluator import fresh_evaluator
 from motion_jax.motion.representations import get_layout, to_joints
-from tests.evaluation.test_run import make_clips
-
-FEW = dict(pool=4, diversity_draws=6, few_draws=4, replications=1, min_frames=24)
-
-
-@pytest.fixture(scope="module")
-def evaluator():
-  return fresh_evaluator("t2m")
+from tests.evaluation.small import small, two_captions
 
 
 def test_joints_may_lie_anywhere(tmp_path, evaluator):
@@ -40,38 +32,26 @@ def test_joints_may_lie_anywhere(tmp_path, evaluator):
 
 
 @pytest.mark.parametrize("x, words", [
-    (np.zeros((8, 66)), "got 8 frames, expected 12"), (np.full((12, 66), np.nan), "holds NaN"),
+    (np.zeros((11, 66)), "got 11 frames, expected 12"), (np.full((12, 66), np.nan), "holds NaN"),
     (np.zeros((12, 5)), r"got an array of shape \(12, 5\), expected \(frames, 66\) as in the first file, or joints"),
+    (100 * synthetic_clips(num=2, num_frames=12)[1].joints, "bones are .* times as long .* in centimetres"),
 ])
-def test_what_cannot_be_judged_is_told(tmp_path, evaluator, x, words):
+def test_what_cannot_be_judged_is_refused(tmp_path, evaluator, x, words):
   with pytest.raises(FileNotFoundError, match="holds no motions: expected files such as r000/00000.npy"):
     external.load_external("a", tmp_path, evaluator)
   (tmp_path / "r000").mkdir()
   np.save(tmp_path / "r000" / "00000.npy", np.zeros((12, 66)))
   np.save(tmp_path / "r000" / "00001.npy", x)
   candidate = external.load_external("a", tmp_path, evaluator)
-  with pytest.raises(ValueError, match=words):
+  with pytest.raises(ValueError, match=f"00001.npy.*{words}"):
     candidate.sample(None, None, "r000", types.SimpleNamespace(frames=[12, 12]), "")
-
-
-def test_joints_of_another_unit_are_refused(tmp_path, evaluator):
-  joints = synthetic_clips(num=2, num_frames=20)[1].joints
-  (tmp_path / "r000").mkdir()
-  np.save(tmp_path / "r000" / "00000.npy", joints * 100)
-  candidate = external.load_external("a", tmp_path, evaluator)
-  with pytest.raises(ValueError, match="00000.npy: bones are .* times as long .* in centimetres"):
-    candidate.sample(None, None, "r000", types.SimpleNamespace(frames=[12]), "")
 
 
 # --- what each task wants, and what it makes of it -----------------------------------------------------------------
 
 
-def small(name, **changes):
-  return dataclasses.replace(protocols.get_protocol(name), **(FEW | changes))
-
-
-def asked(folder, data, protocol, evaluator):
-  """The lines that say what is to be made."""
+def prompts_of(folder, data, protocol, evaluator):
+  """The lines of prompts.jsonl."""
   run.export_prompts(Request((), data, protocol, evaluator=evaluator), folder)
   return [json.loads(line) for line in (folder / "prompts.jsonl").read_text().splitlines()]
 
@@ -93,7 +73,7 @@ def rows(folder, data, protocol, evaluator):
     ("editing", [f"{task}: theirs" for task in ("inpainting", "outpainting", "prefix", "suffix")])])
 def test_real_motions_that_come_back_as_they_were_are_perfect(tmp_path, archive, evaluator, name, names):
   protocol = small(name)
-  lines = asked(tmp_path, [archive], protocol, evaluator)
+  lines = prompts_of(tmp_path, [archive], protocol, evaluator)
   assert len(lines) == 8 * len(names) and all(line["motion"].startswith("real_r000/") for line in lines)
   page = (tmp_path / "README.md").read_text()
   assert f"--protocol {name}" in page and "`motion`" in page
@@ -112,7 +92,7 @@ def test_real_motions_that_come_back_as_they_were_are_perfect(tmp_path, archive,
 
 def test_a_task_of_editing_may_be_left_out_but_not_all(tmp_path, archive, evaluator):
   protocol = small("editing")
-  lines = asked(tmp_path, [archive], protocol, evaluator)
+  lines = prompts_of(tmp_path, [archive], protocol, evaluator)
   with pytest.raises(FileNotFoundError, match="holds no motions: expected files"):
     rows(tmp_path, [archive], protocol, evaluator)
   for line in lines:
@@ -135,7 +115,7 @@ def test_control_of_other_programs(tmp_path, archive, evaluator, monkeypatch):
   """Real motions are where they are wanted; a joint and paths that were not made are left out."""
   monkeypatch.setattr(control, "DENSITIES", (1, 25))
   protocol = small("control")
-  lines = asked(tmp_path, [archive], protocol, evaluator)
+  lines = prompts_of(tmp_path, [archive], protocol, evaluator)
   assert {line.get("control", {}).get("joint") for line in lines} == {None, *control.JOINTS}
   reader = external.joint_reader(evaluator)
   resolved = resolve(Request((), [archive], protocol))
@@ -159,7 +139,7 @@ def test_control_of_other_programs(tmp_path, archive, evaluator, monkeypatch):
 
 def test_long_motions_of_other_programs(tmp_path, archive, evaluator):
   protocol = small("long-horizon", sequences=2, segments=3, transition_frames=20, real_jerk=None)
-  lines = asked(tmp_path, [archive], protocol, evaluator)
+  lines = prompts_of(tmp_path, [archive], protocol, evaluator)
   assert len(lines) == 2 and [len(line["segments"]) for line in lines] == [3, 3]
   for line in lines:
     assert line["frames"] == sum(segment["frames"] for segment in line["segments"])
@@ -174,11 +154,11 @@ def test_long_motions_of_other_programs(tmp_path, archive, evaluator):
 
 def test_timelines_of_other_programs(tmp_path, archive):
   evaluator = fresh_evaluator("tmr")
-  first, second = [clip.captions[0].text for clip in make_clips() if clip.split == "test"][:2]
+  first, second = two_captions()
   path = tmp_path / "timelines.txt"
   path.write_text(f"{first} # 0.0 # 3.0 # legs\n{second} # 2.0 # 7.0 # left arm\n")
   protocol = small("mtt", released_slips=False, layouts=())
-  line, = asked(tmp_path, [path, archive], protocol, evaluator)
+  line, = prompts_of(tmp_path, [path, archive], protocol, evaluator)
   assert line["timeline"][1] == {"text": second, "start": 2.0, "end": 7.0, "parts": ["left arm"]}
   assert line["frames"] == 140
   assert sum(segment["frames"] for segment in line["segments"]) == 140

@@ -17,19 +17,17 @@ from motion_jax.metrics.protocol import DiversityPairs
 from motion_jax.motion.representations import get_layout
 from motion_jax.motion.stats import Stats
 from tests import fixtures
-from tests.evaluation.test_run import make_clips, write_archive
 from tests.golden import Fixture
 
 
 @pytest.fixture(scope="module")
-def harness(tmp_path_factory):
+def harness(archive):
   """SnapMoGen's rules and kind of evaluator, on other clips."""
-  folder = write_archive(tmp_path_factory.mktemp("data") / "synthetic", make_clips())
   protocol = dataclasses.replace(protocols.get_protocol("snapmogen"), pool=4, few_draws=4, diversity_draws=6,
                                  min_frames=24, formats=("archive",), layouts=(),
                                  multimodality_motions=3, multimodality_pairs=2)
   evaluator = fresh_evaluator("snapmogen", "coordinates")
-  found = test_set_lib.read_test_set([folder], protocol, [evaluator])
+  found = test_set_lib.read_test_set([archive], protocol, [evaluator])
   return Harness(protocol, evaluator, None, found, seed=1)
 
 
@@ -109,7 +107,7 @@ GOOD = dict(top1=0.5, top2=0.7, top3=0.99, matching=1.0, fid=0.01, clip_score=0.
     (dict(clip_score=0.3), 0.02, "CLIP score of real motions is 0.300, of shuffled captions 0.400"),
     (dict(top1=float("nan")), 0.02, "the real motions' top1 is not finite"),
 ])
-def test_each_sign_of_a_wrong_evaluator_is_told(harness, monkeypatch, real, halves, words):
+def test_each_sign_of_a_wrong_evaluator_is_reported(harness, monkeypatch, real, halves, words):
   harness.embedded(0)
   monkeypatch.setattr(harness, "count", 10_000)
   monkeypatch.setattr(harness, "protocol", dataclasses.replace(harness.protocol, pool=32))
@@ -142,7 +140,7 @@ def test_captions_that_belong_to_their_motions_are_nearer_than_shuffled_ones(har
   assert harness.share_of_nearer_shuffles(0) > 0.3
 
 
-def test_real_numbers_unlike_the_papers_are_told(harness, monkeypatch):
+def test_real_numbers_unlike_the_papers_are_reported(harness, monkeypatch):
   paper = dataclasses.replace(harness.protocol, paper=("cmdm", "2", "CMDM w/ FSS"))
   some = Harness(paper, harness.evaluator, None, harness.test_set, seed=1)
   printed = {name: one["mean"] for name, one in sanity.tables.paper_row("cmdm", "2", "GT").items()}
@@ -153,13 +151,13 @@ def test_real_numbers_unlike_the_papers_are_told(harness, monkeypatch):
 
 def test_shuffled_captions_are_all_those_of_their_pools(harness):
   """Any order, so that chance is what an evaluator that knows nothing has; none comes from another pool."""
-  asked, embed = [], harness.batches
-  harness.batches = lambda embedded, *given, **more: asked.append(given[3]) or embed(embedded, *given, **more)
+  given_texts, embed = [], harness.batches
+  harness.batches = lambda embedded, *given, **more: given_texts.append(given[3]) or embed(embedded, *given, **more)
   try:
     harness.shuffled_scores(0)
   finally:
     del harness.batches
-  text, turned = harness.embedded(0).text, asked[0]
+  text, turned = harness.embedded(0).text, given_texts[0]
   for first in range(0, harness.count, 4):
     pool = slice(first, first + 4)
     assert sorted(map(tuple, text[pool])) == sorted(map(tuple, turned[pool]))

@@ -246,10 +246,15 @@ def _made(paper, folder):
   return [model.edit(clip, "a person waves", "prefix", seed=1, num_iterations=2, num_steps=2).joints]
 
 
-@pytest.mark.parametrize("case", [
-    pytest.param(case, id=_name(case), marks=() if case[:3:2] == ("cdamd", "generator") else pytest.mark.slow
-                 if case[2] == "denoiser" else pytest.mark.exhaustive)
-    for case in ROWS if case[1] == "paper" and case[2] != "teacher"])
+def _cases(cases, slow):
+  """One of each kind of stage is slow, the others are exhaustive."""
+  return pytest.mark.parametrize("case", [pytest.param(
+      case, id=_name(case), marks=pytest.mark.slow if _name(case) in slow else pytest.mark.exhaustive)
+      for case in cases])
+
+
+@_cases([case for case in ROWS if case[1] == "paper" and case[2] != "teacher"],
+        slow=("cmdm-paper-denoiser", "cdamd-paper-generator"))
 def test_the_papers_own_side_trains_and_makes_motion(case, tmp_path, unjudged):
   """All differences at once; the frozen parts are untrained."""
   paper, row, stage = case
@@ -259,8 +264,9 @@ def test_the_papers_own_side_trains_and_makes_motion(case, tmp_path, unjudged):
     assert all(np.isfinite(joints).all() for joints in _made(paper, tmp_path))
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("case", [case for case in ROWS if case[1] != "paper"], ids=_name)
+@_cases([case for case in ROWS if case[1] != "paper"], slow=(
+    "cmdm-paper-ar-denoiser", "cmdm-paper-kl-tokenizer", "cmdm-paper-teacher-teacher", "cdamd-paper-mask-generator",
+    "cdamd-paper-reconstruction-autoencoder", "cdamd-paper-codes-rvq"))
 def test_each_difference_is_in_its_config_and_has_a_gradient(case):
   """Traced, not compiled, which is what takes time."""
   paper, row, stage = case
@@ -287,19 +293,6 @@ def test_configs_of_all_sizes_are_whole(case):
     assert config.is_locked and config.stage.endswith(f".{case[2]}")
   with pytest.raises(ValueError, match="expected one of"):
     _config(case[0], "paper-nothing", case[2])
-
-
-def test_what_a_config_gives_it_gives_by_its_papers_numbers():
-  full = lambda stage: PAPERS["cmdm"]["get_config"](f"paper/{stage}")
-  tokenizer, denoiser = full("tokenizer"), full("denoiser")
-  for config in (tokenizer, denoiser):
-    assert config.optimizer.learning_rate == 1e-4 and config.optimizer.schedule == "cosine"
-    assert config.optimizer.clip_norm == 1.0 and config.data.batch_size == 128
-  assert tokenizer.loss.kl_weight == 1.0 and tokenizer.data.batch_size % tokenizer.loss.micro_batch == 0
-  assert denoiser.model.predicts == "ddpm" and denoiser.model.block == denoiser.loss.level_block == 1
-  assert denoiser.frozen.tokenizer == "runs/ablations/paper/tokenizer"
-  generator = PAPERS["cdamd"]["get_config"]("paper")
-  assert 0.9 * generator.loss.mask_rate == pytest.approx(0.88) and generator.model.transformer.depth == 8
 
 
 def test_the_page_names_every_config():

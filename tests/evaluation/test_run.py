@@ -1,20 +1,15 @@
-"""Evaluation by a protocol: the same numbers every time, after a kill, on any number of devices; bad input is told."""
-import dataclasses
-import functools
+"""Evaluation by a protocol: the same numbers every time, after a kill, on several devices; bad input is refused."""
 import json
 import pathlib
 import re
 import shutil
-import signal
 
 import numpy as np
 import pytest
 
-from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.evaluation import aggregates, protocols, request, run, samples
 from motion_jax.evaluation import test_set as test_set_lib
 from motion_jax.evaluation.candidates import row_names
-from motion_jax.evaluation.report import page
 from motion_jax.evaluation.request import Request
 from motion_jax.evaluation.result import Result
 from motion_jax.evaluation.tasks.registry import TASKS
@@ -22,29 +17,7 @@ from motion_jax.evaluators.evaluator import fresh_evaluator
 from motion_studio import cli
 from tests import processes
 from tests.conftest import devices_env
-
-SMALL = dataclasses.replace(
-    protocols.get_protocol("archives-66"), pool=4, diversity_draws=6, few_draws=4, multimodality_batches=1,
-    multimodality_motions=3, multimodality_pairs=2, multimodality_replications=1, replications=2, seed=5)
-
-
-def write_archive(folder, clips):
-  """Clips as an archive folder."""
-  folder.mkdir(parents=True)
-  start = np.cumsum([0] + [clip.num_frames for clip in clips])
-  joints = np.concatenate([clip.joints for clip in clips])
-  np.savez(folder / "motions.npz", names=np.array([clip.id for clip in clips]), start=start, root=joints[:, 0],
-           local=joints - joints[:, :1])
-  rows = [dict(id=clip.id, clip=clip.id, start=0, end=clip.num_frames, split=clip.split,
-               text=[caption.text for caption in clip.captions]) for clip in clips]
-  (folder / "captions.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))
-  return folder
-
-
-def make_clips(num=11, num_frames=49):
-  """Synthetic clips, all but two of them for test."""
-  return [clip.replace(split="train" if i < 2 else "test")
-          for i, clip in enumerate(synthetic_clips(seed=3, num=num, num_frames=num_frames))]
+from tests.evaluation.small import SMALL, make_clips, write_archive  # noqa: F401  other rooms take them from here
 
 
 @pytest.fixture(scope="module")
@@ -110,7 +83,7 @@ def content(folder):
 
 @pytest.mark.slow
 def test_a_repeat_is_byte_identical_and_so_is_one_that_was_killed(judged, tiny_run, archive, evaluators, tmp_path):
-  """With all samples there, with some of them gone or cut short, with none: the same file."""
+  """With all samples there, and with some of them gone or cut short: the same file."""
   _, out = judged
   before = content(out)
   made = sorted((judged[1].parent / "samples").rglob("*.npz"))
@@ -127,48 +100,10 @@ def test_a_repeat_is_byte_identical_and_so_is_one_that_was_killed(judged, tiny_r
     assert content(tmp_path / folder) == before
 
 
-fresh = functools.cache(fresh_evaluator)
-
-
-def command(arguments):
-  """What eval.py does, with the small protocol and random evaluators in the place of those that ship."""
-  protocols.PROTOCOLS["archives-66"] = SMALL
-  request.load_evaluator = lambda name: fresh("clip" if "clip" in name else "t2m")
-  return cli.main(arguments, "evaluate", "eval.py")
-
-
-@pytest.mark.exhaustive
-def test_eval_py_killed_goes_on_to_the_same_table(judged, tiny_run, archive, tmp_path, monkeypatch, capsys):
-  """The command itself, dead in the middle of sampling: what is on disk is whole, the rest is made by the next one."""
-  arguments = ["--model", str(tiny_run), "--data", str(archive), "--force", "--sampling", "num_steps=2",
-               "--no-multimodality", "--samples", str(tmp_path / "samples"), "--out", str(tmp_path / "out"),
-               "--report", str(tmp_path / "page")]
-  script = f"""
-import os, signal
-from tests.evaluation.test_run import command, samples
-write = samples.Store.write
-samples.Store.write = lambda *args: (write(*args), os.kill(os.getpid(), signal.SIGKILL))
-command({arguments!r})
-"""
-  killed = processes.run(["-c", script], devices_env(1))
-  assert killed.returncode == -signal.SIGKILL, killed.stderr[-2000:]
-  left = sorted(path.name for path in (tmp_path / "samples").rglob("*.npz"))
-  assert left == ["r000_b000.npz"] and not (tmp_path / "out").exists()
-  monkeypatch.setitem(protocols.PROTOCOLS, "archives-66", SMALL)  # what command() changes is undone
-  monkeypatch.setattr(request, "load_evaluator", None)
-  gallery = page._gallery  # a pair of each kind is drawn, not all of them
-  monkeypatch.setattr(page, "_gallery", lambda kind, entries, *rest: gallery(kind, entries[:1], *rest))
-  write, written = samples.Store.write, []
-  monkeypatch.setattr(samples.Store, "write", lambda *args: (written.append(args[1]), write(*args))[1])
-  assert command(arguments) == 0
-  assert written == ["r001"] and (tmp_path / "page" / "index.html").is_file()
-  made = json.loads((tmp_path / "out" / "results.json").read_text())["rows"][tiny_run.name]
-  assert made.items() == {name: one for name, one in judged[0].rows[tiny_run.name].items()
-                          if name != "multimodality"}.items()
-  assert "wrote " in capsys.readouterr().out
-  # Random evaluators notice little, and the command says so at its end.
+def test_a_control_that_fails_is_said_at_the_end_and_by_the_status(judged, archive, monkeypatch, capsys):
+  """Random evaluators notice little."""
   monkeypatch.setattr(run, "evaluate", lambda *given, **more: judged[0])
-  assert command(arguments[:-2]) == 1
+  assert cli.main(["--data", str(archive)], "evaluate", "eval.py") == 1
   assert re.search("eval.py: control: .* does not go", capsys.readouterr().err)
 
 
@@ -184,19 +119,15 @@ command({arguments!r})
     (["--protocol", "mtt", "--evaluator", "some"], "of kind 't2m', protocol 'mtt' is about the space of kind tmr"),
     (["--clip-evaluator", "other"], "got --clip-evaluator 'fresh-t2m' of kind 't2m'"),
 ])
-def test_what_cannot_be_asked_is_told_before_anything_is_done(tiny_run, archive, monkeypatch, capsys, arguments, words):
+def test_what_cannot_be_computed_is_refused_before_anything_is_done(tiny_run, archive, evaluators, monkeypatch, capsys,
+                                                                    arguments, words):
+  """At the command line, with a small protocol and random evaluators in the place of those that ship."""
   monkeypatch.setitem(protocols.PROTOCOLS, "archives-66", SMALL)
-  monkeypatch.setattr(request, "load_evaluator", None)
+  monkeypatch.setattr(request, "load_evaluator", lambda name: evaluators[f"{'clip_' * ('clip' in name)}evaluator"])
   monkeypatch.setattr(run.sanity_lib, "check", lambda harness: pytest.fail("began"))
-  assert command(["--model", str(tiny_run), "--data", str(archive), "--out", "nowhere", *arguments]) == 1
+  arguments = ["--model", str(tiny_run), "--data", str(archive), "--out", "nowhere", *arguments]
+  assert cli.main(arguments, "evaluate", "eval.py") == 1
   assert re.search(f"eval.py: (.|\n)*{words}", capsys.readouterr().err)
-
-
-@pytest.mark.parametrize("option", ["--replications", "--limit", "--devices"])
-def test_counts_are_from_one_on(option, capsys):
-  with pytest.raises(SystemExit):
-    cli.parse(["evaluate", "--data", "somewhere", option, "0"])
-  assert "got '0', expected a whole number from 1 to " in capsys.readouterr().err
 
 
 def test_flags_may_be_repeated():
@@ -225,6 +156,7 @@ def test_rows_have_names_of_their_own(tmp_path):
   assert row_names(runs) == [*runs[:3], "c"]
 
 
+@pytest.mark.slow
 def test_motions_do_not_depend_on_batches(judged, tiny_run, archive, evaluators, monkeypatch):
   """Three motions at a time, the same numbers."""
   result, out = judged
@@ -234,40 +166,32 @@ def test_motions_do_not_depend_on_batches(judged, tiny_run, archive, evaluators,
     np.testing.assert_allclose(other.rows[tiny_run.name][metric]["values"], one["values"], rtol=2e-3, atol=1e-4)
 
 
-@pytest.mark.slow
-def test_devices_give_the_same_numbers(judged, tiny_run, archive, evaluators, tmp_path, monkeypatch):
-  """Batches of three on two simulated devices, both of which are used, against the one of these tests."""
+def test_devices_take_batches_in_turn_and_give_the_same_motions(forks, tmp_path):
+  """Seven motions in batches of three, on two simulated devices and on one of them."""
   script = f"""
 import jax
-from motion_jax.evaluation import run, samples
-from motion_jax.evaluation.candidates import row_names
-from motion_jax.evaluation.report import page
-from motion_jax.evaluation.request import Request
-from motion_jax.evaluation.result import Result
-from motion_jax.evaluation.tasks.registry import TASKS
-from motion_jax.evaluators.evaluator import fresh_evaluator
-from tests.evaluation.test_run import SMALL
-used, make_of = set(), samples.generator_of
-def generator_of(model, *args):
-  def make(jobs):
-    used.add(jax.numpy.zeros(1).devices().pop())  # the default device of this thread
-    return make_of(model, *args)(jobs)
-  return make
-samples.BATCH, samples.generator_of = 3, generator_of
-run.evaluate(Request([{str(tiny_run)!r}], [{str(archive)!r}], SMALL, out={str(tmp_path / "two")!r}, force=True,
-    verbose=False, samples={str(tmp_path / "samples")!r}, multimodality=False, sampling=dict(num_steps=2),
-    replications=1, evaluator=fresh_evaluator("t2m"), clip_evaluator="none"))
-assert len(jax.local_devices()) == len(used) == 2, used
+import numpy as np
+from motion_jax.evaluation import samples
+used = []
+def make(jobs):
+  used.append(jax.numpy.zeros(1).devices().pop())  # the default device of this thread
+  return [np.full((count + 2, 3), seed) for count, seed in zip(jobs.frames, jobs.seeds)]
+frames = [8, 4, 12, 4, 20, 16, 8]
+jobs = samples.Jobs(list("abcdefg"), frames, list(range(7)), list(range(7)))
+devices = jax.local_devices()
+for name, some in (("two", devices), ("one", devices[:1])):
+  made = samples.sample(make, samples.Store({str(tmp_path)!r}, dict(a=name)), "r000", jobs, batch=3, devices=some)
+  assert [(len(x), int(x[0, 0])) for x in made] == [(m + 2, i) for i, m in enumerate(frames)]
+assert len(devices) == 2 and sorted(map(str, used[:3])) == sorted(map(str, [devices[0], devices[0], devices[1]]))
+assert used[3:] == 3 * devices[:1]
 """
-  processes.run(["-c", script], devices_env(2)).check_returncode()
-  monkeypatch.setattr(samples, "BATCH", 3)
-  one = again(judged, tiny_run, archive, evaluators, tmp_path / "one", replications=1, controls=False,
-              multimodality=False, clip_evaluator="none", samples=tmp_path / "one")
-  assert json.loads((tmp_path / "two" / "results.json").read_text())["rows"] == one.rows
+  done = processes.run(["-c", script], devices_env(2))
+  assert done.returncode == 0, done.stderr
 
 
+@pytest.mark.slow
 def test_motions_of_a_model_are_judged_the_same_from_files(judged, tiny_run, archive, evaluators, tmp_path):
-  """What is asked for is what a model of ours is asked for; its motions, given back, have its numbers."""
+  """Prompts are those that a model of ours gets; its motions, given back, have its numbers."""
   result, _ = judged
   wanted = Request((), [archive], SMALL, evaluator=evaluators["evaluator"], replications=2)
   run.export_prompts(wanted, tmp_path / "made")

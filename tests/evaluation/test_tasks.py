@@ -26,24 +26,8 @@ from motion_jax.models.cmdm.options import CmdmSampling
 from motion_jax.motion.representations import get_layout, to_features, to_joints
 from motion_jax.motion.skeleton import HUMANML3D, facing
 from tests.conftest import load_config
-from tests.evaluation.test_run import SMALL, make_clips, write_archive
+from tests.evaluation.small import SMALL, small, two_captions
 from tests.evaluators.items import cut_item
-
-FEW = dict(pool=4, diversity_draws=6, few_draws=4, replications=1, min_frames=24)
-
-
-def small(name, **changes):
-  return dataclasses.replace(protocols.get_protocol(name), **(FEW | changes))
-
-
-@pytest.fixture(scope="module")
-def archive(tmp_path_factory):
-  return write_archive(tmp_path_factory.mktemp("data") / "synthetic", make_clips())
-
-
-@pytest.fixture(scope="module")
-def evaluator():
-  return fresh_evaluator("t2m")
 
 
 def judged(runs, folders, protocol, evaluator, out, **options):
@@ -160,12 +144,14 @@ def test_the_way_of_long_motions_is_a_choice_of_their_task_alone():
 @pytest.mark.parametrize("options, shown", [
     ({}, False), (dict(way="chain", cleanup=True), True), (dict(ease=True), True)])
 def test_long_motions_may_be_judged_as_they_are_shown(options, shown):
-  """What is cleaned up or eased are joints, so the features that are judged are made of these."""
-  joints, calls = synthetic_clips(0, 2, num_frames=40)[1].joints, []
+  """What is cleaned up or eased are joints, of which the features that are judged are then computed: bones that drift
+  and feet in the floor come out of them as they went in, but for where the body begins."""
+  joints = synthetic_joints("walk", 40, np.random.default_rng(0)) * np.linspace(0.9, 1.1, 40)[:, None, None]
+  joints, calls = long_horizon_lib.placed(joints - [0, 0.03, 0], HUMANML3D), []
 
   def multi_prompts(lists, **given):
     calls.append(given)
-    return [types.SimpleNamespace(joints=joints, features=None) for _ in lists]
+    return [types.SimpleNamespace(joints=joints.astype(np.float32), features=None) for _ in lists]
 
   model = types.SimpleNamespace(
       multi_prompts=multi_prompts, more_choices=(), stats=types.SimpleNamespace(layout=get_layout("full")),
@@ -175,7 +161,8 @@ def test_long_motions_may_be_judged_as_they_are_shown(options, shown):
   assert calls == [dict(guidance_scale=2.0, seeds=[7]) | options]
   assert made is None if not shown else made.shape == (40, 263)
   if shown:
-    np.testing.assert_allclose(to_joints(made, "full")[:, :, 1], joints[:, :, 1] - joints[..., 1].min(), atol=0.05)
+    found = to_joints(made, get_layout("full")).astype(float)
+    np.testing.assert_allclose(long_horizon_lib.placed(found, HUMANML3D), joints, atol=1e-4)
 
 
 @pytest.mark.parametrize("way, unit, latent, expected", [
@@ -189,8 +176,7 @@ def test_pieces_are_as_long_as_the_model_makes_them(way, unit, latent, expected)
 @pytest.mark.slow
 def test_timelines(tiny_run, archive, tmp_path):
   evaluator = fresh_evaluator("tmr")
-  clips = [clip for clip in make_clips() if clip.split == "test"]
-  first, second = clips[0].captions[0].text, clips[1].captions[0].text
+  first, second = two_captions()
   path = tmp_path / "timelines.txt"
   path.write_text(f"{first} # 0.0 # 3.0\n{second} # 3.0 # 7.0\n\n{second} # 0.0 # 4.0\n{first} # 4.0 # 8.0\n")
   protocol = small("mtt", released_slips=False, layouts=())
@@ -277,18 +263,3 @@ def test_targets_of_control_are_places_of_the_real_motion():
     given = signal.given[0]
     assert given.any(-1).sum() == count and given[:, 20].all(-1).sum() == count
     np.testing.assert_array_equal(signal.positions[0][given], joints[given])
-
-
-def test_eased_long_motions_are_judged_as_they_are_shown():
-  """Bones that drift and feet in the floor come out of the features as they went in, but for where the body begins."""
-  joints = synthetic_joints("walk", 60, np.random.default_rng(0)) * np.linspace(0.9, 1.1, 60)[:, None, None]
-  joints = long_horizon_lib.placed(joints - [0, 0.03, 0], HUMANML3D)
-  made = types.SimpleNamespace(joints=joints.astype(np.float32), features=None)
-  model = types.SimpleNamespace(
-      stats=types.SimpleNamespace(layout=get_layout("full")), multi_prompts=lambda *_, **__: [made],
-      more_choices=(),
-      config=types.SimpleNamespace(data=types.SimpleNamespace(mode="corrected")))
-  candidate = types.SimpleNamespace(model=model, guidance_scale=2.0)
-  make = long_horizon.multi_prompt_generator(candidate, [[("a person walks", 3.0)]], {"ease": True})
-  found = to_joints(make(types.SimpleNamespace(places=[0], seeds=[0]))[0], get_layout("full"))
-  np.testing.assert_allclose(long_horizon_lib.placed(found.astype(float), HUMANML3D), joints, atol=1e-4)

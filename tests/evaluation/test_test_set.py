@@ -9,7 +9,7 @@ from motion_jax.data.datasets import humanml3d
 from motion_jax.evaluation import samples
 from motion_jax.evaluation import test_set as test_set_lib
 from motion_jax.evaluators.evaluator import fresh_evaluator
-from tests.evaluation.test_run import SMALL, make_clips, write_archive
+from tests.evaluation.small import SMALL, make_clips, write_archive
 
 
 def test_a_draw_follows_the_rules_of_items(archive, evaluators):

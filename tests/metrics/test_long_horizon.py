@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from motion_jax.metrics import long_horizon as lh
-from motion_jax.metrics import physics, scores
+from motion_jax.metrics import physics
 from tests.metrics.test_physics import still
 
 SMALL = lh.LongHorizon(width=12, shortest=8, longest=40, pool=4)
@@ -96,24 +96,24 @@ def test_fid_of_gaussians_and_matching_through_the_whole_path():
   rng = np.random.default_rng(2)
   shift, spread = np.array([0.5, 0.0, -1.0]), np.array([1.0, 2.0, 0.5])
   constant = lambda draws, frames: np.repeat(draws, frames, axis=0)
-  draws = rng.normal(size=(4000, 3))
+  draws = rng.normal(size=(2000, 3))
   motions = [constant(draw[None], 12) for draw in draws]
   protocol = dataclasses.replace(SMALL, diversity_draws=2000, placed=False)  # bodies that stand are placed as they are
   real = lh.reference(motions, [_joints(12)] * len(motions), _mean, rng, protocol)
   sequences, offset = [], np.array([3.0, 4.0, 0.0])
-  for _ in range(250):
+  for _ in range(125):
     made = shift + spread * rng.normal(size=(16, 3))
     sequences.append(_sequence(rng, [str(i) for i in range(16)], made + offset, 12, motion=constant(made, 12)))
   row, _ = lh.score(iter(sequences), real, _mean, rng, protocol)
   expected = (shift**2).sum() + ((spread - 1) ** 2).sum()  # 1.25 + 1.25
-  assert row["fid"] == pytest.approx(expected, rel=0.06)
+  assert row["fid"] == pytest.approx(expected, rel=0.08)
   assert row["matching"] == pytest.approx(5)
   # |a - b| of two draws, E over N(0, 2 spread**2)
   distance = np.linalg.norm(np.sqrt(2) * spread * rng.normal(size=(200_000, 3)), axis=1).mean()
   assert row["diversity"] == pytest.approx(distance, rel=0.05)
   # A transition of two constant halves is their mean, with half the variance.
   expected = (shift**2).sum() + ((spread / np.sqrt(2) - 1) ** 2).sum()
-  assert row["transition_fid"] == pytest.approx(expected, rel=0.06)
+  assert row["transition_fid"] == pytest.approx(expected, rel=0.08)
   some = sequences[:20]
   again, _ = lh.score(iter(some), real, _mean, np.random.default_rng(7), protocol)
   assert again == lh.score(iter(some), real, _mean, np.random.default_rng(7), protocol).row
@@ -156,9 +156,3 @@ def test_bad_input():
     lh.reference(motions, joints, _mean, rng)
   with pytest.raises(ValueError, match="different numbers of frames"):
     lh.reference(motions, joints[::-1], _mean, rng, SMALL)
-
-
-def test_frechet_of_the_reference_equals_the_plain_one():
-  rng = np.random.default_rng(6)
-  a, b = rng.normal(size=(50, 3)), rng.normal(size=(60, 3))
-  assert scores.fid(scores.moments(a), b) == pytest.approx(scores.fid(a, b))

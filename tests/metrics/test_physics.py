@@ -1,4 +1,6 @@
 """Jerk, feet, floor and bones of motions whose answer is known."""
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -9,6 +11,9 @@ from motion_jax.metrics import physics
 from motion_jax.motion import rotations
 from motion_jax.motion.skeleton import HUMANML3D
 
+# A step of 5 cm over the ground that is of another length along any two axes; feet that stay low bob by 1 cm.
+STEP, BOB = np.array([0.03, 0, 0.04]), np.array([0, 0.01, 0])
+
 
 def still(frames=60):
   """A standing body with its lowest joint on the floor."""
@@ -18,6 +23,12 @@ def still(frames=60):
       body[joint] = body[parent] + HUMANML3D.offsets[joint]
   body[:, 1] -= body[:, 1].min()
   return np.repeat(body[None], frames, axis=0)
+
+
+def sliding(frames=41):
+  """The standing body pushed over the ground by `STEP` a frame, 1 m/s, while it bobs."""
+  frame = np.arange(frames)[:, None, None]
+  return still(frames) + frame * STEP + frame % 2 * BOB
 
 
 def test_jerk_of_a_polynomial():
@@ -38,8 +49,9 @@ def test_transitions_are_cut_around_the_borders():
   motion = np.arange(200)
   cut = physics.cut_transitions(motion, [30, 100, 170])
   assert cut.shape == (3, 60) and cut[:, 0].tolist() == [0, 70, 140] and cut[1, 30] == 100
-  with pytest.raises(ValueError, match="border at frame 180 of 200"):
-    physics.cut_transitions(motion, [100, 180])
+  for border in (29, 171):
+    with pytest.raises(ValueError, match=f"border at frame {border} of 200"):
+      physics.cut_transitions(motion, [100, border])
 
 
 def test_transition_distance_sees_the_pose_only():
@@ -52,15 +64,15 @@ def test_transition_distance_sees_the_pose_only():
   turned = rotations.rotate(rotations.about_axis(angle, "y")[:, None], joints)
   turned += np.arange(40)[:, None, None] * [1, 0, 2]
   np.testing.assert_allclose(physics.transition_distance(turned, [10, 20]), found, atol=1e-12)
-  with pytest.raises(ValueError, match="a motion of 40 frames"):
-    physics.transition_distance(joints, [40])
+  for border in (0, 40):
+    with pytest.raises(ValueError, match="a motion of 40 frames"):
+      physics.transition_distance(joints, [border])
 
 
 def test_sliding_feet():
-  joints = still(41)
-  joints[..., 1] += 0.01
-  assert physics.skating_ratio(joints) == 0
-  joints[..., 0] += 0.05 * np.arange(41)[:, None]  # 1 m/s over the floor
+  """Two feet that slide at 1 m/s; steps count where a foot is low at both ends."""
+  assert physics.skating_ratio(still(41)) == 0
+  joints = sliding()
   assert physics.skating_ratio(joints) == 1.0
   np.testing.assert_allclose(physics.foot_speed(joints)[2:-2], 1.0, rtol=1e-9)
   assert physics.skating_ratio(joints, fast=2.0) == 0
@@ -69,30 +81,31 @@ def test_sliding_feet():
   lifted[21:, :, 1] += 0.2  # 20 of 40 steps are low at both ends; the one that lifts off does not count
   assert physics.skating_ratio(lifted) == 0.5
   assert physics.skating_ratio(np.stack([joints, still(41)])).tolist() == [1.0, 0]
+  for foot in (HUMANML3D.left_feet, HUMANML3D.right_feet):  # one foot alone is enough, whichever
+    one = still(41)
+    one[:, foot] = joints[:, foot]
+    assert physics.skating_ratio(one) == 1.0
+    assert physics.slide(one) == pytest.approx(0.025)  # of two feet that are low, one slides
 
 
 def test_the_way_of_feet_on_the_ground():
   """5 cm a frame of all that is low; in the air nothing slides."""
-  sliding = still(41) + 0.05 * np.arange(41)[:, None, None] * [1, 0, 0]
-  assert (sliding[0, physics.HUMANML3D.left_feet[1], 1]) < 0.05
-  np.testing.assert_allclose(physics.slide(sliding), 0.05, rtol=1e-9)
-  assert physics.slide(still(41)) == physics.slide(sliding + [0, 0.2, 0]) == 0
-  assert physics.slide(np.stack([still(41), sliding])).round(9).tolist() == [0, 0.05]
+  np.testing.assert_allclose(physics.slide(sliding()), 0.05, rtol=1e-9)
+  assert physics.slide(still(41)) == physics.slide(sliding() + [0, 0.2, 0]) == 0
+  assert physics.slide(np.stack([still(41), sliding()])).round(9).tolist() == [0, 0.05]
 
 
 def test_feet_that_are_down_and_go_on():
   """The slowest point counts: a walker rests on one foot, a slider on none."""
-  joints = still(41)
-  walking = joints.copy()
-  walking[:, physics.HUMANML3D.left_feet, 0] += 0.1 * np.arange(41)[:, None]
+  walking = still(41)
+  walking[:, HUMANML3D.left_feet, 0] += 0.1 * np.arange(41)[:, None]
   assert physics.planted_speed(walking) == 0
-  sliding = joints + 0.05 * np.arange(41)[:, None, None] * [1, 0, 0]
-  np.testing.assert_allclose(physics.planted_speed(sliding), 1.0, rtol=1e-9)
-  hopping = sliding.copy()
+  np.testing.assert_allclose(physics.planted_speed(sliding()), 1.0, rtol=1e-9)
+  hopping = sliding()
   hopping[21:, :, 1] += 0.2  # in the air nothing is planted
   hopping[21:, :, 0] *= 3
   np.testing.assert_allclose(physics.planted_speed(hopping), 1.0, rtol=1e-9)
-  assert physics.planted_speed(np.stack([joints, sliding])).round(9).tolist() == [0, 1]
+  assert physics.planted_speed(np.stack([still(41), sliding()])).round(9).tolist() == [0, 1]
 
 
 def test_floor_bones_and_acceleration():
@@ -111,17 +124,20 @@ def test_floor_bones_and_acceleration():
     physics.jerk(joints[:3])
 
 
-def test_every_number_rises_with_noise():
-  joints = synthetic.synthetic_clips(num=1, num_frames=80)[0].joints.astype(np.float64)
-  calm = physics.summary(joints)
-  rough = physics.summary(joints + np.random.default_rng(0).normal(0, 0.02, joints.shape))
-  assert all(np.isfinite(list(calm.values())))
-  for name in ("bone_drift_mm", "acceleration", "jerk", "peak_jerk", "penetration_mm"):
-    assert rough[name] > calm[name], name
+def test_a_summary_is_in_millimetres_and_seconds():
+  """The same body on a skeleton whose unit is the millimetre has the same numbers."""
+  found = physics.summary(sliding() + [0, 0.02, 0])
+  assert found["slide_mm"] == pytest.approx(50) and found["planted_speed"] == pytest.approx(1)
+  assert found["skating_ratio"] == 1 and found["floating_mm"] == pytest.approx(20 + 10 * 20 / 41)
+  assert physics.summary(still() - BOB)["penetration_mm"] == pytest.approx(10)
+  assert found["peak_jerk"] == pytest.approx(0.04)  # a bob of 1 cm up and down: 1 + 3 + 3 + 1 halves
+  shrunk = dataclasses.replace(HUMANML3D, unit=0.001)
+  for name, value in physics.summary(1000 * (sliding() + [0, 0.02, 0]), skeleton=shrunk).items():
+    assert value == pytest.approx(found[name]), name
 
 
 @pytest.mark.parametrize("measure", [physics.foot_height, physics.bone_drift, physics.skating_ratio])
-def test_joints_of_another_skeleton_are_told(measure, as_users_run):
+def test_joints_of_another_skeleton_are_refused(measure, as_users_run):
   with pytest.raises(ValueError, match="got 24 joints, skeleton 'humanml3d' has 22"):
     measure(np.zeros((10, 24, 3)))
   with pytest.raises(ValueError, match=r"got joints of shape \(10, 66\)"):
@@ -131,7 +147,14 @@ def test_joints_of_another_skeleton_are_told(measure, as_users_run):
 MEASURES = {"jerk": physics.jerk, "foot_speed": physics.foot_speed, "skating_ratio": physics.skating_ratio,
             "planted_speed": physics.planted_speed, "foot_height": physics.foot_height, "floating": physics.floating,
             "penetration": physics.penetration, "bone_drift": physics.bone_drift, "acceleration": physics.acceleration,
-            "slide": physics.slide, "transition_distance": lambda joints: physics.transition_distance(joints, [10, 20])}
+            "slide": physics.slide}
+
+
+@jax.jit
+def measured(joints):
+  """All measures of joints (N, T, J, 3) in one program."""
+  distances = jax.vmap(lambda one: physics.transition_distance(one, [10, 20]))(joints)
+  return {name: measure(joints) for name, measure in MEASURES.items()} | {"transition_distance": distances}
 
 
 def moving_bodies(frames=40):
@@ -141,37 +164,24 @@ def moving_bodies(frames=40):
   return np.stack([still(frames), walk, rough + np.linspace(0, 1, frames)[:, None, None] * [1, 0, 0]])
 
 
-@pytest.mark.parametrize("name", MEASURES)
-def test_jax_arrays_give_the_numbers_of_numpy(name):
+def test_jax_arrays_give_the_numbers_of_numpy():
   """Inside jit, a batch at once, in float64 to 1e-9; the type of the joints is kept."""
-  measure, joints = MEASURES[name], moving_bodies()
-  if name == "transition_distance":  # of one motion
-    expected, run = np.stack([measure(one) for one in joints]), jax.jit(jax.vmap(measure))
-  else:
-    expected, run = measure(joints), jax.jit(measure)
+  joints = moving_bodies()
+  expected = {name: measure(joints) for name, measure in MEASURES.items()} | {
+      "transition_distance": np.stack([physics.transition_distance(one, [10, 20]) for one in joints])}
   with jax.enable_x64(True):
-    made = run(jnp.asarray(joints))
-    assert made.dtype == jnp.float64 or name == "skating_ratio"
-  np.testing.assert_allclose(made, expected, atol=1e-9)
-  np.testing.assert_allclose(run(jnp.asarray(joints, jnp.float32)), expected, atol=2e-4, rtol=1e-3)
+    exact = measured(jnp.asarray(joints))
+  rounded = measured(joints.astype(np.float32))
+  for name, numbers in expected.items():
+    assert exact[name].dtype == jnp.float64 or name == "skating_ratio"
+    np.testing.assert_allclose(exact[name], numbers, atol=1e-9, err_msg=name)
+    np.testing.assert_allclose(rounded[name], numbers, atol=2e-4, rtol=1e-3, err_msg=name)
 
 
-@pytest.mark.parametrize("name", MEASURES)
-def test_gradients_are_finite_where_nothing_moves(name):
-  grad = jax.jit(jax.grad(lambda joints: MEASURES[name](joints).sum()))
-  for joints in moving_bodies():
-    assert np.isfinite(grad(jnp.asarray(joints, jnp.float32))).all()
-  assert np.isfinite(grad(jnp.zeros((40, 22, 3)))).all()
-
-
-def test_gradient_descent_takes_the_slide_out_of_a_motion():
-  """The measure of skating as a loss, held to the motion by the distance to it."""
-  sliding = jnp.asarray(moving_bodies()[0] + np.linspace(0, 1.5, 40)[:, None, None] * [1, 0, 0], jnp.float32)
-  loss = lambda joints: jnp.square(physics.foot_speed(joints)).mean() + 0.1 * jnp.square(joints - sliding).mean()
-  run = jax.jit(jax.value_and_grad(loss))
-  joints = sliding
-  for _ in range(200):
-    joints = joints - 0.1 * run(joints)[1]
-  before, after = (np.asarray(x, np.float64) for x in (sliding, joints))
-  assert physics.foot_speed(after).mean() < 0.5 * physics.foot_speed(before).mean()
-  assert physics.skating_ratio(after) < 0.5 * physics.skating_ratio(before)
+def test_gradients_are_finite_where_nothing_moves():
+  """Each measure can be a loss; that of skating as a speed has a slope where feet slide."""
+  joints = np.concatenate([moving_bodies(), np.zeros((1, 40, 22, 3))]).astype(np.float32)
+  slopes = jax.jit(jax.jacrev(lambda joints: {name: one.sum() for name, one in measured(joints).items()}))(joints)
+  for name, slope in slopes.items():
+    assert np.isfinite(slope).all(), name
+  assert np.abs(slopes["foot_speed"][2]).max() > 0 and np.abs(slopes["planted_speed"][2]).max() > 0
