@@ -1,4 +1,6 @@
-"""An evaluator's vectors know neither padding nor batch-mates; what does not belong to it is told."""
+"""An evaluator's vectors know neither padding nor batch-mates; what does not belong to it is refused."""
+import functools
+
 import ml_collections
 import numpy as np
 import pytest
@@ -12,14 +14,18 @@ from motion_jax.motion.stats import save_stats
 from motion_jax.runs import PRETRAINED
 from motion_jax.text.tagger import tag
 from motion_jax.training import checkpoint
+from tests.configs.test_tiny_sizes import traced_training
 from tests.conftest import load_config
 
 CAPTIONS = ["a person walks forward", "someone waves the left hand", "he sits down"]
 
 
-@pytest.fixture(scope="module", params=["t2m", "clip", "tmr", "snapmogen"])
+fresh = functools.cache(lambda kind: fresh_evaluator(kind, "coordinates"))
+
+
+@pytest.fixture(params=["t2m", "clip", "tmr", "snapmogen"])
 def evaluator(request):
-  return fresh_evaluator(request.param, "coordinates")
+  return fresh(request.param)
 
 
 def test_padding_and_batch_mates_do_not_matter(evaluator):
@@ -43,23 +49,25 @@ def test_sentences_know_no_batch_mates(evaluator):
   np.testing.assert_array_equal(evaluator.embed_text(CAPTIONS, lines), together)
 
 
-def test_features_are_those_of_its_layout(evaluator):
+def test_features_are_those_of_its_layout():
+  evaluator = fresh("t2m")
   clip = synthetic_clips(0, 1)[0]
   x = evaluator.features_of(clip)
   assert x.shape == (clip.num_frames - 1, 66)
   np.testing.assert_array_equal(evaluator.features_of(clip.joints), x)
 
 
-def test_wrong_input_is_told(evaluator):
+def test_wrong_input_is_refused():
+  evaluator = fresh("t2m")
   x = np.zeros((2, 20, 66), np.float32)
-  for given, frames, told in (
+  for given, frames, words in (
       (x[..., :63], [20, 8], "got 63 features per frame.*reads 66"), (x, [20, 3], "4 to 20"), (x, [24, 8], "4 to 20"),
       (x, [20], r"expected \(B, T, F\)"), (x[0], [20, 20], r"expected \(B, T, F\)")):
-    with pytest.raises(ValueError, match=told):
+    with pytest.raises(ValueError, match=words):
       evaluator.embed_motion(given, frames)
-  for captions, tokens, told in (([], None, "list of sentences"), ([3], None, "list of sentences"),
-                                 (["a"], ["a/DET", "b/NOUN"], "1 captions and 2 token lines")):
-    with pytest.raises(ValueError, match=told):
+  for captions, tokens, words in (([], None, "list of sentences"), ([3], None, "list of sentences"),
+                                  (["a"], ["a/DET", "b/NOUN"], "1 captions and 2 token lines")):
+    with pytest.raises(ValueError, match=words):
       evaluator.embed_text(captions, tokens)
 
 
@@ -72,20 +80,20 @@ def test_a_seed_says_which_evaluator():
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
-  """A tiny matching run on a vocabulary of its own, which is gone when the evaluator is used."""
+  """A tiny matching run with random weights, on a vocabulary of its own, which is gone when the evaluator is used."""
   folder = tmp_path_factory.mktemp("runs")
   words = ["sos", "eos", "unk", "person", "walk", "wave", "hand"]
   vocabulary = WordVectors(words, np.random.default_rng(0).normal(size=(7, 5)))
   vocabulary.save(folder / "words.npz")
   config = load_config("evaluator_matching", "tiny").unlock()
   config.frozen.glove = str(folder / "words.npz")
-  config.train.num_steps = 1
-  training.run(config, folder / "run")
+  with pytest.MonkeyPatch.context() as patch:
+    patch.setattr(training.loop, "train", traced_training)
+    training.run(config, folder / "run")
   (folder / "words.npz").unlink()
   return folder / "run"
 
 
-@pytest.mark.slow
 def test_a_run_folder_is_all_it_takes(run):
   evaluator = load_evaluator(run)
   assert (evaluator.kind, evaluator.layout.name, evaluator.max_frames) == ("t2m", "coordinates", 96)
@@ -95,7 +103,7 @@ def test_a_run_folder_is_all_it_takes(run):
   assert load_evaluator(run).hash == evaluator.hash
 
 
-def test_a_converted_folder_is_told_where_its_words_are(run, tmp_path):
+def test_the_words_of_a_converted_folder_may_lie_elsewhere(run, tmp_path):
   """What `motion-jax convert evaluator` writes: a config without text, weights, statistics."""
   evaluator, model = load_evaluator(run), checkpoint.load_config(run).model.to_dict()
   config = dict(stage="evaluator.t2m", model=model, data=dict(layout="coordinates"))
@@ -112,7 +120,7 @@ def test_a_converted_folder_is_told_where_its_words_are(run, tmp_path):
     load_evaluator(tmp_path, text="random-init").embed_text(CAPTIONS)
 
 
-def test_folders_that_are_no_evaluator_are_told(run, tmp_path):
+def test_folders_that_are_no_evaluator_are_refused(run, tmp_path):
   with pytest.raises(FileNotFoundError, match="neither a run folder.*that ships: clip-evaluator-small"):
     load_evaluator(tmp_path / "none")
   with pytest.raises(ValueError, match="'cmdm.denoiser' run, expected one of stage evaluator.matching"):

@@ -1,4 +1,4 @@
-"""Evaluators learn what the papers say: losses against plain numpy, N devices as one, the best weights are kept."""
+"""Evaluators learn what the papers say: losses against plain numpy, N devices as one."""
 import contextlib
 
 import jax
@@ -8,19 +8,17 @@ import numpy as np
 import optax
 import pytest
 
-from configs import common
 from motion_jax.data import sources
 from motion_jax.data.datasets.humanml3d import write_folder
 from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.evaluators import stages as matching
-from motion_jax.evaluators.networks import ClipEvaluator, T2MEvaluator
 from motion_jax.text.captions import meanings
 from motion_jax.text.encoder import load_text_encoder
 from motion_jax.text.tagger import tag
-from motion_jax.training import checkpoint, optimizers
-from motion_jax.training import loop as train
+from motion_jax.training import optimizers
 from motion_jax.training.optimizers import make_optimizer
-from motion_jax.training.stage import DEVICES, Stage
+from motion_jax.training.setup import untrained
+from motion_jax.training.stage import DEVICES
 from tests.conftest import load_config
 
 
@@ -89,7 +87,7 @@ def _clip_batch():
 def test_two_devices_contrast_the_whole_batch(make, config, batch):
   """Loss and gradient of two halves, each of which sees what lies on the other, are those of the whole."""
   alone, mapped = make(config, axis_name=None), make(config)
-  params = jax.jit(alone.init)(batch, jax.random.key(0))
+  params = untrained(jax.eval_shape(alone.init, batch, jax.random.key(0)))
 
   def divided(params):
     halves = jax.tree.map(lambda a: a.reshape((2, 2) + a.shape[1:]), batch)
@@ -108,7 +106,7 @@ def test_two_devices_contrast_the_whole_batch(make, config, batch):
 def test_matching_is_the_contrast_by_falling_length_and_holds_the_movement_encoder_still():
   config, batch = _matching_config(first_shift=1), _matching_batch()
   stage = matching.matching_stage(config, axis_name=None)
-  params = jax.jit(stage.init)(batch, jax.random.key(0))
+  params = untrained(jax.eval_shape(stage.init, batch, jax.random.key(0)))
   loss = lambda params, batch: stage.loss(params, {}, batch, 0, jax.random.key(5))[0]["loss"]
   value, grads = jax.jit(jax.value_and_grad(loss))(params, batch)
   made = jax.jit(lambda params: stage.predict(params, {}, batch, None))(params)
@@ -128,7 +126,7 @@ def test_movement_loss_is_the_formula():
   stage = matching.movement_stage(config)
   x = np.random.default_rng(0).normal(size=(3, 16, 7)).astype(np.float32)
   batch = {"features": x, "index": np.arange(3)}
-  params = jax.jit(stage.init)(batch, jax.random.key(0))
+  params = untrained(jax.eval_shape(stage.init, batch, jax.random.key(0)))
   (sums, weight) = jax.jit(lambda p: stage.loss(p, {}, batch, 0, jax.random.key(0)))(params)
   encoder, decoder = matching.movement_networks(config.model)
   tokens = np.asarray(jax.jit(encoder.apply)({"params": params["encoder"]}, x[..., :5]), np.float64)
@@ -155,31 +153,6 @@ def test_each_network_is_clipped_alone():
   assert np.isclose(optax.tree.norm(clipped["params"]["motion_encoder"]), 0.5)
   np.testing.assert_array_equal(clipped["params"]["text_encoder"]["w"], np.full(4, np.float32(0.1)))
   assert make_optimizer(config, 10).init(tree)
-
-
-def test_the_best_weights_are_kept(tmp_path):
-  """Also when a run is resumed: step 2 was the best of four."""
-  def run(num_steps, resume):
-    config = ml_collections.ConfigDict(dict(seed=0, mesh=common.mesh(),
-                                             optimizer=common.optimizer(0.1, beta2=0.9),
-                                             train=common.train(num_steps, 1, 1, best="min held_out_loss")))
-    stage = Stage(lambda batch, rng: {"w": jnp.zeros(1)},
-                  lambda params, frozen, batch, step, rng: ({"loss": params["w"].sum() ** 2 - params["w"].sum()}, 1.0),
-                  None)
-    errors = iter([3.0, 1.0] if not resume else [2.0, 4.0])
-    seen = []
-
-    def evaluate(params):
-      seen.append(np.asarray(params["w"]))
-      return {"held_out_loss": next(errors)}
-
-    train.train(config, tmp_path, stage, lambda step: {"index": np.arange(1)}, resume=resume, evaluate=evaluate)
-    return seen
-
-  second = run(2, False)[1]
-  np.testing.assert_array_equal(checkpoint.load_params(tmp_path)["w"], second)
-  run(4, True)
-  np.testing.assert_array_equal(checkpoint.load_params(tmp_path)["w"], second)
 
 
 def test_sentences_that_clips_link_mean_the_same():
@@ -212,13 +185,3 @@ def test_word_pieces_end_at_the_largest_id():
   assert pieces[0].argmax() == 4 and (pieces[0, 5:] == 0).all() and pieces[1].argmax() == 7
   assert tokens.shape[1] == positions.shape[1] == encoder.dim
   np.testing.assert_array_equal(tokens[-1], tokens[3])  # [SEP]
-
-
-def test_the_papers_networks_have_the_papers_sizes():
-  """Source: docs/papers/cdamd.md#matching-evaluator, #clip-evaluator."""
-  count = lambda tree: sum(a.size for a in jax.tree.leaves(tree))
-  for size, movement in (("full", 1_842_688), ("67", 1_449_472), ("66", 1_447_424)):
-    shapes = matching.t2m_shapes(T2MEvaluator(**load_config("evaluator_matching", size).model), 300)["params"]
-    assert count(shapes["movement_encoder"]) == movement and count(shapes) == movement + 15_747_584 + 4_100_288
-  net = ClipEvaluator(**load_config("evaluator_clip", "66").model)
-  assert count(matching.clip_shapes(net)) == 59_543_041

@@ -110,9 +110,3 @@ def test_sentences():
     words.WordVectors(["a"], np.zeros((1, 3)))
   with pytest.raises(ValueError, match="row for each word"):
     words.WordVectors(VOCABULARY, np.zeros((4, 3)))
-
-
-def test_a_clip_that_does_not_reach_is_told():
-  stats = SimpleNamespace(mean=np.zeros(2), std=np.ones(2))
-  with pytest.raises(ValueError, match="to be cut to 4 from frame 3"):
-    cut_item(np.zeros((6, 2)), False, 3, stats, 8)

@@ -1,5 +1,6 @@
 """What is kept on disk: the same numbers from it as without it, and nothing of it trusted that is not whole."""
 import json
+import os
 import subprocess
 import sys
 from typing import NamedTuple
@@ -41,11 +42,23 @@ def test_a_kept_program_gives_the_numbers_of_the_function(kept):
   assert path.stat().st_mode & 0o777 == 0o644
 
 
-@pytest.mark.parametrize("damage", [lambda b: b[:-40], lambda b: b[:60] + bytes([b[60] ^ 1]) + b[61:], lambda b: b""])
-def test_a_damaged_program_is_made_anew(kept, damage):
+def test_what_is_damaged_is_not_read(kept):
+  """Whichever byte is another, wherever the file ends: the digest says so, and a program is never loaded from it."""
+  key = cache.key_of("key")
+  cache.write("kind", key, b"content")
+  path = kept / "kind" / key
+  whole = path.read_bytes()
+  assert cache.read("kind", key) == b"content"
+  for place in range(len(whole)):
+    for damaged in (whole[:place], whole[:place] + bytes([whole[place] ^ 1]) + whole[place + 1:]):
+      path.write_bytes(damaged)
+      assert cache.read("kind", key) is None
+
+
+def test_a_damaged_program_is_compiled_and_replaced(kept):
   first = cache.Program("scaled", scaled, 1)(2, *ARGUMENTS)
   path, = (kept / "programs").iterdir()
-  path.write_bytes(damage(path.read_bytes()))
+  path.write_bytes(path.read_bytes()[:-40])
   np.testing.assert_array_equal(cache.Program("scaled", scaled, 1)(2, *ARGUMENTS), first)
   assert cache.read("programs", path.name) is not None
 
@@ -109,11 +122,15 @@ def test_answers_are_computed_once(kept, monkeypatch):
   assert ask(cache.Answers("captions", "a"), "one") == ["one", None] and len(computed) == 4, "a damaged file"
 
 
-def test_the_oldest_files_go(kept, monkeypatch):
-  monkeypatch.setattr(cache, "MOST_FILES", 3)
+@pytest.mark.parametrize("most", [dict(MOST_FILES=3), dict(MOST_BYTES=200)])
+def test_the_oldest_files_go(kept, monkeypatch, most):
+  """By their number, or by their bytes together: three of 60 fit 200."""
+  for name, limit in most.items():
+    monkeypatch.setattr(cache, name, limit)
   for number in range(6):
-    cache.write("kind", cache.key_of(number), b"content")
-  assert len(list((kept / "kind").iterdir())) == 3
+    cache.write("kind", cache.key_of(number), bytes(15))
+    os.utime(kept / "kind" / cache.key_of(number), (number, number))
+  assert [cache.read("kind", cache.key_of(number)) is not None for number in range(6)] == 3 * [False] + 3 * [True]
 
 
 def test_without_a_folder_nothing_is_written(tmp_path, monkeypatch):

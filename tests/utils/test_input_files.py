@@ -1,5 +1,5 @@
-"""Files that somebody gave us: headers are believed as far as the file bears them out, damage is one line, bombs stay
-packed, what nobody asked for stays unread."""
+"""Files of other people: headers are believed as far as the file bears them out, damage is one line, bombs stay packed,
+and only what is needed is read."""
 import io
 import json
 import tracemalloc
@@ -90,13 +90,19 @@ def test_a_lying_header_is_one_line(tmp_path, content, words):
 
 
 def test_a_bomb_stays_packed(tmp_path):
-  """768 MiB of zeros in 0.8 MB: refused by the directory, with no memory taken, whoever reads it."""
-  (tmp_path / "a.npz").write_bytes(deflated_bomb(["joints.npy"]))
-  assert (tmp_path / "a.npz").stat().st_size < 1 << 20
+  """768 MiB of zeros in 0.8 MB: refused by the directory, with no memory taken, whoever reads it, and even where the
+  directory says of the packed bytes that they were as many."""
+  bomb = bytearray(deflated_bomb(["joints.npy"]))
+  (tmp_path / "a.npz").write_bytes(bomb)
+  assert len(bomb) < 1 << 20
+  packed = bomb.rindex(b"PK\x01\x02") + 20
+  bomb[packed:packed + 4] = (3 << 28).to_bytes(4, "little")
+  (tmp_path / "lying.npz").write_bytes(bomb)
   set_ = write_archive(tmp_path / "set")
   (set_ / "motions.npz").write_bytes(deflated_bomb(["names.npy", "start.npy", "root.npy", "local.npy"]))
   tracemalloc.start()
-  for read in (lambda: export.load(tmp_path / "a.npz"), lambda: read_archive(set_)):
+  for read in (lambda: export.load(tmp_path / "a.npz"), lambda: load_npz(tmp_path / "lying.npz", ("joints",)),
+               lambda: read_archive(set_)):
     with pytest.raises(InputError, match="would unpack to") as error:
       read()
     assert _one_line(error)
@@ -106,8 +112,8 @@ def test_a_bomb_stays_packed(tmp_path):
   tracemalloc.stop()
 
 
-def test_members_that_nobody_asked_for_are_not_read(tmp_path):
-  """A bomb, an object array and a damaged member beside the joints of a motion disturb nobody."""
+def test_only_the_named_members_are_read(tmp_path):
+  """A bomb and an object array beside the joints of a motion do no harm."""
   good, other = io.BytesIO(), io.BytesIO()
   np.save(good, np.tile(np.arange(66, dtype=np.float32).reshape(22, 3) / 40, (5, 1, 1)))
   np.save(other, np.array([{}], object), allow_pickle=True)
@@ -201,12 +207,10 @@ def test_a_text_that_is_a_string_is_one_caption(tmp_path):
 
 
 @pytest.mark.parametrize("change, words", [
-    (lambda row: row.pop("text"), "lacks text"), (lambda row: row.pop("split"), "lacks split"),
     (lambda row: row.pop("end") and row.pop("id"), "lacks id, end"),
     (lambda row: row.update(start="0"), "got start '0'"), (lambda row: row.update(end=1e400), "got end 'inf'"),
     (lambda row: row.update(end=7.5), "got end '7.5'"), (lambda row: row.update(start=False), "got start 'False'"),
-    (lambda row: row.update(text=7), "got text '7'"), (lambda row: row.update(text=["a", None]), "got text"),
-    (lambda row: row.update(clip=["x"]), "got clip"), (lambda row: row.update(id=None), "got id 'None'"),
+    (lambda row: row.update(text=["a", None]), "got text"), (lambda row: row.update(clip=["x"]), "got clip"),
     (lambda row: row.update(clip="nobody"), "'nobody' is not in"), (lambda row: row.update(end=10**30), "lie outside")])
 def test_a_bad_row_is_named_by_file_and_line(tmp_path, change, words):
   folder = write_archive(tmp_path / "set")
@@ -221,8 +225,7 @@ def test_a_bad_row_is_named_by_file_and_line(tmp_path, change, words):
 @pytest.mark.parametrize("change, words", [
     (dict(start=np.arange(7.0) + 0.5), "do not fit together"), (dict(start=np.full(7, np.nan)), "do not fit together"),
     (dict(names=np.arange(6)), "expected text"), (dict(names=np.array(["a"] * 6)), "occurs twice"),
-    (dict(root=np.zeros((300, 3), complex)), "expected numbers"), (dict(root=np.array(["x"])), "expected numbers"),
-    (dict(local=np.zeros(3)), "do not fit together")])
+    (dict(root=np.array(["x"])), "expected numbers")])
 def test_arrays_of_an_archive_are_checked(tmp_path, change, words):
   folder = write_archive(tmp_path / "set")
   arrays = dict(np.load(folder / "motions.npz")) | change

@@ -1,12 +1,11 @@
 """The arguments of train and evaluate: every mistake is one line that names the nearest right word."""
-import subprocess
 import sys
 
 import pytest
 
 from motion_jax.utils import config_files, overrides
 from motion_studio import cli
-from tests.conftest import ROOT, devices_env
+from tests.conftest import ROOT
 
 TINY = f"{ROOT}/configs/cmdm_tokenizer.py:tiny"
 
@@ -49,24 +48,18 @@ def test_a_config_that_is_none(name, words):
     config_files.load(name)
 
 
-@pytest.mark.parametrize("arguments, words", [
-    (["--config", TINY, "--workdir=w", "--config.data.bacth_size=3"], "did you mean --config.data.batch_size?"),
-    (["--config", TINY, "--workdirr=w"], "workdir"), (["--config", "none.py", "--workdir=w"], "no config"),
-    (["--config", TINY], "--workdir"), (["--config", TINY, "--workdir=w", "stray"], "stray"),
+@pytest.mark.parametrize("command, arguments, words", [
+    ("train", ["--config", TINY, "--workdir=w", "--config.data.bacth_size=3"], "did you mean --config.data.batch_size?"),
+    ("train", ["--config", TINY, "--workdirr=w"], "workdir"),
+    ("train", ["--config", "none.py", "--workdir=w"], "no config"), ("train", ["--config", TINY], "--workdir"),
+    ("train", ["--config", TINY, "--workdir=w", "stray"], "stray"),
+    ("evaluate", ["--data", "x", "--protocl", "y"], "did you mean --protocol?"),
+    ("evaluate", ["--model", "x"], "give --data"), ("evaluate", ["--data", "x", "--replications", "0"], "whole number"),
 ])
-def test_launch_py_tells_in_one_line(tmp_path, arguments, words):
-  done = subprocess.run([sys.executable, str(ROOT / "launch.py"), *arguments], env=devices_env(1), cwd=tmp_path,
-                        capture_output=True, text=True, check=False)
-  assert done.returncode in (1, 2) and len(done.stderr.splitlines()) == 1 and words in done.stderr
-  assert not any(tmp_path.iterdir())
-
-
-@pytest.mark.parametrize("arguments, words", [
-    (["--data", "x", "--protocl", "y"], "did you mean --protocol?"), (["--model", "x"], "give --data"),
-    (["--data", "x", "--replications", "0"], "whole number"),
-])
-def test_eval_py_tells_in_one_line(capsys, arguments, words):
-  with pytest.raises(SystemExit):
-    sys.exit(cli.main(["evaluate", *arguments]))
+def test_the_command_line_says_it_in_one_line(tmp_path, monkeypatch, capsys, command, arguments, words):
+  monkeypatch.chdir(tmp_path)
+  with pytest.raises(SystemExit) as ended:
+    sys.exit(cli.main([command, *arguments]))
   printed = capsys.readouterr().err
-  assert words in printed and len(printed.splitlines()) == 1
+  assert ended.value.code in (1, 2) and words in printed and len(printed.splitlines()) == 1
+  assert not any(tmp_path.iterdir())

@@ -80,7 +80,6 @@ def test_handlers_are_given_back(tmp_path):
 
 @pytest.mark.parametrize("command, number, status, said", [
     ("generate", "SIGINT", 130, "stopped; nothing half-written is left"),
-    ("generate", "SIGTERM", 143, "stopped; nothing half-written is left"),
     ("train", "SIGTERM", 75, "preempted, resumable")])
 def test_a_signal_while_jax_is_imported_ends_the_program_with_one_line(tmp_path, command, number, status, said):
   """Sent by the import itself: an import hook that kills on the first of jax's own modules, and swallows exceptions."""
@@ -103,18 +102,17 @@ sys.exit(cli.main({arguments}))
   assert done.returncode == status and done.stderr.endswith(f": {said}\n") and done.stderr.count("\n") == 1
 
 
-@pytest.mark.parametrize("command", [["models"], ["--help"]])
-def test_a_reader_that_has_gone_is_no_error(command):
+def test_a_reader_that_has_gone_is_no_error():
   read, write = os.pipe()
   os.close(read)
-  done = subprocess.run([sys.executable, "-m", "motion_studio.cli", *command], env=devices_env(1), stdout=write,
+  done = subprocess.run([sys.executable, "-m", "motion_studio.cli", "--help"], env=devices_env(1), stdout=write,
                         stderr=subprocess.PIPE, cwd=ROOT, check=False)
   os.close(write)
   assert done.stderr == b"" and done.returncode in (0, stopping.PIPE_CLOSED)
 
 
 @pytest.mark.parametrize("number, status", [(signal.SIGTERM, 75), (signal.SIGINT, 130)])
-def test_a_training_tells_by_what_it_was_stopped(tmp_path, monkeypatch, number, status):
+def test_the_status_of_a_training_says_what_stopped_it(tmp_path, monkeypatch, number, status):
   before_each_step(monkeypatch, lambda step: step == 1 and os.kill(os.getpid(), number))
   stop = stopping.Stop()
   assert int(train.train(_config(50), tmp_path, _stage(), _next_batch, stop=stop).step) == 2
@@ -125,8 +123,8 @@ def test_a_training_tells_by_what_it_was_stopped(tmp_path, monkeypatch, number, 
 def test_a_signal_ends_nothing_as_long_as_other_processes_of_the_run_go_on(monkeypatch):
   ended = []
   monkeypatch.setattr(stopping, "_end", lambda *args, **named: ended.append(args))
-  stop, told = stopping.Stop("program"), [False, True]
-  stop.nothing_to_lose(lambda: told.pop(0))
+  stop, answers = stopping.Stop("program"), [False, True]
+  stop.nothing_to_lose(lambda: answers.pop(0))
   stop.hear(0)
   assert not stop.raised
   stop._heard(signal.SIGTERM)

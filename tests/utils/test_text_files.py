@@ -36,7 +36,7 @@ def test_prompts_of_momask(tmp_path):
     cli.read_prompts(str(path))
 
 
-def test_windows_1252_is_told(tmp_path):
+def test_windows_1252_is_a_guess_with_a_warning(tmp_path):
   (tmp_path / "a.txt").write_bytes(f"a person walks\r\n{SENTENCE}".encode("cp1252"))
   with pytest.warns(UserWarning, match="a.txt is not UTF-8 .line 2., read as Windows-1252"):
     assert cli.read_prompts(str(tmp_path / "a.txt"))[1] == (SENTENCE, None)
@@ -110,13 +110,11 @@ def test_captions_as_excel_writes_them(tmp_path):
 
 
 @pytest.mark.parametrize("name, text, message", [
-    ("c.csv", "name,caption\na,b\n", "c.csv line 1: got the columns name, caption, expected file, caption"),
     ("c.csv", "", "c.csv line 1: got the columns none"),
     ("c.csv", "file,caption,start,end\na,b,0,1e308\n", "c.csv line 2: .*expected a number of seconds from 0 to 86,400"),
     ("c.csv", 'file,caption\na,"b\nc"\n\nd,\n', "c.csv line 5: no file or no caption"),
     ("c.jsonl", '{"file": "a", "caption": "b"}\n{"file": "a", "caption": "\\ud800"}\n', "line 2: .*half of a char"),
     ("c.jsonl", '{"file": "a", "caption": "b", "start": NaN}\n', "line 1: in start or end: got .nan."),
-    ("c.jsonl", "[" * 100_000 + "\n", "line 1: no valid JSON"),
     ("c.jsonl", '{"start": ' + "9" * 5000 + "}\n", "line 1: no valid JSON"),
     ("c.jsonl", "7\n", "line 1: got a JSON number, expected an object"),
 ])
@@ -147,15 +145,27 @@ def test_motion_files_are_texts_too(tmp_path):
   clip = synthetic_clips(num=1, num_frames=12)[0]
   bvh(clip, tmp_path / "a.bvh")
   text = (tmp_path / "a.bvh").read_text()
-  for seconds in ("1e-310", "1e308", "0.0", "-0.05", "nan"):
-    (tmp_path / "b.bvh").write_text(text.replace("Frame Time: 0.05000000", f"Frame Time: {seconds}"))
-    with pytest.raises(ValueError, match="b.bvh line .*expected 0.001 to 1|NaN or infinite"):
-      bvh_clip(tmp_path / "b.bvh")
   (tmp_path / "b.bvh").write_text(text.replace("Frames: 12", "Frames: ²"))
   with pytest.raises(ValueError, match="b.bvh line .*got '²', expected a whole number of frames"):
     bvh_clip(tmp_path / "b.bvh")
   (tmp_path / "b.bvh").write_bytes(text.encode("utf-16"))
   np.testing.assert_array_equal(bvh_clip(tmp_path / "b.bvh").joints, bvh_clip(tmp_path / "a.bvh").joints)
+
+
+@pytest.mark.slow
+def test_a_table_without_end_is_refused(tmp_path):
+  """A million rows are the most, of which each takes memory."""
+  rows = 1_000_000
+  (tmp_path / "a.csv").write_text("sep=,\n" + "a\n" * (rows + 1))
+  with pytest.raises(ValueError, match="a.csv has more than 1,000,000 rows; cut it in parts"):
+    text_files.read_table(tmp_path / "a.csv")
+
+
+def test_a_text_of_too_many_bytes_is_not_read(tmp_path):
+  (tmp_path / "a.txt").write_text("walks")
+  assert text_files.read_lines(tmp_path / "a.txt", largest=5) == ["walks"]
+  with pytest.raises(ValueError, match="a.txt has 0 MiB, expected a story of at most 0"):
+    text_files.read_text(tmp_path / "a.txt", "story", largest=4)
 
 
 def test_lines_end_where_files_say(tmp_path):
