@@ -1,14 +1,14 @@
-"""What tests of evaluations share: procedural motion as an archive, and evaluators with random weights."""
+"""What tests of evaluations share: procedural motion as an archive, models and evaluators with random weights."""
 import pytest
 
 from motion_jax.evaluators.evaluator import fresh_evaluator
 from tests import processes
 from tests.conftest import devices_env
+from tests.evaluation import small
 
 
 @pytest.fixture(scope="session")
 def archive(tmp_path_factory):
-  from tests.evaluation import small  # a test module: not before pytest has rewritten it
   return small.write_archive(tmp_path_factory.mktemp("data") / "synthetic", small.make_clips())
 
 
@@ -20,6 +20,18 @@ def evaluator():
 @pytest.fixture(scope="session")
 def evaluators(evaluator):
   return dict(evaluator=evaluator, clip_evaluator=fresh_evaluator("clip"))
+
+
+@pytest.fixture(scope="session")
+def tiny_run(tmp_path_factory):
+  """As in tests/conftest.py, but with random weights: an evaluation is the same, and nothing trains."""
+  return small.random_run(tmp_path_factory.mktemp("runs") / "denoiser", "cmdm_denoiser")
+
+
+@pytest.fixture(scope="session")
+def tiny_generator(tmp_path_factory):
+  return small.random_run(tmp_path_factory.mktemp("runs") / "generator", "cdamd_generator",
+                          num_iterations=3, num_steps=1, solver="euler")
 
 
 @pytest.fixture(scope="session")

@@ -3,9 +3,12 @@ import dataclasses
 import json
 
 import numpy as np
+import pytest
 
+from motion_jax import fit
 from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.evaluation import protocols
+from tests.conftest import load_config
 
 SMALL = dataclasses.replace(
     protocols.get_protocol("archives-66"), pool=4, diversity_draws=6, few_draws=4, multimodality_batches=1,
@@ -35,6 +38,17 @@ def make_clips(num=11, num_frames=49):
   """Synthetic clips, all but two of them for test."""
   return [clip.replace(split="train" if i < 2 else "test")
           for i, clip in enumerate(synthetic_clips(seed=3, num=num, num_frames=num_frames))]
+
+
+def random_run(folder, name, **sampler):
+  """A run folder of a tiny config with random weights, which takes no training."""
+  from tests.configs.test_tiny_sizes import traced_training  # a test module: not before pytest has rewritten it
+  config = load_config(name, "tiny").unlock()
+  config.sampler.update(sampler)
+  with pytest.MonkeyPatch.context() as patch:
+    patch.setattr(fit.loop, "train", traced_training)
+    fit.run(config, folder)
+  return folder
 
 
 def two_captions():

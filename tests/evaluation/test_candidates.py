@@ -1,31 +1,69 @@
-"""Which rows models have where choices of sampling vary."""
+"""Rows of models: their names, and which of the choices of sampling each has."""
+import types
+
 import pytest
 
-from motion_jax import loading
-from motion_jax.evaluation.candidates import Choices, load_candidates
+from motion_jax.evaluation.candidates import Choices, check_options, load_candidates, row_names
+from motion_jax.models.base import Able
+from motion_jax.models.cdamd.options import CdamdSampling
+from motion_jax.models.cmdm.options import CmdmSampling
 
 
-def test_models_of_two_methods_have_rows_of_the_choices_that_they_know(tiny_run, tiny_generator, tmp_path):
-  runs = [tiny_run, tiny_generator]
+class Model(Able):
+  """A model as far as rows go: what it samples by."""
+  abilities = ("generate",)
+
+  def __init__(self, folder, options):
+    self.folder, self.options, self.config = folder, options, types.SimpleNamespace()
+
+  def sampling(self, **choices):
+    return self.options(**{key: value for key, value in choices.items() if value is not None})
+
+
+@pytest.fixture
+def load(tmp_path):
+  """Loads runs a, of CMDM, and b, of CDAMD."""
+  for name in "ab":
+    (tmp_path / name).mkdir()
+  return lambda run: Model(run, CmdmSampling if run.name == "a" else CdamdSampling)
+
+
+def candidates_of(tmp_path, load, choices):
+  candidates, left_out = load_candidates([tmp_path / "a", tmp_path / "b"], load, choices, tmp_path)
+  return [(one.name, one.options) for one in candidates], left_out
+
+
+def test_models_of_two_methods_have_rows_of_the_choices_that_they_know(tmp_path, load):
   varied = ({"schedule": "fss"}, {"schedule": "ar"}, {"mask": "bcm"}, {"num_steps": 2})
-  candidates, left_out = load_candidates(runs, loading.load, Choices(shared={"seed_offset": 1}, varied=varied,
-                                                                     more=("seed_offset",)), tmp_path)
-  names = [one.name for one in candidates]
-  assert names == [f"{tiny_run.name}, schedule fss", f"{tiny_run.name}, schedule ar", f"{tiny_run.name}, num_steps 2",
-                   f"{tiny_generator.name}, mask bcm", f"{tiny_generator.name}, num_steps 2"]
-  assert candidates[0].options == {"seed_offset": 1, "schedule": "fss"}
-  assert len(left_out) == 3 and left_out[0].startswith(f"No row of {tiny_generator.name} with schedule fss: got the "
-                                                       "choice of sampling 'schedule'")
+  rows, left_out = candidates_of(tmp_path, load, Choices(shared={"seed_offset": 1}, varied=varied,
+                                                         more=("seed_offset",)))
+  assert rows == [(name, {"seed_offset": 1} | one) for name, one in (
+      ("a, schedule fss", varied[0]), ("a, schedule ar", varied[1]), ("a, num_steps 2", varied[3]),
+      ("b, mask bcm", varied[2]), ("b, num_steps 2", varied[3]))]
+  assert len(left_out) == 3 and left_out[0].startswith("No row of b with schedule fss: got the choice of sampling "
+                                                       "'schedule'")
 
 
-def test_a_model_that_knows_none_of_the_variations_has_one_row(tiny_run, tiny_generator, tmp_path):
-  candidates, _ = load_candidates([tiny_run, tiny_generator], loading.load, Choices(varied=({"schedule": "ar"},)),
-                                  tmp_path)
-  assert [(one.name, one.options) for one in candidates] == [(tiny_run.name, {"schedule": "ar"}),
-                                                             (tiny_generator.name, {})]
+def test_a_model_that_knows_none_of_the_variations_has_one_row(tmp_path, load):
+  rows, _ = candidates_of(tmp_path, load, Choices(varied=({"schedule": "ar"},)))
+  assert rows == [("a", {"schedule": "ar"}), ("b", {})]
+  rows, _ = candidates_of(tmp_path, load, Choices(guidance=(1.0, 2.5)))
+  assert [name for name, _ in rows] == [f"{name}, guidance {scale}" for name in "ab" for scale in ("1", "2.5")]
 
 
-def test_a_choice_that_no_model_knows_is_refused(tiny_run, tiny_generator, tmp_path):
+def test_choices_that_no_model_knows_are_refused(tmp_path, load):
   with pytest.raises(ValueError, match="got the choice of sampling 'sched'"):
-    load_candidates([tiny_run, tiny_generator], loading.load, Choices(varied=({"schedule": "ar"}, {"sched": "ar"})),
-                    tmp_path)
+    candidates_of(tmp_path, load, Choices(varied=({"schedule": "ar"}, {"sched": "ar"})))
+  model = load(tmp_path / "a")
+  check_options("m", model, (), dict(way="chain", num_steps=3), ("way",))  # of the task of long motions alone
+  with pytest.raises(ValueError, match="got the choice of sampling 'way', m knows schedule, num_steps"):
+    check_options("m", model, (), dict(way="chain"))
+  with pytest.raises(ValueError, match="is not sampled"):
+    check_options("m", Able(), (2.0,), {})
+
+
+def test_rows_have_names_of_their_own(tmp_path):
+  runs = [str(tmp_path / name) for name in ("real", "a/denoiser", "b/denoiser", "c")]
+  for run in runs:
+    (tmp_path / run).mkdir(parents=True)
+  assert row_names(runs) == [*runs[:3], "c"]

@@ -63,14 +63,6 @@ def test_only_recordings_of_more_than_five_motions_are_taken(folder):
   assert [len(pieces) for pieces in recordings(folder, more_than=2)] == [6, 6, 5]  # of the fourth no two
 
 
-def test_a_piece_reaches_to_where_the_next_begins(tmp_path):
-  clip = synthetic_clips(1, 1, num_frames=140, skeleton=SNAPMOGEN)[0]
-  clip = clip.replace(split="test", captions=(Caption("a", 0.0, 2.0), Caption("b", 2.5, 4.0), Caption("c", 4.0, 6.0)))
-  (pieces,) = recordings(write_folder([clip], tmp_path / "one"), more_than=2)
-  assert [item.id.split("#", 1)[1] for item in pieces] == ["0#75", "75#120", "120#180"]
-  assert [item.captions for item in pieces] == [("a",), ("b",), ("c",)]
-
-
 class Recorder:
   """A model that makes what was recorded, or `changed` of it."""
   fps, ways = 30.0, multi_prompt.WAYS
@@ -124,15 +116,6 @@ def test_jerk_is_in_centimetres_from_the_level_that_the_paper_has(folder, task):
   curve = np.mean(jerks, 0)
   assert row["peak_jerk"] == pytest.approx(curve.max(), rel=1e-5)
   assert row["auj"] == pytest.approx(np.abs(curve - physics.REAL_JERK["humanml3d"]).sum(), rel=1e-5)
-
-
-def test_words_are_ranked_by_angle(task):
-  """SnapMoGen's own R-precision: a motion twice as far out is as near to its words."""
-  text = np.array([[1.0, 0.0], [0.0, 1.0], [1.0, 1.0], [-1.0, 0.2]])
-  motion = text * np.array([[9.0], [0.1], [5.0], [2.0]])
-  hits = lambda cosine: long_horizon_lib.caption_hits(text, motion, list("abcd"), 1, cosine=cosine)
-  assert hits(True).tolist() == [4] and hits(False).tolist() != [4]
-  assert task._rules.cosine and task._rules.jerk_scale == 100
 
 
 def test_as_many_recordings_as_the_paper_has_or_all(task):

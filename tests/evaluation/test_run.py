@@ -1,6 +1,5 @@
 """Evaluation by a protocol: the same numbers every time, after a kill, on several devices; bad input is refused."""
 import json
-import pathlib
 import re
 import shutil
 
@@ -9,10 +8,8 @@ import pytest
 
 from motion_jax.evaluation import aggregates, protocols, request, run, samples
 from motion_jax.evaluation import test_set as test_set_lib
-from motion_jax.evaluation.candidates import row_names
 from motion_jax.evaluation.request import Request
 from motion_jax.evaluation.result import Result
-from motion_jax.evaluation.tasks.registry import TASKS
 from motion_jax.evaluators.evaluator import fresh_evaluator
 from motion_studio import cli
 from tests import processes
@@ -50,7 +47,7 @@ def test_a_result_has_rows_intervals_and_its_provenance(judged, tiny_run):
   assert model["sampling"] == {"num_steps": 2} and len(model["hash"]) == 64
   assert json.loads((out / "results.json").read_text()) == result.as_json()
   assert Result.read(out) == result and Result.read(out).folder == out
-  for name in ("tables.md", "tables.tex", "timings.json", *(entry["made"] for entry in result.gallery)):
+  for name in ("tables.md", "tables.tex", "tables.csv", "timings.json", *(entry["made"] for entry in result.gallery)):
     assert (out / name).is_file()
 
 
@@ -149,13 +146,6 @@ def test_intervals_of_a_papers_protocol_are_the_papers():
   assert aggregates.interval(values, False)["interval"] == pytest.approx(4.30265 * np.std(values, ddof=1) / 3**0.5)
 
 
-def test_rows_have_names_of_their_own(tmp_path):
-  runs = [str(tmp_path / name) for name in ("real", "a/denoiser", "b/denoiser", "c")]
-  for one in runs:
-    pathlib.Path(one).mkdir(parents=True)
-  assert row_names(runs) == [*runs[:3], "c"]
-
-
 @pytest.mark.slow
 def test_motions_do_not_depend_on_batches(judged, tiny_run, archive, evaluators, monkeypatch):
   """Three motions at a time, the same numbers."""
@@ -231,21 +221,6 @@ def test_real_data_that_does_not_look_right_stops_it(tiny_run, archive, evaluato
   with pytest.raises(ValueError, match="does not look right on real data, so nothing was sampled(.|\n)*check "):
     run.evaluate(Request([tiny_run], [archive], SMALL, out=tmp_path, verbose=False, **evaluators))
   assert not (tmp_path / "results.json").exists()
-
-
-# --- protocols ---------------------------------------------------------------------------------------------------
-
-
-def test_every_protocol_names_its_numbers():
-  for name, protocol in protocols.PROTOCOLS.items():
-    assert protocol.name == name and protocol.source and protocol.title and protocol.task in TASKS
-  assert protocols.get_protocol("cmdm-259").lost_frames == 1 and protocols.get_protocol("cmdm-259").max_frames == 192
-  assert protocols.get_protocol("t2m-263").num_multimodality == 100
-  with pytest.raises(ValueError, match="expected one of archives-66"):
-    protocols.get_protocol("nothing")
-
-
-# --- bad input ---------------------------------------------------------------------------------------------------
 
 
 def test_too_few_samples(tiny_run, archive, evaluators, tmp_path):

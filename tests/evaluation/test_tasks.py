@@ -8,23 +8,20 @@ import numpy as np
 import pytest
 
 from motion_jax.control import paths
-from motion_jax.data.datasets.synthetic import synthetic_clips, synthetic_joints
-from motion_jax.data.timelines import read_sequences
+from motion_jax.data.datasets.synthetic import synthetic_joints
 from motion_jax.evaluation import protocols, request, run, samples
 from motion_jax.evaluation import test_set as test_set_lib
-from motion_jax.evaluation.candidates import Candidate, check_options
+from motion_jax.evaluation.candidates import Candidate
 from motion_jax.evaluation.harness import Harness
 from motion_jax.evaluation.request import Request
 from motion_jax.evaluation.tasks import control, long_horizon
 from motion_jax.evaluation.tasks.editing import editor
 from motion_jax.evaluators.evaluator import fresh_evaluator
 from motion_jax.metrics import long_horizon as long_horizon_lib
-from motion_jax.models.base import Able
 from motion_jax.models.cdamd.options import CdamdSampling
 from motion_jax.models.cmdm import multi_prompt
-from motion_jax.models.cmdm.options import CmdmSampling
-from motion_jax.motion.representations import get_layout, to_features, to_joints
-from motion_jax.motion.skeleton import HUMANML3D, facing
+from motion_jax.motion.representations import get_layout, to_joints
+from motion_jax.motion.skeleton import HUMANML3D
 from tests.conftest import load_config
 from tests.evaluation.small import SMALL, small, two_captions
 from tests.evaluators.items import cut_item
@@ -81,11 +78,6 @@ def test_a_model_edits_with_the_mask_that_it_samples_with(options, mask):
   assert candidate.model.given["mask"] == mask
 
 
-def test_a_model_that_cannot_edit_is_refused(tiny_run, archive, evaluator, tmp_path):
-  with pytest.raises(ValueError, match="has no 'edit' .* needs the run of a cdamd.generator"):
-    judged([tiny_run], [archive], small("editing"), evaluator, tmp_path)
-
-
 @pytest.mark.slow
 def test_long_motions(tiny_run, archive, evaluator, tmp_path):
   protocol = small("long-horizon", sequences=2, segments=3, transition_frames=20, real_jerk=None)
@@ -115,30 +107,6 @@ def test_prompt_sequences_of_a_file(archive, evaluator, tmp_path):
   assert len(task._file_hash) == 68
   with pytest.raises(ValueError, match="is a file, protocol 'archives-66' takes data folders alone"):
     request.resolve(Request([], [str(path), archive], "archives-66"))
-
-
-@pytest.mark.parametrize("content", ["[]", "{}", "walks # 0 # 1", '[{"id": 0, "lengths": [1], "text": ["a", "b"]}]',
-                                     '[{"id": 0, "lengths": [20, 0], "text": ["a", "b"]}]',
-                                     '[{"id": 0, "lengths": [20, 20], "text": ["a", " "]}]'])
-def test_a_file_that_holds_no_prompt_sequences_is_refused(tmp_path, content):
-  path = tmp_path / "sequences.json"
-  path.write_text(content)
-  with pytest.raises(ValueError, match=r"sequences.json.*expected a list of \{\"id\", \"lengths\""):
-    read_sequences(path)
-
-
-def test_the_way_of_long_motions_is_a_choice_of_their_task_alone():
-  class Model(Able):
-    abilities, options = ("generate",), CmdmSampling
-
-    def sampling(self, **choices):
-      return CmdmSampling(**choices)
-
-  check_options("m", Model(), (), dict(way="chain", num_steps=3), ("way",))
-  with pytest.raises(ValueError, match="got the choice of sampling 'way', m knows schedule, num_steps"):
-    check_options("m", Model(), (), dict(way="chain"))
-  with pytest.raises(ValueError, match="is not sampled"):
-    check_options("m", Able(), (2.0,), {})
 
 
 @pytest.mark.parametrize("options, shown", [
@@ -190,9 +158,6 @@ def test_timelines(tiny_run, archive, tmp_path):
     judged([tiny_run], [path, archive], protocol, evaluator, tmp_path)
 
 
-# --- parts -------------------------------------------------------------------------------------------------------
-
-
 def test_a_cut_is_the_loaders_cut(archive, evaluator):
   """`draw_replication` and `cut_item` follow the same rule."""
   test_set = test_set_lib.read_test_set([archive], SMALL, [evaluator])
@@ -202,24 +167,6 @@ def test_a_cut_is_the_loaders_cut(archive, evaluator):
     padded, kept = cut_item(x, count < len(x) // 4 * 4, start, evaluator.stats, 196)
     assert kept == count
     np.testing.assert_allclose(padded[:kept], evaluator.stats.normalize(cut), atol=1e-6)
-
-
-@pytest.mark.parametrize("source, target", [("full", "coordinates"), ("full", "essential"), ("coordinates", "full")])
-def test_motions_go_from_one_representation_to_another(source, target):
-  clip = synthetic_clips(seed=1, num=3, num_frames=40)[2]
-  features = to_features(clip.joints, source, "corrected")
-  made = get_layout(source).convert(features, get_layout(target), "corrected")
-  assert made.shape == (39, get_layout(target).dim)
-  np.testing.assert_allclose(to_joints(made, target), to_joints(features, source), atol=2e-4)
-  with pytest.raises(ValueError, match="moves skeleton 'humanml3d', .* moves 'kit'.*--evaluator"):
-    get_layout(source).convert(features, get_layout("coordinates_kit"))
-
-
-def test_pieces_are_placed_at_the_origin():
-  clip = synthetic_clips(seed=1, num=4, num_frames=60)[3]
-  piece = long_horizon_lib.placed(np.asarray(clip.joints[30:], np.float64), clip.skeleton)
-  assert np.abs(piece[0, 0, [0, 2]]).max() < 1e-9 and piece[0, 0, 1] == pytest.approx(clip.joints[30, 0, 1])
-  np.testing.assert_allclose(facing(piece[:1], clip.skeleton), [[0, 0, 1]], atol=1e-6)
 
 
 @pytest.mark.slow

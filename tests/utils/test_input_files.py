@@ -11,7 +11,6 @@ from safetensors.numpy import save_file
 
 from motion_jax import export
 from motion_jax.data import doctor
-from motion_jax.data.datasets import archive
 from motion_jax.data.datasets.archive import read_archive
 from motion_jax.utils.errors import InputError, reading
 from motion_jax.utils.input_files import (
@@ -20,7 +19,6 @@ from motion_jax.utils.input_files import (
   load_safetensors,
   npy_shape,
   npz_names,
-  parse_json,
   read_json,
 )
 from tests.data.test_build import write_archive
@@ -37,8 +35,7 @@ def _one_line(error):
   return isinstance(error.value, InputError) and len(text.split("\n")) == 1 and text
 
 
-@pytest.mark.parametrize("dtype", ["<f4", ">f8", "<f2", "i1", "?", "<u2"])
-@pytest.mark.parametrize("shape", [(), (0, 3), (4, 22, 3)])
+@pytest.mark.parametrize("dtype, shape", [("<f4", (4, 22, 3)), (">f8", (0, 3)), ("<f2", ()), ("?", (2, 2))])
 def test_numbers_come_back_as_numpy_writes_them(tmp_path, dtype, shape):
   for order in "CF":
     array = np.asarray(np.arange(np.prod(shape)).reshape(shape).astype(dtype), order=order)
@@ -49,32 +46,19 @@ def test_numbers_come_back_as_numpy_writes_them(tmp_path, dtype, shape):
     found = load_npz(tmp_path / "a.npz", ("x",), ("words",))
     assert np.array_equal(found["x"], array) and found["words"].tolist() == ["a", "bc"]
   assert npz_names(tmp_path / "a.npz") == ["x", "words"]
-
-
-def test_headers_of_python_2(tmp_path):
-  (tmp_path / "a.npy").write_bytes(_header(shape="(1L, 2L)", data=bytes(8)))
-  assert load_npy(tmp_path / "a.npy").shape == (1, 2)
+  (tmp_path / "python2.npy").write_bytes(_header(shape="(1L, 2L)", data=bytes(8)))
+  assert load_npy(tmp_path / "python2.npy").shape == (1, 2)
 
 
 @pytest.mark.parametrize("content, words", [
     (_header(shape="(1000000000000, 22, 3)", data=b"0000"), "and has 4"),
-    (_header(shape="(-1, 22, 3)"), "has the shape"),
-    (_header(shape="(0, 99999999999999999999)"), "has the shape"),
-    (_header(shape="(True, 3)"), "has the shape"),
-    (_header(shape="(1.5, 3)"), "has the shape"),
-    (_header(shape="'x'"), "has the shape"),
-    (_header(shape="(" * 300), "header"),
-    (_header("<U99999999", "(3,)"), "expected numbers"),
-    (_header("|V0", "(99999,)"), "expected numbers"),
-    (_header("<c16", "(1,)", bytes(16)), "expected numbers"),
-    (_header("<M8[s]", "(1,)", bytes(8)), "expected numbers"),
-    (_header("zz"), "header"),
-    (_header("|O", "(1,)", b"\x80\x04N."), "pickled"),
-    (_header(version=2)[:9], "header"),
-    (b"\x93NUMPY\x02\0\xff\xff\xff\xff", "header of 4294967295 bytes"),
-    (b"\x80\x04\x95", "pickle"),
+    (_header(shape="(-1, 22, 3)"), "has the shape"), (_header(shape="(0, 99999999999999999999)"), "has the shape"),
+    (_header(shape="(True, 3)"), "has the shape"), (_header(shape="(" * 300), "header"),
+    (_header("<U99999999", "(3,)"), "expected numbers"), (_header("|V0", "(99999,)"), "expected numbers"),
+    (_header("<c16", "(1,)", bytes(16)), "expected numbers"), (_header("zz"), "header"),
+    (_header("|O", "(1,)", b"\x80\x04N."), "pickled"), (_header(version=2)[:9], "header"),
+    (b"\x93NUMPY\x02\0\xff\xff\xff\xff", "header of 4294967295 bytes"), (b"\x80\x04\x95", "pickle"),
     (b"", "no array"),
-    (b"PK\x03\x04", "no array"),
 ])
 def test_a_lying_header_is_one_line(tmp_path, content, words):
   (tmp_path / "a.npy").write_bytes(content)
@@ -148,20 +132,13 @@ def test_every_cut_of_an_archive_is_one_line(tmp_path):
 @pytest.mark.parametrize("text, words", [
     ("{", "line 1: no valid JSON"), ('{"a": 1,\n}', "line 2: no valid JSON"), ("[" * 100_000, "no valid JSON"),
     ('{"a": ' + "9" * 5_000 + "}", "no valid JSON"), ("[]", "a JSON list, expected an object"),
-    ("null", "a JSON null"), ("", "no valid JSON")])
+    ("null", "a JSON null"), ("", "no valid JSON"), (b"\xff\xfe\x00\xd8", "no UTF-16"),
+    ('{"a": "\\ud800"}', "half of a character")])
 def test_bad_json_names_file_and_line(tmp_path, text, words):
-  (tmp_path / "a.json").write_text(text)
+  (tmp_path / "a.json").write_bytes(text if isinstance(text, bytes) else text.encode())
   with pytest.raises(InputError, match="a.json") as error:
     read_json(tmp_path / "a.json")
   assert words in _one_line(error)
-
-
-def test_json_that_is_no_text(tmp_path):
-  (tmp_path / "a.json").write_bytes(b"\xff\xfe\x00\xd8")
-  with pytest.raises(InputError, match="a.json") as error:
-    read_json(tmp_path / "a.json")
-  assert _one_line(error)
-  assert parse_json("[1]", "x") == [1]
 
 
 def test_safetensors(tmp_path):
@@ -189,49 +166,38 @@ def test_reading_translates_all_but_our_own():
       raise ours
 
 
-# --- what archives say about themselves --------------------------------------------------------------------------
+# --- what archives say about themselves; what the doctor says of it is in tests/data/test_doctor.py ------------------
 
 
-def _rows(folder, change):
-  lines = (folder / "captions.jsonl").read_text().splitlines()
-  row = json.loads(lines[1])
-  change(row)
-  (folder / "captions.jsonl").write_text("\n".join([lines[0], json.dumps(row), *lines[2:]]) + "\n")
+def _arrays(**change):
+  return lambda folder: np.savez(folder / "motions.npz", **dict(np.load(folder / "motions.npz")) | change)
+
+
+def _row(**change):
+  def damage(folder):
+    lines = (folder / "captions.jsonl").read_text().splitlines()
+    row = {name: value for name, value in (json.loads(lines[1]) | change).items() if value is not Ellipsis}
+    (folder / "captions.jsonl").write_text("\n".join([lines[0], json.dumps(row), *lines[2:]]) + "\n")
+  return damage
+
+
+@pytest.mark.parametrize("damage, words", [
+    (_row(end=..., id=...), "captions.jsonl line 2.*lacks id, end"), (_row(start="0"), "line 2.*got start '0'"),
+    (_row(end=1e400), "got end 'inf'"), (_row(end=7.5), "got end '7.5'"), (_row(start=False), "got start 'False'"),
+    (_row(text=["a", None]), "got text"), (_row(clip=["x"]), "got clip"), (_row(end=10**30), "lie outside"),
+    (_row(clip="nobody"), "'nobody' is not in"),
+    (_arrays(start=np.arange(7.0) + 0.5), "motions.npz.*do not fit together"),
+    (_arrays(names=np.arange(6)), "expected text"), (_arrays(names=np.array(["a"] * 6)), "occurs twice"),
+    (_arrays(root=np.array(["x"])), "expected numbers")])
+def test_what_an_archive_says_wrongly_is_named(tmp_path, damage, words):
+  folder = write_archive(tmp_path / "set")
+  damage(folder)
+  with pytest.raises(InputError, match=words) as error:
+    read_archive(folder)
+  assert _one_line(error)
 
 
 def test_a_text_that_is_a_string_is_one_caption(tmp_path):
   folder = write_archive(tmp_path / "set")
-  _rows(folder, lambda row: row.update(text="a person walks"))
+  _row(text="a person walks")(folder)
   assert [caption.text for caption in read_archive(folder)[1].captions] == ["a person walks"]
-  assert doctor.examine(folder).ok
-
-
-@pytest.mark.parametrize("change, words", [
-    (lambda row: row.pop("end") and row.pop("id"), "lacks id, end"),
-    (lambda row: row.update(start="0"), "got start '0'"), (lambda row: row.update(end=1e400), "got end 'inf'"),
-    (lambda row: row.update(end=7.5), "got end '7.5'"), (lambda row: row.update(start=False), "got start 'False'"),
-    (lambda row: row.update(text=["a", None]), "got text"), (lambda row: row.update(clip=["x"]), "got clip"),
-    (lambda row: row.update(clip="nobody"), "'nobody' is not in"), (lambda row: row.update(end=10**30), "lie outside")])
-def test_a_bad_row_is_named_by_file_and_line(tmp_path, change, words):
-  folder = write_archive(tmp_path / "set")
-  _rows(folder, change)
-  with pytest.raises(InputError, match="captions.jsonl line 2") as error:
-    read_archive(folder)
-  assert words in _one_line(error)
-  report = doctor.examine(folder)
-  assert not report.ok and "line 2" in doctor.format_report(report)
-
-
-@pytest.mark.parametrize("change, words", [
-    (dict(start=np.arange(7.0) + 0.5), "do not fit together"), (dict(start=np.full(7, np.nan)), "do not fit together"),
-    (dict(names=np.arange(6)), "expected text"), (dict(names=np.array(["a"] * 6)), "occurs twice"),
-    (dict(root=np.array(["x"])), "expected numbers")])
-def test_arrays_of_an_archive_are_checked(tmp_path, change, words):
-  folder = write_archive(tmp_path / "set")
-  arrays = dict(np.load(folder / "motions.npz")) | change
-  np.savez(folder / "motions.npz", **arrays)
-  with pytest.raises(InputError, match="motions.npz") as error:
-    archive.read_motions(folder)
-  assert words in _one_line(error)
-  report = doctor.examine(folder)
-  assert not report.ok and words in doctor.format_report(report)

@@ -49,7 +49,7 @@ def test_a_config_that_is_none(name, words):
 
 
 @pytest.mark.parametrize("command, arguments, words", [
-    ("train", ["--config", TINY, "--workdir=w", "--config.data.bacth_size=3"], "did you mean --config.data.batch_size?"),
+    ("train", ["--config", TINY, "--workdir=w", "--config.data.bacth_size=3"], "mean --config.data.batch_size?"),
     ("train", ["--config", TINY, "--workdirr=w"], "workdir"),
     ("train", ["--config", "none.py", "--workdir=w"], "no config"), ("train", ["--config", TINY], "--workdir"),
     ("train", ["--config", TINY, "--workdir=w", "stray"], "stray"),

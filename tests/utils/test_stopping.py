@@ -13,7 +13,7 @@ import pytest
 from motion_jax.training import loop as train
 from motion_jax.training.saver import Saver
 from motion_jax.utils import exit_status, lock, stopping
-from motion_jax.utils.atomic import atomic_folder, atomic_path
+from motion_jax.utils.atomic import atomic_folder
 from tests import processes
 from tests.conftest import ROOT, devices_env
 from tests.training.test_train import _config, _equal, _next_batch, _stage, before_each_step
@@ -34,8 +34,8 @@ with stopping.at_once("program"), atomic_path(folder / "a.gif") as file, atomic_
 """
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP])
-def test_a_signal_leaves_nothing_half_written(tmp_path, number):
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_leaves_nothing_half_written(tmp_path, forks, number):
   (tmp_path / "data").mkdir()
   (tmp_path / "data" / "old.npy").write_text("old")
   done = processes.run(["-c", _HALF, tmp_path, int(number)], devices_env(1))
@@ -62,20 +62,17 @@ def test_a_folder_that_replaces_another_is_there_at_every_moment(tmp_path, monke
   assert [path.name for path in tmp_path.rglob("*")] == ["data", "old.npy"]
 
 
-def test_a_job_that_ignores_hangups_goes_on(monkeypatch):
+def test_handlers_are_given_back_and_ignored_signals_stay_ignored():
   before = signal.signal(signal.SIGHUP, signal.SIG_IGN)  # as nohup does
+  handlers = lambda: [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)]
+  own = handlers()
   try:
-    with stopping.at_once("program"), stopping.Stop():
-      assert signal.getsignal(signal.SIGHUP) == signal.SIG_IGN
+    for taken in (stopping.at_once("program"), stopping.Stop()):
+      with taken:
+        assert handlers()[2] == signal.SIG_IGN and handlers()[1] != own[1]
+      assert handlers() == own
   finally:
     signal.signal(signal.SIGHUP, before)
-
-
-def test_handlers_are_given_back(tmp_path):
-  before = [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)]
-  with stopping.at_once("program"), atomic_path(tmp_path / "a"):
-    assert signal.getsignal(signal.SIGTERM) != before[1] and len(stopping._undo) == 1
-  assert before == [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)] and not stopping._undo
 
 
 @pytest.mark.parametrize("command, number, status, said", [
@@ -99,7 +96,8 @@ from motion_studio import cli
 sys.exit(cli.main({arguments}))
 """
   done = subprocess.run([sys.executable, "-c", script], env=devices_env(1), capture_output=True, text=True, check=False)
-  assert done.returncode == status and done.stderr.endswith(f": {said}\n") and done.stderr.count("\n") == 1
+  lines = [line for line in done.stderr.splitlines() if not line.startswith("working: ")]  # of a slow machine
+  assert done.returncode == status and len(lines) == 1 and lines[0].endswith(f": {said}")
 
 
 def test_a_reader_that_has_gone_is_no_error():
@@ -120,22 +118,6 @@ def test_the_status_of_a_training_says_what_stopped_it(tmp_path, monkeypatch, nu
   assert stopping.Stop().status == 0
 
 
-def test_a_signal_ends_nothing_as_long_as_other_processes_of_the_run_go_on(monkeypatch):
-  ended = []
-  monkeypatch.setattr(stopping, "_end", lambda *args, **named: ended.append(args))
-  stop, answers = stopping.Stop("program"), [False, True]
-  stop.nothing_to_lose(lambda: answers.pop(0))
-  stop.hear(0)
-  assert not stop.raised
-  stop._heard(signal.SIGTERM)
-  assert stop.raised and not ended
-  stop._heard(signal.SIGTERM)
-  assert ended == [("program", signal.SIGTERM)]
-  other = stopping.Stop()
-  other.hear(signal.SIGTERM)
-  assert other.status == exit_status.PREEMPTED
-
-
 _BUSY = """
 import hashlib, os, signal, sys
 from motion_jax.utils import stopping
@@ -154,7 +136,7 @@ print("still there")
 
 
 @pytest.mark.parametrize("place, saved", [("loop.init_state", None), ("report.was_evaluated", 2)])
-def test_sigterm_is_heard_while_the_main_thread_is_busy(tmp_path, place, saved):
+def test_sigterm_is_heard_while_the_main_thread_is_busy(tmp_path, forks, place, saved):
   """While the first step is compiled nothing is lost; while a save is judged the state is on disk before the end."""
   began = time.time()
   done = processes.run(["-c", _BUSY.format(place=place), tmp_path], devices_env(1))
@@ -208,13 +190,13 @@ def _dead():
     (lambda: dict(host="another-machine", pid=1), False),                      # who knows
 ])
 def test_the_lock_of_a_dead_program_is_taken_over(tmp_path, content, taken):
-  (tmp_path / lock.NAME).write_text(json.dumps(content()))
+  before = json.dumps(content())
+  (tmp_path / lock.NAME).write_text(before)
   if taken:
     with lock.locked(tmp_path):
       assert json.loads((tmp_path / lock.NAME).read_text())["pid"] == os.getpid()
     assert not any(tmp_path.iterdir())
   else:
-    before = (tmp_path / lock.NAME).read_text()
     with pytest.raises(ValueError, match="in use by process"), lock.locked(tmp_path):
       pass
     assert (tmp_path / lock.NAME).read_text() == before

@@ -56,8 +56,6 @@ def test_names_that_no_file_has(tmp_path, name):
     (b"a person walks\n\xed\xa0\x80 half", "a.txt line 2: byte 0xed is no UTF-8"),
     (b"\xff\xfea\x00\n\x00\x00\xd8b\x00", "a.txt line 2: byte 0x00 is no UTF-16"),
     (b"walks\nru\x00ns\n", "a.txt line 2: character 0x00 is no text"),
-    (b"walks\n\x81\x8d", "a.txt line 2: byte 0x81 is no UTF-8"),
-    (bytes(range(256)) * 4, "a.txt line 3: "),
     (b"", "holds no prompt"), (b"\xef\xbb\xbf", "holds no prompt"), (b"\r\n \r\n", "holds no prompt"),
 ])
 def test_what_is_no_text(tmp_path, data, message):
@@ -82,7 +80,6 @@ def test_tables_of_prompts(tmp_path, text):
 @pytest.mark.parametrize("text, message", [
     ("prompt,length\nwalks,24\nwalks, then sits,30\n", "line 3: .*got 'then sits', expected a whole number of frames"),
     ("walks,24\nruns,٣\n", "p.csv line 2: in the length: got '٣'"),
-    ("walks,24\nruns,-5\n", "line 2"), ("walks,24\nruns,nan\n", "line 2"), ("walks,1000000000\n", "from 1 to 72,000"),
     ('walks,24\n"runs,25\nsits,26\n', "p.csv line 2: .*quote"), ("walks,24\n,25\n", "line 2: no prompt"),
     ("walks,24\n" + "x" * 200_000 + ",5\n", "p.csv line 2: field larger"),
 ])
@@ -92,8 +89,7 @@ def test_lines_that_are_no_prompts(tmp_path, text, message):
     cli.read_prompts(str(tmp_path / "p.csv"))
 
 
-@pytest.mark.parametrize("sequence", ["walks:nan", "walks:1e308", "walks:inf", "walks:-3 | sits", "sits | walks:0",
-                                      "walks:1,5"])
+@pytest.mark.parametrize("sequence", ["walks:nan", "walks:1e308", "walks:-3 | sits", "sits | walks:0", "walks:1,5"])
 def test_seconds_of_sequences(sequence):
   with pytest.raises(ValueError, match="expected a number of seconds over 0, up to 3,600"):
     cli.read_sequences(sequence)
@@ -110,12 +106,10 @@ def test_captions_as_excel_writes_them(tmp_path):
 
 
 @pytest.mark.parametrize("name, text, message", [
-    ("c.csv", "", "c.csv line 1: got the columns none"),
     ("c.csv", "file,caption,start,end\na,b,0,1e308\n", "c.csv line 2: .*expected a number of seconds from 0 to 86,400"),
     ("c.csv", 'file,caption\na,"b\nc"\n\nd,\n', "c.csv line 5: no file or no caption"),
     ("c.jsonl", '{"file": "a", "caption": "b"}\n{"file": "a", "caption": "\\ud800"}\n', "line 2: .*half of a char"),
     ("c.jsonl", '{"file": "a", "caption": "b", "start": NaN}\n', "line 1: in start or end: got .nan."),
-    ("c.jsonl", '{"start": ' + "9" * 5000 + "}\n", "line 1: no valid JSON"),
     ("c.jsonl", "7\n", "line 1: got a JSON number, expected an object"),
 ])
 def test_captions_that_are_none(tmp_path, name, text, message):
@@ -126,30 +120,23 @@ def test_captions_that_are_none(tmp_path, name, text, message):
 
 
 def test_other_readers_of_texts(tmp_path):
-  line = f"{SENTENCE}#eine/DET#0.0#0.0"
-  (tmp_path / "a.txt").write_bytes(line.encode("utf-16"))
+  """Captions, timelines, mappings and motions may be UTF-16; their numbers are plain ones."""
+  (tmp_path / "a.txt").write_bytes(f"{SENTENCE}#eine/DET#0.0#0.0".encode("utf-16"))
   assert caption_lines.read_texts(tmp_path / "a.txt")[0].caption == SENTENCE
-  (tmp_path / "a.txt").write_text("walks#walk/VERB#0.0#1e308\n")
-  with pytest.raises(ValueError, match="a.txt line 1: in a time tag: got '1e308'"):
-    caption_lines.read_texts(tmp_path / "a.txt")
   (tmp_path / "t.txt").write_bytes(f"{SENTENCE} # 0.0 # 2.0\r\n".encode("utf-16"))
   assert timelines.read_timelines(tmp_path / "t.txt")[0][0].text == SENTENCE
-  (tmp_path / "t.txt").write_text("walks # 0 # 2\nsits # 2 # ٣\n")
-  with pytest.raises(ValueError, match="t.txt line 2: in a time: got '٣'"):
-    timelines.read_timelines(tmp_path / "t.txt")
   (tmp_path / "m.json").write_bytes('{"pelvis": "Hüfte"}'.encode("utf-16"))
   assert read_mapping(str(tmp_path / "m.json")) == {"pelvis": "Hüfte"}
-
-
-def test_motion_files_are_texts_too(tmp_path):
-  clip = synthetic_clips(num=1, num_frames=12)[0]
-  bvh(clip, tmp_path / "a.bvh")
+  bvh(synthetic_clips(num=1, num_frames=12)[0], tmp_path / "a.bvh")
   text = (tmp_path / "a.bvh").read_text()
+  (tmp_path / "b.bvh").write_bytes(text.encode("utf-16"))
+  np.testing.assert_array_equal(bvh_clip(tmp_path / "b.bvh").joints, bvh_clip(tmp_path / "a.bvh").joints)
   (tmp_path / "b.bvh").write_text(text.replace("Frames: 12", "Frames: ²"))
   with pytest.raises(ValueError, match="b.bvh line .*got '²', expected a whole number of frames"):
     bvh_clip(tmp_path / "b.bvh")
-  (tmp_path / "b.bvh").write_bytes(text.encode("utf-16"))
-  np.testing.assert_array_equal(bvh_clip(tmp_path / "b.bvh").joints, bvh_clip(tmp_path / "a.bvh").joints)
+  (tmp_path / "a.txt").write_text("walks#walk/VERB#0.0#1e308\n")
+  with pytest.raises(ValueError, match="a.txt line 1: in a time tag: got '1e308'"):
+    caption_lines.read_texts(tmp_path / "a.txt")
 
 
 @pytest.mark.slow
