@@ -107,11 +107,11 @@ def test_a_control_that_fails_is_said_at_the_end_and_by_the_status(judged, archi
 @pytest.mark.parametrize("arguments, words", [
     (["--sampling", "nm_steps=2"], "got the choice of sampling 'nm_steps', .* knows schedule, num_steps, lag"),
     (["--sampling", "guidance_scale=3"], "--guidance-scale takes scales"),
-    (["--sampling", "way=chain"], "got the choice of sampling 'way'"),
     (["--sampling", "schedule=random"], "got schedule 'random', expected one of fss"),
     (["--vary", "lag"], "got the choice of sampling 'lag', expected KEY=VALUE"),
     (["--motions", "real=somewhere"], "expected NAME=DIR with unique names other than real"),
     (["--motions", "theirs=nowhere"], "nowhere holds no motions"),
+    (["--protocol", "archive-66"], "expected one of archives-66, .*did you mean archives-66"),
     (["--protocol", "reconstruction", "--guidance-scale", "2"], "is not sampled, so guidance"),
     (["--protocol", "mtt", "--evaluator", "some"], "of kind 't2m', protocol 'mtt' is about the space of kind tmr"),
     (["--clip-evaluator", "other"], "got --clip-evaluator 'fresh-t2m' of kind 't2m'"),
@@ -217,29 +217,26 @@ def test_physics_of_the_controls_moves_as_it_should(judged):
   assert judged[0].curves["FID against noise"]["x"] == [0.0, 1.0, 3.0, 10.0]
 
 
-def test_real_data_that_does_not_look_right_stops_it(tiny_run, archive, evaluators, tmp_path):
+def test_real_data_that_does_not_look_right_stops_it(archive, evaluators, tmp_path):
   with pytest.raises(ValueError, match="does not look right on real data, so nothing was sampled(.|\n)*check "):
-    run.evaluate(Request([tiny_run], [archive], SMALL, out=tmp_path, verbose=False, **evaluators))
+    run.evaluate(Request([], [archive], SMALL, out=tmp_path, verbose=False, **evaluators))
   assert not (tmp_path / "results.json").exists()
 
 
-def test_too_few_samples(tiny_run, archive, evaluators, tmp_path):
-  with pytest.raises(ValueError, match="got 9 test items, .* compares 32 at a time; give more data"):
-    run.evaluate(Request([tiny_run], [archive], "archives-66", out=tmp_path, verbose=False, **evaluators))
-  with pytest.raises(ValueError, match="got --limit 3, .* compares 4 .* --limit 4 is enough, the test set has 9"):
-    run.evaluate(Request([tiny_run], [archive], SMALL, out=tmp_path, limit=3, verbose=False, **evaluators))
+@pytest.mark.parametrize("protocol, changes, words", [
+    ("archives-66", {}, "got 9 test items, .* compares 32 at a time; give more data"),
+    (SMALL, dict(limit=3), "got --limit 3, .* compares 4 .* --limit 4 is enough, the test set has 9")])
+def test_what_does_not_fit_the_data_is_refused(archive, evaluators, tmp_path, protocol, changes, words):
+  with pytest.raises(ValueError, match=words):
+    run.evaluate(Request([], [archive], protocol, out=tmp_path, verbose=False, **evaluators | changes))
 
 
-def test_an_evaluator_of_another_representation(tiny_run, archive, tmp_path):
-  with pytest.raises(ValueError, match=r"judged on coordinates features \(66 numbers a frame\), evaluator .* \(67\)"):
-    run.evaluate(Request([tiny_run], [archive], SMALL, evaluator=fresh_evaluator("t2m", "essential"),
-        clip_evaluator="none", out=tmp_path, verbose=False))
-
-
-def test_folders_that_are_no_data(tmp_path, archive, tiny_run):
+def test_folders_that_are_no_data(tmp_path, archive, evaluator):
   with pytest.raises(FileNotFoundError, match="is no data folder"):
-    run.evaluate(Request([tiny_run], [tmp_path], "archives-66"))
+    run.evaluate(Request([], [tmp_path], "archives-66"))
   with pytest.raises(ValueError, match="takes data of humanml3d, .* is 'archive'"):
-    test_set_lib.read_test_set([archive], protocols.get_protocol("cdamd-66"), [fresh_evaluator("t2m")])
+    test_set_lib.read_test_set([archive], protocols.get_protocol("cdamd-66"), [evaluator])
+  with pytest.raises(ValueError, match=r"judged on coordinates features \(66 numbers a frame\), evaluator .* \(67\)"):
+    test_set_lib.read_test_set([archive], SMALL, [fresh_evaluator("t2m", "essential")])
   with pytest.raises(ValueError, match="no evaluator that ships"):
     request.load_evaluators(protocols.get_protocol("cdamd-66"), None, None)

@@ -113,13 +113,6 @@ def test_parts_go_with_the_papers_parts():
                    "paper: prefix: CDAMD": "0.490"}
 
 
-def test_numbers_of_another_benchmark_stand_alone():
-  found = tables.compare(_result(paper=None))
-  assert [line.kind for line in found.lines] == ["real", "ours", "ours"]
-  assert not any(cell.marked for line in found.lines for cell in line.cells)
-  assert len(found.notes) == 1 and found.notes[0].startswith("Ours: mean ± 95 % interval of 2 repeats")
-
-
 def test_an_unknown_table_or_row_is_refused():
   with pytest.raises(ValueError, match="got table 12 of 'cmdm', expected one of authors humanml3d, .*, cdamd 1"):
     tables.paper_row("cmdm", 12, "GT")

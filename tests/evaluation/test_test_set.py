@@ -1,6 +1,8 @@
 """What is judged: draws of a split, its hash, clips that are left out, and whose samples are on disk."""
 import dataclasses
+import itertools
 import json
+import types
 
 import numpy as np
 import pytest
@@ -27,6 +29,18 @@ def test_a_draw_follows_the_rules_of_items(archive, evaluators):
   assert len(drawn) == 4 and (drawn.start == 0).all() and (drawn.frames == 48).all() and (drawn.caption == 0).all()
   short = samples.draw_replication(test_set, dataclasses.replace(SMALL, max_frames=20), 0, 0)
   assert (short.frames == 20).all() and short.start.max() > 4
+
+
+def test_draws_are_spread_as_the_loaders_spread_them():
+  """One time in three a unit less; a cut begins anywhere that it fits; each copy of an item has noise of its own."""
+  count = 3000
+  test_set = types.SimpleNamespace(rows=np.full(count, 50), captions=[("a", "b")] * count, tokens=[(None,) * 2] * count)
+  drawn = samples.draw_replication(test_set, SMALL, 0, 0)
+  shorter = drawn.frames == 44
+  assert np.isclose(shorter.mean(), 1 / 3, atol=0.03) and set(drawn.frames[~shorter]) == {48}
+  assert set(drawn.start[shorter]) == set(range(7)) and set(drawn.start[~shorter]) == set(range(3))
+  assert np.isclose(drawn.caption.mean(), 0.5, atol=0.03)
+  assert len({samples.seed_of(*numbers) for numbers in itertools.product(range(2), repeat=4)}) == 16
 
 
 def test_clips_of_test_in_train(tmp_path, evaluators):
@@ -57,6 +71,7 @@ def test_samples_know_all_code_that_made_them(tmp_path):
     samples.Store(tmp_path, dict(a=1), dict(code=commit)).write(f"r{commit}", 0, jobs, [np.zeros((4, 2))])
   store = samples.Store(tmp_path, dict(a=1), dict(code="newest"))
   assert store.makers == [dict(code="old"), dict(code="new")] and store.read("rold", 0, jobs) is not None
+  assert store.read("rold", 0, jobs._replace(seeds=[2])) is store.read("rold", 0, jobs._replace(frames=[3])) is None
   path = store.folder / "samples.json"
   path.write_text(json.dumps(store.about))  # as an older version wrote it
   assert store.makers == [{}] and samples.Store(tmp_path, dict(a=2)).makers == []

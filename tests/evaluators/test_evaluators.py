@@ -209,23 +209,6 @@ def test_what_is_behind_a_motion_and_the_tables_of_words_stay_out_of_the_clip_ty
   assert still == {"tokens", "positions"}
 
 
-def test_parameter_counts():
-  """Source: docs/papers/cmdm.md#evaluators, docs/papers/cdamd.md#matching-evaluator, #clip-evaluator, #sizes."""
-  def counts(model, *shapes):
-    inputs = [jax.ShapeDtypeStruct(shape, kind) for shape, kind in shapes]
-    shapes = jax.eval_shape(model.init, jax.random.key(0), *inputs)["params"]
-    return {name: sum(a.size for a in jax.tree.leaves(part)) for name, part in shapes.items()}
-
-  f, i = jnp.float32, jnp.int32
-  text = [((1, 22, 300), f), ((1, 22, 15), f), ((1,), i)]
-  for features, columns, expected in ((259, 263, 1_842_688), (67, 67, 1_449_472), (66, 66, 1_447_424)):
-    made = counts(evaluators.T2MEvaluator(features, columns), *text, ((1, 196, columns), f), ((1,), i))
-    assert made == {"movement_encoder": expected, "motion_encoder": 15_747_584, "text_encoder": 4_100_288}
-  made = counts(evaluators.ClipEvaluator(66, 66), ((1, 77), i), ((1, 196, 66), f), ((1,), i))
-  assert sum(made.values()) == 59_543_041 and sum(made.values()) - made["tokens"] == 34_246_145
-  assert sum(counts(LengthEstimator(), ((1, 512), f)).values()) == 435_122
-
-
 def test_lengths_are_whole_latents():
   logits = 5 * np.random.default_rng(0).normal(size=(500, 50)).astype(np.float32)
   logits[:100, 0] = 50  # the estimator's class 0 is no length

@@ -136,6 +136,41 @@ def test_movement_loss_is_the_formula():
   assert weight == 1 and np.isclose(sums["loss"], expected, rtol=1e-5)
 
 
+@pytest.mark.slow
+def test_the_loss_of_snapmogens_evaluator_is_the_formula():
+  """TMR's: drawn latents rebuild the motion, Gaussians of a pair are alike and near the unit one, pairs contrast."""
+  config = load_config("evaluator_snapmogen", "tiny").unlock()
+  config.model.update(features=5, columns=7, dropout=0.0)
+  rng = np.random.default_rng(3)
+  batch = {"features": rng.normal(size=(4, 12, 7)), "text_emb": rng.normal(size=(4, 5, 6))}
+  batch = {name: np.asarray(array, np.float32) for name, array in batch.items()}
+  batch |= {"num_frames": np.array([12, 8, 4, 12]), "text_mask": np.arange(5) < np.array([5, 3, 2, 4])[:, None],
+            "meaning": np.array([0, 1, 2, 0], np.int32), "index": np.arange(4)}
+  stage = matching.gaussian_stage(config, axis_name=None)
+  net, decoder = matching.gaussian_networks(config.model)
+
+  @jax.jit
+  def parts(params):
+    gaussian = lambda method, *given: net.apply({"params": params["params"]}, *given, method=method)[1:]
+    text = gaussian("text_gaussian", batch["text_emb"], batch["text_mask"])
+    motion = gaussian("motion_gaussian", batch["features"], batch["num_frames"])
+    keys = jax.random.split(jax.random.fold_in(jax.random.key(5), 0), 6)[2:4]
+    latents = [mean + jnp.exp(logvar / 2) * jax.random.normal(key, mean.shape)
+               for (mean, logvar), key in zip((text, motion), keys)]
+    real = np.arange(12) < batch["num_frames"][:, None]
+    rebuilt = [decoder.apply({"params": params["decoder"]}, z, real) for z in latents]
+    unit = [jnp.zeros_like(latents[0])] * 2
+    apart = [matching.divergence(*pair) for pair in ((text, unit), (motion, unit), (text, motion), (motion, text))]
+    return latents, rebuilt, sum(apart), stage.loss(params, {}, batch, 0, jax.random.key(5))[0]
+
+  latents, rebuilt, apart, sums = parts(untrained(jax.eval_shape(stage.init, batch, jax.random.key(0))))
+  huber = lambda away: np.where(np.abs(away) < 1, np.square(away) / 2, np.abs(away) - 0.5).mean()
+  expected = {"reconstruction": sum(huber(x - batch["features"][..., :5]) for x in rebuilt), "divergence": apart,
+              "latent": huber(np.subtract(*latents)), "contrast": sums["contrast"]}
+  for name, value in (expected | {"loss": sum(config.loss[name] * one for name, one in expected.items())}).items():
+    assert np.isclose(sums[name], value, rtol=1e-4), name
+
+
 def test_divergence_of_gaussians():
   """Closed form: equal ones are 0 apart, a shift of 2 at width 1 is 2, both ways alike."""
   one, other = (np.zeros((3, 2)), np.zeros((3, 2))), (np.full((3, 2), 2.0), np.zeros((3, 2)))

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from motion_jax.metrics import two_sample
+from motion_jax.motion import rotations
 from tests.analysis.test_describe import _walk
 
 
@@ -47,6 +48,16 @@ def test_few_or_short_clips_give_no_verdict():
   assert two_sample.compare(_walks(0), _first(some, 9)) == two_sample.halves(_first(some, 19)) == {}
   assert set(two_sample.compare(_first(some, 10), _first(some, 10))) == set(two_sample.KINDS)
   assert two_sample.describe([np.ones((count, 22, 3)) for count in (39, 40, 59, 60)]).clip.tolist() == [1, 2, 3, 3]
+
+
+def test_poses_are_seen_from_the_body():
+  """Whichever way it faces, and however high or far it is."""
+  joints = _walk(0.0, speed=1, seconds=2)[:40]
+  joints = joints + np.cumsum(0.02 * np.random.default_rng(0).standard_normal(joints.shape), 0)
+  turned = rotations.rotate(rotations.about_axis(np.full((40, 1), 2.0), "y"), joints) + [3, 1, 2]
+  seen, again = two_sample.describe([joints]), two_sample.describe([turned])
+  for kind, numbers in seen.numbers.items():
+    np.testing.assert_allclose(again.numbers[kind], numbers, atol=1e-9, err_msg=kind)
 
 
 def test_area_is_the_share_of_pairs_in_order():

@@ -16,7 +16,6 @@ TINY = f"{ROOT}/configs/cmdm_tokenizer.py:tiny"
     ("--config.train.learning_rte=3", "did you mean --config.optimizer.learning_rate?"),
     ("--config.zzz=3", "it has alignment_teacher, data, data.augment"),
     ("--config.data.batch_size=abc", "expected a whole number such as 4"),
-    ("--config.data.batch_size=2.5", "expected a whole number"),
     ("--config.optimizer.learning_rate=fast", "expected a number such as"),
     ("--config.model.causal=maybe", "expected True or False"),
     ("--config.model=3", "set its fields, such as --config.model.causal"),
@@ -39,8 +38,7 @@ def test_what_is_right_passes():
 
 @pytest.mark.parametrize("name, words", [
     (f"{ROOT}/configs/cmdm_tokeniser.py", "did you mean cmdm_tokenizer?"), ("nowhere/x.py", "there is no config"),
-    ("cmdm_tokeniser:tiny", "did you mean cmdm_tokenizer?"), ("common", "there is no config"),
-    (f"{ROOT}/README.md", "expected Python"), (f"{ROOT}/setup/none.py:tiny", "there is no config"),
+    ("common", "there is no config"), (f"{ROOT}/README.md", "expected Python"),
     (f"{ROOT}/configs/cmdm_tokenizer.py:huge", "got size 'huge'"), (f"{ROOT}/tests/__init__.py", "is no config file"),
 ])
 def test_a_config_that_is_none(name, words):

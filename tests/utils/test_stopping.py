@@ -60,6 +60,11 @@ def test_a_folder_that_replaces_another_is_there_at_every_moment(tmp_path, monke
   with pytest.raises(KeyboardInterrupt), atomic_folder(tmp_path / "data") as folder:
     (folder / "new.npy").write_text("new")
   assert [path.name for path in tmp_path.rglob("*")] == ["data", "old.npy"]
+  monkeypatch.setattr(pathlib.Path, "replace", replace)
+  with atomic_folder(tmp_path / "data") as folder:
+    (folder / "new.npy").write_text("new")
+  assert [path.name for path in tmp_path.rglob("*")] == ["data", "new.npy"]
+  assert (tmp_path / "data").stat().st_mode & 0o777 == 0o755  # others may read it
 
 
 def test_handlers_are_given_back_and_ignored_signals_stay_ignored():

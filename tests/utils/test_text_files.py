@@ -105,20 +105,6 @@ def test_captions_as_excel_writes_them(tmp_path):
     assert (row["start"], row["end"], row["split"]) == (0.5, 2.25, "test")
 
 
-@pytest.mark.parametrize("name, text, message", [
-    ("c.csv", "file,caption,start,end\na,b,0,1e308\n", "c.csv line 2: .*expected a number of seconds from 0 to 86,400"),
-    ("c.csv", 'file,caption\na,"b\nc"\n\nd,\n', "c.csv line 5: no file or no caption"),
-    ("c.jsonl", '{"file": "a", "caption": "b"}\n{"file": "a", "caption": "\\ud800"}\n', "line 2: .*half of a char"),
-    ("c.jsonl", '{"file": "a", "caption": "b", "start": NaN}\n', "line 1: in start or end: got .nan."),
-    ("c.jsonl", "7\n", "line 1: got a JSON number, expected an object"),
-])
-def test_captions_that_are_none(tmp_path, name, text, message):
-  (tmp_path / name).write_text(text)
-  with pytest.raises(ValueError, match=message) as error:
-    build.read_captions(tmp_path / name)
-  assert str(tmp_path / name) in str(error.value)
-
-
 def test_other_readers_of_texts(tmp_path):
   """Captions, timelines, mappings and motions may be UTF-16; their numbers are plain ones."""
   (tmp_path / "a.txt").write_bytes(f"{SENTENCE}#eine/DET#0.0#0.0".encode("utf-16"))
@@ -134,6 +120,9 @@ def test_other_readers_of_texts(tmp_path):
   (tmp_path / "b.bvh").write_text(text.replace("Frames: 12", "Frames: ²"))
   with pytest.raises(ValueError, match="b.bvh line .*got '²', expected a whole number of frames"):
     bvh_clip(tmp_path / "b.bvh")
+  (tmp_path / "c.jsonl").write_text('{"file": "a", "caption": "b"}\n{"file": "a", "caption": "\\ud800"}\n')
+  with pytest.raises(ValueError, match="c.jsonl line 2: .*half of a char"):
+    build.read_captions(tmp_path / "c.jsonl")
   (tmp_path / "a.txt").write_text("walks#walk/VERB#0.0#1e308\n")
   with pytest.raises(ValueError, match="a.txt line 1: in a time tag: got '1e308'"):
     caption_lines.read_texts(tmp_path / "a.txt")
