@@ -5,7 +5,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from ml_collections import ConfigDict
 
 import motion_jax as mj
 from motion_jax import fit as training
@@ -42,91 +41,58 @@ def test_the_tokenizers_terms_are_the_papers():
   assert abs(sum(inside) / 18 - sum(pairs) / 36) > 1e-3  # not what a window alone gives
 
 
-@pytest.fixture(scope="module")
-def tokenizer():
-  vae = CausalVAE(features=7, latent_dim=3, width=8, dilations=(1,), teacher_dim=5)
-  x, noise, teacher = (jnp.asarray(RNG.normal(size=size), jnp.float32) for size in ((2, 8, 7), (2, 2, 3), (2, 2, 5)))
-  return vae, untrained(jax.eval_shape(vae.init, jax.random.key(0), x, noise)), x, noise, teacher
-
-
 @pytest.mark.slow
-def test_the_tokenizers_loss_is_put_together_as_the_config_says(tokenizer):
+def test_the_tokenizers_loss_is_put_together_as_the_config_says():
   """lambda at the linear layer: norms of what reaches the matrix that gives mean and log-variance."""
-  vae, params, x, noise, teacher = tokenizer
-  paper = dict(reconstruction="smooth_l1", distance_pairs="set", last_layer="linear")
-  terms = jax.jit(lambda params: cmdm.tokenizer_terms(vae, params, x, noise, 1.0, 0.0,
-                                                      root_columns=slice(0, 4), teacher=teacher,
-                                                      align_weight=1.0, **paper))(params)
+  vae = CausalVAE(features=7, latent_dim=3, width=8, dilations=(1,), teacher_dim=5)
+  x, noise, teacher = (np.float32(RNG.normal(size=size)) for size in ((2, 8, 7), (2, 2, 3), (2, 2, 5)))
+  params = untrained(jax.eval_shape(vae.init, jax.random.key(0), x, noise))
+  encoder = params["params"]["encoder"]
+
+  def at_the_layer(kernel):
+    changed = {"params": params["params"] | {"encoder": encoder | {"head": encoder["head"] | {"kernel": kernel}}}}
+    y, mean, logvar = vae.apply(changed, x, noise)
+    z = sample_latent(mean, logvar, noise)
+    mcos = cmdm.align_terms(vae.apply(changed, z, method="project"), teacher)[0]
+    mdms = cmdm.set_distances(z, teacher)
+    return dict(rec=cmdm.smooth_l1(y, x), mdms=mdms, mcos=mcos, align=mcos + mdms)
 
   @jax.jit
-  def parts(params):
-    y, mean, logvar = vae.apply(params, x, noise)
-    z = sample_latent(mean, logvar, noise)
-    mcos = cmdm.align_terms(vae.apply(params, z, method="project"), teacher)[0]
-    return z, cmdm.smooth_l1(y, x), cmdm.set_distances(z, teacher), mcos
+  def both(params):
+    kernel = params["params"]["encoder"]["head"]["kernel"]
+    terms = cmdm.tokenizer_terms(vae, params, x, noise, 1.0, 0.0, root_columns=slice(0, 4), teacher=teacher,
+                                 align_weight=1.0, reconstruction="smooth_l1", distance_pairs="set",
+                                 last_layer="linear")
+    return terms, at_the_layer(kernel), jax.jacrev(at_the_layer)(kernel)
 
-  z, rec, mdms, mcos = parts(params)
-  for name, value in dict(rec=rec, mdms=mdms, mcos=mcos, align=mcos + mdms).items():
+  terms, expected, slopes = both(params)
+  for name, value in expected.items():
     np.testing.assert_allclose(terms[name], value, rtol=1e-5)
-
-  def at_the_layer(which):
-    def of(kernel):
-      encoder = params["params"]["encoder"]
-      head = {**encoder["head"], "kernel": kernel}
-      changed = {"params": {**params["params"], "encoder": {**encoder, "head": head}}}
-      y, mean, logvar = vae.apply(changed, x, noise)
-      z = sample_latent(mean, logvar, noise)
-      if which == "rec":
-        return cmdm.smooth_l1(y, x)
-      return sum(cmdm.align_loss(vae, changed, z, teacher, "set"))
-
-    return np.linalg.norm(jax.jit(jax.grad(of))(params["params"]["encoder"]["head"]["kernel"]))
-
-  ratio = at_the_layer("rec") / at_the_layer("align")
+  ratio = np.linalg.norm(slopes["rec"]) / np.linalg.norm(slopes["align"])
   np.testing.assert_allclose(terms["align_weight"], ratio, rtol=1e-4)
-  total = terms["rec"] + terms["kl"] + ratio * terms["align"]
-  np.testing.assert_allclose(terms["loss"], total, rtol=1e-5)
+  np.testing.assert_allclose(terms["loss"], terms["rec"] + terms["kl"] + ratio * terms["align"], rtol=1e-5)
   with pytest.raises(ValueError, match="'sets', expected one of window, set"):
-    cmdm.align_loss(vae, params, z, teacher, "sets")
-
-
-def test_the_factor_of_the_alignment_may_stay():
-  config = lambda fall: ConfigDict(dict(align=0.5, kl_ramp=0, align_fall=fall))
-  factor = lambda fall, step: float(cmdm.align_factor(step, config(fall), 100))
-  assert [factor(0.0, step) for step in (0, 50, 100)] == [0.5, 0.5, 0.5]
-  assert factor(0.5, 100) == pytest.approx(0.25) and factor(0.9, 50) == pytest.approx(0.275)
-
-
-def _denoiser(**changes):
-  config = load_config("cmdm_denoiser", "tiny").unlock()
-  for path, value in changes.items():
-    section, field = path.split("__")
-    config[section][field] = value
-  stage = cmdm.denoiser_stage(config)
-  batch = {"features": jnp.asarray(RNG.normal(size=(2, 24, 263)), jnp.float32), "num_frames": jnp.array([24, 16]),
-           "text_emb": jnp.zeros((2, 3, 32)), "text_mask": jnp.ones((2, 3), bool), "index": jnp.arange(2)}
-  return config, stage, batch
-
-
-def _of_numpy(init, *inputs):
-  return untrained(jax.eval_shape(init, jax.random.key(1), *inputs))
+    cmdm.align_loss(vae, params, noise, teacher, "sets")
 
 
 @pytest.mark.slow
 def test_latents_of_training_may_be_means():
-  config, stage, batch = _denoiser(loss__mean_latents=True)
-  vae = CausalVAE(**config.tokenizer)
-  frozen = {"tokenizer": _of_numpy(vae.init, batch["features"][:1], jnp.zeros((1, 6, 4))),
-            "latent_mean": jnp.full(4, 0.5), "latent_std": jnp.full(4, 2.0)}
-  params, rng = untrained(jax.eval_shape(stage.init, batch, jax.random.key(2))), jax.random.key(3)
-  target = jax.jit(stage.predict)(params, frozen, batch, rng)["target"]
-  noise_rng = jax.random.split(rng, 4)[2]
-  noise = jnp.stack([jax.random.normal(jax.random.fold_in(noise_rng, i), (6, 4)) for i in range(2)])
-  mean, _ = jax.jit(lambda params, x: vae.apply(params, x, method="encode"))(frozen["tokenizer"], batch["features"])
-  np.testing.assert_allclose((target + noise)[0], (mean[0] - 0.5) / 2, atol=1e-5)
-  _, sampled, _ = _denoiser()
-  drawn = jax.jit(sampled.predict)(params, frozen, batch, rng)["target"]
-  assert np.abs(drawn - target)[0].max() > 1e-3
+  config = load_config("cmdm_denoiser", "tiny").unlock()
+  batch = {"features": np.float32(RNG.normal(size=(2, 24, 263))), "num_frames": np.array([24, 16]),
+           "text_emb": np.zeros((2, 3, 32), np.float32), "text_mask": np.ones((2, 3), bool), "index": np.arange(2)}
+  vae, rng = CausalVAE(**config.tokenizer), jax.random.key(3)
+  encoder = untrained(jax.eval_shape(vae.init, jax.random.key(1), batch["features"][:1], np.zeros((1, 6, 4))))
+  frozen = {"tokenizer": encoder, "latent_mean": np.full(4, 0.5), "latent_std": np.full(4, 2.0)}
+  targets = []
+  for means in (True, False):
+    config.loss.mean_latents = means
+    stage = cmdm.denoiser_stage(config)
+    params = untrained(jax.eval_shape(stage.init, batch, jax.random.key(2)))
+    targets.append(jax.jit(stage.predict)(params, frozen, batch, rng)["target"][0])
+  noise = jax.random.normal(jax.random.fold_in(jax.random.split(rng, 4)[2], 0), (6, 4))
+  mean, _ = jax.jit(lambda params, x: vae.apply(params, x, method="encode"))(encoder, batch["features"])
+  np.testing.assert_allclose(targets[0] + noise, (mean[0] - 0.5) / 2, atol=1e-5)
+  assert np.abs(targets[1] - targets[0]).max() > 1e-3
 
 
 # --- CDAMD ---------------------------------------------------------------------------------------------------------
