@@ -45,12 +45,6 @@ def test_fid_is_of_what_stands_before_the_last_layer(harness):
   np.testing.assert_allclose(row["clip_score"], scores.clip_score(embedded.text, made), rtol=1e-3)
 
 
-def test_real_motions_and_noise_are_read_alike(harness):
-  found = sanity.check(harness)
-  assert found["real"]["fid"] < 0.5 * found["fid_noise"]
-  assert found["real"]["clip_score"] != found["shuffled"]["clip_score"]
-
-
 def test_pieces_may_be_longer_than_clips(harness):
   """Those of long motions end on the model's own grid."""
   protocol = dataclasses.replace(harness.protocol, max_frames=40)
@@ -160,19 +154,16 @@ def test_halves_of_the_real_motions_share_none(harness, monkeypatch):
     assert len(a) == len(b) == 4 and not set(map(tuple, a)) & set(map(tuple, b))
 
 
-@pytest.mark.parametrize("values, ok, noticed", [
-    ([1.1, 2.0, 9.0], True, 0.03), ([0.99, 1.0, 9.0], True, 0.1), ([2.0, 3.0, 9.0], True, 0.01),
-    ([2.0, 1.5, 9.0], False, 0.01), ([0.5, 2.0, 9.0], False, 0.03), ([0.9, 0.8, 0.7], False, None)])
-def test_a_control_says_from_which_level_on_it_is_noticed(values, ok, noticed):
-  assert controls._moves(1.0, values, 1) is ok
-  assert controls._noticed(1.0, values, 1) == noticed
-
-
-def test_what_real_motions_do_from_repeat_to_repeat_is_nothing():
-  """One clip of 320 more than before is no step back, and no notice."""
-  values = [0.7156, 0.7125, 0.6031]
-  assert not controls._moves(0.7125, values, -1) and controls._moves(0.7125, values, -1, 0.02)
-  assert controls._noticed(0.7125, [0.7, 0.69, 0.6], -1, 0.02) == 0.03
+@pytest.mark.parametrize("values, ok, noticed, rest", [
+    ([1.1, 2.0, 9.0], True, 0.03, {}), ([0.99, 1.0, 9.0], True, 0.1, {}), ([2.0, 3.0, 9.0], True, 0.01, {}),
+    ([2.0, 1.5, 9.0], False, 0.01, {}), ([0.5, 2.0, 9.0], False, 0.03, {}), ([0.9, 0.8, 0.7], False, None, {}),
+    # What real motions do from repeat to repeat is nothing: one clip of 320 more than before is no step back.
+    ([0.9956, 0.9969, 1.1], False, 0.1, {}), ([0.9956, 0.9969, 1.1], True, 0.1, dict(spread=0.02)),
+    ([1.01, 1.015, 1.1], True, 0.1, dict(spread=0.02))])
+def test_a_control_says_from_which_level_on_it_is_noticed(values, ok, noticed, rest):
+  assert controls._moves(1.0, values, 1, **rest) is ok
+  assert controls._moves(-1.0, [-value for value in values], -1, **rest) is ok
+  assert controls._noticed(1.0, values, 1, **rest) == noticed
 
 
 def test_the_recorded_loop_comes_out_of_the_judge(monkeypatch):

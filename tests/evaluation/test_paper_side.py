@@ -144,7 +144,6 @@ def test_codes_may_learn_by_equation_10():
 
 # --- configs -------------------------------------------------------------------------------------------------------
 
-PAGE = ROOT / "docs" / "papers" / "paper-and-code.md"
 PAPERS = {name: runpy.run_path(str(ROOT / "configs" / "ablations" / f"{name}_paper.py")) for name in ("cmdm", "cdamd")}
 LAST = {"cmdm": "denoiser", "cdamd": "generator"}  # the stages that make motion
 ROWS = [(paper, row, stage) for paper, config in PAPERS.items() for row, stages in config["ROWS"].items()
@@ -208,11 +207,3 @@ def test_each_difference_is_in_its_config_and_has_a_gradient(case):
   loss = lambda params: setup.stage.loss(params, setup.frozen, batch, 0, key, *extra)[0]["loss"]
   grads = jax.eval_shape(jax.vmap(jax.grad(loss), None, axis_size=1, axis_name=DEVICES), params)
   assert jax.tree.map(lambda a: a.shape[1:], grads) == jax.tree.map(jnp.shape, params)
-
-
-def test_the_page_names_every_config():
-  page = PAGE.read_text(encoding="utf-8")
-  for paper, config in PAPERS.items():
-    part = page.split("## CMDM")[1].split("## CDAMD")[paper == "cdamd"]
-    missing = [row for row in config["ROWS"] if f"`{row}`" not in part]
-    assert not missing, missing

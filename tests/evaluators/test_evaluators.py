@@ -4,7 +4,6 @@ import functools
 import jax
 import jax.numpy as jnp
 import numpy as np
-import pytest
 
 from motion_jax.convert.state import from_torch
 from motion_jax.evaluators import networks as evaluators
@@ -183,12 +182,6 @@ def test_steps_beyond_the_length_and_batch_mates_are_not_seen():
   contacts = motion.copy()
   contacts[..., 5:] = 9
   np.testing.assert_array_equal(apply(params, words, classes, lengths, contacts, frames)[1], moved)
-
-
-def test_a_motion_of_other_features_is_refused():
-  apply, params, given = small()
-  with pytest.raises(ValueError, match="got 6 features per frame, this evaluator reads 7"):
-    apply(params, *given[:3], given[3][..., :6], given[4])
 
 
 def test_what_is_behind_a_motion_and_the_tables_of_words_stay_out_of_the_clip_type():

@@ -43,13 +43,6 @@ def test_contrast_is_the_formula(shift):
     assert np.isclose(made["loss"], positive + negative, rtol=1e-5)
 
 
-def test_a_shift_of_nothing_takes_right_pairs_for_wrong_ones():
-  """The original's quirk: at distance 0 all of the margin is missing; those who mean the same are left out of it."""
-  same_place = jnp.ones((4, 3))
-  assert np.isclose(matching.contrast(same_place, same_place, 0)["negative"], 100, atol=1e-3)
-  assert matching.contrast(same_place, same_place, 0, same=jnp.eye(4, dtype=bool))["negative"] == 0
-
-
 def _matching_config(first_shift=0):
   config = load_config("evaluator_matching", "tiny").unlock()
   config.model.update(features=5, columns=7)

@@ -191,7 +191,6 @@ def _dead():
 @pytest.mark.parametrize("content, taken", [
     (lambda: dict(host=socket.gethostname(), pid=_dead()), True),
     (lambda: dict(host=socket.gethostname(), pid=os.getpid(), born=1), True),  # another program has its number now
-    (lambda: dict(host=socket.gethostname(), pid=os.getpid()), False),
     (lambda: dict(host="another-machine", pid=1), False),                      # who knows
 ])
 def test_the_lock_of_a_dead_program_is_taken_over(tmp_path, content, taken):
