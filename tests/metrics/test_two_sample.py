@@ -37,11 +37,11 @@ def test_equal_samples_are_set_apart_by_chance_alone():
 
 @pytest.mark.slow
 def test_faults_are_found_and_named():
-  verdicts = two_sample.compare(_walks(0), _walks(1, tremble=0.03, stiff=True), num_reasons=20)
+  verdicts = two_sample.compare(_walks(0), _walks(1, tremble=0.03, stiff=True))
   for kind, joint, least in (("jerk", "left_wrist", 0.98), ("dynamics", "left_wrist", 0.98),
                              ("limbs", "left_collar", 0.7)):
     assert verdicts[kind].auc > least
-    assert any(joint in name and abs(auc - 0.5) > 0.4 for name, auc in verdicts[kind].reasons)
+    assert any(joint in name and abs(auc - 0.5) > 0.35 for name, auc in verdicts[kind].reasons)
   assert verdicts["jerk"].reasons[0][1] > 0.5  # there is more of it
 
 
