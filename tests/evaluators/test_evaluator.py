@@ -23,7 +23,7 @@ CAPTIONS = ["a person walks forward", "someone waves the left hand", "he sits do
 fresh = functools.cache(lambda kind: fresh_evaluator(kind, "coordinates"))
 
 
-@pytest.fixture(params=["t2m", "clip", "tmr", "snapmogen"])
+@pytest.fixture(params=[pytest.param("t2m", marks=pytest.mark.slow), "clip", "tmr", "snapmogen"])
 def evaluator(request):
   return fresh(request.param)
 
@@ -143,6 +143,7 @@ def test_folders_that_are_no_evaluator_are_refused(run, tmp_path):
     load_evaluator(tmp_path)
 
 
+@pytest.mark.slow
 def test_the_evaluators_that_ship():
   """Small enough to ship, trained on our own words, and real enough to tell actions apart."""
   folders = [PRETRAINED / name for name in ("evaluator-small", "clip-evaluator-small")]

@@ -4,6 +4,7 @@ import functools
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
 from motion_jax.convert.state import from_torch
 from motion_jax.evaluators import networks as evaluators
@@ -149,10 +150,15 @@ def run_length_estimator(fixture, dtype):
   return {"logits": logits, "probabilities": jax.nn.softmax(logits)}
 
 
-@recordings("cmdm/evaluators_259", "cmdm/evaluators_67", "cdamd/evaluator", "cdamd/evaluator_clip",
-            "cdamd/length_estimator")
+@recordings("cmdm/evaluators_67", "cdamd/evaluator", "cdamd/evaluator_clip", "cdamd/length_estimator")
 def test_golden(name, precision):
   assert not check(fixtures.path(f"{name}.npz"), [precision]).failures
+
+
+@pytest.mark.slow
+def test_golden_of_features_with_contacts():
+  """The same networks on 259 of 263 numbers."""
+  assert not check(fixtures.path("cmdm/evaluators_259.npz")).failures
 
 
 @functools.cache
@@ -184,6 +190,7 @@ def test_steps_beyond_the_length_and_batch_mates_are_not_seen():
   np.testing.assert_array_equal(apply(params, words, classes, lengths, contacts, frames)[1], moved)
 
 
+@pytest.mark.slow
 def test_what_is_behind_a_motion_and_the_tables_of_words_stay_out_of_the_clip_type():
   """Padded frames have no gradient, nor have CLIP's own tables, which come frozen."""
   model = evaluators.ClipEvaluator(features=5, columns=5, width=8, depth=1, num_heads=2, mlp_width=8, dim=6,

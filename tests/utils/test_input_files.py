@@ -101,10 +101,10 @@ def test_only_the_named_members_are_read(tmp_path):
   good, other = io.BytesIO(), io.BytesIO()
   np.save(good, np.tile(np.arange(66, dtype=np.float32).reshape(22, 3) / 40, (5, 1, 1)))
   np.save(other, np.array([{}], object), allow_pickle=True)
-  with zipfile.ZipFile(tmp_path / "a.npz", "w", zipfile.ZIP_DEFLATED) as file:
+  (tmp_path / "a.npz").write_bytes(deflated_bomb(["zeros.npy"]))
+  with zipfile.ZipFile(tmp_path / "a.npz", "a") as file:
     file.writestr("joints.npy", good.getvalue())
     file.writestr("gender.npy", other.getvalue())
-    file.writestr("zeros.npy", bytes(300 << 20))
   found = load_npz(tmp_path / "a.npz", ("joints",))
   assert list(found) == ["joints"] and found["joints"].shape == (5, 22, 3)
 

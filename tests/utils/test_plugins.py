@@ -88,6 +88,7 @@ def outside(tmp_path, monkeypatch):
     del sys.modules[name]
 
 
+@pytest.mark.slow
 def test_another_package_is_found_trained_loaded_and_written(outside):
   folder = outside / "data"
   folder.mkdir()

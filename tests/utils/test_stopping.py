@@ -140,7 +140,8 @@ print("still there")
 """
 
 
-@pytest.mark.parametrize("place, saved", [("loop.init_state", None), ("report.was_evaluated", 2)])
+@pytest.mark.parametrize("place, saved", [
+    ("loop.init_state", None), pytest.param("report.was_evaluated", 2, marks=pytest.mark.slow)])
 def test_sigterm_is_heard_while_the_main_thread_is_busy(tmp_path, forks, place, saved):
   """While the first step is compiled nothing is lost; while a save is judged the state is on disk before the end."""
   began = time.time()
