@@ -86,6 +86,7 @@ class Tags(html.parser.HTMLParser):
     assert self.open and self.open.pop() == tag, (tag, self.getpos())
 
 
+@pytest.mark.slow
 def test_page_is_whole_and_offline(tmp_path):
   gallery = a_gallery(tmp_path, EVIL)
   page = report.write([Result.from_json(json.loads(json.dumps(a_result(gallery=gallery).as_json())))], tmp_path)
@@ -149,6 +150,7 @@ def test_a_page_needs_neither_motions_nor_more_than_rows(tmp_path):
   assert not (tmp_path / "motions").exists()
 
 
+@pytest.mark.slow
 def test_a_broken_motion_is_a_note_beside_the_real_one(tmp_path):
   """A model after two steps of training samples bodies that nothing can draw; the report shows what it can."""
   gallery = a_gallery(tmp_path)
@@ -171,7 +173,7 @@ def test_a_broken_motion_is_a_note_beside_the_real_one(tmp_path):
 def test_bad_input(tmp_path):
   with pytest.raises(ValueError, match="got no result"):
     report.write([], tmp_path)
-  lost = a_result(gallery=a_gallery(tmp_path / "run"))
+  lost = a_result(gallery=a_gallery(tmp_path / "run", kinds=("failure",)))
   (tmp_path / "run" / "gallery" / "failure_made.npz").unlink()
   with pytest.raises(FileNotFoundError, match="names gallery/failure_made.npz"):
     report.write(lost, tmp_path, folders=[tmp_path / "run"])
