@@ -137,6 +137,7 @@ def test_control_of_other_programs(tmp_path, archive, evaluator, monkeypatch):
   assert json.loads(path)["positions"][5][1] is None
 
 
+@pytest.mark.slow
 def test_long_motions_of_other_programs(tmp_path, archive, evaluator):
   protocol = small("long-horizon", sequences=2, segments=3, transition_frames=20, real_jerk=None)
   lines = prompts_of(tmp_path, [archive], protocol, evaluator)
@@ -152,6 +153,7 @@ def test_long_motions_of_other_programs(tmp_path, archive, evaluator):
     rows(tmp_path, [archive], protocol, evaluator)
 
 
+@pytest.mark.slow
 def test_timelines_of_other_programs(tmp_path, archive):
   evaluator = fresh_evaluator("tmr")
   first, second = two_captions()

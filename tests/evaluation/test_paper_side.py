@@ -177,7 +177,7 @@ def _cases(cases, slow):
 
 
 @_cases([case for case in ROWS if case[1] == "paper" and case[2] != "teacher"],
-        slow=("cmdm-paper-denoiser", "cdamd-paper-generator"))
+        slow=("cmdm-paper-denoiser",))
 def test_the_papers_own_side_trains_and_makes_motion(case, tmp_path, unjudged):
   """All differences at once; the frozen parts are untrained."""
   paper, row, stage = case

@@ -53,6 +53,7 @@ def test_motions_in_a_row_are_the_longest_chain_without_overlap():
   assert [span[1:] for span in longest_sequence(spans, gap=0)] == [(0, 90), (90, 200)] and longest_sequence([]) == []
 
 
+@pytest.mark.slow
 def test_only_recordings_of_more_than_five_motions_are_taken(folder):
   found = recordings(folder)
   assert [[item.id for item in pieces] for pieces in found] == [
@@ -106,6 +107,7 @@ def test_what_was_recorded_has_the_real_row(folder, task):
   assert other["fid"] > 1e-6 and other["transition_fid"] > 1e-6  # of an evaluator that has learned nothing
 
 
+@pytest.mark.slow
 def test_jerk_is_in_centimetres_from_the_level_that_the_paper_has(folder, task):
   row = task.real(0).rows["real"]
   jerks = []
@@ -118,6 +120,7 @@ def test_jerk_is_in_centimetres_from_the_level_that_the_paper_has(folder, task):
   assert row["auj"] == pytest.approx(np.abs(curve - physics.REAL_JERK["humanml3d"]).sum(), rel=1e-5)
 
 
+@pytest.mark.slow
 def test_as_many_recordings_as_the_paper_has_or_all(task):
   assert protocols.get_protocol("snapmogen-long").sequences == 128
   assert len(task._chosen) == 2
@@ -128,6 +131,7 @@ def test_as_many_recordings_as_the_paper_has_or_all(task):
   assert kept.tolist() in ([*range(PIECES)], [*range(PIECES, 2 * PIECES)]) and not one.notes
 
 
+@pytest.mark.slow
 def test_a_folder_without_such_recordings_is_told(folder):
   protocol = dataclasses.replace(protocols.get_protocol("snapmogen-long"), recorded=7)
   with pytest.raises(ValueError, match="no recording with more than 7 captioned motions in a row"):

@@ -33,6 +33,7 @@ def again(judged, tiny_run, archive, evaluators, out, **options):
       options))
 
 
+@pytest.mark.slow
 def test_a_result_has_rows_intervals_and_its_provenance(judged, tiny_run):
   result, out = judged
   row = result.rows[tiny_run.name]
@@ -97,6 +98,7 @@ def test_a_repeat_is_byte_identical_and_so_is_one_that_was_killed(judged, tiny_r
     assert content(tmp_path / folder) == before
 
 
+@pytest.mark.slow
 def test_a_control_that_fails_is_said_at_the_end_and_by_the_status(judged, archive, monkeypatch, capsys):
   """Random evaluators notice little."""
   monkeypatch.setattr(run, "evaluate", lambda *given, **more: judged[0])
@@ -104,6 +106,7 @@ def test_a_control_that_fails_is_said_at_the_end_and_by_the_status(judged, archi
   assert re.search("eval.py: control: .* does not go", capsys.readouterr().err)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("arguments, words", [
     (["--sampling", "nm_steps=2"], "got the choice of sampling 'nm_steps', .* knows schedule, num_steps, lag"),
     (["--sampling", "guidance_scale=3"], "--guidance-scale takes scales"),
@@ -133,6 +136,7 @@ def test_flags_may_be_repeated():
   assert args.guidance_scale == [2, 3] and args.vary == ["lag=1", "lag=2"] and args.data == [["a", "b"], ["c"]]
 
 
+@pytest.mark.slow
 def test_a_result_is_not_lost_to_another_question(judged, tiny_run, archive, evaluators, tmp_path, monkeypatch):
   monkeypatch.setattr(run, "default_out", lambda runs, protocol: judged[1])
   with pytest.raises(ValueError, match="holds a result of another models, which would be lost; name a folder by --out"):
@@ -156,6 +160,7 @@ def test_motions_do_not_depend_on_batches(judged, tiny_run, archive, evaluators,
     np.testing.assert_allclose(other.rows[tiny_run.name][metric]["values"], one["values"], rtol=2e-3, atol=1e-4)
 
 
+@pytest.mark.slow
 def test_devices_take_batches_in_turn_and_give_the_same_motions(forks, tmp_path):
   """Seven motions in batches of three, on two simulated devices and on one of them."""
   script = f"""
@@ -208,6 +213,7 @@ def test_motions_of_a_model_are_judged_the_same_from_files(judged, tiny_run, arc
         motions=[("theirs", tmp_path / "made")]))
 
 
+@pytest.mark.slow
 def test_physics_of_the_controls_moves_as_it_should(judged):
   """What random evaluators cannot know is left to trained ones; jerk, skating and the like need none."""
   checked = judged[0].controls

@@ -75,7 +75,7 @@ def _clip_batch():
 
 @pytest.mark.parametrize("make, config, batch", [
     pytest.param(matching.matching_stage, _matching_config(), _matching_batch(), id="matching"),
-    pytest.param(matching.clip_stage, _clip_config(), _clip_batch(), id="clip")])
+    pytest.param(matching.clip_stage, _clip_config(), _clip_batch(), id="clip", marks=pytest.mark.exhaustive)])
 @pytest.mark.slow
 def test_two_devices_contrast_the_whole_batch(make, config, batch):
   """Loss and gradient of two halves, each of which sees what lies on the other, are those of the whole."""

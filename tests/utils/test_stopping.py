@@ -34,6 +34,7 @@ with stopping.at_once("program"), atomic_path(folder / "a.gif") as file, atomic_
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_leaves_nothing_half_written(tmp_path, forks, number):
   (tmp_path / "data").mkdir()
@@ -140,8 +141,8 @@ print("still there")
 """
 
 
-@pytest.mark.parametrize("place, saved", [
-    ("loop.init_state", None), pytest.param("report.was_evaluated", 2, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("place, saved", [("loop.init_state", None), ("report.was_evaluated", 2)])
 def test_sigterm_is_heard_while_the_main_thread_is_busy(tmp_path, forks, place, saved):
   """While the first step is compiled nothing is lost; while a save is judged the state is on disk before the end."""
   began = time.time()
