@@ -150,15 +150,15 @@ def run_length_estimator(fixture, dtype):
   return {"logits": logits, "probabilities": jax.nn.softmax(logits)}
 
 
-@recordings("cmdm/evaluators_67", "cdamd/evaluator", "cdamd/evaluator_clip", "cdamd/length_estimator")
+@recordings("cdamd/evaluator", "cdamd/evaluator_clip", "cdamd/length_estimator")
 def test_golden(name, precision):
   assert not check(fixtures.path(f"{name}.npz"), [precision]).failures
 
 
 @pytest.mark.slow
-def test_golden_of_features_with_contacts():
-  """The same networks on 259 of 263 numbers."""
-  assert not check(fixtures.path("cmdm/evaluators_259.npz"), ["float32"]).failures
+@pytest.mark.parametrize("columns, precision", [(259, "float32"), (67, "float64")])
+def test_golden_of_both_networks_together(columns, precision):
+  assert not check(fixtures.path(f"cmdm/evaluators_{columns}.npz"), [precision]).failures
 
 
 @functools.cache
