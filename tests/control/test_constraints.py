@@ -52,7 +52,7 @@ def test_json_gives_the_same_constraints_back(tmp_path):
   assert json.loads(path.read_text())["version"] == 1
 
 
-@pytest.mark.parametrize("make, words", [
+WRONG = [
     (lambda: EffectorTarget("left_hnad", [1], [[0, 1, 0]]), "did you mean left_hand?"),
     (lambda: EffectorTarget("left_hand", [1], [[0, np.nan, 0]]), "finite"),
     (lambda: EffectorTarget("left_hand", [1, 2], [[0, 1, 0]]), "one for each"),
@@ -65,12 +65,14 @@ def test_json_gives_the_same_constraints_back(tmp_path):
     (lambda: Keyframe(pose()[:21], 1.0), "21 joints"),
     (lambda: Keyframe(pose(), 1.0, "here"), "anywhere, world"),
     (lambda: KeepParts(WALK, ("legs", "tail")), "legs, torso"),
-    (lambda: KeepParts(WALK, ()), "none of the parts"),
-])
-def test_what_is_none_is_refused(make, words):
-  with pytest.raises(InputError) as caught:
-    make()
-  assert words in str(caught.value) and "\n" not in str(caught.value)
+    (lambda: KeepParts(WALK, ()), "none of the parts")]
+
+
+def test_what_is_none_is_refused():
+  for make, words in WRONG:
+    with pytest.raises(InputError) as caught:
+      make()
+    assert words in str(caught.value) and "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize("constraints, words", [

@@ -29,18 +29,14 @@ def _asked(joints):
   return {
       "path": [RootPath(np.stack([1 - np.cos(turn), np.sin(turn)], -1) * 0.8)],
       "way points": [RootPath(far[[0, 20, 40], :][:, [0, 2]], [0, 1, 2], between=False)],
-      "pose": [Keyframe(joints[7], 1.5)],
-      "poses": [StartPose(joints[20]), EndPose(joints[11])],
-      "hand": [EffectorTarget("left_hand", [1.5], [joints[30, 0] + [0.35, 0.45, 0.2]])],
+      "poses": [StartPose(joints[20]), Keyframe(joints[7], 1.5), EndPose(joints[11])],
       "hand ahead": [EffectorTarget("right_hand", [1.0, 2.0], [[-0.2, 1.2, 0.4]] * 2, "root")],
       "foot": [EffectorTarget("left_foot", [1.5], [joints[30, 10] + [0.05, 0.08, 0.1]])],
-      "head": [EffectorTarget("head", [1.5], [joints[30, 15] + [0.1, -0.25, 0.1]])],
       "hand all the time": [EffectorTarget("left_hand", [0, 1, 2], [[0.2, 1.2, 0.3], [0.4, 1.4, 0.2], [0.2, 1.2, 0.3]],
                                            "root", between=True)]}
 
 
-@pytest.mark.parametrize("kind", ["path", "way points", "pose", "poses", "hand", "hand ahead", "foot", "head",
-                                  "hand all the time"])
+@pytest.mark.parametrize("kind", ["path", "way points", "poses", "hand ahead", "foot", "hand all the time"])
 def test_each_kind_is_met_to_a_millimetre_without_a_jump(walk, kind):
   joints = walk[:44].astype(np.float64)
   joints = joints - joints[0, 0] * [1, 0, 1]

@@ -22,20 +22,15 @@ def quiet(model, *args):
   return pipeline
 
 
-def test_one_prompt_is_a_motion_and_a_list_is_motions(model):
-  pipeline = quiet(model)
-  one, several = (pipeline(prompts, 24, seed=1, max_attempts=1, **FAST) for prompts in (
-      "a person walks", ["a person walks", "a person waves"]))
-  assert one.joints.shape == (24, 22, 3) and len(several) == 2
-  np.testing.assert_allclose(one.joints, several[0].joints, atol=1e-5)
-
-
-def test_sampling_alone_is_the_models_generate(model):
-  for prompt in ("a person walks, then waves", "a person kicks twice"):
-    made = quiet(model, [steps.Sample()])(prompt, 24, seed=1, **FAST)
-    plain = model.generate(prompt, 24, seed=1, **FAST)[0]
-    np.testing.assert_array_equal(made.joints, plain.joints)
-    assert made.captions == plain.captions and made.meta == plain.meta
+def test_sampling_alone_is_the_models_generate_one_motion_of_a_prompt_and_several_of_a_list(model):
+  sample = quiet(model, [steps.Sample()])
+  prompts = ["a person walks, then waves", "a person kicks twice"]
+  one, several = (sample(given, 24, seeds=seeds, **FAST) for given, seeds in ((prompts[0], [1]), (prompts, [1, 2])))
+  plain = model.generate(prompts[0], 24, seed=1, **FAST)[0]
+  np.testing.assert_array_equal(one.joints, plain.joints)
+  assert one.captions == plain.captions and one.meta == plain.meta
+  np.testing.assert_allclose(several[0].joints, plain.joints, atol=1e-5)
+  assert len(several) == 2 and several[1].meta["prompt"] == prompts[1]
 
 
 def test_a_function_of_a_job_is_a_step(model):
@@ -83,15 +78,10 @@ def parses_while(act):
   return count
 
 
-@pytest.mark.parametrize("prompt", [
-    "a person walks in a circle", "a person walks forward while waving, then sits down and stays there",
-    "a person kicks twice, then bows"])
-def test_a_prompt_is_parsed_once(model, prompt):
+def test_a_prompt_is_parsed_once(model):
   """For its segments, durations, requirements, checks, notes on paths, and all attempts."""
-  pipeline = quiet(model)
-  assert parses_while(lambda: pipeline(prompt, seed=1, max_attempts=1, **FAST)) == 1
-  if "circle" not in prompt:  # which gets a side in further attempts, and so is another prompt
-    assert parses_while(lambda: pipeline(prompt, 96, seed=1, max_attempts=3, **FAST)) == 1
+  pipeline, prompt = quiet(model), "a person walks forward while waving, then sits down and stays there"
+  assert parses_while(lambda: pipeline(prompt, 48, seed=1, max_attempts=2, **FAST)) == 1
   assert parses_while(lambda: pipeline.stream(prompt, seed=1, **FAST)) == 1
   plan = pipeline.plan(prompt)
-  assert parses_while(lambda: pipeline(plan, 96, seed=1, max_attempts=1, **FAST)) == 0
+  assert parses_while(lambda: pipeline(plan, 48, seed=1, max_attempts=1, **FAST)) == 0

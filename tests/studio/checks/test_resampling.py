@@ -117,12 +117,6 @@ def test_a_motion_that_is_only_too_fast_has_half_the_guidance():
         (prompts, None), (prompts[1:], louder), (prompts[:1], 1.0)]
 
 
-def test_from_the_third_attempt_on_segments_are_sampled_independently():
-  sampler = Sampler()
-  sampler.best([JUMPS], 4)
-  assert sampler.independent == [False, False, True, True]
-
-
 def test_what_all_attempts_violate_is_reported_where_warnings_are_read():
   prompts = ["a person walks", JUMPS, "someone jumps and kicks"]
   sampler = Sampler(lambda prompt: prompt == JUMPS)

@@ -53,17 +53,17 @@ def model(tiny_run):
 
 class TestOfAModel:
 
+  @pytest.mark.slow
   def test_one_take_is_the_first_of_several(self, model):
     lists, keys = [[("a person kicks", 24), ("a person bows", 24)]], jax.random.split(jax.random.key(3), 1)
-    make = lambda takes, **required: sample_independently(
-        model, lists, keys, [None], True, FAST, takes=takes, **required)[0].joints
-    first = make(1)
-    np.testing.assert_allclose(first, make(3), atol=1e-4)  # nothing is required, so that all takes are as good
-    others = Recorded(model)
-    sample_independently(others, lists, keys, [None], True, FAST, takes=3)
-    (prompts, frames), = others.sampled
+    first, several = Recorded(model), Recorded(model)
+    made = [sample_independently(one, lists, keys, [None], True, FAST, takes=takes)[0].joints
+            for one, takes in ((first, 1), (several, 3))]
+    np.testing.assert_allclose(*made, atol=1e-4)  # nothing is required, so that all takes are as good
+    (prompts, frames), = several.sampled
     assert prompts == ["a person kicks"] * 3 + ["a person bows"] * 3 and len(set(frames)) == 1
 
+  @pytest.mark.slow
   def test_a_caption_that_counts_is_split_when_sampled_independently(self, model):
     """Known words are one prompt; where they do not show it, every repetition is sampled by itself."""
     keys, planner = jax.random.split(jax.random.key(3), 1), Planner(model)
