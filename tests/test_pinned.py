@@ -34,50 +34,52 @@ COUNTS = {tuple(line.split()[:2]): int(line.split()[2]) for line in fixtures.pat
     ).splitlines() if line and not line.startswith("#")}
 
 
+def _autoencoder(config, size):
+  """Of codebooks the codes alone."""
+  shapes = cdamd.autoencoder_shapes(Autoencoder(**config.model), config.get("quantizer"))
+  return shapes["params"], shapes.get("codebooks", {"codes": ()})["codes"]
+
+
+def _teacher(config, size):
+  """Less its text transformer, whose size is frozen.text's."""
+  words = bert_fields(dict(model_type="distilbert", vocab_size=4, dim=768, n_layers=0, n_heads=1, hidden_dim=4))
+  return teacher_shapes(make_teacher(config.model, config.data.layout), words, config.data.layout)["motion"]
+
+
+def _gaussian(config, size):
+  """With the decoder that trains it."""
+  return jax.eval_shape(lambda: matching.init_gaussian(config.model, 128 if size == "small" else 768,
+                                                       jax.random.key(0)))
+
+
+SHAPES = {  # of (config, size), by stage; small ones take words of MiniLM, the others those of CLIP or GloVe
+    "tmr.teacher": _teacher, "evaluator.snapmogen": _gaussian,
+    **dict.fromkeys(("cdamd.autoencoder", "cdamd.rvq", "momask.rvq", "t2m_gpt.vq"), _autoencoder),
+    "cdamd.generator": lambda config, _: cdamd.generator_shapes(cdamd.make_generator(config.model)),
+    "momask.masked": lambda config, _: momask.masked_shapes(MaskedCodeTransformer(**config.model)),
+    "momask.residual": lambda config, _: momask.residual_shapes(ResidualCodeTransformer(**config.model)),
+    "t2m_gpt.gpt": lambda config, _: t2m_gpt.gpt_shapes(CodeGPT(**config.model)),
+    **dict.fromkeys(("cdamd.length", "momask.length"), lambda config, size: lengths.length_shapes(
+        LengthEstimator(**config.model), 384 if size == "small" else 512)),
+    "evaluator.movement": lambda config, _: jax.eval_shape(
+        lambda: matching.init_movement(config.model, jax.random.key(0))),
+    "evaluator.matching": lambda config, size: matching.t2m_shapes(
+        T2MEvaluator(**config.model), 384 if size == "small" else 300),
+    "evaluator.clip": lambda config, _: matching.clip_shapes(ClipEvaluator(**config.model)),
+    **dict.fromkeys(("mdm.denoiser", "mdm.dip"), lambda config, _: mdm_shapes(MotionDenoiser(**config.model))),
+    "mld.vae": lambda config, _: mld.vae_shapes(TokenVAE(**config.model)),
+    **dict.fromkeys(("mld.denoiser", "mld.frames"), lambda config, _: mld.denoiser_shapes(
+        TokenDenoiser(**config.model), 1)),
+    "motionstreamer.tokenizer": lambda config, _: motionstreamer.tokenizer_shapes(CausalVAE(**config.model)),
+    "motionstreamer.generator": lambda config, _: motionstreamer.generator_shapes(
+        motionstreamer.make_generator(config.model)),
+    "cmdm.tokenizer": lambda config, _: cmdm.frozen_shapes(CausalVAE(**config.model))["tokenizer"]}
+
+
 def _count(name, size):
   config = load_config(name, size)
-  if config.stage == "tmr.teacher":  # less its text transformer, whose size is frozen.text's
-    words = bert_fields(dict(model_type="distilbert", vocab_size=4, dim=768, n_layers=0, n_heads=1, hidden_dim=4))
-    teacher = make_teacher(config.model, config.data.layout)
-    shapes = teacher_shapes(teacher, words, config.data.layout)["motion"]
-  elif config.stage in ("cdamd.autoencoder", "cdamd.rvq", "momask.rvq", "t2m_gpt.vq"):  # of codebooks the codes alone
-    shapes = cdamd.autoencoder_shapes(Autoencoder(**config.model), config.get("quantizer"))
-    shapes = shapes["params"], shapes.get("codebooks", {"codes": ()})["codes"]
-  elif config.stage == "cdamd.generator":
-    shapes = cdamd.generator_shapes(cdamd.make_generator(config.model))
-  elif config.stage == "momask.masked":
-    shapes = momask.masked_shapes(MaskedCodeTransformer(**config.model))
-  elif config.stage == "momask.residual":
-    shapes = momask.residual_shapes(ResidualCodeTransformer(**config.model))
-  elif config.stage == "t2m_gpt.gpt":
-    shapes = t2m_gpt.gpt_shapes(CodeGPT(**config.model))
-  elif config.stage in ("cdamd.length", "momask.length"):  # of CLIP or MiniLM
-    shapes = lengths.length_shapes(LengthEstimator(**config.model), 384 if size == "small" else 512)
-  elif config.stage == "evaluator.movement":
-    shapes = jax.eval_shape(lambda: matching.init_movement(config.model, jax.random.key(0)))
-  elif config.stage == "evaluator.matching":  # on words of GloVe or MiniLM
-    net = T2MEvaluator(**config.model)
-    shapes = matching.t2m_shapes(net, 384 if size == "small" else 300)
-  elif config.stage == "evaluator.snapmogen":  # with the decoder that trains it
-    shapes = jax.eval_shape(lambda: matching.init_gaussian(config.model, 128 if size == "small" else 768,
-                                                           jax.random.key(0)))
-  elif config.stage == "evaluator.clip":
-    shapes = matching.clip_shapes(ClipEvaluator(**config.model))
-  elif config.stage in ("mdm.denoiser", "mdm.dip"):
-    shapes = mdm_shapes(MotionDenoiser(**config.model))
-  elif config.stage == "mld.vae":
-    shapes = mld.vae_shapes(TokenVAE(**config.model))
-  elif config.stage in ("mld.denoiser", "mld.frames"):
-    shapes = mld.denoiser_shapes(TokenDenoiser(**config.model), 1)
-  elif config.stage == "motionstreamer.tokenizer":
-    shapes = motionstreamer.tokenizer_shapes(CausalVAE(**config.model))
-  elif config.stage == "motionstreamer.generator":
-    shapes = motionstreamer.generator_shapes(motionstreamer.make_generator(config.model))
-  elif config.stage == "cmdm.tokenizer":
-    shapes = cmdm.frozen_shapes(CausalVAE(**config.model))["tokenizer"]
-  else:
-    shapes = cmdm.denoiser_shapes(CausalDiT(**config.model))
-  return sum(x.size for x in jax.tree.leaves(shapes))
+  shapes = SHAPES.get(config.stage, lambda config, _: cmdm.denoiser_shapes(CausalDiT(**config.model)))
+  return sum(x.size for x in jax.tree.leaves(shapes(config, size)))
 
 
 NAMES = sorted({name for name, _ in COUNTS})

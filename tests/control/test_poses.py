@@ -84,18 +84,6 @@ def test_no_pose_and_short_motions_are_left_alone():
   assert poses.meet_poses(walk[:2], walk[:2] + 1, _given([0])[:2], HUMANML3D.bone_lengths, FPS).shape == (2, 22, 3)
 
 
-def test_bands_are_the_matrix_of_squared_second_differences():
-  weights = np.arange(1.0, 7.0)
-  difference = np.diff(np.eye(8), n=2, axis=0)
-  full = difference.T @ np.diag(weights) @ difference
-  matrix = poses.second_differences(8, weights)
-  for apart in range(3):
-    np.testing.assert_allclose(matrix[apart, :8 - apart], np.diagonal(full, apart))
-  x = np.random.default_rng(0).normal(size=(8, 2))
-  np.testing.assert_allclose(poses.multiply_banded(matrix, x), full @ x)
-  assert not poses.second_differences(2).any() and poses.second_differences(1).shape == (3, 1)
-
-
 def test_a_pose_on_a_ladder_stays_there_and_one_in_the_sky_comes_down_as_it_is():
   walk = _body("walk", 1)
   climbs = clip_to_feasible(_asked(walk + [0, 1.2, 0], [10]), warn=False)
@@ -105,6 +93,15 @@ def test_a_pose_on_a_ladder_stays_there_and_one_in_the_sky_comes_down_as_it_is()
   pose = flies.positions[0, 10]
   np.testing.assert_allclose(pose - pose[0], walk[10] - walk[10, 0], atol=1e-4)
   assert 1 < pose[:, 1].min() < 6
+
+
+def test_a_hand_is_flung_faster_than_a_body_runs():
+  signal = _asked(np.zeros((COUNT, 22, 3)), [])
+  for joint, metres in ((20, 0.6), (21, 1.0), (0, 0.6)):  # in a frame: 12, 20 and 12 m/s; a hand has 17.5, a body 7
+    signal.given[0, [5, 6], joint] = True
+    signal.positions[0, [5, 6], joint] = [[0, 1, 0], [metres, 1, 0]]
+  clipped = clip_to_feasible(signal, warn=False).positions[0, 6, :, 0]
+  np.testing.assert_allclose(clipped[[20, 21, 0]], [0.6, 0.875, 0.35], atol=1e-6)
 
 
 def test_a_pose_turned_half_round_turns_the_body_there():

@@ -4,7 +4,7 @@ import pytest
 
 from motion_jax.control.compiling import compile
 from motion_jax.control.constraints import EffectorTarget, EndPose, Keyframe, RootPath, StartPose
-from motion_jax.control.project import project, spread
+from motion_jax.control.project import project
 from motion_jax.control.signal import none
 from motion_jax.data.datasets.synthetic import synthetic_joints
 from motion_jax.motion.pinned_feet import stands
@@ -72,17 +72,6 @@ def test_what_no_body_can_do_is_told_and_the_nearest_is_made(walk):
   with pytest.warns(UserWarning, match=r"pelvis has to move at 12\.0 m/s .*\(frame"):
     fast = project(joints, [RootPath([[0, 0], [0, 12 * 43 / 20]])])
   assert np.linalg.norm(np.diff(fast[:, 0], axis=0), axis=-1).max() * 20 < 7.5
-
-
-def test_spread_is_smooth_exact_and_fades():
-  values, given = np.zeros((80, 1)), np.zeros(80, bool)
-  values[[20, 50], 0], given[[20, 50]] = (1.0, -1.0), True
-  made = spread(values, given, 20.0, lasting=False)[:, 0]
-  np.testing.assert_allclose(made[[20, 50]], [1, -1])
-  assert np.abs(made[[0, 35, 79]]).max() < 0.3 and np.abs(np.diff(made, n=2)).max() < 0.1
-  lasting = spread(values, given, 20.0, lasting=True)[:, 0]
-  np.testing.assert_allclose(lasting[[20, 50]], [1, -1])
-  assert abs(lasting[0]) > 0.5 and abs(lasting[79]) > 0.5
 
 
 def test_a_limb_that_is_stretched_out_still_finds_its_target(walk):

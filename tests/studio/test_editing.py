@@ -49,3 +49,4 @@ def test_a_body_that_glides_is_reported(gliding, walk):
   reports = editing.gliding_reports(gliding, [], True)
   assert len(reports) == 1 and reports[0].startswith("the feet slide, for the kept frames are ")
   assert editing.gliding_reports(gliding.replace(joints=walk), [], True) == []
+  assert editing.gliding_reports(gliding, parse("a person runs").requirements, True) == []  # whose feet slide

@@ -48,6 +48,7 @@ def _treading():
 
 
 BODIES = {"stands": _stands, "bent": _bent, "crouched": _crouched, "treads": _treading,
+          "floats": lambda: _lifted(_lifted(_stands(), 0, slice(20, 60)), 1, slice(20, 60)),
           "left foot up": lambda: _lifted(_stands(), 0, slice(20, 60)), "left": lambda: _going((1, 0)),
           "right": lambda: _going((-1, 0)), "ahead": lambda: _going((0, 1)),
           "there and back": lambda: _going((0, 1), back=True)}
@@ -56,6 +57,7 @@ BODIES = {"stands": _stands, "bent": _bent, "crouched": _crouched, "treads": _tr
 @pytest.mark.parametrize("kind, side, does, does_not", [
     ("bend", "", "bent", "stands"), ("crouch", "", "crouched", "stands"), ("treads", "", "treads", "left foot up"),
     ("foot", "left", "left foot up", "stands"), ("balance", "right", "left foot up", "treads"),
+    ("balance", "right", "left foot up", "floats"),
     ("stays", "", "treads", "ahead"), ("return", "", "there and back", "ahead"),
     ("aside", "left", "left", "right"), ("aside", "right", "right", "ahead"), ("aside", "left", "left", "stands")])
 def test_a_body_that_does_it_and_one_that_does_not(kind, side, does, does_not):

@@ -56,18 +56,3 @@ def test_kinds_of_walking_and_running():
 def test_words_of_pace():
   assert [pace_of(word) for word in ("leisurely", "brisk", "hastily", "lazily", "happily")] == [
       "slowly", "quickly", "quickly", "", ""]
-
-
-def test_a_turn_on_the_way_is_part_of_the_walk_for_a_model():
-  for sentence, parsed in {
-      "a person walks forward and turns left": "", "a person walks forward then makes a left turn on the way": "",
-      "a person runs, then turns to the right": "", "a person walks, turns slightly to his left": "",
-      "a person walks, turns left and waves": "walks and turns left | waves",
-      "a person walks forward, turns left, and walks on": "walks forward | turns left | walks on",
-      "a person walks forward for 3 s, then turns left": "walks forward [3] | turns left",
-      "a person walks backward, then turns left": "walks backward | turns left",
-      "a person walks, then turns around": "walks | turns around",
-      "a person walks, stops, then turns left": "walks | stands still | turns left"}.items():
-    plan = parse(sentence, lambda text: False)
-    assert ("" if plan.is_plain else plan.summary) == parsed, sentence
-    assert any(one.kind == "turn" for one in plan.requirements), sentence

@@ -38,13 +38,6 @@ def test_a_body_that_stands_begins_a_walk_in_full_stride_with_a_step():
   assert np.linalg.norm(np.diff(joints, axis=0), axis=-1).max() < fastest + 0.01
 
 
-def test_one_part_is_cut_to_its_length():
-  part = made("walk")
-  joints, past = joined([part], [FRAMES])
-  np.testing.assert_array_equal(joints, part[:FRAMES])
-  assert past == [FRAMES]
-
-
 def test_what_is_too_short_is_refused():
   with pytest.raises(ValueError, match=f"expected {2 * REACH + 2} or more"):
     joined([made("walk"), made("walk", frames=5)], [FRAMES, 2 * FRAMES])

@@ -13,7 +13,6 @@ from motion_jax.motion.representations import get_layout
 from motion_jax.motion.retarget import retarget
 from motion_studio.language import Segment, parse
 from motion_studio.language.leaning import lean_of
-from motion_studio.language.postures import postures_of
 from motion_studio.planning.finishing_touches import corrected
 from motion_studio.planning.posing import posed, standing
 from motion_studio.steps import Plan
@@ -61,13 +60,6 @@ def test_a_gesture_that_the_model_can_make_is_sampled():
   assert standing(throws, _no, _yes) is throws and standing(puts, _yes, _no) is puts
   assert standing(throws, _no, _no).summary == "stands still + throws a ball"
   assert standing(puts, _no, _yes).summary == "stands still + puts a hand on the hip"
-
-
-def test_what_a_posture_is():
-  actions = {text: parse(f"a person {text}").single for text in (
-      "folds the arms", "leans forward", "waves", "holds the arms out and sings", "leans on a table")}
-  assert [text for text, action in actions.items() if postures_of([Segment(action)])] == ["folds the arms",
-                                                                                          "leans forward"]
 
 
 def test_a_lean_is_read_from_the_words_that_say_one():
@@ -131,9 +123,3 @@ def test_a_segment_without_time_is_left_alone():
   motion = Motion(WALK.astype(np.float32), 20.0, (Caption("", 0, 0), Caption("", 0, 6)))
   assert posed(MODEL, motion, parse("a person leans to the left, then walks")) is motion
   assert posed(MODEL, motion, parse("a person folds the arms, then walks", lambda text: False)) is motion
-
-
-def test_pauses_and_holds_beside_an_action_are_left_out():
-  plan = parse("a man picks something up and holds it as he steps back to his starting position", lambda text: False)
-  assert "steps back to his starting position" in plan.summary
-  assert all(one.words not in ("holds still", "stands still") for part in plan.segments for one in part.simultaneous)
