@@ -203,6 +203,7 @@ def test_latents_without_captions_are_moved_as_those_with_them():
   assert np.abs(both - added(twice, t + np.float32(0.5))).max() > 1e-3
 
 
+@pytest.mark.slow
 def test_each_layer_has_a_control_of_its_own():
   """One loop over the layers is the layers in a row, and what the second gets is not what the first gets."""
   net = CausalDiT(latent_dim=4, width=16, depth=2, num_heads=2, ff_width=32, text_dim=8, block=3, control=5)

@@ -74,8 +74,8 @@ def test_the_gradient_through_decoder_and_joints_is_that_of_finite_differences(m
   def loss(z):
     return sum((part ** 2).sum() for part in guide._residual(behind, 0, z))
 
-  z, way = np.random.default_rng(0).normal(size=(2, 1, 9, model.dit.latent_dim)).astype(np.float32)
-  z = np.float32(0.3) * z
+  z = 0.3 * jax.random.normal(jax.random.key(0), (1, 9, model.dit.latent_dim))
+  way = jax.random.normal(jax.random.key(1), z.shape)
   both, step = jax.jit(jax.value_and_grad(loss)), 1e-3  # kinks of the ReLUs are seldom so near
   slope = (np.asarray(both(z)[1]) * way).sum()
   assert abs(slope - (both(z + step * way)[0] - both(z - step * way)[0]) / (2 * step)) < 0.01 * abs(slope)

@@ -1,4 +1,6 @@
 """A prompt is judged as a phrase, not word by word; what a model cannot do is said, with what it does instead."""
+import re
+
 import pytest
 
 from motion_studio import Pipeline
@@ -10,7 +12,8 @@ from tests.studio.sentences import table
 @pytest.fixture(scope="module")
 def pipeline():
   made = Pipeline(Captioned("cdamd-small"))
-  made.notes(["a person sneaks forward"])  # computes the vectors of all captions
+  made.notes(["a person sneaks forward"])  # computes the vectors of all phrases
+  made.notes(["a robot walks"], plan=False)  # and of all captions
   return made
 
 
@@ -55,6 +58,32 @@ def test_what_is_not_known_is_said_once_with_what_is_made_and_three_that_can_be(
   assert pipeline.notes(["a person walks forward, then waves the right hand and sits down"]) == []
   word, = pipeline.notes(["a person does a backflip"])
   assert "does not know 'backflip'" in word and "it can do, for example" in word
+
+
+def test_words_of_no_caption_have_a_note_with_what_is_made_instead(pipeline):
+  """Although the text encoder knows them well."""
+  for prompt, word in (("a robot walks", "robot"), ("a person does a headspin", "headspin"),
+                       ("a person climbs a table", "table")):
+    assert pipeline.model.encoder.out_of_vocabulary(prompt) == []
+    note, = pipeline.notes([prompt], plan=False)
+    instead = re.search("nearest of them is '(.*)'; it can do, for example, '", note)
+    assert f"know {word!r} in" in note and instead[1] in pipeline.model.captions.texts
+  assert not pipeline.notes([
+      "a person walks", "someone is walking", "a WOMAN walked, then ran 3 times and sat down quickly!"], plan=False)
+
+
+def test_of_many_prompts_few_have_a_note(pipeline):
+  *_, last = notes = pipeline.notes([f"zz{letter} walks" for letter in "abcdefg"], plan=False)
+  assert len(notes) == 6 and last == "the model does not know some words or actions of 2 more prompts"
+
+
+def test_a_verb_that_is_made_as_a_wider_one_has_a_note(pipeline):
+  note, = pipeline.notes(["a person curtsies"])
+  assert note == "'curtsies' is made as 'bows', the nearest that cdamd-small has learned"
+  # A walk is bent to a figure of eight, whatever the captions say.
+  assert not pipeline.notes(["a man walks in a figure of 8", "a person jogs in a figure-eight pattern, then bows"])
+  # A manner keeps what sets a verb apart, and what stays as it is written is known.
+  assert not pipeline.notes(["someone sidesteps to the right", "a person strolls", "a person bows"])
 
 
 def test_of_a_denial_one_sentence_says_that_it_may_be_done(pipeline):

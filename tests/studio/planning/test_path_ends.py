@@ -53,6 +53,7 @@ def test_what_is_done_on_the_way_has_a_note():
     assert ("is done on the way" in note) == noted == bool(note), prompt
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:the model does not know", "ignore:. attempts", "ignore:.*has (not )?learned",
                             "ignore:.*misses", "ignore:.*cannot")
 def test_the_note_reaches_the_terminal_and_the_page(model):
