@@ -108,9 +108,6 @@ def test_random_constraints_are_met_by_the_motion_they_were_drawn_from():
   np.testing.assert_array_equal(other.given[::-1], given)
 
 
-# --- a network that sees them -------------------------------------------------------------------------------------
-
-
 @functools.partial(jax.jit, static_argnums=(0, 1, 7))
 def sampled(dit, plan, params, constants, text, keys, control, num_blocks):
   tokens = None if control is None else streaming.control_tokens(dit, plan, params, control)
@@ -169,7 +166,9 @@ def test_streaming_is_offline_under_control():
 
 @pytest.mark.slow
 def test_training_tells_constraints_and_learns_from_them():
-  config, _ = fit.resolve(_with_control(0.9))
+  config = load_config("cmdm_denoiser", "tiny")
+  config.data.control, config.loss.control, config.loss.decoded_from = 0.9, 1.0, 0.0
+  config, _ = fit.resolve(config)
   assert config.model.control == conditioning.size(4)
   setup = fit.setups()[config.stage](config)
   batch, rng = setup.next_batch(0), jax.random.key(0)
@@ -180,12 +179,6 @@ def test_training_tells_constraints_and_learns_from_them():
   assert all(np.abs(leaf).max() > 0 for name in ("control_in", "control_out", "adapter0")
              for leaf in jax.tree.leaves(gradient["params"][name]))
   assert not np.asarray(setup.stage.init(batch, rng)["params"]["adapter0"]["up"]["kernel"]).any()
-
-
-def _with_control(rate):
-  config = load_config("cmdm_denoiser", "tiny")
-  config.data.control, config.loss.control, config.loss.decoded_from = rate, 1.0, 0.0
-  return config
 
 
 def test_latents_without_captions_are_moved_as_those_with_them():

@@ -43,9 +43,6 @@ def error(signal, joints):
   return float(np.asarray(signals.errors(signal, jnp.asarray(joints))).sum())
 
 
-# --- the step --------------------------------------------------------------------------------------------------------
-
-
 def test_a_step_on_a_linear_problem_is_the_closed_form():
   """d = P A' (A P A' + s^2)^-1 (c - A z), motion by motion, with enough conjugate gradients for as many unknowns."""
   with jax.enable_x64(True):
@@ -79,9 +76,6 @@ def test_the_gradient_through_decoder_and_joints_is_that_of_finite_differences(m
   both, step = jax.jit(jax.value_and_grad(loss)), 1e-3  # kinks of the ReLUs are seldom so near
   slope = (np.asarray(both(z)[1]) * way).sum()
   assert abs(slope - (both(z + step * way)[0] - both(z - step * way)[0]) / (2 * step)) < 0.01 * abs(slope)
-
-
-# --- in sampling ------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.slow

@@ -65,10 +65,3 @@ def test_slow_and_quick_are_against_the_usual_pace():
   assert at(0.1, "slowly") == at(0.1, "quickly") == 1  # goes nowhere
   one_frame = Body(_walk(lambda t: 0 * t)[:1], 20.0)
   assert at(0.25, "slowly") == 0 and path_violation(one_frame, PathShape("slowly", "walk")) == 1
-
-
-def test_they_are_looked_at():
-  asked = parse("a person walks quickly in a circle").requirements
-  assert score(_walk(lambda t: 360 * t, 1.6), asked) == 0
-  assert 0 < score(_walk(lambda t: 360 * t, 1.3), asked) < score(_walk(lambda t: 0 * t, 1.3), asked)
-  assert score(_walk(lambda t: 0 * t, 1.15, 0.5)[:2], asked) == 2  # hardly a motion

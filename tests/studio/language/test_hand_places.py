@@ -1,6 +1,6 @@
 """Words say where hands are, and other words about hands do not."""
 from motion_studio.language import parse
-from motion_studio.language.hand_places import hand_place_of, places_of, without_hands
+from motion_studio.language.hand_places import places_of, without_hands
 from tests.studio.sentences import table
 
 LEFT, RIGHT, BOTH = ("left",), ("right",), ("left", "right")
@@ -20,11 +20,6 @@ def test_places_are_read_from_words_that_say_one():
   said = lambda text: ", ".join(f"{place} {'both' if len(sides) > 1 else sides[0]}" for place, sides in sum(
       _places(text), []))
   assert {text: said(text) for text, _ in table("hands")} == dict(table("hands"))
-
-
-def test_a_gesture_that_is_counted_ends():
-  once, thrice = (hand_place_of(parse(f"a person claps{times}").actions[0]) for times in ("", " three times"))
-  assert once.rhythm and len(once.gesture) == 2 and not thrice.rhythm and len(thrice.gesture) == 7
 
 
 def test_hands_are_those_of_the_action_before():

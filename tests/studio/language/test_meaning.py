@@ -5,8 +5,7 @@ import pytest
 
 from motion_jax.text.encoder import load_text_encoder
 from motion_studio.language import parse
-from motion_studio.language.clause import clause_of
-from motion_studio.language.meaning import Meaning, Meanings, is_a, kind_of, pace_of, translated
+from motion_studio.language.meaning import Meanings, is_a, kind_of, pace_of
 from tests.studio.sentences import table
 
 CAPTIONS = 20 * ["a person walks backward", "a person runs", "someone turns left", "a person raises both hands"]
@@ -37,13 +36,6 @@ def test_the_requirements_are_those_of_the_meaning(meanings):
   assert kinds("a person retreats") == [("walk", "backward")]
   assert kinds("a person pivots to the left") == [("stays", ""), ("turn", "left")]
   assert ("slowly", "walk") in kinds("a person ambles")
-
-
-def test_the_manner_follows_the_object():
-  pats = types.SimpleNamespace(of=lambda verb: Meaning("strike", ("lightly",), 0.9))
-  assert translated(clause_of("pats it with the hand".split()), pats).words == "it lightly with the hand".split()
-  ambles = types.SimpleNamespace(of=lambda verb: Meaning("walk", ("slowly",), 0.9))
-  assert translated(clause_of("ambles forward to her".split()), ambles).words == "forward slowly to her".split()
 
 
 def test_kinds_of_walking_and_running():
