@@ -110,7 +110,7 @@ def test_standard_curves_lead_to_their_sides():
     at = lambda share, path=path: path[round(share * (len(path) - 1)), 0]
     assert np.sign(np.round(at(0.25), 1)) == first and np.sign(np.round(at(0.75), 1)) == then, name
     steps = np.linalg.norm(np.diff(path, axis=0), axis=-1)
-    assert np.abs(steps * 20 - paths.SPEED).max() < 0.3 and not path[0].any(), name
+    assert np.median(steps) * 20 == pytest.approx(paths.SPEED, rel=0.01) and not path[0].any(), name
 
 
 def test_a_file_that_is_too_large_is_not_read(tmp_path):

@@ -36,13 +36,12 @@ def test_the_seam_is_as_smooth_as_the_inside(walk, count):
 
 
 def test_of_cycles_that_meet_well_that_with_the_smoothest_seam_is_taken():
-  """Of a motion that shivers those that meet best have rough seams."""
-  for seed, action in enumerate(["walk", "run", "wave_left"]):
-    rng = np.random.default_rng(seed)
-    joints = synthetic_joints(action, 110, rng).astype(np.float64)
-    shiver = gaussian_filter1d(rng.normal(size=joints.shape), 1.5, axis=0)
-    roughness = jerk(cycle(with_lengths(joints + 0.01 * shiver / shiver.std(), HUMANML3D), 60).astype(np.float64))
-    assert roughness[55:61].max() <= roughness[65:112].max()
+  """Of this motion, which shivers, that which meets best is rougher at its seam than inside: 1.1 times."""
+  rng = np.random.default_rng(2)
+  joints = synthetic_joints("squat", 110, rng).astype(np.float64)
+  shiver = gaussian_filter1d(rng.normal(size=joints.shape), 1.5, axis=0)
+  roughness = jerk(cycle(with_lengths(joints + 0.01 * shiver / shiver.std(), HUMANML3D), 60).astype(np.float64))
+  assert roughness[55:61].max() < 0.8 * roughness[65:112].max()
 
 
 def test_a_loop_of_nothing(walk):

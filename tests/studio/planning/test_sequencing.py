@@ -259,6 +259,7 @@ def test_who_holds_a_pose_holds_it_where_it_is():
   k = np.arange(60)
   joints = np.repeat(synthetic_joints("walk", 60, np.random.default_rng(0))[:1], 60, axis=0)
   joints[:, 20, 1] += 0.8 * np.exp(-((k - 15) / 5) ** 2)
+  joints[:, 21, 1] += 0.9 * np.exp(-((k - 45) / 5) ** 2)  # the other hand, which no word names
   shown = lambda text, lengths, spans, arms=(): assembly.assemble(
       joints, (segments := parse(text).segments), spans, lengths, arms or [[]] * len(segments), HUMANML3D)
   for words, last in (("", 0.8), (" for two seconds", 0.0)):
