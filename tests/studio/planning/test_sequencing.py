@@ -235,7 +235,7 @@ def test_no_segment_is_longer_than_the_longest_motion_of_its_model():
 
 def test_a_way_back_takes_as_long_as_the_way():
   planner = Lengths(frames=lambda prompt: 60 if "turn" in prompt else 140)
-  plan = parse("a person walks for 4 seconds, then turns around and goes back")
+  plan = parse("a person walks for 4 seconds, turns around and walks back")
   assert durations.usual_frames(planner, plan) == [80, 60, 80]
 
 
