@@ -90,8 +90,8 @@ def test_parameters_of_the_full_size(name):
   assert _count(name, "full") == COUNTS[name, "full"]
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", [name for name in NAMES if sum(name == one for one, _ in COUNTS) > 1])
+@pytest.mark.parametrize("name", some_of([name for name in NAMES if sum(name == one for one, _ in COUNTS) > 1],
+                                         slow=["cdamd_autoencoder", "cdamd_generator", "mdm_denoiser"]))
 def test_parameters_of_other_sizes(name):
   wanted = {size: count for (one, size), count in COUNTS.items() if one == name and size != "full"}
   assert {size: _count(name, size) for size in wanted} == wanted

@@ -21,7 +21,7 @@ def _on(path):
 def test_a_path_is_followed_when_known_more_when_guided_and_exactly_when_projected():
   model = motion_jax.load("cmdm-small")
   pipeline = Pipeline(model)
-  path = paths.corner(model.fps)
+  path = paths.corner(model.fps, 2.4)
   off = lambda motions: np.linalg.norm([motion.joints[:, 0, ::2] - path for motion in motions], axis=-1)
   make = lambda **options: pipeline(WORDS, len(path), seeds=[1, 2], cleanup=False, plan=False, **options)
   plain, known = make(), make(control=_on(path), control_steps=0, exact=False)
