@@ -120,8 +120,8 @@ def test_the_command_line_asks_the_same(tiny_run, tmp_path, plain, capsys):
   plain[1].save(tmp_path / "other.npz")
   out = tmp_path / "made.npz"
   assert cli.main(["generate", "a person walks", "--model", str(tiny_run), "--seed", "3", "--num-frames", "36",
-                   "--num-steps", "3", "--path", "0,0 0,1 1,1", "--keyframe", f"20:{tmp_path / 'other.npz'}@7", "--target",
-                   "left_hand@0.5:0.3,1.2,0.3:root", "--out", str(out)]) == 0
+                   "--num-steps", "3", "--path", "0,0 0,1 1,1", "--keyframe", f"20:{tmp_path / 'other.npz'}@7",
+                   "--target", "left_hand@0.5:0.3,1.2,0.3:root", "--out", str(out)]) == 0
   made = np.load(out)["joints"]
   asked = [RootPath([[0, 0], [0, 1], [1, 1]]), Keyframe(plain[1].joints[7], 1.0),
            EffectorTarget("left_hand", [0.5], [[0.3, 1.2, 0.3]], "root")]
