@@ -9,17 +9,17 @@ import pytest
 from motion_jax import fit
 from motion_jax.control import conditioning
 from motion_jax.control import signal as signals
-from motion_jax.diffusion.schedules import staircase
 from motion_jax.models.cmdm import streaming
 from motion_jax.nets.causal_dit import ADAPTER_RANK, CausalDiT, ControlAdapter
-from motion_jax.nets.masks import block_causal_mask, sliding_mask
+from motion_jax.nets.masks import block_causal_mask
 from motion_jax.training.setup import untrained
 from tests.conftest import load_config
 from tests.models.cmdm.test_streaming import SCALE, assert_close, encode_text, setting, step
-from tests.nets.test_causal_dit import apply
 
+T = 240  # frames of all signals here: one program of each function
+START = np.zeros((1, 3), np.float32)
 features = jax.jit(conditioning.features, static_argnums=1)
-T = 48
+reference = jax.jit(conditioning.reference)
 
 
 def asked(frames=T, **given):
@@ -33,83 +33,79 @@ def asked(frames=T, **given):
           positions[0, frame, joint, axis], flags[0, frame, joint, axis] = number, True
   for frame, angle in given.get("faces", {}).items():
     heading[0, frame], faces[0, frame] = angle, True
-  return signals.ControlSignal(*map(jnp.asarray, (positions, flags, heading, faces)))
+  return signals.ControlSignal(positions, flags, heading, faces)
 
 
-def walk(angle=0.0, speed=0.05, frames=T):
-  """A dense straight path from the origin, in a direction."""
-  return asked(frames, at={i: {0: (speed * i * np.sin(angle), None, speed * i * np.cos(angle))} for i in range(frames)})
+def latents(signal, start=START):
+  """What each latent gets to see of a signal (T / 4, size)."""
+  return np.asarray(features(signal, 4, start))[0]
 
 
-def test_nothing_is_told_of_nothing_and_behind_the_last_goal():
-  assert features(signals.none(2, T), 4).shape == (2, 12, conditioning.size(4))
-  assert not np.asarray(features(signals.none(1, T), 4)).any()
-  told = np.asarray(features(asked(at={21: {20: (1, 1, 1)}}), 4))[0]
-  assert told[:6].any(-1).all() and not told[6:].any()
+def test_latents_see_no_goal_behind_the_last_one_and_nothing_of_an_empty_signal():
+  nothing, seen = latents(asked()), latents(asked(at={21: {20: (1, 1, 1)}}))
+  assert nothing.shape == (60, conditioning.size(4)) and not nothing.any()
+  assert seen[:6].any(-1).all() and not seen[6:].any()
 
 
 def test_the_reference_path_leads_straight_to_what_is_given():
-  found = conditioning.reference(asked(at={20: {0: (2, None, 0)}, 30: {21: (2, 1, 4)}}))
-  np.testing.assert_allclose(found.place[0, [0, 10, 20, 25, 30, 40]],
+  path = reference(asked(at={20: {0: (2, None, 0)}, 30: {21: (2, 1, 4)}}), START)
+  np.testing.assert_allclose(path.place[0, [0, 10, 20, 25, 30, 40]],
                              [[0, 0], [1, 0], [2, 0], [2, 2], [2, 4], [2, 4]], atol=1e-6)
-  np.testing.assert_allclose(found.heading[0, [10, 27]], [np.pi / 2, 0], atol=1e-6)  # +X, then +Z
-  assert found.known[0, :31].all() and not found.known[0, 31:].any()
+  np.testing.assert_allclose(path.heading[0, [10, 27]], [np.pi / 2, 0], atol=1e-6)  # +X, then +Z
+  assert path.known[0, :31].all() and not path.known[0, 31:].any()
 
 
 def test_a_heading_is_that_which_is_given_or_which_hips_and_shoulders_show():
   body = {2: (0, 1, 0.1), 1: (0, 1, -0.1), 17: (0, 1.4, 0.1), 16: (0, 1.4, -0.1)}  # the right side is at +Z
-  found = conditioning.reference(asked(at={40: body}, faces={20: -1.0}))
-  np.testing.assert_allclose(found.heading[0, [0, 10, 20, 40]], [0, -0.5, -1, np.pi / 2], atol=1e-6)
+  path = reference(asked(at={40: body}, faces={20: -1.0}), START)
+  np.testing.assert_allclose(path.heading[0, [0, 10, 20, 40]], [0, -0.5, -1, np.pi / 2], atol=1e-6)
 
 
 def test_where_a_path_leads_in_the_world_shows_in_two_numbers_alone():
-  told = [np.asarray(features(walk(angle), 4)) for angle in (0.3, 2.5)]
-  different = np.flatnonzero(np.abs(told[0] - told[1]).max((0, 1)) > 1e-4)
+  walk = lambda angle: asked(at={i: {0: (0.05 * i * np.sin(angle), None, 0.05 * i * np.cos(angle))} for i in range(T)})
+  one, other = latents(walk(0.3)), latents(walk(2.5))
   facing = 1 + 4 * 115
-  assert set(different) <= {facing, facing + 1}
-  np.testing.assert_allclose(told[1][0, :, facing], np.sin(2.5), atol=1e-5)
+  assert set(np.flatnonzero(np.abs(one - other).max(0) > 1e-4)) <= {facing, facing + 1}
+  np.testing.assert_allclose(other[:, facing], np.sin(2.5), atol=1e-5)
 
 
-def test_goals_ahead_are_told_before_they_come_and_no_farther_than_the_horizon():
-  near, far = (asked(frames=240, at={frame: {20: (1, 1, 1)}}) for frame in (100, 200))
-  assert np.asarray(features(near, 4))[0, 0].any()
-  told = np.asarray(features(far, 4))[0].any(-1)
+def test_goals_ahead_are_seen_before_they_come_and_no_farther_than_the_horizon():
+  assert latents(asked(at={100: {20: (1, 1, 1)}}))[0].any()
+  seen = latents(asked(at={200: {20: (1, 1, 1)}})).any(-1)
   first = (200 - conditioning.HORIZON) // 4
-  assert not told[:first - 1].any() and told[first:50].all()
+  assert not seen[:first - 1].any() and seen[first:50].all()
 
 
-def test_a_long_motion_is_told_what_its_cut_is():
+def test_latents_see_of_a_long_motion_what_they_see_of_its_cut():
   """From frame 60 on, with the reference there as the start: what a stream leaves behind plays no part."""
   turns = np.cumsum(np.full(120, 0.05))
   x, z = np.cumsum(0.05 * np.sin(turns)), np.cumsum(0.05 * np.cos(turns))
-  whole = asked(120, at={i: {0: (x[i], None, z[i]), 20: (x[i], 1.2, z[i])} for i in range(0, 120, 3)})
-  found = conditioning.reference(whole)
-  start = jnp.concatenate([found.place[:, 60], found.heading[:, 60:61]], -1)
-  told, cut = features(whole, 4), features(whole.slice_frames(60, 120), 4, start)
+  whole = asked(at={i: {0: (x[i], None, z[i]), 20: (x[i], 1.2, z[i])} for i in range(0, 120, 3)})
+  path = reference(whole, START)
+  start = np.concatenate([path.place[:, 60], path.heading[:, 60:61]], -1)
   # At the border the way is looked for over fewer frames.
-  np.testing.assert_allclose(told[:, 17:], cut[:, 2:], atol=2e-5)
+  np.testing.assert_allclose(latents(whole)[17:], latents(whole.slice_frames(60, 60 + T), start)[2:45], atol=2e-5)
+
+
+@jax.jit
+def drawn(joints, frames, keys, rate):
+  return conditioning.draw_constraints(joints, jnp.full(joints.shape[:2], 0.5), frames, keys, rate)
 
 
 def test_random_constraints_are_met_by_the_motion_they_were_drawn_from():
-  joints = jax.random.normal(jax.random.key(0), (300, 24, 22, 3)) + 5
-  frames = jnp.where(jnp.arange(300) % 2, 24, 9)
-  keys = jax.random.split(jax.random.key(1), 300)
-  drawn = jax.jit(conditioning.draw_constraints, static_argnums=4)
-  signal = drawn(joints, jnp.full((300, 24), 0.5), frames, keys, 0.8)
-  given = np.asarray(signal.given)
+  joints = np.random.default_rng(0).normal(5, 1, (300, 24, 22, 3)).astype(np.float32)
+  frames, keys = np.where(np.arange(300) % 2, 24, 9), jax.random.split(jax.random.key(1), 300)
+  signal = drawn(joints, frames, keys, 0.8)
+  given, faces = np.asarray(signal.given), np.asarray(signal.heading_given)
   np.testing.assert_array_equal(signal.positions, np.where(given, joints, 0))
-  assert not np.asarray(signals.errors(signal, joints)).any()
-  assert not given[::2, 9:].any() and not np.asarray(signal.heading_given)[::2, 9:].any()
+  np.testing.assert_array_equal(signal.heading, np.where(faces, np.float32(0.5), 0))
+  assert not given[::2, 9:].any() and not faces[::2, 9:].any()
   some = given.any((1, 2, 3))
-  assert 0.7 < some.mean() < 0.9 and not np.asarray(drawn(joints, frames[:, None] * jnp.ones(24), frames, keys, 0.0)
-                                                    .given).any()
+  assert 0.7 < some.mean() < 0.9 and not np.asarray(drawn(joints, frames, keys, 0.0).given).any()
   count = given[1::2].any((2, 3)).sum(1)
-  assert {1, 2, 5, 6, 24} <= set(count) and given.all(-1).any((1, 2)).any() and np.asarray(signal.heading_given).any()
-  alone = drawn(joints[7:8], jnp.full((1, 24), 0.5), frames[7:8], keys[7:8], 0.8)
-  np.testing.assert_array_equal(alone.given[0], given[7])
-
-
-# --- a network that is told -------------------------------------------------------------------------------------
+  assert {1, 2, 5, 6, 24} <= set(count) and given.all(-1).any((1, 2)).any() and faces.any()
+  other = drawn(joints[::-1], frames[::-1], keys[::-1], 0.8)  # a motion's draws depend on its key alone
+  np.testing.assert_array_equal(other.given[::-1], given)
 
 
 @functools.partial(jax.jit, static_argnums=(0, 1, 7))
@@ -118,6 +114,7 @@ def sampled(dit, plan, params, constants, text, keys, control, num_blocks):
   return streaming.Sampler(dit, plan, params, constants, text, SCALE, keys, tokens).sample(num_blocks)
 
 
+@pytest.mark.slow
 def test_a_network_that_has_not_learned_from_constraints_makes_what_it_made():
   """Bit for bit: with control layers as they begin, whose last one is 0, and where nothing is asked for."""
   dit, plan, params, constants, *text, keys = setting(4, 2, 3, 12, 3, control=6)
@@ -138,7 +135,7 @@ def test_a_network_that_has_not_learned_from_constraints_makes_what_it_made():
 
 
 @pytest.mark.slow
-def test_fast_is_plain_and_streaming_is_offline_under_control():
+def test_streaming_is_offline_under_control():
   """Also one by one; and what is asked for later moves nothing that was given out before."""
   dit, plan, params, constants, text_emb, text_mask, keys = setting(6, 2, 3, 12, 6, control=6)
   text = encode_text(dit, params, text_emb, text_mask)
@@ -146,21 +143,6 @@ def test_fast_is_plain_and_streaming_is_offline_under_control():
   made = sampled(dit, plan, params, constants, text, keys, control, 6)
   assert_close(sampled(dit, plan, params, constants, encode_text(dit, params, text_emb[1:], text_mask[1:]), keys[1:],
                        control[1:], 6), made[1:], 2e-6)
-
-  noise = jnp.concatenate([streaming.block_noise(keys, i, plan, 5) for i in range(6)], axis=1)
-  times = jnp.asarray(staircase(6, 18, 2, 3))
-
-  def velocity(x, t):
-    both = lambda a, b: jnp.concatenate([a, b])  # constraints move latents without captions as those with them
-    made = apply(dit, params, both(x, x), jnp.broadcast_to(t, (4, 18)), both(text_emb, 0 * text_emb),
-                 sliding_mask(18, 3, 12), both(text_mask, text_mask), control)
-    with_text, without = jnp.split(made, 2)
-    return without + SCALE * (with_text - without)
-
-  expected = noise
-  for t, then in zip(times[:-1], times[1:]):
-    expected = expected + (then - t)[:, None] * velocity(expected, t)
-  assert_close(made, expected, 1e-5)
 
   def streamed(changed_at, other):
     endless = streaming.make_plan(6, 2, 3, 12)
@@ -184,7 +166,9 @@ def test_fast_is_plain_and_streaming_is_offline_under_control():
 
 @pytest.mark.slow
 def test_training_tells_constraints_and_learns_from_them():
-  config, _ = fit.resolve(_with_control(0.9))
+  config = load_config("cmdm_denoiser", "tiny")
+  config.data.control, config.loss.control, config.loss.decoded_from = 0.9, 1.0, 0.0
+  config, _ = fit.resolve(config)
   assert config.model.control == conditioning.size(4)
   setup = fit.setups()[config.stage](config)
   batch, rng = setup.next_batch(0), jax.random.key(0)
@@ -197,35 +181,33 @@ def test_training_tells_constraints_and_learns_from_them():
   assert not np.asarray(setup.stage.init(batch, rng)["params"]["adapter0"]["up"]["kernel"]).any()
 
 
-def _with_control(rate):
-  config = load_config("cmdm_denoiser", "tiny")
-  config.data.control, config.loss.control, config.loss.decoded_from = rate, 1.0, 0.0
-  return config
-
-
 def test_latents_without_captions_are_moved_as_those_with_them():
-  """Where half as many rows are told as there are latents; and what is added depends on the noise level."""
-  adapter = ControlAdapter(8, jnp.float32)
-  x, told = jax.random.normal(jax.random.key(0), (4, 3, 8)), jax.random.normal(jax.random.key(1), (2, 3, ADAPTER_RANK))
-  some, t = jnp.array([1.0, 0.0, 1.0])[None, :, None], jnp.full((1, 3), 0.3)
-  params = untrained(jax.eval_shape(lambda: adapter.init(jax.random.key(0), x, told, some, t)))
-  added = adapter.apply(params, x, told, some, t) - x
-  np.testing.assert_allclose(added[2:], added[:2], atol=1e-6)
-  np.testing.assert_allclose(added[:2], adapter.apply(params, x[:2], told, some, t) - x[:2], atol=1e-6)
-  assert np.abs(added[:, 0]).min() > 0 and not np.asarray(added[:, 1]).any()
-  assert np.abs(added - (adapter.apply(params, x, told, some, t + 0.5) - x)).max() > 1e-3
+  """Where there are half as many rows of control as latents; and what is added depends on the noise level."""
+  adapter, draw = ControlAdapter(8, jnp.float32), np.random.default_rng(0)
+  x, control = (draw.normal(size=shape).astype(np.float32) for shape in ((2, 3, 8), (2, 3, ADAPTER_RANK)))
+  some, t = np.array([[[1.0], [0.0], [1.0]]], np.float32), np.full((1, 3), 0.3, np.float32)
+  twice = np.tile(x, (2, 1, 1))
+  params = untrained(jax.eval_shape(lambda: adapter.init(jax.random.key(0), twice, control, some, t)))
+  added = jax.jit(lambda x, t: adapter.apply(params, x, control, some, t) - x)
+  both = added(twice, t)
+  np.testing.assert_allclose(both[2:], both[:2], atol=1e-6)
+  np.testing.assert_allclose(both[:2], added(x, t), atol=1e-6)
+  assert np.abs(both[:, 0]).min() > 0 and not np.asarray(both[:, 1]).any()
+  assert np.abs(both - added(twice, t + np.float32(0.5))).max() > 1e-3
 
 
-def test_each_layer_is_told_in_its_own_words():
-  """One loop over the layers is the layers in a row, and what the second is told is not what the first is."""
+@pytest.mark.slow
+def test_each_layer_has_a_control_of_its_own():
+  """One loop over the layers is the layers in a row, and what the second gets is not what the first gets."""
   net = CausalDiT(latent_dim=4, width=16, depth=2, num_heads=2, ff_width=32, text_dim=8, block=3, control=5)
-  shapes = (1, 6, 4), (1, 6), (1, 6, 5)
-  x, t, control = (jax.random.normal(jax.random.key(i), shape) for i, shape in enumerate(shapes))
-  control = control.at[..., 0].set(1.0)
-  given = (x, jax.nn.sigmoid(t), jnp.ones((1, 2, 8)), block_causal_mask(6, 3), jnp.ones((1, 2), bool))
+  x, t, control = (np.random.default_rng(0).uniform(size=shape).astype(np.float32)
+                   for shape in ((1, 6, 4), (1, 6), (1, 6, 5)))
+  control[..., 0] = 1.0
+  given = (x, t, np.ones((1, 2, 8), np.float32), block_causal_mask(6, 3), np.ones((1, 2), bool))
   params = untrained(jax.eval_shape(lambda: net.init(jax.random.key(0), *given)))
-  made = net.apply(params, *given, control)
-  np.testing.assert_allclose(net.clone(scan_layers=True).apply(params, *given, control), made, atol=1e-5)
-  layer = params["params"]["control_out"]
-  params["params"]["control_out"] = layer | {"kernel": np.asarray(layer["kernel"]) * np.repeat([1, 0], ADAPTER_RANK)}
-  assert np.abs(net.apply(params, *given, control) - made).max() > 1e-4
+  apply = jax.jit(lambda net, params: net.apply(params, *given, control), static_argnums=0)
+  made = apply(net, params)
+  np.testing.assert_allclose(apply(net.clone(scan_layers=True), params), made, atol=1e-5)
+  kernel = np.asarray(params["params"]["control_out"]["kernel"]) * np.repeat([1, 0], ADAPTER_RANK).astype(np.float32)
+  without = {"params": params["params"] | {"control_out": params["params"]["control_out"] | {"kernel": kernel}}}
+  assert np.abs(apply(net, without) - made).max() > 1e-4

@@ -52,7 +52,7 @@ def test_json_gives_the_same_constraints_back(tmp_path):
   assert json.loads(path.read_text())["version"] == 1
 
 
-@pytest.mark.parametrize("make, words", [
+WRONG = [
     (lambda: EffectorTarget("left_hnad", [1], [[0, 1, 0]]), "did you mean left_hand?"),
     (lambda: EffectorTarget("left_hand", [1], [[0, np.nan, 0]]), "finite"),
     (lambda: EffectorTarget("left_hand", [1, 2], [[0, 1, 0]]), "one for each"),
@@ -65,12 +65,14 @@ def test_json_gives_the_same_constraints_back(tmp_path):
     (lambda: Keyframe(pose()[:21], 1.0), "21 joints"),
     (lambda: Keyframe(pose(), 1.0, "here"), "anywhere, world"),
     (lambda: KeepParts(WALK, ("legs", "tail")), "legs, torso"),
-    (lambda: KeepParts(WALK, ()), "none of the parts"),
-])
-def test_what_is_none_is_refused(make, words):
-  with pytest.raises(InputError) as caught:
-    make()
-  assert words in str(caught.value) and "\n" not in str(caught.value)
+    (lambda: KeepParts(WALK, ()), "none of the parts")]
+
+
+def test_what_is_none_is_refused():
+  for make, words in WRONG:
+    with pytest.raises(InputError) as caught:
+      make()
+    assert words in str(caught.value) and "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize("constraints, words", [
@@ -101,7 +103,24 @@ def test_json_that_is_none_is_refused(data, words):
   assert words in str(caught.value)
 
 
-def test_paths_are_gone_along_at_one_speed_and_pass_their_points():
+def test_standard_curves_lead_to_their_sides():
+  """The left of a body that faces +Z is +X."""
+  for name, first, then in (("circle", 1, 1), ("figure of eight", 1, -1), ("corner", 0, 1)):
+    path = paths.CURVES[name](20.0)
+    at = lambda share, path=path: path[round(share * (len(path) - 1)), 0]
+    assert np.sign(np.round(at(0.25), 1)) == first and np.sign(np.round(at(0.75), 1)) == then, name
+    steps = np.linalg.norm(np.diff(path, axis=0), axis=-1)
+    assert np.median(steps) * 20 == pytest.approx(paths.SPEED, rel=0.01) and not path[0].any(), name
+
+
+def test_a_file_that_is_too_large_is_not_read(tmp_path):
+  with open(tmp_path / "large.json", "wb") as file:
+    file.truncate(files.MOST_BYTES + (1 << 20))
+  with pytest.raises(InputError, match="holds 33 MiB, expected constraints of at most 32 MiB"):
+    files.load(tmp_path / "large.json")
+
+
+def test_paths_are_followed_at_one_speed_and_pass_their_points():
   signal = compile([RootPath([[0, 0], [0, 2], [2, 2]])], 61)
   way = signal.positions[0, :, 0][:, [0, 2]]
   assert signal.given[0, :, 0, [0, 2]].all() and not signal.given[0, :, 0, 1].any()

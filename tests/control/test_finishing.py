@@ -4,7 +4,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from motion_jax.control.constraints import PARTS, KeepParts
+from motion_jax.control.constraints import KeepParts
 from motion_jax.control.finishing import with_parts
 from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.motion.retarget import with_lengths
@@ -30,8 +30,8 @@ def tilt_of(joints):
   return np.degrees(np.arctan2(way[2], way[1]))
 
 
-@pytest.mark.parametrize("parts", [*((part,) for part in PARTS), ("legs", "torso"), ("torso", "left_arm"),
-                                   ("legs", "head")], ids="+".join)
+@pytest.mark.parametrize("parts", [("legs",), ("torso",), ("left_arm",), ("legs", "torso"), ("torso", "left_arm")],
+                         ids="+".join)
 def test_the_trunk_is_that_of_the_motion_whose_torso_it_is(parts):
   given, made = standing(40), standing(0)
   found = with_parts(made, KeepParts(given, parts))

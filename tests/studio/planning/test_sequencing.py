@@ -80,11 +80,10 @@ def sampled(model, prompts, frames, seed=1, **choices):
 class TestOfAModel:
 
   def test_one_action_is_bit_for_bit_one_pass_of_its_prompt(self, model, pipeline):
-    for prompt in ("a person walks", "a person walks up and down"):
-      one = pipeline(prompt, 24, seed=3, max_attempts=1, **FAST)
-      plain = sampled(model, prompt, 24, 3)[0]
-      np.testing.assert_array_equal(one.joints, plain.joints)
-      assert one.meta == plain.meta and one.captions == plain.captions
+    made = pipeline("a person walks up and down", 24, seed=3, max_attempts=1, **FAST)
+    plain = sampled(model, "a person walks up and down", 24, 3)[0]
+    np.testing.assert_array_equal(made.joints, plain.joints)
+    assert made.meta == plain.meta and made.captions == plain.captions
 
   def test_actions_in_sequence_are_a_motion_of_several_prompts(self, model, pipeline):
     prompts = ["a person walks", "a person walks, then waves"]
@@ -108,6 +107,7 @@ class TestOfAModel:
     assert prompts == ["a person waves"] and 40 < frames[0] < 80 and counts.startswith("sits down (")
     assert "holds still + waves (" in counts and made.captions[-1].end == 96 / model.fps
 
+  @pytest.mark.slow
   def test_segments_sampled_independently_are_the_same_alone_and_in_a_batch(self, model):
     prompts = ["a person walks, then waves", "a person waves, then walks and then bows"]
     keys = jax.random.split(jax.random.key(4), 2)
@@ -123,25 +123,14 @@ class TestOfAModel:
     assert np.abs(both[1].joints - alone.joints).max() < 1e-4 and both[1].captions == alone.captions
     assert [len(motion.captions) for motion in both] == [2, 3] and both[1].captions[-1].end == 72 / model.fps
     np.testing.assert_allclose(both[1].features, features_of(model, both[1].joints), atol=1e-5)
-    # An action that is repeated stays in sequence, unless its repetitions are counted.
-    for prompt, way in (("a person walks, then walks slowly", "joined"), ("a person kicks twice", "joined"),
-                        ("a person walks for a second, then walks for a second", "stream")):
-      prompts[0] = prompt
-      assert [motion.meta["way"] for motion in make([0, 1])] == [way, "joined"], prompt
-    # A segment longer than the model's motions is not sampled independently, whatever else is in the batch.
+    # An action that is repeated stays in sequence.
+    prompts[0] = "a person walks for a second, then walks for a second"
+    assert [motion.meta["way"] for motion in make([0, 1])] == ["stream", "joined"]
+    # Nor is a segment longer than the model's motions, whatever else is in the batch.
     prompts[0] = "a person walks, then waves"
     counts = durations.segment_frames(Planner(model), prompts[1], parse(prompts[1]), 72)
     shorter = Recorded(model, max_seconds=(max(counts) + SLACK) / model.fps)
     assert [motion.meta["way"] for motion in make([0, 1], shorter)] == ["stream", "joined"]
-
-  @pytest.mark.slow
-  def test_a_key_is_folded_with_the_place_of_each_prompt(self, model, pipeline):
-    prompts = ["a person walks, then waves", "a person waves"]
-    made = pipeline(prompts, 36, rng=jax.random.key(4), max_attempts=1, **FAST)
-    given = pipeline(prompts, 36, rng=jax.random.key(4), plan=False, **FAST)
-    assert np.abs(made[1].joints - given[1].joints).max() < 1e-4
-    assert len(made[0].captions) == 2 and given[0].captions == (Caption(prompts[0]),)
-    assert "understood" in made[0].meta and "understood" not in given[0].meta
 
   def test_simultaneous_actions_share_a_body(self, model, pipeline):
     made = pipeline("a person waves while walking", 36, seed=5, max_attempts=1, **FAST)
@@ -150,12 +139,6 @@ class TestOfAModel:
     assert np.abs(made.joints[:, rest] - walk.joints[:, rest]).max() < 1e-5
     assert np.abs(made.joints[:, ARMS] - walk.joints[:, ARMS]).max() > 1e-3
     assert made.captions == (Caption("a person walks and waves"),) and made.features.shape == (36, 263)
-
-  def test_a_body_that_stops_stands_still(self, pipeline):
-    made = pipeline("a person walks for two seconds, then stops", seed=5, max_attempts=1, **FAST)
-    assert made.num_frames == 80 and [c.text for c in made.captions] == ["a person walks", "a person stands still"]
-    first = round(made.captions[1].start * 20)
-    assert 10 < first < 50 and np.abs(made.joints[first:] - made.joints[-1]).max() < 1e-6
 
   def test_time_left_after_an_action_that_ends_is_a_pause(self, model):
     prompts, planner = ["a man bows", "a person walks"], Lengths(model)
@@ -175,12 +158,7 @@ class TestOfAModel:
       made, = make(["a man bows"], frames, [plan])
       assert made.captions == (Caption("a man bows"),) and made.num_frames == frames
 
-  def test_repetitions_are_part_of_the_prompt(self, model):
-    recorded = Recorded(model)
-    made = Pipeline(recorded)("a person walks, then bows twice", 48, seed=5, max_attempts=1, **FAST)
-    assert recorded.sequenced[0] == [["a person walks", "a person bows twice"]]
-    assert made.captions[1].text == "a person bows twice"
-
+  @pytest.mark.slow
   def test_the_command_prints_the_plan(self, model, tiny_run, tmp_path, capsys):
     run = ["generate", "a person walks, then waves", "--seconds", "2.4", "--num-steps", "2", "--model", str(tiny_run),
            "--max-attempts", "1", "--out", str(tmp_path / "m.npz")]
@@ -190,8 +168,6 @@ class TestOfAModel:
     (parts,) = re.findall(r"generated as: walks .(.*) s. . waves .(.*) s.\n", said)
     spans = [(start, end) for _, start, end in json.loads(str(np.load(tmp_path / "m.npz")["captions"]))]
     assert [f"{end - start:.1f}" for start, end in spans] == list(parts)  # as the file has them
-    assert cli.main([*run, "--no-plan"]) == 0
-    assert "understood" not in capsys.readouterr().out
 
   def test_lengths_that_cannot_be(self, pipeline):
     for given, wrong in ((dict(num_frames=4), "got a length of 4 frames for 2 actions"),
@@ -257,6 +233,12 @@ def test_no_segment_is_longer_than_the_longest_motion_of_its_model():
   assert given == [400, 140]  # which the model refuses
 
 
+def test_a_way_back_takes_as_long_as_the_way():
+  planner = Lengths(frames=lambda prompt: 60 if "turn" in prompt else 140)
+  plan = parse("a person walks for 4 seconds, turns around and walks back")
+  assert durations.usual_frames(planner, plan) == [80, 60, 80]
+
+
 def test_postures_take_their_time_and_gestures_three_rounds():
   planner = Lengths(frames=lambda prompt: 140)
   frames = lambda text: durations.usual_frames(planner, standing(parse(text), lambda one: False, lambda one: False))
@@ -277,6 +259,7 @@ def test_who_holds_a_pose_holds_it_where_it_is():
   k = np.arange(60)
   joints = np.repeat(synthetic_joints("walk", 60, np.random.default_rng(0))[:1], 60, axis=0)
   joints[:, 20, 1] += 0.8 * np.exp(-((k - 15) / 5) ** 2)
+  joints[:, 21, 1] += 0.9 * np.exp(-((k - 45) / 5) ** 2)  # the other hand, which no word names
   shown = lambda text, lengths, spans, arms=(): assembly.assemble(
       joints, (segments := parse(text).segments), spans, lengths, arms or [[]] * len(segments), HUMANML3D)
   for words, last in (("", 0.8), (" for two seconds", 0.0)):

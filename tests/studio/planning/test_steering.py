@@ -27,7 +27,6 @@ def _ways(joints, parts=2):
 
 @pytest.mark.parametrize("text, first, second", [
     ("a person walks forward, then walks to the left", 0, 75), ("a person walks forward, then walks right", 0, -75),
-    ("a man jogs to the left, then jogs to the right", 75, 0),
     ("a person walks to the right and then walks to the right again", -75, -150)])
 def test_walks_lead_to_their_side(text, first, second):
   made = with_steering(_motion(), parse(text, lambda text: False))
@@ -37,13 +36,14 @@ def test_walks_lead_to_their_side(text, first, second):
   assert with_steering(there, parse(text, lambda text: False)) is there.joints
 
 
-@pytest.mark.parametrize("text", [
-    "a person walks forward, then jogs", "a person walks forward, then bows", "a person walks to the left, then bows",
-    "a person walks forward, then takes side steps to the left", "a person walks, then walks in a circle to the left",
-    "a person walks, then kicks to the left"])
-def test_other_plans_stay_as_they_are(text):
-  motion = _motion()
-  assert with_steering(motion, parse(text, lambda text: False)) is motion.joints
+def test_other_plans_stay_as_they_are():
+  motion, stands = _motion(), _motion(np.repeat(WALK[:1], 160, axis=0))
+  for text in ("a person walks forward, then jogs", "a person walks forward, then bows",
+               "a person walks to the left, then bows", "a person walks, then kicks to the left",
+               "a person walks forward, then takes side steps to the left",
+               "a person walks, then walks in a circle to the left"):
+    assert with_steering(motion, parse(text, lambda text: False)) is motion.joints, text
+  assert with_steering(stands, parse("a person walks, then walks to the left", lambda text: False)) is stands.joints
 
 
 def test_a_walk_backward_goes_to_the_side_of_the_body():
@@ -52,8 +52,3 @@ def test_a_walk_backward_goes_to_the_side_of_the_body():
   made = with_steering(_motion(backward), parse(text, lambda text: False))
   way = made[79, 0] - made[0, 0]
   assert way[0] > 1 and way[2] < -0.2  # the body faces +z, its left is +x
-
-
-def test_a_walk_that_does_not_go_anywhere_is_not_turned():
-  stands = _motion(np.repeat(WALK[:1], 160, axis=0))
-  assert with_steering(stands, parse("a person walks, then walks to the left", lambda text: False)) is stands.joints
