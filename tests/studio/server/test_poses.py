@@ -52,6 +52,7 @@ def test_poses_are_of_22_joints():
     Poses("rig:unity", KIT, 20.0)
 
 
+@pytest.mark.slow
 def test_the_example_follows_a_stream(address):
   run = subprocess.run([sys.executable, str(ROOT / "examples" / "robot_live.py"), address, "1"], text=True,
                        capture_output=True, stdin=subprocess.DEVNULL)
