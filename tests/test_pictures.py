@@ -77,7 +77,8 @@ def test_a_tokenizers_picture_has_each_window_above_what_comes_back(monkeypatch)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name, rows", [("cmdm_denoiser", 4), ("cmdm_tokenizer", 8)])
+@pytest.mark.parametrize("name, rows", [
+    ("cmdm_denoiser", 4), pytest.param("cmdm_tokenizer", 8, marks=pytest.mark.exhaustive)])
 def test_a_run_shows_what_it_makes(name, rows, tmp_path, capsys, unjudged):
   """Motions of captions, or windows above what comes back; in the report, too."""
   config = _drawing(load_config(name, "tiny").unlock(), 2)

@@ -13,11 +13,15 @@ def navigation():
   return nav.flat(nav.build(api.configs()))
 
 
-def test_the_navigation_names_every_page_once(navigation):
+@pytest.fixture(scope="module")
+def of_reference():
+  return {f"reference/{name}" for name in (*reference.pages(), *api.pages())}
+
+
+def test_the_navigation_names_every_page_once(navigation, of_reference):
   assert len(set(navigation)) == len(navigation)
   missing = {*nav.pages(), *nav.notebooks()} - set(navigation)
   assert not missing, f"link them in docs/README.md or docs/lab/README.md: {sorted(missing)}"
-  of_reference = {f"reference/{name}" for name in (*reference.pages(), *api.pages())}
   assert {page for page in navigation if page.startswith("reference/")} == of_reference
 
 

@@ -1,5 +1,6 @@
 """Flags: the same names in all commands, with dashes or underscores, and launch.py and eval.py as doors to them."""
 import argparse
+import functools
 import re
 import subprocess
 import sys
@@ -23,6 +24,7 @@ def _options(parser):
       yield parser.prog, option, action
 
 
+@functools.cache
 def _parser_of(prog):
   parser = cli._parser()
   for name in prog.split()[1:]:

@@ -54,6 +54,7 @@ def test_a_request_for_motions_takes_control(client):
     assert np.abs(joints_of(one)[-1, 0, [0, 2]] - [1.2, 1.4]).max() < 2e-3
 
 
+@pytest.mark.slow
 def test_an_exported_page_shows_what_was_asked(client):
   motion = client.post("/v1/generate", json={"prompt": "a person walks", "seconds": 1.2,
                                              "sampling": {"num_steps": 4}}).json()["motions"][0]

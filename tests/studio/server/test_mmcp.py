@@ -57,6 +57,7 @@ def test_a_reply_is_the_models_motion(client, library, request_body):
   assert np.abs(arm(posed) - arm(made.joints.astype(float))).max() < 1e-3
 
 
+@pytest.mark.slow
 def test_constraints_are_met_and_what_is_not_followed_is_told(client, request_body):
   turn = [0.0, float(np.sin(0.4)), 0.0, float(np.cos(0.4))]
   body = request_body | {"options": {"seed": 5, "diffusion_steps": 4}, "constraints": [

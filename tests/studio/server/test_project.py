@@ -44,6 +44,7 @@ def test_edits_are_done_in_their_order(library, monkeypatch):
   assert "made with old@1234" in told[0]
 
 
+@pytest.mark.slow
 def test_the_command_line_makes_it_too(tmp_path, monkeypatch, capsys, client, library):
   """Along its path, as the page does."""
   control = {"version": 1, "constraints": [{"type": "root_path", "points": [[1, 0], [1.4, 0.6], [1.2, 1.4]]}]}

@@ -316,6 +316,7 @@ def test_a_crash_in_one_stream_leaves_the_others(client, monkeypatch):
     second.more(5)
 
 
+@pytest.mark.slow
 def test_a_model_that_follows_prompts_alone_is_ready_to_stream(random_run):
   """What is compiled in advance draws no path for it."""
   from motion_studio.server.library import Library
