@@ -64,7 +64,7 @@ def test_a_picture_that_fails_is_told_and_training_goes_on(tmp_path, capsys):
 
 
 def test_a_tokenizers_picture_has_each_window_above_what_comes_back(monkeypatch):
-  """A tokenizer that makes nothing: what comes back stands still."""
+  """Of a tokenizer that returns zeros, a body in one point comes back."""
   features = np.stack([FULL.extract(clip.joints, "benchmark")[:16] for clip in synthetic_clips(num=2, num_frames=20)])
   predict = lambda params, frozen, batch, rng: {"features": 0 * batch["features"]}
   setup = SimpleNamespace(next_batch=lambda step: {"features": features}, stage=SimpleNamespace(predict=predict),
@@ -73,7 +73,7 @@ def test_a_tokenizers_picture_has_each_window_above_what_comes_back(monkeypatch)
   monkeypatch.setattr(export, "save", lambda clips, path, **options: saved.extend(clips))
   pictures.drawer(_drawing(load_config("cmdm_tokenizer", "tiny").unlock(), 2), "", setup)({}, "a.png")
   assert [clip.captions[0].text for clip in saved] == ["source", "there and back"] * 2
-  assert [np.ptp(clip.joints, axis=0).max() > 0.01 for clip in saved] == [True, False] * 2
+  assert [clip.joints.max() > 0.5 for clip in saved] == [True, False] * 2
 
 
 @pytest.mark.slow
