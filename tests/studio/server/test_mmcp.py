@@ -90,11 +90,11 @@ def test_a_pose_of_mmcp_is_turned_as_replies_are():
 
 
 def test_a_reply_names_the_feet_that_stand(client, request_body, monkeypatch):
-  walk = synthetic_clips(seed=0, num=1)[0]
-  monkeypatch.setattr(Pipeline, "multi_prompt", lambda *_, **__: Motion(walk.joints[:60], 20.0, meta={}))
+  joints = synthetic_clips(seed=0, num=6, num_frames=60)[5].joints
+  monkeypatch.setattr(Pipeline, "multi_prompt", lambda *_, **__: Motion(joints, 20.0, meta={}))
   reply = client.post("/mmcp/generate", json=request_body).json()
   contacts = reply["extensions"]["MMCP_motion"]["samples"][0]["foot_contacts"]
-  expected = feet_stand(walk.joints[:60], 20.0, HUMANML3D, floor=0.0)
+  expected = feet_stand(joints, 20.0, HUMANML3D, floor=0.0)
   assert list(contacts) == ["left_ankle", "left_foot", "right_ankle", "right_foot"]
   assert (np.array(list(contacts.values())).T == expected).all() and 0 < expected[:, 0].sum() != expected[:, 3].sum()
 
@@ -116,12 +116,11 @@ def test_paths_and_hands_at_frames_of_another_rate_pass_their_points():
 
 def test_rate_loop_and_guidance(client, request_body):
   """Ten of 14 frames at 30 a second are 4.67 s, though none is whole frames of the model."""
-  options = {"seed": 5, "diffusion_steps": 4}
   many = request_body | {"segments": [request_body["segments"][0] | {"duration_frames": 14}] * 10,
-                         "timing": {"fps": 30}, "options": options}
+                         "timing": {"fps": 30}, "options": {"diffusion_steps": 4}}
   assert len(tracks(client.post("/mmcp/generate", json=many).json(), 0)["translation", 0]) == 140
   body = request_body | {"timing": {"fps": 30}, "segments": request_body["segments"][:1],
-                         "options": options | {"loop": True, "guidance": {"type": "nocfg"}}}
+                         "options": {"loop": True, "guidance": {"type": "nocfg"}, "diffusion_steps": 4}}
   found = tracks(client.post("/mmcp/generate", json=body).json(), 0)
   turn = found["rotation", 5]
   assert len(turn) == 40 and abs(turn[0] @ turn[-1]) > 0.99
