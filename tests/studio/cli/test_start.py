@@ -43,8 +43,7 @@ def test_generating_imports_nothing_that_only_other_commands_use(tiny_run, tmp_p
   names = ["scipy", "orbax", "optax", "chex", "PIL", "tensorstore", "jinja2", "motion_jax.training.loop",
            "motion_jax.models.cmdm.model", "motion_jax.models.cmdm.losses"]
   outputs = ",".join(os.fspath(tmp_path / f"walk.{kind}") for kind in ("npz", "bvh", "html"))
-  command = ["generate", "a person walks", "--num-frames", "20", "--num-steps", "4", "--model", str(tiny_run), "--out",
-             outputs]
+  command = ["generate", "a person walks", "--num-frames", "20", "--model", str(tiny_run), "--out", outputs]
   for _ in range(2):
     statuses, found = imported([command], names, XDG_CACHE_HOME=str(tmp_path / "cache"))
     assert statuses == [0]
