@@ -35,10 +35,9 @@ def test_a_band_is_as_wide_as_its_interval():
   assert (ys[2] - ys[1]) == pytest.approx(2 * (ys[3] - ys[0]), abs=0.3)
 
 
-@pytest.mark.parametrize("value,expected", [(1500, "1500"), (0.05, "0.05"), (2e-4, "2e−4"), (-1.5e-6, "−1.5e−6"),
-                                           (0, "0")])
-def test_a_tick_fits_beside_its_axis(value, expected):
-  assert charts.number(value) == expected
+def test_a_tick_fits_beside_its_axis():
+  values = {1500: "1500", 0.05: "0.05", 2e-4: "2e−4", -1.5e-6: "−1.5e−6", 0: "0", -28: "−28", 1e-3: "0.001"}
+  assert {value: charts.number(value) for value in values} == values
 
 
 def test_bad_curves():
@@ -90,4 +89,6 @@ def test_reports_and_charts_share_their_colours():
   """Every variable that the reports' style sheet names is a colour of `look` in light and in dark."""
   used = set(re.findall(r"var\(--(\w+)\)", look.page_style())) - {"font", "mono"}
   assert used == set(look.LIGHT) == set(look.DARK)
-  assert {charts.COLORS[f"s{i}"] for i in range(5)} <= set(look.LIGHT.values())
+  series = [charts.Series("", [0], [0], real=number == 1) for number in range(7)]
+  assert charts.kinds(series) == ["s0", "real", "s1", "s2", "s3", "s4", "s0"]
+  assert {charts.COLORS[kind] for kind in charts.kinds(series)} <= set(look.LIGHT.values())

@@ -25,14 +25,12 @@ def _filled(drawing, shape):
   return cells
 
 
-def test_a_mask_is_drawn_cell_by_cell():
-  mask = block_causal_mask(6, 3)
+def test_masks_and_schedules_are_drawn_cell_by_cell():
+  mask, times = block_causal_mask(6, 3), staircase(num_steps=5, length=8, lag=2, block=2)
   np.testing.assert_array_equal(_filled(draw.mask(mask), (6, 6)), mask[0, 0])
-
-
-def test_a_schedule_is_drawn_cell_by_cell():
-  times = staircase(num_steps=5, length=8, lag=2, block=2)
   np.testing.assert_allclose(_filled(draw.schedule(times), times.shape), times, atol=0.006)
+  across, down = [one for one in ElementTree.fromstring(draw.mask(np.ones((2, 3)))).iter() if one.tag.endswith("text")]
+  assert (across.text, down.text) == ("key 0 to 2", "query 0 to 1") and "rotate" in down.get("transform")
 
 
 def test_large_tables_stay_small():

@@ -33,16 +33,20 @@ def sentences(known, count=5000):
   return made
 
 
-@pytest.mark.skipif(NODE is None, reason="there is no node, which runs the page's scripts without a browser")
-def test_scripts_do_what_python_does(tmp_path):
+@pytest.fixture(scope="module")
+def expected():
+  """What the model's tokenizer and JAX's noise give."""
   encoder = mj.load("cmdm-small-fast").encoder
   draw = lambda seed, block: jax.random.normal(jax.random.fold_in(jax.random.key(seed), block), (96,))
-  expected = {
-      "tokenizer": tokenizer_table(encoder.tokenizer), "known": sorted(encoder.known_words),
-      "pieces": [(sentence, encoder.tokenizer.encode(sentence).ids)
-                 for sentence in SENTENCES + sentences(sorted(encoder.known_words))],
-      "noise": [{"seed": seed, "block": block, "values": draw(seed, block).tolist()}
-                for seed, block in ((0, 0), (7, 3), (2**32 - 1, 1000))]}
+  return {"tokenizer": tokenizer_table(encoder.tokenizer), "known": sorted(encoder.known_words),
+          "pieces": [(sentence, encoder.tokenizer.encode(sentence).ids)
+                     for sentence in SENTENCES + sentences(sorted(encoder.known_words))],
+          "noise": [{"seed": seed, "block": block, "values": draw(seed, block).tolist()}
+                    for seed, block in ((0, 0), (7, 3), (2**32 - 1, 1000))]}
+
+
+@pytest.mark.skipif(NODE is None, reason="there is no node, which runs the page's scripts without a browser")
+def test_scripts_do_what_python_does(expected, tmp_path):
   for path in [*PAGE.glob("*.js"), pathlib.Path(__file__).with_name("try.test.mjs")]:
     shutil.copy(path, tmp_path)
   (tmp_path / "package.json").write_text('{"type": "module"}')

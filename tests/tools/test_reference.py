@@ -4,7 +4,7 @@ import ast
 import pytest
 
 from tests.conftest import ROOT
-from tools import reference
+from tools import drawings, reference, sentences_page
 
 
 @pytest.fixture(scope="module")
@@ -13,26 +13,32 @@ def made():
 
 
 def test_the_pages_are_up_to_date(made):
-  differ = reference.stale(made)
-  assert not differ, f"run python tools/reference.py: {differ}"
+  """The reference, and the grammar in docs/sentences.md."""
+  stale = reference.stale(made)
+  assert not stale, f"run python tools/reference.py: {stale}"
+  assert sentences_page.made() == sentences_page.PAGE.read_text(encoding="utf-8"), "run python tools/sentences_page.py"
+
+
+@pytest.mark.slow
+def test_the_drawings_are_up_to_date():
+  drawn = {path.name: path.read_text(encoding="utf-8") for path in drawings.OUT.glob("*.svg")}
+  assert drawings.drawings() == drawn, "run python tools/drawings.py"
 
 
 def test_public_names_have_docstrings():
   assert not reference.undocumented()
 
 
-def test_every_component_room_has_a_page(made):
+def test_every_name_and_flag_stands_in_its_page(made):
+  missing = {name for name, page in made.items() if str(ROOT) in page}
   for room in ("nets", "quant", "diffusion", "motion", "metrics", "text", "control", "data", "export"):
-    page = made[f"motion_jax.{room}.md"]
-    assert all(f"## {name}\n" in page for name in reference.public_names(f"motion_jax.{room}")), room
-
-
-def test_every_flag_stands_in_the_page_of_its_command(made):
+    missing |= {name for name in reference.public_names(f"motion_jax.{room}")
+                if f"## {name}\n" not in made[f"motion_jax.{room}.md"]}
   for name, (parser, _) in reference.commands().items():
     page = made[f"commands/{name.replace(' ', '-')}.md"]
-    missing = [flag for action in parser._actions if action.help not in (None, "==SUPPRESS==") and action.dest != "help"
-               for flag in action.option_strings if flag not in page]
-    assert not missing, (name, missing)
+    missing |= {(name, flag) for action in parser._actions for flag in action.option_strings
+                if action.help not in (None, "==SUPPRESS==") and action.dest != "help" and flag not in page}
+  assert not missing
 
 
 def test_signatures_are_those_of_the_source():
@@ -43,7 +49,3 @@ def test_signatures_are_those_of_the_source():
 def test_a_name_that_is_defined_nowhere_is_refused():
   with pytest.raises(LookupError, match="motion_jax.nets.__all__ names 'CausalDoT'"):
     reference.resolve("motion_jax.nets", "CausalDoT")
-
-
-def test_pages_do_not_name_this_machine(made):
-  assert not [name for name, page in made.items() if str(ROOT) in page]

@@ -13,11 +13,15 @@ def navigation():
   return nav.flat(nav.build(api.configs()))
 
 
-def test_the_navigation_names_every_page_once(navigation):
+@pytest.fixture(scope="module")
+def of_reference():
+  return {f"reference/{name}" for name in (*reference.pages(), *api.pages())}
+
+
+def test_the_navigation_names_every_page_once(navigation, of_reference):
   assert len(set(navigation)) == len(navigation)
   missing = {*nav.pages(), *nav.notebooks()} - set(navigation)
   assert not missing, f"link them in docs/README.md or docs/lab/README.md: {sorted(missing)}"
-  of_reference = {f"reference/{name}" for name in (*reference.pages(), *api.pages())}
   assert {page for page in navigation if page.startswith("reference/")} == of_reference
 
 
@@ -48,40 +52,24 @@ def test_links_are_moved_with_their_page():
   assert nav.relinked("[b](docs/training.md)", "CONTRIBUTING.md", "repository/CONTRIBUTING.md") == "[b](../training.md)"
 
 
-def test_a_room_page_has_a_directive_for_each_name():
-  page = api.room_page("motion_jax.nets")
-  assert '<a id="causaldit"></a>\n\n::: motion_jax.nets.causal_dit.CausalDiT\n' in page
-  assert page.count("\n::: ") == len(reference.public_names("motion_jax.nets"))
-
-
 def test_a_name_is_described_on_one_page():
   """Of the rooms that have it the nearest; MkDocs refuses two descriptions of one name."""
-  described = [line for room in reference.rooms() for line in api.room_page(room).splitlines()
-               if line.startswith("::: ")]
+  rooms = {room: api.room_page(room) for room in reference.rooms()}
+  described = [line for page in rooms.values() for line in page.splitlines() if line.startswith("::: ")]
   assert len(set(described)) == len(described)
-  assert "[`motion_jax.data`](motion_jax.data.md#clip)" in api.room_page("motion_jax")
+  nets = rooms["motion_jax.nets"]
+  assert '<a id="causaldit"></a>\n\n::: motion_jax.nets.causal_dit.CausalDiT\n' in nets
+  assert nets.count("\n::: ") == len(reference.public_names("motion_jax.nets"))
+  assert "[`motion_jax.data`](motion_jax.data.md#clip)" in rooms["motion_jax"]
 
 
 def test_a_config_page_states_fields_values_and_meanings():
-  page = api.config_page("cmdm_denoiser")
-  row = next(line for line in page.splitlines() if line.startswith("| `sampler.lag` |"))
-  assert "`2`" in row
-  row = next(line for line in page.splitlines() if line.startswith("| `model.depth` |"))
-  assert "`8`" in row and "tiny: `1`" in row
-  row = next(line for line in page.splitlines() if line.startswith("| `train.keep_last` |"))
-  assert "how many training states stay" in row
-
-
-def test_the_landing_page_names_what_the_model_in_the_tab_weighs(tmp_path):
-  """Of the files that a visitor loads without WebGPU; a site without the tab's page has no field for it."""
-  for name in ("index.html", "ort/a.wasm.gz", "ort/a.asyncify.wasm.gz", "ort/ort.webgpu.min.mjs"):
-    (tmp_path / "tab" / name).parent.mkdir(parents=True, exist_ok=True)
-    (tmp_path / "tab" / name).write_bytes(bytes(1_000_000))
-  shown = viewers.tab(tmp_path / "tab")
-  assert "loads 2 MB" in shown and 'action="try/index.html"' in shown and 'name="prompt"' in shown
-  assert viewers.tab(tmp_path / "none") == ""
-  script = (ROOT / "site" / "assets" / "site.js").read_text(encoding="utf-8")
-  assert "form.try" in script and "<!-- tab -->" in (ROOT / "site" / "index.md").read_text(encoding="utf-8")
+  pages = {name: api.config_page(name) for name in api.configs()}
+  rows = {match[1]: match[0] for match in re.finditer(r"(?m)^\| `([\w.]+)`.*", pages["cmdm_denoiser"])}
+  assert "`8`" in rows["model.depth"] and "tiny: `1`" in rows["model.depth"] and "`2`" in rows["sampler.lag"]
+  assert "how many training states stay" in rows["train.keep_last"] and "| `{}` |" in rows["alignment_teacher"]
+  assert all(row.count(" | ") >= 2 for row in rows.values())
+  assert set(fields.MEANINGS) <= {name for page in pages.values() for name in re.findall(r"(?m)^\| `([\w.]+)`", page)}
 
 
 def test_a_draft_takes_what_an_earlier_build_kept(tmp_path, monkeypatch):
@@ -111,14 +99,3 @@ def test_pages_that_docstrings_name_become_links():
   assert links.mentions(text, "reference/motion_jax/", there) == (
       '<p>(<a href="../../papers/cmdm/#masks">docs/papers/cmdm.md#masks</a>), '
       '<a href="../../manual/">docs/README.md</a>, docs/none.md</p><pre>docs/papers/cmdm.md</pre>')
-
-
-def test_a_config_page_shows_every_value_in_its_row():
-  page = api.config_page("cmdm_denoiser")
-  rows = page.partition("| --- |")[2].partition("\n\n")[0].splitlines()[1:]
-  assert "| `alignment_teacher` | `{}` |" in page and all(row.count(" | ") >= 2 for row in rows if row.strip())
-
-
-def test_the_meanings_of_fields_are_of_fields_that_configs_have():
-  named = {field for name in api.configs() for field in re.findall(r"(?m)^\| `([\w.]+)`", api.config_page(name))}
-  assert set(fields.MEANINGS) <= named

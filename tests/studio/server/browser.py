@@ -1,19 +1,16 @@
-"""One tab of a studio in a real browser, and a studio that serves it. Needs selenium, of the extra `test`."""
+"""One tab of a studio in a real browser. Needs selenium, of the extra `test`."""
 import contextlib
 import shutil
-import threading
 import time
 
 import pytest
-
-from tests.studio.server.conftest import TOKEN
 
 webdriver = pytest.importorskip("selenium.webdriver", reason="needs selenium, of the extra `test`")
 JavascriptException = pytest.importorskip("selenium.common.exceptions").JavascriptException
 PATIENCE = 90  # seconds
 CHROMIUM, DRIVER = (shutil.which(name) for name in ("chromium", "chromedriver"))
-needs_a_browser = [pytest.mark.slow, pytest.mark.skipif(not (CHROMIUM and DRIVER), reason=
-                   "needs a browser, chromium with its chromedriver (Debian: apt install chromium chromium-driver)")]
+needs_a_browser = pytest.mark.skipif(not (CHROMIUM and DRIVER), reason="needs a browser, chromium with its "
+                                     "chromedriver (Debian: apt install chromium chromium-driver)")
 
 
 class Page:
@@ -98,25 +95,3 @@ def wait_for(true, seconds=PATIENCE):
   while not true():
     assert time.monotonic() < end
     time.sleep(0.1)
-
-
-@contextlib.contextmanager
-def serving(library, port):
-  """A studio at a port: (port, address)."""
-  import uvicorn
-
-  from motion_studio.server import server
-  from motion_studio.server.app import Studio
-  studio = Studio(library, TOKEN)
-  listener = server.take_port("127.0.0.1", port)
-  port = listener.getsockname()[1]
-  running = uvicorn.Server(uvicorn.Config(studio.app(), log_level="error", lifespan="off", ws="websockets-sansio",
-                                          timeout_graceful_shutdown=1))
-  thread = threading.Thread(target=lambda: running.run(sockets=[listener]), daemon=True)
-  thread.start()
-  try:
-    yield port, server.address_of("127.0.0.1", port, TOKEN)
-  finally:
-    studio.close()
-    running.should_exit = True
-    thread.join(20)

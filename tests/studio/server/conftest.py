@@ -1,4 +1,5 @@
 """A studio with a tiny model, in process."""
+import contextlib
 import importlib.util
 import threading
 
@@ -51,21 +52,31 @@ def client(studio):
   return TestClient(studio.app(), base_url=BASE, headers={"authorization": f"Bearer {TOKEN}", "origin": BASE})
 
 
-@pytest.fixture
-def address(studio):
-  """A studio behind a real port."""
+@contextlib.contextmanager
+def serving(studio, port=0):
+  """A studio behind a real port: (port, address)."""
   import uvicorn
 
   from motion_studio.server import server
-  listener = server.take_port("127.0.0.1", 0)
-  running = uvicorn.Server(uvicorn.Config(studio.app(), log_level="warning", lifespan="off", ws="websockets-sansio"))
+  listener = server.take_port("127.0.0.1", port)
+  port = listener.getsockname()[1]
+  running = uvicorn.Server(uvicorn.Config(studio.app(), log_level="error", lifespan="off", ws="websockets-sansio",
+                                          timeout_graceful_shutdown=1))
   thread = threading.Thread(target=lambda: running.run(sockets=[listener]), daemon=True)
   thread.start()
-  yield server.address_of("127.0.0.1", listener.getsockname()[1], TOKEN)
-  studio.close()
-  running.should_exit = True
-  thread.join(20)
+  try:
+    yield port, server.address_of("127.0.0.1", port, TOKEN)
+  finally:
+    studio.close()
+    running.should_exit = True
+    thread.join(20)
   assert not thread.is_alive()
+
+
+@pytest.fixture
+def address(studio):
+  with serving(studio) as (_, address):
+    yield address
 
 
 def refusal(reply, status=400):

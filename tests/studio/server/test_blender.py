@@ -88,6 +88,7 @@ def finished(addon):
     time.sleep(0.02)
 
 
+@pytest.mark.slow
 def test_it_fetches_a_file_that_opens(addon, address, tmp_path):
   settings = types.SimpleNamespace(address=address, prompt="a person walks", seconds=2, seed=3)
   fetched = []

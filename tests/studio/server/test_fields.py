@@ -92,6 +92,13 @@ def test_the_schema_and_the_parser_agree(name):
     assert not parses(table, body) and not allows(schema, body)
 
 
+def test_motions_of_control_have_a_limit_of_frames():
+  rows = {"version": 1, "constraints": [{"type": "keep_parts", "parts": ["legs"], "joints": [[[0, 0, 0]] * 22] * 11}]}
+  assert fields.Control().read(rows, "control", Limits(frames=11))
+  with pytest.raises(InputError, match="control: got 11 frames to keep parts of, expected at most 10"):
+    fields.Control().read(rows, "control", Limits(frames=10))
+
+
 def test_every_default_is_what_the_schema_says():
   for table in TABLES.values():
     body = {name: VALID[name] if name != "model" or table is PROJECT else "tiny" for name, kind in table.items()

@@ -5,9 +5,15 @@ import numpy as np
 import pytest
 from motionmcp import client as sdk
 
+from motion_jax.control.compiling import compile
+from motion_jax.data.datasets.synthetic import synthetic_clips
+from motion_jax.models.results import Motion
 from motion_jax.motion import rotations as rot
+from motion_jax.motion.contacts import feet_stand
 from motion_jax.motion.pose import Pose, pose_to_joints
 from motion_jax.motion.skeleton import HUMANML3D
+from motion_studio.pipeline import Pipeline
+from motion_studio.server import mmcp_constraints
 
 
 @pytest.fixture
@@ -51,6 +57,7 @@ def test_a_reply_is_the_models_motion(client, library, request_body):
   assert np.abs(arm(posed) - arm(made.joints.astype(float))).max() < 1e-3
 
 
+@pytest.mark.slow
 def test_constraints_are_met_and_what_is_not_followed_is_told(client, request_body):
   turn = [0.0, float(np.sin(0.4)), 0.0, float(np.cos(0.4))]
   body = request_body | {"options": {"seed": 5, "diffusion_steps": 4}, "constraints": [
@@ -70,59 +77,48 @@ def test_constraints_are_met_and_what_is_not_followed_is_told(client, request_bo
 
 def test_a_pose_of_mmcp_is_turned_as_replies_are():
   """Rotations that a reply has give its joints back."""
-  from motion_jax.data.datasets.synthetic import synthetic_clips
   from motion_jax.motion.pose import t_pose, to_pose
-  from motion_studio.server import mmcp_constraints
   pose = to_pose(np.asarray(synthetic_clips(seed=0, num=1)[0].joints)[:9].astype(float))
   turns = {name: pose.rotations[8, i, [1, 2, 3, 0]].tolist() for i, name in enumerate(HUMANML3D.joints)}
   rows = [{"type": "pose_keyframe", "frame": 8, "joint_rotations": turns, "root_position": pose.root[8].tolist()}]
   (found,), told = mmcp_constraints.read(rows, 20, 20.0)
   same = pose_to_joints(pose._replace(offsets=t_pose(), shifts=0 * pose.shifts))[8]
   assert np.abs(found.joints - same).max() < 1e-6 and found.place == "world" and not told and found.time == 0.4
+  (anywhere,), _ = mmcp_constraints.read([{name: value for name, value in rows[0].items() if name != "root_position"}],
+                                         20, 20.0)
+  assert anywhere.place == "anywhere" and anywhere.joints[:, 1].min() == 0, "it stands on the floor"
 
 
-def test_a_hand_at_every_frame_of_another_rate_is_a_curve():
-  """Two frames at 30 a second may be one of the model's; frames far apart stay targets of their own."""
-  from motion_jax.control.compiling import compile
-  from motion_studio.server import mmcp_constraints
-  frames = [*range(30), 60]
-  places = [[0.01 * frame, 1.2, 0.3] for frame in frames]
-  found, _ = mmcp_constraints.read([{"type": "effector_target", "joint": "left_wrist", "frames": frames,
-                                     "positions": places}], 90, 30.0, 20.0)
-  signal = compile(found, 60, 20.0)
-  given = signal.given[0, :, 20].all(-1)
-  assert given[:20].all() and not given[20:40].any() and given[40] and not given[41:].any()
-  np.testing.assert_allclose(signal.positions[0, :20, 20, 0], 0.015 * np.arange(20), atol=2e-3)
+def test_a_reply_names_the_feet_that_stand(client, request_body, monkeypatch):
+  joints = synthetic_clips(seed=0, num=6, num_frames=60)[5].joints
+  monkeypatch.setattr(Pipeline, "multi_prompt", lambda *_, **__: Motion(joints, 20.0, meta={}))
+  reply = client.post("/mmcp/generate", json=request_body).json()
+  contacts = reply["extensions"]["MMCP_motion"]["samples"][0]["foot_contacts"]
+  expected = feet_stand(joints, 20.0, HUMANML3D, floor=0.0)
+  assert list(contacts) == ["left_ankle", "left_foot", "right_ankle", "right_foot"]
+  assert (np.array(list(contacts.values())).T == expected).all() and 0 < expected[:, 0].sum() != expected[:, 3].sum()
 
 
-def test_a_path_at_frames_of_another_rate_passes_its_points():
-  """Points that fall into one frame of the model are one."""
-  from motion_jax.control.compiling import compile
-  from motion_studio.server import mmcp_constraints
-  for frames, fps in (([*range(30), 60], 30.0), (list(range(0, 120, 2)), 60.0)):
-    row = {"type": "root_path", "frames": frames, "positions_xz": [[0.01 * frame, 0.0] for frame in frames],
-           "heading_radians": [0.0] * len(frames)}
-    found, _ = mmcp_constraints.read([row], 200, fps, 20.0)
-    signal = compile(found, 45, 20.0)
-    given = signal.given[0, :, 0, 0]
-    assert given[:20].all()
-    np.testing.assert_allclose(signal.positions[0, given, 0, 0], 0.01 * fps / 20 * np.flatnonzero(given), atol=0.011)
-
-
-def test_segments_of_another_rate_are_as_long_as_asked(client, request_body):
-  """Ten of 14 frames at 30 a second are 4.67 s, though none is whole frames of the model."""
-  place = {"type": "root_path", "frames": [0, 139], "positions_xz": [[0, 0], [0, 1.5]]}
-  segment = {"type": "text", "prompt": "a person walks", "duration_frames": 14}
-  body = request_body | {"segments": [segment] * 10, "timing": {"fps": 30}, "constraints": [place],
-                         "options": {"seed": 5, "diffusion_steps": 4}}
-  reply = client.post("/mmcp/generate", json=body)
-  assert reply.status_code == 200, reply.text
-  root = tracks(reply.json(), 0)["translation", 0]
-  assert len(root) == 140
-  assert np.abs(root[139, [0, 2]] - [0, 1.5]).max() < 0.3  # between two frames of a model that is untrained
+def test_paths_and_hands_at_frames_of_another_rate_pass_their_points():
+  """Points that fall into one frame of the model are one; frames far apart stay targets of their own."""
+  every, apart = [*range(30), 60], list(range(0, 120, 2))
+  for kind, frames, fps, joint in (("root_path", every, 30.0, 0), ("root_path", apart, 60.0, 0),
+                                   ("effector_target", every, 30.0, 20)):
+    places = [[0.01 * frame, 1.2, 0.0] for frame in frames]
+    row = {"type": kind, "frames": frames} | ({"joint": "left_wrist", "positions": places} if joint else {
+        "positions_xz": [place[::2] for place in places], "heading_radians": [0.0] * len(frames)})
+    signal = compile(mmcp_constraints.read([row], 200, fps)[0], 45, 20.0)
+    given = signal.given[0, :, joint, 0]
+    assert given[:20].all() and (not joint or not given[20:40].any() and given[40] and not given[41:].any())
+    expected = 0.01 * fps / 20 * np.flatnonzero(given)
+    np.testing.assert_allclose(signal.positions[0, given, joint, 0], expected, atol=0.011)
 
 
 def test_rate_loop_and_guidance(client, request_body):
+  """Ten of 14 frames at 30 a second are 4.67 s, though none is whole frames of the model."""
+  many = request_body | {"segments": [request_body["segments"][0] | {"duration_frames": 14}] * 10,
+                         "timing": {"fps": 30}, "options": {"diffusion_steps": 4}}
+  assert len(tracks(client.post("/mmcp/generate", json=many).json(), 0)["translation", 0]) == 140
   body = request_body | {"timing": {"fps": 30}, "segments": request_body["segments"][:1],
                          "options": {"loop": True, "guidance": {"type": "nocfg"}, "diffusion_steps": 4}}
   found = tracks(client.post("/mmcp/generate", json=body).json(), 0)
@@ -132,13 +128,10 @@ def test_rate_loop_and_guidance(client, request_body):
 
 @pytest.mark.parametrize("change, status, code", [
     ({"protocol_version": "2.0"}, 400, "version_unsupported"), ({"protocol_version": 1}, 422, "schema_validation"),
-    ({"model": "nobody"}, 400, "unknown_model"), ({"model": None}, 400, "unknown_model"),
-    ({"skeleton": None}, 422, "schema_validation"), ({"skeleton": {"joints": []}}, 400, "retargeting_unsupported"),
+    ({"model": None}, 400, "unknown_model"), ({"skeleton": None}, 422, "schema_validation"),
+    ({"skeleton": {"joints": []}}, 400, "retargeting_unsupported"),
     ({"constraints": [{"type": "ground_height"}]}, 400, "unsupported_constraint"),
-    ({"constraints": [{"type": "root_path"}]}, 422, "schema_validation"),
-    ({"constraints": 5}, 422, "schema_validation"),
     ({"constraints": [{"type": "root_path", "frames": [60], "positions_xz": [[0, 0]]}]}, 400, "frame_out_of_range"),
-    ({"constraints": [{"type": "root_path", "frames": [1], "positions_xz": [["x", 0]]}]}, 422, "schema_validation"),
     ({"constraints": [{"type": "effector_target", "joint": "tail", "frames": [1], "positions": [[0, 1, 0]]}]}, 400,
      "unknown_joint"),
     ({"constraints": [{"type": "pose_keyframe", "frame": 1, "joint_rotations": {"head": [0, 0, 0, 0]}}]}, 422,
@@ -146,7 +139,6 @@ def test_rate_loop_and_guidance(client, request_body):
     ({"extra": 1}, 422, "schema_validation"),
     ({"segments": []}, 422, "schema_validation"), ({"segments": [{"type": "pose"}]}, 400, "unsupported_segment"),
     ({"segments": [{"type": "text", "prompt": "a", "duration_frames": 0}]}, 422, "schema_validation"),
-    ({"segments": [{"type": "text", "prompt": "x" * 10_000, "duration_frames": 9}]}, 422, "schema_validation"),
     ({"options": {"loop": True}}, 400, "invalid_options"), ({"options": {"num_samples": 99}}, 422, "schema_validation"),
     ({"options": {"guidance": {"type": "separated", "weight": [1, 2]}}}, 400, "invalid_options"),
     ({"timing": {"fps": 0}}, 422, "schema_validation")])

@@ -2,23 +2,19 @@
 import time
 
 import numpy as np
+import pytest
 
-from tests.studio.server.browser import Page, needs_a_browser, wait_for, webdriver
+from tests.studio.server.browser import needs_a_browser, wait_for, webdriver
 
-pytestmark = needs_a_browser
+pytestmark = [pytest.mark.slow, needs_a_browser]
 KEPT = ("project", "mode", "span", "selection", "undoDepth", "frames", "frame", "made")
-
-
-def _marked(page):
-  """The page with a span of 0.6 s that is marked."""
-  window = page.get("window")
-  second = page.find(".strip").size["width"] / (window["end"] - window["start"])
-  page.drag(page.find(".strip"), int(second * 0.6), x=second * 0.5)
 
 
 def _edited(page):
   """A timeline of two blocks with a span that has been changed; the span stays marked."""
-  _marked(page)
+  window = page.get("window")
+  second = page.find(".strip").size["width"] / (window["end"] - window["start"])
+  page.drag(page.find(".strip"), int(second * 0.6), x=second * 0.5)
   page.find("#edit-prompt").send_keys("a person kicks")
   page.driver.execute_script("document.getElementById('edit-row').requestSubmit()")
   page.wait("made && window.__studio.busy === null")
@@ -38,6 +34,9 @@ def test_a_reload_loses_nothing(timeline, studio, monkeypatch):
   page = timeline
   _edited(page)
   page.driver.execute_script("document.activeElement.blur()")
+  page.keys(webdriver.Keys.HOME, *[webdriver.Keys.ARROW_RIGHT] * 14)
+  page.wait("editColors[0] === true")
+  assert page.find("#caption").text == "a person kicks" and page.find("#legend").text.split() == ["kept", "regenerated"]
   page.keys(webdriver.Keys.END)
   before, joints = {name: page.get(name) for name in KEPT}, page.get("joints(0, 20)")
   _saved(page)
@@ -56,6 +55,7 @@ def test_a_reload_loses_nothing(timeline, studio, monkeypatch):
   page.wait("live.run > 0 && window.__studio.live.state === 'paused'")  # behind the timeline the live motion waits
 
 
+@pytest.mark.exhaustive
 def test_a_tab_that_was_closed_is_taken_over_and_an_open_one_is_not(timeline, address):
   page, driver = timeline, timeline.driver
   _saved(page)
@@ -78,35 +78,7 @@ def test_a_tab_that_was_closed_is_taken_over_and_an_open_one_is_not(timeline, ad
   driver.switch_to.window(third)
 
 
-def test_dialogs_close_with_escape_and_an_export_is_whole(timeline):
-  page = timeline
-  _marked(page)
-  for button, panel in (("#export", "export-panel"), ("#sampling", "sampling-panel"), ("#help", "help-panel")):
-    page.find(button).click()
-    opened = f"return document.getElementById('{panel}').open"
-    assert page.driver.execute_script(opened)
-    if button == "#export":
-      assert not page.find("#trim").is_selected()  # though a span is marked
-      assert page.find("#trim-from").get_attribute("value") == str(page.get("span")[0])
-      wait_for(lambda: page.find("#export-button").is_enabled())  # once the formats are there
-      page.find("#export-button").click()
-      name = page.wait("exported && window.__studio.exported.name")
-      assert name.endswith(".bvh")
-    _escape(page)
-    assert not page.driver.execute_script(opened) and page.get("span")
-
-
-def test_edits_have_captions_a_legend_and_colours_that_can_be_switched(timeline):
-  page = timeline
-  _edited(page)
-  page.driver.execute_script("document.activeElement.blur()")
-  page.keys(webdriver.Keys.HOME, *[webdriver.Keys.ARROW_RIGHT] * 14)
-  page.wait("editColors[0] === true")
-  assert page.find("#caption").text == "a person kicks" and page.find("#legend").text.split() == ["kept", "regenerated"]
-  page.find("#edits").click()
-  page.wait("editColors[0] === null")
-
-
+@pytest.mark.exhaustive
 def test_an_import_asks_before_it_touches_the_blocks(timeline, tmp_path, library):
   page, path = timeline, tmp_path / "walk.npy"
   motion = library.pipeline("tiny", "generate")("a person walks", seconds=2.0, seed=1)
@@ -130,6 +102,7 @@ def test_an_import_asks_before_it_touches_the_blocks(timeline, tmp_path, library
   page.wait("blocks.length === 2 && window.__studio.stale === false")
 
 
+@pytest.mark.exhaustive
 def test_ideas_are_searched_and_taken_by_keyboard(page):
   page.wait("live.blocks > 0")
   page.find("#ideas-button").click()
@@ -153,13 +126,3 @@ def test_ideas_are_searched_and_taken_by_keyboard(page):
   field.send_keys(webdriver.Keys.ENTER)
   assert field.get_attribute("value") == first
   page.wait(f"prompts.includes({first!r})")
-
-
-def test_a_page_with_an_old_token_says_so_and_opens_no_socket(driver, address):
-  driver.get(address.replace("a-token", "an-old-token"))
-  page = Page(driver)
-  page.wait("errors.some((one) => one.includes('open the one that the studio printed'))")
-  assert page.get("status") == "not connected: open the new address" and page.get("live.reconnects") == 0
-  messages = [row["message"] for row in driver.get_log("browser")]
-  assert not any("WebSocket" in message for message in messages), messages
-  driver.get("about:blank")

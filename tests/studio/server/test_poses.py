@@ -16,8 +16,9 @@ from tests.conftest import ROOT
 START = {"seed": 3, "speed": 0, "frames": 60}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("pose, make, width", [
-    ("robot:g1", lambda fps: robots.Stream(robots.load("g1"), fps), 36),
+    pytest.param("robot:g1", lambda fps: robots.Stream(robots.load("g1"), fps), 36, marks=pytest.mark.exhaustive),
     ("rig:unity", lambda fps: RigStream("unity", fps), 3 + 4 * 22)])
 def test_a_client_gets_the_poses_of_the_joints(address, library, pose, make, width):
   with Client(address).stream("a person walks", pose=pose, **START) as live:
@@ -52,6 +53,7 @@ def test_poses_are_of_22_joints():
     Poses("rig:unity", KIT, 20.0)
 
 
+@pytest.mark.slow
 def test_the_example_follows_a_stream(address):
   run = subprocess.run([sys.executable, str(ROOT / "examples" / "robot_live.py"), address, "1"], text=True,
                        capture_output=True, stdin=subprocess.DEVNULL)

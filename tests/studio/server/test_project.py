@@ -8,7 +8,7 @@ from motion_jax import export
 from motion_jax.utils.errors import InputError
 from motion_studio import cli
 from motion_studio.server import library as model_library
-from motion_studio.server import project, serialization
+from motion_studio.server import project
 from motion_studio.server.limits import Limits
 from tests.studio.server.conftest import refusal
 from tests.studio.server.test_requests import joints_of
@@ -44,24 +44,30 @@ def test_edits_are_done_in_their_order(library, monkeypatch):
   assert "made with old@1234" in told[0]
 
 
-def test_the_command_line_makes_it_too(tmp_path, monkeypatch, capsys, library, tiny_run):
-  path, out = tmp_path / "story.json", tmp_path / "story.npz"
-  path.write_text(json.dumps(PROJECT))
+@pytest.mark.slow
+def test_the_command_line_makes_it_too(tmp_path, monkeypatch, capsys, client, library):
+  """Along its path, as the page does."""
+  control = {"version": 1, "constraints": [{"type": "root_path", "points": [[1, 0], [1.4, 0.6], [1.2, 1.4]]}]}
+  checked = client.post("/v1/project", json=PROJECT | {"control": control}).json()
+  assert checked["control"]["constraints"] == control["constraints"]
+  path, outputs = tmp_path / "story.json", [tmp_path / f"story.{kind}" for kind in ("npz", "html")]
+  path.write_text(json.dumps(checked))
   monkeypatch.setattr(model_library, "_load", lambda name: library.model(name, "multi_prompt"))
-  assert cli.main(["make", str(path), "--out", f"{out},{tmp_path / 'story.bvh'}"]) == 0
-  made = export.load(out)
-  assert (made.joints == project.made(project.checked(PROJECT, Limits()), library, Limits()).joints).all()
-  assert "a person waves" in capsys.readouterr().out and (tmp_path / "story.bvh").is_file()
+  assert cli.main(["make", str(path), "--out", ",".join(map(str, outputs))]) == 0
+  motion = project.made(checked, library, Limits())
+  assert (export.load(outputs[0]).joints == motion.joints).all() and motion.meta["control"] == ["root_path"]
+  assert np.abs(motion.joints[-1, 0, [0, 2]] - [1.2, 1.4]).max() < 2e-3
+  assert "a person waves" in capsys.readouterr().out
+  assert '"constraints"' in outputs[1].read_text() and '"points": [[1.0, 0.0], [1.4, 0.6]' in outputs[1].read_text()
 
 
 @pytest.mark.parametrize("text, told", [
-    (json.dumps(PROJECT)[:150], "line 1: no valid JSON"), ("", "no valid JSON"), ("[]", "no project of motion_jax"),
-    ('{"prompt": "a"}', "no project of motion_jax"), (json.dumps(PROJECT | {"version": 2}), "is of version 2"),
-    (json.dumps(PROJECT | {"blocks": []}), "got no blocks"), (json.dumps(PROJECT | {"seeds": []}), "got no seeds"),
-    (json.dumps(PROJECT | {"chosen": 5}), "got chosen 5"), (json.dumps(PROJECT | {"model": "tiny"}), "got a text"),
+    (json.dumps(PROJECT)[:150], "line 1: no valid JSON"), ("[]", "no project of motion_jax"),
+    (json.dumps(PROJECT | {"version": 2}), "is of version 2"),
+    (json.dumps(PROJECT | {"seeds": []}), "got no seeds"),
+    (json.dumps(PROJECT | {"chosen": 2}), "got chosen 2"),
     (json.dumps(PROJECT | {"surprise": 1}), "'surprise'"), (json.dumps(PROJECT | {"past": {}}), "shape None"),
-    (json.dumps(PROJECT | {"edits": [{}]}), "prompt is missing"),
-    (json.dumps(PROJECT | {"blocks": [{"prompt": "x" * 10_000}]}), "10,000 characters")])
+    (json.dumps(PROJECT | {"edits": [{}]}), "prompt is missing")])
 def test_what_is_no_project_is_told_in_one_line(tmp_path, capsys, client, text, told):
   path = tmp_path / "story.json"
   path.write_text(text)
@@ -70,17 +76,5 @@ def test_what_is_no_project_is_told_in_one_line(tmp_path, capsys, client, text, 
   assert told in said and len(said.splitlines()) == 1 and str(path) in said
   assert not (tmp_path / "a.npz").exists()
   assert refusal(client.post("/v1/project", content=text))
-
-
-def test_a_missing_project_is_told(capsys):
-  assert cli.main(["make", "nowhere.json"]) == 1
-  assert "there is no file nowhere.json" in capsys.readouterr().err
-
-
-def test_a_story_behind_a_past_is_kept_whole(library):
-  from motion_jax.data.datasets.synthetic import synthetic_clips
-  clip = synthetic_clips(seed=0, num=1)[0]
-  found = project.checked(PROJECT | {"past": serialization.to_json(clip), "sampling": {}}, Limits())
-  made = project.made(found, library, Limits())
-  assert (made.joints[:clip.num_frames] == clip.joints.astype(np.float32)).all()
-  assert made.num_frames == clip.num_frames + 72
+  with pytest.raises(InputError, match="larger than a project can be"):
+    project.read(path, Limits(body_bytes=len(text) - 1))

@@ -2,6 +2,7 @@
 import base64
 import io
 import json
+import re
 import zipfile
 
 import numpy as np
@@ -16,7 +17,6 @@ from motion_jax.motion.rigs import all_rigs
 from motion_jax.motion.skeleton import bone_lengths
 from motion_jax.utils import progress
 from motion_studio.server import serialization
-from motion_studio.server.app import ASSETS
 from motion_studio.server.limits import Limits
 from tests.studio.server.conftest import refusal
 
@@ -50,19 +50,14 @@ def test_generate_is_the_pipeline(client, library):
   assert reply["motions"][1]["meta"]["seed"] == 4 and reply["motions"][0]["captions"][0]["text"] == "a person walks"
 
 
-@pytest.mark.parametrize("body, told", [
-    ({}, "prompt is missing"), ({"prompt": ""}, "empty prompt"), ({"prompt": "x" * 10_000}, "10,000 characters"),
-    ({"prompt": "a person walks", "seconds": 0}, "got seconds 0"), ({"prompt": "walks", "seconds": 1e9}, "got seconds"),
+@pytest.mark.parametrize("body, words", [
+    ({}, "prompt is missing"), ({"prompt": "walks", "seconds": 1e9}, "got seconds"), ([1], "got a list"),
     ({"prompt": "walks", "num_samples": 1000}, "got num_samples 1000"),
-    ({"prompt": "walks", "model": "/etc"}, "this studio has"),
-    ({"prompt": "walks", "seed": "x"}, "got seed x"), ({"prompt": 5}, "got the prompt 5, expected text"),
-    ([1], "got a list"),
-    ({"prompt": "walks", "frames": 5}, "unknown field 'frames'"), ({"prompt": "\ud800"}, "valid JSON|UTF-8"),
+    ({"prompt": "walks", "model": "/etc"}, "this studio has"), ({"prompt": "\ud800"}, "valid JSON|UTF-8"),
     ({"prompt": "walks", "sampling": {"lagg": 2}}, "has no argument"),
     ({"prompt": "walks", "sampling": {"num_steps": 0}}, "num_steps")])
-def test_what_cannot_be_generated_is_told(client, body, told):
-  import re
-  assert re.search(told, refusal(client.post("/v1/generate", content=json.dumps(body))))
+def test_what_cannot_be_generated_gets_one_sentence(client, body, words):
+  assert re.search(words, refusal(client.post("/v1/generate", content=json.dumps(body))))
 
 
 def test_no_json_is_told(client):
@@ -72,15 +67,18 @@ def test_no_json_is_told(client):
     assert answer.startswith("got no valid JSON (") and why in answer and len(answer) < 120
 
 
-def test_a_story_is_made_anew_from_where_it_changed(client):
+def test_a_story_is_sampled_again_from_where_it_changed(client):
+  """A block of several actions is made action by action."""
   ask = lambda *rows: client.post("/v1/multi-prompt", json={"segments": [{"prompt": p, "seconds": s} for p, s in rows],
                                                      "model": "tiny", "seed": 8}).json()
-  first = ask(("a person walks", 4), ("a person waves", 2))
-  second = ask(("a person walks", 4), ("a person jumps", 2))
+  first = ask(("a person walks, then waves", 4.8), ("a person waves", 1.2))
+  second = ask(("a person walks, then waves", 4.8), ("a person jumps", 1.2))
   assert first["motion"]["shape"] == second["motion"]["shape"] == [120, 22, 3]
-  assert second["reused_frames"] > 0 and second["same_frames"] >= 70
-  assert (joints_of(first["motion"])[:70] == joints_of(second["motion"])[:70]).all()
-  assert [caption["text"] for caption in second["motion"]["captions"]] == ["a person walks", "a person jumps"]
+  assert 0 < second["reused_frames"] <= 96 and 86 <= second["same_frames"] < 120
+  same = second["same_frames"]
+  assert (joints_of(first["motion"])[:same] == joints_of(second["motion"])[:same]).all()
+  assert [(caption["text"], caption["start"]) for caption in second["motion"]["captions"]][::2] == [
+      ("a person walks", 0.0), ("a person jumps", 4.8)]
 
 
 def test_notes_are_of_prompts_and_of_what_no_attempt_shows(client, library, monkeypatch):
@@ -96,19 +94,9 @@ def test_notes_are_of_prompts_and_of_what_no_attempt_shows(client, library, monk
     assert "only one body is made" in notes[0] and notes[-1].startswith("4 attempts, no kick seen")
 
 
-def test_a_block_of_several_actions_is_made_action_by_action(client):
-  reply = client.post("/v1/multi-prompt", json={"model": "tiny", "segments": [
-      {"prompt": "a person walks, then waves", "seconds": 4.8}, {"prompt": "a person jumps", "seconds": 1.2}]}).json()
-  captions = reply["motion"]["captions"]
-  assert [one["text"] for one in captions] == ["a person walks", "a person waves", "a person jumps"]
-  assert reply["motion"]["shape"][0] == 120 and captions[2]["start"] == 4.8
-
-
 @pytest.mark.parametrize("blocks, told", [
-    (None, "got no segments"), ([], "got no segments"), ([{}], "prompt is missing"),
-    ([{"prompt": " "}], "empty prompt"),
-    ([{"prompt": "walks", "seconds": 0}], "got seconds 0"), ([{"prompt": "walks"}] * 65, "got 65 segments"),
-    ([{"prompt": "walks", "seconds": 100}] * 2, "a motion of 200 s"), (["walks"], "got a text")])
+    ([], "got no segments"), ([{"prompt": "walks"}] * 65, "got 65 segments"), (["walks"], "got a text"),
+    ([{"prompt": "walks", "seconds": 60.1}] * 2, "a motion of 120 s, expected at most 120")])
 def test_what_cannot_be_a_story_is_told(client, blocks, told):
   assert told in refusal(client.post("/v1/multi-prompt", json={"segments": blocks, "model": "tiny"}))
 
@@ -121,6 +109,7 @@ def test_a_motion_goes_on(client, walk):
   assert (joints_of(made["motion"])[:len(clip.joints)] == clip.joints.astype(np.float32)).all()
 
 
+@pytest.mark.slow
 def test_an_edit_keeps_what_it_keeps_where_it_was(client, walk):
   clip, _ = walk
   turned = clip.replace(joints=clip.joints @ np.array([[0, 0, -1], [0, 1, 0], [1, 0, 0]]) + [5, 0, -3])
@@ -170,24 +159,19 @@ def test_suggestions_are_prompts_that_the_model_knows(client, library):
   model = library.model("tiny", "generate")
   assert all(not model.captions.unknown_words(row["prompt"]) for row in found["rows"])
   assert found["captions"] == [text for text, _ in model.captions.nearest("a person jumps", 12)]
-  for row in json.loads((ASSETS / "suggestions.json").read_text())["rows"]:
-    points = np.frombuffer(base64.b64decode(row["figure"]), np.int8).reshape(-1, 22, 2) / found["scale"]
-    assert 1.0 < points[:, 15, 1].max() < 2.12, row["prompt"]  # a head
-  assert (ASSETS / "suggestions.json").stat().st_size < 300_000
   assert "got the model 'nobody'" in refusal(client.get("/v1/suggestions?model=nobody"))
 
 
-@pytest.mark.parametrize("kind", ["bvh", "glb", "npz", "npy", "gif", "html", "png"])
-def test_exports_are_files_that_open(client, walk, kind, tmp_path):
+@pytest.mark.parametrize("kind", ["bvh", "npz", "glb", "png"])
+def test_exports_are_files_that_open(client, walk, kind):
   clip, sent = walk
   reply = client.post("/v1/export", json={"motion": sent, "format": kind, "trim": [[2, 14]], "name": "../A wave!"})
   assert reply.status_code == 200 and f'filename="a-wave.{kind}"' in reply.headers["content-disposition"]
-  path = tmp_path / f"motion.{kind}"
-  path.write_bytes(reply.content)
-  if kind in ("bvh", "npz", "npy"):
-    assert export.load(path).num_frames == 12
-  starts = {"glb": b"glTF", "gif": b"GIF8", "html": b"<!DOCTYPE html>", "png": b"\x89PNG"}
-  assert reply.content.startswith(starts.get(kind, b""))
+  if kind in ("bvh", "npz"):
+    motion = client.post(f"/v1/import?name=x.{kind}", content=reply.content).json()["motion"]
+    assert motion["shape"] == [12, 22, 3] and np.abs(joints_of(motion) - clip.joints[2:14]).max() < 0.02
+  else:
+    assert reply.content.startswith({"glb": b"glTF", "png": b"\x89PNG"}[kind])
 
 
 def test_all_writers_and_rigs_of_the_library_are_offered(client, walk, tmp_path):
@@ -214,7 +198,7 @@ def test_variants_of_an_export(client, walk):
   still = ask(in_place=True)
   assert np.abs(still - in_place(clip.joints)).max() == 0 and np.ptp(still[:, 0, [0, 2]], axis=0).max() < 1e-6
   assert not np.allclose(ask(loop=True), clip.joints)
-  for made in ([[0, 5], [8, 12]], 5, [[5]], "no spans"):  # what an edit made anew is drawn in another colour
+  for made in ([[0, 5], [8, 12]], [[5]]):  # new frames of an edit are drawn in another colour
     edited = sent | {"meta": {"made": made}}
     drawn = client.post("/v1/export", json={"motion": edited, "format": "html", "trim": [[2, 10]]})
     assert drawn.status_code == 200 and (b'"tints"' in drawn.content) == (made == [[0, 5], [8, 12]])
@@ -226,15 +210,13 @@ def test_variants_of_an_export(client, walk):
     ({"format": "bvh", "rig": "nothing"}, "got rig 'nothing'"), ({"fps": 0}, "got fps 0"),
     ({"trim": [[5, 2]]}, "got trim"), ({"trim": [[0, 10**6]]}, "expected one span"),
     ({"motion": {"shape": [1, 22, 3], "fps": 20, "joints": "AA=="}}, "bytes of joints"),
-    ({"motion": {"shape": [10**9, 22, 3], "fps": 20, "joints": ""}}, "expected [frames, 22, 3]"),
+    ({"motion": {"shape": [36_001, 22, 3], "fps": 20, "joints": ""}}, "expected [frames, 22, 3] of 1 to 36,000"),
     ({"motion": {"shape": [2, 22, 3], "fps": 20, "joints": "*"}}, "no base64"),
     ({"motion": {"shape": [2, 22, 3], "fps": 0, "joints": ""}}, "got 0 frames"),
-    ({"motion": {"shape": [2, 22, 3], "fps": "20", "joints": ""}}, "frames a second"),
     ({"motion": {"skeleton": "../x"}}, "got the skeleton"),
     ({"motion": {"shape": [1, 22, 3], "fps": 20, "joints": base64.b64encode(b"\xff" * 264).decode()}}, "NaN|finite"),
     ({"motion": {"shape": [1, 22, 3], "fps": 20, "joints": base64.b64encode(bytes(264)).decode()}}, "bones")])
 def test_what_cannot_be_exported_is_told(client, walk, change, told):
-  import re
   body = {"motion": walk[1], "format": "npy"} | change
   assert re.search(told.replace("[", r"\["), refusal(client.post("/v1/export", json=body)))
 
@@ -259,21 +241,12 @@ def _pickle():
 
 
 @pytest.mark.parametrize("name, data, told", [
-    ("walk.npz", _bomb, "unpack"), ("walk.npy", _pickle, "pickle"), ("walk.npy", lambda: b"\x80\x04", "pickle"),
-    ("walk.bvh", lambda: b"HIERARCHY nothing", "the file"), ("walk.npz", lambda: b"PK\x03\x04cut", "cut or damaged"),
-    ("walk.exe", lambda: b"", "ends in '.exe'"), ("../../etc/passwd", lambda: b"", "ends in ''"),
-    ("walk.amc", lambda: b"", "ends in '.amc'"), ("walk.npy", lambda: b"", "no array")])
+    ("walk.npz", _bomb, "unpack"), ("walk.npy", _pickle, "pickle"),
+    ("walk.bvh", lambda: b"HIERARCHY nothing", "the file"), ("walk.amc", lambda: b"", "ends in '.amc'"),
+    ("../../etc/passwd", lambda: b"", "ends in ''")])
 def test_what_is_no_motion_is_not_read(client, name, data, told):
   message = refusal(client.post("/v1/import", params={"name": name}, content=data()))
   assert told in message and "/tmp" not in message
-
-
-def test_what_is_exported_is_read_again(client, walk):
-  clip, sent = walk
-  for kind in ("npz", "npy", "bvh"):
-    data = client.post("/v1/export", json={"motion": sent, "format": kind}).content
-    motion = client.post(f"/v1/import?name=x.{kind}", content=data).json()["motion"]
-    assert motion["shape"] == sent["shape"] and np.abs(joints_of(motion) - clip.joints).max() < 0.02
 
 
 def test_too_many_at_once_are_told_to_wait(client, studio, walk):

@@ -19,7 +19,7 @@ def stranger(studio):
   return TestClient(studio.app(), base_url=BASE)
 
 
-@pytest.mark.parametrize("path", ["/v1/status", "/v1/models", "/v1/nothing"])
+@pytest.mark.parametrize("path", ["/v1/status", "/v1/nothing", "/mmcp/capabilities"])
 def test_without_the_token_there_is_nothing(stranger, path):
   assert "token is missing or wrong" in refusal(stranger.get(path), 401)
   assert refusal(stranger.get(path, headers={"authorization": "Bearer " + TOKEN[:-1]}), 401)
@@ -86,6 +86,7 @@ def test_a_bucket_fills_again():
   bucket = TokenBucket(2.0)
   assert [bucket.take(0.0) for _ in range(8)] == [True] * 6 + [False] * 2
   assert bucket.take(0.5) and not bucket.take(0.5) and not bucket.take(-math.inf)
+  assert [bucket.take(900.0) for _ in range(7)] == [True] * 6 + [False], "a long rest allows no longer burst"
 
 
 def test_a_fault_shows_no_traceback(client, studio, monkeypatch, caplog):

@@ -155,8 +155,10 @@ def test_a_page_that_does_not_read_stops_the_sampling(page, studio):
   assert stream._sequence == 3
   page.send(type="ack", sequence=0)
   page.more(1, ack=False)
-  time.sleep(0.2)
-  assert stream._sequence == 4
+  page.send(type="ack", sequence=10**6)  # of blocks that were never sent
+  page.more(3, ack=False)
+  page.send(type="restart")
+  assert page.until(ack=False, type="started", run=2)["sequence"] == 7
 
 
 def test_the_clock_holds_the_sampling_back(page, studio):
@@ -206,23 +208,14 @@ def test_without_keep_going_a_stream_waits_for_words(page, library, monkeypatch)
 
 @pytest.mark.parametrize("message, told", [
     ({}, "type is missing"), ([], "got a list, expected a JSON object"), ({"type": "jump"}, "expected one of start"),
-    ({"type": "start"}, "prompt is missing"), ({"type": "start", "prompt": " "}, "empty prompt"),
-    ({"type": "start", "prompt": "x" * 10_000}, "10,000 characters"),
     ({"type": "start", "prompt": "a", "model": "../secret"}, "this studio has tiny, editor"),
-    ({"type": "start", "prompt": "a", "seed": -1}, "got seed -1"),
-    ({"type": "start", "prompt": "a", "sed": 1}, "'sed'"),
-    ({"type": "start", "prompt": "a", "frames": 0}, "got frames 0"),
-    ({"type": "start", "prompt": "a", "speed": "fast"}, "got speed fast"),
     ({"type": "start", "prompt": "a", "ahead": 10**6}, "from 1 to 32"),
-    ({"type": "start", "prompt": "a", "cleanup": 1}, "true or false"),
-    ({"type": "start", "prompt": "a", "sampling": {"lag": [1]}}, "got sampling"),
     ({"type": "start", "prompt": "a", "sampling": {"bogus": 1}}, "has no argument"),
     ({"type": "start", "prompt": "a", "sampling": {"schedule": "full"}}, "schedule"),
     ({"type": "start", "prompt": "a", "model": "editor"}, "has no 'stream'; tiny has"),
-    ({"type": "prompt", "prompt": "a"}, "no stream yet"), ({"type": "ack"}, "sequence is missing"),
-    ({"type": "speed", "value": -1}, "got value -1"), ({"type": "restart", "seed": 0.5}, "whole number")])
-def test_what_cannot_be_is_told_and_the_stream_goes_on(page, message, told):
-  page.socket.send_text(json.dumps(message))
+    ({"type": "prompt", "prompt": "a"}, "no stream yet"), ("{", "got no valid JSON (")])
+def test_what_cannot_be_gets_one_sentence_and_the_stream_lives(page, message, told):
+  page.socket.send_text(message if isinstance(message, str) else json.dumps(message))
   error = page.until(type="error")
   assert told in error["message"] and not error["fatal"] and "\n" not in error["message"]
   page.send(type="start", prompt="a person walks 🙂", seed=1, speed=0)
@@ -272,17 +265,11 @@ def test_a_page_that_asks_and_never_reads_is_let_go(client, studio, monkeypatch)
   assert not studio.streams and studio.places == 0
 
 
-def test_no_json_and_no_number_are_told(page):
-  for text in ("{", '{"type": "speed", "value": NaN}', "[" * 5000):
-    page.socket.send_text(text)
-    assert page.until(type="error")["message"].startswith("got no valid JSON (")
-
-
 @pytest.mark.parametrize("send, code", [
     (lambda page: page.socket.send_bytes(b"MJXS"), 1003),
     (lambda page: page.socket.send_text("x" * (Limits().message_bytes + 1)), 1009),
     (lambda page: [page.send(type="ack", sequence=0) for _ in range(200)], 1008)])
-def test_who_says_too_much_is_cut_off(page, send, code):
+def test_a_page_that_says_too_much_is_cut_off(page, send, code):
   with contextlib.suppress(WebSocketDisconnect, RuntimeError):
     send(page)
   with pytest.raises(WebSocketDisconnect) as closed:
@@ -297,6 +284,10 @@ def test_streams_are_counted(client, studio, monkeypatch):
     with pytest.raises(WebSocketDisconnect) as closed:
       third.receive_text()
     assert closed.value.code == 1013
+  deadline = time.monotonic() + 10
+  while studio.streams or studio.places:  # a stream ends with its page
+    assert time.monotonic() < deadline
+    time.sleep(0.01)
 
 
 def test_a_crash_in_one_stream_leaves_the_others(client, monkeypatch):
@@ -325,15 +316,7 @@ def test_a_crash_in_one_stream_leaves_the_others(client, monkeypatch):
     second.more(5)
 
 
-def test_a_stream_ends_with_its_page(client, studio):
-  with client.websocket_connect(URL) as socket:
-    page = Page(socket)
-    page.send(type="start", prompt="a person walks", seed=1, speed=0)
-    page.more(1)
-    stream = next(iter(studio.streams))
-  assert stream.join(10) and not studio.streams and studio.places == 0
-
-
+@pytest.mark.slow
 def test_a_model_that_follows_prompts_alone_is_ready_to_stream(random_run):
   """What is compiled in advance draws no path for it."""
   from motion_studio.server.library import Library
