@@ -1,16 +1,15 @@
 """Networks, inputs and gradients of the recordings of MoMask and T2M-GPT, and what is compared with them."""
-import functools
-
 import jax.numpy as jnp
 import numpy as np
 
 from motion_jax.convert.state import from_torch
 from motion_jax.latents import RvqCodec
 from motion_jax.models import autoencoders
-from motion_jax.models.autoencoder_weights import rvq_from_torch
+from motion_jax.models.autoencoder_weights import autoencoder_names, rvq_from_torch
 from motion_jax.models.momask.weight_names import masked_names, residual_names
 from motion_jax.nets.autoencoder import Autoencoder
 from motion_jax.nets.token_transformers import MaskedCodeTransformer, ResidualCodeTransformer
+from tests.nets.naming import by_reference
 from tests.nets.test_masked_transformer import cast
 
 EXACT = (0, 0)
@@ -52,28 +51,9 @@ def recorded(fixture, dtype, name):
   return fixture[f"out/{name}"] if wide is None else wide
 
 
-def grads_to_torch(grads, table):
-  """Our gradients under the reference's names and layouts, q, k and v in one."""
-  flat = {}
-  node_of = lambda path: functools.reduce(lambda node, key: node[key], path.split("/"), grads["params"])
-  for theirs, (ours, kind) in table.items():
-    node = node_of(ours)
-    if kind == "attention_in":
-      flat[f"{theirs}.in_proj_weight"] = np.concatenate([node[n]["kernel"].T for n in ("query", "key", "value")])
-      flat[f"{theirs}.in_proj_bias"] = np.concatenate([node[n]["bias"] for n in ("query", "key", "value")])
-    elif kind in ("array", "transposed"):
-      flat[theirs] = node.T if kind == "transposed" else node
-    else:
-      turn = {"conv": lambda w: w.transpose(2, 1, 0), "pointwise": lambda w: w.T[..., None]}.get(kind, lambda w: w.T)
-      leaves = {"kernel": ("weight", turn), "scale": ("weight", lambda w: w), "bias": ("bias", lambda w: w)}
-      flat |= {f"{theirs}.{leaves[leaf][0]}": leaves[leaf][1](array) for leaf, array in node.items()
-               if leaf in leaves and not isinstance(array, dict)}
-  return flat
-
-
-def compared_grads(fixture, made, prefix=""):
+def compared_grads(fixture, grads, table, prefix=""):
   """Gradients to be compared, by their names in the file; one that is rounding on both sides counts as the recorded."""
-  found = {}
+  made, found = by_reference(grads["params"], table), {}
   for name, expected in fixture.under(f"out/{prefix}grad/").items():
     array = np.asarray(made[name])
     if np.abs(expected).max() < 1e-7:  # biases of keys do nothing
@@ -86,20 +66,15 @@ def compared_grads(fixture, made, prefix=""):
 GRADIENTS = {f"{case}grad/": (2e-5, 1e-5) for case in ("", "all/", "drop/", "shared/", "plain/", "fixed/", "drawn/")}
 
 
-def joints_of(features):
-  return {263: 22, 251: 21}.get(features, 22)
-
-
 def loss_terms(y, x, commitment):
   """(total, all columns, positions, commitment) as MoMask and T2M-GPT weigh them."""
-  columns = (4, 4 + 3 * (joints_of(x.shape[-1]) - 1))
+  columns = (4, 64 if x.shape[-1] == 251 else 67)
   terms = autoencoders.rvq_terms(y, x[:, :y.shape[1]], commitment, velocity_weight=0.0, commitment_weight=0.02,
                                  position_weight=0.5, columns=columns)
   return jnp.stack([terms[name] for name in ("loss", "rec", "positions", "commitment")])
 
 
 def autoencoder_table(net):
-  from motion_jax.models.autoencoder_weights import autoencoder_names
   return autoencoder_names(net.num_halvings, len(net.dilations))
 
 
