@@ -157,7 +157,7 @@ def _runner_among(known, names):
 
 
 def recordings(*names, sharp=(), single=(), slow=(), further=False):
-  """Marks a test(name, precision) of recordings: each in one precision, and in the other one among the exhaustive tests.
+  """Marks a test(name, precision) of recordings: each in one precision, in the other one among the exhaustive tests.
 
   The first one is float32, in which all outputs are recorded; of `sharp` ones it is float64, for what a solver with
   steps of its own makes of rounding leaves float32 little to say. single: recorded in float32 alone. slow: whose first

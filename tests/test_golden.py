@@ -133,19 +133,6 @@ def test_joints_of_the_first_67_columns_are_those_of_all(tmp_path):
   assert wrong and "root differs" in wrong[0]
 
 
-def test_scores_of_few_samples_are_of_as_many_as_the_file_says(tmp_path):
-  """The singular values of the features themselves, no covariance (as in tests/metrics/test_scores.py)."""
-  def eight(arrays, meta):
-    real, fake = (arrays[f"in/{name}"][:8].astype(float) for name in ("real", "fake"))
-    x, y = ((a - a.mean(0)) / np.sqrt(7) for a in (real, fake))
-    arrays["out/fid_few"] = np.square(real.mean(0) - fake.mean(0)).sum() + (x * x).sum() + (y * y).sum() - (
-        2 * np.linalg.svd(x @ y.T, compute_uv=False).sum())
-    meta["arrays"]["out/fid_few"]["what"] = "first 8 samples: rank-deficient covariance"
-
-  golden.import_runners()
-  assert not altered("cdamd/metrics.npz", tmp_path / "metrics.npz", eight)
-
-
 def write(folder, name, fixture=None, tolerance=1e-6, **recorded):
   recorded = recorded or {"a": np.ones(3, np.float32)}
   np.savez(folder / f"{name}.npz", meta=np.array(json.dumps({"fixture": fixture or name, "tolerance": tolerance})),

@@ -87,6 +87,7 @@ def test_a_part_of_a_clip():
       clip.cut(first, past)
 
 
+@pytest.mark.slow
 def test_seed_and_seeds_are_taken_by_every_call(models, clip):
   """seed alone is that of the first motion, seed + 1 that of the second."""
   model, editor = models

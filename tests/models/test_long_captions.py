@@ -35,19 +35,6 @@ def test_lengths_that_batches_are_padded_to():
   assert [narrowest(usual) for usual in (64, 24, 77, 120, 512, 20, 8, 3)] == [8, 12, 10, 15, 8, 10, 8, 3]
 
 
-def test_padding_does_not_change_what_is_said():
-  encoder = load_text_encoder("random-init")
-  alone, mask = encoder(["someone walks"], at_least=24)
-  assert alone.shape == (1, 24, 32) and mask.sum() == 4
-  both, both_mask = encoder(["someone walks", LONG], at_least=24)
-  assert both.shape == (2, 192, 32) and both_mask.sum(1).tolist() == [4, 102]
-  assert (both[0, :24] == alone[0]).all() and (encoder([LONG])[0][0] == both[1, :102]).all()
-  ids, real = encoder.pieces([LONG, "someone walks"], 24)
-  assert ids.shape == (2, 192) and real.sum(1).tolist() == [102, 4] and ids[0, 101] == ids[1, 3] == 3  # [SEP] is kept
-  front, front_mask = encoder.sentence_and_words(["someone walks", LONG], at_least=64)
-  assert front.shape == (2, 129, 32) and (front[:, 1:] == both[:, :128]).all() and front_mask.sum() == 108
-
-
 def test_captions_beyond_the_encoder_are_told_before_training(data):
   encoder = load_text_encoder("words")
   encoder.check(["a person walks", "a person waves"])

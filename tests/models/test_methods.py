@@ -11,6 +11,7 @@ import re
 import subprocess
 import sys
 
+import jax
 import numpy as np
 import pytest
 
@@ -34,7 +35,7 @@ from tests.conftest import ROOT, load_config, some_of
 
 MODELS = ROOT / "motion_jax" / "models"
 # {row: (networks beside its own in its folder, a choice that is refused, what is said)}
-STEPS = dict(num_steps=999), "this model was trained with 4"
+STEPS = dict(num_steps=999), "999 sampler steps, this model was trained with"
 ROWS = {
     "mdm": ((), *STEPS), "dip": ((), *STEPS), "mld": (("tokenizer",), *STEPS), "mld frames": ((), *STEPS),
     "momask": (("residual", "tokenizer"), dict(threshold=2), "got threshold 2, expected a number from 0 to 1"),
@@ -47,22 +48,29 @@ UPPER = [joint for joint in range(22) if joint not in (0, 1, 2, 4, 5, 7, 8, 10, 
 
 @pytest.fixture(scope="module")
 def models(random_run):
-  """A loaded model with random parameters by the name of its row."""
-  return functools.cache(lambda name: mj.load(random_run(name)))
+  """A loaded model with random parameters by the name of its row; codes are drawn by numbers that vary much."""
+  def loaded(name):
+    model, draw = mj.load(random_run(name)), np.random.default_rng(0)
+    if name in WHOLE_CODES:
+      model.params = jax.tree.map(lambda a: a + 0.5 * draw.standard_normal(a.shape, np.float32), model.params)
+    return model
+
+  return functools.cache(loaded)
 
 
 def walk(seconds=3.0):
-  """A body in its rest pose that glides ahead, ever faster."""
+  """A body in its rest pose that glides ahead, faster and slower."""
   rest = np.zeros((22, 3))
   for joint, parent in enumerate(HUMANML3D.parents):
     if joint:
       rest[joint] = rest[parent] + HUMANML3D.offsets[joint]
   rest[:, 1] -= rest[:, 1].min()
-  place = np.arange(round(seconds * 20))[:, None, None]
-  return Clip((rest + place**2 * np.array([0, 0, 0.0005])).astype(np.float32), 20.0, (), id="walk")
+  time = np.arange(round(seconds * 20))[:, None, None]
+  place = (0.03 * time + 0.2 * np.sin(time / 9)) * np.array([0, 0, 1])
+  return Clip((rest + place).astype(np.float32), 20.0, (), id="walk")
 
 
-@pytest.mark.parametrize("name", some_of(ROWS, quick=["momask"], slow=["mld", "motionstreamer"]))
+@pytest.mark.parametrize("name", some_of(ROWS, slow=["momask"]))
 def test_parameters_of_all_networks_are_counted(name, random_run):
   """The generator's, and those of every network that lies in its folder; of shipped models: test_shipped_models.py."""
   folder = random_run(name)
@@ -78,13 +86,15 @@ def test_parameters_of_all_networks_are_counted(name, random_run):
 @pytest.mark.slow
 def test_a_motion_depends_on_its_prompt_and_seed_alone(name, models):
   model, (_, choice, said) = models(name), ROWS[name]
-  both = model.generate(["a person waves", "a person walks"], [25, 42], seeds=[1, 2])
+  any_code = dict(threshold=0.0) if name == "momask" else {}  # of 8 codes the usual threshold leaves one
+  make = lambda prompts, frames, seeds: model.generate(prompts, frames, seeds=seeds, **any_code)
+  both = make(["a person waves", "a person walks"], [25, 42], [1, 2])
   lengths = [24, 40] if name in WHOLE_CODES else [25, 42]
-  alone = model.generate("a person walks", 42, seeds=[2])[0]
+  alone = make("a person walks", 42, [2])[0]
   assert [motion.joints.shape for motion in both] == [(length, 22, 3) for length in lengths]
   assert alone.meta["seed"] == 2
   np.testing.assert_allclose(both[1].joints, alone.joints, atol=1e-4)
-  others = model.generate(["a person walks", "he falls down"], 42, seeds=[3, 2])
+  others = make(["a person walks", "he falls down"], 42, [3, 2])
   assert all(np.abs(other.joints - alone.joints).max() > 1e-3 for other in others)
   with pytest.raises(ValueError, match=said):
     model.generate("a person walks", 40, **choice)
@@ -115,15 +125,14 @@ def test_a_stream_is_the_motion_and_a_motion_is_continued(name, models):
   np.testing.assert_allclose(np.concatenate(begun + rest), whole.joints, atol=1e-4)
   assert [(caption.text, caption.start, caption.end) for caption in whole.captions] == [
       ("a person waves", 0, 2), ("a person sits", 2, 5)]
-  clip = walk(10.0)
-  made = model.extend(clip, "a person jumps", seconds=2.0, seed=5)
-  np.testing.assert_array_equal(made.joints[:200], clip.joints)
-  assert len(made.joints) == 240 and np.isfinite(made.joints).all()
-  # What a motion goes on from is its end, as long as the network has places for, and not its beginning.
-  late = model.extend(clip.cut(40, 200), "a person jumps", seconds=2.0, seed=5)
-  np.testing.assert_allclose(late.joints[160:], made.joints[200:], atol=1e-3)
-  early = model.extend(clip.cut(0, 160), "a person jumps", seconds=2.0, seed=5)
-  assert np.abs((early.joints - early.joints[159])[160:] - (made.joints - made.joints[199])[200:]).max() > 1e-3
+  # A motion is continued from its end, as much of it as the network has places for, and not from its beginning.
+  clip = walk(30.0)
+  made, late, early = (model.extend(part, "a person jumps", seconds=2.0, seed=5).joints
+                       for part in (clip, clip.cut(200, 600), clip.cut(0, 580)))
+  np.testing.assert_array_equal(made[:600], clip.joints)
+  assert len(made) == 640 and np.isfinite(made).all()
+  np.testing.assert_allclose(late[400:], made[600:], atol=2e-3)
+  assert np.abs((early - early[579])[580:] - (made - made[599])[600:]).max() > 0.01
 
 
 def test_words_count_from_the_next_block_or_later(models):
@@ -172,7 +181,7 @@ def test_momask_edits_whole_codes_and_keeps_the_others_on_all_levels(models, mon
   monkeypatch.setattr(latents.RvqCodec, "decode", lambda self, codes, *_: codes)
   codes = lambda span, seed: mj.load(model.folder).inpainted(
       [np.random.default_rng(0).normal(size=(60, 263))], [np.isin(np.arange(60), range(*span))], ["a person runs"],
-      random_keys([seed]), {})[0][0, :15]
+      random_keys([seed]), dict(threshold=0.0))[0][0, :15]
   one, other, late = codes((20, 31), 1), codes((20, 31), 2), codes((44, 60), 1)
   changed = np.isin(np.arange(15), range(5, 8))
   np.testing.assert_array_equal(one[~changed], other[~changed])
@@ -229,13 +238,18 @@ BAD = [
 ]
 
 
+@pytest.fixture(scope="module")
+def tokenizers(random_run):
+  return {f"run of {name}": str(random_run(name)) for name in (
+      "mld vae", "momask rvq", "t2m_gpt vq", "motionstreamer tae")}
+
+
 @pytest.mark.parametrize("name, fields, said", BAD)
-def test_what_does_not_fit_is_refused_in_one_sentence(name, fields, said, random_run, tmp_path):
+def test_what_does_not_fit_is_refused_in_one_sentence(name, fields, said, tokenizers, tmp_path):
   """Parts of another method, size or data set, a representation and a text encoder of another width."""
   name, _, data = name.partition(":")
   config = load_config(name, f"{data}_tiny" if data else "tiny").unlock()
-  folder = lambda value: str(random_run(value.removeprefix("run of "))) if str(value).startswith("run of ") else value
-  config.update_from_flattened_dict({field: folder(value) for field, value in fields.items()})
+  config.update_from_flattened_dict({field: tokenizers.get(value, value) for field, value in fields.items()})
   with pytest.raises(ValueError, match=said) as error:
     fit.run(config.lock(), tmp_path / "run")
   assert "\n" not in str(error.value) and not (tmp_path / "run" / "params.safetensors").exists()
@@ -277,25 +291,20 @@ def test_abilities_are_those_of_the_methods():
       assert not asked.search(path.read_text()), path
 
 
-def test_choices_are_those_that_there_are():
+def test_choices_are_those_that_there_are_and_by_default_the_configs():
   assert set(CMDM_SOLVERS["flow"]) == set(samplers.SOLVERS) and CMDM_SOLVERS["ddpm"] == ddpm_forcing.SOLVERS
   assert set(CDAMD_SOLVERS) == {*samplers.METHODS, "dopri5", "ddpm"} and set(MASKS) == set(LATENT_MASKS)
-
-
-def test_choices_are_the_configs_where_nobody_makes_them():
   cmdm, cdamd = load_config("cmdm_denoiser", "full"), load_config("cdamd_generator", "full")
   chosen = CmdmSampling(num_steps=4).resolved(cmdm, context=48)
   assert dataclasses.asdict(chosen) == dict(guidance_scale=3.0, schedule="fss", num_steps=4, lag=2, solver="euler",
                                             context=48, memory=None, contrast_scale=0.0)
   assert CmdmSampling(schedule="ar", num_steps=7).resolved(cmdm, context=48).about()["lag"] == 7
-  assert {hash(chosen), hash(CmdmSampling(num_steps=4).resolved(cmdm, context=48))} == {hash(chosen)}
   unmasking = CdamdSampling(num_iterations=3).resolved(cdamd)
   assert (unmasking.num_iterations, unmasking.num_steps, unmasking.order) == (
       3, cdamd.sampler.num_steps, cdamd.sampler.order)
   with pytest.raises(ValueError, match="got solver 'ancestral', this model knows euler, heun: it was trained to pred"):
     CmdmSampling(solver="ancestral").resolved(cmdm, context=48)
-  for wrong, told in ((dict(num_steps=0), "num_steps 0, expected a whole number from 1 to 1,000"),
-                      (dict(unmasked_only="no"), "unmasked_only 'no', expected true or false"),
+  for wrong, told in ((dict(unmasked_only="no"), "unmasked_only 'no', expected true or false"),
                       (dict(mask="dcm"), "mask 'dcm', expected one of causal, dccm"),
                       (dict(temperature=-1), "temperature -1, expected a number from 0 to 100")):
     with pytest.raises(ValueError, match=told):

@@ -64,7 +64,7 @@ NOISE = np.cumsum(np.random.default_rng(0).normal(0, 0.02, (1, 24, 22, 3)), axis
 SCENES = {
     # 0.6 m/s straight on: no acceleration; wrists and feet are off in velocity and in speed; standing feet slide.
     "a body that is carried along": lambda: (still() + FRAMES[:, None] * [0, 0, 0.6 / 20], still(), dict(
-        acceleration=(0, 0), extremity_velocity=(2 * 0.36, 0.05), foot_contact=(0.36, 0.05))),
+        acceleration=(0, 0), extremity_velocity=(2 * 0.36, 0.05), foot_contact=(0.36, 0.05), brief_contact=(0, 0))),
     # Second differences of 0.1, -0.2, 0.1 m, so 40, 80, 40 m/s^2, in 22 frames of 22 joints; toes are one of six
     # extremities and of four points of the feet, 2 m/s up and down in 2 of 23 steps.
     "toes that leap for one frame": lambda: (with_joint(TOES, LEAP), still(), dict(

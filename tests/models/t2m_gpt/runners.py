@@ -15,7 +15,7 @@ from motion_jax.motion.representations import to_joints
 from motion_jax.nets.token_gpt import CodeGPT
 from motion_jax.quant import rvq, vq
 from tests.golden import golden
-from tests.models.momask import recorded as momask
+from tests.models.momask import runners as momask
 from tests.nets.test_masked_transformer import cast
 
 EXACT = momask.EXACT

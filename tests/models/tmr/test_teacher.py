@@ -194,41 +194,36 @@ def test_retrieve_from_the_command_line(runs, data, tmp_path, capsys):
   assert capsys.readouterr().out == recall and index.read_bytes() == whole
 
 
-def test_the_index_belongs_to_data_teacher_and_split(runs, data, tmp_path):
+def test_the_index_belongs_to_data_and_teacher(runs, data, tmp_path):
   data = shutil.copytree(data, tmp_path / "data")
   before = dataset_of(data).fingerprint(data)
-  assert dataset_of(data).fingerprint(data) == before
   text = next((data / "texts").glob("*.txt"))
   text.write_text(text.read_text().replace("person", "robot"))
   assert dataset_of(data).fingerprint(data) != before
   run = shutil.copytree(runs("part_tmr"), tmp_path / "run")
   one = retrieval.load(run).fingerprint
-  mean = np.load(run / "Mean.npy")
-  np.save(run / "Mean.npy", mean + 1)
+  np.save(run / "Mean.npy", np.load(run / "Mean.npy") + 1)
   assert retrieval.load(run).fingerprint != one
 
 
 def test_mistakes_are_told(runs, data, tmp_path, capsys, tiny_run):
   run, data = str(runs("part_tmr")), str(data)
+  ask = lambda *words: cli.main(["retrieve", *words])
   for words, told in (
       (["a", "--data", str(tmp_path), "--teacher", run], "is no data folder"),
       (["a", "--data", data, "--teacher", str(tmp_path / "none")], "neither a run folder"),
       (["a", "--data", data, "--teacher", str(tiny_run)], "tmr.teacher"),
       ([" ", "--data", data, "--teacher", run], "empty sentence"),
-      (["none.npz", "--data", data, "--teacher", run], "none.npz"),
-  ):
-    assert cli.main(["retrieve", *words]) == 1
+      (["none.npz", "--data", data, "--teacher", run], "none.npz")):
+    assert ask(*words) == 1
     assert told in capsys.readouterr().err
   with pytest.raises(SystemExit):
-    cli.main(["retrieve", "a", "--top-k", "0", "--data", data, "--teacher", run])
+    ask("a", "--top-k", "0", "--data", data, "--teacher", run)
   assert "--top-k: got '0', expected a whole number from 1 to 10,000" in capsys.readouterr().err
-
-
-def test_clips_without_captions_are_told(tmp_path):
   clip = synthetic_clips(0, 1)[0]
-  write_folder([Clip(clip.joints, captions=clip.captions, id="a", split="train")], tmp_path / "data", mirror=False)
+  write_folder([Clip(clip.joints, captions=clip.captions, id="a", split="train")], tmp_path / "one", mirror=False)
   with pytest.raises(ValueError, match="no clip with a caption in split 'test'"):
-    retrieval.read_clips(tmp_path / "data", "test")
+    retrieval.read_clips(tmp_path / "one", "test")
 
 
 # --- tokenizers ---------------------------------------------------------------------------------------------------
@@ -282,36 +277,29 @@ def test_the_record_of_a_generator_says_what_its_tokenizer_was_taught_by(tmp_pat
 def test_windows_are_seen_as_joints_or_by_other_statistics():
   """A window of full features becomes its joints, from the origin, in the teacher's statistics."""
   joints = synthetic_clips(0, 1)[0].joints
-  features = to_features(joints, "full", "corrected")
+  features, shown = (to_features(joints, layout, "corrected") for layout in ("full", "coordinates"))
   grouped, single = (compute_stats(features, "full", per_column=one) for one in (False, True))
   std = features.astype(np.float64).std(0)
   moves = std > 1e-5
   assert np.allclose(single.std[moves], std[moves], rtol=1e-4) and (single.std[~moves] == 1).all()
   assert len(set(grouped.std[4:67])) == 1 and not np.allclose(grouped.std, single.std, rtol=0.01)
-  x = jnp.asarray(grouped.normalize(features)[None, :32], jnp.float32)
-
-  view = alignment.view_of(grouped, single, "a run")
-  seen = alignment.as_seen(x, view, "full", "full")
-  assert np.allclose(seen[0], single.normalize(features)[:32], atol=1e-3)
-
-  shown = to_features(joints, "coordinates", "corrected")
+  x = grouped.normalize(features)[None, :32].astype(np.float32)
+  # The same data and some more: 1 stays, of a column that never moves.
+  more = Stats(grouped.mean, np.where(grouped.std == 1, 1, 1.1 * grouped.std), grouped.layout)
+  for stats in (single, more):
+    seen = alignment.as_seen(x, alignment.view_of(grouped, stats, "a run"), "full", "full")
+    assert np.allclose(seen[0], stats.normalize(features)[:32], atol=1e-3)
   own = compute_stats(shown, "coordinates")
   view = alignment.view_of(grouped, own, "a run")
-  seen = alignment.as_seen(x, view, "full", "coordinates")
-  assert np.allclose(own.denormalize(np.asarray(seen[0])), shown[:32], atol=1e-4)
-  window = alignment.as_seen(x[:, 8:], view, "full", "coordinates")[0, 0]
-  assert np.allclose(own.denormalize(np.asarray(window))[[0, 2]], 0, atol=1e-5)  # a clip of its own
-
+  seen, later = (own.denormalize(np.asarray(alignment.as_seen(part, view, "full", "coordinates"))[0])
+                 for part in (x, x[:, 8:]))
+  assert np.allclose(seen, shown[:32], atol=1e-4)
+  assert np.allclose(later[0, [0, 2]], 0, atol=1e-5)  # a clip of its own
   assert alignment.view_of(grouped, grouped, "a run") is None
-  wider = np.where(grouped.std == 1, 1, 1.1 * grouped.std)  # 1 stays: a column that never moves
-  more = Stats(grouped.mean, wider, grouped.layout)  # of the same data and some more
-  seen = alignment.as_seen(x, alignment.view_of(grouped, more, "a run"), "full", "full")
-  assert np.allclose(seen[0], more.normalize(features)[:32], atol=1e-3)
-  other = Stats(grouped.mean + grouped.std, grouped.std, grouped.layout)
-  for wrong in (other, Stats(single.mean, 2 * single.std, single.layout), Stats(grouped.mean, 1.5 * grouped.std,
-                                                                                grouped.layout)):
+  for mean, std in ((grouped.mean + grouped.std, grouped.std), (single.mean, 2 * single.std),
+                    (grouped.mean, 1.5 * grouped.std)):
     with pytest.raises(ValueError, match="a run was trained on features of other statistics"):
-      alignment.view_of(grouped, wrong, "a run")
+      alignment.view_of(grouped, Stats(mean, std, grouped.layout), "a run")
   with pytest.raises(ValueError, match="layout 'coordinates_kit' cannot read windows of layout 'full'"):
     alignment.view_of(grouped, alignment.plain_stats("coordinates_kit"), "a run")
 
@@ -319,39 +307,45 @@ def test_windows_are_seen_as_joints_or_by_other_statistics():
 # --- weights ------------------------------------------------------------------------------------------------------
 
 
-def test_kinds_are_told():
+def test_other_kinds_of_teachers_are_refused():
   for fields, told in ((dict(kind="tnr"), "expected one of part_tmr, whole_body, tmr, motion_patches"),
                        (dict(kind="tmr", width=8, head_dropout=0.1), "head_dropout.*'whole_body'")):
     with pytest.raises(ValueError, match=told):
       make_teacher(fields, "full")
 
 
-def vit_state(width=16, depth=1, side=14, patch=16):
+def vit_state(width=16, depth=1, patch=16):
   """A ViT's ImageNet checkpoint under timm's names, random."""
-  draw = np.random.default_rng(0).normal
-  sizes = {"cls_token": (1, 1, width), "pos_embed": (1, 1 + side * side, width), "patch_embed.proj.bias": (width,),
+  sizes = {"cls_token": (1, 1, width), "pos_embed": (1, 1 + 14 * 14, width), "patch_embed.proj.bias": (width,),
            "patch_embed.proj.weight": (width, 3, patch, patch), "norm.weight": (width,), "norm.bias": (width,),
            "head.weight": (5, width), "head.bias": (5,)}
   for i in range(depth):
     for name, shape in (("norm1", (width,)), ("attn.qkv", (3 * width, width)), ("attn.proj", (width, width)),
                         ("norm2", (width,)), ("mlp.fc1", (width, width)), ("mlp.fc2", (width, width))):
       sizes |= {f"blocks.{i}.{name}.weight": shape, f"blocks.{i}.{name}.bias": shape[:1]}
+  draw = np.random.default_rng(0).normal
   return {name: draw(size=shape).astype(np.float32) for name, shape in sizes.items()}
 
 
-def huggingface(state, depth=1):
+HUGGINGFACE = {"cls_token": "vit.embeddings.cls_token", "pos_embed": "vit.embeddings.position_embeddings",
+               "patch_embed.proj": "vit.embeddings.patch_embeddings.projection", "norm": "vit.layernorm",
+               "head": "classifier", "blocks.0.attn.proj": "vit.encoder.layer.0.attention.output.dense",
+               "blocks.0.norm1": "vit.encoder.layer.0.layernorm_before",
+               "blocks.0.norm2": "vit.encoder.layer.0.layernorm_after",
+               "blocks.0.mlp.fc1": "vit.encoder.layer.0.intermediate.dense",
+               "blocks.0.mlp.fc2": "vit.encoder.layer.0.output.dense"}
+
+
+def huggingface(state):
   """The same checkpoint under Hugging Face's names."""
-  made = {"vit.embeddings.cls_token": state["cls_token"], "vit.embeddings.position_embeddings": state["pos_embed"]}
-  for leaf in ("weight", "bias"):
-    made[f"vit.embeddings.patch_embeddings.projection.{leaf}"] = state[f"patch_embed.proj.{leaf}"]
-    made |= {f"vit.layernorm.{leaf}": state[f"norm.{leaf}"], f"classifier.{leaf}": state[f"head.{leaf}"]}
-    for i in range(depth):
-      layer, block = f"vit.encoder.layer.{i}", f"blocks.{i}"
-      for name, part in zip(("query", "key", "value"), np.split(state[f"{block}.attn.qkv.{leaf}"], 3)):
-        made[f"{layer}.attention.attention.{name}.{leaf}"] = np.ascontiguousarray(part)
-      made |= {f"{layer}.{ours}.{leaf}": state[f"{block}.{theirs}.{leaf}"] for ours, theirs in (
-          ("attention.output.dense", "attn.proj"), ("layernorm_before", "norm1"), ("layernorm_after", "norm2"),
-          ("intermediate.dense", "mlp.fc1"), ("output.dense", "mlp.fc2"))}
+  made = {}
+  for name, array in state.items():
+    part, _, leaf = name.rpartition(".")
+    if part == "blocks.0.attn.qkv":
+      for letter, piece in zip(("query", "key", "value"), np.split(array, 3)):
+        made[f"vit.encoder.layer.0.attention.attention.{letter}.{leaf}"] = np.ascontiguousarray(piece)
+    else:
+      made[HUGGINGFACE.get(name) or f"{HUGGINGFACE[part]}.{leaf}"] = array
   return made
 
 
