@@ -59,6 +59,7 @@ def test_without_captions_the_text_encoder_decides(tiny_run, tmp_path):
   assert not load(tmp_path / "run").captions and load(tiny_run).captions
 
 
+@pytest.mark.slow
 def test_the_subject_makes_no_difference_to_a_length():
   known = load("cmdm-small").captions
   assert known.natural_frames("a person waves") == int(np.median(

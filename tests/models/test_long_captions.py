@@ -139,6 +139,7 @@ def test_a_motion_does_not_know_how_its_words_were_padded(model):
   assert both[0].captions[0].text == LONG
 
 
+@pytest.mark.slow
 def test_everyday_captions_are_padded_as_ever(model):
   """24 for the model that ships: the shapes, and so the bits, that it has always run with."""
   assert model.encode_words(["someone walks"])[0].shape == (1, 64, 32)
@@ -192,6 +193,7 @@ def test_cdamd_learns_from_long_captions(data):
   assert {batch["text_emb"].shape[1] for batch in batches} == {78, 155}
 
 
+@pytest.mark.slow
 def test_a_teacher_learns_from_long_captions_and_judges_them(data):
   next_batch = tmr_setups.teacher(training.resolve(_on(data, "part_tmr", {"data.max_words": 24}))[0]).next_batch
   batches = [next_batch(step) for step in range(4)]

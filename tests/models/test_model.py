@@ -104,6 +104,7 @@ def test_a_stream_checks_its_input_too(model):
       next(model.stream(**arguments))
 
 
+@pytest.mark.slow
 def test_broken_run_folders_are_told(tiny_run, tmp_path):
   def refused(words, error=ValueError):
     with pytest.raises(error, match=words):

@@ -51,6 +51,7 @@ def test_it_is_trained_loaded_and_asked(folder):
     model.generate("a person walks", 40, spread=11)
 
 
+@pytest.mark.slow
 def test_the_command_line_knows_its_choices(folder, tmp_path, monkeypatch, capsys):
   monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
   made = ["generate", "a person walks", "--num-frames", "24", "--model", str(folder), "--out", f"{tmp_path}/made.npz"]

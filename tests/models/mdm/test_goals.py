@@ -72,6 +72,7 @@ def test_training_draws_each_kind_of_goal():
   assert counts.min() > 60 and counts.max() < 140
 
 
+@pytest.mark.slow
 def test_the_loss_of_a_motion_without_goals_is_that_of_its_features():
   """Its "goals" is 0 where none was drawn, and it reads the place in the last frame elsewhere."""
   config = load_config("mdm_denoiser", "goals_tiny")

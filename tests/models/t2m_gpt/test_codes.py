@@ -64,7 +64,7 @@ def test_rows_of_codes():
 
 def test_clips_are_drawn_as_often_as_they_weigh():
   """Weights are those of all clips, also of one that has no caption and so is never drawn."""
-  data = items.CodeItems([np.arange(4)] * 3, [[], ["b"], ["c"]], length=7, end=20, weights=np.array([8.0, 3.0, 1.0]))
+  data = items.CodeItems([np.arange(4)] * 3, [[], ["b"], ["c"]], length=7, end=20, weights=np.array([1.0, 3.0, 1.0]))
   drawn = [caption for step in range(20) for caption in data.batch(16, 0, step)["caption"]]
   assert abs(np.mean([caption == "b" for caption in drawn]) - 0.75) < 4 * np.sqrt(0.75 * 0.25 / 320)
 
