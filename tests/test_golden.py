@@ -100,8 +100,8 @@ def run_bert(fixture, dtype):
   return test_bert.outputs(fixture.arrays, fixture.params, fields, dtype.name)
 
 
-@golden.recordings("cmdm/full_generate", "motion/features_humanml3d", "motion/features_kit", "motion/joints",
-                   single=("data/windows",))
+@golden.recordings("motion/features_humanml3d", "motion/features_kit", "motion/joints", single=("data/windows",),
+                   slow=("cmdm/full_generate",))
 def test_features_and_windows(name, precision):
   """And the whole way from words to joints."""
   assert not golden.check(fixtures.path(f"{name}.npz"), [precision]).failures

@@ -179,7 +179,8 @@ def test_momask_edits_whole_codes_and_keeps_the_others_on_all_levels(models, mon
   with pytest.raises(ValueError, match="everything is kept"):
     model.edit(clip, "a person runs", keep=[(0, 60)])
   monkeypatch.setattr(latents.RvqCodec, "decode", lambda self, codes, *_: codes)
-  codes = lambda span, seed: mj.load(model.folder).inpainted(
+  patched = mj.load(model.folder)
+  codes = lambda span, seed: patched.inpainted(
       [np.random.default_rng(0).normal(size=(60, 263))], [np.isin(np.arange(60), range(*span))], ["a person runs"],
       random_keys([seed]), dict(threshold=0.0))[0][0, :15]
   one, other, late = codes((20, 31), 1), codes((20, 31), 2), codes((44, 60), 1)

@@ -140,6 +140,7 @@ def test_captions_that_say_the_same_are_read_with_their_sentence():
 # --- retrieval ----------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", KINDS)
 def test_a_run_retrieves_and_judges(name, runs):
   """Unit vectors, the same for a motion or a sentence alone as among others, in retrieval as in judging."""
@@ -164,6 +165,7 @@ def test_a_long_motion_is_the_mean_of_its_pieces(runs):
   assert np.allclose(retriever.embed_motion([x])[0], halves / np.linalg.norm(halves), atol=1e-5)
 
 
+@pytest.mark.slow
 def test_retrieve_from_the_command_line(runs, data, tmp_path, capsys):
   run, data = str(runs("part_tmr")), str(data)
   ask = lambda *words: cli.main(["retrieve", *words, "--data", data, "--teacher", run])
@@ -413,7 +415,7 @@ def test_released_motion_patches(tmp_path):
   assert np.abs(made - fixture["out/motion_unit"][:len(clips)]).max() < 1e-5
 
 
-@pytest.mark.parametrize("as_folder", [pytest.param(False, marks=pytest.mark.slow), True])
+@pytest.mark.parametrize("as_folder", [pytest.param(False, marks=pytest.mark.exhaustive), True])
 def test_released_tmr(tmp_path, as_folder):
   """A checkpoint of the whole, or the three parts that are given out, to a run folder that retrieves."""
   fixture, draw = Fixture(fixtures.path("cmdm/tmr.npz")), np.random.default_rng(0)
