@@ -9,10 +9,10 @@ registered by
   def causal_dit(fixture, dtype):
     return {"block3/velocity": ...}   # the names under out/ and out64/ in the file
 
-in the test module of the part; it takes all sizes from the file, so that recordings of other sizes, lengths and seeds
-run too, under their own names or ours (`runner_name`). Several methods record an "edit" or a "pipeline": such a runner
-is registered as "momask/edit", and computes files whose meta names that method's repository (`SOURCES`) or, where it
-names none of them, files in a folder of that name.
+in the test module of the part or, of a further method, in tests/models/METHOD/runners.py; it takes all sizes from the
+file, so that recordings of other sizes, lengths and seeds run too, under their own names or ours (`runner_name`).
+Several methods record an "edit" or a "pipeline": such a runner is registered as "momask/edit", and computes files whose
+meta names that method's repository (`SOURCES`) or, where it names none of them, files in a folder of that name.
 """
 import argparse
 import importlib
@@ -27,6 +27,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+
+from tests.nets.naming import by_reference
 
 FLOAT64_BOUND = 1e-10  # what numpy, written from docs/papers, stays far below (2e-15)
 GRADIENT_BOUND = 1e-5  # relative; recorded in float32 only
@@ -62,6 +64,17 @@ class Fixture:
   def params(self):
     return params_of(self.arrays)
 
+  @property
+  def sizes(self):
+    """The arguments that the reference was made with."""
+    return self.meta["arguments"]
+
+  def inputs(self, dtype, *names):
+    """Some of its inputs, numbers in the precision of the run and integers as they are; of one name that array."""
+    arrays = [jnp.asarray(self[f"in/{name}"], None if self[f"in/{name}"].dtype.kind in "iub" else dtype)
+              for name in names]
+    return arrays if len(names) > 1 else arrays[0]
+
   def under(self, prefix):
     """The arrays below a prefix, by the rest of their names."""
     return {name[len(prefix):]: array for name, array in self.arrays.items() if name.startswith(prefix)}
@@ -85,6 +98,12 @@ def params_of(fixture):
   """{torch name: float32 array} of an opened file; they are stored as float16 without loss."""
   names = fixture.files if hasattr(fixture, "files") else fixture
   return {name[6:]: np.asarray(fixture[name], np.float32) for name in names if name.startswith("param/")}
+
+
+def loss_and_grads(loss, params, table):
+  """(value, more, {"grad/NAME": gradient, under the reference's names}) of loss(params) -> (value, more)."""
+  (value, more), grads = jax.jit(jax.value_and_grad(loss, has_aux=True))(params)
+  return value, more, {f"grad/{name}": array for name, array in by_reference(grads["params"], table).items()}
 
 
 def golden(name, leave_out=(), bounds=None):
@@ -137,20 +156,20 @@ def _runner_among(known, names):
   return None
 
 
-def recordings(*names, sharp=(), single=(), further=False):
-  """Marks a test(name, precision) of recordings: each in one precision, and in the other one among the slow tests.
+def recordings(*names, sharp=(), single=(), slow=(), further=False):
+  """Marks a test(name, precision) of recordings: each in one precision, in the other one among the exhaustive tests.
 
-  further: of a method beyond the two papers; the other precision is among the exhaustive tests.
-
-  The quick one is float32, in which all outputs are recorded; of `sharp` ones it is float64, for what a solver with
-  steps of its own makes of rounding leaves float32 little to say. single: recorded in float32 alone.
+  The first one is float32, in which all outputs are recorded; of `sharp` ones it is float64, for what a solver with
+  steps of its own makes of rounding leaves float32 little to say. single: recorded in float32 alone. slow: whose first
+  one is slow, as it compiles much. further has no effect.
   """
-  quick = lambda name, precision: (precision == "float64") == (name in sharp)
-  other = pytest.mark.exhaustive if further else pytest.mark.slow
+  first = lambda name, precision: (precision == "float64") == (name in sharp)
+  marks = lambda name, precision: (() if name not in slow else pytest.mark.slow) if first(name, precision) else (
+      pytest.mark.exhaustive)
   return pytest.mark.parametrize("name, precision", [
-      pytest.param(name, precision, marks=[] if quick(name, precision) else other)
-      for name in (*names, *sharp, *single) for precision in PRECISIONS
-      if name not in single or quick(name, precision)])
+      pytest.param(name, precision, marks=marks(name, precision))
+      for name in dict.fromkeys((*names, *sharp, *single, *slow)) for precision in PRECISIONS
+      if name not in single or first(name, precision)])
 
 
 def check(path, precisions=tuple(PRECISIONS)):
@@ -235,9 +254,9 @@ def _tolerance(fixture, runner):
 
 
 def import_runners():
-  """Imports the test modules that register runners: those that say so. One that cannot be imported is told."""
+  """Imports the modules of tests that register runners: those that say so. One that cannot be imported is told."""
   root = pathlib.Path(__file__).parents[1]
-  for path in sorted((root / "tests").rglob("test_*.py")):
+  for path in sorted((root / "tests").rglob("*.py")):
     if re.search(r"^@(golden\.)?golden\(", path.read_text(encoding="utf-8"), re.MULTILINE):
       try:
         importlib.import_module(".".join(path.relative_to(root).with_suffix("").parts))

@@ -138,6 +138,6 @@ def require_numbers(values, name, expected):
 
 
 def format_value(value):
-  """A value and its type, for an error."""
-  text = repr(value)
+  """A value and its type, for an error: in one line, as arrays are not."""
+  text = " ".join(repr(value).split())
   return f"{text if len(text) <= 60 else text[:59] + '…'} ({type(value).__name__})"

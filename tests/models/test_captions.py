@@ -31,13 +31,14 @@ class Encoder:
 
 
 def captions(frames=(40, 100, 150), fps=20.0):
-  texts = ["a person walks", "a person waves", "a person runs"][:len(frames)]
+  texts = ["a person walks", "a person waves", "a person runs", *["the cat sits"] * 3][:len(frames)]
   return TrainingCaptions(texts, frames, Encoder(), fps, ("someone",))
 
 
 @pytest.mark.parametrize("fps", (12.5, 20.0, 30.0))
 def test_natural_lengths_are_3_to_10_seconds_at_any_rate(fps):
-  for frames, expected in (([1], 3 * fps), ([10**4], 9.8 * fps), ([40, 100, 150], 100)):
+  for frames, expected in (([1], 3 * fps), ([10**4], 9.8 * fps), ([40, 100, 150], 100),
+                           ([100, 101, 102, 113, 114, 1000], 102)):  # of the five nearest
     assert captions(frames, fps).natural_frames("a person walks") == int(expected)
   assert captions((), fps).natural_frames("a person walks") is None
 
@@ -58,6 +59,7 @@ def test_without_captions_the_text_encoder_decides(tiny_run, tmp_path):
   assert not load(tmp_path / "run").captions and load(tiny_run).captions
 
 
+@pytest.mark.slow
 def test_the_subject_makes_no_difference_to_a_length():
   known = load("cmdm-small").captions
   assert known.natural_frames("a person waves") == int(np.median(

@@ -2,19 +2,21 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
-import optax
 import pytest
 from ml_collections import ConfigDict
 
-from motion_jax import fit, latents, runs
+from motion_jax import fit, runs
 from motion_jax.data.contradictions import contradict, contradictions
 from motion_jax.diffusion import paths
-from motion_jax.models import cmdm, mask_schedule
+from motion_jax.models import mask_schedule
 from motion_jax.models.captioned_batches import contradictions_of
 from motion_jax.models.cdamd.draws import draw_step
 from motion_jax.models.cdamd.losses import generator_loss
+from motion_jax.training.metrics import read_metrics
 from motion_jax.utils.errors import InputError
-from tests.conftest import light_training, load_config
+from tests.conftest import light_training, load_config, some_of
+
+pytestmark = pytest.mark.usefixtures("kept_features")
 
 
 @pytest.mark.parametrize("caption, expected", [
@@ -35,7 +37,7 @@ def test_contradictions_change_one_kind_of_word(caption, expected):
 
 def test_the_term_of_the_forcing_loss_by_hand():
   """Clip 0 is off by 0 with its caption and by 0.04 with the other one, clip 1 by 0.25 and 0, clip 2 has no other."""
-  x1, noise = jnp.zeros((3, 4, 2)), jnp.zeros((3, 4, 2))
+  x1, noise = np.zeros((2, 3, 4, 2), np.float32)
   own, other = (jnp.broadcast_to(jnp.array(value)[:, None, None], x1.shape) for value in ((0, .5, .5), (.2, 0, 0)))
   counts = jnp.array([[1, 1, 0, 0], [1, 0, 0, 0], [0, 0, 0, 0]], bool)
   real = jnp.ones((3, 4), bool)
@@ -70,7 +72,8 @@ def test_the_term_of_the_generators_loss_by_hand():
   draws = draws._replace(diffusion_noise=jnp.zeros_like(draws.diffusion_noise))
   z1, real = jnp.zeros((3, 6, 2)), jnp.ones((3, 6), bool)
   own, other = (jnp.broadcast_to(jnp.array(value)[:, None, None], (3, 1, 2)) for value in ((0, .5, .5), (.2, 0, 0)))
-  loss = lambda false: generator_loss(_Net(), {"params": {"head": {}}}, z1, real, own, None, draws, config, false=false)
+  loss = jax.jit(lambda false: generator_loss(_Net(), {"params": {"head": {}}}, z1, real, own, None, draws, config,
+                                              false=false))
   (plain, weight), (sums, same) = loss(None), loss((other, None, jnp.array([True, True, False])))
   masked = np.asarray(plain["loss"])
   assert weight == same and masked > 0
@@ -89,58 +92,19 @@ def test_both_captions_of_a_batch_are_padded_to_one_width():
   np.testing.assert_array_equal(made["has_false"], [True, False])
 
 
-def test_the_error_with_the_other_side_rises(monkeypatch):
-  """Motions that are their side, +1 or -1 in all numbers: trained with the term, a network is further off by the other
-  side's caption than without it."""
-  config = load_config("cmdm_denoiser", "tiny").unlock()
-  config.loss.update(drop_rate=0.0, contrast_margin=4.0, contrast_until=1.0)
-  monkeypatch.setattr(latents.VaeCodec, "distribution", lambda self, x: x[:, ::4, :config.model.latent_dim])
-  monkeypatch.setattr(latents.VaeCodec, "drawn", lambda self, known, keys=None: known)
-  side = jnp.where(jnp.arange(8) % 2, 1.0, -1.0)[:, None, None]
-  text = side * jnp.ones((8, 2, config.model.text_dim))
-  batch = {"features": side * jnp.ones((8, 24, config.tokenizer.features)), "num_frames": jnp.full(8, 24),
-           "text_emb": text, "text_mask": jnp.ones((8, 2), bool), "index": jnp.arange(8), "false_emb": -text,
-           "false_mask": jnp.ones((8, 2), bool), "has_false": jnp.ones(8, bool)}
-  frozen = {"tokenizer": {}, "latent_mean": 0.0, "latent_std": 1.0}
-  plain = cmdm.denoiser_stage(config.copy_and_resolve_references()).loss
-  errors = []
-  for weight in (0.0, 1.0):
-    config.loss.contrast = weight
-    stage, tx = cmdm.denoiser_stage(config), optax.adam(3e-3)
-
-    @jax.jit
-    def step(state, number, stage=stage, tx=tx):
-      params, opt_state = state
-      of = lambda params: stage.loss(params, frozen, batch, number, jax.random.key(number))[0]["loss"] / 48
-      updates, opt_state = tx.update(jax.grad(of)(params), opt_state)
-      return optax.apply_updates(params, updates), opt_state
-
-    params = stage.init(batch, jax.random.key(0))
-    state = params, tx.init(params)
-    for number in range(25):
-      state = step(state, number)
-    error = lambda text, params=state[0]: float(plain(
-        params, frozen, batch | {"text_emb": text}, 0, jax.random.key(100))[0]["loss"]) / 48
-    errors.append((error(text), error(-text)))
-  (own, other), (own_after, other_after) = errors
-  assert other_after > other + 0.3 and own_after < own + 0.1, errors
-
-
-@pytest.mark.parametrize("name", ["cmdm_denoiser", "cdamd_generator"])
+@pytest.mark.slow
+@pytest.mark.parametrize("name", some_of(["cmdm_denoiser", "cdamd_generator"], slow=["cmdm_denoiser"]))
 def test_a_run_with_contradicting_captions(name, tmp_path):
-  """What is trained with them differs from what is trained without, and records how it was trained."""
-  made = []
-  for weight in (0.0, 3.0):
-    config = load_config(name, "tiny").unlock()
-    config.loss.update(contrast=weight, contrast_until=1.0)
-    with light_training():
-      fit.run(config, tmp_path / f"{weight}")
-    made.append(runs.load_run(tmp_path / f"{weight}"))
-  assert made[1].config.loss.contrast == 3.0
-  differ = jax.tree.map(lambda a, b: np.abs(a - b).max(), *(run.params() for run in made))
-  assert max(jax.tree.leaves(differ)) > 0
+  """The term is part of its loss, and it records how it was trained."""
+  config = load_config(name, "tiny").unlock()
+  config.loss.update(contrast=3.0, contrast_until=1.0)
+  with light_training():
+    fit.run(config, tmp_path)
+  assert runs.load_run(tmp_path).config.loss.contrast == 3.0
+  assert [row["contrast"] for row in read_metrics(tmp_path) if "contrast" in row]
 
 
+@pytest.mark.slow
 def test_the_other_path_is_refused(tmp_path):
   config = load_config("cdamd_generator", "tiny").unlock()
   config.loss.update(contrast=1.0, diffusion="ddpm")

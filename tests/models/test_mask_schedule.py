@@ -6,7 +6,7 @@ import pytest
 from motion_jax.models import mask_schedule as masking
 from motion_jax.nets.masks import padding_mask
 from tests import fixtures
-from tests.golden import check, golden
+from tests.golden import check, golden, recordings
 
 
 @golden("corruption", bounds={"": (0, 0)})
@@ -34,9 +34,9 @@ def run_edit_masks(fixture, dtype):
           for task, recorded in fixture.under("out/").items()}
 
 
-@pytest.mark.parametrize("name", ["corruption", "mask_schedule", "edit_masks"])
-def test_golden(name):
-  assert not check(fixtures.path(f"cdamd/{name}.npz")).failures
+@recordings(single=("corruption", "mask_schedule", "edit_masks"))
+def test_golden(name, precision):
+  assert not check(fixtures.path(f"cdamd/{name}.npz"), [precision]).failures
 
 
 # Numbers of iterations N for which torch 2.13.0+cpu has cos < 1/2 in iteration 2 (N - 1) / 3, of all N <= 64 with one:

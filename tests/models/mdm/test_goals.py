@@ -46,6 +46,8 @@ def test_targets_of_a_block_are_goals_seen_from_its_first_frame():
   assert found.keys() == {"right_wrist", "heading"}
   np.testing.assert_allclose(found["right_wrist"], [-3, 1, 0], atol=1e-6)
   np.testing.assert_allclose(found["heading"], [-np.pi / 2, 0, 0], atol=1e-6)  # it faces where it goes
+  next_block = compile([EffectorTarget("right_hand", [6.0], [[1, 1, 5]])], 240)  # its first frame
+  assert named(goals_of_block(next_block, 80, 40, stand, LAYOUT)[0]).keys() == {"path", "heading"}
 
 
 def test_a_path_is_a_goal_on_the_ground_and_a_later_target_is_approached():
@@ -70,6 +72,7 @@ def test_training_draws_each_kind_of_goal():
   assert counts.min() > 60 and counts.max() < 140
 
 
+@pytest.mark.slow
 def test_the_loss_of_a_motion_without_goals_is_that_of_its_features():
   """Its "goals" is 0 where none was drawn, and it reads the place in the last frame elsewhere."""
   config = load_config("mdm_denoiser", "goals_tiny")

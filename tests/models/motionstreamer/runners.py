@@ -1,4 +1,4 @@
-"""MotionStreamer's autoencoder, training and generation are the reference's: its recorded runs."""
+"""MotionStreamer's autoencoder, training and generation, computed as recorded (`tests.models.test_recordings`)."""
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -9,15 +9,13 @@ from motion_jax.models.motionstreamer import losses, sampling
 from motion_jax.models.motionstreamer.weight_names import autoencoder_names
 from motion_jax.nets.causal_vae import CausalVAE, sample_latent
 from motion_jax.nets.masks import padding_mask
-from tests import fixtures
-from tests.golden import check, golden, recordings
-from tests.nets.naming import by_reference
+from tests.golden import golden, loss_and_grads
 from tests.nets.test_latent_llama import generator, scales, state_of
 
 
 def autoencoder(fixture, dtype, prefix=""):
   """-> (net, params, table) of a recorded causal autoencoder."""
-  state, sizes = state_of(fixture, prefix), fixture.meta["arguments"]
+  state, sizes = state_of(fixture, prefix), fixture.sizes
   width, latent_dim = state["tae.decode_proj.weight"].shape
   growth, depth, halvings = (sizes.get(name, usual) for name, usual in (
       ("dilation_growth_rate", 3), ("depth", 3), ("down_t", 2)))
@@ -34,38 +32,38 @@ def run_ms_tae(fixture, dtype):
   decode = jax.jit(lambda z: net.apply(params, z, method="decode"))
   made = {}
   for i in sorted(int(name.removeprefix("motion")) for name in fixture.under("in/") if name.startswith("motion")):
-    x, noise = (jnp.asarray(fixture[f"in/{name}{i}"], dtype) for name in ("motion", "eps"))
+    x, noise = fixture.inputs(dtype, f"motion{i}", f"eps{i}")
     mean, logvar = encode(x)
     z = sample_latent(mean, logvar, noise)
     made |= {f"mu{i}": mean, f"logvar{i}": logvar, f"z{i}": z, f"decoded{i}": decode(z)}
   latents, frames = fixture["out/first_latents"].shape[1], fixture["out/first_frames"].shape[1]
   made["first_frames"] = decode(made["z0"][:, :frames // net.frames_per_latent])
-  made["first_latents"] = encode(jnp.asarray(fixture["in/motion0"], dtype)[:, :latents * net.frames_per_latent])[0]
+  made["first_latents"] = encode(fixture.inputs(dtype, "motion0")[:, :latents * net.frames_per_latent])[0]
   return made
 
 
 @golden("ms_tae_loss", bounds={"grad/": (1e-5, 1e-9), "": (1e-6, 1e-10)})
 def run_ms_tae_loss(fixture, dtype):
   net, params, table = autoencoder(fixture, dtype)
-  x, noise = (jnp.asarray(fixture[f"in/{name}"], dtype) for name in ("motion", "eps"))
-  weights = {"kl": 1.0, "root": fixture.meta["arguments"]["root_loss"]}
+  x, noise = fixture.inputs(dtype, "motion", "eps")
+  weights = {"kl": 1.0, "root": fixture.sizes["root_loss"]}
 
   def loss(params):
     terms = losses.autoencoder_terms(net, params, x, noise, weights, slice(0, 8))
     return terms["loss"], terms
 
-  (_, terms), grads = jax.jit(jax.value_and_grad(loss, has_aux=True))(params)
+  _, terms, grads = loss_and_grads(loss, params, table)
   decoded = jax.jit(lambda x: net.apply(params, x, noise)[0])(x)
   return {"decoded": decoded, "reconstruction": terms["rec"], "kl": terms["kl"], "root": terms["root"],
-          "total": terms["loss"], **{f"grad/{name}": a for name, a in by_reference(grads["params"], table).items()}}
+          "total": terms["loss"]} | grads
 
 
 @golden("ms_two_forward", bounds={"replaced_counts": (0, 0), "plain/grad": (1e-5, 1e-9), "streaming/grad": (1e-5, 1e-9),
                                   "": (1e-5, 1e-10)})
 def run_ms_two_forward(fixture, dtype):
   net, params, table = generator(fixture, dtype)
-  sizes = fixture.meta["arguments"]
-  latents, text = (jnp.asarray(fixture[f"in/{name}"], dtype) for name in ("latents", "text"))
+  sizes = fixture.sizes
+  latents, text = fixture.inputs(dtype, "latents", "text")
   length, copies = latents.shape[1], sizes["diffmlps_batch_mul"]
   real = np.asarray(padding_mask(jnp.asarray(fixture["in/lengths"]), length))
   given = np.arange(length) < fixture["in/given"][:, None]
@@ -86,11 +84,10 @@ def run_ms_two_forward(fixture, dtype):
     def loss(params, trained=trained, replaced=replaced, draws=draws):
       sums, weight = losses.two_forward_loss(net, params, schedule, text, latents, jnp.asarray(trained),
                                              jnp.asarray(replaced), draws)
-      return sums["loss"] / weight
+      return sums["loss"] / weight, None
 
-    made[f"{name}/loss"], grads = jax.jit(jax.value_and_grad(loss))(params)
-    made |= {f"{name}/grad/{key}": a for key, a in by_reference(grads["params"], table).items()
-             if not key.endswith("attn.scale")}
+    made[f"{name}/loss"], _, grads = loss_and_grads(loss, params, table)
+    made |= {f"{name}/{key}": array for key, array in grads.items() if not key.endswith("attn.scale")}
   return made
 
 
@@ -104,9 +101,8 @@ def recorded_draw(start, steps):
 def run_ms_generate(fixture, dtype):
   net, params, _ = generator(fixture, dtype, "trans.")
   decoder, decoder_params, _ = autoencoder(fixture, dtype, "net.")
-  sizes = fixture.meta["arguments"]
-  text, start, steps, end = (jnp.asarray(fixture[f"in/{name}"], dtype)
-                             for name in ("text", "start", "steps", "reference_end"))
+  sizes = fixture.sizes
+  text, start, steps, end = fixture.inputs(dtype, "text", "start", "steps", "reference_end")
   draw, none = recorded_draw(start, steps), jnp.zeros((1, 0, start.shape[-1]), dtype)
 
   def run(plan, scale, stop=None):
@@ -129,9 +125,9 @@ def run_ms_generate(fixture, dtype):
 def run_ms_stream(fixture, dtype):
   net, params, _ = generator(fixture, dtype, "trans.")
   decoder, decoder_params, _ = autoencoder(fixture, dtype, "net.")
-  sizes = fixture.meta["arguments"]
-  text, given, start, steps, end, early = (jnp.asarray(fixture[f"in/{name}"], dtype) for name in (
-      "text", "given", "start", "steps", "reference_end", "reference_early"))
+  sizes = fixture.sizes
+  text, given, start, steps, end, early = fixture.inputs(dtype, "text", "given", "start", "steps", "reference_end",
+                                                         "reference_early")
   plan, empty = sampling.Plan(), text[2:]
 
   def run(text, past, i, stop=None):
@@ -151,11 +147,3 @@ def run_ms_stream(fixture, dtype):
   whole = jnp.concatenate([given[None], made["segment1"], made["segment2"]], axis=1)
   made["whole"] = decoder.apply(decoder_params, whole, method="decode")[:, ::4]
   return made | scales(net, "trans.")
-
-
-NAMES = ("ms_tae", "ms_tae_loss", "ms_two_forward", "ms_generate", "ms_stream")
-
-
-@recordings(*NAMES, further=True)
-def test_golden(name, precision):
-  assert not check(fixtures.path(f"motionstreamer/{name}.npz"), [precision]).failures

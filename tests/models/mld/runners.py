@@ -1,4 +1,4 @@
-"""MLD's tables, losses and samplers are the reference's: its recorded runs."""
+"""MLD's tables, losses and samplers, computed as recorded (`tests.models.test_recordings`)."""
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -7,16 +7,14 @@ from motion_jax.diffusion import ddpm
 from motion_jax.models.mld import losses, sampling
 from motion_jax.motion.representations import layout_for
 from motion_jax.nets.masks import padding_mask
-from tests import fixtures
-from tests.golden import check, golden, recordings
-from tests.nets.naming import by_reference
+from tests.golden import golden, loss_and_grads
 from tests.nets.test_latent_diffusion import denoiser, vae
 
 
 @golden("mld_tables", bounds={"timesteps": (0, 0), "ddim": (5e-6, 1e-10), "ddpm": (5e-6, 1e-10),
                               "add_noise": (5e-6, 1e-10), "": (1e-6, 1e-10)})
 def run_mld_tables(fixture, dtype):
-  sample, prediction, noise = (jnp.asarray(fixture[f"in/{name}"], dtype) for name in ("sample", "prediction", "noise"))
+  sample, prediction, noise = fixture.inputs(dtype, "sample", "prediction", "noise")
   whole = ddpm.scaled_linear_schedule()
   made = {"betas": whole.betas, "alphas_cumprod": whole.alphas_cumprod,
           "add_noise": ddpm.add_noise(whole, sample, noise, jnp.asarray(fixture["in/t"])[:, None])}
@@ -49,32 +47,30 @@ def ddim_step(schedule, sample, prediction, row, end):
 @golden("mld_vae_loss", bounds={"": (1e-5, 1e-10)})
 def run_mld_vae_loss(fixture, dtype):
   net, params, table = vae(fixture, dtype)
-  sizes = fixture.meta["arguments"]
+  sizes = fixture.sizes
   weights = {"features": sizes["lambda_rec"], "joints": sizes["lambda_joint"], "kl": sizes["lambda_kl"]}
-  x, noise = jnp.asarray(fixture["in/motion"], dtype), jnp.asarray(fixture["in/eps"], dtype).swapaxes(0, 1)
-  mean, std = (jnp.asarray(fixture[f"in/{name}"], dtype) for name in ("mean", "std"))
+  x, noise, mean, std = fixture.inputs(dtype, "motion", "eps", "mean", "std")
   real, layout = padding_mask(jnp.asarray(fixture["in/lengths"]), x.shape[1]), layout_for(x.shape[-1])
 
   def loss(params):
-    made, *gaussian = net.apply(params, x, noise, real)
+    made, *gaussian = net.apply(params, x, noise.swapaxes(0, 1), real)
     joints = layout.to_joints(made * std + mean), layout.to_joints(x * std + mean)
     terms = losses.vae_terms(made, x, joints, *gaussian, weights)
     return terms["loss"].mean(), (made, joints[0], terms)
 
-  (_, (made, joints, terms)), grads = jax.jit(jax.value_and_grad(loss, has_aux=True))(params)
+  _, (made, joints, terms), grads = loss_and_grads(loss, params, table)
   terms = {name: value.mean() for name, value in terms.items()}
   return {"reconstruction": made, "joints": joints, "recons_feature": terms["features"],
-          "recons_joints": terms["joints"], "kl_motion": terms["kl"], "total": terms["loss"],
-          **{f"grad/{name}": value for name, value in by_reference(grads["params"], table).items()}}
+          "recons_joints": terms["joints"], "kl_motion": terms["kl"], "total": terms["loss"]} | grads
 
 
 @golden("mld_novae", bounds={"predicted": (3e-5, 1e-10), "": (1e-5, 1e-10)})
 def run_mld_novae(fixture, dtype):
   net, params, _ = denoiser(fixture, dtype)
-  x, text, noise = (jnp.asarray(fixture[f"in/{name}"], dtype) for name in ("x", "text", "noise"))
+  x, text, noise = fixture.inputs(dtype, "x", "text", "noise")
   real = padding_mask(jnp.asarray(fixture["in/lengths"]), x.shape[1])
   without, words = jnp.split(text, 2)
-  sizes = fixture.meta["arguments"]
+  sizes = fixture.sizes
   plan = sampling.Plan(num_steps=sizes["steps"], solver="ancestral")
   masked = sampling.FrameDenoiser(net, real, hidden=False)
   noise = jnp.concatenate([noise, jnp.zeros_like(noise[:1])])  # none is drawn for the last step
@@ -90,7 +86,7 @@ def run_mld_sample(fixture, dtype):
   decoder, vae_params, _ = vae(fixture, dtype, "vae.")
   without, words = jnp.split(jnp.asarray(fixture["in/text"], dtype), 2)
   lengths = fixture["in/lengths"]
-  real, sizes = padding_mask(jnp.asarray(lengths), int(lengths.max())), fixture.meta["arguments"]
+  real, sizes = padding_mask(jnp.asarray(lengths), int(lengths.max())), fixture.sizes
   start, made = jnp.asarray(fixture["in/start"], dtype), {}
   for prefix, predicts in (("", "noise"), ("x0/", "x1")):
     plan = sampling.Plan(num_steps=sizes["steps"], predicts=predicts)
@@ -114,29 +110,18 @@ def run_mld_sample(fixture, dtype):
 def run_mld_diffusion_loss(fixture, dtype):
   net, params, table = denoiser(fixture, dtype, "denoiser.")
   encoder, vae_params, _ = vae(fixture, dtype, "vae.")
-  x, noise = jnp.asarray(fixture["in/motion"], dtype), jnp.asarray(fixture["in/noise"], dtype)
+  x, noise, text, eps, t = fixture.inputs(dtype, "motion", "noise", "text", "eps", "t")
   real = padding_mask(jnp.asarray(fixture["in/lengths"]), x.shape[1])
-  text = jnp.asarray(fixture["in/text"], dtype)
   drop_u = np.array([fixture[f"in/drop_u{i}"][0] for i in range(len(x))])
-  dropped = drop_u < fixture.meta["arguments"]["guidance_uncondp"]
+  dropped = drop_u < fixture.sizes["guidance_uncondp"]
   text = jnp.where(dropped[:, None, None], text[-1:], text[:-1])
   mean, logvar = jax.jit(lambda x: encoder.apply(vae_params, x, real, method="encode"))(x)
-  z = mean + jnp.sqrt(jnp.exp(logvar)) * jnp.asarray(fixture["in/eps"], dtype).swapaxes(0, 1)
-  t = jnp.asarray(fixture["in/t"])
+  z = mean + jnp.sqrt(jnp.exp(logvar)) * eps.swapaxes(0, 1)
   noisy = ddpm.add_noise(ddpm.scaled_linear_schedule(), z, noise, t[:, None])
 
   def loss(params):
     made = net.apply(params, noisy, t, text)
     return losses.prediction_error(made, noise).mean(), made
 
-  (value, made), grads = jax.jit(jax.value_and_grad(loss, has_aux=True))(params)
-  return {"loss": value, "predicted_noise": made,
-          **{f"grad/{name}": array for name, array in by_reference(grads["params"], table).items()}}
-
-
-NAMES = ("mld_tables", "mld_vae_loss", "mld_novae", "mld_sample", "mld_diffusion_loss")
-
-
-@recordings(*NAMES, further=True)
-def test_golden(name, precision):
-  assert not check(fixtures.path(f"mld/{name}.npz"), [precision]).failures
+  value, made, grads = loss_and_grads(loss, params, table)
+  return {"loss": value, "predicted_noise": made} | grads

@@ -1,6 +1,6 @@
-"""T2M-GPT's quantizer, transformer, items, training step and sampling are the reference's: its recorded runs."""
+"""T2M-GPT's quantizer, transformer, items, training step and sampling, computed as recorded
+(`tests.models.test_recordings`)."""
 import functools
-import json
 
 import jax
 import jax.numpy as jnp
@@ -14,9 +14,8 @@ from motion_jax.models.t2m_gpt.weight_names import UNUSED, gpt_names
 from motion_jax.motion.representations import to_joints
 from motion_jax.nets.token_gpt import CodeGPT
 from motion_jax.quant import rvq, vq
-from tests import fixtures
-from tests.golden import check, golden, recordings
-from tests.models.momask import recorded as momask
+from tests.golden import golden
+from tests.models.momask import runners as momask
 from tests.nets.test_masked_transformer import cast
 
 EXACT = momask.EXACT
@@ -40,15 +39,15 @@ def gpt_of(sizes, state, dtype):
 
 @golden("t2m_gpt/vq_eval", bounds={"index": EXACT, "": (1e-5, 1e-10)})
 def run_vq_eval(fixture, dtype):
-  codec = codec_of(fixture.meta["arguments"], fixture.params, dtype)
-  x, odd = (jnp.asarray(fixture[f"in/{name}"], dtype) for name in ("motion", "motion_odd"))
+  codec = codec_of(fixture.sizes, fixture.params, dtype)
+  x, odd = fixture.inputs(dtype, "motion", "motion_odd")
 
   @jax.jit
   def run(x, odd):
     latents = codec.net.apply(codec.params, x, method="encode")
     indices, vectors = codec.encode(x)
     y = codec.decode(indices)
-    used = vq.usage_counts(indices.reshape(-1), fixture.meta["arguments"]["nb_code"], dtype)[1]
+    used = vq.usage_counts(indices.reshape(-1), fixture.sizes["nb_code"], dtype)[1]
     return {"encoder": latents.swapaxes(1, 2), "index": indices[..., 0], "index_odd": codec.encode(odd)[0][..., 0],
             "vectors": vectors[0], "forward": y, "decoded": codec.decode(indices[:1]),
             # Parity: the reference decodes a batch as one long sequence.
@@ -60,7 +59,7 @@ def run_vq_eval(fixture, dtype):
 
 @golden("t2m_gpt/vq_train_step", bounds=momask.GRADIENTS | {"index": EXACT, "": (1e-5, 1e-10)})
 def run_vq_train_step(fixture, dtype):
-  sizes = fixture.meta["arguments"]
+  sizes = fixture.sizes
   codec = codec_of(sizes, fixture.params, dtype)
   x, counts = jnp.asarray(fixture["in/motion"], dtype), jnp.asarray(fixture["in/count"], dtype)[None]
   codes = codec.params["codebooks"]["codes"]
@@ -81,7 +80,7 @@ def run_vq_train_step(fixture, dtype):
   table = {f"vqvae.{theirs}": ours for theirs, ours in momask.autoencoder_table(codec.net).items()}
   made = {"index": result.indices[..., 0], "loss": terms, "perplexity": result.perplexity, "forward": y,
           "codebook": after.codes[0], "code_count": after.counts[0], "code_sum": after.sums[0]}
-  return made | momask.compared_grads(fixture, momask.grads_to_torch(grads, table))
+  return made | momask.compared_grads(fixture, grads, table)
 
 
 INDICES = {f"{case}/step{i}/{name}": EXACT for case in ("many", "few") for i in range(9) for name in ("index", "dead")}
@@ -90,7 +89,7 @@ INDICES = {f"{case}/step{i}/{name}": EXACT for case in ("many", "few") for i in 
 @golden("t2m_gpt/quantizer_train", bounds=INDICES | {"": (1e-5, 1e-10)})
 def run_quantizer_train(fixture, dtype):
   made = {}
-  for case, sizes in fixture.meta["arguments"].items():
+  for case, sizes in fixture.sizes.items():
     x = momask.given(fixture, dtype, f"in/{case}/")
     steps = sorted({name.split("/")[0] for name in x if name.startswith("step")}, key=lambda name: int(name[4:]))
     tiles = iter(x[f"tile{i}"] for i in range(sum(name.startswith("tile") for name in x)))  # noqa: B023
@@ -119,7 +118,7 @@ def run_quantizer_train(fixture, dtype):
 
 @golden("t2m_gpt/gpt", bounds={"": (3e-5, 1e-10)})
 def run_gpt(fixture, dtype):
-  net, params, _ = gpt_of(fixture.meta["arguments"], fixture.params, dtype)
+  net, params, _ = gpt_of(fixture.sizes, fixture.params, dtype)
   ids, text = fixture["in/ids"], jnp.asarray(fixture["in/text"], dtype)
   made = {}
   for name in fixture.under("out/logits"):
@@ -131,7 +130,7 @@ def run_gpt(fixture, dtype):
 @golden("t2m_gpt/gpt_train", bounds=momask.GRADIENTS | {
     name: EXACT for case in ("fixed", "drawn") for name in (f"{case}/input", f"{case}/right")} | {"": (1e-5, 1e-10)})
 def run_gpt_train(fixture, dtype):
-  net, params, table = gpt_of(fixture.meta["arguments"], fixture.params, dtype)
+  net, params, table = gpt_of(fixture.sizes, fixture.params, dtype)
   x, made = momask.given(fixture, dtype), {}
   target, lengths = x["target"], x["lengths"]
   for case in sorted({name.split("/")[0] for name in x if "/" in name}):
@@ -151,15 +150,15 @@ def run_gpt_train(fixture, dtype):
     right = jnp.argmax(jax.jit(net.apply)(params, given, x["text"]), -1) == target
     counted = np.arange(target.shape[1]) <= np.asarray(lengths)[:, None]
     made |= {f"{case}/input": given, f"{case}/loss": loss, f"{case}/right": (right & counted).sum()}
-    made |= momask.compared_grads(fixture, momask.grads_to_torch(grads, table), f"{case}/")
+    made |= momask.compared_grads(fixture, grads, table, f"{case}/")
   return made
 
 
 @golden("t2m_gpt/token_items", bounds={"": EXACT})
 def run_token_items(fixture, dtype):
   """Parity: the reference cuts the codes of tagged captions out of a whole clip's; the rows are made from those."""
-  made, end = {}, fixture.meta["arguments"]["codebook_size"]
-  unit = fixture.meta["arguments"]["unit_length"]
+  made, end = {}, fixture.sizes["codebook_size"]
+  unit = fixture.sizes["unit_length"]
   for data, named in fixture.meta["items"].items():
     fps = {"t2m": 20, "kit": 12.5}[data]
     for i, name in enumerate(named):
@@ -188,7 +187,7 @@ SAMPLED = {f"{mode}/{name}": EXACT for mode in ("greedy", "categorical") for nam
 
 @golden("t2m_gpt/gpt_sample", bounds=SAMPLED | {"": (3e-5, 1e-10)})
 def run_gpt_sample(fixture, dtype):
-  net, params, _ = gpt_of(fixture.meta["arguments"], fixture.params, dtype)
+  net, params, _ = gpt_of(fixture.sizes, fixture.params, dtype)
   text, u, made = jnp.asarray(fixture["in/text"], dtype), jnp.asarray(fixture["in/u"], dtype), {}
   fewest, most = jnp.zeros(len(text), int), jnp.full(len(text), net.max_length - 1)
   for mode, choose in (("greedy", sampling.greedy), ("categorical", by_sum(u))):
@@ -205,7 +204,7 @@ def run_gpt_sample(fixture, dtype):
 
 @golden("t2m_gpt/pipeline", bounds={f"codes{i}": EXACT for i in range(99)} | {"": (2e-4, 1e-10)})
 def run_pipeline(fixture, dtype):
-  sizes = fixture.meta["arguments"]
+  sizes = fixture.sizes
   net, params, _ = gpt_of(sizes, select(fixture.params, "gpt."), dtype)
   codec: RvqCodec = codec_of(sizes["vqvae"], select(fixture.params, "vq."), dtype)
   x = momask.given(fixture, dtype)
@@ -217,21 +216,3 @@ def run_pipeline(fixture, dtype):
     motion = jax.jit(codec.decode)(row[None, :, None])
     made |= {f"codes{i}": row, f"motion{i}": motion, f"joints{i}": to_joints(motion * x["std"] + x["mean"])}
   return made
-
-
-@recordings("vq_eval", "vq_train_step", "quantizer_train", "gpt", "gpt_train", "gpt_sample", "pipeline",
-            single=("token_items",), further=True)
-def test_golden(name, precision):
-  assert not check(fixtures.path(f"t2m_gpt/{name}.npz"), [precision]).failures
-
-
-def test_the_cached_step_gives_the_logits_of_a_whole_pass():
-  with np.load(fixtures.path("t2m_gpt/gpt.npz")) as file:
-    meta, state = json.loads(str(file["meta"])), {name[6:]: file[name] for name in file.files if name[:6] == "param/"}
-    codes, text = jnp.asarray(file["in/ids"]), jnp.asarray(file["in/text"])
-  net, params, _ = gpt_of(meta["arguments"], state, jnp.float32)
-  whole, cache, step = net.apply(params, codes, text), net.init_cache(len(codes)), jax.jit(
-      functools.partial(net.apply, method="step"))
-  for place in range(codes.shape[1] + 1):
-    logits, cache = step(params, codes[:, max(place - 1, 0)], place, text, cache)
-    np.testing.assert_allclose(logits, whole[:, place], atol=2e-5)

@@ -1,4 +1,4 @@
-"""MDM's tables, losses, sampling, edits and DiP are the reference's: its recorded runs."""
+"""MDM's tables, losses, sampling, edits and DiP, computed as recorded (`tests.models.test_recordings`)."""
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -7,9 +7,7 @@ from motion_jax.diffusion import ddpm
 from motion_jax.models.mdm import editing, goals, losses, sampling
 from motion_jax.motion.representations import get_layout, layout_for
 from motion_jax.nets.masks import padding_mask
-from tests import fixtures
-from tests.golden import check, golden, recordings
-from tests.nets.naming import by_reference
+from tests.golden import golden, loss_and_grads
 from tests.nets.test_motion_denoiser import motion, network, theirs, words
 
 SCHEDULES = {"cosine": ddpm.cosine_schedule, "linear": ddpm.linear_schedule}
@@ -17,16 +15,12 @@ TABLES = ("betas", "alphas_cumprod", "posterior_variance", "posterior_log_varian
           "posterior_mean_coef2")
 
 
-def recorded_schedule(kind, num_steps, spacing):
-  whole = SCHEDULES[kind](num_steps)
-  return ddpm.respace(whole, spacing) if spacing else whole
-
-
 @golden("mdm_tables", bounds={"log": (1e-9, 1e-9), "timestep_map": (0, 0), "": (1e-4, 1e-9)})
 def run_mdm_tables(fixture, dtype):
   made = {}
-  for name, sizes in fixture.meta["arguments"]["schedules"].items():
-    schedule = recorded_schedule(*sizes)
+  for name, (kind, num_steps, spacing) in fixture.sizes["schedules"].items():
+    schedule = SCHEDULES[kind](num_steps)
+    schedule = ddpm.respace(schedule, spacing) if spacing else schedule
     made |= {f"{name}/{table}": getattr(schedule, table) for table in TABLES}
     made[f"{name}/timestep_map"] = schedule.steps
     for table in TABLES:  # closer than the bound of what is computed from them
@@ -46,61 +40,57 @@ def run_mdm_tables(fixture, dtype):
   return made
 
 
-def gradients(net, params, table, loss):
-  (_, made), grads = jax.jit(jax.value_and_grad(loss, has_aux=True))(params)
-  return made, by_reference(grads["params"], table)
+def noisy_batch(fixture, dtype):
+  """-> (clean features, which frames are real, noise(schedule) -> noisy features, their steps) of a training step."""
+  x0, noise, t = motion(fixture["in/x0"], dtype), motion(fixture["in/noise"], dtype), jnp.asarray(fixture["in/t"])
+  real = padding_mask(jnp.asarray(fixture["in/lengths"]), x0.shape[1])
+  return x0, real, ddpm.add_noise(ddpm.cosine_schedule(fixture.sizes.get("diffusion_steps", 1000)), x0, noise,
+                                  t[:, None]), t
 
 
 @golden("mdm_losses", bounds={"": (1e-5, 1e-10)})
 def run_mdm_losses(fixture, dtype):
   net, params, table = network(fixture, dtype)
-  sizes = fixture.meta["arguments"]
-  x0, noise, t = motion(fixture["in/x0"], dtype), motion(fixture["in/noise"], dtype), jnp.asarray(fixture["in/t"])
-  real = padding_mask(jnp.asarray(fixture["in/lengths"]), x0.shape[1])
+  sizes, (x0, real, x, t) = fixture.sizes, noisy_batch(fixture, dtype)
   text = jnp.where(jnp.asarray(fixture["in/drop_u"])[:, None, None] < 0.1, 0, words(fixture, dtype)[0])
-  schedule = ddpm.cosine_schedule(sizes["diffusion_steps"])
 
   def loss(params):
-    x = ddpm.add_noise(schedule, x0, noise, t[:, None])
     made = net.apply(params, x, t, text, frame_mask=real if sizes["mask_frames"] else None)
     terms = losses.mdm_terms(made, x0, real, {"velocity": sizes["lambda_vel"]})
     return terms["loss"].mean(), (made, terms)
 
-  (made, terms), grads = gradients(net, params, table, loss)
+  value, (made, terms), grads = loss_and_grads(loss, params, table)
   return {"prediction": theirs(made), "rot_mse": terms["features"], "vel_mse": terms["velocity"],
-          "loss": terms["loss"], "mean_loss": terms["loss"].mean()} | {f"grad/{k}": v for k, v in grads.items()}
+          "loss": terms["loss"], "mean_loss": value} | grads
 
 
 @golden("mdm_losses_geometric", bounds={"": (1e-5, 1e-10)})
 def run_mdm_losses_geometric(fixture, dtype):
   net, params, table = network(fixture, dtype)
-  sizes, num_joints = fixture.meta["arguments"], fixture["in/x0"].shape[1]
-  x0, noise, t = motion(fixture["in/x0"], dtype), motion(fixture["in/noise"], dtype), jnp.asarray(fixture["in/t"])
-  real = padding_mask(jnp.asarray(fixture["in/lengths"]), x0.shape[1])
+  sizes, (x0, real, x, t) = fixture.sizes, noisy_batch(fixture, dtype)
   action = jax.nn.one_hot(jnp.asarray(fixture["in/action"]), net.text_dim, dtype=dtype)
   kinematics = jnp.asarray(fixture["in/kinematics"], dtype)
   joints_of = lambda x: (x @ kinematics.T).reshape(*x.shape[:2], -1, 3)
   weights = dict(zip(("velocity", "positions", "contacts"), sizes["lambda_vel_rcxyz_fc"]))
-  schedule = ddpm.cosine_schedule(sizes.get("diffusion_steps", 1000))
 
   def loss(params):
-    made = net.apply(params, ddpm.add_noise(schedule, x0, noise, t[:, None]), t, action)
+    made = net.apply(params, x, t, action)
     terms = losses.mdm_terms(made, x0, real, weights, sizes["nfeats"], (joints_of(made), joints_of(x0)),
                              (7, 10, 8, 11))
     return terms["loss"].mean(), (made, terms)
 
-  (made, terms), grads = gradients(net, params, table, loss)
-  del grads["embed_text.bias"]
-  grads["embed_action.action_embedding"] = grads.pop("embed_text.weight").T
-  return {"prediction": theirs(made, num_joints), "rot_mse": terms["features"], "vel_mse": terms["velocity"],
-          "rcxyz_mse": terms["positions"], "fc": terms["contacts"], "loss": terms["loss"],
-          "mean_loss": terms["loss"].mean()} | {f"grad/{k}": v for k, v in grads.items()}
+  value, (made, terms), grads = loss_and_grads(loss, params, table)
+  del grads["grad/embed_text.bias"]
+  grads["grad/embed_action.action_embedding"] = grads.pop("grad/embed_text.weight").T
+  return {"prediction": theirs(made, fixture["in/x0"].shape[1]), "rot_mse": terms["features"],
+          "vel_mse": terms["velocity"], "rcxyz_mse": terms["positions"], "fc": terms["contacts"],
+          "loss": terms["loss"], "mean_loss": value} | grads
 
 
 @golden("mdm_sample", bounds={"": (3e-5, 1e-10)})
 def run_mdm_sample(fixture, dtype):
   net, params, _ = network(fixture, dtype)
-  sizes, scale, (text, _) = fixture.meta["arguments"], jnp.asarray(fixture["in/scale"], dtype), words(fixture, dtype)
+  sizes, scale, (text, _) = fixture.sizes, jnp.asarray(fixture["in/scale"], dtype), words(fixture, dtype)
   made = {}
   for name, (kind, num_steps, spacing) in sizes["schedules"].items():
     assert kind == "cosine"
@@ -134,7 +124,7 @@ class Draw:
     "in_between_range")}, "": (3e-5, 1e-10)})
 def run_mdm_edit(fixture, dtype):
   net, params, _ = network(fixture, dtype)
-  sizes, noise, (text, _) = fixture.meta["arguments"], motion(fixture["in/noise"], dtype), words(fixture, dtype)
+  sizes, noise, (text, _) = fixture.sizes, motion(fixture["in/noise"], dtype), words(fixture, dtype)
   known, lengths = motion(fixture["in/motion"], dtype), fixture["in/lengths"]
   layout, length = layout_for(known.shape[-1]), known.shape[1]
   kept = editing.kept_columns(layout, "upper_body")
@@ -173,15 +163,13 @@ def run_mdm_dip(fixture, dtype):
     mask = jnp.array([[i < lengths[name] for i in range(count)] for name in names])
     return jnp.stack([jnp.asarray(fixture["in/words"], dtype)[row[name], :count] for name in names]), mask
 
-  wanted = [[*used, *["heading"] * heading] for used, heading in zip(
-      fixture.meta["goals_used"], fixture.meta["heading_used"])]
-  counts = goals.goal_mask([["path" if goal == "traj" else goal for goal in one] for one in wanted])
+  counts = counted_goals(fixture)
   given = goals.conditions(jnp.asarray(fixture["in/target"], dtype), counts)  # unused ones are not 0 in the recording
   text, mask = text_of("one", "two")
   forward = jax.jit(lambda text, goals: net.apply(params, x, t, text, mask, real, prefix, goals))
   made = {"plain": forward(text, None), "uncond": forward(0 * text, None), "target": forward(text, given),
           "target_free": forward(text, None)}
-  sizes = fixture.meta["arguments"]
+  sizes = fixture.sizes
   noise, plan = motion(fixture["in/noise"], dtype), sampling.Plan(sizes["diffusion_steps"], sizes["diffusion_steps"])
   num_blocks, frames = len(noise), fixture["out/generated"].shape[-1]
   same = [text_of("one", "two")] * num_blocks
@@ -209,23 +197,19 @@ def run_mdm_dip(fixture, dtype):
 TEXTS = ("one", "two", "three", "four")
 
 
+def counted_goals(fixture):
+  used = zip(fixture.meta["goals_used"], fixture.meta["heading_used"])
+  return goals.goal_mask([["path" if goal == "traj" else goal for goal in [*goals_used, *["heading"] * heading]]
+                          for goals_used, heading in used])
+
+
 @golden("mdm_targets", bounds={"": (1e-5, 1e-9)})
 def run_mdm_targets(fixture, dtype):
   mean, std = (jnp.asarray(fixture[f"in/{name}"], dtype).reshape(-1) for name in ("mean", "std"))
   layout = get_layout("full")
   found = {name: goals.places(layout.to_joints(motion(fixture[f"in/{name}"], dtype) * std + mean), layout)
            for name in ("motion", "prediction")}
-  used = [["path" if goal == "traj" else goal for goal in [*one, *["heading"] * heading]] for one, heading in zip(
-      fixture.meta["goals_used"], fixture.meta["heading_used"])]
-  counts = goals.goal_mask(used)
+  counts = counted_goals(fixture)
   given = {name: jnp.where(counts[..., None], rows, 0) for name, rows in found.items()}
   return {"location": given["motion"], "location_of_prediction": given["prediction"],
           "loss": goals.goal_error(found["prediction"], found["motion"], counts)}
-
-
-NAMES = ("mdm_tables", "mdm_losses", "mdm_losses_geometric", "mdm_sample", "mdm_dip", "mdm_targets")
-
-
-@recordings(*NAMES, single=("mdm_edit",), further=True)
-def test_golden(name, precision):
-  assert not check(fixtures.path(f"mdm/{name}.npz"), [precision]).failures

@@ -1,0 +1,51 @@
+"""Lines of the further methods and of what all methods share, broken on purpose: fields as in core.py."""
+METHODS, LOSSES = "tests/models/test_methods.py", "tests/models/test_stage_losses.py"
+CODES, TEACHER = "tests/models/t2m_gpt/test_codes.py", "tests/models/tmr/test_teacher.py"
+CONTINUED = f"{METHODS}::test_a_stream_is_the_motion_and_a_motion_is_continued"
+UNHEARD = f"{LOSSES}::test_dropped_captions_padding_and_devices_make_no_difference_to_a_loss"
+EDITS = f"{METHODS}::test_momask_edits_whole_codes_and_keeps_the_others_on_all_levels"
+
+MUTATIONS = [
+    ("methods-dip-begins-from-the-beginning", "motion_jax/models/mdm/model.py", "axis=1)[:, -self.context:])",
+     "axis=1)[:, :self.context])", (f"{CONTINUED}[dip]",)),
+    ("methods-mdm-drops-the-others", "motion_jax/models/mdm/stages.py",
+     'text = jnp.where(drop[:, None, None], 0.0, batch["text_emb"])',
+     'text = jnp.where(drop[:, None, None], batch["text_emb"], 0.0)', (f"{UNHEARD}[mdm_denoiser-dip_tiny]",)),
+    ("methods-dip-padding", "motion_jax/models/mdm/stages.py",
+     'real = split(padding_mask(batch["num_frames"], batch["features"].shape[1])[..., None])[1][..., 0]',
+     'real = padding_mask(batch["num_frames"], batch["features"].shape[1])[:, :x1.shape[1]]',
+     (f"{UNHEARD}[mdm_denoiser-dip_tiny]",)),
+    ("methods-goal-of-the-next-block", "motion_jax/models/mdm/goals.py", "inside = frames[frames < first + count]",
+     "inside = frames[frames <= first + count]", ("tests/models/mdm/test_goals.py",)),
+    ("methods-mld-millimetres", "motion_jax/models/mld/stages.py", "* layout.skeleton.unit for one in (made, x))",
+     "for one in (made, x))", (f"{LOSSES}::test_mlds_joints_are_metres",)),
+    ("methods-mld-padding", "motion_jax/models/mld/stages.py",
+     'mean, logvar = cast(Any, vae.apply)(frozen[VAE], batch["features"], real, method="encode")',
+     'mean, logvar = cast(Any, vae.apply)(frozen[VAE], batch["features"], real | True, method="encode")',
+     (f"{UNHEARD}[mld_denoiser-tiny]",)),
+    ("methods-momask-kept-levels", "motion_jax/models/momask/model.py", "kept = (real & ~editable)[..., None]",
+     "kept = (real & editable)[..., None]", (EDITS,)),
+    ("methods-edited-codes", "motion_jax/models/editing.py", "row[np.flatnonzero(flags) // frames_per_latent] = True",
+     "row[np.flatnonzero(flags)[:-1] // frames_per_latent] = True", (EDITS,)),
+    ("methods-weights-of-kept-clips", "motion_jax/models/t2m_gpt/items.py", "p = np.asarray(self.weights)[self.kept]",
+     "p = np.asarray(self.weights)[:len(self)]", (f"{CODES}::test_clips_are_drawn_as_often_as_they_weigh",)),
+    ("methods-codes-of-padding", "motion_jax/models/t2m_gpt/items.py", "np.arange(longest) < counts[:, None]))",
+     "np.arange(longest) < longest + counts[:, None]))", (f"{CODES}::test_a_clip_has_the_codes_that_it_has_alone",)),
+    ("methods-crop-of-the-first-latent", "motion_jax/models/motionstreamer/stages.py", "jnp.roll(z, -1, axis=1)",
+     "jnp.roll(z, 1, axis=1)",
+     (f"{LOSSES}::test_the_latent_that_ends_a_motion_follows_its_last_and_a_cropped_motion_lacks_one",)),
+    ("methods-oldest-latents", "motion_jax/models/motionstreamer/model.py",
+     "memory.latents[:, memory.latents.shape[1] - keep:]", "memory.latents[:, :keep]",
+     (f"{CONTINUED}[motionstreamer]",)),
+    ("methods-contrast-of-a-device", "motion_jax/models/tmr/stages.py",
+     "info_nce(whole(text), whole(motion), scale, same)", "info_nce(text, motion, scale, None)",
+     (f"{TEACHER}::test_two_devices_contrast_the_whole_batch",)),
+    ("methods-other-statistics", "motion_jax/models/tmr/alignment.py", "if away > 0.5 or not", "if away > 5 or not",
+     (f"{TEACHER}::test_windows_are_seen_as_joints_or_by_other_statistics",)),
+    ("methods-words-not-before", "motion_jax/models/block_stream.py", "-(-not_before // self.block_frames)",
+     "not_before // self.block_frames", (f"{METHODS}::test_words_count_from_the_next_block_or_later",)),
+    ("methods-nearest-captions", "motion_jax/models/captions.py", "_NEAR = 5", "_NEAR = 6",
+     ("tests/models/test_captions.py",)),
+    ("methods-brief-contact", "motion_jax/models/motion_errors.py", "low[:, :-1] & ~both_stand &", "low[:, :-1] &",
+     ("tests/models/test_motion_errors.py::test_values_by_hand",)),
+]
