@@ -12,7 +12,7 @@ STAGES = [name for name in config_files.names() if "/" not in name]
 
 
 @pytest.mark.parametrize("stage, count", [
-    pytest.param("line", 8, marks=pytest.mark.slow),
+    pytest.param("line", 6, marks=pytest.mark.slow),
     *(pytest.param(stage, 1, marks=pytest.mark.exhaustive) for stage in STAGES)])
 def test_a_training_that_is_killed_ends_as_if_it_had_not_been(tmp_path, stage, count):
   """The line has a rollback, skipped steps, an average and a best state."""

@@ -25,8 +25,8 @@ ALL = {name: build for name, build in {
        # Of float32 and of block after block one size is enough: other programs differ from them in numbers alone.
        if name.startswith(("fss/S/", "train/cdamd_generator/")) or "float32" not in name and (
            not name.startswith("ar/") or name.startswith("ar/S/"))}
-QUICK = ("stream/M/bfloat16", "decode/cmdm/batch1")
-SLOW = ("train/denoiser-S/bfloat16/batch1", "train/cdamd_rvq/bfloat16", "fss/S/float32/batch1")
+QUICK = ("decode/cmdm/batch1",)
+SLOW = ("stream/M/bfloat16", "train/cdamd_rvq/bfloat16")
 CUDNN = [export.DisabledSafetyCheck.custom_call(f"__cudnn$fmha{name}") for name in (
     "ScaleBiasSoftmax", "ScaleBiasSoftmaxBackward")]
 
@@ -80,7 +80,7 @@ def test_the_roofline_takes_what_binds_each_product():
   assert roofline.limit(counting.Work({bound: 2, slow: 3}, state_bytes=5.0), device) == 2 * 10 + 3 * 4 + 1
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_the_memory_of_a_large_denoiser_is_split():
   """The table of docs/pods.md#memory."""
   trained = meshes.training("denoiser", "3B")
@@ -91,6 +91,7 @@ def test_the_memory_of_a_large_denoiser_is_split():
   assert meshes.on_one_device(shapes, placed) < 1.2 * 4 * whole / 256  # two moments and an average
 
 
+@pytest.mark.slow
 def test_a_step_is_lowered_for_devices_that_are_not_there():
   where = Mesh(64, 4, LAYOUTS["fully_sharded"], 256)
   text = meshes.lowered(meshes.training("denoiser", "XL", tiny=True), where).as_text()
