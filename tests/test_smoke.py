@@ -1,4 +1,5 @@
 """A newcomer's first minutes work: every config trains two steps, the README says nothing that does not run."""
+import ast
 import json
 import os
 import pathlib
@@ -8,6 +9,7 @@ import shutil
 import subprocess
 import sys
 import tomllib
+import types
 
 import chex
 import jax
@@ -23,6 +25,7 @@ from motion_jax.utils import config_files, overrides
 from motion_studio import cli
 from motion_studio.language import parse
 from tests.conftest import ROOT, light_training, load_config, some_of
+from tools.site import notebooks
 
 CONFIGS = [name for name in config_files.names() if "/" not in name]
 pytestmark = pytest.mark.usefixtures("kept_features")
@@ -229,13 +232,35 @@ def test_an_example_with_its_answer_is_what_the_command_prints():
   assert not load_text_encoder("cmdm-small").out_of_vocabulary(sentence)
 
 
-@pytest.mark.parametrize("page", [page for page in PAGES if _blocks(page, "python")], ids=_name)
-@pytest.mark.slow
+SCRIPTS = {_name(page): "\n".join(_blocks(page, "python")) for page in reversed(PAGES)} | {
+    path.stem: "\n".join(notebooks.blocks(path, "tests")) for path in notebooks.paths()}
+
+
+@pytest.mark.parametrize("name", [name for name, script in SCRIPTS.items() if script])
+def test_python_of_the_pages_and_notebooks_names_what_there_is(name):
+  """What it imports, and each attribute of a module or class of ours that it imports."""
+  tree, scope = ast.parse(SCRIPTS[name]), {}
+  for node in ast.walk(tree):
+    if isinstance(node, ast.Import | ast.ImportFrom) and "bpy" not in ast.unparse(node):
+      exec(ast.unparse(node), scope)
+  of_modules = {name for name, value in scope.items() if isinstance(value, types.ModuleType | type)}
+  named = {ast.unparse(node) for node in ast.walk(tree) if isinstance(node, ast.Attribute)
+           and re.fullmatch(r"[\w.]+", ast.unparse(node)) and ast.unparse(node).partition(".")[0] in of_modules}
+  assert scope and not [text for text in named if not _exists(text, scope)]
+
+
+def _exists(text, scope):
+  try:
+    return eval(text, scope) is not None
+  except AttributeError:
+    return False
+
+
+@pytest.mark.parametrize("page", some_of([name for name in SCRIPTS if name in map(_name, PAGES) and SCRIPTS[name]],
+                                         slow=["README", "training"]))
 def test_python_of_the_pages_runs_without_an_error(page, tmp_path, monkeypatch):
   monkeypatch.chdir(tmp_path)
-  scope = {}  # read from top to bottom, as a person would
-  for block in _blocks(page, "python"):
-    exec(compile(block, page.name, "exec"), scope)
+  exec(compile(SCRIPTS[page], page, "exec"), {})
 
 
 def test_the_landing_page_says_what_the_readme_says():

@@ -71,7 +71,7 @@ def test_a_mesh_that_cannot_be_is_refused(fields, said):
     mesh.make_mesh(ml_collections.ConfigDict(common.mesh() | fields))
 
 
-@pytest.mark.parametrize("name", ["adamw", "muon", "adafactor"])
+@pytest.mark.parametrize("name", some_of(["adamw", "muon", "adafactor"], ["adamw"], ["adafactor"]))
 def test_optimizer_state_and_average_are_sharded_as_parameters(name):
   """Except adafactor's, which keeps sums over one axis of an array."""
   config, _ = fit.resolve(tiny("cmdm_denoiser", model=dict(width=32), optimizer=dict(name=name)))
@@ -88,14 +88,6 @@ def test_optimizer_state_and_average_are_sharded_as_parameters(name):
   inside = of((shapes.opt_state, placed.opt_state))
   kept = {shape: spec for shape, spec in inside.items() if shape in params and math.prod(shape) > 1}
   assert kept == {shape: params[shape] for shape in kept} and (name == "adafactor" or len(kept) == len(params))
-
-
-def test_one_device_is_a_mesh_too():
-  """The mapping by jit, on which nothing is sharded, against pmap."""
-  config = tiny("cmdm_denoiser")
-  (state, losses), (other, theirs) = (steps(config, where) for where in (mesh.Mesh(rules=SHARDED), mesh.Pmap()))
-  for one, two in zip(jax.tree.leaves((state, losses)), jax.tree.leaves((other, theirs)), strict=True):
-    np.testing.assert_allclose(one, two, rtol=1e-4, atol=1e-6)
 
 
 # --- eight devices ----------------------------------------------------------------------------------------------------
