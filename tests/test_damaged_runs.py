@@ -92,6 +92,13 @@ def test_a_licence_that_is_no_text_keeps_nobody_from_a_motion(run):
   assert model.license.startswith("free") and model.limits == "It cannot fly."
 
 
+def test_raw_weights_and_another_text_encoder_are_opened_where_they_are_given(run):
+  shutil.copy(run / checkpoint.PARAMS, run / checkpoint.RAW)
+  assert loading.load(run, raw=True).params_file == checkpoint.RAW != loading.load(run).params_file
+  with pytest.raises(InputError, match="the text encoder gives 128 numbers a word, the model in .* was trained on"):
+    loading.load(run, text="words")
+
+
 def test_known_words_that_are_no_text_are_named(tmp_path):
   put(tmp_path / "words", healthy("words") | {"known_words.txt": b"walk\0run"})
   with pytest.raises(InputError, match="known_words.txt"):

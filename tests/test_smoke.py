@@ -72,6 +72,7 @@ def length_config(num_steps, **model):
   return config
 
 
+@pytest.mark.slow
 def test_resume_through_the_stage_is_exact_and_with_another_model_refused(length_run, tmp_path, unjudged, capsys):
   """Data order, noise, optimizer and average all continue: 2 + 2 steps are 4, bit for bit."""
   folder = shutil.copytree(length_run, tmp_path / "parts")
@@ -87,12 +88,17 @@ def test_resume_through_the_stage_is_exact_and_with_another_model_refused(length
 def test_resume_with_other_frozen_parts_is_refused(tiny_run, tmp_path):
   """Statistics, tokenizer and weights of a run are its own: exchanged or damaged, they are not silently taken over."""
   folder, config = shutil.copytree(tiny_run, tmp_path / "run"), load_config("cmdm_denoiser", "tiny")
-  mean, frozen = folder / "Mean.npy", folder / checkpoint.FROZEN
+  mean, std, words, frozen = (folder / name for name in ("Mean.npy", "Std.npy", checkpoint.TEXT, checkpoint.FROZEN))
   kept = mean.read_bytes(), frozen.read_bytes()
   refused = lambda match: pytest.raises(ValueError, match=match)
-  np.save(mean, np.load(mean) + 1)
-  with refused("other data"):
-    training.run(config, folder, resume=True)
+  for file, other, match in ((mean, lambda: np.save(mean, np.load(mean) + 1), "other data"),
+                             (std, lambda: np.save(std, 1.1 * np.load(std)), "other data"),
+                             (words, lambda: words.write_text('{"name": "", "fingerprint": "x"}'), "another text enc")):
+    whole = file.read_bytes()
+    other()
+    with refused(match):
+      training.run(config, folder, resume=True)
+    file.write_bytes(whole)
   mean.write_bytes(kept[0][:200])
   with refused("should hold 1052 bytes .* has 72"):
     training.run(config, folder, resume=True)

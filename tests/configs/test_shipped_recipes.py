@@ -67,12 +67,16 @@ def finished(config, workdir, *args):
 @pytest.mark.parametrize("name", some_of(RECIPES, quick=["shipped/clip_evaluator_small"],
                                          slow=["shipped/cmdm_small"]))
 def test_the_passes_of_a_recipe_fit_each_other(name, tmp_path, capsys, monkeypatch):
-  """Each takes the folders of those before it; a finished recipe has nothing left to do."""
+  """Each takes the folders of those before it and its share of the time; a finished recipe has nothing left to do."""
   monkeypatch.setattr(fit.loop, "train", finished)
-  config = config_files.load(f"{name}:tiny")
+  config = config_files.load(f"{name}:tiny").unlock()
+  config.seconds = 100.0
   fit.run(config, tmp_path / "run")
+  shares = {one["name"]: one["share"] for one in config.passes if one.get("share")}
   for one in config.passes:
     assert (tmp_path / "run" / one["name"] / checkpoint.PARAMS).is_file(), one["name"]
+    seconds = checkpoint.load_config(tmp_path / "run" / one["name"]).train.seconds
+    assert "config" not in one or seconds == 100 * shares.get(one["name"], 0) / max(sum(shares.values()), 1)
   capsys.readouterr()
   fit.run(config, tmp_path / "run", resume=True)
   assert capsys.readouterr().out.count(" is finished") == sum("config" in one for one in config.passes)

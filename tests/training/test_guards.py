@@ -76,6 +76,7 @@ def _parts_are(rolled_back, folder, next_batch):
   assert _equal(rolled_back[0], parts) and _rows(folder) == rolled_back[1]
 
 
+@pytest.mark.slow
 def test_kills_around_a_rollback_change_nothing(tmp_path, rolled_back):
   """In the steps that are skipped, in those that replace them, and after; benchmarks/kills.py draws such moments."""
   kills = [(6, 0), (6, 1), (9, 1)]
@@ -196,6 +197,7 @@ with lock.locked(sys.argv[1]):
 """
 
 
+@pytest.mark.slow
 def test_a_run_that_hangs_says_where_and_ends(tmp_path):
   done = processes.run(["-c", _STUCK, tmp_path], devices_env(1))
   assert done.returncode == 70 and "no step has ended for 0.005 minutes (train.hang_minutes)" in done.stderr
