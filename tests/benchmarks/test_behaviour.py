@@ -1,7 +1,6 @@
 """Rules of benchmarks/behaviour.py on motions made for them: each says yes to what it is about, no to the rest."""
 import sys
 
-import numpy as np
 import pytest
 
 from tests.analysis.test_describe import _jump, _kick, _standing, _walk, _wave
@@ -47,15 +46,6 @@ def test_a_rule_passes_what_it_is_about_and_nothing_else(name):
   joints, wanted = DONE[name]
   body = rules.body_of(joints)
   assert {rule for rule in RULES if RULES[rule](body)} == wanted
-
-
-def test_one_after_another_and_not_the_other_way_round():
-  walk, wave = _walk(seconds=3.0), _wave("right", 4)
-  wave = wave + (walk[-1, :1] - wave[0, :1]) * [1, 0, 1]
-  joints = np.concatenate([walk, wave])
-  then = lambda *parts: rules.in_order(*parts)(rules.body_of(joints))
-  assert then(rules.walks(), rules.waves_one) and not then(rules.waves_one, rules.walks())
-  assert not rules.at_once(rules.walks(), rules.waves_one)(rules.body_of(joints))
 
 
 def test_every_sentence_is_judged_once(monkeypatch):

@@ -7,7 +7,6 @@ import sys
 import threading
 
 import chex
-import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -275,11 +274,3 @@ def test_data_that_fail_are_named_and_the_state_is_saved(tmp_path):
     train.train(_config(6), tmp_path / "a", _stage(), failing)
   rest = train.train(_config(6), tmp_path / "a", _stage(), _next_batch, resume=True)
   assert _equal(rest, train.train(_config(6), tmp_path / "b", _stage(), _next_batch))
-
-
-def test_a_batch_is_kept_without_pickles(tmp_path):
-  guards.keep_batch(tmp_path, 3, {"x": jnp.ones(2), "words": np.array(["walks"])})
-  with np.load(tmp_path / guards.BATCH, allow_pickle=False) as kept:
-    assert kept["words"].tolist() == ["walks"] and int(kept["step"]) == 3
-  with pytest.raises(ValueError):
-    guards.keep_batch(tmp_path, 3, {"x": np.array([object()])})
