@@ -54,10 +54,14 @@ def test_a_config_of_wrong_types_is_one_line(run, path, value, words):
   assert isinstance(error.value, InputError) and words in text and str(run) in text and "\n" not in text
 
 
-@pytest.mark.parametrize("name", ["params.safetensors", "frozen.safetensors", "Mean.npy", "Std.npy", "config.json",
-                                  "text.json"])
-@pytest.mark.parametrize("damage", [lambda data: data[:len(data) // 2], lambda data: b"", lambda data: b"\xff" * 40,
-                                    lambda data: data[:1] + b"\xf1" + data[2:]])
+CUT, *WRONG = (lambda data: data[:len(data) // 2], lambda data: b"", lambda data: b"\xff" * 40,
+               lambda data: data[:1] + b"\xf1" + data[2:])
+
+
+@pytest.mark.parametrize("name, damage", [
+    *((name, CUT) for name in ("params.safetensors", "frozen.safetensors", "Mean.npy", "Std.npy", "config.json",
+                               "text.json")),
+    *((name, damage) for name in ("params.safetensors", "text.json") for damage in WRONG)])
 def test_a_damaged_file_is_named(run, name, damage):
   (run / name).write_bytes(damage((run / name).read_bytes()))
   with pytest.raises(InputError, match=name) as error:

@@ -37,7 +37,7 @@ TRACED = ("one-level-denoiser", "vae-tokenizer", "teacher-tmr-teacher", "text-cl
           "mardm-generator")
 
 
-@pytest.mark.parametrize("name", some_of(BOTH, TRACED[:2], TRACED[2:]))
+@pytest.mark.parametrize("name", some_of(BOTH, slow=TRACED))
 def test_the_loss_of_a_row_is_one_number(name):
   paper, row, stage = BOTH[name]
   assert traced_loss_shape(paper["get_config"](f"{row}/{stage}/tiny")) == ()

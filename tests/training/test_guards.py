@@ -216,6 +216,7 @@ def _no_room(*_):
   raise OSError(errno.ENOSPC, "No space left on device")
 
 
+@pytest.mark.slow
 def test_a_full_disk_ends_no_training(tmp_path, monkeypatch, capsys):
   """The save at step 4 fails, older states stay, the one at step 6 is there."""
   whole = train.train(_config(6), tmp_path / "whole", _stage(), _next_batch)

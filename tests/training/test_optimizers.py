@@ -27,7 +27,7 @@ def _with(name, num_steps, **fields):
   return _config(num_steps, name=name, learning_rate=0.05, ema_decay=0.0, **fields)
 
 
-@pytest.mark.parametrize("name", some_of(NAMES, ["schedule_free"], ["muon"]))
+@pytest.mark.parametrize("name", some_of(NAMES, slow=["schedule_free", "muon"]))
 def test_it_learns_and_a_resumed_run_ends_the_same(name, tmp_path):
   whole = train.train(_with(name, 30), tmp_path / "whole", _stage_of_a_matrix(), _next_batch)
   start = _stage_of_a_matrix().init(None, jax.random.fold_in(jax.random.key(0), 2**31 - 1))
