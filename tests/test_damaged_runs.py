@@ -45,7 +45,7 @@ def _change(folder, path, value):
     ("data.layout", ["full"], "config.json"), ("frozen.text", 5, "config.json"), ("frozen", None, "config.json"),
     ("stage", {"a": 1}, "holds a FrozenConfigDict as the stage of a run"),
     ("stage", "a\nb", "holds a str as the stage"), ("stage", "x" * 2000, "expected one of stage cmdm.denoiser"),
-    ("data.max_frames", 0, "got data.max_frames 0"), ("data", [1], "got data.max_frames None")])
+    ("data.max_frames", 0, "got data.max_frames 0"), ("data", [1], "data is '[1]', expected an object")])
 def test_a_config_of_wrong_types_is_one_line(run, path, value, words):
   _change(run, path, value)
   with pytest.raises(ValueError) as error:
