@@ -45,7 +45,7 @@ def _change(folder, path, value):
     ("data.layout", ["full"], "config.json"), ("frozen.text", 5, "config.json"), ("frozen", None, "config.json"),
     ("stage", {"a": 1}, "holds a FrozenConfigDict as the stage of a run"),
     ("stage", "a\nb", "holds a str as the stage"), ("stage", "x" * 2000, "expected one of stage cmdm.denoiser"),
-    ("data.max_frames", 0, "got data.max_frames 0"), ("data", [1], "got data.max_frames None")])
+    ("data.max_frames", 0, "got data.max_frames 0"), ("data", [1], "data is '[1]', expected an object")])
 def test_a_config_of_wrong_types_is_one_line(run, path, value, words):
   _change(run, path, value)
   with pytest.raises(ValueError) as error:
@@ -54,10 +54,14 @@ def test_a_config_of_wrong_types_is_one_line(run, path, value, words):
   assert isinstance(error.value, InputError) and words in text and str(run) in text and "\n" not in text
 
 
-@pytest.mark.parametrize("name", ["params.safetensors", "frozen.safetensors", "Mean.npy", "Std.npy", "config.json",
-                                  "text.json"])
-@pytest.mark.parametrize("damage", [lambda data: data[:len(data) // 2], lambda data: b"", lambda data: b"\xff" * 40,
-                                    lambda data: data[:1] + b"\xf1" + data[2:]])
+CUT, *WRONG = (lambda data: data[:len(data) // 2], lambda data: b"", lambda data: b"\xff" * 40,
+               lambda data: data[:1] + b"\xf1" + data[2:])
+
+
+@pytest.mark.parametrize("name, damage", [
+    *((name, CUT) for name in ("params.safetensors", "frozen.safetensors", "Mean.npy", "Std.npy", "config.json",
+                               "text.json")),
+    *((name, damage) for name in ("params.safetensors", "text.json") for damage in WRONG)])
 def test_a_damaged_file_is_named(run, name, damage):
   (run / name).write_bytes(damage((run / name).read_bytes()))
   with pytest.raises(InputError, match=name) as error:
@@ -90,6 +94,13 @@ def test_a_licence_that_is_no_text_keeps_nobody_from_a_motion(run):
   (run / "LIMITS.txt").write_text("It cannot fly.\n")
   model = loading.load(run)
   assert model.license.startswith("free") and model.limits == "It cannot fly."
+
+
+def test_raw_weights_and_another_text_encoder_are_opened_where_they_are_given(run):
+  shutil.copy(run / checkpoint.PARAMS, run / checkpoint.RAW)
+  assert loading.load(run, raw=True).params_file == checkpoint.RAW != loading.load(run).params_file
+  with pytest.raises(InputError, match="the text encoder gives 128 numbers a word, the model in .* was trained on"):
+    loading.load(run, text="words")
 
 
 def test_known_words_that_are_no_text_are_named(tmp_path):

@@ -4,10 +4,11 @@ import pytest
 from tools.site import nav, notebooks
 
 PATHS = notebooks.paths()
+RUN = ("2_components",)  # test_smoke.py looks at the names in the others
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("path", PATHS, ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", [pytest.param(path, id=path.stem, marks=pytest.mark.slow if path.stem in RUN else
+                                               pytest.mark.exhaustive) for path in PATHS])
 def test_a_notebook_runs(path, tmp_path, monkeypatch):
   monkeypatch.chdir(tmp_path)
   scope = {"__name__": "notebook"}

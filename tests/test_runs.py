@@ -105,6 +105,14 @@ def test_what_is_no_run_or_another_one_is_told(tmp_path):
     runs.load_run(tmp_path)
 
 
+@pytest.mark.parametrize("features", [262, 264])
+def test_a_network_of_another_width_than_the_layout_is_refused(features):
+  config = load_config("cmdm_denoiser", "tiny").unlock()
+  config.tokenizer.features = features
+  with pytest.raises(InputError, match=f"tokenizer.features = {features}, layout 'full' has 263 numbers a frame"):
+    fit.resolve(config)
+
+
 def test_a_config_file_may_leave_a_field_out():
   config = load_config("cmdm_denoiser", "tiny")
   with config.unlocked():

@@ -1,13 +1,15 @@
 """A newcomer's first minutes work: every config trains two steps, the README says nothing that does not run."""
-import contextlib
+import ast
 import json
 import os
 import pathlib
 import re
 import shlex
+import shutil
 import subprocess
 import sys
 import tomllib
+import types
 
 import chex
 import jax
@@ -22,34 +24,22 @@ from motion_jax.training.metrics import read_metrics
 from motion_jax.utils import config_files, overrides
 from motion_studio import cli
 from motion_studio.language import parse
-from tests.conftest import ROOT, light_training, load_config
+from tests.conftest import ROOT, light_training, load_config, some_of
+from tools.site import notebooks
 
 CONFIGS = [name for name in config_files.names() if "/" not in name]
 pytestmark = pytest.mark.usefixtures("kept_features")
 
 
-# Of these, other quick tests train a run folder.
-ELSEWHERE = ("tmr", "motion_patches",            # test_teacher_kinds.py
-             "part_tmr", "cmdm_student",         # test_teacher.py, test_distill.py
-             "cmdm_denoiser", "cdamd_generator",  # conftest.py, for many
-             "cmdm_tokenizer",                   # test_pictures.py
-             "cdamd_length")                     # below, to go on with
-# Evaluators of which the quick tests count the parameters, and train another.
-COUNTED = ("evaluator_matching", "evaluator_snapmogen", "evaluator_clip")
-
-OWN_WEIGHTS = ("cmdm_denoiser", "cdamd_rvq", "cdamd_generator")
+# Of every config the loss is traced in configs/test_tiny_sizes.py; here they train. One of each kind: an autoencoder
+# that validates, a codebook that changes without a gradient. The two generators train in fixtures of conftest.py.
+TRAINED = ("cdamd_autoencoder", "cdamd_rvq")
 
 
-@pytest.mark.parametrize("name, own_weights", [
-    *(pytest.param(name, False, id=name, marks=pytest.mark.slow if name in ELSEWHERE + COUNTED else [])
-      for name in CONFIGS),
-    *(pytest.param(name, True, id=f"{name}-own-weights", marks=pytest.mark.slow if name in OWN_WEIGHTS else
-                   pytest.mark.exhaustive) for name in CONFIGS)])
-def test_every_config_trains_two_steps(name, own_weights, tmp_path):
-  """From weights that numpy draws, and from the network's own, whose initializers are another program."""
-  config = load_config(name, "tiny")
-  with contextlib.nullcontext() if own_weights else light_training(judged=True):
-    state = training.run(config, tmp_path)
+@pytest.mark.parametrize("name", some_of(CONFIGS, slow=TRAINED))
+def test_every_config_trains_two_steps(name, tmp_path):
+  """With the network's own initializers and with the evaluation that follows a save."""
+  state = training.run(load_config(name, "tiny"), tmp_path)
   assert int(state.step) == 2
   assert np.isfinite([row["loss"] for row in read_metrics(tmp_path) if "loss" in row]).all()
   for file in (checkpoint.CONFIG, checkpoint.PARAMS, "Mean.npy", "Std.npy", "loss.png"):
@@ -66,60 +56,70 @@ def test_full_and_small_configs_are_whole_and_locked(name):
       config.model.widht = 3
 
 
-@pytest.mark.slow
-def test_resume_through_the_stage_is_exact(tmp_path, unjudged, capsys):
-  """Data order, noise, optimizer and average all go on: 2 + 2 steps are 4, bit for bit."""
+@pytest.fixture(scope="module")
+def length_run(tmp_path_factory):
+  """The folder of cdamd_length's two steps, with an average."""
+  folder = tmp_path_factory.mktemp("runs") / "length"
+  with light_training():
+    training.run(length_config(2), folder)
+  return folder
+
+
+def length_config(num_steps, **model):
   config = load_config("cdamd_length", "tiny").unlock()
-  config.optimizer.ema_decay = 0.5
-  training.run(config, tmp_path / "parts", resume="auto")
-  config.train.num_steps = 4
-  parts = training.run(config, tmp_path / "parts", resume="auto")
-  assert re.findall("--resume=auto: (.*) /", capsys.readouterr().out) == ["starting", "resuming"]
-  whole = training.run(config, tmp_path / "whole")
+  config.optimizer.ema_decay, config.train.num_steps = 0.5, num_steps
+  config.model.update(model)
+  return config
+
+
+@pytest.mark.slow
+def test_resume_through_the_stage_is_exact_and_with_another_model_refused(length_run, tmp_path, unjudged, capsys):
+  """Data order, noise, optimizer and average all continue: 2 + 2 steps are 4, bit for bit."""
+  folder = shutil.copytree(length_run, tmp_path / "parts")
+  with pytest.raises(ValueError, match="another model"):
+    training.run(length_config(4, width=32), folder, resume=True)
+  parts = training.run(length_config(4), folder, resume="auto")
+  whole = training.run(length_config(4), tmp_path / "whole", resume="auto")
+  assert re.findall("--resume=auto: (.*) /", capsys.readouterr().out) == ["resuming", "starting"]
   chex.assert_trees_all_equal(parts, whole)
 
 
-def test_resume_with_another_model_is_told(tmp_path, unjudged):
-  config = load_config("cdamd_length", "tiny").unlock()
-  training.run(config, tmp_path)
-  config.model.width = 32
-  with pytest.raises(ValueError, match="another model"):
-    training.run(config, tmp_path, resume=True)
-
-
 @pytest.mark.slow
-def test_resume_on_other_ground_is_told(tmp_path, unjudged):
+def test_resume_with_other_frozen_parts_is_refused(tiny_run, tmp_path):
   """Statistics, tokenizer and weights of a run are its own: exchanged or damaged, they are not silently taken over."""
-  config = load_config("cmdm_denoiser", "tiny")
-  training.run(config, tmp_path)
-  mean, frozen = tmp_path / "Mean.npy", tmp_path / checkpoint.FROZEN
+  folder, config = shutil.copytree(tiny_run, tmp_path / "run"), load_config("cmdm_denoiser", "tiny")
+  mean, std, words, frozen = (folder / name for name in ("Mean.npy", "Std.npy", checkpoint.TEXT, checkpoint.FROZEN))
   kept = mean.read_bytes(), frozen.read_bytes()
-  np.save(mean, np.load(mean) + 1)
-  with pytest.raises(ValueError, match="other data"):
-    training.run(config, tmp_path, resume=True)
+  refused = lambda match: pytest.raises(ValueError, match=match)
+  for file, other, match in ((mean, lambda: np.save(mean, np.load(mean) + 1), "other data"),
+                             (std, lambda: np.save(std, 1.1 * np.load(std)), "other data"),
+                             (words, lambda: words.write_text('{"name": "", "fingerprint": "x"}'), "another text enc")):
+    whole = file.read_bytes()
+    other()
+    with refused(match):
+      training.run(config, folder, resume=True)
+    file.write_bytes(whole)
   mean.write_bytes(kept[0][:200])
-  with pytest.raises(ValueError, match="should hold 1052 bytes .* has 72"):
-    training.run(config, tmp_path, resume=True)
+  with refused("should hold 1052 bytes .* has 72"):
+    training.run(config, folder, resume=True)
   mean.write_bytes(kept[0])
-  params = checkpoint.load_params(tmp_path, name=checkpoint.FROZEN)
-  checkpoint.save_params(tmp_path, jax.tree.map(lambda a: a + 0.1, params), name=checkpoint.FROZEN)
-  with pytest.raises(ValueError, match="another tokenizer"):
-    training.run(config, tmp_path, resume=True)
+  params = checkpoint.load_params(folder, name=checkpoint.FROZEN)
+  checkpoint.save_params(folder, jax.tree.map(lambda a: a + 0.1, params), name=checkpoint.FROZEN)
+  with refused("another tokenizer"):
+    training.run(config, folder, resume=True)
   frozen.write_bytes(kept[1][:-10])
-  with pytest.raises(ValueError, match="no whole safetensors"):
-    training.run(config, tmp_path, resume=True)
+  with refused("no whole safetensors"):
+    training.run(config, folder, resume=True)
 
 
 @pytest.mark.slow
 def test_launch_py(tmp_path):
-  """The command itself, with an override and a misspelled one."""
+  """The command itself, with an override; a misspelled one is refused (tests/studio/cli)."""
   command = [sys.executable, str(ROOT / "launch.py"), f"--config={ROOT}/configs/cdamd_length.py:tiny",
-             f"--workdir={tmp_path / 'run'}"]
-  done = subprocess.run([*command, "--config.train.num_steps=1"], capture_output=True, text=True, check=False, cwd=ROOT)
+             f"--workdir={tmp_path / 'run'}", "--config.train.num_steps=1"]
+  done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=ROOT)
   assert done.returncode == 0, done.stderr
   assert len(read_metrics(tmp_path / "run")) >= 1
-  done = subprocess.run([*command, "--config.train.num_stepz=1"], capture_output=True, text=True, check=False, cwd=ROOT)
-  assert done.returncode != 0 and "num_stepz" in done.stderr
 
 
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -238,13 +238,35 @@ def test_an_example_with_its_answer_is_what_the_command_prints():
   assert not load_text_encoder("cmdm-small").out_of_vocabulary(sentence)
 
 
-@pytest.mark.parametrize("page", [page for page in PAGES if _blocks(page, "python")], ids=_name)
-@pytest.mark.slow
+SCRIPTS = {_name(page): "\n".join(_blocks(page, "python")) for page in reversed(PAGES)} | {
+    path.stem: "\n".join(notebooks.blocks(path, "tests")) for path in notebooks.paths()}
+
+
+@pytest.mark.parametrize("name", [name for name, script in SCRIPTS.items() if script])
+def test_python_of_the_pages_and_notebooks_names_what_there_is(name):
+  """What it imports, and each attribute of a module or class of ours that it imports."""
+  tree, scope = ast.parse(SCRIPTS[name]), {}
+  for node in ast.walk(tree):
+    if isinstance(node, ast.Import | ast.ImportFrom) and "bpy" not in ast.unparse(node):
+      exec(ast.unparse(node), scope)
+  of_modules = {name for name, value in scope.items() if isinstance(value, types.ModuleType | type)}
+  named = {ast.unparse(node) for node in ast.walk(tree) if isinstance(node, ast.Attribute)
+           and re.fullmatch(r"[\w.]+", ast.unparse(node)) and ast.unparse(node).partition(".")[0] in of_modules}
+  assert scope and not [text for text in named if not _exists(text, scope)]
+
+
+def _exists(text, scope):
+  try:
+    return eval(text, scope) is not None
+  except AttributeError:
+    return False
+
+
+@pytest.mark.parametrize("page", some_of([name for name in SCRIPTS if name in map(_name, PAGES) and SCRIPTS[name]],
+                                         slow=["README", "training"]))
 def test_python_of_the_pages_runs_without_an_error(page, tmp_path, monkeypatch):
   monkeypatch.chdir(tmp_path)
-  scope = {}  # read from top to bottom, as a person would
-  for block in _blocks(page, "python"):
-    exec(compile(block, page.name, "exec"), scope)
+  exec(compile(SCRIPTS[page], page, "exec"), {})
 
 
 def test_the_landing_page_says_what_the_readme_says():

@@ -33,25 +33,18 @@ def test_every_row_of_cmdms_tables_is_there():
 
 # {"row-stage": (the paper's configs, row, stage)}
 BOTH = {"-".join(pair): (paper, *pair) for paper, pairs in ((CMDM, TRAINED), (CDAMD, TRAINED_CDAMD)) for pair in pairs}
-# Rows whose program no base config has (those are trained in test_smoke.py). What the other rows choose, networks,
-# losses and masks, has its tests beside what it is made of.
-KINDS = {"vae-tokenizer", "one-level-denoiser"}
+TRACED = ("one-level-denoiser", "vae-tokenizer", "teacher-tmr-teacher", "text-clip-sentence-denoiser", "67-generator",
+          "mardm-generator")
 
 
-# Of each stage of both papers, some rows that are traced instead of trained.
-TRACED = {"teacher-tmr-teacher", "teacher-motion-patches-tokenizer", "latent-16-8-tokenizer", "vae-denoiser",
-          "text-clip-sentence-denoiser", "mardm-generator", "bcm-generator", "67-generator",
-          "67-autoencoder", "263-rvq"}
-
-
-@pytest.mark.parametrize("name", sorted(TRACED))
+@pytest.mark.parametrize("name", some_of(BOTH, slow=TRACED))
 def test_the_loss_of_a_row_is_one_number(name):
   paper, row, stage = BOTH[name]
   assert traced_loss_shape(paper["get_config"](f"{row}/{stage}/tiny")) == ()
 
 
-@pytest.mark.parametrize("name", some_of(
-    BOTH, KINDS, ("teacher-tmr-teacher", "vae-denoiser", "67-autoencoder", "bcm-generator")))
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("name", BOTH)
 def test_rows_train_two_steps(name, tmp_path, unjudged):
   paper, row, stage = BOTH[name]
   state = training.run(paper["get_config"](f"{row}/{stage}/tiny"), tmp_path)
@@ -84,53 +77,12 @@ def test_mardm_is_decoded_guided_and_cooled_as_published():
   assert all(full[part] == named[part] for part in ("sampler", "loss", "optimizer", "model", "paper_row"))
 
 
-@pytest.mark.parametrize("name, columns, layout, scale, falls", [
-    ("mardm_67", 67, "essential", 4.5, 50_000), ("mardm_ddpm_67", 67, "essential", 4.5, 50_000),
-    ("mardm_263", 263, "full", 4.5, 50_000), ("mardm_snapmogen", 296, "snapmogen", 4.5, 50_000),
-    ("mardm_kit", 64, "essential_kit", 2.5, 20_000)])
-def test_mardm_on_its_own_data_has_a_name(name, columns, layout, scale, falls):
-  config = load_config("cdamd_generator", name)
-  assert (config.tokenizer.features, config.data.layout) == (columns, layout)
-  assert (config.sampler.num_iterations, config.sampler.guidance_scale) == (18, scale)
-  assert config.optimizer.boundaries == (falls,) and config.loss.diffusion == ("ddpm" if "ddpm" in name else "flow")
-  coder = load_config("cdamd_autoencoder", {296: "snapmogen"}.get(columns, str(columns)))
-  assert (coder.model.features, coder.data.layout) == (columns, layout)
-
-
-@pytest.mark.parametrize("name", ["cdamd_autoencoder", "cdamd_rvq", "cdamd_generator", "cdamd_length"])
-def test_kit_can_be_tried_in_seconds(name):
-  config = load_config(name, "kit_tiny")
-  assert config.data.layout == "coordinates_kit" and config.data.name == "synthetic" and config.train.num_steps == 2
-  for part in ("model", "tokenizer", "prior"):
-    assert (config.get(part) or {}).get("features", 63) == 63
-  with pytest.raises(ValueError, match="full, .*small.* or tiny"):
-    load_config(name, "kit_huge")
-
-
-@pytest.mark.parametrize("data", ["kit", "263", "snapmogen"])
-def test_the_loss_of_mardm_on_other_columns_is_one_number(data):
-  assert traced_loss_shape(load_config("cdamd_generator", f"mardm_{data}_tiny")) == ()
-
-
 def test_the_rows_of_mardm_in_cmdms_tables_have_a_config():
   rows = lambda size: load_config("cdamd_generator", size).paper_row["rows"].to_dict()
   assert rows("mardm_263") == {"cmdm 1": "MARDM", "cmdm 3-humanml3d": "MARDM"}
   assert rows("mardm_snapmogen") == {"cmdm 2": "MARDM", "cmdm 3-snapmogen": "MARDM"}
   with pytest.raises(ValueError, match="SnapMoGen's columns are those of the baseline alone, mardm_snapmogen"):
     load_config("cdamd_generator", "snapmogen")
-
-
-def test_263_features_come_with_every_number_of_levels():
-  levels = {row: CDAMD["get_config"](row).loss.prior_levels for row in ("263", "263-two-vq", "263-all-vq")}
-  assert levels == {"263": 1, "263-two-vq": 2, "263-all-vq": 4}
-  assert {CDAMD["get_config"](row).tokenizer.features for row in levels} == {263}
-
-
-@pytest.mark.slow
-def test_mardm_trains_two_steps_on_kit(tmp_path, unjudged):
-  state = training.run(load_config("cdamd_generator", "mardm_kit_tiny"), tmp_path)
-  assert int(state.step) == 2
-  assert np.isfinite([line["loss"] for line in read_metrics(tmp_path) if "loss" in line]).all()
 
 
 @pytest.mark.parametrize("row", CDAMD["ROWS"])
@@ -187,21 +139,6 @@ def test_one_level_for_all_is_sampled_as_it_is_trained():
   assert (chosen(config)["schedule"], chosen(config)["lag"]) == ("full", 0)
   assert (chosen(config, schedule="fss")["schedule"], chosen(config, schedule="fss")["lag"]) == ("fss", 2)
   assert chosen(load_config("cmdm_denoiser", "tiny"))["lag"] == 2
-
-
-def test_a_study_of_size_mini_can_train_its_own_teacher():
-  """The docstring promises mini for every stage; the teacher gives what tokenizers of that size are aligned with."""
-  for stage in ("teacher", "tokenizer", "denoiser"):
-    for size in ("full", "small", "mini", "tiny"):
-      CMDM["get_config"](f"default/{stage}/{size}")
-  teacher, tokenizer = (CMDM["get_config"](f"default/{stage}/mini") for stage in ("teacher", "tokenizer"))
-  assert teacher.model.dim == tokenizer.model.teacher_dim == 64
-  assert teacher.train.num_steps < CMDM["get_config"]("default/teacher/small").train.num_steps
-
-
-def test_codes_of_263_features_are_trained_as_the_released_code_trains_them():
-  assert CDAMD["get_config"]("263/rvq/full").loss.columns == load_config("cdamd_rvq", "263").loss.columns == (4, 263)
-  assert CDAMD["get_config"]("67/rvq/full").loss.columns == CDAMD["get_config"]("default/rvq").loss.columns == (4, 67)
 
 
 def test_mistakes_are_told():

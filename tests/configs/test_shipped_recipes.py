@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 
 from motion_jax import fit, runs
+from motion_jax.data import sources
 from motion_jax.training import checkpoint
 from motion_jax.utils import config_files, stopping
 from motion_jax.utils.errors import InputError
-from tests.conftest import light_training, some_of
+from tests.configs.test_tiny_sizes import traced_training
+from tests.conftest import light_training, load_config, some_of
 
 RECIPES = config_files.recipes()
 
@@ -54,20 +56,33 @@ def test_the_last_pass_makes_the_network_that_ships(name):
       made["tokenizer"])
 
 
+def finished(config, workdir, *args):
+  """In the place of `train.train`: what a run leaves when it is finished, its step only traced."""
+  state = traced_training(config, workdir, *args)
+  (workdir / "checkpoints" / str(config.train.num_steps)).mkdir(parents=True)
+  (workdir / "loss.png").touch()
+  return state
+
+
 @pytest.mark.parametrize("name", some_of(RECIPES, quick=["shipped/clip_evaluator_small"],
                                          slow=["shipped/cmdm_small"]))
-def test_the_tiny_recipe_trains_end_to_end(name, tmp_path, capsys):
-  config = config_files.load(f"{name}:tiny")
-  with light_training(judged=True):
-    fit.run(config, tmp_path / "run")
-    for one in config.passes:
-      assert (tmp_path / "run" / one["name"] / checkpoint.PARAMS).is_file(), one["name"]
-    capsys.readouterr()
-    fit.run(config, tmp_path / "run", resume=True)  # nothing is left to do
-  said = capsys.readouterr().out
-  assert said.count(" is finished") == sum("config" in one for one in config.passes) and "step 1 of" not in said
+def test_the_passes_of_a_recipe_fit_each_other(name, tmp_path, capsys, monkeypatch):
+  """Each takes the folders of those before it and its share of the time; a finished recipe has nothing left to do."""
+  monkeypatch.setattr(fit.loop, "train", finished)
+  config = config_files.load(f"{name}:tiny").unlock()
+  config.seconds = 100.0
+  fit.run(config, tmp_path / "run")
+  shares = {one["name"]: one["share"] for one in config.passes if one.get("share")}
+  for one in config.passes:
+    assert (tmp_path / "run" / one["name"] / checkpoint.PARAMS).is_file(), one["name"]
+    seconds = checkpoint.load_config(tmp_path / "run" / one["name"]).train.seconds
+    assert "config" not in one or seconds == 100 * shares.get(one["name"], 0) / max(sum(shares.values()), 1)
+  capsys.readouterr()
+  fit.run(config, tmp_path / "run", resume=True)
+  assert capsys.readouterr().out.count(" is finished") == sum("config" in one for one in config.passes)
 
 
+@pytest.mark.slow
 def test_a_recipe_continues_in_the_pass_that_was_stopped(tmp_path, capsys):
   """Stopped in the first of two passes; a folder with passes in it is not begun again."""
   config = config_files.load("shipped/evaluator_small:tiny")
@@ -91,3 +106,13 @@ def test_the_mean_of_two_runs(tmp_path):
   assert runs.load_run(tmp_path / "mean").stage == run.stage
   with pytest.raises(InputError, match="is there already"):
     runs.average("cmdm-small-fast", "cmdm-small", tmp_path / "mean")
+
+
+def test_passes_on_the_same_data_make_its_features_once():
+  data = load_config("cmdm_tokenizer", "tiny").data
+  with sources.keep_features():
+    train = sources.load_features(data)
+    assert sources.load_features(data, stats=train.stats) is train
+    val = sources.load_features(data, "val", train.stats)
+    assert sources.load_features(data, "val", train.stats, False) is val and val is not train
+  assert sources.load_features(data) is not train, "only while it lasts"

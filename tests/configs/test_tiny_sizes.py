@@ -30,13 +30,16 @@ MLD_FRAMES = {"mld_frames": {}}
 MOTIONSTREAMER = {"motionstreamer_tokenizer": {},
                   "motionstreamer_generator": {"frozen.tokenizer": "motionstreamer_tokenizer"}}
 EVALUATOR = {"evaluator_movement": {}, "evaluator_matching": {"frozen.movement": "evaluator_movement"}}
+OTHERS = {"evaluator_clip": {}, "evaluator_snapmogen": {}}
 
 
 def chain(stages, **sizes):
-  """A case of the test: (stages, {config: its size}), sizes before `tiny` where a data set has its own."""
+  """A case of the test: (stages, {config: its size}), sizes before `tiny` where a data set has its own. Quick is what
+  traces in a second."""
   sizes = {name: f"{sizes[name]}_tiny" if name in sizes else "tiny" for name in stages}
   return pytest.param(stages, sizes, id=",".join(f"{name}:{size}" for name, size in sizes.items()),
-                      marks=pytest.mark.exhaustive if set(sizes.values()) != {"tiny"} else [])
+                      marks=pytest.mark.exhaustive if set(sizes.values()) != {"tiny"} else
+                      [] if stages.keys() <= {"mdm_denoiser", "mld_frames", *EVALUATOR} else pytest.mark.slow)
 
 
 def on(data, stages):
@@ -70,7 +73,7 @@ def traced_training(config, workdir, stage, next_batch, frozen, *_):
     chain(MDM, mdm_denoiser="goals"),
     chain(MDM, mdm_denoiser="words_essential"), on("v2", MLD), chain(MLD_FRAMES), on("kit", MLD_FRAMES),
     *(on("snapmogen", stages) for stages in (MOMASK, T2M_GPT, MDM, MOTIONSTREAMER)),
-    chain(EVALUATOR)])
+    chain(EVALUATOR), chain(OTHERS), chain(MARDM, cdamd_autoencoder="snapmogen", cdamd_generator="mardm_snapmogen")])
 def test_each_stage_takes_the_runs_of_those_before_it(stages, sizes, tmp_path, monkeypatch):
   monkeypatch.setattr(fit.loop, "train", traced_training)
   for name, parts in stages.items():

@@ -1,19 +1,25 @@
 """Several processes train as one."""
+import errno
 import os
 import signal
 import socket
 import subprocess
+import sys
 import time
 import types
 
+import jax
 import numpy as np
 import pytest
 
-from motion_jax.training import checkpoint, distributed
+from motion_jax.nets.partitioning import partitioned
+from motion_jax.training import checkpoint, distributed, loop, saver
 from motion_jax.training.metrics import read_metrics
+from motion_jax.training.stage import Stage
 from motion_jax.utils.errors import InputError
 from tests import processes
 from tests.conftest import ROOT, some_of
+from tests.training.test_train import _config
 
 CLUSTER = ("SLURM_", "OMPI_", "TPU_")
 
@@ -49,12 +55,12 @@ def test_a_cluster_is_known_by_its_environment(monkeypatch, no_cluster):
 
 
 def test_processes_ask_one_another_every_five_seconds_at_the_same_steps(monkeypatch):
-  """Steps take 0.125 s here and 0.5 s in the other process, which is told to end in between."""
-  now, told, asked = [0.0], [0], []
+  """Steps take 0.125 s here and 0.5 s in the other process, which gets a signal in between."""
+  now, theirs, asked = [0.0], [0], []
 
   def gathered(mine):
     asked.append((step, mine[-1]))
-    return np.stack([mine, [told[0], 0, -1 if len(asked) == 1 else -10]])
+    return np.stack([mine, [theirs[0], 0, -1 if len(asked) == 1 else -10]])
 
   monkeypatch.setattr(distributed.jax, "process_count", lambda: 2)
   monkeypatch.setattr(distributed.multihost_utils, "process_allgather", gathered)
@@ -62,36 +68,30 @@ def test_processes_ask_one_another_every_five_seconds_at_the_same_steps(monkeypa
   agreement, answers = distributed.Agreement(), {}
   for step in range(1, 25):
     now[0] += 0.125
-    told[0] = signal.SIGTERM if step > 5 else 0
+    theirs[0] = signal.SIGTERM if step > 5 else 0
     if any(answer := agreement.largest(0, 1)):
       answers[step] = answer
   assert asked == [(1, -1), (2, -40), (12, -40), (22, -40)]
   assert answers == {1: (0, 1), 2: (0, 1), 12: (signal.SIGTERM, 1), 22: (signal.SIGTERM, 1)}
 
 
-TOKENIZER = ("cmdm_tokenizer:tiny", "--config.frozen.teacher=")
-LENGTH = ("cdamd_length:tiny",)  # compiles in a fifth of the time
-CONFIGS = {config[0]: config for config in (LENGTH, TOKENIZER)}
+# --- processes --------------------------------------------------------------------------------------------------------
 
 
-def begin(folder, num_steps, num_processes, devices, *flags, config=TOKENIZER, environments=None,
-          program=("-m", "motion_studio.cli")):
-  """[(process, file of what it prints)] of the command in so many processes of one run, each with as many simulated
-  devices."""
+def begin(folder, num_processes, *arguments, environments=None):
+  """[(process, file of what it prints)] of Python in the processes of one run; the arguments of each end with the
+  address of the first one, its own number and how many there are."""
   with socket.socket() as free:
     free.bind(("localhost", 0))
     address = f"localhost:{free.getsockname()[1]}"
   started = []
   for i in range(num_processes):
-    own = ["--coordinator", address, "--process-id", str(i), "--num-processes", str(num_processes)]
-    command = [*program, "train", "--config", *config, "--workdir", str(folder),
-               f"--config.train.num_steps={num_steps}", "--config.mesh.map=shard_map",
-               "--simulate-devices", str(devices), *flags]
-    command += own if num_processes > 1 and not environments else []
     env = {name: value for name, value in os.environ.items() if not name.startswith(CLUSTER)}
     env |= {"JAX_PLATFORMS": "cpu", "PYTHONPATH": str(ROOT)} | (environments[i] if environments else {})
-    said = folder.parent / f"{folder.name}.{i}.txt"  # a pipe that nobody reads would stop who writes to it
-    started.append((processes.Process(command, env, said, said), said))
+    output = folder / f"{len(list(folder.glob('*.txt')))}.txt"
+    output.touch()
+    started.append((processes.Process([*arguments, "--coordinator", address, "--process-id", i, "--num-processes",
+                                       num_processes], env, output, output), output))
   return started
 
 
@@ -106,143 +106,158 @@ def end(started, seconds=900):
   finally:
     for process, _ in started:
       process.kill()
-  return [process.wait() for process, _ in started], [said.read_text() for _, said in started]
+  return [process.wait() for process, _ in started], [output.read_text() for _, output in started]
 
 
-def train(*args, **named):
+def call(name, *given):
+  """Arguments for `begin`: a function of this module, in processes that know one another."""
+  return "-c", f"from tests.training import test_distributed; test_distributed.{name}(*{given!r})"
+
+
+def together(folder, num_processes, *arguments, **named):
   """What the processes of a run print, which all end well."""
-  statuses, said = end(begin(*args, **named))
+  statuses, printed = end(begin(folder, num_processes, *arguments, **named))
   assert not any(statuses), "\n".join(f"process {i}, status {status}: {text[-2000:]}"
-                                      for i, (status, text) in enumerate(zip(statuses, said)))
-  return said
+                                      for i, (status, text) in enumerate(zip(statuses, printed)))
+  return printed
+
+
+def join(devices):
+  """Connects this process, one of `begin`'s, with as many simulated devices; -> its number."""
+  address, process_id, num_processes = sys.argv[-5], int(sys.argv[-3]), int(sys.argv[-1])
+  if num_processes > 1:
+    distributed.start(address, process_id, num_processes, devices)
+  else:
+    distributed.start(simulate_devices=devices)
+  return process_id
+
+
+def _matrix():
+  """Points through a matrix that has names for its axes: the smallest stage that every mesh splits."""
+  weights = partitioned(lambda rng: 0.1 * jax.random.normal(rng, (32, 64)), ("embed", "mlp"))
+
+  def loss(params, frozen, batch, step, rng):
+    noise = jax.vmap(lambda i: jax.random.normal(jax.random.fold_in(rng, i)))(batch["index"])
+    error = (batch["x"] @ params["w"]).sum(1) - batch["y"] + 0.01 * noise
+    return {"loss": (batch["mask"] * error ** 2).sum()}, batch["mask"].sum()
+
+  return Stage(lambda batch, rng: {"w": weights(rng)}, loss, None)
+
+
+def _rows(step, rows=slice(None)):
+  x = np.random.default_rng(step).normal(size=(8, 32)).astype(np.float32)
+  return {name: array[rows] for name, array in dict(
+      x=x, y=x[:, 0] - 2 * x[:, 1], mask=np.float32([0.2, 1, 1, 0.3, 1, 1, 1, 1]), index=np.arange(8)).items()}
+
+
+def train(folder, num_steps, resume=False, stage=None, **mesh):
+  """A run folder after these steps, two between saves."""
+  config = _config(num_steps)
+  config.mesh.update(map="shard_map", **mesh)
+  state = loop.train(config, folder, stage or _matrix(), _rows, resume=resume)
+  distributed.wait_for_all(f"{folder} has {num_steps} steps")
+  return state
+
+
+def slices(devices, *runs):
+  """Trains in this process, one of several; runs: (folder, steps, whether it continues, sections of the mesh)."""
+  join(devices)
+  with distributed.as_one():
+    for folder, num_steps, resume, mesh in runs:
+      train(folder, num_steps, resume, **dict(mesh))
 
 
 def numbers(folder):
-  """(the loss of each row of metrics, the weights)"""
+  """(steps, losses, weights)"""
   rows = [row for row in read_metrics(folder) if "loss" in row]
-  return [row["step"] for row in rows], [row["loss"] for row in rows], checkpoint.load_params(folder)["params"]
+  flat = lambda tree: [leaf for name in sorted(tree) for leaf in (
+      flat(tree[name]) if isinstance(tree[name], dict) else [tree[name].ravel()])]
+  return [row["step"] for row in rows], [row["loss"] for row in rows], np.concatenate(flat(
+      checkpoint.load_params(folder)))
 
 
 def assert_alike(one, other, rtol):
   assert one[0] == other[0]
   np.testing.assert_allclose(one[1], other[1], rtol=rtol)
-  flat = lambda tree: np.concatenate([leaf.ravel() for leaf in _leaves(tree)])
-  np.testing.assert_allclose(flat(one[2]), flat(other[2]), rtol=rtol, atol=rtol)
+  np.testing.assert_allclose(one[2], other[2], rtol=rtol, atol=rtol)
 
 
-def _leaves(tree):
-  return [leaf for name in sorted(tree) for leaf in (_leaves(tree[name]) if isinstance(tree[name], dict)
-                                                     else [tree[name]])]
+SHARDED, SPLIT = dict(layout="fully_sharded"), dict(layout="fully_sharded", model=2)
 
 
-@pytest.mark.parametrize("config", some_of(CONFIGS, slow=[LENGTH[0]]))
-def test_two_processes_train_as_one_with_two_devices_and_go_on_from_each_other(tmp_path, config):
-  """Each half of one run is what the other trains in the same steps; both write one run folder."""
-  train(tmp_path / "a", 2, 1, 2, config=CONFIGS[config])
-  train(tmp_path / "b", 2, 2, 1, config=CONFIGS[config])
-  assert_alike(numbers(tmp_path / "a"), numbers(tmp_path / "b"), 1e-6)
-  said = train(tmp_path / "a", 4, 2, 1, config=CONFIGS[config])  # goes on by itself
-  train(tmp_path / "b", 4, 1, 2, "--resume", config=CONFIGS[config])
-  assert_alike(numbers(tmp_path / "a"), numbers(tmp_path / "b"), 1e-6)
-  assert numbers(tmp_path / "a")[0] == [1, 2, 3, 4]
-  assert "of 2 processes" in said[0]
-  assert all("[Gloo]" in line for line in said[1].splitlines())  # a word of the library that connects them
-
-
-@pytest.mark.exhaustive
-def test_four_processes_train_as_one_with_four_devices(tmp_path):
-  train(tmp_path / "one", 2, 1, 4)
-  train(tmp_path / "four", 2, 4, 1)
-  assert_alike(numbers(tmp_path / "one"), numbers(tmp_path / "four"), 1e-5)
-
-
-_LATE = """
-import sys, time
-from motion_studio import cli
-from motion_jax.training import loop
-
-together = loop.compile_together
-late = "--process-id 1" in " ".join(sys.argv)
-loop.compile_together = lambda *args: (late and time.sleep(40), together(*args))
-sys.exit(cli.main())
-"""
+def alone(whole, handed, once, twice):
+  """Eight devices of one process: a sharded run in two slices ends with the bytes of one in one."""
+  join(8)
+  train(whole, 4)
+  train(handed, 2)
+  state = train(once, 4, **SPLIT)
+  train(twice, 2, **SPLIT)
+  again = train(twice, 4, True, **SPLIT)
+  for a, b in zip(jax.tree.leaves(state), jax.tree.leaves(again), strict=True):
+    np.testing.assert_array_equal(a, b)
+  assert numbers(once)[:2] == numbers(twice)[:2]
 
 
 @pytest.mark.slow
-def test_a_process_that_compiles_for_long_is_waited_for(tmp_path):
-  """Longer than the 30 seconds that CPUs look for one another."""
-  train(tmp_path / "late", 2, 2, 1, config=LENGTH, program=("-c", _LATE))
-  assert numbers(tmp_path / "late")[0] == [1, 2]
-
-
-_FAILS = """
-import sys
-from motion_studio import cli
-from motion_jax.training import loop
-
-def fail(*args):
-  raise ValueError("the disk of this machine is gone")
-
-if "--process-id 0" in " ".join(sys.argv) or WHO == "all":
-  loop.compile_together = fail
-sys.exit(cli.main())
-"""
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("who", ["first", "all"])
-def test_a_process_that_fails_is_not_waited_for(tmp_path, who):
-  """It says why; the others, which would wait for it in their first step, end too."""
-  program = ("-c", _FAILS.replace("WHO", repr(who)))
-  statuses, said = end(begin(tmp_path / "run", 2, 2, 1, config=LENGTH, program=program), 200)
-  assert statuses[0] == 1 and "the disk of this machine is gone" in said[0]
-  assert statuses[1] == (1 if who == "all" else -signal.SIGABRT)
-  assert "the disk of this machine is gone" in said[1] or "another task died" in said[1]
-
-
-@pytest.mark.slow
-def test_a_sharded_state_is_saved_by_both_and_goes_on_in_one_and_back(tmp_path):
-  """Each process writes its part; with a whole state the first one writes all."""
-  sharded = "--config.mesh.layout=fully_sharded"
-  train(tmp_path / "a", 2, 2, 1)
-  train(tmp_path / "b", 2, 2, 1, sharded)
-  assert_alike(numbers(tmp_path / "a"), numbers(tmp_path / "b"), 1e-4)
-  files = lambda name, i: (tmp_path / name / "checkpoints" / "2").rglob(f"*process_{i}/d/*")
-  sizes = {name: [sum(file.stat().st_size for file in files(name, i)) for i in (0, 1)] for name in "ab"}
-  assert sizes["b"][1] > sizes["a"][0] / 4 and not sizes["a"][1], sizes
-  train(tmp_path / "a", 4, 2, 1, sharded)
-  train(tmp_path / "b", 4, 1, 1, "--resume")
-  train(tmp_path / "b", 6, 2, 1, sharded)
-  train(tmp_path / "a", 6, 1, 1, "--resume")
-  assert_alike(numbers(tmp_path / "a"), numbers(tmp_path / "b"), 1e-4)
-  assert numbers(tmp_path / "a")[0] == [1, 2, 3, 4, 5, 6]
-
-
-DENOISER = ("cmdm_denoiser:tiny", "--config.data.batch_size=8", "--config.model.width=32")
-SPLIT = "--config.mesh.layout=fully_sharded", "--config.mesh.model=2"
+def test_one_process_and_two_train_the_same_and_hand_their_states_to_each_other(tmp_path):
+  """Whole and sharded; of a sharded state each process writes its part, of a whole one the first writes all."""
+  names = "whole", "handed", "once", "twice", "pair", "parts"
+  whole, handed, once, twice, pair, parts = (str(tmp_path / name) for name in names)
+  together(tmp_path, 1, *call("alone", whole, handed, once, twice))
+  together(tmp_path, 2, *call("slices", 4, (pair, 4, False, {}), (parts, 2, False, SHARDED), (handed, 4, True, SPLIT)))
+  files = lambda name, step, i: (tmp_path / name / "checkpoints" / str(step)).rglob(f"*process_{i}/d/*")
+  sizes = {name: [sum(file.stat().st_size for file in files(name, step, i)) for i in (0, 1)]
+           for name, step in (("pair", 4), ("parts", 2))}
+  assert sizes["parts"][1] > sizes["pair"][0] / 4 and not sizes["pair"][1], sizes
+  together(tmp_path, 1, *call("slices", 1, (parts, 4, True, {})))
+  for folder in (pair, handed, parts, once):
+    assert_alike(numbers(whole), numbers(folder), 1e-5)
+  assert numbers(whole)[0] == [1, 2, 3, 4]
 
 
 @pytest.mark.exhaustive
 def test_a_mesh_of_two_axes_trains_and_continues_on_another(tmp_path):
   """Eight devices of one, two and four processes: replicated, 4 x 2 sharded, then 2 x 4 from the same files."""
-  train(tmp_path / "whole", 2, 1, 8, config=DENOISER)
-  train(tmp_path / "split", 2, 4, 2, *SPLIT, config=DENOISER)
-  assert_alike(numbers(tmp_path / "whole"), numbers(tmp_path / "split"), 1e-4)
-  train(tmp_path / "split", 4, 2, 4, "--config.mesh.layout=tensor", "--config.mesh.model=4", config=DENOISER)
-  train(tmp_path / "whole", 4, 1, 8, "--resume", *SPLIT, config=DENOISER)
-  assert_alike(numbers(tmp_path / "whole"), numbers(tmp_path / "split"), 1e-4)
-  assert numbers(tmp_path / "split")[0] == [1, 2, 3, 4]
+  whole, split = str(tmp_path / "whole"), str(tmp_path / "split")
+  together(tmp_path, 1, *call("slices", 8, (whole, 4, False, {})))
+  together(tmp_path, 4, *call("slices", 2, (split, 2, False, SPLIT)))
+  together(tmp_path, 2, *call("slices", 4, (split, 4, True, dict(layout="tensor", model=4))))
+  assert_alike(numbers(whole), numbers(split), 1e-5)
+
+
+def late(folder):
+  """The second process traces its step for longer than the 30 seconds that CPUs look for one another."""
+  number, stage, waits = join(1), _matrix(), [40]
+
+  def loss(*given):
+    time.sleep(waits.pop() if waits and number else 0)
+    return stage.loss(*given)
+
+  train(folder, 2, stage=stage._replace(loss=loss))
 
 
 @pytest.mark.slow
-def test_a_sharded_run_resumes_to_the_same_bytes(tmp_path):
-  train(tmp_path / "once", 4, 1, 8, *SPLIT, config=DENOISER)
-  train(tmp_path / "twice", 2, 1, 8, *SPLIT, config=DENOISER)
-  train(tmp_path / "twice", 4, 1, 8, "--resume", *SPLIT, config=DENOISER)
-  assert_alike(numbers(tmp_path / "once"), numbers(tmp_path / "twice"), 0)
+def test_a_process_that_compiles_for_long_is_waited_for(tmp_path):
+  together(tmp_path, 2, *call("late", str(tmp_path / "run")))
+  assert numbers(tmp_path / "run")[0] == [1, 2]
 
 
-_TOLD = """
+def fails(folder, who):
+  with distributed.as_one():
+    if str(join(1)) in who:
+      raise ValueError("the disk of this machine is gone")
+    train(folder, 2)
+
+
+@pytest.mark.parametrize("who", some_of(["0", "01"], slow=["0"]))
+def test_a_process_that_fails_is_not_waited_for(tmp_path, who):
+  """It says why; the others, which would wait for it in their first step, end too."""
+  statuses, printed = end(begin(tmp_path, 2, *call("fails", str(tmp_path / "run"), who)), 200)
+  assert statuses == [1, 1 if who == "01" else -signal.SIGABRT] and "the disk of this machine is gone" in printed[0]
+  assert "the disk of this machine is gone" in printed[1] or "another task died" in printed[1]
+
+
+_SIGNALLED = """
 import os, signal, sys
 from motion_studio import cli
 from motion_jax.training import distributed, loop
@@ -251,70 +266,91 @@ class Agreement(distributed.Agreement):
   step = 0
   def largest(self, *numbers):
     self.step += 1
-    tell(self.step)
+    end_at(self.step)
     return super().largest(*numbers)
 
-def tell(step):
+def end_at(step):
   if step == STEP and any(f"--process-id {i}" in " ".join(sys.argv) for i in WHO):
     os.kill(os.getpid(), signal.SIGTERM)
 
 together = loop.compile_together
-loop.Agreement, loop.compile_together = Agreement, lambda *args: (tell(0), together(*args))
+loop.Agreement, loop.compile_together = Agreement, lambda *args: (end_at(0), together(*args))
 distributed._ASKING = 0
 sys.exit(cli.main())
 """
 
 
-@pytest.mark.parametrize("who, step", some_of([("1", 3), ("0", 0), ("01", 3), ("01", 0)], slow=[("1", 3), ("01", 0)]))
-def test_processes_that_are_told_to_end_can_go_on(tmp_path, who, step):
-  """Whoever hears it, all save the same step, one says so, and the same command goes on to the same end."""
-  program = ("-c", _TOLD.replace("WHO", repr(who)).replace("STEP", str(step)))
-  statuses, said = end(begin(tmp_path / "run", 6, 2, 1, config=LENGTH, program=program))
-  assert statuses == [75, 75], said
-  assert [text.count("motion-jax train: preempted, resumable\n") for text in said] == [1, 0], said
-  saved = [path.name for path in (tmp_path / "run" / "checkpoints").iterdir()]
+@pytest.mark.parametrize("who, step", some_of([("1", 3), ("0", 0), ("01", 3), ("01", 0)], slow=[("1", 3)]))
+def test_processes_that_get_a_signal_save_the_same_step_and_continue(tmp_path, who, step):
+  """By the command: whichever hears it, all save the same step, one reports it, and the same command continues to the
+  end of one process with two devices."""
+  folder = tmp_path / "run"
+  command = lambda folder, *flags: ("train", "--config", "cdamd_length:tiny", "--workdir", folder, *flags,
+                                    "--config.train.num_steps=6", "--config.mesh.map=shard_map")
+  program = "-c", _SIGNALLED.replace("WHO", repr(who)).replace("STEP", str(step))
+  statuses, printed = end(begin(tmp_path, 2, *program, *command(folder, "--simulate-devices=1")))
+  assert statuses == [75, 75], printed
+  assert [text.count("motion-jax train: preempted, resumable\n") for text in printed] == [1, 0], printed
+  saved = [path.name for path in (folder / "checkpoints").iterdir()]
   if who == "01" and not step:
     assert not saved  # there was nothing to lose
   else:
     assert max(map(int, saved)) == (step + 1 if step else 1)
-  train(tmp_path / "run", 6, 2, 1, config=LENGTH)
-  train(tmp_path / "whole", 6, 2, 1, config=LENGTH)
-  assert_alike(numbers(tmp_path / "run"), numbers(tmp_path / "whole"), 0)
+  module = "-m", "motion_studio.cli"
+  printed = together(tmp_path, 2, *module, *command(folder, "--simulate-devices=1"))
+  assert "of 2 processes" in printed[0]
+  assert all("[Gloo]" in line for line in printed[1].splitlines())  # of the library that connects them
+  done = processes.run([*module, *command(tmp_path / "whole", "--simulate-devices=2")], os.environ | {
+      "JAX_PLATFORMS": "cpu"})
+  assert done.returncode == 0, done.stderr
+  assert_alike(numbers(folder), numbers(tmp_path / "whole"), 1e-6)
 
 
-_NO_ROOM = """
-import errno, sys
-from motion_studio import cli
-from motion_jax.training import saver
+def no_room(*cases):
+  """Trains for each (folder, process, place) with a first save that fails there: before orbax begins (place 0), while
+  it writes or after it."""
+  number = join(1)
 
-class Meeting(saver.Meeting):
-  def wait(self, *seconds):
-    if self._name == "meeting 0" and self._places == PLACE and "--process-id WHO" in " ".join(sys.argv):
-      raise OSError(errno.ENOSPC, "No space left on device")
-    super().wait(*seconds)
+  class Meeting(distributed.Meeting):
+    made = 0
 
-saver.Meeting = Meeting
-sys.exit(cli.main())
-"""
+    def __init__(self):
+      super().__init__()
+      self.place, self.fails, Meeting.made = 0, Meeting.made == 0 and number == who, Meeting.made + 1
 
+    def wait(self, *seconds):
+      if self.fails and self.place == place:
+        raise OSError(errno.ENOSPC, "No space left on device")
+      self.place += 1
+      super().wait(*seconds)
 
-@pytest.mark.parametrize("who, place", some_of([(1, 1), (0, 0), (0, 1), (1, 0), (0, 3)], slow=[(1, 1), (0, 3)]))
-def test_a_disk_that_is_full_for_one_process_is_full_for_all(tmp_path, who, place):
-  """The first of three saves fails, before orbax begins (place 0), while it writes or after it; all go on at once."""
-  program = ("-c", _NO_ROOM.replace("WHO", str(who)).replace("PLACE", str(place)))
-  statuses, said = end(begin(tmp_path / "run", 6, 2, 1, config=LENGTH, program=program), 200)
-  assert statuses == [0, 0], said
-  told = [line for line in said[0].splitlines() if "a state could not be saved (" in line]
-  assert len(told) == 1 and "No space left on device" in told[0], said
-  assert ("process 1: " in told[0]) == (who == 1)
-  assert sorted(path.name for path in (tmp_path / "run" / "checkpoints").iterdir()) == ["4", "6"]
-  assert numbers(tmp_path / "run")[0] == [1, 2, 3, 4, 5, 6]
+  saver.Meeting = Meeting
+  for folder, who, place in cases:
+    Meeting.made = 0
+    with distributed.as_one():
+      print(f"--- {who} {place}", flush=True)
+      train(folder, 6)
 
 
 @pytest.mark.slow
-def test_slurm_is_found(tmp_path):
+def test_a_disk_that_is_full_for_one_process_is_full_for_all(tmp_path):
+  """The first of three saves fails in one of two processes; both continue at once."""
+  cases = [(str(tmp_path / f"{who}-{place}"), who, place) for who, place in ((1, 1), (0, 0), (0, 1), (1, 0), (0, 3))]
+  printed = together(tmp_path, 2, *call("no_room", *cases))
+  for text, (folder, who, place) in zip(printed[0].split("--- ")[1:], cases, strict=True):
+    (line,) = [line for line in text.splitlines() if "a state could not be saved (" in line]
+    assert text.startswith(f"{who} {place}\n") and "No space left on device" in line
+    assert ("process 1: " in line) == (who == 1)
+    assert sorted(int(path.name) for path in (tmp_path / folder / "checkpoints").iterdir()) == [4, 6]
+    assert numbers(folder)[0] == [1, 2, 3, 4, 5, 6]
+
+
+@pytest.mark.slow
+def test_slurm_is_known(tmp_path):
   """Two processes with the environment that srun gives them, on this machine."""
   job = {"SLURM_JOB_ID": str(os.getpid()), "SLURM_STEP_NODELIST": "localhost", "SLURM_NTASKS": "2"}
-  said = train(tmp_path / "run", 2, 2, 1, config=LENGTH, environments=[
+  code = ("import jax; from motion_jax.training import distributed; distributed.start(); "
+          "print('process', jax.process_index(), 'of', jax.process_count())")
+  printed = together(tmp_path, 2, "-c", code, environments=[
       job | {"SLURM_PROCID": str(i), "SLURM_LOCALID": str(i)} for i in range(2)])
-  assert "of 2 processes" in said[0] and numbers(tmp_path / "run")[0] == [1, 2]
+  assert [f"process {i} of 2" in text for i, text in enumerate(printed)] == [True, True]

@@ -1,11 +1,12 @@
 """What goes wrong in a run is provoked, and noticed before anything of it is saved."""
+import contextlib
 import errno
+import io
 import subprocess
 import sys
 import threading
 
 import chex
-import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -48,43 +49,45 @@ def _rows(folder):
   return without_clock(read_metrics(folder))
 
 
-def test_a_run_goes_back_and_on_with_other_batches(tmp_path, capsys):
+@pytest.fixture(scope="module")
+def rolled_back(tmp_path_factory):
+  """(state, rows of metrics, what it printed) of a run that goes back once and that is not killed."""
+  folder = tmp_path_factory.mktemp("whole")
+  with contextlib.redirect_stdout(io.StringIO()) as printed:
+    state = train.train(_skipping(10), folder, _stage(), _bad_from(5))
+  return state, _rows(folder), printed.getvalue()
+
+
+def test_a_run_goes_back_and_on_with_other_batches(tmp_path, rolled_back):
   """From the state before the steps that were left out, with batches that only seed, step and the count decide."""
-  state = train.train(_skipping(10), tmp_path / "a", _stage(), _bad_from(5))
-  said = capsys.readouterr().out
-  assert "step 6 is skipped: loss 1e+12, gradient" in said and "3 in a row" in said
-  assert "3 steps in a row were skipped; rolling back to step 4, then other batches (rollback 1 of 3)" in said
+  state, rows, printed = rolled_back
+  assert "step 6 is skipped: loss 1e+12, gradient" in printed and "3 in a row" in printed
+  assert "3 steps in a row were skipped; rolling back to step 4, then other batches (rollback 1 of 3)" in printed
   other = train.train(_config(10, skip_loss=1e3), tmp_path / "b", _stage(),
                       lambda step: _next_batch(step if step < 4 else step + WINDOW))
   assert _equal(state, other)
-  rows = _rows(tmp_path / "a")
   assert [row["step"] for row in rows] == list(range(1, 11))
   assert [row.get("rollbacks", 0) for row in rows] == [0] * 4 + [1] * 6
 
 
-@pytest.fixture(scope="module")
-def rolled_back(tmp_path_factory):
-  """(state, rows of metrics) of a run that goes back once and that nobody kills."""
-  folder = tmp_path_factory.mktemp("whole")
-  return train.train(_skipping(10), folder, _stage(), _bad_from(5)), _rows(folder)
+def _parts_are(rolled_back, folder, next_batch):
+  parts = train.train(_skipping(10), folder, _stage(), next_batch, resume=True)
+  assert _equal(rolled_back[0], parts) and _rows(folder) == rolled_back[1]
 
 
-@pytest.mark.parametrize("kills", [[(6, 0), (6, 1), (9, 1)], *(
-    pytest.param([kill], marks=pytest.mark.slow) for kill in ((4, 0), (5, 0), (7, 0), (4, 1), (5, 1), (8, 1)))])
-def test_a_kill_around_a_rollback_changes_nothing(tmp_path, rolled_back, kills):
-  whole, rows = rolled_back
+@pytest.mark.slow
+def test_kills_around_a_rollback_change_nothing(tmp_path, rolled_back):
+  """In the steps that are skipped, in those that replace them, and after; benchmarks/kills.py draws such moments."""
+  kills = [(6, 0), (6, 1), (9, 1)]
   next_batch = _bad_from(5, kills=kills)
   for attempt in range(len(kills)):
     with pytest.raises(MemoryError):
-      train.train(_skipping(10), tmp_path / "parts", _stage(), next_batch, resume=attempt > 0)
-  parts = train.train(_skipping(10), tmp_path / "parts", _stage(), next_batch, resume=True)
-  assert _equal(whole, parts) and _rows(tmp_path / "parts") == rows
+      train.train(_skipping(10), tmp_path, _stage(), next_batch, resume=attempt > 0)
+  _parts_are(rolled_back, tmp_path, next_batch)
 
 
-@pytest.mark.parametrize("place", ["discard_after", "remember"])
-@pytest.mark.parametrize("after", [False, True])
+@pytest.mark.parametrize("place, after", [("discard_after", True), ("remember", False)])
 def test_a_kill_inside_a_rollback_changes_nothing(tmp_path, monkeypatch, rolled_back, place, after):
-  whole, rows = rolled_back
   real = getattr(Saver, place)
 
   def killed(self, *args):
@@ -94,10 +97,9 @@ def test_a_kill_inside_a_rollback_changes_nothing(tmp_path, monkeypatch, rolled_
 
   monkeypatch.setattr(Saver, place, killed)
   with pytest.raises(MemoryError):
-    train.train(_skipping(10), tmp_path / "parts", _stage(), _bad_from(5))
+    train.train(_skipping(10), tmp_path, _stage(), _bad_from(5))
   monkeypatch.undo()
-  parts = train.train(_skipping(10), tmp_path / "parts", _stage(), _bad_from(5), resume=True)
-  assert _equal(whole, parts) and _rows(tmp_path / "parts") == rows
+  _parts_are(rolled_back, tmp_path, _bad_from(5))
 
 
 @pytest.mark.slow
@@ -163,16 +165,15 @@ def test_a_spike_of_the_gradient_is_told_and_left_out_where_the_config_says_so(t
   rows = _rows(tmp_path / "left out")
   assert [row["skipped"] for row in rows] == [0] * 20 + [1] + [0] * 3 and rows[-1]["skipped_steps"] == 1
   assert rows[23]["loss"] < 1e3
-  for step in (19, 21):  # what is usual is part of the state
-    folder = tmp_path / str(step)
-    dying = lambda number, at=step: _killed(number) if number == at else _spiked(number)
-    with pytest.raises(MemoryError):
-      train.train(config, folder, _stage(), dying)
-    again = train.train(config, folder, _stage(), _spiked, resume=True)
-    np.testing.assert_array_equal(again.norms, whole.norms)  # nan where there is none yet
-    assert _equal(again.replace(norms=None), whole.replace(norms=None)) and _rows(folder) == rows
+  folder = tmp_path / "killed"  # what is usual is part of the state
+  with pytest.raises(MemoryError):
+    train.train(config, folder, _stage(), lambda number: _killed(number) if number == 19 else _spiked(number))
+  again = train.train(config, folder, _stage(), _spiked, resume=True)
+  np.testing.assert_array_equal(again.norms, whole.norms)  # nan where there is none yet
+  assert _equal(again.replace(norms=None), whole.replace(norms=None)) and _rows(folder) == rows
 
 
+@pytest.mark.slow
 def test_the_guard_against_spikes_may_be_put_up_and_taken_down(tmp_path):
   """By a run that goes on, with --allow-changes: what it knows of the gradients before is not there, or not needed."""
   for step, factor in ((4, 0.0), (8, 50.0), (12, 0.0)):
@@ -195,6 +196,7 @@ with lock.locked(sys.argv[1]):
 """
 
 
+@pytest.mark.slow
 def test_a_run_that_hangs_says_where_and_ends(tmp_path):
   done = processes.run(["-c", _STUCK, tmp_path], devices_env(1))
   assert done.returncode == 70 and "no step has ended for 0.005 minutes (train.hang_minutes)" in done.stderr
@@ -214,6 +216,7 @@ def _no_room(*_):
   raise OSError(errno.ENOSPC, "No space left on device")
 
 
+@pytest.mark.slow
 def test_a_full_disk_ends_no_training(tmp_path, monkeypatch, capsys):
   """The save at step 4 fails, older states stay, the one at step 6 is there."""
   whole = train.train(_config(6), tmp_path / "whole", _stage(), _next_batch)
@@ -250,6 +253,7 @@ loop.train(_config(6), sys.argv[1], _stage(), _next_batch)
 """
 
 
+@pytest.mark.slow
 def test_a_disk_that_is_full_for_a_while(tmp_path):
   """The operating system itself refuses: orbax's files, rows of metrics and weights; in the end nothing is missing."""
   done = subprocess.run([sys.executable, "-c", _FULL, str(tmp_path)], env=devices_env(1), capture_output=True,
@@ -271,11 +275,3 @@ def test_data_that_fail_are_named_and_the_state_is_saved(tmp_path):
     train.train(_config(6), tmp_path / "a", _stage(), failing)
   rest = train.train(_config(6), tmp_path / "a", _stage(), _next_batch, resume=True)
   assert _equal(rest, train.train(_config(6), tmp_path / "b", _stage(), _next_batch))
-
-
-def test_a_batch_is_kept_without_pickles(tmp_path):
-  guards.keep_batch(tmp_path, 3, {"x": jnp.ones(2), "words": np.array(["walks"])})
-  with np.load(tmp_path / guards.BATCH, allow_pickle=False) as kept:
-    assert kept["words"].tolist() == ["walks"] and int(kept["step"]) == 3
-  with pytest.raises(ValueError):
-    guards.keep_batch(tmp_path, 3, {"x": np.array([object()])})

@@ -71,7 +71,7 @@ def test_a_mesh_that_cannot_be_is_refused(fields, said):
     mesh.make_mesh(ml_collections.ConfigDict(common.mesh() | fields))
 
 
-@pytest.mark.parametrize("name", ["adamw", "muon", "adafactor"])
+@pytest.mark.parametrize("name", some_of(["adamw", "muon", "adafactor"], slow=["adamw", "adafactor"]))
 def test_optimizer_state_and_average_are_sharded_as_parameters(name):
   """Except adafactor's, which keeps sums over one axis of an array."""
   config, _ = fit.resolve(tiny("cmdm_denoiser", model=dict(width=32), optimizer=dict(name=name)))
@@ -88,14 +88,6 @@ def test_optimizer_state_and_average_are_sharded_as_parameters(name):
   inside = of((shapes.opt_state, placed.opt_state))
   kept = {shape: spec for shape, spec in inside.items() if shape in params and math.prod(shape) > 1}
   assert kept == {shape: params[shape] for shape in kept} and (name == "adafactor" or len(kept) == len(params))
-
-
-def test_one_device_is_a_mesh_too():
-  """The mapping by jit, on which nothing is sharded, against pmap."""
-  config = tiny("cmdm_denoiser")
-  (state, losses), (other, theirs) = (steps(config, where) for where in (mesh.Mesh(rules=SHARDED), mesh.Pmap()))
-  for one, two in zip(jax.tree.leaves((state, losses)), jax.tree.leaves((other, theirs)), strict=True):
-    np.testing.assert_allclose(one, two, rtol=1e-4, atol=1e-6)
 
 
 # --- eight devices ----------------------------------------------------------------------------------------------------
@@ -120,18 +112,19 @@ class Recorded(mesh.Mesh):
     def step(state, *args):
       if not hasattr(self, "seen"):
         leaves, params = jax.tree.leaves(state), jax.tree.leaves(state.params)
-        self.seen = dict(sent=transfers(jitted.lower(state, *args).compile().as_text()),
-                         state=sum(leaf.nbytes for leaf in leaves), params=sum(leaf.nbytes for leaf in params),
+        self.step = jitted.lower(state, *args).compile()
+        self.seen = dict(sent=transfers(self.step.as_text()), state=sum(leaf.nbytes for leaf in leaves),
+                         params=sum(leaf.nbytes for leaf in params),
                          on_one=sum(leaf.addressable_shards[0].data.nbytes for leaf in leaves))
-      return jitted(state, *args)
+      return self.step(state, *args)
 
     return step
 
 
-def measured(name, path):
-  """Writes, for each of MESHES: losses of two steps, norms of the parameters after them, what a step sends."""
+def measured(name, count, path):
+  """Writes, for the first of MESHES: losses of two steps, norms of the parameters after them, what a step sends."""
   found = {}
-  for kind, where in MESHES.items():
+  for kind, where in list(MESHES.items())[:count]:
     where = Recorded(*where)
     state, losses = steps(CONFIGS[name](), where)
     norms = [float(np.linalg.norm(leaf)) for leaf in jax.tree.leaves(state.params)]
@@ -139,11 +132,12 @@ def measured(name, path):
   path.write_text(json.dumps(found))
 
 
-@pytest.mark.parametrize("name", some_of(CONFIGS, slow=["denoiser"]))
-def test_every_layout_learns_the_same(tmp_path, name):
+@pytest.mark.parametrize("name, count", some_of([("denoiser", 3), *((name, 4) for name in CONFIGS)],
+                                                slow=[("denoiser", 3)]))
+def test_every_layout_learns_the_same(tmp_path, name, count):
   """Losses of two steps, and what the parameters are then, up to the rounding of sums in another order."""
   code = (f"import pathlib; from tests.training import test_mesh; "
-          f"test_mesh.measured({name!r}, pathlib.Path({str(tmp_path / 'found.json')!r}))")
+          f"test_mesh.measured({name!r}, {count}, pathlib.Path({str(tmp_path / 'found.json')!r}))")
   done = processes.run(["-c", code], devices_env(8))
   assert done.returncode == 0, done.stderr[-3000:]
   found = json.loads((tmp_path / "found.json").read_text())
@@ -169,12 +163,14 @@ def check_transfers(found):
   # Sharded parameters are gathered once forwards, and those that a gradient needs once more backwards.
   assert 0.5 * params < of("fully sharded", "all-gather") < 2 * params
   assert of("4 x 2", "all-gather") < 0.6 * of("fully sharded", "all-gather")
-  assert of("tensor", "all-gather") < 0.2 * params  # no parameters, only what a modulation gives
-  assert found["tensor"]["on_one"] < 0.3 * found["tensor"]["state"]
+  if "tensor" in found:
+    assert of("tensor", "all-gather") < 0.2 * params  # no parameters, only what a modulation gives
+    assert found["tensor"]["on_one"] < 0.3 * found["tensor"]["state"]
   if importlib.metadata.version("jaxlib").startswith("0.10."):  # the partitioner's choices in detail
     counts = {kind: {name: count for name, (count, _) in calls.items()} for kind, calls in sent.items()}
-    assert counts == {
+    expected = {
         "replicated": {"all-reduce": 2},
         "fully sharded": {"all-reduce": 17, "all-gather": 16, "all-to-all": 3},
         "4 x 2": {"all-reduce": 30, "all-gather": 16, "all-to-all": 10, "collective-permute": 3},
         "tensor": {"all-reduce": 19, "all-gather": 1, "all-to-all": 7, "collective-permute": 3}}
+    assert counts == {kind: expected[kind] for kind in counts}

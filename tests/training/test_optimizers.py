@@ -9,6 +9,7 @@ from motion_jax.training import checkpoint, optimizers
 from motion_jax.training import loop as train
 from motion_jax.utils import config_files, overrides
 from motion_jax.utils.errors import InputError
+from tests.conftest import some_of
 from tests.training.test_train import _config, _equal, _next_batch, _stage
 
 NAMES = ["adamw", "lion", "adafactor", "muon", "schedule_free", "sgd"]
@@ -26,8 +27,7 @@ def _with(name, num_steps, **fields):
   return _config(num_steps, name=name, learning_rate=0.05, ema_decay=0.0, **fields)
 
 
-@pytest.mark.parametrize("name", [name if name in ("adamw", "schedule_free") else
-                                  pytest.param(name, marks=pytest.mark.slow) for name in NAMES])
+@pytest.mark.parametrize("name", some_of(NAMES, slow=["schedule_free", "muon"]))
 def test_it_learns_and_a_resumed_run_ends_the_same(name, tmp_path):
   whole = train.train(_with(name, 30), tmp_path / "whole", _stage_of_a_matrix(), _next_batch)
   start = _stage_of_a_matrix().init(None, jax.random.fold_in(jax.random.key(0), 2**31 - 1))
@@ -83,13 +83,24 @@ def test_what_is_wrong_is_named_in_one_sentence(fields, words):
     (dict(schedule="linear", final_rate=0.2), [0.5, 1, 1 - 0.8 / 3, 1 - 1.6 / 3]),
     (dict(schedule="exponential_decay", schedule_fields=dict(decay_rate=0.25, transition_steps=2)),
      [0.5, 0.5, 0.25, 0.125]),
+    (dict(warmup="released", warmup_steps=3), [0.5, 0.75, 0.75, 0.75]),
     (dict(schedule="polynomial", schedule_fields=dict(end_value=0.0, power=2)), [0.5, 0.5625, 0.25, 0.0625]),
 ])
 def test_schedules_by_name(fields, expected):
-  """With a warm-up of one step: the rate of update 0 is half of what the schedule gives."""
+  """With a warm-up of one step: the rate of update 0 is half of what the schedule gives. The released loops begin with
+  the second step of it and end before the last."""
   config = _config(4, **{"learning_rate": 1.0} | fields).optimizer
   values = [float(optimizers.make_schedule(config, 4)(jnp.asarray(step))) for step in range(4)]
   np.testing.assert_allclose(values, expected, rtol=1e-6)
+
+
+def test_parts_are_clipped_and_rated_by_name():
+  """A gradient of norm 4 is clipped to 1 where its part is named; below "slow" updates are half as large."""
+  config = _config(1, name="sgd", learning_rate=1.0, warmup_steps=0, clip_parts=("a",), rates={"slow": 0.5}).optimizer
+  grads = {"a": {"w": jnp.full((4,), 2.0)}, "b": {"w": jnp.full((4,), 2.0)}, "slow": {"w": jnp.ones(4)}}
+  tx = optimizers.make_optimizer(config, 1)
+  updates, _ = tx.update(grads, tx.init(grads), grads)
+  assert {name: float(part["w"][0]) for name, part in updates.items()} == {"a": -0.5, "b": -2.0, "slow": -0.5}
 
 
 def test_fields_are_set_on_the_command_line():

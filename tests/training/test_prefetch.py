@@ -9,7 +9,7 @@ from motion_jax import fit
 from motion_jax.text.encoder import TextEncoder
 from motion_jax.training.prefetch import Batches, Prefetch, in_processes
 from motion_jax.utils import config_files
-from tests.conftest import load_config
+from tests.conftest import load_config, some_of
 
 pytestmark = pytest.mark.usefixtures("kept_features")
 
@@ -69,9 +69,9 @@ def test_processes_make_the_same_batches_in_the_same_order():
       np.testing.assert_array_equal(batch[name], array)
 
 
-@pytest.mark.parametrize("name", [
-    *(pytest.param(name, marks=pytest.mark.slow) for name in config_files.names() if "/" not in name and name not in (
-        "cmdm_denoiser", "cdamd_length")), "cmdm_denoiser", "cdamd_length"])
+@pytest.mark.parametrize("name", some_of(
+    [name for name in config_files.names() if "/" not in name], ["cmdm_denoiser", "cdamd_length"],
+    ["tmr", "cmdm_tokenizer", "cdamd_rvq", "evaluator_matching"]))
 def test_processes_make_the_rows_of_one_whole_batch(name, monkeypatch):
   """Also where a caption of another process's rows is the longest; and no caption but their own is encoded."""
   setup = fit.setups()[(config := fit.resolve(load_config(name, "tiny"))[0]).stage](config)

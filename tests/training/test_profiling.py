@@ -25,6 +25,7 @@ def test_the_named_steps_are_traced_and_no_others(tmp_path, capsys):
   assert f"steps 2 to 3 are traced in {tmp_path}/profile" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_a_run_that_goes_on_traces_what_it_has_before_it(tmp_path, capsys):
   loop.train(_config(4), tmp_path, _stage(), _next_batch)
   loop.train(_config(6), tmp_path, _stage(), _next_batch, resume=True, profile_steps=(2, 4))

@@ -10,7 +10,7 @@ import pytest
 from PIL import Image
 
 from motion_jax.training import loop, metrics, report
-from motion_jax.training.metrics import append_metrics, read_metrics
+from motion_jax.training.metrics import append_metrics
 from tests.training.test_train import _config as line_config
 from tests.training.test_train import _next_batch, _stage
 
@@ -67,17 +67,6 @@ def test_rates_count_steps_since_the_last_row(monkeypatch):
   row = meter.row(step=7)
   assert row["samples_per_second"] == pytest.approx(8) and row["data_wait"] == pytest.approx(0.25)
   assert json.dumps(row) and "samples_per_second" not in meter.row(step=7)
-
-
-def test_a_run_tells_its_rates(tmp_path, monkeypatch):
-  """Of a device whose peak is known the share of it, too: here one that reaches a million FLOPs a second."""
-  monkeypatch.setattr(metrics, "peak_flops", lambda: 1e6)
-  loop.train(line_config(6), tmp_path, _stage(), _next_batch)
-  rows = read_metrics(tmp_path)
-  assert [row["step"] for row in rows] == [1, 2, 3, 4, 5, 6]
-  last = rows[1]  # the second step: the first one compiles, and saves are no steps
-  assert last["mfu"] > 0 and last["samples_per_second"] > 0 and 0 <= last["data_wait"] <= 1
-  assert "mfu" not in rows[0] and "share of the devices" in (tmp_path / "report.html").read_text()
 
 
 class _Terminal(io.StringIO):

@@ -77,6 +77,7 @@ def test_a_denoiser_goes_on_from_a_model_that_ships():
            "cdamd-small", "holds a 'cdamd.generator' run, expected one of stage cmdm.tokenizer or cmdm.d")
 
 
+@pytest.mark.slow
 def test_a_generator_goes_on_from_a_model_that_ships(tmp_path):
   """On its autoencoder, with the scale of latents that it knows, its length estimator, its statistics and its words."""
   config = load_config("cdamd_generator", "steps_small").unlock()

@@ -10,7 +10,7 @@ from tests import processes
 from tests.conftest import devices_env, load_config, some_of
 from tests.training.test_train import _next_batch, _stage
 
-MAPS = {"pmap": mesh.Pmap, "mesh": mesh.Mesh}
+MAPS = [mesh.Pmap, mesh.Mesh]
 
 
 def tiny(name, **sections):
@@ -50,28 +50,27 @@ def steps(config, where, count=2):
 
 
 def run(name, folder):
-  """Writes DEVICES.npz, after the two maps gave the same bytes of states and metrics."""
-  found = {kind: steps(CONFIGS[name](), where()) for kind, where in MAPS.items()}
-  (state, losses), (other, theirs) = found.values()
+  """Writes DEVICES.npz, with several devices after the two maps gave the same bytes of states and metrics."""
+  (state, losses), *others = [steps(CONFIGS[name](), where()) for where in MAPS[:jax.device_count()]]
+  other, theirs = others[0] if others else (state, losses)
   differ = [jax.tree_util.keystr(path) for (path, a), b in zip(jax.tree.leaves_with_path(state), jax.tree.leaves(other),
                                                                strict=True) if a.tobytes() != b.tobytes()]
   assert not differ and losses == theirs, (name, differ, losses, theirs)
   np.savez(f"{folder}/{jax.device_count()}.npz", *jax.tree.leaves((state.params, losses)))
 
 
-@pytest.mark.parametrize("name", some_of(CONFIGS, slow=["denoiser"]))
+@pytest.mark.parametrize("name", some_of(CONFIGS, slow=["tokenizer"]))
 def test_pmap_and_a_mesh_give_the_same_bytes_and_devices_the_same_numbers(tmp_path, name):
   """Bytes are compared inside of `run`; sums over more devices are added in another order."""
   code = f"from tests.training import test_train_step; test_train_step.run({name!r}, {str(tmp_path)!r})"
-  counts = (1, 2, 8)
+  counts = (1, 4)
   said = [tmp_path / f"{count}.txt" for count in counts]
   started = [processes.Process(["-c", code], devices_env(count), file, file) for count, file in zip(counts, said)]
   for process, file in zip(started, said):
     assert process.wait() == 0, file.read_text()[-3000:]
-  one, *more = (list(np.load(tmp_path / f"{count}.npz").values()) for count in counts)
-  for several in more:
-    for a, b in zip(one, several, strict=True):
-      np.testing.assert_allclose(a, b, rtol=2e-4, atol=2e-5)
+  one, several = (np.load(tmp_path / f"{count}.npz").values() for count in counts)
+  for a, b in zip(one, several, strict=True):
+    np.testing.assert_allclose(a, b, rtol=2e-4, atol=2e-5)
 
 
 @pytest.mark.parametrize("name", some_of(

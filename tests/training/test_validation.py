@@ -21,6 +21,7 @@ def config():
   return config
 
 
+@pytest.mark.slow
 def test_fid_is_none_for_what_comes_back_and_grows_with_the_error(config):
   data = sources.load_features(config.data, captioned=False)
   fid = reconstruction_fid("evaluator-small", data.features[:6], data.stats)
@@ -34,6 +35,7 @@ def test_fid_is_none_for_what_comes_back_and_grows_with_the_error(config):
     reconstruction_fid("evaluator-small", data.features[:1], data.stats)
 
 
+@pytest.mark.slow
 def test_fid_joins_the_validation_of_a_tokenizer_that_names_an_evaluator(config):
   plain = cmdm.tokenizer(config)
   setup = with_fid(plain, config)
@@ -46,6 +48,7 @@ def test_fid_joins_the_validation_of_a_tokenizer_that_names_an_evaluator(config)
   assert with_fid(plain, config) is plain
 
 
+@pytest.mark.slow
 def test_the_denoiser_has_a_loss_on_held_out_clips_that_only_the_parameters_change():
   setup = cmdm.denoiser(load_config("cmdm_denoiser", "tiny"))
   params = untrained(jax.eval_shape(setup.stage.init, setup.next_batch(0), jax.random.key(0)))

@@ -158,7 +158,8 @@ MUTATIONS = (
      (f"{TRAIN}::test_every_step_has_noise_of_its_own",)),
     ("devices", "motion_jax/training/train_step.py",
      "grads, sums, weight = jax.lax.psum((grads, sums, weight), DEVICES)",
-     "grads = jax.lax.pmean(grads, DEVICES)", (f"{TRAIN}::test_four_devices_learn_what_one_learns",)),
+     "grads = jax.lax.pmean(grads, DEVICES)", (
+         "tests/training/test_train_step.py::test_pmap_and_a_mesh_give_the_same_bytes_and_devices_the_same_numbers",)),
     ("shared-sigma", "motion_jax/models/likelihoods.py", "shared.total(square.mean()) * shared.share", "square.mean()",
      ("tests/training/test_train_step.py::test_pmap_and_a_mesh_give_the_same_bytes_and_devices_the_same_numbers",)),
     ("skip-gradient", "motion_jax/training/train_step.py",
