@@ -117,26 +117,6 @@ def test_recovery_has_gradients_too(name):
   assert np.abs(grad(features)).max() > 0
 
 
-def test_there_and_back_inside_jit():
-  joints = clip("full", CURVE)
-  back = jax.jit(lambda x: F.to_joints(F.to_features(x, mode="corrected")))(jnp.asarray(joints))
-  assert largest(back, F.canonicalize(joints, mode="corrected")[:-1]) < 1e-3
-
-
-@pytest.mark.slow
-def test_a_few_steps_bring_joints_to_given_features():
-  """What a researcher does with it: move joints until their features are the ones wanted."""
-  goal = F.to_features(clip("full", WALK), mode="corrected")
-  columns = np.r_[F.get_layout("full")["positions"], F.get_layout("full")["rotations"]]
-  loss = lambda joints: ((F.to_features(joints, mode="corrected") - goal)[:, columns] ** 2).mean()
-  joints = jnp.asarray(clip("full", WALK) + np.random.default_rng(1).normal(0, 0.02, (40, 22, 3)), jnp.float32)
-  run = jax.jit(jax.value_and_grad(loss))
-  before = run(joints)[0]
-  for _ in range(30):
-    joints = joints - 1.0 * run(joints)[1]
-  assert run(joints)[0] < 0.5 * before
-
-
 @pytest.mark.parametrize("skeleton", SKELETONS.values(), ids=SKELETONS)
 def test_axes_and_facing_are_those_of_numpy(skeleton):
   """Also where hips or shoulders have no width, in all frames or in some."""
