@@ -14,21 +14,18 @@ from motion_jax.data.augment import KINDS, augmented
 from motion_jax.data.augment.chains import in_a_row
 from motion_jax.data.augment.counted import how_often
 from motion_jax.data.augment.excerpts import _lead
-from motion_jax.data.augment.parts import part_of
-from motion_jax.data.augment.stepping import _directed
+from motion_jax.data.augment.parts import resting
 from motion_jax.data.augment.warps import at_pace
 from motion_jax.data.clip import Caption, Clip
 from motion_jax.data.datasets.base import clip_items
 from motion_jax.data.datasets.synthetic import synthetic_joints
-from motion_jax.data.mirror import mirror_clip
 from motion_jax.metrics.physics import planted_speed
-from motion_jax.motion.leaning import leans
+from motion_jax.motion.leaning import lean, leans
 from motion_jax.motion.reaching import PLACES, distance_to_place
 from motion_jax.motion.representations import get_layout
 from motion_jax.motion.retarget import retarget
 from motion_jax.motion.root_paths import SMALLEST, course
 from motion_jax.motion.skeleton import HUMANML3D
-from tests.analysis.test_describe import _walk
 
 _SAID = {"walk": "a person walks forward.", "wave_left": "a person waves with the left hand.",
          "squat": "a person squats down and stands up.", "stand": "a person stands still."}
@@ -176,12 +173,6 @@ def test_a_walk_on_the_spot_to_the_side_or_backward_steps():
   assert shown == {"left", "right", "back", "spot"}
 
 
-def test_a_walk_that_does_not_go_where_it_should_gets_no_captions():
-  part, forward, backward = part_of(_clips(seeds=1)[0]), _walk(), _walk(speed=0.7, ways=180)
-  assert _directed(backward, part, "backward", 1)
-  assert not _directed(forward, part, "backward", 1) and not _directed(backward, part, "left", 1)
-
-
 _TIMES = {1: r"\b(once|one time|a squat|a bow)\b|squats .*up", 2: r"\b(twice|two)\b", 3: r"\bthree\b", 4: r"\bfour\b"}
 
 
@@ -240,6 +231,22 @@ def test_a_turn_by_half_a_circle_is_turning_around(degrees, found):
     assert {f"a person turns around to the {side}.", "someone turns around."} <= {text.text for text in one.captions}
 
 
+@pytest.mark.parametrize("change, rests", [
+    (lambda j: j, True),
+    (lambda j: j + np.arange(40)[:, None, None] * [0.05, 0, 0], False),  # 1 m/s
+    (lambda j: _raised(j, [21], [0, 0.7, 0]), False),
+    (lambda j: _raised(j, [5, 8, 11], [-0.35, 0, 0]), False),  # feet apart
+    (lambda j: _raised(j, [8, 11], [0, 0.3, 0]), False),  # on one leg
+    (lambda j: lean(j, 0, 1, np.full(40, 30.0)).astype(np.float64), False)])
+def test_who_rests_is_slow_and_upright_with_arms_down_and_feet_side_by_side(change, rests):
+  assert resting(change(synthetic_joints("stand", 40, np.random.default_rng(0))))[10:30].all() == rests
+
+
+def _raised(joints, which, by):
+  joints[:, which] += by
+  return joints
+
+
 def test_an_excerpt_begins_and_ends_at_rest_where_there_is_any():
   lead = lambda rests, seed: _lead(30, np.array(rests), np.random.default_rng(seed))
   assert {lead([False] * 12 + [True] * 3 + [False] * 15, seed) for seed in range(20)} == {13, 14, 15}
@@ -292,11 +299,6 @@ def test_sentences_in_a_row():
   texts = ["a person walks forward.", "Someone waves the left hand.", "the man sits down"]
   assert in_a_row(texts[:2], 0) == "a person walks forward, then waves the left hand."
   assert in_a_row(texts, 0) == "a person walks forward, then waves the left hand and finally sits down."
-
-
-def test_a_mirrored_sequence_has_mirrored_spans():
-  clip = _clips()[0].replace(meta={"spans": (("a person walks.", 0, 70), ("she waves the left hand.", 70, 150))})
-  assert mirror_clip(clip).meta["spans"] == (("a person walks.", 0, 70), ("she waves the right hand.", 70, 150))
 
 
 @pytest.mark.slow

@@ -11,18 +11,18 @@ from motion_jax.data.datasets.synthetic import synthetic_clips, synthetic_joints
 from motion_jax.data.mocap.files import read_mapping
 from motion_jax.motion.skeleton import HUMANML3D
 from motion_studio import cli
-from tests.data.test_bvh import write_bvh
+from tests.data.bvh_files import write_bvh
 
 
-def write_archive(folder, num=6, frames=50):
-  """Synthetic clips in the archive format."""
+def write_archive(folder, num=6, frames=50, clips=None):
+  """Clips, synthetic ones by default, in the archive format."""
   folder.mkdir()
-  clips = synthetic_clips(0, num, num_frames=frames)
+  clips = clips or synthetic_clips(0, num, num_frames=frames)
   joints = np.concatenate([clip.joints for clip in clips])
   np.savez(folder / "motions.npz", names=np.array([clip.id for clip in clips]),
-           start=np.arange(num + 1) * frames, root=joints[:, 0],
+           start=np.cumsum([0, *(clip.num_frames for clip in clips)]), root=joints[:, 0],
            local=(joints - joints[:, :1]).astype(np.float16))
-  rows = [{"id": f"{folder.name}_{clip.id}", "clip": clip.id, "start": 0, "end": frames, "split": clip.split,
+  rows = [{"id": f"{folder.name}_{clip.id}", "clip": clip.id, "start": 0, "end": clip.num_frames, "split": clip.split,
            "text": [caption.text for caption in clip.captions]} for clip in clips]
   (folder / "captions.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))
   return folder

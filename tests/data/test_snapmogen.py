@@ -27,6 +27,7 @@ from motion_jax.motion import rotations as rot
 from motion_jax.motion.representations import to_features, to_joints
 from motion_jax.motion.representations.snapmogen import from_rotations
 from motion_jax.motion.skeleton import SNAPMOGEN, SNAPMOGEN_BVH
+from tests.data.bvh_files import bvh_text
 
 
 @pytest.fixture(scope="module")
@@ -164,27 +165,10 @@ def test_bvh_files_become_features(tmp_path):
 
 
 def _bvh(degrees, path, seconds):
-  order, lines = [], ["HIERARCHY"]
-
-  def joint(j):
-    order.append(j)
-    kind = "ROOT" if j == 0 else "JOINT"
-    channels = "6 Xposition Yposition Zposition" if j == 0 else "3"
-    offset = " ".join(f"{x:.6f}" for x in SNAPMOGEN.offsets[j])
-    lines.extend([f"{kind} {SNAPMOGEN_BVH[j]}", "{", f"OFFSET {offset}",
-                  f"CHANNELS {channels} Xrotation Yrotation Zrotation"])
-    below = [k for k, parent in enumerate(SNAPMOGEN.parents) if parent == j]
-    for k in below:
-      joint(k)
-    if not below:
-      lines.extend(["End Site", "{", "OFFSET 0 1 0", "}"])
-    lines.append("}")
-
-  joint(0)
-  lines += ["MOTION", f"Frames: {len(path)}", f"Frame Time: {seconds:.8f}"]
-  for at, angles in zip(path, degrees):
-    lines.append(" ".join(f"{x:.9f}" for x in [*at, *angles[order].ravel()]))
-  return "\n".join(lines) + "\n"
+  values = [np.concatenate([path, degrees[:, 0]], 1), *degrees[:, 1:].swapaxes(0, 1)]
+  turns = "Xrotation Yrotation Zrotation"
+  return bvh_text(SNAPMOGEN_BVH, SNAPMOGEN.parents, SNAPMOGEN.offsets,
+                  [f"Xposition Yposition Zposition {turns}", *[turns] * 23], values, seconds)
 
 
 @pytest.fixture
