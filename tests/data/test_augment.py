@@ -30,6 +30,7 @@ from motion_jax.motion.skeleton import HUMANML3D
 _SAID = {"walk": "a person walks forward.", "wave_left": "a person waves with the left hand.",
          "squat": "a person squats down and stands up.", "stand": "a person stands still."}
 _JUMP = {"jump": "a person jumps up."}
+_SHARES = {"counted": 0.5, "time_warp": 1.0}  # most attempts fail
 _SAYS = {"seats": {"seat": "a person sits on a chair and stands up."}}
 
 
@@ -51,7 +52,8 @@ def _clips(source="ours", seeds=1, said=_SAID):
 
 @functools.cache
 def _made(kind):
-  return augmented(_clips(said=_SAYS.get(kind, _SAID)) + _clips("theirs", said=_SAYS.get(kind, _SAID)), {kind: 2.0})
+  said = _SAYS.get(kind, _SAID)
+  return augmented(_clips(said=said) + _clips("theirs", said=said), {kind: _SHARES.get(kind, 2.0)})
 
 
 def test_nothing_asked_nothing_made():
@@ -64,12 +66,15 @@ def test_nothing_asked_nothing_made():
 def test_the_same_clips_make_the_same_clips(kind):
   made = _made(kind)
   assert made and {clip.source for clip in made} == {"ours", "theirs"}
-  again = augmented(_clips("theirs", said=_SAYS.get(kind, _SAID)), {kind: 2.0})
+  again = augmented(_clips("theirs", said=_SAYS.get(kind, _SAID)), {kind: _SHARES.get(kind, 2.0)})
   theirs = [clip for clip in made if clip.source == "theirs"]
   assert [clip.id for clip in theirs] == [clip.id for clip in again]
   for one, other in zip(theirs, again):
     np.testing.assert_array_equal(one.joints, other.joints)
     assert one.captions == other.captions and one.split == "train" and one.meta["made"]
+    if spans := one.meta["spans"]:
+      assert spans[0][1] == 0 and spans[-1][2] == one.num_frames <= 196 and len(spans) > 1
+      assert all(span[2] == then[1] and span[1] < span[2] for span, then in zip(spans, spans[1:]))
   assert len({clip.id for clip in made}) == len(made)
 
 
@@ -77,10 +82,8 @@ def test_the_same_clips_make_the_same_clips(kind):
 def test_sequences_say_what_is_done_when(kind):
   for clip in _made(kind):
     spans = clip.meta["spans"]
-    if clip.meta["content"] == "idle: stand still":
-      continue  # the next test's
-    assert len(spans) > 1 and spans[0][1] == 0 and spans[-1][2] == clip.num_frames <= 196
-    assert all(one[2] == other[1] and one[1] < one[2] for one, other in zip(spans, spans[1:]))
+    if not spans:  # standing alone, as the next test has it
+      continue
     assert all(re.search(", then | and then |, and after that | finally ", caption.text) for caption in clip.captions)
     found = find_events(clip.joints)
     for text, first, past in spans:
@@ -135,8 +138,6 @@ def test_hands_that_come_down_or_go_on_are_said_in_a_row():
   assert rows
   for clip in rows:
     spans = clip.meta["spans"]
-    assert spans[0][1] == 0 and spans[-1][2] == clip.num_frames
-    assert all(one[2] == other[1] for one, other in zip(spans, spans[1:]))
     if re.search("lower|drop|back down", spans[-1][0]):
       sides = [side for side in ("left", "right") if side in spans[-1][0]] or ["left", "right"]
       assert max(distance_to_place(clip.joints, "down", side)[-1] for side in sides) < 0.1
@@ -314,8 +315,8 @@ def test_training_sees_more_and_the_same_statistics():
 
 
 @pytest.mark.parametrize("kind, action, always", [
-    ("excerpts", "squat", False), ("counted", "wave_left", False), ("bent_paths", "walk", False),
-    ("time_warp", "walk", True)])
+    ("excerpts", "squat", False), ("bent_paths", "walk", False), ("time_warp", "walk", True),
+    pytest.param("counted", "wave_left", False, marks=pytest.mark.slow)])
 def test_what_is_said_of_new_clips_keeps_the_manner_of_the_old(kind, action, always):
   """Two of three sentences about bent paths and counts are plain, or a plain circle would be in hardly any caption."""
   clips = _clips(said={action: f"a timid person {_SAID[action].split(maxsplit=2)[2]}"}, seeds=4)

@@ -6,7 +6,7 @@ import pytest
 
 from motion_jax.data.build import build, pieces, read_captions, with_splits
 from motion_jax.data.clip import Caption
-from motion_jax.data.datasets.humanml3d import read_folder, read_ids
+from motion_jax.data.datasets.humanml3d import read_folder
 from motion_jax.data.datasets.synthetic import synthetic_clips, synthetic_joints
 from motion_jax.data.mocap.files import read_mapping
 from motion_jax.motion.skeleton import HUMANML3D
@@ -83,15 +83,6 @@ def test_own_mapping_file(captures, tmp_path):
     read_mapping(str(mapping))
 
 
-def test_a_damaged_file_leaves_nothing_behind(captures, tmp_path):
-  text = (captures / "walk.bvh").read_text()
-  (captures / "walk.bvh").write_text(text[:len(text) // 2])
-  before = set(tmp_path.iterdir())
-  with pytest.raises(ValueError, match="walk.bvh line .* cut"):
-    build(captures, tmp_path / "out", progress=False)
-  assert set(tmp_path.iterdir()) == before
-
-
 def test_a_bad_file_does_not_lose_a_folder(captures, tmp_path, capsys):
   """It is named, the others are there, and the status is 1; of a folder without a good file nothing is left."""
   text = (captures / "walk.bvh").read_text()
@@ -155,11 +146,11 @@ def test_missing_things(captures, tmp_path):
 
 def test_long_clips_are_cut():
   clip = synthetic_clips(0, 1, num_frames=450)[0]
-  clip = clip.replace(captions=(Caption("all"), Caption("part", 6.0, 10.0)))
+  clip = clip.replace(captions=(Caption("all"), Caption("part", 6.0, 10.0), Caption("second", 6.5, 8.4)))
   parts = pieces(clip)
   assert [part.num_frames for part in parts] == [150, 150, 150] and parts[1].id == "000000_01"
   assert [[(c.text, c.start, c.end) for c in part.captions] for part in parts] == [
-      [("all", 0, 0), ("part", 6.0, 7.5)], [("all", 0, 0), ("part", 0, 2.5)], [("all", 0, 0)]]
+      [("all", 0, 0), ("part", 6.0, 7.5), ("second", 6.5, 7.5)], [("all", 0, 0), ("part", 0, 2.5)], [("all", 0, 0)]]
   np.testing.assert_array_equal(np.concatenate([part.joints for part in parts]), clip.joints)
   assert len({part.split for part in with_splits([part.replace(split="") for part in parts])}) == 1
 
@@ -171,8 +162,3 @@ def test_splits_by_hash():
   assert abs(splits.count("train") - 320) < 30 and 5 < splits.count("val") < 40
   assert splits[:50] == [one.split for one in with_splits(clips[:50])]  # more clips do not move the first ones
   assert with_splits([clips[splits.index("test")]])[0].split == "train"
-
-
-def test_folder_can_be_listed(tmp_path):
-  build(write_archive(tmp_path / "toy", num=2), tmp_path / "deep" / "er" / "out", mirror=False, progress=False)
-  assert read_ids(tmp_path / "deep" / "er" / "out") == ["toy_000000", "toy_000001"]

@@ -9,7 +9,6 @@ from motion_jax.data.datasets.synthetic import synthetic_joints
 from motion_jax.data.mocap.asf import amc_clip
 from motion_jax.data.mocap.bvh import bvh_clip, read_bvh
 from motion_jax.data.mocap.rest_pose import starts_with_a_pose, without_pose
-from motion_jax.motion.skeleton import HUMANML3D
 from tests.data.bvh_files import write_bvh
 
 TWO = """HIERARCHY
@@ -63,20 +62,6 @@ def test_clip_is_resampled_in_metres(tmp_path):
   assert clip.meta["mapping"] == "humanml3d" and clip.meta["unit"] == 0.01
   np.testing.assert_allclose(clip.joints[::2], joints[::3], atol=1e-6)
   np.testing.assert_allclose(clip.joints[1::2], (joints[1:-1:3] + joints[2::3]) / 2, atol=1e-6)
-
-
-def test_bandai_names(tmp_path):
-  joints = synthetic_joints("wave_left", 30, np.random.default_rng(0))
-  theirs = {"pelvis": "Hips", "spine1": "Spine", "spine2": "Chest", "neck": "Neck", "head": "Head"}
-  for side, mark in (("left", "L"), ("right", "R")):
-    for ours, name in (("hip", "UpperLeg"), ("knee", "LowerLeg"), ("ankle", "Foot"), ("foot", "Toes"),
-                       ("collar", "Shoulder"), ("shoulder", "UpperArm"), ("elbow", "LowerArm"), ("wrist", "Hand")):
-      theirs[f"{side}_{ours}"] = f"{name}_{mark}"
-  names = [theirs.get(name, "Extra") for name in HUMANML3D.joints]
-  clip = bvh_clip(write_bvh(tmp_path / "a.bvh", joints, fps=20, names=names))
-  assert clip.meta["mapping"] == "bandai"
-  same = [j for j, name in enumerate(HUMANML3D.joints) if name not in ("pelvis", "spine3")]
-  np.testing.assert_allclose(clip.joints[:, same], joints[:, same], atol=1e-6)
 
 
 def test_a_pose_before_the_motion_is_dropped(tmp_path):

@@ -10,7 +10,6 @@ from motion_jax import fit
 from motion_jax.data.batches import TextItems
 from motion_jax.data.store import Store, digest_of, stored_batch, writing
 from motion_jax.text.captions import SUBJECTS, vary_subject, with_subjects
-from motion_jax.text.encoder import load_text_encoder
 from motion_jax.training import checkpoint
 from motion_jax.training.metrics import read_metrics
 from motion_jax.training.setup import untrained
@@ -90,18 +89,6 @@ def test_captions_are_kept_with_all_subjects():
   said = {vary_subject("a person walks.", np.random.default_rng(i), 0.9) for i in range(200)}
   assert said == set(kept) and len(set(kept)) == len(SUBJECTS)
   assert with_subjects("walks.") == ["walks."]
-
-
-def test_words_are_the_encoders(tmp_path):
-  encoder, sentences = load_text_encoder("random-init"), ["a person walks", "someone jumps and turns left", "waves"]
-  found = dict(encoder.in_batches(sentences, size=2))
-  alone, mask = load_text_encoder("random-init")(sentences)
-  for sentence, rows, real in zip(sentences, alone, mask):
-    np.testing.assert_allclose(found[sentence], rows[real], atol=1e-5)
-  encoder.recall({"waves": np.full((3, encoder.dim), 7.0, np.float32)}.get)
-  given, mask = encoder(["waves", "a person walks"])
-  assert (given[0][mask[0]] == 7).all() and len(given[0][mask[0]]) == 3
-  np.testing.assert_array_equal(given[1][mask[1]], alone[0][:mask[1].sum()])
 
 
 def _small(name, **fields):

@@ -140,9 +140,7 @@ def test_filters_are_those_of_scipy(window):
     assert largest(moving_average(jnp.asarray(values), window), moving_average(values, window)) < 1e-12
 
 
-def test_shapes_are_checked_and_numbers_are_not():
-  with pytest.raises(ValueError, match=r"got joints of shape \(10, 21, 3\)"):
-    F.to_features(jnp.zeros((10, 21, 3)))
+def test_shapes_are_checked():
   with pytest.raises(ValueError, match="at least 2 frames"):
     F.to_features(jnp.zeros((4, 1, 22, 3)))
   batch = jax.eval_shape(F.to_features, jax.ShapeDtypeStruct((2, 4, 5, HUMANML3D.num_joints, 3), jnp.float32))

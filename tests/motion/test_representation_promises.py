@@ -254,30 +254,7 @@ def test_a_further_representation_is_a_class_and_an_entry(tiny, tmp_path):
   assert (tmp_path / "walk.npz").is_file()
 
 
-def test_a_representation_without_a_way_back_says_so():
-  empty = Representation("empty", HUMANML3D, {"root": Block(VECTOR)})
-  for call in (lambda: empty.to_joints(np.zeros((4, 3))), lambda: empty.root_path(np.zeros((4, 3))),
-               lambda: empty.from_joints(np.zeros((4, 22, 3)))):
-    with pytest.raises(NotImplementedError, match="Representation "):
-      call()
-  with pytest.raises(ValueError, match="holds no rotations"):
-    empty.rotations_to_joints(np.zeros((4, 3)))
-
-
 # --- coordinates by steps -----------------------------------------------------------------------------------------
-
-
-def test_an_error_of_a_few_frames_moves_no_body_back_and_forth():
-  """What steps are for: frames whose root is off by as much move the path once, where coordinates go there and back."""
-  steps, coordinates = get_layout("steps"), get_layout("coordinates")
-  joints = _joints(steps, WALK)
-  ways = []
-  for layout in (steps, coordinates):
-    features = layout.from_joints(joints, "corrected")
-    stats = compute_stats([features], layout)
-    features[20:24, 2] += 0.5 * stats.std[2]
-    ways.append(np.diff(layout.to_joints(features)[:, 0, 2]))
-  assert ways[0].min() > -0.01 and ways[1].min() < -0.1
 
 
 def test_steps_begin_over_the_origin_and_go_as_the_joints_do():

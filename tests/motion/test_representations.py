@@ -3,9 +3,8 @@ import functools
 
 import jax.numpy as jnp
 import numpy as np
-import pytest
 
-from motion_jax.data.datasets.synthetic import synthetic_clips, synthetic_joints
+from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.motion import inverse
 from motion_jax.motion import representations as F
 from motion_jax.motion import rotations as rot
@@ -159,18 +158,3 @@ def test_skeletons():
   back = to_22(from_22(joints, SNAPMOGEN))
   assert back.shape == joints.shape
   assert _ahead(back, HUMANML3D) @ _ahead(joints, HUMANML3D) > 0.99
-
-
-@pytest.mark.parametrize("layout", ["full", "motionstreamer", "babel"])
-@pytest.mark.parametrize("mode", ["benchmark", "corrected"])
-def test_collars_in_one_point_leave_features_whole(layout, mode):
-  """Joints without collars become features, and these joints again with shoulders on their own sides, any way round."""
-  joints = rot.rotate(rot.about_axis(2.5, "y"), synthetic_joints("walk", 40, np.random.default_rng(0)))
-  sound = F.to_features(joints, layout, mode=mode)
-  joints[:, [13, 14]], joints[:, 3] = joints[:, [9]], joints[:, 0]
-  features = F.to_features(joints, layout, mode=mode)
-  assert np.abs(np.diff(features, axis=0)).max() < 1.1 * np.abs(np.diff(sound, axis=0)).max(), "nothing jumps"
-  again = np.asarray(F.to_joints(features.astype(np.float32), layout), np.float64)
-  shoulders, hips = again[:, 16] - again[:, 17], again[:, 1] - again[:, 2]
-  assert ((rot.unit(shoulders) * rot.unit(hips)).sum(-1) > 0.9).all()
-  assert 0.3 < np.median(np.linalg.norm(shoulders, axis=-1)) < 0.5
