@@ -52,6 +52,10 @@ def test_a_store_is_whole_or_not_there_and_its_damage_is_told(tmp_path):
   folder = _write(tmp_path / "store", {(0, 0, 4): np.ones((1, 3), np.float32)})
   with pytest.raises(InputError, match="is there already"), writing(folder):
     pass
+  Store(folder).require({"data": "a"})
+  for other in ({"data": "b"}, {}, {"data": "a", "rules": "c"}):
+    with pytest.raises(InputError, match="was made from other (data|rules) than this run has"):
+      Store(folder).require(other)
   rows = folder / "latents.rows"
   content = bytearray(rows.read_bytes())
   content[3] ^= 1
@@ -128,6 +132,7 @@ def test_a_stage_learns_the_same_from_a_store(tmp_path, name):
       np.testing.assert_allclose(b, a, rtol=2e-4)
 
 
+@pytest.mark.slow
 def test_a_store_of_other_parts_is_refused_by_name(tmp_path):
   config = _small("cmdm_denoiser")
   fit.encode(config, tmp_path / "store")
