@@ -9,7 +9,7 @@ from motion_jax.data.datasets.synthetic import synthetic_joints
 from motion_jax.data.mocap.asf import amc_clip
 from motion_jax.data.mocap.bvh import bvh_clip, read_bvh
 from motion_jax.data.mocap.rest_pose import starts_with_a_pose, without_pose
-from tests.data.bvh_files import write_bvh
+from tests.data.bvh_files import bvh_text, write_bvh
 
 TWO = """HIERARCHY
 ROOT a
@@ -52,6 +52,16 @@ def test_any_channel_order(tmp_path):
     quaternion = np.roll(b.as_quat(), 1)
     np.testing.assert_allclose(file.rotations[frame, 1] * np.sign(file.rotations[frame, 1, 0]),
                                quaternion * np.sign(quaternion[0]), atol=1e-12)
+
+
+def test_positions_of_zero_leave_a_joint_at_its_offset_and_not_the_root(tmp_path):
+  """As MakeHuman writes poses; at 29.97 frames a second, which are not 30."""
+  place = "Xposition Yposition Zposition"
+  (tmp_path / "a.bvh").write_text(bvh_text("ab", (-1, 0), [(100, 0, 0), (0, 10, 0)], [place] * 2,
+                                           [np.full((2, 3), 0.5), np.zeros((2, 3))], 1.001 / 30))
+  file = read_bvh(tmp_path / "a.bvh")
+  np.testing.assert_allclose(file.positions[:, :2], [[[0.5, 0.5, 0.5], [0.5, 10.5, 0.5]]] * 2)
+  assert file.fps == pytest.approx(29.97, abs=1e-3)
 
 
 def test_clip_is_resampled_in_metres(tmp_path):
