@@ -90,12 +90,20 @@ def test_a_set_pose_before_the_motion_is_left_out(tmp_path, degrees, arms):
 
 
 def test_what_is_captured_is_not_left_out(tmp_path):
-  """A T-pose that is held, and a walk, start with motion."""
+  """A T-pose that is held, and a walk, start with motion; a first frame that is straight on one side alone, or the same
+  on both but bent, is no pose that a program sets, however far the next one is."""
   held = np.zeros((60, 3))
   held[10:, 0] = np.linspace(0, 70, 50)
   still = {"LeftArm": -held, "RightArm": held}
   for turns in ({}, still):
     assert bvh_clip(write_figure(tmp_path / "a.bvh", turns=turns, frames=60), fps=20.0).num_frames == 60
+  then = {"LeftArm": (-75, 0, 0), "RightArm": (75, 0, 0), "LeftForeArm": (0, 0, 0), "RightForeArm": (0, 0, 0)}
+  aside = then | {"LeftArm": (30, 0, 0)}
+  bent = {"LeftArm": (-40, 0, 0), "RightArm": (40, 0, 0), "LeftForeArm": (0, -60, 0), "RightForeArm": (0, 60, 0)}
+  for first in (aside, bent):
+    turns = {name: np.array([first[name], *[then[name]] * 29], float) for name in then}
+    path = write_figure(tmp_path / "a.bvh", turns=turns, frames=30, swings=False)
+    assert bvh_clip(path, fps=20.0).num_frames == 30
 
 
 LYING = {"on the back, head to -z": (0, 0, -90), "on the face, head to +z": (0, 0, 90),
