@@ -2,7 +2,7 @@
 import numpy as np
 import pytest
 
-from motion_jax.data.datasets.synthetic import ACTIONS, synthetic_joints
+from motion_jax.data.datasets.synthetic import synthetic_joints
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.pose import TIPS, pose_to_joints, t_pose, to_pose, turn_ends
 from motion_jax.motion.skeleton import HUMANML3D, KIT, body_axes
@@ -24,7 +24,7 @@ def spin(joints, turns):
   return rot.rotate(rot.about_axis(angle, "y")[:, None], joints)
 
 
-@pytest.mark.parametrize("action", ACTIONS)
+@pytest.mark.parametrize("action", ["walk", "turn_left", "wave_left", "squat"])
 def test_forward_kinematics_gives_the_joints_back(action):
   joints = joints_of(action)
   assert np.abs(pose_to_joints(to_pose(joints)) - joints).max() < 1e-4  # metres

@@ -157,4 +157,6 @@ def test_skeletons():
   joints = synthetic_clips(0, 2)[1].joints
   back = to_22(from_22(joints, SNAPMOGEN))
   assert back.shape == joints.shape
+  raised, feet = to_22(from_22(joints + np.float32([0, 0.5, 0]), SNAPMOGEN)), [7, 8, 10, 11]
+  assert np.isclose(raised[:, feet, 1].min(), joints[:, feet, 1].min() + 0.5, atol=1e-6)
   assert _ahead(back, HUMANML3D) @ _ahead(joints, HUMANML3D) > 0.99

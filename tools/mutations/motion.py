@@ -85,8 +85,6 @@ MUTATIONS = (
      ("tests/motion/test_representations.py::test_skeletons",)),
     ("motion-toes-of-parts", "motion_jax/motion/body_parts.py", "for joint in chain for i in of_joint(joint, feet)]",
      "for joint in chain[:-1] for i in of_joint(joint, feet)]", ("tests/motion/test_body_parts.py",)),
-    ("motion-steady-speed", "motion_jax/motion/steady_bones.py", "(_MOST + believed)", "_MOST",
-     ("tests/motion/test_steady_bones.py::test_what_is_believed_stays_bit_for_bit",)),
     ("motion-follow-a-border", "motion_jax/motion/blending.py", "way = away_root + drift_root * (width + 1)",
      "way = away_root - drift_root * (width + 1)", ("tests/motion/test_blending.py",)),
     ("motion-stance", "motion_jax/motion/splicing.py", "lag = fades(np.cumsum(free[:, side]))", "lag = fades(frames)",
