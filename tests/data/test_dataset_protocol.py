@@ -68,7 +68,7 @@ def test_a_config_knows_its_folder_again(folder):
     sources.load_features(config.data, "val")
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_it_trains_as_what_its_folder_is(folder, tmp_path, unjudged):
   config = load_config("cmdm_tokenizer", "tiny")
   config.update_from_flattened_dict({"data.name": "humanml3d", "data.folder": str(folder)})

@@ -28,7 +28,7 @@ def two_parts(monkeypatch):
 
 @pytest.mark.parametrize("size", some_of(
     [f"{name}:{dataset}_tiny" for name in STAGES for dataset in DATASETS],
-    slow=["part_tmr:kit_tiny", "cmdm_tokenizer:babel_tiny", "cmdm_denoiser:snapmogen_tiny"]))
+    slow=["cmdm_tokenizer:babel_tiny", "cmdm_denoiser:snapmogen_tiny"]))
 def test_every_config_trains_two_steps(size, tmp_path, unjudged, two_parts):
   state = training.run(load_config(*size.split(":")), tmp_path)
   assert int(state.step) == 2

@@ -15,7 +15,7 @@ from motion_jax.training.metrics import read_metrics
 from motion_jax.training.setup import untrained
 from motion_jax.utils.errors import InputError
 from motion_studio import cli
-from tests.conftest import load_config
+from tests.conftest import load_config, some_of
 
 
 def _write(folder, entries, identity=None):
@@ -102,8 +102,7 @@ def _small(name, **fields):
   return config
 
 
-@pytest.mark.parametrize("name", ["cmdm_denoiser", "cdamd_generator"])
-@pytest.mark.slow
+@pytest.mark.parametrize("name", some_of(["cmdm_denoiser", "cdamd_generator"], slow=["cmdm_denoiser"]))
 def test_a_stage_learns_the_same_from_a_store(tmp_path, name):
   config = _small(name)
   config.unlock()

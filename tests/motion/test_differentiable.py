@@ -21,7 +21,7 @@ CASES = some_of(
     [("full", "benchmark"), ("full", "corrected"), ("full_kit", "benchmark"), ("steps", "benchmark"),
      ("snapmogen", "benchmark"), ("snapmogen", "corrected"), ("motionstreamer", "corrected"), ("babel", "benchmark"),
      ("babel", "corrected")],
-    slow=[("full", "benchmark"), ("steps", "benchmark"), ("snapmogen", "corrected")])
+    slow=[("full", "benchmark"), ("snapmogen", "corrected")])
 
 
 @functools.cache
