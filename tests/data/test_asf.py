@@ -113,6 +113,7 @@ def test_the_unit_that_a_skeleton_states_is_reported():
     ("07_01.amc", lambda t: t.replace("hand 70", "hand nan"), "line 7: NaN"),
     ("07_01.amc", lambda t: t.replace("hand 70", "foot 70"), "line 7: bone 'foot' is not in 07.asf"),
     ("07_01.amc", lambda t: "", "no frame"),
+    ("07_01.amc", lambda t: "x" * 9000 + " 1 2 3\n", "line 1: got 'x{10,99}…', expected the number of a frame$"),
     ("07.asf", lambda t: t[:t.index(":hierarchy")], "no hierarchy"),
     ("07.asf", lambda t: t.replace("    length 2\n", ""), "line 18: a bone ends without its length"),
     ("07.asf", lambda t: t.replace("    arm hand\n", ""), "no parent that exists to hand"),
@@ -129,10 +130,3 @@ def test_missing_skeleton(tmp_path):
   (tmp_path / "08_01.amc").write_text(AMC)
   with pytest.raises(FileNotFoundError, match="08_01.asf or 08.asf"):
     read_amc(tmp_path / "08_01.amc")
-
-
-def test_messages_stay_short(folder):
-  (folder / "07_01.amc").write_text("x" * 9000 + " 1 2 3\n")
-  with pytest.raises(ValueError, match="line 1: got 'xxx.*…', expected the number of a frame") as error:
-    read_amc(folder / "07_01.amc")
-  assert len(str(error.value)) < 300

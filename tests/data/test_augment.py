@@ -14,25 +14,23 @@ from motion_jax.data.augment import KINDS, augmented
 from motion_jax.data.augment.chains import in_a_row
 from motion_jax.data.augment.counted import how_often
 from motion_jax.data.augment.excerpts import _lead
-from motion_jax.data.augment.parts import part_of
-from motion_jax.data.augment.stepping import _directed
+from motion_jax.data.augment.parts import resting
 from motion_jax.data.augment.warps import at_pace
 from motion_jax.data.clip import Caption, Clip
 from motion_jax.data.datasets.base import clip_items
 from motion_jax.data.datasets.synthetic import synthetic_joints
-from motion_jax.data.mirror import mirror_clip
 from motion_jax.metrics.physics import planted_speed
-from motion_jax.motion.leaning import leans
+from motion_jax.motion.leaning import lean, leans
 from motion_jax.motion.reaching import PLACES, distance_to_place
 from motion_jax.motion.representations import get_layout
 from motion_jax.motion.retarget import retarget
 from motion_jax.motion.root_paths import SMALLEST, course
 from motion_jax.motion.skeleton import HUMANML3D
-from tests.analysis.test_describe import _walk
 
 _SAID = {"walk": "a person walks forward.", "wave_left": "a person waves with the left hand.",
          "squat": "a person squats down and stands up.", "stand": "a person stands still."}
 _JUMP = {"jump": "a person jumps up."}
+_SHARES = {"counted": 0.5, "time_warp": 1.0}  # most attempts fail
 _SAYS = {"seats": {"seat": "a person sits on a chair and stands up."}}
 
 
@@ -54,7 +52,8 @@ def _clips(source="ours", seeds=1, said=_SAID):
 
 @functools.cache
 def _made(kind):
-  return augmented(_clips(said=_SAYS.get(kind, _SAID)) + _clips("theirs", said=_SAYS.get(kind, _SAID)), {kind: 2.0})
+  said = _SAYS.get(kind, _SAID)
+  return augmented(_clips(said=said) + _clips("theirs", said=said), {kind: _SHARES.get(kind, 2.0)})
 
 
 def test_nothing_asked_nothing_made():
@@ -67,12 +66,15 @@ def test_nothing_asked_nothing_made():
 def test_the_same_clips_make_the_same_clips(kind):
   made = _made(kind)
   assert made and {clip.source for clip in made} == {"ours", "theirs"}
-  again = augmented(_clips("theirs", said=_SAYS.get(kind, _SAID)), {kind: 2.0})
+  again = augmented(_clips("theirs", said=_SAYS.get(kind, _SAID)), {kind: _SHARES.get(kind, 2.0)})
   theirs = [clip for clip in made if clip.source == "theirs"]
   assert [clip.id for clip in theirs] == [clip.id for clip in again]
   for one, other in zip(theirs, again):
     np.testing.assert_array_equal(one.joints, other.joints)
     assert one.captions == other.captions and one.split == "train" and one.meta["made"]
+    if spans := one.meta["spans"]:
+      assert spans[0][1] == 0 and spans[-1][2] == one.num_frames <= 196 and len(spans) > 1
+      assert all(span[2] == then[1] and span[1] < span[2] for span, then in zip(spans, spans[1:]))
   assert len({clip.id for clip in made}) == len(made)
 
 
@@ -80,10 +82,8 @@ def test_the_same_clips_make_the_same_clips(kind):
 def test_sequences_say_what_is_done_when(kind):
   for clip in _made(kind):
     spans = clip.meta["spans"]
-    if clip.meta["content"] == "idle: stand still":
-      continue  # the next test's
-    assert len(spans) > 1 and spans[0][1] == 0 and spans[-1][2] == clip.num_frames <= 196
-    assert all(one[2] == other[1] and one[1] < one[2] for one, other in zip(spans, spans[1:]))
+    if not spans:  # standing alone, as the next test has it
+      continue
     assert all(re.search(", then | and then |, and after that | finally ", caption.text) for caption in clip.captions)
     found = find_events(clip.joints)
     for text, first, past in spans:
@@ -138,8 +138,6 @@ def test_hands_that_come_down_or_go_on_are_said_in_a_row():
   assert rows
   for clip in rows:
     spans = clip.meta["spans"]
-    assert spans[0][1] == 0 and spans[-1][2] == clip.num_frames
-    assert all(one[2] == other[1] for one, other in zip(spans, spans[1:]))
     if re.search("lower|drop|back down", spans[-1][0]):
       sides = [side for side in ("left", "right") if side in spans[-1][0]] or ["left", "right"]
       assert max(distance_to_place(clip.joints, "down", side)[-1] for side in sides) < 0.1
@@ -174,12 +172,6 @@ def test_a_walk_on_the_spot_to_the_side_or_backward_steps():
     lifted = np.abs(clip.joints[:, 10, 1] - clip.joints[:, 11, 1])
     assert (np.diff((lifted > 0.05).astype(int)) == 1).sum() >= 3
   assert shown == {"left", "right", "back", "spot"}
-
-
-def test_a_walk_that_does_not_go_where_it_should_gets_no_captions():
-  part, forward, backward = part_of(_clips(seeds=1)[0]), _walk(), _walk(speed=0.7, ways=180)
-  assert _directed(backward, part, "backward", 1)
-  assert not _directed(forward, part, "backward", 1) and not _directed(backward, part, "left", 1)
 
 
 _TIMES = {1: r"\b(once|one time|a squat|a bow)\b|squats .*up", 2: r"\b(twice|two)\b", 3: r"\bthree\b", 4: r"\bfour\b"}
@@ -240,6 +232,22 @@ def test_a_turn_by_half_a_circle_is_turning_around(degrees, found):
     assert {f"a person turns around to the {side}.", "someone turns around."} <= {text.text for text in one.captions}
 
 
+@pytest.mark.parametrize("change, rests", [
+    (lambda j: j, True),
+    (lambda j: j + np.arange(40)[:, None, None] * [0.05, 0, 0], False),  # 1 m/s
+    (lambda j: _raised(j, [21], [0, 0.7, 0]), False),
+    (lambda j: _raised(j, [5, 8, 11], [-0.35, 0, 0]), False),  # feet apart
+    (lambda j: _raised(j, [8, 11], [0, 0.3, 0]), False),  # on one leg
+    (lambda j: lean(j, 0, 1, np.full(40, 30.0)).astype(np.float64), False)])
+def test_who_rests_is_slow_and_upright_with_arms_down_and_feet_side_by_side(change, rests):
+  assert resting(change(synthetic_joints("stand", 40, np.random.default_rng(0))))[10:30].all() == rests
+
+
+def _raised(joints, which, by):
+  joints[:, which] += by
+  return joints
+
+
 def test_an_excerpt_begins_and_ends_at_rest_where_there_is_any():
   lead = lambda rests, seed: _lead(30, np.array(rests), np.random.default_rng(seed))
   assert {lead([False] * 12 + [True] * 3 + [False] * 15, seed) for seed in range(20)} == {13, 14, 15}
@@ -294,11 +302,6 @@ def test_sentences_in_a_row():
   assert in_a_row(texts, 0) == "a person walks forward, then waves the left hand and finally sits down."
 
 
-def test_a_mirrored_sequence_has_mirrored_spans():
-  clip = _clips()[0].replace(meta={"spans": (("a person walks.", 0, 70), ("she waves the left hand.", 70, 150))})
-  assert mirror_clip(clip).meta["spans"] == (("a person walks.", 0, 70), ("she waves the right hand.", 70, 150))
-
-
 @pytest.mark.slow
 def test_training_sees_more_and_the_same_statistics():
   config = ConfigDict(dict(data=common.data(layout="coordinates"))).data
@@ -312,8 +315,8 @@ def test_training_sees_more_and_the_same_statistics():
 
 
 @pytest.mark.parametrize("kind, action, always", [
-    ("excerpts", "squat", False), ("counted", "wave_left", False), ("bent_paths", "walk", False),
-    ("time_warp", "walk", True)])
+    ("excerpts", "squat", False), ("bent_paths", "walk", False), ("time_warp", "walk", True),
+    pytest.param("counted", "wave_left", False, marks=pytest.mark.slow)])
 def test_what_is_said_of_new_clips_keeps_the_manner_of_the_old(kind, action, always):
   """Two of three sentences about bent paths and counts are plain, or a plain circle would be in hardly any caption."""
   clips = _clips(said={action: f"a timid person {_SAID[action].split(maxsplit=2)[2]}"}, seeds=4)

@@ -9,36 +9,7 @@ from motion_jax.data.datasets.synthetic import synthetic_joints
 from motion_jax.data.mocap.asf import amc_clip
 from motion_jax.data.mocap.bvh import bvh_clip, read_bvh
 from motion_jax.data.mocap.rest_pose import starts_with_a_pose, without_pose
-from motion_jax.motion.skeleton import HUMANML3D
-
-
-def write_bvh(path, joints, fps=30.0, names=HUMANML3D.joints, scale=100.0, pose_first=False, cut=None):
-  """Joints (T, 22, 3) as a BVH whose every joint has position channels and no rotation: positions are all it needs."""
-  parents = HUMANML3D.parents
-  lines = ["HIERARCHY"]
-
-  def joint(j, depth):
-    pad = "  " * depth
-    lines.append(f"{pad}{'ROOT' if depth == 0 else 'JOINT'} {names[j]}")
-    lines.append(f"{pad}{{\n{pad}  OFFSET 0 0 0\n{pad}  CHANNELS 3 Xposition Yposition Zposition")
-    children = [k for k, parent in enumerate(parents) if parent == j]
-    for child in children:
-      joint(child, depth + 1)
-    if not children:
-      lines.append(f"{pad}  End Site\n{pad}  {{\n{pad}    OFFSET 0 1 0\n{pad}  }}")
-    lines.append(f"{pad}}}")
-
-  order = []
-  walk = lambda j: [order.append(j)] + [walk(k) for k, parent in enumerate(parents) if parent == j]
-  walk(0)
-  joint(0, 0)
-  local = joints - np.where(np.array(parents)[:, None] < 0, 0, joints[:, np.maximum(parents, 0)])
-  rows = [" ".join(f"{v:.6f}" for v in frame[order].ravel() * scale) for frame in local]
-  lines += ["MOTION", f"Frames: {len(rows)}", f"Frame Time: {1 / fps:.7f}", *rows]
-  text = "\n".join(lines) + "\n"
-  path.write_text(text[:cut] if cut else text)
-  return path
-
+from tests.data.bvh_files import bvh_text, write_bvh
 
 TWO = """HIERARCHY
 ROOT a
@@ -83,6 +54,16 @@ def test_any_channel_order(tmp_path):
                                quaternion * np.sign(quaternion[0]), atol=1e-12)
 
 
+def test_positions_of_zero_leave_a_joint_at_its_offset_and_not_the_root(tmp_path):
+  """As MakeHuman writes poses; at 29.97 frames a second, which are not 30."""
+  place = "Xposition Yposition Zposition"
+  (tmp_path / "a.bvh").write_text(bvh_text("ab", (-1, 0), [(100, 0, 0), (0, 10, 0)], [place] * 2,
+                                           [np.full((2, 3), 0.5), np.zeros((2, 3))], 1.001 / 30))
+  file = read_bvh(tmp_path / "a.bvh")
+  np.testing.assert_allclose(file.positions[:, :2], [[[0.5, 0.5, 0.5], [0.5, 10.5, 0.5]]] * 2)
+  assert file.fps == pytest.approx(29.97, abs=1e-3)
+
+
 def test_clip_is_resampled_in_metres(tmp_path):
   """30 to 20 frames a second, centimetres: every second result is every third frame."""
   joints = synthetic_joints("walk", 61, np.random.default_rng(0))
@@ -91,34 +72,6 @@ def test_clip_is_resampled_in_metres(tmp_path):
   assert clip.meta["mapping"] == "humanml3d" and clip.meta["unit"] == 0.01
   np.testing.assert_allclose(clip.joints[::2], joints[::3], atol=1e-6)
   np.testing.assert_allclose(clip.joints[1::2], (joints[1:-1:3] + joints[2::3]) / 2, atol=1e-6)
-
-
-@pytest.mark.parametrize("scale, unit", [(1.0, 1.0), (1000.0, 0.001), (100 / 2.54, 0.0254)])
-def test_unit_is_told_by_the_leg(tmp_path, scale, unit):
-  joints = synthetic_joints("squat", 30, np.random.default_rng(0))
-  clip = bvh_clip(write_bvh(tmp_path / "a.bvh", joints, fps=20, scale=scale))
-  assert clip.meta["unit"] == unit
-  np.testing.assert_allclose(clip.joints, joints, atol=1e-5)
-
-
-def test_z_up_is_turned(tmp_path):
-  joints = synthetic_joints("walk", 30, np.random.default_rng(0))
-  clip = bvh_clip(write_bvh(tmp_path / "a.bvh", joints[..., [2, 0, 1]], fps=20))
-  np.testing.assert_allclose(clip.joints, joints, atol=1e-6)
-
-
-def test_bandai_names(tmp_path):
-  joints = synthetic_joints("wave_left", 30, np.random.default_rng(0))
-  theirs = {"pelvis": "Hips", "spine1": "Spine", "spine2": "Chest", "neck": "Neck", "head": "Head"}
-  for side, mark in (("left", "L"), ("right", "R")):
-    for ours, name in (("hip", "UpperLeg"), ("knee", "LowerLeg"), ("ankle", "Foot"), ("foot", "Toes"),
-                       ("collar", "Shoulder"), ("shoulder", "UpperArm"), ("elbow", "LowerArm"), ("wrist", "Hand")):
-      theirs[f"{side}_{ours}"] = f"{name}_{mark}"
-  names = [theirs.get(name, "Extra") for name in HUMANML3D.joints]
-  clip = bvh_clip(write_bvh(tmp_path / "a.bvh", joints, fps=20, names=names))
-  assert clip.meta["mapping"] == "bandai"
-  same = [j for j, name in enumerate(HUMANML3D.joints) if name not in ("pelvis", "spine3")]
-  np.testing.assert_allclose(clip.joints[:, same], joints[:, same], atol=1e-6)
 
 
 def test_a_pose_before_the_motion_is_dropped(tmp_path):

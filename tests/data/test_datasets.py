@@ -1,4 +1,4 @@
-"""Data sets beside HumanML3D: their configs train, lengths are whole blocks, their motions stream and are drawn."""
+"""Data sets beside HumanML3D: their configs train, lengths are whole blocks, their motions stream and are stored."""
 import importlib.util
 
 import numpy as np
@@ -8,13 +8,12 @@ from motion_jax import export
 from motion_jax import fit as training
 from motion_jax.data.batches import TextItems
 from motion_jax.data.datasets.synthetic import synthetic_clips
-from motion_jax.data.sources import load_features
 from motion_jax.models.moving_path import continue_path
 from motion_jax.models.tmr import space
 from motion_jax.motion import representations as F
 from motion_jax.motion.skeleton import SNAPMOGEN
 from motion_jax.training.metrics import read_metrics
-from tests.conftest import ROOT, load_config, some_of, traced_loss_shape
+from tests.conftest import ROOT, load_config, some_of
 
 DATASETS = ("essential", "kit", "snapmogen", "babel")
 STAGES = ("part_tmr", "cmdm_tokenizer", "cmdm_denoiser")
@@ -27,16 +26,9 @@ def two_parts(monkeypatch):
   monkeypatch.setattr(space, "part_columns", lambda layout, of=space.part_columns: of(layout)[:2])
 
 
-@pytest.mark.parametrize("name, dataset", [
-    ("part_tmr", "babel"), ("cmdm_tokenizer", "kit"), ("cmdm_denoiser", "essential")])
-def test_the_loss_of_each_stage_and_data_set_is_one_number(name, dataset, two_parts):
-  """By `jax.eval_shape`; SnapMoGen's, and all of them among the slow tests, are trained below."""
-  assert traced_loss_shape(load_config(name, f"{dataset}_tiny")) == ()
-
-
 @pytest.mark.parametrize("size", some_of(
-    [f"{name}:{dataset}_tiny" for name in STAGES for dataset in DATASETS], quick=["cmdm_denoiser:snapmogen_tiny"],
-    slow=["part_tmr:kit_tiny", "cmdm_tokenizer:babel_tiny", "cmdm_denoiser:essential_tiny"]))
+    [f"{name}:{dataset}_tiny" for name in STAGES for dataset in DATASETS],
+    slow=["cmdm_tokenizer:babel_tiny", "cmdm_denoiser:snapmogen_tiny"]))
 def test_every_config_trains_two_steps(size, tmp_path, unjudged, two_parts):
   state = training.run(load_config(*size.split(":")), tmp_path)
   assert int(state.step) == 2
@@ -85,40 +77,28 @@ def test_320_frames_are_padded_to_whole_blocks():
     TextItems(clips, [["a"]] * 5, 128, 324, (324,), crop_frames=322)
 
 
-def test_synthetic_clips_come_in_every_layout():
-  config = load_config("cmdm_tokenizer", "tiny").data.copy_and_resolve_references().unlock()
-  config.num_clips = 5
-  for layout in F.LAYOUTS.values():
-    config.layout = layout.name
-    data = load_features(config)
-    assert data.features[0].shape[1] == layout.dim and np.isfinite(data.features[0]).all()
-    assert data.stats.layout is layout
-
-
-@pytest.mark.parametrize("name", ["full", "snapmogen", "snapmogen_148", "motionstreamer", "babel"])
+@pytest.mark.parametrize("name", ["full", "snapmogen", "motionstreamer", "babel"])
 def test_streamed_path_is_that_of_the_whole(name):
   """Blocks of rows joined one after another are the clip's joints, also where a row tells of the step before it."""
-  clip = synthetic_clips(0, 6, skeleton=F.get_layout(name).skeleton)[3]
-  features = F.to_features(clip.joints, name, "corrected")[:60]
+  clip = synthetic_clips(0, 4, 45, skeleton=F.get_layout(name).skeleton)[3]
+  features = F.to_features(clip.joints, name, "corrected")
   whole = F.to_joints(features, name)
   past, joints = None, []
-  for rows in np.split(features, [1, 4, 11, 12, 40]):
+  for rows in np.split(features, [1, 4, 11, 12, 30]):
     part, past = continue_path(rows, past, F.get_layout(name))
     joints.append(part)
   assert np.abs(np.concatenate(joints) - whole).max() * F.get_layout(name).skeleton.unit < 1e-5
 
 
-def test_snapmogen_s_figure_is_stored_and_drawn(tmp_path):
-  clip = synthetic_clips(0, 2, skeleton=SNAPMOGEN)[1]
-  clip = clip.replace(joints=clip.joints[:8])
-  for name in ("a.npz", "a.npy", "a.bvh", "a.glb", "a.png", "a.html"):
+def test_snapmogen_s_figure_is_stored(tmp_path):
+  clip = synthetic_clips(0, 1, 8, skeleton=SNAPMOGEN)[0]
+  for name in ("a.npz", "a.npy", "a.bvh"):
     assert export.save(clip, tmp_path / name)
   for name in ("a.npz", "a.npy"):
     back = export.load(tmp_path / name)
     assert back.skeleton is SNAPMOGEN and np.array_equal(back.joints, clip.joints)
   drawn = export.load(tmp_path / "a.bvh")
-  assert drawn.joints.shape == (8, 22, 3)
+  assert drawn.joints.shape == (len(clip.joints), 22, 3)
   features = F.to_features(clip.joints, "snapmogen")
   np.save(tmp_path / "features.npy", features)
   assert np.abs(export.load(tmp_path / "features.npy").joints - F.to_joints(features, "snapmogen")).max() == 0
-

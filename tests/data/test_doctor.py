@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from motion_jax.data import checks, doctor
+from motion_jax.data.datasets.archive import read_archive
 from motion_jax.data.datasets.humanml3d import write_folder
 from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.motion import rotations as rot
@@ -211,13 +212,31 @@ def _arrays(**change):
     (_arrays(root=lambda x: _set(x, 5, np.nan)), "NaN"),
     (_arrays(local=lambda x: x[:-1]), "do not fit together"),
     (_arrays(start=lambda x: _set(x, 1, 0)), "clips of no frames"),
+    (_arrays(start=lambda x: _set(x, 0, 1)), "start should rise from 0 to 300"),
+    (_arrays(start=lambda x: _set(x, -1, 299)), "start should rise from 0 to 300"),
+    (_arrays(start=lambda x: _set(x, 1, 120)), "start should rise from 0 to 300"),
+    (_row(0, start=-1), "frames outside their clip"),
+    (_row(0, end=51), "frames outside their clip"),
+    (_row(0, start=50), "frames outside their clip"),
     (_arrays(root=lambda x: x * 100, local=lambda x: x * 100), "pelvis at 85"),
 ])
 def test_each_fault_of_an_archive_is_found(tmp_path, damage, what):
   folder = write_archive(tmp_path / "toy")
   damage(folder)
   report = doctor.examine(folder)
-  assert not report.ok and any(what in f.what for f in report.findings), doctor.format_report(report)
+  assert not report.ok and any(what in f"{f.what} {f.examples}" for f in report.findings), doctor.format_report(report)
+
+
+def test_a_row_of_an_archive_is_its_own_frames_of_its_own_clip(tmp_path):
+  folder = write_archive(tmp_path / "toy")
+  whole = read_archive(folder)[2].joints
+  _row(2, start=5, end=50)(folder)
+  np.testing.assert_array_equal(read_archive(folder)[2].joints, whole[5:])
+  _row(2, start=5, end=20)(folder)
+  clip = read_archive(folder)[2]
+  np.testing.assert_array_equal(clip.joints, whole[5:20])
+  assert clip.id == "toy_000002"
+  np.testing.assert_allclose(whole, synthetic_clips(0, 3, num_frames=50)[2].joints, atol=2e-3)
 
 
 def test_no_data_folder(tmp_path):

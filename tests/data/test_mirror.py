@@ -1,10 +1,14 @@
 """Mirrored captions exchange sides and turns and nothing else; mirrored clips move the other way."""
 import numpy as np
 import pytest
+from ml_collections import ConfigDict
 
+from motion_jax.data.clip import Caption
+from motion_jax.data.datasets.base import clip_items
 from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.data.mirror import mirror_caption, mirror_clip
-from motion_jax.text.tagger import tag
+from motion_jax.motion.representations import get_layout
+from motion_jax.motion.skeleton import HUMANML3D
 
 
 @pytest.mark.parametrize("text, expected", [
@@ -36,17 +40,28 @@ def test_captions(text, expected):
   assert mirror_caption(text) == (expected or text)
 
 
-def test_two_mirrors_are_none():
+def test_a_mirrored_clip_has_its_captions_its_parts_and_its_joints_on_the_other_side():
+  spans = (("a person walks.", 0, 10), ("she waves the left hand.", 10, 30))
   for clip in synthetic_clips(0, 11, num_frames=30):
+    clip = clip.replace(meta=clip.meta | {"spans": spans, "tokens": (("a/DET",),)}, captions=(
+        Caption("turns left", 0.5, 1.0), *clip.captions))
     once = mirror_clip(clip)
+    assert once.id == "M" + clip.id and once.captions[0] == Caption("turns right", 0.5, 1.0)
+    assert once.meta["spans"] == (spans[0], ("she waves the right hand.", 10, 30)) and "tokens" not in once.meta
+    np.testing.assert_array_equal(once.joints[:, HUMANML3D.joints.index("left_wrist")],
+                                  clip.joints[:, HUMANML3D.joints.index("right_wrist")] * [-1, 1, 1])
     twice = mirror_clip(once)
-    assert once.id == "M" + clip.id and twice.captions == clip.captions
+    assert twice.captions == clip.captions and twice.meta["spans"] == spans
     np.testing.assert_array_equal(twice.joints, clip.joints)
 
 
-def test_tags():
-  assert tag("A person waves with the left hand, bending the knees.") == [
-      "a/DET", "person/NOUN", "wave/VERB", "with/ADP", "the/DET", "left/ADJ", "hand/NOUN", "bend/VERB", "the/DET",
-      "knee/NOUN"]
-  assert tag("he is walking slowly and turns left.") == [
-      "he/PRON", "be/AUX", "walk/VERB", "slowly/ADV", "and/CCONJ", "turn/VERB", "left/ADV"]
+def test_what_training_takes_of_a_mirrored_clip_has_its_parts_on_the_other_side_and_inside_of_its_rows():
+  spans = (("a person walks.", 0, 10), ("she waves the left hand.", 10, 30))
+  clip = synthetic_clips(0, 8, num_frames=30)[7].replace(captions=(Caption("waves the left hand"),), split="train",
+                                                         meta={"spans": spans, "content": "wave"})
+  plain, mirrored = clip_items([clip], ConfigDict(dict(mode="corrected", mirror=True)), "train", get_layout("full"))
+  assert len(plain.features) == len(mirrored.features) == 29 and mirrored.group == "wave"
+  assert plain.spans == (("a person walks.", 0, 10), ("she waves the left hand.", 10, 29))
+  assert mirrored.spans == (("a person walks.", 0, 10), ("she waves the right hand.", 10, 29))
+  assert mirrored.captions == ("waves the right hand",)
+  assert np.abs(mirrored.features - plain.features).max() > 0.1

@@ -1,4 +1,5 @@
 """What training reads of several archives: whose licences agree, and how often each is drawn."""
+import numpy as np
 import pytest
 from ml_collections import ConfigDict
 
@@ -6,7 +7,9 @@ from motion_jax.configs.shipped import cdamd_small, cmdm_open, cmdm_small, cmdm_
 from motion_jax.data import sources
 from motion_jax.data.batches import TextItems, Windows
 from motion_jax.data.datasets.synthetic import synthetic_clips
-from tests.evaluation.test_run import write_archive
+from motion_jax.motion.stats import biased_std
+from tests.conftest import load_config
+from tests.data.test_build import write_archive
 
 
 @pytest.fixture(scope="module")
@@ -15,7 +18,7 @@ def archives(tmp_path_factory):
   folders = {}
   for seed, name in enumerate(("cmu", "bandai", "hdm05", "gameclips")):
     folders[name] = tmp_path_factory.mktemp("data") / name
-    write_archive(folders[name], [clip.replace(split="train") for clip in synthetic_clips(seed, 2, 60)])
+    write_archive(folders[name], clips=[clip.replace(split="train") for clip in synthetic_clips(seed, 2, 60)])
   return folders
 
 
@@ -51,3 +54,28 @@ def test_clips_of_an_archive_are_drawn_more_seldom(archives):
   assert sources.load_features(_config(archives["cmu"])).draw_weights(_config(archives["cmu"])) is None
   with pytest.raises(ValueError, match="got data.source_weights for 'kaykit', expected one of the archives"):
     data.draw_weights(_config(archives["cmu"], source_weights=(("kaykit", 0.5),)))
+
+
+def test_statistics_are_those_that_the_config_names():
+  """Of each column, of each axis, or with a bias; those of a run that is built upon stay."""
+  config = ConfigDict(dict(name="synthetic", num_clips=2, layout="full", mode="corrected"))
+  plain = sources.load_features(config)
+  frames = np.concatenate(plain.features)
+  assert np.abs(frames.mean(0)).max() < 1e-4
+  config.feature_bias = 25.0
+  np.testing.assert_allclose(sources.load_features(config).stats.std, biased_std(plain.stats.std, 25.0))
+  np.testing.assert_array_equal(sources.load_features(config, stats=plain.stats).stats.std, plain.stats.std)
+  config.update(layout="coordinates", feature_bias=0.0)
+  assert len(np.unique(sources.load_features(config).stats.std)) > 60
+  config.per_axis = True
+  data = sources.load_features(config)
+  assert np.array_equal(data.stats.std, np.tile(data.stats.std[:3], 22))
+  assert np.abs(np.concatenate(data.features).reshape(-1, 3).std(0) - 1).max() < 1e-4
+
+
+def test_only_momask_and_t2m_gpt_bias_their_statistics():
+  """CDAMD's and MARDM's loaders do not (docs/papers/momask.md#statistics)."""
+  biases = {(name, size): load_config(name, size).data.feature_bias for name, size in (
+      ("momask_rvq", "full"), ("t2m_gpt_vq", "full"), ("cdamd_generator", "263"), ("cdamd_generator", "67"),
+      ("cdamd_generator", "mardm_67"))}
+  assert list(biases.values()) == [25.0, 25.0, 0.0, 0.0, 0.0], biases

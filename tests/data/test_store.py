@@ -10,13 +10,12 @@ from motion_jax import fit
 from motion_jax.data.batches import TextItems
 from motion_jax.data.store import Store, digest_of, stored_batch, writing
 from motion_jax.text.captions import SUBJECTS, vary_subject, with_subjects
-from motion_jax.text.encoder import load_text_encoder
 from motion_jax.training import checkpoint
 from motion_jax.training.metrics import read_metrics
 from motion_jax.training.setup import untrained
 from motion_jax.utils.errors import InputError
 from motion_studio import cli
-from tests.conftest import load_config
+from tests.conftest import load_config, some_of
 
 
 def _write(folder, entries, identity=None):
@@ -53,6 +52,10 @@ def test_a_store_is_whole_or_not_there_and_its_damage_is_told(tmp_path):
   folder = _write(tmp_path / "store", {(0, 0, 4): np.ones((1, 3), np.float32)})
   with pytest.raises(InputError, match="is there already"), writing(folder):
     pass
+  Store(folder).require({"data": "a"})
+  for other in ({"data": "b"}, {}, {"data": "a", "rules": "c"}):
+    with pytest.raises(InputError, match="was made from other (data|rules) than this run has"):
+      Store(folder).require(other)
   rows = folder / "latents.rows"
   content = bytearray(rows.read_bytes())
   content[3] ^= 1
@@ -92,18 +95,6 @@ def test_captions_are_kept_with_all_subjects():
   assert with_subjects("walks.") == ["walks."]
 
 
-def test_words_are_the_encoders(tmp_path):
-  encoder, sentences = load_text_encoder("random-init"), ["a person walks", "someone jumps and turns left", "waves"]
-  found = dict(encoder.in_batches(sentences, size=2))
-  alone, mask = load_text_encoder("random-init")(sentences)
-  for sentence, rows, real in zip(sentences, alone, mask):
-    np.testing.assert_allclose(found[sentence], rows[real], atol=1e-5)
-  encoder.recall({"waves": np.full((3, encoder.dim), 7.0, np.float32)}.get)
-  given, mask = encoder(["waves", "a person walks"])
-  assert (given[0][mask[0]] == 7).all() and len(given[0][mask[0]]) == 3
-  np.testing.assert_array_equal(given[1][mask[1]], alone[0][:mask[1].sum()])
-
-
 def _small(name, **fields):
   config = load_config(name, "tiny")
   with config.unlocked():
@@ -111,8 +102,7 @@ def _small(name, **fields):
   return config
 
 
-@pytest.mark.parametrize("name", ["cmdm_denoiser", "cdamd_generator"])
-@pytest.mark.slow
+@pytest.mark.parametrize("name", some_of(["cmdm_denoiser", "cdamd_generator"], slow=["cmdm_denoiser"]))
 def test_a_stage_learns_the_same_from_a_store(tmp_path, name):
   config = _small(name)
   config.unlock()
@@ -141,6 +131,7 @@ def test_a_stage_learns_the_same_from_a_store(tmp_path, name):
       np.testing.assert_allclose(b, a, rtol=2e-4)
 
 
+@pytest.mark.slow
 def test_a_store_of_other_parts_is_refused_by_name(tmp_path):
   config = _small("cmdm_denoiser")
   fit.encode(config, tmp_path / "store")

@@ -37,14 +37,8 @@ _SMPL = Rig("Pelvis Spine1 Spine2 Spine3 Neck Head", "+_Hip +_Knee +_Ankle +_Foo
 # "~" is a blank. Seen in files of these repositories where one is named, else in the program's documentation.
 RIGS = {
     "Mixamo, 20tab/bvh-python:tests/test_freebvh.bvh": _prefixed("mixamorig:", _MIXAMO),
-    "Mixamo, second character": _prefixed("mixamorig1:", _MIXAMO),
     "Mixamo in three.js": _prefixed("mixamorig", _MIXAMO),
-    "Mixamo in three.js, renamed": _prefixed("mixamorig1", _MIXAMO),
-    "Mixamo in Blender's collections": _prefixed("Armature|", _MIXAMO),
     "HumanIK, Maya": _prefixed("Character1_", _MIXAMO),
-    "HumanIK, another character": _prefixed("Model_", _MIXAMO),
-    "LAFAN1, EricGuo5513/momask-codes:visualization/data/template.bvh": Rig(
-        "Hips Spine Spine1 Spine2 Neck Head", "+UpLeg +Leg +Foot +Toe", "+Shoulder +Arm +ForeArm +Hand", "Spine2"),
     "CMU by cgspeed, MotionBuilder, facebookresearch/fairmotion:tests/data/01_01.bvh": Rig(
         "Hips LowerBack Spine Spine1 Neck Neck1 Head", *_IK, "Spine1"),
     "CMU by cgspeed, 3ds Max, facebookresearch/AnimatedDrawings:examples/bvh/cmu1": Rig(
@@ -57,31 +51,12 @@ RIGS = {
         "Hips Chest Chest2 Neck Head", "+Hip +Knee +Ankle -", "+Collar +Shoulder +Elbow +Wrist", "Chest2"),
     "Biovision, wspr/bvh-matlab:louise.bvh": Rig(
         "Hips Chest Neck Head", "+Hip +Knee +Ankle -", "+Collar +Shoulder +Elbow +Wrist", "Chest"),
-    "Biovision, ikun03/ikun03.github.io:bvh1.js": Rig(
-        "Hips Chest Neck Head", "+UpLeg +LowLeg +Foot -", "+Collar +UpArm +LowArm +Hand", "Chest"),
-    "Perception Neuron, VictorS-67/pybvh:bvh_data/bvh_test3.bvh": Rig(
-        "Hips Spine Spine1 Spine2 Spine3 Neck Neck1 Head", "+UpLeg +Leg +Foot +ForeFoot",
-        "+Shoulder +Arm +ForeArm +Hand", "Spine3"),
-    "Perception Neuron, prefixed": _prefixed("Robot_", Rig(
-        "Hips Spine Spine1 Spine2 Spine3 Neck Head", "+UpLeg +Leg +Foot -", "+Shoulder +Arm +ForeArm +Hand", "Spine3")),
     "BEAT, VictorS-67/pybvh:bvh_data/bvh_example.bvh": Rig(
         "Hips Spine Spine1 Spine2 Spine3 Neck Neck1 Head", *_IK, "Spine3"),
-    "Rokoko, facebookresearch/AnimatedDrawings:examples/bvh/rokoko": _MIXAMO,
     "Rokoko Newton": Rig("Hips Spine1 Spine2 Spine3 Spine4 Neck Head", "+Thigh +Shin +Foot +Toe",
                          "+Shoulder +Arm +ForeArm +Hand", "Spine4"),
-    "MocapBank, OlafHaag/bvh-toolbox:walk01.bvh": Rig(
-        "Hips Spine Spine1 Neck Head", "+UpLeg +Leg +Foot -", "+Shoulder +Arm +ForeArm +Hand", "Spine1"),
-    "MotionBuilder, omimo/PyMO:AV_8Walk_Meredith": Rig("Hips Spine Head", *_IK, "Spine"),
     "OptiTrack": Rig("Hip Ab Chest Neck Head", "+Thigh +Shin +Foot +Toe", "+Shoulder +UArm +FArm +Hand", "Chest", _LR),
-    "OptiTrack, named skeleton": _prefixed("Skeleton~001_", Rig(
-        "Hip Ab Chest Neck Head", "+Thigh +Shin +Foot +Toe", "+Shoulder +UArm +FArm +Hand", "Chest", _LR)),
-    "video2bvh, KevinLTT/video2bvh:cxk.bvh": Rig(
-        "Hips LowerBack Spine Spine1 Neck Neck1 Neck1_end", "+UpLeg +Leg +Foot -", "+Shoulder +Arm +ForeArm +Hand",
-        "Spine1"),
     "Human3.6M": Rig("Hip Spine Thorax Neck Head", "+Hip +Knee +Ankle -", "- +Shoulder +Elbow +Wrist", "Thorax", _LR),
-    "MakeHuman 1.0, makehumancommunity/makehuman:dance1.bvh": Rig(
-        "Hips Spine1 Spine2 Spine3 Neck Head", "UpLeg_+ LoLeg_+ Foot_+ Toe_+", "Clavicle_+ UpArm_+ LoArm_+ Hand_+",
-        "Spine3", _LR),
     "MakeHuman 1.1, makehumancommunity/makehuman:benchmark.bvh": Rig(
         "root spine05 spine04 spine03 spine02 spine01 neck01 neck02 neck03 head",
         "upperleg01.+ lowerleg01.+ foot.+ toe1-1.+", "clavicle.+ upperarm01.+ lowerarm01.+ wrist.+", "spine01", _LR),
@@ -103,19 +78,10 @@ RIGS = {
         "Hips Spine1 Spine2 Chest Neck1 Neck2 Head HeadEnd", "+Leg +Shin +Foot +ToeBase",
         "+Shoulder +Arm +ForeArm +Hand", "Chest"),
     "SMPL": _SMPL,
-    "SMPL, average body": _prefixed("m_avg_", _SMPL),
-    "SMPL by MoMask, EricGuo5513/momask-codes:visualization/.bvh": Rig(
-        "Pelvis Spine1 Spine2 Spine3 Neck Head", "+_hip +_knee +_ankle +_foot", "+_collar +_shoulder +_elbow +_wrist",
-        "Spine3"),
-    "Bandai Namco": Rig("Hips Spine Chest Neck Head", "UpperLeg_+ LowerLeg_+ Foot_+ Toes_+",
-                        "Shoulder_+ UpperArm_+ LowerArm_+ Hand_+", "Chest", _LR),
     "3ds Max biped": _prefixed("Bip01~", _BIPED),
-    "3ds Max biped, later": _prefixed("Bip001~", _BIPED),
     "Source engine": _prefixed("ValveBiped.Bip01_", _BIPED._replace(
         leg="+_Thigh +_Calf +_Foot +_Toe0", arm="+_Clavicle +_UpperArm +_Forearm +_Hand", trunk=(
             "Pelvis Spine Spine1 Spine2 Spine4 Neck1 Head1"), chest="Spine4")),
-    "Unreal": Rig("pelvis spine_01 spine_02 spine_03 neck_01 head", "thigh_+ calf_+ foot_+ ball_+",
-                  "clavicle_+ upperarm_+ lowerarm_+ hand_+", "spine_03", _lr),
     "Unreal 5": Rig("pelvis spine_01 spine_02 spine_03 spine_04 spine_05 neck_01 neck_02 head",
                     "thigh_+ calf_+ foot_+ ball_+", "clavicle_+ upperarm_+ lowerarm_+ hand_+", "spine_05", _lr),
     "Unity": Rig("Hips Spine Chest UpperChest Neck Head", "+UpperLeg +LowerLeg +Foot +Toes",
@@ -123,14 +89,9 @@ RIGS = {
     "VRM": Rig("J_Bip_C_Hips J_Bip_C_Spine J_Bip_C_Chest J_Bip_C_UpperChest J_Bip_C_Neck J_Bip_C_Head",
                "J_Bip_+_UpperLeg J_Bip_+_LowerLeg J_Bip_+_Foot J_Bip_+_ToeBase",
                "J_Bip_+_Shoulder J_Bip_+_UpperArm J_Bip_+_LowerArm J_Bip_+_Hand", "J_Bip_C_UpperChest", _LR),
-    "VMC": Rig("Hip Waist Chest UpperChest Neck Head", "+UpperLeg +LowerLeg +Foot +Toe",
-               "+Shoulder +UpperArm +LowerArm +Hand", "UpperChest"),
     "Rigify": Rig("DEF-spine DEF-spine.001 DEF-spine.002 DEF-spine.003 DEF-neck DEF-head",
                   "DEF-thigh.+ DEF-shin.+ DEF-foot.+ DEF-toe.+",
                   "DEF-shoulder.+ DEF-upper_arm.+ DEF-forearm.+ DEF-hand.+", "DEF-spine.003", _LR),
-    "Blender, killwiner/FreeDance:src/bvh.h": Rig(
-        "hips spine chest neck head", "thigh_+ shin_+ foot_+ toe_+", "clavicle_+ upper_arm_+ forearm_+ hand_+", "chest",
-        _LR),
     "mocopi": Rig("root torso_1 torso_2 torso_3 torso_4 torso_5 torso_6 torso_7 neck_1 neck_2 head",
                   "+_up_leg +_low_leg +_foot +_toes", "+_shoulder +_up_arm +_low_arm +_hand", "torso_7", _lr),
     "Character Creator": Rig("CC_Base_Hip CC_Base_Waist CC_Base_Spine01 CC_Base_Spine02 CC_Base_NeckTwist01 "
@@ -145,8 +106,6 @@ RIGS = {
     "DeepMotion": Rig("hips_JNT spine_JNT spine1_JNT spine2_JNT neck_JNT head_JNT",
                       "+_upleg_JNT +_leg_JNT +_foot_JNT +_toebase_JNT",
                       "+_shoulder_JNT +_arm_JNT +_forearm_JNT +_hand_JNT", "spine2_JNT", _lr),
-    "Cascadeur": Rig("pelvis stomach chest neck head", "thigh_+ calf_+ foot_+ toe_+",
-                     "clavicle_+ arm_+ forearm_+ hand_+", "chest", _lr),
     "KIT": Rig("root torso_low torso_high neck head", "+_hip +_knee +_ankle +_foot", "- +_shoulder +_elbow +_wrist",
                "torso_high", ("left", "right")),
 }

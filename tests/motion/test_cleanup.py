@@ -16,7 +16,7 @@ def _slide(joints, contacts):
   return np.concatenate(steps).mean()
 
 
-@pytest.fixture(params=[0, 7, 9], ids=["walk", "wave", "jump"])
+@pytest.fixture(params=[0, 9], ids=["stand", "jump"])
 def clip(request):
   joints = synthetic_clips(0, 11)[request.param].joints.astype(np.float64)
   contacts = extract(joints)[:, -4:]
@@ -83,14 +83,17 @@ def test_pieces_are_cleaned_as_the_whole_is(clip, told):
   np.testing.assert_allclose(np.concatenate([*parts, cleaner.flush()]), whole, atol=1e-6)
 
 
-def test_a_body_that_its_feet_do_not_carry_goes_as_they_say():
-  """A walk whose root runs 0.8 m/s ahead of its legs: most of that is taken back, and none of an honest walk."""
+@pytest.mark.parametrize("flies, left", [(0, 0.2), (3, 0.3)])
+def test_a_body_that_its_feet_do_not_carry_goes_as_they_say(flies, left):
+  """A walk whose root runs 0.8 m/s ahead of its legs: most of that is taken back, and none of an honest walk; also
+  where feet are known to stand in five of eight frames only, as in a run."""
   joints = synthetic_clips(0, 2)[1].joints.astype(np.float64)
   joints, contacts = joints[:-1], extract(joints)[:, -4:]
+  contacts = np.where((np.arange(len(joints)) % 8 >= 8 - flies)[:, None], 0, contacts)
   pushed = joints + (np.arange(len(joints)) * 0.8 / 20)[:, None, None] * [0, 0, 1]
   way = lambda x: x[-1, 0, 2] - x[0, 0, 2]
   assert way(joints) > 4 and abs(way(clean_up(joints, contacts)) - way(joints)) < 0.01 * way(joints)
-  assert way(clean_up(pushed, contacts)) - way(joints) < 0.2 * (way(pushed) - way(joints))
+  assert way(clean_up(pushed, contacts)) - way(joints) < left * (way(pushed) - way(joints))
 
 
 def test_what_a_foot_is_held_back_by_does_not_pile_up():
@@ -132,17 +135,6 @@ def test_a_body_whose_bones_become_longer_rises_and_bends_no_knee(clip):
   made = clean_up(small, contacts).astype(np.float64)
   assert np.abs(bent(made) - bent(small)).mean() < 4
   assert made[:, 0, 1].mean() > 1.05 * small[:, 0, 1].mean()
-
-
-def test_what_stances_say_holds_through_flight():
-  """Feet that are said to stand in half of the frames only, as in a run: the way is taken back between them, too."""
-  joints = synthetic_clips(0, 2)[1].joints.astype(np.float64)
-  joints, contacts = joints[:-1], extract(joints)[:, -4:]
-  flies = np.arange(len(joints)) % 8 >= 5
-  pushed = joints + (np.arange(len(joints)) * 0.8 / 20)[:, None, None] * [0, 0, 1]
-  way = lambda x: x[-1, 0, 2] - x[0, 0, 2]
-  made = clean_up(pushed, np.where(flies[:, None], 0, contacts))
-  assert way(made) - way(joints) < 0.3 * (way(pushed) - way(joints))
 
 
 def test_knees_do_not_snap(clip):

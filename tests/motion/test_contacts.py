@@ -13,10 +13,6 @@ def _standing(frames=60):
   return synthetic_joints("stand", frames, np.random.default_rng(0))
 
 
-def test_who_stands_stands():
-  assert feet_stand(_standing()).all()
-
-
 def test_a_foot_that_slides_stands_for_the_benchmark_only():
   joints = _standing()
   joints[..., 2] -= (np.arange(len(joints)) * 0.6 / 20)[:, None]  # 0.6 m/s backward
@@ -26,6 +22,7 @@ def test_a_foot_that_slides_stands_for_the_benchmark_only():
 
 def test_a_foot_held_up_does_not_stand():
   joints = _standing()
+  assert feet_stand(joints).all()
   left = list(HUMANML3D.left_feet)
   joints[:, left, 1] += 0.15
   stands = feet_stand(joints)
@@ -55,9 +52,21 @@ def test_velocity_is_exact_on_a_line_and_at_the_ends():
   np.testing.assert_allclose(velocity(line, 30.0), np.broadcast_to([1.0, 0.0, -2.0], (10, 3)), atol=1e-12)
 
 
-def test_majority_leaves_out_what_is_short():
-  flags = np.zeros(40, bool)
-  flags[10:12] = True   # 0.1 s
-  flags[20:30] = True
-  flags[24] = False
-  np.testing.assert_array_equal(np.flatnonzero(majority(flags, 20.0)), np.arange(20, 30))
+def test_a_velocity_is_taken_over_a_tenth_of_a_second_around_its_frame():
+  pulse = np.zeros((60, 1))
+  pulse[30] = 0.5
+  found = velocity(pulse, 60.0)[:, 0]
+  assert np.flatnonzero(found).tolist() == [27, 33]
+  np.testing.assert_allclose(found[[27, 33]], [5, -5])
+
+
+@pytest.mark.parametrize("fps, half", [(20.0, 3), (30.0, 4), (60.0, 8)])
+def test_majority_is_of_a_quarter_of_a_second_around_each_frame(fps, half):
+  """What lasts for half of it is gone, what lasts for a frame more stays where it was; so do gaps. The first and the
+  last frame go on beyond the ends."""
+  flags = np.zeros((80, 2), bool)
+  flags[20:20 + half, 0] = flags[50:51 + half, 0] = flags[:2, 0] = flags[79:, 0] = True
+  flags[:, 1] = ~flags[:, 0]
+  made = majority(flags, fps)
+  assert np.flatnonzero(made[:, 0]).tolist() == [0, 1, *range(50, 51 + half), 79]
+  np.testing.assert_array_equal(made[:, 1], ~made[:, 0])

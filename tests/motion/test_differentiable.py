@@ -10,7 +10,7 @@ from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.motion import inverse
 from motion_jax.motion import representations as F
 from motion_jax.motion import rotations as rot
-from motion_jax.motion.skeleton import HUMANML3D, SKELETONS, SMPL, body_axes, facing
+from motion_jax.motion.skeleton import HUMANML3D, SMPL, body_axes, facing
 from motion_jax.motion.smoothing import gaussian, moving_average
 from tests.conftest import some_of
 
@@ -21,7 +21,7 @@ CASES = some_of(
     [("full", "benchmark"), ("full", "corrected"), ("full_kit", "benchmark"), ("steps", "benchmark"),
      ("snapmogen", "benchmark"), ("snapmogen", "corrected"), ("motionstreamer", "corrected"), ("babel", "benchmark"),
      ("babel", "corrected")],
-    quick=[("full", "benchmark")], slow=[("full", "corrected"), ("steps", "benchmark"), ("snapmogen", "corrected")])
+    slow=[("full", "benchmark"), ("snapmogen", "corrected")])
 
 
 @functools.cache
@@ -34,29 +34,13 @@ def largest(a, b):
   return np.abs(np.asarray(a, np.float64) - np.asarray(b, np.float64)).max()
 
 
-@pytest.mark.parametrize("name, mode", CASES)
-def test_a_jitted_batch_has_the_numbers_of_numpy(name, mode):
-  """In float64 to 1e-6 of a unit (a metre, a centimetre), the rounding of numpy's result to float32. KIT's millimetres
-  are numbers in the thousands: there to float32's last digits."""
-  layout = F.get_layout(name)
-  joints = np.stack([clip(name, number, 28) for number in (STAND, WALK, CURVE, TURN)])
-  with jax.enable_x64(True):
-    made = jax.jit(layout.from_joints, static_argnums=1)(jnp.asarray(joints)[None], mode)[0]
-    assert made.dtype == jnp.float64
-  expected = np.stack([layout.from_joints(one, mode) for one in joints])
-  np.testing.assert_allclose(made, expected, rtol=2e-7, atol=1e-6 if layout.skeleton.unit > 0.001 else 1e-3)
-
-
-def test_float32_is_near_and_rows_in_place_are_numpys():
-  """float32 within 2e-4 of float64, but for rotations of bones that lie against their rest direction."""
+def test_float32_is_near_numpys_float64():
+  """Within 2e-4, but for rotations of bones that lie against their rest direction; with a row for every frame."""
   layout = F.get_layout("essential")
-  joints = clip("full", CURVE)
-  made = jax.jit(layout.from_joints)(jnp.asarray(joints, jnp.float32))
-  assert made.dtype == jnp.float32 and largest(made, layout.from_joints(joints)) < 2e-4
-  canonical = F.canonicalize(joints, mode="corrected")
-  in_place = jax.jit(functools.partial(layout.from_joints_in_place, mode="corrected"))(jnp.asarray(canonical))
-  assert in_place.shape == (40, 67)
-  assert largest(in_place, layout.from_joints_in_place(canonical, "corrected")) < 2e-4
+  joints = F.canonicalize(clip("full", CURVE, 20), mode="corrected").astype(np.float32)
+  made = jax.jit(functools.partial(layout.from_joints_in_place, mode="corrected"))(joints)
+  assert made.dtype == jnp.float32 and made.shape == (20, 67)
+  assert largest(made, layout.from_joints_in_place(joints, "corrected")) < 2e-4
 
 
 def degenerate(skeleton):
@@ -83,61 +67,54 @@ def degenerate(skeleton):
 
 
 @pytest.mark.parametrize("name, mode", CASES)
-def test_gradients_are_those_of_finite_differences_and_finite_at_degenerate_poses(name, mode):
-  """Through rotations too, least-squares fits of pelvis and chest among them."""
+def test_a_batch_has_numpys_numbers_and_gradients_that_are_finite_at_degenerate_poses(name, mode):
+  """Numbers in float64 to 1e-6 of a unit (a metre, a centimetre), the rounding of numpy's result to float32; of KIT,
+  whose millimetres are numbers in the thousands, to float32's last digits. Gradients are those of finite differences,
+  through rotations too, least-squares fits of pelvis and chest among them. One program for all."""
   layout = F.get_layout(name)
   rng = np.random.default_rng(0)
+  cases = degenerate(layout.skeleton)
+  sound = np.stack([clip(name, number, 12) for number in (STAND, WALK, CURVE, TURN)])
   with jax.enable_x64(True):
     weights = rng.normal(size=layout.dim)
     if "contacts" in layout.blocks:
       weights[layout["contacts"]] = 0
-    run = jax.jit(jax.value_and_grad(lambda joints: (layout.from_joints(joints, mode) * weights).sum()))
+
+    def weighted(joints):
+      features = layout.from_joints(joints, mode)
+      return (features * weights).sum(), features
+
+    run = jax.jit(jax.value_and_grad(weighted, has_aux=True))
+    (value, made), _ = run(np.concatenate([sound, sound]))
+    assert made.dtype == jnp.float64
+    np.testing.assert_allclose(made[:4], np.stack([layout.from_joints(one, mode) for one in sound]), rtol=2e-7,
+                               atol=1e-6 if layout.skeleton.unit > 0.001 else 1e-3)
     unit = layout.skeleton.unit
-    joints = clip(name, CURVE, 12) + rng.normal(0, 0.01 / unit, (12, layout.skeleton.num_joints, 3))
-    grad = np.asarray(run(joints + jnp.zeros(()))[1])
+    joints = np.concatenate([sound, sound]) + rng.normal(0, 0.01 / unit, (8, *sound.shape[1:]))
+    grad = np.asarray(run(joints)[1])
     for _ in range(3):
       way = rng.normal(size=joints.shape)
       size = 1e-6 / unit
-      expected = (run(jnp.asarray(joints + size * way))[0] - run(jnp.asarray(joints - size * way))[0]) / (2 * size)
+      expected = (run(joints + size * way)[0][0] - run(joints - size * way)[0][0]) / (2 * size)
       np.testing.assert_allclose((grad * way).sum(), expected, rtol=1e-4, atol=1e-4)
-    for what, joints in degenerate(layout.skeleton).items():
-      value, grad = run(jnp.asarray(joints))
-      assert np.isfinite(value) and np.isfinite(grad).all(), what
+    (_, made), grad = run(np.stack(list(cases.values())))
+    for number, what in enumerate(cases):
+      assert np.isfinite(made[number]).all() and np.isfinite(grad[number]).all(), what
 
 
 @pytest.mark.parametrize("name", some_of(
-    ("full", "full_kit", "snapmogen", "snapmogen_148", "motionstreamer", "babel"), ["full"], ["snapmogen", "babel"]))
+    ("full", "full_kit", "snapmogen", "snapmogen_148", "motionstreamer", "babel"), slow=["full", "babel"]))
 def test_recovery_has_gradients_too(name):
   """Back from features, of zeros as well, by positions and by rotations."""
   layout = F.get_layout(name)
-  features = jnp.asarray(layout.from_joints(clip(name, CURVE, 12), "corrected"))
+  features = layout.from_joints(clip(name, CURVE, 12), "corrected")
   grad = jax.jit(jax.grad(lambda f: (layout.to_joints(f) ** 2).sum() + (layout.rotations_to_joints(f) ** 2).sum()))
-  for case in (features, jnp.zeros_like(features)):
-    assert np.isfinite(grad(case)).all()
   assert np.abs(grad(features)).max() > 0
+  for case in (features, np.zeros_like(features)):
+    assert np.isfinite(grad(case)).all()
 
 
-def test_there_and_back_inside_jit():
-  joints = clip("full", CURVE)
-  back = jax.jit(lambda x: F.to_joints(F.to_features(x, mode="corrected")))(jnp.asarray(joints))
-  assert largest(back, F.canonicalize(joints, mode="corrected")[:-1]) < 1e-3
-
-
-@pytest.mark.slow
-def test_a_few_steps_bring_joints_to_given_features():
-  """What a researcher does with it: move joints until their features are the ones wanted."""
-  goal = F.to_features(clip("full", WALK), mode="corrected")
-  columns = np.r_[F.get_layout("full")["positions"], F.get_layout("full")["rotations"]]
-  loss = lambda joints: ((F.to_features(joints, mode="corrected") - goal)[:, columns] ** 2).mean()
-  joints = jnp.asarray(clip("full", WALK) + np.random.default_rng(1).normal(0, 0.02, (40, 22, 3)), jnp.float32)
-  run = jax.jit(jax.value_and_grad(loss))
-  before = run(joints)[0]
-  for _ in range(30):
-    joints = joints - 1.0 * run(joints)[1]
-  assert run(joints)[0] < 0.5 * before
-
-
-@pytest.mark.parametrize("skeleton", SKELETONS.values(), ids=SKELETONS)
+@pytest.mark.parametrize("skeleton", [HUMANML3D, pytest.param(SMPL, marks=pytest.mark.slow)], ids=["humanml3d", "smpl"])
 def test_axes_and_facing_are_those_of_numpy(skeleton):
   """Also where hips or shoulders have no width, in all frames or in some."""
   joints = synthetic_clips(0, 4, skeleton=skeleton)[CURVE].joints[:28].astype(np.float64)
@@ -163,9 +140,7 @@ def test_filters_are_those_of_scipy(window):
     assert largest(moving_average(jnp.asarray(values), window), moving_average(values, window)) < 1e-12
 
 
-def test_shapes_are_checked_and_numbers_are_not():
-  with pytest.raises(ValueError, match=r"got joints of shape \(10, 21, 3\)"):
-    F.to_features(jnp.zeros((10, 21, 3)))
+def test_shapes_are_checked():
   with pytest.raises(ValueError, match="at least 2 frames"):
     F.to_features(jnp.zeros((4, 1, 22, 3)))
   batch = jax.eval_shape(F.to_features, jax.ShapeDtypeStruct((2, 4, 5, HUMANML3D.num_joints, 3), jnp.float32))

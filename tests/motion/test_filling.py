@@ -6,7 +6,7 @@ import pytest
 from scipy.ndimage import gaussian_filter1d
 
 from motion_jax.data.datasets.synthetic import synthetic_joints
-from motion_jax.motion.filling import fill_frames, runs_of
+from motion_jax.motion.filling import fill_frames, in_spans, runs_of
 from motion_jax.motion.retarget import with_lengths
 from motion_jax.motion.skeleton import HUMANML3D, bone_lengths
 
@@ -96,6 +96,13 @@ def test_nothing_is_new_and_everything_is():
   made = with_lengths(joints + 1, HUMANML3D)
   assert np.abs(fill_frames(made, joints, np.ones(80, bool)) - made).max() < 0.05
   assert list(runs_of(new_of([(0, 3), (70, 80)]))) == [(0, 3), (70, 80)]
+
+
+def test_spans_of_frames_lie_inside_of_the_motion():
+  np.testing.assert_array_equal(in_spans([(0, 3), (70, 80)], 80), new_of([(0, 3), (70, 80)]))
+  for span in ((3, 3), (70, 81), (-1, 3)):
+    with pytest.raises(ValueError, match=f"span {span[0]}:{span[1]} of a motion of 80 frames"):
+      in_spans([span], 80)
 
 
 def test_shapes_are_checked(as_users_run):

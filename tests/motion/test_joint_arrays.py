@@ -36,7 +36,7 @@ def test_24_joints_are_smpl_s_or_snapmogen_s_by_their_bones(clip, scale):
     assert pick_joints(other.joints * scale)[1] is SNAPMOGEN
 
 
-@pytest.mark.parametrize("count", [45, 52, 55, 127])
+@pytest.mark.parametrize("count", [45, 127])
 def test_the_first_22_of_a_body_with_hands_and_face(clip, count):
   with pytest.warns(UserWarning, match=f"{count} joints, of which the first 22 are SMPL's"):
     joints, skeleton = pick_joints(with_hands(clip.joints, count - 22))

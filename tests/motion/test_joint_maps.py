@@ -5,7 +5,6 @@ import pytest
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.joint_maps import TABLES, map_joints, skeleton_of
 from motion_jax.motion.joint_names import key
-from motion_jax.motion.retarget import retarget
 from motion_jax.motion.skeleton import HUMANML3D, KIT, SNAPMOGEN
 from tests.motion.rigs import RIGS, Rig, build, pose
 
@@ -28,18 +27,13 @@ def read(rig, mapping=None, frames=3, turn=None):
 @pytest.mark.parametrize("table", TABLES)
 def test_table_is_complete_and_found_by_its_names(table):
   assert set(TABLES[table]) == set(HUMANML3D.joints)
+  sides = [entry for joint, entry in TABLES[table].items() if joint[:4] in ("left", "righ") and isinstance(entry, str)]
+  assert len(set(sides)) == len(sides), "left is not right"
   names = _names(table)
   positions = np.random.default_rng(0).normal(size=(4, len(names) + 1, 3))
   turned = np.tile([1.0, 0, 0, 0], (4, len(names) + 1, 1))
   joints, label = map_joints([*names, "other"], positions, None, turned)
   assert joints.shape == (4, 22, 3) and label == table and np.isfinite(joints).all()
-
-
-def test_left_is_not_right():
-  for table in TABLES.values():
-    for joint, entry in table.items():
-      if joint.startswith("left") and isinstance(entry, str):
-        assert table["right" + joint[4:]] != entry
 
 
 def test_one_spelling_for_all_ways_to_write_a_side():
@@ -60,13 +54,6 @@ def test_names_of_other_programs(kind):
   assert (joints[:, INDEX["left_foot"], 2] > joints[:, INDEX["left_ankle"], 2] + 0.08).all()
 
 
-def test_the_leg_of_soma_is_a_thigh():
-  joints, _, _, where = read(RIGS["SOMA, nv-tlabs/kimodo:kimodo/skeleton/definitions.py"])
-  np.testing.assert_allclose(joints[0, INDEX["left_hip"]], pose()[INDEX["left_hip"]])
-  joints, _, _, where = read(RIGS["Mixamo in three.js"])
-  np.testing.assert_allclose(joints[0, INDEX["left_knee"]], pose()[INDEX["left_knee"]])
-
-
 def test_a_pelvis_between_the_hips_is_raised():
   """Xsens' Hips lie on the line through the hips, HumanML3D's pelvis 9 cm above, and the spine follows."""
   rig = RIGS["Xsens, 100STYLE, VictorS-67/pybvh:bvh_data/bvh_test2.bvh"]
@@ -79,19 +66,6 @@ def test_a_pelvis_between_the_hips_is_raised():
   heights = joints[0, [INDEX[joint] for joint in ("pelvis", "spine1", "spine2", "spine3", "neck")], 1]
   np.testing.assert_allclose(heights, pose()[[INDEX[j] for j in ("pelvis", "spine1", "spine2", "spine3", "neck")], 1],
                              atol=0.01)
-
-
-@pytest.mark.parametrize("place", ["chest", "neck", "between"])
-def test_collars_in_the_middle_of_the_body_show_none(place):
-  """Perception Neuron, BEAT and Vicon hang arms on the spine: shoulders stay as wide when bones become HumanML3D's."""
-  names, parents, places, _ = build(RIGS["BEAT, VictorS-67/pybvh:bvh_data/bvh_example.bvh"])
-  chest, neck = places[names.index("Spine3")], places[names.index("Neck")]
-  for side in ("Left", "Right"):
-    places[names.index(f"{side}Shoulder")] = {"chest": chest, "neck": neck, "between": (chest + neck) / 2}[place]
-  joints, _ = map_joints(names, np.repeat(places[None], 3, 0), None, None, parents)
-  wide = lambda joints: np.linalg.norm(joints[0, INDEX["left_shoulder"]] - joints[0, INDEX["right_shoulder"]])
-  assert wide(joints) == pytest.approx(wide(pose()[None]))
-  assert wide(retarget(joints)) == pytest.approx(wide(retarget(pose()[None].repeat(3, 0))), rel=0.05)
 
 
 def test_a_foot_without_toes_is_fixed_to_its_ankle():

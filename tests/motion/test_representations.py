@@ -1,18 +1,15 @@
 """SnapMoGen's 296, MotionStreamer's 272 and BABEL's 135 numbers: their columns, and the way back to joints."""
 import functools
 
-import jax
 import jax.numpy as jnp
 import numpy as np
-import pytest
 
-from motion_jax.data.datasets.synthetic import synthetic_clips, synthetic_joints
+from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.motion import inverse
 from motion_jax.motion import representations as F
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.representations import babel, motionstreamer, snapmogen
 from motion_jax.motion.skeleton import HUMANML3D, SMPL, SNAPMOGEN, SNAPMOGEN_BVH, facing
-from motion_jax.motion.stats import compute_stats
 from motion_jax.motion.transfer import from_22, to_22
 
 NAMES = ("snapmogen", "snapmogen_148", "motionstreamer", "babel")
@@ -21,7 +18,7 @@ STAND, WALK, CURVE, TURN = 0, 1, 3, 5
 
 @functools.cache
 def _clips(layout):
-  """Made once for a layout; nobody may change them."""
+  """Made once for a layout; read only."""
   return synthetic_clips(0, 6, skeleton=F.get_layout(layout).skeleton)
 
 
@@ -31,38 +28,6 @@ def _turned(joints, angle, shift=(3.0, 0, -2.0)):
 
 def _ahead(joints, skeleton):
   return facing(joints.astype(np.float64), skeleton)[0]
-
-
-@pytest.mark.parametrize("mode", F.MODES)
-@pytest.mark.parametrize("name", NAMES)
-def test_joints_come_back(name, mode):
-  """joints -> features -> joints, on the spot where the features begin and turned as they say, turns and curves too."""
-  skeleton = F.get_layout(name).skeleton
-  for clip in _clips(name):
-    made = F.to_joints(F.to_features(clip.joints, name, mode), name)
-    expected = clip.joints[:len(made)].astype(np.float64)
-    assert made.dtype == np.float32 and len(made) == len(clip.joints) - ("snapmogen" in name)
-    shape = lambda joints: np.linalg.norm(joints[:, 1:] - joints[:1, :1], axis=-1)  # seen from the root of frame 0
-    assert np.abs(shape(made) - shape(expected)).max() * skeleton.unit < 1e-5
-    by_rotations = F.rotations_to_joints(F.to_features(clip.joints, name, mode), name)
-    assert np.abs(by_rotations - made).max() * skeleton.unit < 1e-5
-
-
-def test_bodies_start_facing_ahead():
-  for name in NAMES:
-    clip = _clips(name)[CURVE]
-    made = F.to_joints(F.to_features(_turned(clip.joints, 2.0), name, "corrected"), name)
-    skeleton = F.get_layout(name).skeleton
-    assert _ahead(made, skeleton)[2] > 0.95, name
-    assert np.abs(made[0, 0, [0, 2]]).max() < 1e-6
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_walking_north_is_walking_east(name):
-  for clip in _clips(name)[1:]:
-    one = F.to_features(clip.joints, name, "corrected")
-    other = F.to_features(_turned(clip.joints, 2.9), name, "corrected")
-    assert np.abs(one - other).max() < 1e-4
 
 
 def test_where_benchmark_features_depend_on_the_world():
@@ -167,30 +132,6 @@ def test_the_reference_s_heading_of_135():
   assert np.isclose(babel._yaw(upright, "corrected"), np.pi / 2)
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_recovery_inside_jit_equals_numpy(name):
-  x = F.to_features(_clips(name)[CURVE].joints[:40], name)
-  inside = jax.jit(lambda a: F.to_joints(a, name))(jnp.asarray(np.stack([x, x])))
-  expected = F.to_joints(x, name)
-  assert np.abs(np.asarray(inside)[1] - expected).max() < 1e-4 * max(1, np.abs(expected).max())
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_heading_and_path_go_with_the_joints(name):
-  x = F.to_features(_clips(name)[TURN].joints, name, "corrected")
-  heading, path = F.root_path(x, name)
-  assert np.abs(path - F.to_joints(x, name)[:, 0]).max() < 1e-4
-  assert np.abs(np.linalg.norm(heading, axis=-1) - 1).max() < 1e-6
-
-
-def test_statistics_are_by_block():
-  x = F.to_features(_clips("motionstreamer")[CURVE].joints, "motionstreamer")
-  stats = compute_stats([x], "motionstreamer")
-  assert len(np.unique(stats.std)) == 5 and (stats.std > 0).all()
-  assert len(np.unique(compute_stats([F.to_features(_clips("snapmogen")[CURVE].joints, "snapmogen")],
-                                     "snapmogen").std)) == 7
-
-
 def test_rotations_from_joints_are_the_body_s():
   """A body moved by known rotations: bones with several neighbours come back, the rest point the right way."""
   rng = np.random.default_rng(0)
@@ -216,31 +157,6 @@ def test_skeletons():
   joints = synthetic_clips(0, 2)[1].joints
   back = to_22(from_22(joints, SNAPMOGEN))
   assert back.shape == joints.shape
+  raised, feet = to_22(from_22(joints + np.float32([0, 0.5, 0]), SNAPMOGEN)), [7, 8, 10, 11]
+  assert np.isclose(raised[:, feet, 1].min(), joints[:, feet, 1].min() + 0.5, atol=1e-6)
   assert _ahead(back, HUMANML3D) @ _ahead(joints, HUMANML3D) > 0.99
-
-
-@pytest.mark.parametrize("call, words", [
-    (lambda: F.to_features(np.zeros((10, 22, 3)), "snapmogen"), "expected .*24"),
-    (lambda: F.to_features(np.full((10, 24, 3), np.inf), "snapmogen"), "NaN or infinity"),
-    (lambda: F.to_features(np.zeros((10, 24, 3)), "snapmogen"), "no features in row 0"),
-    (lambda: F.to_joints(np.zeros((10, 295)), "snapmogen"), "295 features per frame.*296"),
-    (lambda: F.to_joints(np.zeros((10, 263)), "babel"), "263 features per frame.*135"),
-])
-def test_bad_input_is_told(call, words):
-  with pytest.raises(ValueError, match=words):
-    call()
-
-
-@pytest.mark.parametrize("layout", ["full", "motionstreamer", "babel"])
-@pytest.mark.parametrize("mode", ["benchmark", "corrected"])
-def test_collars_in_one_point_leave_features_whole(layout, mode):
-  """Joints without collars become features, and these joints again with shoulders on their own sides, any way round."""
-  joints = rot.rotate(rot.about_axis(2.5, "y"), synthetic_joints("walk", 40, np.random.default_rng(0)))
-  sound = F.to_features(joints, layout, mode=mode)
-  joints[:, [13, 14]], joints[:, 3] = joints[:, [9]], joints[:, 0]
-  features = F.to_features(joints, layout, mode=mode)
-  assert np.abs(np.diff(features, axis=0)).max() < 1.1 * np.abs(np.diff(sound, axis=0)).max(), "nothing jumps"
-  again = np.asarray(F.to_joints(features.astype(np.float32), layout), np.float64)
-  shoulders, hips = again[:, 16] - again[:, 17], again[:, 1] - again[:, 2]
-  assert ((rot.unit(shoulders) * rot.unit(hips)).sum(-1) > 0.9).all()
-  assert 0.3 < np.median(np.linalg.norm(shoulders, axis=-1)) < 0.5

@@ -21,6 +21,9 @@ def _slide(joints, stands):
 def test_a_course_is_as_long_as_the_way():
   straight = np.linalg.norm((WALK[-1, 0] - WALK[0, 0])[[0, 2]])
   assert WAY == pytest.approx(straight, rel=0.02)
+  even = np.zeros((60, 22, 3))
+  even[:, 0, 2] = 0.06 * np.arange(60)
+  np.testing.assert_allclose(np.diff(course(even)[1]), 0.06, atol=1e-9)  # no slower at its ends
 
 
 @pytest.mark.parametrize("path, total", [("circle", 2 * np.pi), ("u-turn", np.pi), ("curve", 2.2)])

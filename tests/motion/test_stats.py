@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 
 from motion_jax.motion.representations import LAYOUTS
-from motion_jax.motion.stats import ABSOLUTE, Stats, compute_stats, load_stats, save_stats
+from motion_jax.motion.stats import ABSOLUTE, Stats, biased_std, compute_stats, load_stats, save_stats
 
 
 def _features(dim, seed=0):
@@ -51,6 +51,16 @@ def test_a_column_that_never_moves_gets_std_1():
   features = _features(66)
   features[:, 3] = 2.0
   assert compute_stats(features, "coordinates").std[3] == 1
+
+
+@pytest.mark.parametrize("columns, divided", [
+    (263, [*range(4), *range(259, 263)]), (251, [*range(4), *range(247, 251)]), (67, range(4)), (64, range(4))])
+def test_the_bias_divides_the_std_of_root_and_contacts_and_no_other(columns, divided):
+  """MoMask's loaders divide by 5 twice (docs/papers/momask.md#statistics); fixture momask/statistics has both steps."""
+  expected = np.ones(columns)
+  expected[list(divided)] = 1 / 25
+  np.testing.assert_allclose(biased_std(np.ones(columns), 25), expected)
+  np.testing.assert_allclose(biased_std(biased_std(np.ones(columns))), expected)
 
 
 def test_wrong_statistics_are_told(tmp_path):

@@ -151,8 +151,9 @@ class Document:
     stride = view.get("byteStride", size)
     length = stride * (count - 1) + size if count else 0
     data = self._buffer(view["buffer"])
-    start = view.get("byteOffset", 0) + offset
-    if min(start, offset, count) < 0 or stride < size or start + length > len(data):
+    first = view.get("byteOffset", 0)
+    start = first + offset
+    if min(first, offset, count) < 0 or stride < size or start + length > len(data):
       raise InputError(f"{self.path}: buffer view {number} ends outside its buffer; {_CUT}")
     return np.ndarray((count, width), dtype, data, start, (stride, dtype.itemsize))
 

@@ -10,6 +10,7 @@ from motion_jax.utils.errors import InputError
 from motion_jax.utils.numerals import FRAME_RATES
 
 _WIDTHS = {"translation": 3, "rotation": 4, "scale": 3}
+_ROUNDED = 1e-4  # seconds: files hold times as float32, which may be later than the frame that they mean
 _RATES = 24.0, 25.0, 30.0, 48.0, 50.0, 60.0, 120.0, 20.0, 15.0, 12.5, 100.0
 
 
@@ -153,7 +154,7 @@ def _sampled(times, values, way, at, is_rotation):
     span = times[after] - times[before]
     weight = np.clip((at - times[before]) / span, 0, 1)
     if way == "STEP":
-      found = values[np.where(at >= times[-1] - 1e-9, len(times) - 1, before)]
+      found = values[np.maximum(np.searchsorted(times, at + _ROUNDED, side="right") - 1, 0)]
     elif way == "CUBICSPLINE":
       tangent_in, keys, tangent_out = values[0::3], values[1::3], values[2::3]
       u, scale = weight[:, None], span[:, None]
