@@ -21,7 +21,7 @@ def test_joints_are_read_back_in_their_places(kind, tmp_path):
   np.testing.assert_allclose(found.joints, clip.joints, atol=2e-6)
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", [*KINDS, ".npz"])
 def test_another_skeleton_keeps_its_joints_and_unit(kind, tmp_path):
   clip = walk(30, 0.2).on_skeleton(KIT)
   export.save(clip, tmp_path / f"walk{kind}")

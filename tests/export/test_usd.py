@@ -18,9 +18,9 @@ def read(path):
   return stage, skeleton, cache.GetSkelQuery(skeleton), cache
 
 
-@pytest.mark.parametrize("rig", [None, "mixamo", "ue5"])
+@pytest.mark.parametrize("rig", [None, "ue5"])
 def test_the_joints_are_where_the_rig_has_them(rig, tmp_path):
-  clip = walk(6, 0.2)
+  clip = walk(6, 0.2).replace(fps=32.0)
   export.save(clip, tmp_path / "walk.usda", rig=rig)
   stage, skeleton, query, _ = read(tmp_path / "walk.usda")
   assert (stage.GetStartTimeCode(), stage.GetEndTimeCode(), stage.GetTimeCodesPerSecond()) == (0, 5, clip.fps)

@@ -13,7 +13,6 @@ from motion_jax.data.clip import Caption, Clip
 from motion_jax.data.datasets.synthetic import synthetic_joints
 from motion_jax.export import render
 from motion_jax.export.video import _caption
-from motion_jax.motion.skeleton import KIT
 
 SIZE = (200, 160)
 
@@ -122,23 +121,7 @@ def test_strips(tmp_path):
   assert Image.open(path).height == 240
   one = Clip(joints=make().joints[:1])
   assert Image.open(export.strip(one, tmp_path / "one.png", height=100)).height == 100
-
-
-def test_odd_motions_are_drawn():
-  assert export.frame(Clip(joints=np.zeros((2, 22, 3), np.float32)), 1, SIZE).shape == (160, 200, 3)
-  lying = make("stand", 3).joints[..., [0, 2, 1]]
-  assert export.frame(Clip(joints=lying), 0, SIZE).shape == (160, 200, 3)
-  upright = np.zeros((3, 21, 3), np.float32)
-  for chain in KIT.chains:
-    for parent, joint in zip(chain[:-1], chain[1:]):
-      upright[:, joint] = upright[:, parent] + KIT.offsets[joint] * [-1, 1, 1]
-  image = export.frame(Clip(joints=upright, fps=12.5, skeleton=KIT), 0, SIZE, caption="")
-  assert is_color(image, *BLUE).sum() > 100
-
-
-def test_long_captions_are_cut_to_two_lines():
-  clip = make().replace(captions=(Caption("a person walks and " * 60),))
-  assert export.frame(clip, 0, SIZE).shape == (160, 200, 3)
+  assert export.frame(one.replace(joints=0 * one.joints), 0, SIZE).shape == (160, 200, 3), "a body of no size"
 
 
 def test_accents_that_the_font_lacks_are_left_out():
