@@ -98,15 +98,6 @@ def test_features_are_the_networks(encoders):
   np.testing.assert_allclose(np.linalg.norm(words.sentence(CAPTIONS), axis=-1), 1, atol=1e-6)
 
 
-def test_padding_and_batch_mates_are_invisible(encoders):
-  for encoder, length in zip(encoders, (12, 1)):
-    together, mask = encoder(CAPTIONS, pad_to=12)
-    assert together.dtype == np.float32 and together.shape == (3, length, encoder.dim) and np.isfinite(together).all()
-    encoder._cache.clear()
-    for row, real, caption in reversed(list(zip(together, mask, CAPTIONS))):
-      assert (encoder([caption])[0][0] == row[real]).all()
-
-
 def test_a_whole_clip_with_the_old_files_is_the_same(folders):
   part, whole = (load_text_encoder(folders[name], level="sentence") for name in ("clip", "whole_clip"))
   assert (part(CAPTIONS)[0] == whole(CAPTIONS)[0]).all() and part.fingerprint != whole.fingerprint
