@@ -266,16 +266,6 @@ def test_a_wrong_file_or_flag_is_one_line_and_leaves_nothing(tmp_path, capsys, c
   assert set(tmp_path.iterdir()) == before
 
 
-def test_a_number_out_of_bounds_is_one_line_and_leaves_nothing(tmp_path, capsys):
-  _, flags = cmdm_files(tmp_path, "safetensors")
-  before = set(tmp_path.iterdir())
-  with pytest.raises(SystemExit) as ended:
-    run("cmdm", "--out", tmp_path / "run", **flags | {"--block": 0})
-  told = capsys.readouterr().err.splitlines()
-  assert ended.value.code == 2 and len(told) == 1 and "--block: got '0', expected a whole number from 1" in told[0]
-  assert set(tmp_path.iterdir()) == before
-
-
 def test_what_lies_there_is_kept(tmp_path, capsys):
   _, flags = cmdm_files(tmp_path, "safetensors")
   (tmp_path / "run").mkdir()

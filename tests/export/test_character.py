@@ -30,8 +30,8 @@ KINDS = {
     "biped": dict(rig="biped", rolls=1), "lafan": dict(rig="lafan", quantized=True),
     "humanik": dict(rig="humanik", copies=2),
     "rolled": dict(rig="mixamo", rolls=2, scale=100.0), "smpl": dict(rig="smpl", rolls=4, armature=Z_UP),
-    "lies": dict(rig="mixamo", change=lambda document: document["nodes"][-2].update(rotation=Z_UP[[1, 2, 3, 0]].tolist())),
-    "runs": dict(rig="mixamo", rolls=7, change=lambda document: bent_limbs(document))}
+    "lies": dict(rig="mixamo", change=lambda body: body["nodes"][-2].update(rotation=Z_UP[[1, 2, 3, 0]].tolist())),
+    "runs": dict(rig="mixamo", rolls=7, change=lambda body: bent_limbs(body))}
 
 
 def bent_limbs(document):
