@@ -151,15 +151,6 @@ def test_released_mardm_makes_the_recorded_motion(tmp_path, monkeypatch, capsys)
   motion = jax.jit(lambda z: net.apply(params, z, method="decode"))(fixture["out/latents"].swapaxes(1, 2))
   assert_same(made, np.asarray(motion), fixture, model.stats, 5e-5)
 
-  del flags["--text-encoder"]
-  with pytest.raises(SystemExit):
-    run("mardm", "--weights", "best", "--out", tmp_path / "last", **flags)
-  assert run("mardm", "--weights", "model", "--out", tmp_path / "last", **flags) == 0
-  last, average = (checkpoint.load_params(tmp_path / name) for name in ("last", "run"))
-  pairs = zip(jax.tree.leaves(last), jax.tree.leaves(average), strict=True)
-  assert all((a == -b).all() for a, b in pairs)
-  assert checkpoint.load_config(tmp_path / "last").frozen.text == "clip-vit-base-patch32"
-
 
 def test_an_autoencoder_and_an_rvq_vae_alone(tmp_path):
   """Runs of them are what `config.frozen` of a training names."""
