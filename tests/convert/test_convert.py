@@ -146,6 +146,7 @@ def run(*arguments, **flags):
   return cli.main(["convert", *map(str, arguments), *(str(part) for flag in flags.items() for part in flag)])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_released_weights_make_the_recorded_motion(tmp_path, monkeypatch, capsys, kind):
   """The whole way of a user: two files by the command line to a folder, the folder to motion."""
@@ -181,6 +182,7 @@ def test_released_weights_make_the_recorded_motion(tmp_path, monkeypatch, capsys
   assert json.loads((tmp_path / "run" / "config.json").read_text())["converted"]["denoiser"]["part"] == "ema_model"
 
 
+@pytest.mark.slow
 def test_the_last_weights_and_a_tokenizer_alone(tmp_path, capsys):
   _, flags = cmdm_files(tmp_path, "safetensors")
   assert run("cmdm", "--weights", "model", "--block", 1, "--out", tmp_path / "last", **flags) == 0
@@ -217,7 +219,8 @@ WRONG = [
     (lambda vae, dit: reshape(vae, "decoder.model.0.conv.weight", (24, 24)), {}, "decoder.model.0.conv.weight has the"),
     (lambda vae, dit: reshape(vae, "decode_proj.bias", (24, 1)), {}, "(24, 1) instead of (24,)"),
     (lambda vae, dit: dit.pop("x_embedder.weight"), {}, "no denoiser: x_embedder.weight is missing"),
-    (lambda vae, dit: dit["x_embedder.bias"].fill(np.nan), {}, "NaN"),
+    (lambda vae, dit: dit["x_embedder.bias"].fill(np.nan), {}, "holds NaN"),
+    (lambda vae, dit: dit["x_embedder.bias"].fill(-np.inf), {}, "or infinity"),
     (lambda vae, dit: dit.clear(), {}, "holds no tensor"),
     (None, {"--heads": 5}, "5 heads for width 32"),
     (None, {"--heads": None}, "--heads"),
@@ -246,10 +249,12 @@ def test_another_kind_of_checkpoint_is_told(tmp_path):
     read_part(path, ("ae",))
   with pytest.raises(ValueError, match="nothing under 'vae/'.*ae, discriminator"):
     select(load_state(path), "vae/")
-  path = save_nested(tmp_path / "y", {f"module.{name}": array for name, array in state().items()}, "safetensors")
-  assert read_part(path, ("ae",)).state.keys() == state().keys()
+  for prefix in ("module.", "_orig_mod."):  # of data-parallel and compiled modules
+    path = save_nested(tmp_path / "y", {f"{prefix}{name}": array for name, array in state().items()}, "safetensors")
+    assert read_part(path, ("ae",)).state.keys() == state().keys()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_teacher(tmp_path, kind):
   """A run folder of it is what `config.frozen.teacher` and `retrieve` read."""

@@ -111,6 +111,7 @@ def assert_same(made, motion, fixture, stats, bound):
     assert difference < bound
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_released_cdamd_makes_the_recorded_motion(tmp_path, monkeypatch, capsys, kind):
   """The whole way of a user: four files by the command line to a folder, the folder to motion."""
@@ -133,6 +134,7 @@ def test_released_cdamd_makes_the_recorded_motion(tmp_path, monkeypatch, capsys,
   assert config["converted"]["RVQ-VAE"]["part"] == "vq_model" and config["sampler"]["guidance_scale"] == 4.0
 
 
+@pytest.mark.slow
 def test_released_mardm_makes_the_recorded_motion(tmp_path, monkeypatch, capsys):
   """Its averaged weights, trained as DDPM; the tensors tell that it is MARDM's."""
   fixture = recorded("generate_mardm_ddpm")
@@ -152,6 +154,7 @@ def test_released_mardm_makes_the_recorded_motion(tmp_path, monkeypatch, capsys)
   assert_same(made, np.asarray(motion), fixture, model.stats, 5e-5)
 
 
+@pytest.mark.slow
 def test_an_autoencoder_and_an_rvq_vae_alone(tmp_path):
   """Runs of them are what `config.frozen` of a training names."""
   _, flags = files(tmp_path)
@@ -203,6 +206,7 @@ def test_a_wrong_file_or_flag_is_one_line_and_leaves_nothing(tmp_path, capsys, c
   assert set(tmp_path.iterdir()) == before
 
 
+@pytest.mark.slow
 def test_a_prior_must_fit(tmp_path):
   _, flags = files(tmp_path, change=lambda parts: parts["rvq"].update(
       {f"quantizer.layers.{q}.codebook": np.ones((1100, 12), np.float32) for q in range(4)}))

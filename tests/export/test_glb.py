@@ -9,7 +9,6 @@ from motion_jax.data.clip import Caption, Clip
 from motion_jax.data.datasets.synthetic import synthetic_joints
 from motion_jax.export.body import make_figure
 from motion_jax.motion.skeleton import HUMANML3D, KIT
-from tests.export.test_bvh import bent
 
 _TYPES = {5126: np.float32, 5123: np.uint16, 5121: np.uint8}
 _SIZES = {"SCALAR": 1, "VEC3": 3, "VEC4": 4, "MAT4": 16}
@@ -61,21 +60,10 @@ def world_matrices(gltf, num_frames):
 
 
 def test_nodes_are_where_the_joints_are(gltf, clip):
+  assert all(gltf.bufferViews[accessor.bufferView].byteOffset % 4 == 0 for accessor in gltf.accessors)
   world = world_matrices(gltf, clip.num_frames)
   assert [gltf.nodes[j].name for j in gltf.skins[0].joints] == list(HUMANML3D.joints)
   assert np.abs(world[..., :3, 3] - clip.joints).max() < 6e-4  # metres; a smaller bend of the pelvis is left out
-
-
-def test_motions_of_one_body_share_one_rest_pose_and_only_turn(tmp_path):
-  found = [GLTF2().load(str(export.glb(bent(seed), tmp_path / f"{seed}.glb"))) for seed in (0, 1)]
-  rest = [[gltf.nodes[j].translation for j in gltf.skins[0].joints[1:]] for gltf in found]
-  np.testing.assert_array_equal(*rest)
-  np.testing.assert_array_equal(*(read(gltf, gltf.skins[0].inverseBindMatrices) for gltf in found))
-  for seed, gltf in enumerate(found):
-    moved = [channel.target.node for channel in gltf.animations[0].channels if channel.target.path == "translation"]
-    assert moved == [0], "the root alone"
-    off = np.linalg.norm(world_matrices(gltf, 60)[..., :3, 3] - bent(seed).joints, axis=-1)
-    assert off.mean() < 0.01 and off[:, [7, 8, 10, 11]].max() < 0.003  # metres
 
 
 def lowest_vertices(gltf, num_frames):
@@ -144,11 +132,6 @@ def test_animation_and_names(gltf, clip):
     values = read(gltf, animation.samplers[channel.sampler].output)
     if channel.target.path == "rotation":
       assert (values[1:] * values[:-1]).sum(1).min() > 0, "players interpolate: no sign flips"
-
-
-def test_offsets_are_aligned(gltf):
-  for accessor in gltf.accessors:
-    assert gltf.bufferViews[accessor.bufferView].byteOffset % 4 == 0
 
 
 def test_the_other_skeleton_and_one_frame(tmp_path):

@@ -32,10 +32,10 @@ def data_of(path):
 
 
 def test_page_holds_the_motion(tmp_path):
-  clips = [make("walk"), make("wave_left", 12)]
+  clips = [make("walk"), make("wave_left", 12).replace(fps=32.0)]
   path, = export.save(clips, tmp_path / "a.html")
   data = data_of(path)
-  assert [clip["frames"] for clip in data["clips"]] == [30, 12]
+  assert [(clip["frames"], clip["fps"]) for clip in data["clips"]] == [(30, 20), (12, 32)]
   for clip, one in zip(clips, data["clips"]):
     joints = np.frombuffer(base64.b64decode(one["joints"]), "<f4").reshape(-1, 22, 3)
     np.testing.assert_array_equal(joints, clip.joints)
@@ -129,44 +129,35 @@ def chromium(folder):
           f"--user-data-dir={folder / 'profile'}"]
 
 
+def picture(command, page, path):
+  """(pixels (H, W, 3), what the browser's console said)."""
+  done = subprocess.run([*command, "--enable-logging=stderr", f"--screenshot={path}", page], capture_output=True,
+                        text=True, timeout=180, check=True)
+  said = [line for line in done.stderr.splitlines() if "CONSOLE" in line and "GL Driver Message" not in line]
+  return np.asarray(Image.open(path).convert("RGB")).astype(int), said
+
+
 @pytest.mark.slow
-def test_what_was_asked_is_seen_in_a_browser(tmp_path):
-  clip, command, picture = make(), chromium(tmp_path), tmp_path / "a.png"
-  path = export.html(clip, tmp_path / "a.html", control=compile(asked_of(clip, (0.5, 0.3, 0)), 30))
-  dom = subprocess.run([*command, "--dump-dom", f"file://{path}#0.25"], capture_output=True, text=True,
-                       timeout=180).stdout
-  assert "worst 583 mm (left wrist at 0.50 s)" in dom and 'id="constraints"' in dom
-  subprocess.run([*command, f"--screenshot={picture}", f"file://{path}#0.25"], capture_output=True, timeout=180,
-                 check=True)
-  red, green, blue = np.moveaxis(np.asarray(Image.open(picture).convert("RGB")).astype(int), -1, 0)
+def test_a_browser_plays_the_page_and_shows_what_was_asked(tmp_path):
+  clip, command = make(), chromium(tmp_path)
+  asked = compile(asked_of(clip, (0.5, 0.3, 0)), 30)
+  page = f"file://{export.html([clip, make('wave_left')], tmp_path / 'a.html', control=[asked, None])}#0.25"
+  dom = subprocess.run([*command, "--dump-dom", page], capture_output=True, text=True, timeout=180).stdout
+  assert 'data-state="ready"' in dom and 'data-frame="5"' in dom and 'id="constraints"' in dom
+  assert "1. a person does: walk" in dom and '<option value="1">2. a person does: wave_left</option>' in dom
+  assert "worst 583 mm (left wrist at 0.50 s)" in dom
+  image, said = picture(command, page, tmp_path / "a.png")
+  assert not said, "no warnings of the page in the browser's console"
+  red, green, blue = np.moveaxis(image, -1, 0)
+  assert image[:20, :20].min() > 220
+  assert (red > blue + 60).sum() > 500 and (blue > red + 60).sum() > 500, "orange and blue limbs"
   assert ((green > red + 40) & (green > blue + 20)).sum() > 200, "the path"
   assert ((red > green + 110) & (blue > green + 30)).sum() > 60, "the target"
 
 
-@pytest.mark.slow
-def test_page_plays_in_a_browser(tmp_path):
-  path, = export.save([make("walk"), make("wave_left")], tmp_path / "a.html")
-  command = chromium(tmp_path)
-  page = f"file://{path}#0.5"
-  dom = subprocess.run([*command, "--dump-dom", page], capture_output=True, text=True, timeout=180).stdout
-  assert 'data-state="ready"' in dom and 'data-frame="10"' in dom
-  assert "1. a person does: walk" in dom and '<option value="1">2. a person does: wave_left</option>' in dom
-  picture = tmp_path / "a.png"
-  done = subprocess.run([*command, "--enable-logging=stderr", f"--screenshot={picture}", page], capture_output=True,
-                        text=True, timeout=180, check=True)
-  said = [line for line in done.stderr.splitlines() if "CONSOLE" in line and "GL Driver Message" not in line]
-  assert not said, "no warnings of the page in the browser's console"
-  image = np.asarray(Image.open(picture).convert("RGB")).astype(int)
-  assert image[:20, :20].min() > 220
-  red, blue = image[..., 0], image[..., 2]
-  assert (red > blue + 60).sum() > 500 and (blue > red + 60).sum() > 500, "orange and blue limbs are seen"
-
-
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_page_is_dark_where_the_reader_wants_it_dark(tmp_path):
-  path, picture = export.html(make(), tmp_path / "a.html"), tmp_path / "a.png"
-  subprocess.run([*chromium(tmp_path), "--blink-settings=preferredColorScheme=0", f"--screenshot={picture}",
-                  f"file://{path}#0.5"], capture_output=True, timeout=180, check=True)
-  image = np.asarray(Image.open(picture).convert("RGB")).astype(int)
+  page = f"file://{export.html(make(), tmp_path / 'a.html')}#0.5"
+  image, _ = picture([*chromium(tmp_path), "--blink-settings=preferredColorScheme=0"], page, tmp_path / "a.png")
   assert image[:20, :20].max() < 40 and np.median(image) < 60, "sky and ground"
   assert image.max() > 150, "the body is lit"

@@ -76,6 +76,14 @@ def test_a_table_that_is_no_motion_is_refused(text, sentence, tmp_path):
     export.load(tmp_path / "a.csv")
 
 
+def test_a_gap_is_named(tmp_path):
+  clip = walk(6)
+  clip.joints[3, HUMANML3D.joints.index("left_knee")] = np.nan
+  export.save(clip, tmp_path / "walk.c3d")
+  with pytest.raises(InputError, match="point left_knee of frame 4 is missing"):
+    export.load(tmp_path / "walk.c3d")
+
+
 @pytest.mark.parametrize("kind", [".trc", ".c3d"])
 def test_a_cut_file_is_refused(kind, tmp_path):
   export.save(walk(30, 0.2), tmp_path / f"walk{kind}")

@@ -88,17 +88,6 @@ def test_nearer_limbs_hide_farther_ones():
     assert image[80, 100, 2] > 100 > image[80, 100, 0]
 
 
-def test_gif_lasts_as_long_as_the_motion(tmp_path):
-  for fps in (20.0, 30.0, 12.5):
-    path = export.video(make(num_frames=15, fps=fps), tmp_path / f"a{fps}.gif", size=SIZE)
-    with Image.open(path) as image:
-      total = 0
-      for index in range(image.n_frames):
-        image.seek(index)
-        total += image.info["duration"]
-    assert total == pytest.approx(1000 * 15 / fps, abs=12)
-
-
 @pytest.mark.parametrize("steep", [0.5, 2.0])
 def test_a_strip_holds_all_of_a_body_that_comes_up_to_the_viewer_and_goes_away_again(tmp_path, steep):
   joints, num = synthetic_joints("stand", 60, np.random.default_rng(0)).astype(np.float32), 60
@@ -127,16 +116,6 @@ def test_strips(tmp_path):
 def test_accents_that_the_font_lacks_are_left_out():
   drawn = lambda words: export.frame(make().replace(captions=(Caption(words),)), 0, SIZE)
   np.testing.assert_array_equal(drawn("vorw\u00e4rts"), drawn("vorwarts"))
-
-
-def test_bad_options(tmp_path):
-  clip = make()
-  with pytest.raises(ValueError, match="'above', expected auto, follow, fixed or one of front"):
-    export.frame(clip, 0, SIZE, camera="above")
-  with pytest.raises(ValueError, match="frames 0 to 11"):
-    export.frame(clip, 12, SIZE)
-  with pytest.raises(ValueError, match="a film is .mp4 or .gif"):
-    export.video(clip, tmp_path / "a.avi")
 
 
 def test_without_an_encoder_mp4_says_what_to_install(tmp_path, monkeypatch):

@@ -51,13 +51,6 @@ def mapping():
   return parts
 
 
-@pytest.fixture
-def small(tmp_path):
-  """The humanoid's file."""
-  (tmp_path / "small.xml").write_text(humanoid())
-  return tmp_path / "small.xml"
-
-
 @pytest.fixture(scope="module")
 def g1():
   return robots.load("g1")
@@ -99,18 +92,11 @@ def test_the_quaternion_order_of_a_csv_is_read_off_the_pelvis(g1, name, order):
   assert up[:, 2].min() > 0.9
 
 
-def test_an_order_that_the_file_does_not_show_is_refused(g1, tmp_path):
-  rows = np.zeros((3, 36))
-  rows[:, 3:7] = [0.5, 0.5, 0.5, 0.5]
-  np.savetxt(tmp_path / "lying.csv", rows, delimiter=",")
-  with pytest.raises(InputError, match="--quaternion wxyz or xyzw"):
-    robots.read_csv(tmp_path / "lying.csv", g1)
-
-
 @pytest.mark.parametrize("damage, message", [
     (lambda rows: rows[:, :35], "got 35 numbers, expected 36"),
     (lambda rows: rows * [*[1] * 3, *[2] * 4, *[1] * 29], "expected a quaternion of length 1"),
-    (lambda rows: rows * [*[1] * 7, *[57.3] * 29], "look like degrees")])
+    (lambda rows: rows * [*[1] * 7, *[57.3] * 29], "look like degrees"),
+    (lambda rows: 0 * rows + [*[0] * 3, *[0.5] * 4, *[0] * 29], "--quaternion wxyz or xyzw")])  # it lies
 def test_a_damaged_csv_is_refused(g1, tmp_path, damage, message):
   rows = np.loadtxt(fixtures.path("robots/g1_wxyz.csv"), delimiter=",")
   np.savetxt(tmp_path / "bad.csv", damage(rows), delimiter=",")
@@ -135,6 +121,7 @@ def test_the_robot_follows_within_its_limits(g1, followed, report):
   assert min(distance) > 0
 
 
+@pytest.mark.slow
 def test_a_foot_that_stands_stays_in_its_place(g1):
   joints = synthetic_clips(seed=1)[0].joints[:1]
   motion = robots.retarget(Clip(np.repeat(joints, 10, axis=0), captions=()), g1)
@@ -144,6 +131,7 @@ def test_a_foot_that_stands_stays_in_its_place(g1):
     assert np.ptp(places[5:, g1.index(f"{side}_ankle")], axis=0).max() < 0.004
 
 
+@pytest.mark.slow
 def test_a_stream_gives_the_configurations_of_the_whole_clip_in_bounded_delay(g1, walk, followed):
   stream, made, pushed = robots.Stream(g1, walk.fps), [], 0
   for size in (1, 2, 7, 3, 1, 12):
@@ -153,6 +141,7 @@ def test_a_stream_gives_the_configurations_of_the_whole_clip_in_bounded_delay(g1
   np.testing.assert_array_equal(np.concatenate([*made, stream.finish()]), followed.qpos)
 
 
+@pytest.mark.slow
 def test_a_report_measures_slide_depth_and_steps(g1, walk, followed, report):
   """Of a motion 5 cm too low that glides to the left, with an elbow that snaps where the second prompt begins."""
   before, qpos, elbow = report, followed.qpos.copy(), g1.joints.index("left_elbow_joint")
@@ -224,61 +213,44 @@ def test_the_way_back_shows_the_same_hands(g1, walk, followed):
   np.testing.assert_allclose(to_robot_axes(from_robot_axes(wrist)), wrist, atol=1e-12)
 
 
-@pytest.mark.parametrize("change, message", [
-    (lambda parts: parts.pop("left_knee"), "lacks left_knee"),
-    (lambda parts: parts.update(tail="base"), "names tail"),
-    (lambda parts: parts.update(left_knee="nothing"), "names the bodies nothing"),
-    (lambda parts: parts.update(left_knee="left_hip"), "one point of left_hip"),
-    (lambda parts: parts.update(left_knee=["left_hip"]), "expected a body, or")])
-def test_a_wrong_mapping_is_one_sentence(small, change, message):
-  parts = mapping()
-  change(parts)
-  with pytest.raises(InputError, match=message):
-    robots.load(small, parts)
+HINGE = ('<joint name="{}{}" type="revolute"><parent link="{}"/><child link="{}"/><limit lower="-1" upper="1" '
+         'effort="1" velocity="1"/></joint>')
+RING = f'<robot name="ring"><link name="a"/><link name="b"/>{HINGE.format(*"abab")}{HINGE.format(*"baba")}</robot>'
+LOOP = '<equality><connect body1="left_elbow" body2="right_elbow" anchor="0 0 0"/></equality></mujoco>'
+SLIDE = LIMB.replace('axis="0 1 0" range="0 2.4"', 'type="slide" axis="0 1 0" range="0 1"')
 
 
-@pytest.mark.parametrize("text, message", [
-    ("<mujoco><worldbody>", "cannot read this robot"),
-    ("<mujoco><worldbody/></mujoco>", "expected one humanoid|names the bodies"),
-    (humanoid().replace("</mujoco>", '<equality><connect body1="left_elbow" body2="right_elbow" anchor="0 0 0"/>'
-                        "</equality></mujoco>"), "closed loops"),
-    (humanoid(LIMB.replace('axis="0 1 0" range="0 2.4"', 'type="slide" axis="0 1 0" range="0 1"')), "sliding")])
-def test_a_file_that_is_no_humanoid_is_refused(tmp_path, text, message):
-  (tmp_path / "bad.xml").write_text(text)
+@pytest.mark.parametrize("text, about, message", [
+    ("<mujoco><worldbody>", mapping(), "cannot read this robot"), (RING, mapping(), "cannot read this robot"),
+    ("<mujoco><worldbody/></mujoco>", mapping(), "expected one humanoid|names the bodies"),
+    (humanoid().replace("</mujoco>", LOOP), mapping(), "closed loops"), (humanoid(SLIDE), mapping(), "sliding"),
+    (humanoid(), None, "--robot-mapping FILE.json"),
+    (humanoid(), {part: body for part, body in mapping().items() if part != "left_knee"}, "lacks left_knee"),
+    (humanoid(), mapping() | {"tail": "base"}, "names tail"),
+    (humanoid(), mapping() | {"left_knee": "nothing"}, "names the bodies nothing"),
+    (humanoid(), mapping() | {"left_knee": "left_hip"}, "one point of left_hip"),
+    (humanoid(), mapping() | {"left_knee": ["left_hip"]}, "expected a body, or"),
+    (humanoid(), {"bodies": mapping() | {"left_wrist": ["left_elbow", ["x", 0, 0]]}}, "expected a body, or"),
+    (humanoid(), json.dumps(mapping())[:-1] + ', "left_knee": "left_hip"}', "left_knee stands twice"),
+    *((humanoid(), {"bodies": mapping()} | more, message) for more, message in (
+        ({"stand": {"left_knee": "bent"}}, "expected a number of radians"), ({"stand": [1]}, "expected an object"),
+        ({"stand": {"tail": 1}}, "stand of the description names tail"), ({"stands": {}}, "has the keys stands"),
+        ({"apart": [[["tail"], ["base"]]]}, "apart of the description names tail"), ({"bodies": [1]}, "an object"),
+        ({"apart": ["base"]}, "pairs of lists"), ({"fixed": {"14": ["tail"]}}, "fixed of .* names tail")))])
+def test_what_is_no_robot_or_no_mapping_of_it_is_one_sentence(tmp_path, text, about, message):
+  path = tmp_path / ("a.urdf" if text == RING else "a.xml")
+  path.write_text(text)
+  if isinstance(about, str):
+    (tmp_path / "map.json").write_text(about)
+    about = tmp_path / "map.json"
   with pytest.raises(InputError, match=message):
-    robots.load(tmp_path / "bad.xml", mapping())
+    robots.load(path, about)
 
 
 def test_a_robot_without_limits_is_said(tmp_path):
   (tmp_path / "free.xml").write_text(humanoid(LIMB.replace('range="-2 1"', "")))
   with pytest.warns(UserWarning, match="left_hip_y, right_hip_y have no limits"):
     assert np.isinf(robots.load(tmp_path / "free.xml", mapping()).ranges).any()
-
-
-def test_a_cycle_of_links_is_refused(tmp_path):
-  joint = ('<joint name="{a}{b}" type="revolute"><parent link="{a}"/><child link="{b}"/><limit lower="-1" upper="1" '
-           'effort="1" velocity="1"/></joint>')
-  (tmp_path / "ring.urdf").write_text('<robot name="ring"><link name="a"/><link name="b"/>' + joint.format(a="a", b="b")
-                                      + joint.format(a="b", b="a") + "</robot>")
-  with pytest.raises(InputError, match="cannot read this robot"):
-    robots.load(tmp_path / "ring.urdf", mapping())
-
-
-@pytest.mark.parametrize("more, message", [
-    ({"stand": {"left_knee": "bent"}}, "expected a number of radians"), ({"stand": [1]}, "expected an object"),
-    ({"stand": {"tail": 1}}, "stand of the description names tail"), ({"stands": {}}, "has the keys stands"),
-    ({"apart": [[["tail"], ["base"]]]}, "apart of the description names tail"), ({"apart": ["base"]}, "pairs of lists"),
-    ({"fixed": {"14": ["tail"]}}, "fixed of the description names tail"), ({"bodies": [1]}, "expected an object"),
-    ({"bodies": mapping() | {"left_wrist": ["left_elbow", ["x", 0, 0]]}}, "expected a body, or")])
-def test_a_wrong_description_is_one_sentence(small, more, message):
-  with pytest.raises(InputError, match=message):
-    robots.load(small, {"bodies": mapping()} | more)
-
-
-def test_a_part_that_stands_twice_in_a_mapping_file_is_refused(small, tmp_path):
-  (tmp_path / "map.json").write_text(json.dumps(mapping())[:-1] + ', "left_knee": "left_hip"}')
-  with pytest.raises(InputError, match="left_knee stands twice"):
-    robots.load(small, tmp_path / "map.json")
 
 
 @pytest.mark.parametrize("path", sorted((ROOT / "examples" / "robots").glob("*.json")), ids=lambda path: path.stem)
@@ -288,6 +260,7 @@ def test_the_mappings_of_the_examples_are_whole(path):
   description.check_bodies(path, parts, {body for body, _ in parts.values()})
 
 
+@pytest.mark.slow
 def test_robots_of_ones_own_move_the_same_wherever_their_frames_point(tmp_path, walk):
   """Feet, knees and the chest of a file may have any axes: targets are relative to the upright pose."""
   (tmp_path / "plain.xml").write_text(humanoid())
@@ -306,13 +279,7 @@ def test_robots_of_ones_own_move_the_same_wherever_their_frames_point(tmp_path, 
   assert (tmp_path / "small.png").stat().st_size > 500
 
 
-def test_a_robot_without_a_mapping_gets_a_template(small, tmp_path):
-  with pytest.raises(InputError, match="--robot-mapping FILE.json"):
-    robots.load(small)
-  with pytest.raises(FileNotFoundError, match="no robot file .*none.urdf"):
-    robots.load(tmp_path / "none.urdf")
-
-
+@pytest.mark.slow
 def test_the_command_writes_files_and_a_report(walk, tmp_path, capsys):
   export.npz(walk.cut(0, 12), tmp_path / "walk.npz")
   assert cli.main(["retarget", f"{tmp_path}/walk.npz", "--format", "unitree_xyzw,mujoco", "--picture",
@@ -325,6 +292,7 @@ def test_the_command_writes_files_and_a_report(walk, tmp_path, capsys):
 
 @pytest.mark.parametrize("arguments, message", [
     (["--format", "nao"], "got robot format 'nao'"), (["--robot", "r2d2"], "got robot 'r2d2'"),
+    (["--robot", "none.urdf"], "there is no robot file none.urdf"),
     (["--joints", "24"], "expected 23, 29"), (["--out", "x.csv"], "expected a stem"),
     (["--picture", "x.txt"], "expected a file that ends in")])
 def test_the_command_refuses_in_one_line(walk, tmp_path, capsys, arguments, message):
@@ -333,6 +301,7 @@ def test_the_command_refuses_in_one_line(walk, tmp_path, capsys, arguments, mess
   assert message in capsys.readouterr().err
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("caught", [[-2.9, 1.9, 2.5], pytest.param([2.5, 2.0, -2.4], marks=pytest.mark.exhaustive)])
 def test_an_arm_that_is_caught_on_the_wrong_side_gets_out(g1, walk, caught):
   """Left shoulder pitch, roll and yaw far from where the arm is: the hand is back within half a second."""

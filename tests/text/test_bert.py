@@ -33,7 +33,8 @@ def outputs(arrays, state, fields, dtype):
   return out
 
 
-@pytest.mark.parametrize("name, kind", [("bert", "float64"), ("distilbert", "float64"),
+@pytest.mark.parametrize("name, kind", [pytest.param("bert", "float64", marks=pytest.mark.slow),
+                                        ("distilbert", "float64"),
                                         pytest.param("bert", "float32", marks=pytest.mark.exhaustive)])
 def test_parity(name, kind):
   """Words that are padding in the recording among them: nothing of these is seen."""

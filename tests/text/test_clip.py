@@ -33,6 +33,7 @@ def recorded():
   return network(Fixture(fixtures.path("text/clip_text.npz")))
 
 
+@pytest.mark.slow
 def test_parity():
   assert not check(fixtures.path("text/clip_text.npz")).failures
 

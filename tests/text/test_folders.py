@@ -12,6 +12,7 @@ from motion_jax.text import clip, hugging_face, t5
 from motion_jax.text.encoder import load_text_encoder
 from motion_jax.text.folder import clip_tokenizer
 from tests import fixtures
+from tests.conftest import some_of
 from tests.golden import Fixture
 from tests.text.reference import mean_sentence
 
@@ -71,7 +72,7 @@ def folders(tmp_path_factory):
           "t5": write_t5(root / "t5"), "sentence_t5": write_t5(root / "sentence_t5", sentence=True)}
 
 
-@pytest.fixture(scope="module", params=["clip", "t5", "sentence_t5"])
+@pytest.fixture(scope="module", params=[*some_of(["clip", "t5", "sentence_t5"], quick=["sentence_t5"], slow=["clip"])])
 def encoders(request, folders):
   """The same encoder at both levels."""
   return tuple(load_text_encoder(folders[request.param], level=level) for level in ("words", "sentence"))
@@ -139,6 +140,10 @@ def test_missing_files_are_listed(tmp_path, monkeypatch):
   write_json(tmp_path / "config.json", {"model_type": "clip"})
   (tmp_path / "vocab.json").touch()
   with pytest.raises(FileNotFoundError, match="lacks model.safetensors, merges.txt"):
+    load_text_encoder(tmp_path)
+  write_json(tmp_path / "config.json", {"model_type": "bert"})
+  (tmp_path / "vocab.txt").touch()
+  with pytest.raises(FileNotFoundError, match=r"lacks .*tokenizer.json.*vocab.txt is not read here.*\[convert\]"):
     load_text_encoder(tmp_path)
 
 

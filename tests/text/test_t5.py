@@ -34,6 +34,7 @@ def run_t5(fixture, dtype):
       "position_bias": bias, "buckets": buckets}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["t5_v1_0", "t5_v1_1"])
 def test_parity(name):
   assert not check(fixtures.path(f"text/{name}.npz")).failures
