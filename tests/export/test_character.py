@@ -25,7 +25,7 @@ JOINTS = pose_to_joints(POSE)
 Z_UP = np.array([np.sqrt(0.5), -np.sqrt(0.5), 0, 0])
 # As files of other programs are: the rig, and what is odd about its nodes.
 KINDS = {
-    "mixamo": dict(rig="mixamo", scale=0.01, armature=Z_UP), "ue5": dict(rig="ue5", rolls=5),
+    "mixamo": dict(rig="mixamo", scale=0.01, armature=Z_UP), "unity": dict(rig="unity"),
     "vrm": dict(rig="vrm", rolls=3),
     "biped": dict(rig="biped", rolls=1), "lafan": dict(rig="lafan", quantized=True),
     "humanik": dict(rig="humanik", copies=2),
@@ -73,6 +73,19 @@ def test_a_character_of_the_same_proportions_moves_as_the_motion(kind, tmp_path)
   # Arms of a biped hang on the neck; the mesh of one that lies does not show where its soles are.
   assert off_joints(places) < {"biped": 0.02, "lies": 0.04}.get(kind, 0.001)
   assert kind in ("biped", "lies", "runs") or apart(turned, POSE.turned).max() < 0.5
+
+
+def test_a_pose_and_turned_limbs_at_rest(tmp_path):
+  lean = rot.about_axis(np.radians(25.0), "z")
+  path, _ = animate(tmp_path, rig="ue5", rolls=5, raised={"calf_l": rot.about_axis(np.radians(20.0), "x"), "lowerarm_r":
+                                                          rot.about_axis(np.radians(-30.0), "y"), "upperarm_l": lean})
+  places, _ = bones(path, "ue5")
+  for a, b in (("shoulder", "elbow"), ("elbow", "wrist"), ("hip", "knee"), ("knee", "ankle")):
+    for side in ("left", "right"):
+      i, j = (HUMANML3D.joints.index(f"{side}_{joint}") for joint in (a, b))
+      found, expected = (rot.unit(x[:, j] - x[:, i]) for x in (places, JOINTS))
+      limit = 1e-3 if a in ("shoulder", "elbow") else 0.3  # legs also reach the feet's places
+      assert np.linalg.norm(found - expected, axis=-1).max() < limit, (side, a)
 
 
 @pytest.mark.parametrize("rig", ["mixamo", "rigify"])

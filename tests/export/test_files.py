@@ -7,7 +7,6 @@ import pytest
 from motion_jax import export
 from motion_jax.data.clip import Caption
 from motion_jax.data.datasets.synthetic import synthetic_clips
-from motion_jax.motion import rotations as rot
 from motion_jax.motion.representations import to_features
 from motion_jax.motion.skeleton import SNAPMOGEN
 
@@ -124,27 +123,6 @@ def test_folders_are_made_and_nothing_is_left_half_written(clip, tmp_path, monke
     export.save(clip, tmp_path / "deep" / "er" / "a.npz")
   assert leftovers(tmp_path / "deep" / "er") == ["a.npz"]
   assert (tmp_path / "deep" / "er" / "a.npz").read_bytes() == before
-
-
-def test_amass_poses_on_a_neutral_body(tmp_path):
-  """The pelvis goes where trans says, z up; the left elbow bends by the angle that poses hold."""
-  poses = np.zeros((61, 156))
-  poses[:, 0] = np.pi / 2                       # stands in a world whose z is up
-  poses[30:, 3 * 18 + 1] = -np.radians(70)      # left_elbow, about the vertical axis
-  trans = np.array([0.0, 0.0, 0.95]) + np.linspace(0, 1, 61)[:, None] * [1.5, 0, 0]
-  np.savez(tmp_path / "a.npz", poses=poses, trans=trans, betas=np.zeros(16), gender="male", mocap_framerate=30.0)
-  np.savez(tmp_path / "x.npz", root_orient=poses[:, :3], pose_body=poses[:, 3:66], trans=trans, mocap_frame_rate=30.0)
-  with pytest.warns(UserWarning, match="AMASS poses, put on the bones of a neutral adult"):
-    back = export.load(tmp_path / "a.npz")
-    np.testing.assert_array_equal(export.load(tmp_path / "x.npz").joints, back.joints)
-  joints, at = back.joints.astype(float), {name: j for j, name in enumerate(back.skeleton.joints)}
-  assert back.fps == 30 and joints.shape == (61, 22, 3)
-  assert np.linalg.norm(joints[-1, 0] - joints[0, 0]) == pytest.approx(1.5, abs=1e-5)
-  assert joints[0, at["head"], 1] > joints[0, 0, 1] > joints[0, at["left_ankle"], 1]
-  arm, forearm = (joints[:, at[b]] - joints[:, at[a]] for a, b in (("left_shoulder", "left_elbow"),
-                                                                   ("left_elbow", "left_wrist")))
-  angle = np.degrees(np.arccos((rot.unit(arm) * rot.unit(forearm)).sum(-1)))
-  assert angle[0] < 10 and angle[-1] - angle[0] == pytest.approx(70, abs=10)
 
 
 @pytest.mark.parametrize("layout", ["full", "essential", "coordinates", "snapmogen_148", "babel"])

@@ -47,7 +47,7 @@ def test_page_holds_the_motion(tmp_path):
 
 def test_the_page_draws_the_figure_where_the_glb_has_it(tmp_path):
   """The ground is y = 0, not lowered to hide feet that sink, and the skin is that of the .glb."""
-  low = make("stand")
+  low = make("stand", 8)
   high = low.replace(joints=low.joints + np.array([0, 0.045 - low.joints[..., 1].min(), 0], np.float32))
   data = data_of(export.html([low, high, low], tmp_path / "a.html"))
   assert [clip["floor"] for clip in data["clips"]] == [0, 0, 0]
@@ -76,6 +76,7 @@ def asked_of(clip, off=(0.03, 0.0, 0.04)):
           Keyframe(clip.joints[24], 1.2, "world")]
 
 
+@pytest.mark.slow
 def test_what_was_asked_is_in_the_page_and_how_far_off_the_motion_is(tmp_path):
   clip = make()
   signal = compile(asked_of(clip), 30)
@@ -96,7 +97,7 @@ def test_what_was_asked_is_in_the_page_and_how_far_off_the_motion_is(tmp_path):
 
 
 def test_a_page_of_a_motion_that_nothing_is_asked_of_is_as_ever(tmp_path):
-  clip = make()
+  clip = make(num_frames=4)
   export.save(clip, tmp_path / "a.html")
   export.save([clip], tmp_path / "b.html", control=[None], way_points=[])
   assert (tmp_path / "a.html").read_bytes() == (tmp_path / "b.html").read_bytes()
@@ -104,7 +105,7 @@ def test_a_page_of_a_motion_that_nothing_is_asked_of_is_as_ever(tmp_path):
 
 
 def test_page_loads_nothing_from_anywhere(tmp_path):
-  text = export.html(make(), tmp_path / "a.html").read_text(encoding="utf-8")
+  text = export.html(make(num_frames=4), tmp_path / "a.html").read_text(encoding="utf-8")
   shell = re.sub(r"<script>.*</script>", "", text, flags=re.S)
   assert not re.search(r"(src|href)\s*=|@import|url\(|fetch\(|import\(", shell)
   assert text.count("<script") == 2 + text.split("<script>")[1].count("<script"), "one script of data, one of code"
@@ -114,7 +115,7 @@ def test_page_loads_nothing_from_anywhere(tmp_path):
 
 def test_captions_cannot_break_the_page(tmp_path):
   evil = "</script><script>alert(1)</script><!-- @DATA@ @VIEWER@ & \"quoted\" \\u003c \U0001f57a"
-  path = export.html(make(caption=evil), tmp_path / "a.html")
+  path = export.html(make(num_frames=4, caption=evil), tmp_path / "a.html")
   assert data_of(path)["clips"][0]["captions"][0]["text"] == evil
   assert "alert(1)</script>" not in path.read_text(encoding="utf-8")
 

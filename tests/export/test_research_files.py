@@ -57,6 +57,11 @@ def test_files_of_amass_and_of_kimodo_are_read(clip, tmp_path):
   with pytest.warns(UserWarning, match="neutral adult"):
     found = export.load(tmp_path / "walk.amass.npz")
   check(found.joints, retarget(clip.joints, SMPL))
+  with np.load(tmp_path / "walk.amass.npz") as file:  # SMPL-X's own names alone
+    keys = ("root_orient", "pose_body", "trans", "mocap_frame_rate", "pelvis_offset")
+    np.savez(tmp_path / "x.npz", **{key: file[key] for key in keys})
+  with pytest.warns(UserWarning, match="neutral adult"):
+    np.testing.assert_array_equal(export.load(tmp_path / "x.npz").joints, found.joints)
   np.savez(tmp_path / "kimodo.npz", posed_joints=clip.joints, foot_contacts=np.zeros((30, 4)))  # states no rate
   found = export.load(tmp_path / "kimodo.npz")
   assert found.fps == 30 and (found.joints == clip.joints).all()
