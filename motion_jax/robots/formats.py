@@ -14,7 +14,6 @@ import numpy as np
 
 from motion_jax.export.files import plain
 from motion_jax.motion import rotations as rot
-from motion_jax.motion.plausibility import check_rate
 from motion_jax.motion.retiming import resample
 from motion_jax.robots.motion import RobotMotion
 from motion_jax.robots.robot import Robot, to_robot_axes
@@ -202,11 +201,7 @@ def read_csv(path: str | pathlib.Path, robot: Robot, quaternion: str | None = No
     raise InputError(f"{path}: an angle is {np.abs(qpos[:, 7:]).max():.3g}, expected radians; these look like degrees")
   if fps is None and "fps" not in about:
     warnings.warn(f"{path} states no rate, taken as 30 frames a second; --fps sets another", stacklevel=2)
-  rate = about.get("fps", 30.0) if fps is None else fps
-  if isinstance(rate, bool) or not isinstance(rate, int | float):
-    raise InputError(f"{path.with_suffix('.json')}: got fps {str(rate)[:60]!r}, expected frames a second")
-  check_rate(rate, str(path))
-  return RobotMotion(robot, qpos, float(rate), source=path.name,
+  return RobotMotion(robot, qpos, float(fps or about.get("fps", 30.0)), source=path.name,
                      license=about.get("licence") or "", meta={"robot": robot.name, "quaternion_order": quaternion})
 
 

@@ -96,7 +96,7 @@ def test_the_quaternion_order_of_a_csv_is_read_off_the_pelvis(g1, name, order):
     (lambda rows: rows[:, :35], "got 35 numbers, expected 36"),
     (lambda rows: rows * [*[1] * 3, *[2] * 4, *[1] * 29], "expected a quaternion of length 1"),
     (lambda rows: rows * [*[1] * 7, *[57.3] * 29], "look like degrees"),
-    (lambda rows: 0 * rows + [*[0] * 3, *[0.5] * 4, *[0] * 29], "--quaternion wxyz or xyzw")])  # it lies
+    (lambda rows: 0 * rows + [*[0] * 3, *[0.5] * 4, *[0] * 29], r"--quaternion wxyz .or xyzw.")])  # it lies
 def test_a_damaged_csv_is_refused(g1, tmp_path, damage, message):
   rows = np.loadtxt(fixtures.path("robots/g1_wxyz.csv"), delimiter=",")
   np.savetxt(tmp_path / "bad.csv", damage(rows), delimiter=",")
@@ -174,10 +174,8 @@ def test_a_csv_is_read_back_at_the_rate_of_its_side_car(g1, followed, tmp_path, 
   np.testing.assert_allclose(back.qpos[1], between, atol=1e-4)
   for fps in (0, -30, 1e9, None, [30], "30", True):
     about.write_text(json.dumps(stated | {"fps": fps}))
-    with pytest.raises(InputError, match="frames (per|a) second"):
+    with pytest.raises(InputError, match="fps is .*, expected 1 to 1000 frames a second"):
       robots.read_csv(path, g1)
-  with pytest.raises(InputError, match="got -3 frames per second"):
-    robots.read_csv(path, g1, fps=-3)
 
 
 @pytest.mark.parametrize("format", sorted(set(robots.FORMATS) - {"unitree_xyzw", "kimodo_wxyz"}))
