@@ -31,8 +31,6 @@ MUTATIONS = (
     ("export-character-t-pose", "motion_jax/export/character/posing.py",
      "    at[..., 1] -= _sole_height(figure, still, at)[0]\n", "",
      ("tests/export/test_character.py::test_feet_of_other_proportions_stand_on_the_floor_and_do_not_slide",)),
-    ("export-stream-blend", "motion_jax/export/rig_stream.py", "share = (np.arange(both) + 1) / (both + 1)",
-     "share = 1 - (np.arange(both) + 1) / (both + 1)", ("tests/export/test_rig_stream.py",)),
     # --- robots ---------------------------------------------------------------------------------------------------
     ("export-gmr-quaternion", "motion_jax/robots/formats.py",
      '"root_rot": np.roll(motion.qpos[:, 3:7], -1, axis=1), "dof_pos"', '"root_rot": motion.qpos[:, 3:7], "dof_pos"',
