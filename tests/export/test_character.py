@@ -252,7 +252,7 @@ def test_the_command_line_animates_and_reads_back(tmp_path, capsys):
   assert np.ptp((found.joints - JOINTS)[:, [4, 7, 16, 20]], axis=0).max() < 0.005
   shutil.copy(tmp_path / "out.glb", tmp_path / "body.glb")
   run("--character", tmp_path / "body.glb", "--out", tmp_path / "out.glb")
-  with pytest.raises(InputError, match="holds 2 animations .1 'a person walks', 2 'a person walks 2'.; choose one"):
+  with pytest.raises(InputError, match="holds 2 animations .1 'a person walks', 2 'a person walks 2'.; name one"):
     export.load(tmp_path / "out.glb")
   for name in ("2", "a person walks 2"):
     assert export.load(f"{tmp_path / 'out.glb'}#{name}").num_frames == CLIP.num_frames

@@ -47,13 +47,12 @@ def test_backgrounds(walk):
 
 
 def test_a_film_at_another_rate_lasts_as_long(walk, tmp_path):
-  """Colours go with their frames: red until 0.75 s, then blue."""
-  colors = np.repeat([[1.0, 0, 0], [0, 0, 1.0]], 15, axis=0)
-  for fps in (None, 10):
-    video(walk, tmp_path / f"{fps}.gif", SIZE, fps=fps, colors=colors, caption="")
-  with Image.open(tmp_path / "None.gif") as ours, Image.open(tmp_path / "10.gif") as slow:
-    assert (ours.n_frames, slow.n_frames) == (30, 15) and ours.size == SIZE
-    for t, blue in ((6, False), (9, True)):
+  """Colours go with their frames: red until 0.3 s, then blue."""
+  walk, colors = walk.cut(0, 12), np.repeat([[1.0, 0, 0], [0, 0, 1.0]], 6, axis=0)
+  video(walk, tmp_path / "a.gif", SIZE, fps=10, colors=colors, caption="")
+  with Image.open(tmp_path / "a.gif") as slow:
+    assert slow.n_frames == 6 and slow.size == SIZE
+    for t, blue in ((2, False), (4, True)):
       slow.seek(t)
       pixels = np.asarray(slow.convert("RGB")).astype(int)
       assert ((pixels[..., 2] > pixels[..., 0] + 60).sum() > 20) == blue, t

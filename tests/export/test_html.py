@@ -45,6 +45,7 @@ def test_page_holds_the_motion(tmp_path):
     assert one["captions"][0]["text"] == clip.captions[0].text
 
 
+@pytest.mark.slow
 def test_the_page_draws_the_figure_where_the_glb_has_it(tmp_path):
   """The ground is y = 0, not lowered to hide feet that sink, and the skin is that of the .glb."""
   low = make("stand", 8)

@@ -23,14 +23,13 @@ def degrees(p, q):
 
 @pytest.fixture(scope="module")
 def clip():
-  return next(clip for clip in synthetic_clips(seed=0) if "walk" in clip.captions[0].text).cut(0, 60)
+  return next(clip for clip in synthetic_clips(seed=0) if "walk" in clip.captions[0].text).cut(0, 40)
 
 
 def test_any_blocks_give_the_same_rows(clip):
-  rows = rows_of(clip, 60)
-  assert len(rows) == 59 * 2.5 // 1 + 1
-  for size in (1, 7):
-    np.testing.assert_array_equal(rows_of(clip, size), rows)
+  rows = rows_of(clip, 40)
+  assert len(rows) == 39 * 2.5 // 1 + 1
+  np.testing.assert_array_equal(rows_of(clip, 7), rows)
 
 
 def test_rows_are_the_rotations_of_the_whole_motion(clip):

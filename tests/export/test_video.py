@@ -101,6 +101,7 @@ def test_a_strip_holds_all_of_a_body_that_comes_up_to_the_viewer_and_goes_away_a
   assert len(each) == 8
 
 
+@pytest.mark.slow
 def test_strips(tmp_path):
   path, = export.save(make("walk", 40), tmp_path / "walk.png")
   with Image.open(path) as image:

@@ -18,6 +18,7 @@ def own_folder(tmp_path):
   return shutil.copytree(SHIPPED / "cmdm-small" / "text_encoder", tmp_path / "own")
 
 
+@pytest.mark.slow
 def test_a_run_opens_with_the_encoder_that_it_carries(own_folder, tmp_path):
   run = shutil.copytree(SHIPPED / "cmdm-small", tmp_path / "run", ignore=shutil.ignore_patterns("text_encoder"))
   (own_folder / "known_words.txt").write_text("walk\nwave\n")
