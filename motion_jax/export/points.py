@@ -169,7 +169,8 @@ def _clip(path, names, points, fps, unit, up, mapping):
   own = skeleton is not HUMANML3D
   joints = own_joints(names, points, skeleton) if own else map_joints(names, points, mapping)[0]
   joints = plausibility.to_unit(joints, skeleton, unit, up, str(path))
-  return Clip(joints.astype(np.float32), fps or skeleton.fps, id=path.stem, source=path.name, skeleton=skeleton)
+  rate = skeleton.fps if fps is None else fps  # a rate of 0 is refused, not replaced
+  return Clip(joints.astype(np.float32), rate, id=path.stem, source=path.name, skeleton=skeleton)
 
 
 def _rows(path, cells, width, first):

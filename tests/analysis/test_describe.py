@@ -123,6 +123,51 @@ def _squat(times, lowest=0.45):
   return joints
 
 
+def _leaning(degrees, first, past, seconds=5.0):
+  """A trunk that bends forward between two seconds, over straight knees."""
+  joints, legs = _standing(seconds), ("hip", "knee", "ankle", "foot")
+  upper = [number for number, name in enumerate(HUMANML3D.joints) if number and not name.endswith(legs)]
+  time = _time(joints)
+  bent = scipy.ndimage.gaussian_filter1d(((time > first) & (time < past)).astype(float), 5) * np.radians(degrees)
+  joints[:, upper] = joints[:, :1] + rot.rotate(rot.about_axis(bent, "x")[:, None], joints[:, upper] - joints[:, :1])
+  return joints
+
+
+def _hop(side, times):
+  """Jumps on the leg of a side, the other foot held up behind."""
+  joints, other = _jump(0.2, times), "right" if side == "left" else "left"
+  joints[:, [J[f"{other}_ankle"], J[f"{other}_foot"]]] += [0, 0.35, -0.3]
+  return joints
+
+
+def _reach_down(side):
+  """A hand that goes to the ground and comes up again."""
+  joints = _standing(4.0)
+  down = _bump(_time(joints), 2.0, 1.5)[:, None]
+  wrist = joints[:, J[f"{side}_wrist"]]
+  joints[:, J[f"{side}_wrist"]] = (1 - down) * wrist + down * (wrist * [1, 0, 1] + [0, 0.05, 0.3])
+  return joints
+
+
+def _lie_down():
+  """A body that tips over backward and comes to lie."""
+  joints = _standing(5.0)
+  tipped = np.pi / 2 * np.clip(_time(joints) - 2, 0, 1)
+  lying = rot.rotate(rot.about_axis(-tipped, "x")[:, None], joints - joints[:, :1] * [1, 0, 1])
+  return lying + [0, 0.1, 0] * np.clip(_time(joints) - 2, 0, 1)[:, None, None]
+
+
+def _arm_circles(turns, seconds=3.0):
+  """Both straight arms swung round, from where they hang to ahead, up and back."""
+  joints = _standing(seconds)
+  angle = 2 * np.pi * turns * np.linspace(0, 1, len(joints))
+  for side, sign in (("left", 1), ("right", -1)):
+    line = np.stack([0 * angle + 0.2 * sign, -np.cos(angle), np.sin(angle)], -1)
+    for part, reach in (("elbow", 0.26), ("wrist", 0.5)):
+      joints[:, J[f"{side}_{part}"]] = joints[:, J[f"{side}_shoulder"]] + reach * line
+  return joints
+
+
 MOTIONS = {
     "left kick": (_kick("left"), r"kick.* the left (foot|leg)\b"),
     "two right kicks": (_kick("right", (1.0, 2.2)), r"kicks twice with the right|two kicks with the right"),
@@ -144,37 +189,44 @@ MOTIONS = {
     "jump": (_jump(0.3), r"jumps (about 30 centimeters high|up|into the air)"),
     "three jumps": (_jump(0.3, 3), r"(jumps|hops).* three times"),
     "two squats": (_squat(2), r"squats .*twice|two( deep)? squats"),
+    "two hops": (_hop("left", 2), r"hops twice on .*left"),
+    "bow": (_leaning(50, 1.5, 3.0), r"bow"),
+    "reach": (_reach_down("left"), r"(floor|ground) with the left hand"),
+    "lie": (_lie_down(), r"lies (down )?on the (floor|ground)"),
+    "arm circle": (_arm_circles(1.2), r"both arms .*backward"),
+    "half circle": (_walk(180, 6), r"half circle to the left|u-turn to the left"),
+    "run": (synthetic_joints("run", 120, np.random.default_rng(0)), r"runs|is running"),
 }
 
 
 @pytest.mark.parametrize("name", MOTIONS)
-def test_says_what_is_done(name):
+def test_says_what_is_done_of_a_mirror_image_with_sides_exchanged_and_at_any_rate(name):
   joints, pattern = MOTIONS[name]
-  said = [sentence for key in ("a", "b", "c") for sentence in describe(joints, key=key)]
-  assert said and all(re.search(pattern, sentence) for sentence in describe(joints)), (said, find_events(joints))
-
-
-@pytest.mark.parametrize("name", MOTIONS)
-def test_a_mirror_exchanges_sides(name):
-  joints, _ = MOTIONS[name]
+  said = describe(joints)
+  assert said and all(re.search(pattern, sentence) for sentence in said), (said, find_events(joints))
   assert describe(mirror(joints), key="x") == [mirror_caption(sentence) for sentence in describe(joints, key="x")]
+  assert describe(resample(joints, 20.0, 30.0), 30.0) == said
+  moved = rot.rotate(rot.about_axis(np.array(2.0), "y"), joints) + [3, 0, -4]
+  assert describe(moved) == said, "place and direction do not matter"
+  events = find_events(joints)
+  assert all(0 <= event.start < event.end <= len(joints) / 20 for event in events)
+  assert events == sorted(events, key=lambda event: (event.start, event.end, event.kind, event.side))
 
 
-@pytest.mark.parametrize("fps", [30.0, 60.0])
-@pytest.mark.parametrize("name", MOTIONS)
-def test_the_rate_does_not_matter(name, fps):
-  joints, _ = MOTIONS[name]
-  assert describe(resample(joints, 20.0, fps), fps) == describe(joints)
+@pytest.mark.parametrize("kind, joints, expected, off", [
+    ("turn", _turn(-90), dict(side="right", amount=-90), 10), ("jump", _jump(0.3), dict(side="", amount=0.3), 0.03),
+    ("wave", _wave("left", 4), dict(side="left", amount=1), 0.1), ("bow", MOTIONS["bow"][0], dict(amount=50), 8),
+    ("walk", _walk(speed=0.6), dict(way="forward", path="straight", amount=0.6), 0.05),
+    ("walk", _walk(speed=0.9)[::-1].copy(), dict(way="backward", amount=0.9), 0.1)])
+def test_how_far_high_fast_and_often(kind, joints, expected, off):
+  event, = (event for event in find_events(joints) if event.kind == kind)
+  assert event.amount == pytest.approx(expected["amount"], abs=off)
+  assert event._asdict() | expected == event._asdict() | {"amount": expected["amount"]}
 
 
-def test_where_it_turns_to_and_how_far():
-  event, = (event for event in find_events(_turn(-90)) if event.kind != "still")
-  assert event.kind == "turn" and event.side == "right" and event.amount == pytest.approx(-90, abs=10)
-
-
-def test_height_of_a_jump():
-  event, = (event for event in find_events(_jump(0.3)) if event.kind == "jump")
-  assert event.amount == pytest.approx(0.3, abs=0.03)
+def test_a_standing_body_does_nothing_else():
+  assert {event.kind for event in find_events(_standing(4.0))} == {"still"}
+  assert find_events(_walk()[:9]) == [] and find_events(np.zeros((0, 22, 3))) == [], "less than half a second"
 
 
 def test_a_jump_that_goes_far_is_a_long_jump():

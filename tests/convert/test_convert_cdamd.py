@@ -13,7 +13,7 @@ from motion_jax.loading import load
 from motion_jax.models import mask_schedule as masking
 from motion_jax.models.cdamd import draws
 from motion_jax.models.cdamd import setup as setups
-from motion_jax.models.cdamd.weights import generator, write_cdamd
+from motion_jax.models.cdamd.weights import write_cdamd
 from motion_jax.nets.post_norm import sinusoids
 from motion_jax.training import checkpoint
 from tests import fixtures
@@ -111,6 +111,7 @@ def assert_same(made, motion, fixture, stats, bound):
     assert difference < bound
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_released_cdamd_makes_the_recorded_motion(tmp_path, monkeypatch, capsys, kind):
   """The whole way of a user: four files by the command line to a folder, the folder to motion."""
@@ -133,6 +134,7 @@ def test_released_cdamd_makes_the_recorded_motion(tmp_path, monkeypatch, capsys,
   assert config["converted"]["RVQ-VAE"]["part"] == "vq_model" and config["sampler"]["guidance_scale"] == 4.0
 
 
+@pytest.mark.slow
 def test_released_mardm_makes_the_recorded_motion(tmp_path, monkeypatch, capsys):
   """Its averaged weights, trained as DDPM; the tensors tell that it is MARDM's."""
   fixture = recorded("generate_mardm_ddpm")
@@ -151,16 +153,8 @@ def test_released_mardm_makes_the_recorded_motion(tmp_path, monkeypatch, capsys)
   motion = jax.jit(lambda z: net.apply(params, z, method="decode"))(fixture["out/latents"].swapaxes(1, 2))
   assert_same(made, np.asarray(motion), fixture, model.stats, 5e-5)
 
-  del flags["--text-encoder"]
-  with pytest.raises(SystemExit):
-    run("mardm", "--weights", "best", "--out", tmp_path / "last", **flags)
-  assert run("mardm", "--weights", "model", "--out", tmp_path / "last", **flags) == 0
-  last, average = (checkpoint.load_params(tmp_path / name) for name in ("last", "run"))
-  pairs = zip(jax.tree.leaves(last), jax.tree.leaves(average), strict=True)
-  assert all((a == -b).all() for a, b in pairs)
-  assert checkpoint.load_config(tmp_path / "last").frozen.text == "clip-vit-base-patch32"
 
-
+@pytest.mark.slow
 def test_an_autoencoder_and_an_rvq_vae_alone(tmp_path):
   """Runs of them are what `config.frozen` of a training names."""
   _, flags = files(tmp_path)
@@ -181,10 +175,6 @@ def test_an_autoencoder_and_an_rvq_vae_alone(tmp_path):
   assert checkpoint.load_config(tmp_path / "ae").data.layout == "coordinates"
 
 
-def rename(part, old, new):
-  part[new] = part.pop(old)
-
-
 def narrow(parts):
   """An autoencoder with latents of 12 numbers: that of the recorded RVQ-VAE."""
   parts["ae"] = {name: array for name, array in parts["rvq"].items() if not name.startswith("quantizer")}
@@ -192,19 +182,12 @@ def narrow(parts):
 
 WRONG = [
     (lambda parts: parts["transformer"].pop("DiffMLPs.net.final_layer.linear.bias"), {}, "missing 1 (DiffMLPs"),
-    (lambda parts: rename(parts["transformer"], "cond_emb.bias", "cond.bias"), {}, "unknown 1 (cond.bias)"),
-    (lambda parts: parts["transformer"].update(extra=np.ones(3, np.float32)), {}, "unknown 1 (extra)"),
     (lambda parts: parts["transformer"]["position_enc.pe"].fill(0), {}, "other than sines"),
-    (lambda parts: parts["ae"]["encoder.model.0.bias"].fill(np.nan), {}, "NaN"),
-    (lambda parts: parts["ae"].pop("decoder.model.0.bias"), {}, "missing 1 (decoder.model.0.bias)"),
     (lambda parts: parts["rvq"].update({"quantizer.layers.1.codebook": np.ones((5, 12), np.float32)}), {}, "(5, 12)"),
     (narrow, {}, "latents of 8 numbers"),
     (lambda parts: parts["length"].update({"output.0.weight": np.ones((512, 20), np.float32)}), {}, "20 numbers a"),
-    (None, {"--heads": None}, "--heads"),
-    (None, {"--heads": 5}, "5 heads for width 24"),
     (None, {"--tokenizer": None}, "give the file of the tokenizer"),
     (None, {"--generator": None}, "an RVQ-VAE alone"),
-    (None, {"--tokenizer": "--generator"}, "expected ae"),
     (None, {"--generator": "--rvq"}, "expected ema_mardm"),
     (None, {"--stats": "nowhere"}, "no statistics of 66 numbers"),
     (None, {"--text-encoder": "random-init"}, "32 numbers a sentence"),
@@ -223,6 +206,7 @@ def test_a_wrong_file_or_flag_is_one_line_and_leaves_nothing(tmp_path, capsys, c
   assert set(tmp_path.iterdir()) == before
 
 
+@pytest.mark.slow
 def test_a_prior_must_fit(tmp_path):
   _, flags = files(tmp_path, change=lambda parts: parts["rvq"].update(
       {f"quantizer.layers.{q}.codebook": np.ones((1100, 12), np.float32) for q in range(4)}))
@@ -232,14 +216,6 @@ def test_a_prior_must_fit(tmp_path):
   mardm = save_nested(tmp_path / "mardm", {"mardm": recorded("generate_mardm").params}, "safetensors")
   with pytest.raises(ValueError, match="no prior"):
     write_cdamd(tmp_path / "run", generator_file=mardm, weights="model", **given)
-
-
-def test_clips_own_weights_are_left_aside(tmp_path):
-  def change(parts):
-    parts["transformer"]["clip_model.logit_scale"] = np.ones(1, np.float32)
-  _, flags = files(tmp_path, change=change)
-  made = generator(flags["--generator"], num_heads=4)
-  assert "clip_model (1 tensors)" in str(made)
 
 
 def test_statistics_of_coordinates_may_be_three_numbers(tmp_path):

@@ -122,31 +122,22 @@ def test_numbers_that_scripts_keep_beside_their_weights(tmp_path):
 
 
 
-class System:
+class Calls:
+  """Pickled as a call."""
+
+  def __init__(self, *call):
+    self.call = call
+
   def __reduce__(self):
-    return os.system, ("touch ran",)
-
-
-class Evaluated:
-  def __reduce__(self):
-    return eval, ("open('ran', 'w').close()",)
-
-
-class Process:
-  def __reduce__(self):
-    return subprocess.Popen, (["touch", "ran"],)
-
-
-class Attribute:
-  def __reduce__(self):
-    return getattr, (os, "system")
+    return self.call
 
 
 HOSTILE = {
-    "os.system": (lambda: pickle.dumps({"a": System()}, 2), r"(posix|nt)\.system"),
-    "eval": (lambda: pickle.dumps({"a": Evaluated()}, 2), r"eval"),
-    "subprocess.Popen": (lambda: pickle.dumps({"a": Process()}, 4), r"subprocess\.Popen"),
-    "getattr": (lambda: pickle.dumps(Attribute.__reduce__(None)[0], 4), r"builtins\.getattr"),
+    "os.system": (lambda: pickle.dumps({"a": Calls(os.system, ("touch ran",))}, 2), r"(posix|nt)\.system"),
+    "eval": (lambda: pickle.dumps({"a": Calls(eval, ("open('ran', 'w').close()",))}, 2), r"eval"),
+    "subprocess.Popen": (lambda: pickle.dumps({"a": Calls(subprocess.Popen, (["touch", "ran"],))}, 4),
+                         r"subprocess\.Popen"),
+    "getattr": (lambda: pickle.dumps(getattr, 4), r"builtins\.getattr"),
     "torch.load": (lambda: b"\x80\x02ctorch\nload\nX\x01\x00\x00\x00a\x85R.", r"torch\.load"),
     "a name of a known module": (lambda: b"\x80\x02ctorch._utils\n_import_dotted_name\nX\x01\x00\x00\x00a\x85R.",
                                  r"torch\._utils\._import_dotted_name"),
@@ -208,6 +199,11 @@ def test_what_is_no_checkpoint_is_told(tmp_path):
     (tmp_path / name).write_bytes(data)
     with pytest.raises(InputError, match=message):
       torch_files.load(tmp_path / name)
+  with pytest.raises(ValueError, match="holds a ndarray, expected a dict"):
+    load_checkpoint(write(tmp_path / "bare.pt", tensor("0", "FloatStorage", (2,)), {"0": np.ones(2, np.float32)}))
+  (tmp_path / "cut.pt").write_bytes((tmp_path / "bare.pt").read_bytes()[:-100])
+  with pytest.raises(InputError, match="no whole PyTorch checkpoint"):
+    torch_files.load(tmp_path / "cut.pt")
   with zipfile.ZipFile(tmp_path / "other.zip", "w") as archive:
     archive.writestr("a.txt", "a")
   with pytest.raises(InputError, match="0 files data.pkl"):

@@ -15,7 +15,7 @@ HALF = 0.02  # metres of a box
 
 
 def write_character(path, clip, rig="mixamo", rolls=0, armature=None, scale=1.0, size=1.0, raised=(), leave_out=(),
-                    quantized=False, copies=1, extensions=None, change=None):
+                    quantized=False, copies=1, change=None):
   """Writes the body of a clip as a character in a file's T-pose (or A-pose, as the rig has it).
 
   rolls: seed of odd rest rotations of all bones, 0 for none. armature: rotation (4,) of the node above the bones;
@@ -104,8 +104,6 @@ def write_character(path, clip, rig="mixamo", rolls=0, armature=None, scale=1.0,
   for copy in range(copies):
     nodes.append({"name": f"mesh {copy}", "mesh": 0, "skin": copy})
   document["scenes"] = [{"nodes": list(range(count, len(nodes)))}]
-  if extensions:
-    document["extensions"] = extensions
   if change:
     change(document)
   write_glb(path, document, bytes(data))

@@ -29,7 +29,17 @@ KINDS = {
     "vrm": dict(rig="vrm", rolls=3),
     "biped": dict(rig="biped", rolls=1), "lafan": dict(rig="lafan", quantized=True),
     "humanik": dict(rig="humanik", copies=2),
-    "rolled": dict(rig="mixamo", rolls=2, scale=100.0), "smpl": dict(rig="smpl", rolls=4, armature=Z_UP)}
+    "rolled": dict(rig="mixamo", rolls=2, scale=100.0), "smpl": dict(rig="smpl", rolls=4, armature=Z_UP),
+    "lies": dict(rig="mixamo", change=lambda body: body["nodes"][-2].update(rotation=Z_UP[[1, 2, 3, 0]].tolist())),
+    "runs": dict(rig="mixamo", rolls=7, change=lambda body: bent_limbs(body))}
+
+
+def bent_limbs(document):
+  """A pose in the middle of a run, at rest."""
+  for node in document["nodes"]:
+    if node["name"].endswith(("RightUpLeg", "LeftArm", "Spine1")):
+      x, y, z, w = node["rotation"]
+      node["rotation"] = rot.multiply(np.array([w, x, y, z]), rot.about_axis(0.9, "x"))[[1, 2, 3, 0]].tolist()
 
 
 def animate(tmp_path, clips=CLIP, **kind):
@@ -44,6 +54,13 @@ def bones(path, rig, animation=None):
   return capture.positions[:, index], capture.turned[:, index]
 
 
+def off_joints(places):
+  """Metres from the clip's joints, apart from where it stands: the sole of a box is not where the clip's floor is."""
+  off = places - JOINTS
+  off -= np.median(off[..., 1]) * np.array([0, 1, 0])
+  return np.abs(off - off[:1, :1] * [1, 0, 1]).max()
+
+
 def apart(q, p):
   """Degrees between rotations."""
   return np.degrees(2 * np.arccos(np.clip(np.abs((q * p).sum(-1)), 0, 1)))
@@ -53,12 +70,9 @@ def apart(q, p):
 def test_a_character_of_the_same_proportions_moves_as_the_motion(kind, tmp_path):
   path, _ = animate(tmp_path, **KINDS[kind])
   places, turned = bones(path, KINDS[kind]["rig"])
-  off = places - JOINTS
-  off -= np.median(off[..., 1]) * np.array([0, 1, 0])  # the sole of a box is not where the clip has the floor
-  worst = 0.02 if kind == "biped" else 0.001           # arms of a biped hang on the neck
-  off -= off[:1, :1] * [1, 0, 1]
-  assert np.abs(off).max() < worst
-  assert apart(turned, POSE.turned).max() < 0.5 or kind == "biped"
+  # Arms of a biped hang on the neck; the mesh of one that lies does not show where its soles are.
+  assert off_joints(places) < {"biped": 0.02, "lies": 0.04}.get(kind, 0.001)
+  assert kind in ("biped", "lies", "runs") or apart(turned, POSE.turned).max() < 0.5
 
 
 def test_a_pose_and_turned_limbs_at_rest(tmp_path):
@@ -76,17 +90,20 @@ def test_a_pose_and_turned_limbs_at_rest(tmp_path):
 
 @pytest.mark.parametrize("rig", ["mixamo", "rigify"])
 def test_feet_of_other_proportions_stand_on_the_floor_and_do_not_slide(rig, tmp_path):
-  path, _ = animate(tmp_path, rig=rig, size=1.7, rolls=6)
-  document, places = Document(path), bones(path, rig)[0]
-  assert abs(check_character(path).scale - 1.7) < 0.02
+  """Nor in the T-pose that comes first."""
+  write_character(tmp_path / "body.glb", CLIP, rig=rig, size=1.7, rolls=6)
+  path, = export.save(CLIP, tmp_path / "out.glb", file=tmp_path / "body.glb", t_pose=True)
+  (rest, *places), turned = bones(path, rig)
+  places = np.array(places)
+  assert len(places) == CLIP.num_frames and apart(turned[0], np.array([1.0, 0, 0, 0])).max() < 0.1
+  assert 0.02 < rest[[10, 11], 1].min() < 0.05 and abs(check_character(path).scale - 1.7) < 0.02
   ankles = places[:, [7, 8]]
   low = places[:, [10, 11], 1].min()
   assert 0.02 < low < 0.05  # half a box of 1.7 * 4 cm, and nothing below the floor
   stands = JOINTS[:, [7, 8], 1] < np.percentile(JOINTS[:, [7, 8], 1], 30)
   still = np.linalg.norm(np.diff(JOINTS[:, [7, 8]], axis=0), axis=-1) < 0.004
   moved = np.linalg.norm(np.diff(ankles, axis=0), axis=-1)[still & stands[1:]]
-  assert not len(moved) or moved.max() < 1.7 * 0.006
-  assert document.json["asset"]["version"] == "2.0"
+  assert len(moved) and moved.max() < 1.7 * 0.006
 
 
 def test_nothing_of_the_file_changes_but_what_is_added(tmp_path):
@@ -155,38 +172,6 @@ def test_vrm_states_its_bones_whatever_their_names(version, tmp_path):
   assert np.abs(path - expected).max() < 0.001
 
 
-def test_a_body_that_lies_in_its_file_stands_up(tmp_path):
-  write_character(tmp_path / "body.glb", CLIP)
-  document = Document(tmp_path / "body.glb")
-  base = next(node for node in document.nodes if node["name"] == "Armature")
-  base["rotation"] = Z_UP[[1, 2, 3, 0]].tolist()
-  write_glb(tmp_path / "lies.glb", document.json, document._binary)
-  export.save(CLIP, tmp_path / "out.glb", file=tmp_path / "lies.glb")
-  places, _ = bones(tmp_path / "out.glb", "mixamo")
-  assert (places[:, 15, 1] - places[:, 10, 1]).min() > 1
-
-
-def test_a_pose_in_the_middle_of_a_run_at_rest(tmp_path):
-  write_character(tmp_path / "body.glb", CLIP, rolls=7)
-  document = Document(tmp_path / "body.glb")
-  for node in document.nodes:
-    if node["name"].endswith(("RightUpLeg", "LeftArm", "Spine1")):
-      x, y, z, w = node["rotation"]
-      node["rotation"] = rot.multiply(np.array([w, x, y, z]), rot.about_axis(0.9, "x"))[[1, 2, 3, 0]].tolist()
-  write_glb(tmp_path / "runs.glb", document.json, document._binary)
-  export.save(CLIP, tmp_path / "out.glb", file=tmp_path / "runs.glb")
-  places, _ = bones(tmp_path / "out.glb", "mixamo")
-  off = places - JOINTS - np.median((places - JOINTS)[..., 1]) * np.array([0, 1, 0])
-  assert np.abs(off - off[:1, :1] * [1, 0, 1]).max() < 0.001
-
-
-def test_a_t_pose_before_the_motion(tmp_path):
-  write_character(tmp_path / "body.glb", CLIP, rolls=8)
-  export.save(CLIP, tmp_path / "out.glb", file=tmp_path / "body.glb", t_pose=True)
-  places, turned = bones(tmp_path / "out.glb", "mixamo")
-  assert len(places) == CLIP.num_frames + 1 and apart(turned[0], np.array([1.0, 0, 0, 0])).max() < 0.1
-
-
 BAD = {
     "no skin": (dict(change=lambda d: d.pop("skins") and [node.pop("skin", 0) for node in d["nodes"]]), "has no skin"),
     "no legs": (dict(leave_out=("UpLeg",)), "without .*left_hip"),
@@ -225,7 +210,9 @@ def test_two_bodies_and_cut_files_and_other_endings(tmp_path):
   data = (tmp_path / "body.glb").read_bytes()
   (tmp_path / "cut.glb").write_bytes(data[:len(data) // 2])
   (tmp_path / "body.fbx").write_bytes(data)
-  for name, message in (("two.glb", "holds two bodies"), ("cut.glb", "cut or damaged"),
+  with open(tmp_path / "large.glb", "wb") as file:
+    file.truncate(300 << 20)
+  for name, message in (("two.glb", "holds two bodies"), ("cut.glb", "cut or damaged"), ("large.glb", "got 300 MiB"),
                         ("body.fbx", "Blender converts"), ("none.glb", "there is no file")):
     with pytest.raises((InputError, FileNotFoundError), match=message):
       export.save(CLIP, tmp_path / "out.glb", file=tmp_path / name)
@@ -234,13 +221,6 @@ def test_two_bodies_and_cut_files_and_other_endings(tmp_path):
   with pytest.raises(InputError, match="--character"):
     export.save(CLIP, tmp_path / "out.vrm")
   assert not list(tmp_path.glob("out.*"))
-
-
-def test_a_large_file_is_refused_unread(tmp_path):
-  with open(tmp_path / "large.glb", "wb") as file:
-    file.truncate(300 << 20)
-  with pytest.raises(InputError, match="got 300 MiB"):
-    check_character(tmp_path / "large.glb")
 
 
 def test_a_mapping_names_bones_that_no_rig_has(tmp_path):
@@ -255,20 +235,11 @@ def test_a_mapping_names_bones_that_no_rig_has(tmp_path):
   export.save(CLIP, tmp_path / "out.glb", file=tmp_path / "body.glb", mapping=mapping)
   capture = read_gltf(tmp_path / "out.glb")
   at = [capture.names.index(mapping[joint]) for joint in HUMANML3D.joints]
-  off = capture.positions[:, at] - JOINTS
-  off -= np.median(off[..., 1]) * np.array([0, 1, 0])
-  assert np.abs(off - off[:1, :1] * [1, 0, 1]).max() < 0.001
+  assert off_joints(capture.positions[:, at]) < 0.001
   with pytest.raises(InputError, match="'stick 0' to .*, expected one of them"):
     check_character(tmp_path / "body.glb", mapping | {"left_knee": "stick 0"})
   with pytest.raises(InputError, match="names the bones elbow of mine"):
     check_character(tmp_path / "body.glb", mapping | {"left_elbow": "elbow of mine"})
-
-
-def test_an_fbx_that_cannot_be_read_gets_one_sentence(tmp_path):
-  (tmp_path / "walk.fbx").write_bytes(b"no FBX at all")
-  with pytest.raises(InputError, match="cannot be read as FBX|read by ufbx") as error:  # without the extra the latter
-    export.load(tmp_path / "walk.fbx")
-  assert "\n" not in str(error.value) and "glTF 2.0" in str(error.value)
 
 
 def test_the_command_line_animates_and_reads_back(tmp_path, capsys):
@@ -281,7 +252,7 @@ def test_the_command_line_animates_and_reads_back(tmp_path, capsys):
   assert np.ptp((found.joints - JOINTS)[:, [4, 7, 16, 20]], axis=0).max() < 0.005
   shutil.copy(tmp_path / "out.glb", tmp_path / "body.glb")
   run("--character", tmp_path / "body.glb", "--out", tmp_path / "out.glb")
-  with pytest.raises(InputError, match="holds 2 animations .1 'a person walks', 2 'a person walks 2'.; choose one"):
+  with pytest.raises(InputError, match="holds 2 animations .1 'a person walks', 2 'a person walks 2'.; name one"):
     export.load(tmp_path / "out.glb")
   for name in ("2", "a person walks 2"):
     assert export.load(f"{tmp_path / 'out.glb'}#{name}").num_frames == CLIP.num_frames

@@ -5,8 +5,8 @@ from motion_jax import export
 from motion_jax.utils.errors import InputError
 from tests.export.test_bvh import walk
 
-# Called as Blender's Python is: SCRIPT MOTION.glb MOTION.fbx FPS.
-PROGRAMS = {"python-that-copies": 'cp "$2" "$3"', "blender-that-copies": 'shift 7; cp "$1" "$2"',
+# Called as Blender's Python is: -I SCRIPT MOTION.glb MOTION.fbx FPS.
+PROGRAMS = {"python-that-copies": 'cp "$3" "$4"', "blender-that-copies": 'shift 7; cp "$1" "$2"',
             "python-that-fails": "echo no codec >&2; exit 3", "python-that-writes-nothing": "true"}
 
 

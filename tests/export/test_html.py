@@ -32,10 +32,10 @@ def data_of(path):
 
 
 def test_page_holds_the_motion(tmp_path):
-  clips = [make("walk"), make("wave_left", 12)]
+  clips = [make("walk"), make("wave_left", 12).replace(fps=32.0)]
   path, = export.save(clips, tmp_path / "a.html")
   data = data_of(path)
-  assert [clip["frames"] for clip in data["clips"]] == [30, 12]
+  assert [(clip["frames"], clip["fps"]) for clip in data["clips"]] == [(30, 20), (12, 32)]
   for clip, one in zip(clips, data["clips"]):
     joints = np.frombuffer(base64.b64decode(one["joints"]), "<f4").reshape(-1, 22, 3)
     np.testing.assert_array_equal(joints, clip.joints)
@@ -45,9 +45,10 @@ def test_page_holds_the_motion(tmp_path):
     assert one["captions"][0]["text"] == clip.captions[0].text
 
 
+@pytest.mark.slow
 def test_the_page_draws_the_figure_where_the_glb_has_it(tmp_path):
   """The ground is y = 0, not lowered to hide feet that sink, and the skin is that of the .glb."""
-  low = make("stand")
+  low = make("stand", 8)
   high = low.replace(joints=low.joints + np.array([0, 0.045 - low.joints[..., 1].min(), 0], np.float32))
   data = data_of(export.html([low, high, low], tmp_path / "a.html"))
   assert [clip["floor"] for clip in data["clips"]] == [0, 0, 0]
@@ -76,6 +77,7 @@ def asked_of(clip, off=(0.03, 0.0, 0.04)):
           Keyframe(clip.joints[24], 1.2, "world")]
 
 
+@pytest.mark.slow
 def test_what_was_asked_is_in_the_page_and_how_far_off_the_motion_is(tmp_path):
   clip = make()
   signal = compile(asked_of(clip), 30)
@@ -96,7 +98,7 @@ def test_what_was_asked_is_in_the_page_and_how_far_off_the_motion_is(tmp_path):
 
 
 def test_a_page_of_a_motion_that_nothing_is_asked_of_is_as_ever(tmp_path):
-  clip = make()
+  clip = make(num_frames=4)
   export.save(clip, tmp_path / "a.html")
   export.save([clip], tmp_path / "b.html", control=[None], way_points=[])
   assert (tmp_path / "a.html").read_bytes() == (tmp_path / "b.html").read_bytes()
@@ -104,7 +106,7 @@ def test_a_page_of_a_motion_that_nothing_is_asked_of_is_as_ever(tmp_path):
 
 
 def test_page_loads_nothing_from_anywhere(tmp_path):
-  text = export.html(make(), tmp_path / "a.html").read_text(encoding="utf-8")
+  text = export.html(make(num_frames=4), tmp_path / "a.html").read_text(encoding="utf-8")
   shell = re.sub(r"<script>.*</script>", "", text, flags=re.S)
   assert not re.search(r"(src|href)\s*=|@import|url\(|fetch\(|import\(", shell)
   assert text.count("<script") == 2 + text.split("<script>")[1].count("<script"), "one script of data, one of code"
@@ -114,7 +116,7 @@ def test_page_loads_nothing_from_anywhere(tmp_path):
 
 def test_captions_cannot_break_the_page(tmp_path):
   evil = "</script><script>alert(1)</script><!-- @DATA@ @VIEWER@ & \"quoted\" \\u003c \U0001f57a"
-  path = export.html(make(caption=evil), tmp_path / "a.html")
+  path = export.html(make(num_frames=4, caption=evil), tmp_path / "a.html")
   assert data_of(path)["clips"][0]["captions"][0]["text"] == evil
   assert "alert(1)</script>" not in path.read_text(encoding="utf-8")
 
@@ -129,44 +131,35 @@ def chromium(folder):
           f"--user-data-dir={folder / 'profile'}"]
 
 
+def picture(command, page, path):
+  """(pixels (H, W, 3), what the browser's console said)."""
+  done = subprocess.run([*command, "--enable-logging=stderr", f"--screenshot={path}", page], capture_output=True,
+                        text=True, timeout=180, check=True)
+  said = [line for line in done.stderr.splitlines() if "CONSOLE" in line and "GL Driver Message" not in line]
+  return np.asarray(Image.open(path).convert("RGB")).astype(int), said
+
+
 @pytest.mark.slow
-def test_what_was_asked_is_seen_in_a_browser(tmp_path):
-  clip, command, picture = make(), chromium(tmp_path), tmp_path / "a.png"
-  path = export.html(clip, tmp_path / "a.html", control=compile(asked_of(clip, (0.5, 0.3, 0)), 30))
-  dom = subprocess.run([*command, "--dump-dom", f"file://{path}#0.25"], capture_output=True, text=True,
-                       timeout=180).stdout
-  assert "worst 583 mm (left wrist at 0.50 s)" in dom and 'id="constraints"' in dom
-  subprocess.run([*command, f"--screenshot={picture}", f"file://{path}#0.25"], capture_output=True, timeout=180,
-                 check=True)
-  red, green, blue = np.moveaxis(np.asarray(Image.open(picture).convert("RGB")).astype(int), -1, 0)
+def test_a_browser_plays_the_page_and_shows_what_was_asked(tmp_path):
+  clip, command = make(), chromium(tmp_path)
+  asked = compile(asked_of(clip, (0.5, 0.3, 0)), 30)
+  page = f"file://{export.html([clip, make('wave_left')], tmp_path / 'a.html', control=[asked, None])}#0.25"
+  dom = subprocess.run([*command, "--dump-dom", page], capture_output=True, text=True, timeout=180).stdout
+  assert 'data-state="ready"' in dom and 'data-frame="5"' in dom and 'id="constraints"' in dom
+  assert "1. a person does: walk" in dom and '<option value="1">2. a person does: wave_left</option>' in dom
+  assert "worst 583 mm (left wrist at 0.50 s)" in dom
+  image, said = picture(command, page, tmp_path / "a.png")
+  assert not said, "no warnings of the page in the browser's console"
+  red, green, blue = np.moveaxis(image, -1, 0)
+  assert image[:20, :20].min() > 220
+  assert (red > blue + 60).sum() > 500 and (blue > red + 60).sum() > 500, "orange and blue limbs"
   assert ((green > red + 40) & (green > blue + 20)).sum() > 200, "the path"
   assert ((red > green + 110) & (blue > green + 30)).sum() > 60, "the target"
 
 
-@pytest.mark.slow
-def test_page_plays_in_a_browser(tmp_path):
-  path, = export.save([make("walk"), make("wave_left")], tmp_path / "a.html")
-  command = chromium(tmp_path)
-  page = f"file://{path}#0.5"
-  dom = subprocess.run([*command, "--dump-dom", page], capture_output=True, text=True, timeout=180).stdout
-  assert 'data-state="ready"' in dom and 'data-frame="10"' in dom
-  assert "1. a person does: walk" in dom and '<option value="1">2. a person does: wave_left</option>' in dom
-  picture = tmp_path / "a.png"
-  done = subprocess.run([*command, "--enable-logging=stderr", f"--screenshot={picture}", page], capture_output=True,
-                        text=True, timeout=180, check=True)
-  said = [line for line in done.stderr.splitlines() if "CONSOLE" in line and "GL Driver Message" not in line]
-  assert not said, "no warnings of the page in the browser's console"
-  image = np.asarray(Image.open(picture).convert("RGB")).astype(int)
-  assert image[:20, :20].min() > 220
-  red, blue = image[..., 0], image[..., 2]
-  assert (red > blue + 60).sum() > 500 and (blue > red + 60).sum() > 500, "orange and blue limbs are seen"
-
-
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_page_is_dark_where_the_reader_wants_it_dark(tmp_path):
-  path, picture = export.html(make(), tmp_path / "a.html"), tmp_path / "a.png"
-  subprocess.run([*chromium(tmp_path), "--blink-settings=preferredColorScheme=0", f"--screenshot={picture}",
-                  f"file://{path}#0.5"], capture_output=True, timeout=180, check=True)
-  image = np.asarray(Image.open(picture).convert("RGB")).astype(int)
+  page = f"file://{export.html(make(), tmp_path / 'a.html')}#0.5"
+  image, _ = picture([*chromium(tmp_path), "--blink-settings=preferredColorScheme=0"], page, tmp_path / "a.png")
   assert image[:20, :20].max() < 40 and np.median(image) < 60, "sky and ground"
   assert image.max() > 150, "the body is lit"

@@ -21,7 +21,7 @@ def test_joints_are_read_back_in_their_places(kind, tmp_path):
   np.testing.assert_allclose(found.joints, clip.joints, atol=2e-6)
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", [*KINDS, ".npz"])
 def test_another_skeleton_keeps_its_joints_and_unit(kind, tmp_path):
   clip = walk(30, 0.2).on_skeleton(KIT)
   export.save(clip, tmp_path / f"walk{kind}")
@@ -74,6 +74,14 @@ def test_a_table_that_is_no_motion_is_refused(text, sentence, tmp_path):
   (tmp_path / "a.csv").write_text(text)
   with pytest.raises(InputError, match=sentence):
     export.load(tmp_path / "a.csv")
+
+
+def test_a_gap_is_named(tmp_path):
+  clip = walk(6)
+  clip.joints[3, HUMANML3D.joints.index("left_knee")] = np.nan
+  export.save(clip, tmp_path / "walk.c3d")
+  with pytest.raises(InputError, match="point left_knee of frame 4 is missing"):
+    export.load(tmp_path / "walk.c3d")
 
 
 @pytest.mark.parametrize("kind", [".trc", ".c3d"])

@@ -9,7 +9,7 @@ from motion_jax import export
 from motion_jax.data.mocap.capture import forward_kinematics
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.retarget import retarget
-from motion_jax.motion.skeleton import KIT, SMPL
+from motion_jax.motion.skeleton import SMPL
 from motion_jax.utils.errors import InputError
 from tests.export.test_bvh import walk
 
@@ -52,18 +52,19 @@ def test_forward_kinematics_of_the_poses_give_the_motion(clip, tmp_path):
   check(placed[..., [0, 2, 1]] * [-1, 1, 1], expected)
 
 
-def test_an_amass_file_is_read_back_at_its_rate(clip, tmp_path):
+def test_files_of_amass_and_of_kimodo_are_read(clip, tmp_path):
   export.save(clip, tmp_path / "walk.amass.npz")
   with pytest.warns(UserWarning, match="neutral adult"):
     found = export.load(tmp_path / "walk.amass.npz")
-  assert found.fps == clip.fps
   check(found.joints, retarget(clip.joints, SMPL))
-
-
-def test_another_skeleton_is_refused(clip, tmp_path):
-  with pytest.raises(InputError, match="HumanML3D's 22 joints"):
-    export.save(clip.on_skeleton(KIT), tmp_path / "kit.amass.npz")
-  assert not list(tmp_path.iterdir())
+  with np.load(tmp_path / "walk.amass.npz") as file:  # SMPL-X's own names alone
+    keys = ("root_orient", "pose_body", "trans", "mocap_frame_rate", "pelvis_offset")
+    np.savez(tmp_path / "x.npz", **{key: file[key] for key in keys})
+  with pytest.warns(UserWarning, match="neutral adult"):
+    np.testing.assert_array_equal(export.load(tmp_path / "x.npz").joints, found.joints)
+  np.savez(tmp_path / "kimodo.npz", posed_joints=clip.joints, foot_contacts=np.zeros((30, 4)))  # states no rate
+  found = export.load(tmp_path / "kimodo.npz")
+  assert found.fps == 30 and (found.joints == clip.joints).all()
 
 
 def test_the_command_for_a_pickle_makes_files_that_are_read(clip, tmp_path):

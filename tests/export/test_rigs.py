@@ -50,7 +50,7 @@ def test_a_bvh_of_a_rig_is_read_back(name, tmp_path):
   assert np.abs(found.joints - expected.joints).max() < FAR.get(name, 0.001)
 
 
-@pytest.mark.parametrize("name", ["mixamo", "ue5", "rigify", "cmu_asf", "snapmogen"])
+@pytest.mark.parametrize("name", ["mixamo", "ue5", "rigify"])
 def test_the_skin_of_a_glb_is_the_same_on_every_rig(name, tmp_path):
   clip = walk(5, 0.2)
   skins = []
@@ -77,14 +77,15 @@ def test_an_unknown_rig_and_another_skeleton_are_refused(tmp_path):
     rigs.get_rig("mixammo")
   export.save(walk(30, 0.2), tmp_path / "walk.bvh", rig="kit")
   assert export.load(tmp_path / "walk.bvh").skeleton is KIT
-  kit = walk(4).on_skeleton(KIT)
-  with pytest.raises(InputError, match="HumanML3D's 22"):
-    export.save(kit, tmp_path / "kit.bvh", rig="mixamo")
+  for name, rig in (("kit.bvh", dict(rig="mixamo")), ("kit.amass.npz", {})):
+    with pytest.raises(InputError, match="HumanML3D's 22"):
+      export.save(walk(4).on_skeleton(KIT), tmp_path / name, **rig)
+  assert [path.name for path in tmp_path.iterdir()] == ["walk.bvh"]
 
 
 def test_the_command_line_lists_and_writes_rigs(tmp_path, capsys):
   assert cli.main(["rigs"]) == 0
-  assert all(name in capsys.readouterr().out for name in ("mixamo",))
+  assert "mixamo" in capsys.readouterr().out
   export.npz(walk(6), tmp_path / "walk.npz")
   assert cli.main(["render", f"{tmp_path}/walk.npz", "--rig", "mixamo", "--out", f"{tmp_path}/walk.bvh"]) == 0
   assert "JOINT mixamorig:LeftUpLeg" in (tmp_path / "walk.bvh").read_text()

@@ -18,9 +18,9 @@ def read(path):
   return stage, skeleton, cache.GetSkelQuery(skeleton), cache
 
 
-@pytest.mark.parametrize("rig", [None, "mixamo", "ue5"])
+@pytest.mark.parametrize("rig", [None, "ue5"])
 def test_the_joints_are_where_the_rig_has_them(rig, tmp_path):
-  clip = walk(6, 0.2)
+  clip = walk(6, 0.2).replace(fps=32.0)
   export.save(clip, tmp_path / "walk.usda", rig=rig)
   stage, skeleton, query, _ = read(tmp_path / "walk.usda")
   assert (stage.GetStartTimeCode(), stage.GetEndTimeCode(), stage.GetTimeCodesPerSecond()) == (0, 5, clip.fps)
@@ -45,12 +45,3 @@ def test_the_mannequin_is_skinned_and_equal_on_every_rig(tmp_path):
     found.append(np.concatenate(points))
   np.testing.assert_allclose(found[1], found[0], atol=1e-5)
   assert abs(found[0][:, 1].min()) < 0.05 and 1.3 < found[0][:, 1].max() < 2
-
-
-def test_exact_joints_are_kept(tmp_path):
-  clip = walk(6, 0.2)
-  export.save(clip, tmp_path / "walk.usda", exact=True)
-  stage, _, query, _ = read(tmp_path / "walk.usda")
-  assert stage
-  found = np.array([[matrix.ExtractTranslation() for matrix in query.ComputeJointSkelTransforms(t)] for t in range(6)])
-  np.testing.assert_allclose(found, clip.joints, atol=1e-5)

@@ -1,11 +1,12 @@
 """Robots: kinematics and orders equal other people's files; a motion is followed within the robot's limits."""
+import dataclasses
 import json
 
 import numpy as np
 import pytest
 
 from motion_jax import export, robots
-from motion_jax.data.clip import Clip
+from motion_jax.data.clip import Caption, Clip
 from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.motion import rotations as rot
 from motion_jax.robots import description
@@ -18,6 +19,8 @@ from motion_studio import cli
 from tests import fixtures
 from tests.conftest import ROOT
 
+# The order of joints in IsaacLab, by places in MuJoCo's, as BeyondMimic publishes it.
+ISAACLAB = [0, 6, 12, 1, 7, 13, 2, 8, 14, 3, 9, 15, 22, 4, 10, 16, 23, 5, 11, 17, 24, 18, 25, 19, 26, 20, 27, 21, 28]
 LIMB = """<body name="{s}_hip" pos="0 {y} -0.08"><joint name="{s}_hip_x" axis="1 0 0" range="-0.6 0.6"/>
   <joint name="{s}_hip_y" axis="0 1 0" range="-2 1"/><geom type="capsule" size="0.04" fromto="0 0 0 0 0 -0.35"/>
   <body name="{s}_knee" pos="0 0 -0.38"><joint name="{s}_knee" axis="0 1 0" range="0 2.4"/>
@@ -56,12 +59,17 @@ def g1():
 @pytest.fixture(scope="module")
 def walk():
   clip = next(clip for clip in synthetic_clips(seed=0) if "walk" in clip.captions[0].text)
-  return clip.cut(0, min(clip.num_frames, 40))
+  return clip.cut(0, 26)
 
 
 @pytest.fixture(scope="module")
 def followed(g1, walk):
   return robots.retarget(walk, g1)
+
+
+@pytest.fixture(scope="module")
+def report(followed, walk):
+  return robots.report(followed, walk)
 
 
 def test_kinematics_and_orders_are_those_of_a_file_that_others_wrote(g1):
@@ -75,14 +83,6 @@ def test_kinematics_and_orders_are_those_of_a_file_that_others_wrote(g1):
   np.testing.assert_allclose(found["body_ang_vel_w"][inner], file["body_ang_vel_w"][inner], atol=0.3)
 
 
-def test_isaaclab_order_is_the_published_permutation(g1):
-  il = [0, 6, 12, 1, 7, 13, 2, 8, 14, 3, 9, 15, 22, 4, 10, 16, 23, 5, 11, 17, 24, 18, 25, 19, 26, 20, 27, 21, 28]
-  qpos = np.tile(g1.standing(), (2, 1))
-  qpos[:, 7:] = np.arange(29) / 100
-  motion = robots.RobotMotion(g1, qpos, 50.0)
-  np.testing.assert_allclose(body_arrays(motion, "isaaclab")["joint_pos"][0], qpos[0, 7:][il], rtol=1e-6)
-
-
 @pytest.mark.parametrize("name, order", [("g1_xyzw.csv", "xyzw"), ("g1_wxyz.csv", "wxyz")])
 def test_the_quaternion_order_of_a_csv_is_read_off_the_pelvis(g1, name, order):
   with pytest.warns(UserWarning, match="states no rate"):
@@ -92,18 +92,11 @@ def test_the_quaternion_order_of_a_csv_is_read_off_the_pelvis(g1, name, order):
   assert up[:, 2].min() > 0.9
 
 
-def test_an_order_that_the_file_does_not_show_is_refused(g1, tmp_path):
-  rows = np.zeros((3, 36))
-  rows[:, 3:7] = [0.5, 0.5, 0.5, 0.5]
-  np.savetxt(tmp_path / "lying.csv", rows, delimiter=",")
-  with pytest.raises(InputError, match="--quaternion wxyz or xyzw"):
-    robots.read_csv(tmp_path / "lying.csv", g1)
-
-
 @pytest.mark.parametrize("damage, message", [
     (lambda rows: rows[:, :35], "got 35 numbers, expected 36"),
     (lambda rows: rows * [*[1] * 3, *[2] * 4, *[1] * 29], "expected a quaternion of length 1"),
-    (lambda rows: rows * [*[1] * 7, *[57.3] * 29], "look like degrees")])
+    (lambda rows: rows * [*[1] * 7, *[57.3] * 29], "look like degrees"),
+    (lambda rows: 0 * rows + [*[0] * 3, *[0.5] * 4, *[0] * 29], r"--quaternion wxyz .or xyzw.")])  # it lies
 def test_a_damaged_csv_is_refused(g1, tmp_path, damage, message):
   rows = np.loadtxt(fixtures.path("robots/g1_wxyz.csv"), delimiter=",")
   np.savetxt(tmp_path / "bad.csv", damage(rows), delimiter=",")
@@ -111,44 +104,13 @@ def test_a_damaged_csv_is_refused(g1, tmp_path, damage, message):
     robots.read_csv(tmp_path / "bad.csv", g1, fps=30)
 
 
-def test_the_robot_follows_within_its_limits(g1, walk, followed):
-  report = robots.report(followed, walk)
+def test_the_robot_follows_within_its_limits(g1, followed, report):
+  """Planted feet do not slide, and arms keep off the body."""
+  import mujoco
   assert report.feet[0] < 10 and report.pelvis[0] < 40 and report.hands[0] < 60
   low, high = g1.ranges.T
   assert (followed.angles >= low - 1e-3).all() and (followed.angles <= high + 1e-3).all()
   assert report.largest_step <= 20 / 50 + 1e-6
-  assert report.in_floor < 30
-
-
-def test_a_foot_that_stands_stays_in_its_place(g1):
-  joints = synthetic_clips(seed=1)[0].joints[:1]
-  still = Clip(np.repeat(joints, 30, axis=0), captions=())
-  motion = robots.retarget(still, g1)
-  places, _ = g1.kinematics(motion.qpos)
-  assert any(target.planted.any() for target in targets_of(still, g1, 50.0))
-  for side in ("left", "right"):
-    assert np.ptp(places[5:, g1.index(f"{side}_ankle")], axis=0).max() < 0.004
-
-
-def test_the_same_motion_gives_the_same_configurations(g1, walk, followed):
-  np.testing.assert_array_equal(robots.retarget(walk, g1).qpos, followed.qpos)
-
-
-@pytest.mark.parametrize("size", [1, 7, 40])
-def test_a_stream_gives_the_configurations_of_the_whole_clip_in_bounded_delay(g1, walk, followed, size):
-  stream, found, pushed = robots.Stream(g1, walk.fps), [], 0
-  for first in range(0, walk.num_frames, size):
-    block = walk.joints[first:first + size]
-    pushed += len(block)
-    found.append(stream.push(block))
-    assert sum(map(len, found)) / 50 >= pushed / walk.fps - DELAY - 1e-9
-  found.append(stream.finish())
-  np.testing.assert_array_equal(np.concatenate(found), followed.qpos)
-
-
-def test_planted_feet_do_not_slide_and_arms_stay_off_the_body(g1, walk, followed):
-  import mujoco
-  report = robots.report(followed, walk)
   assert report.slide < 15 and report.in_floor < 3
   data, distance = mujoco.MjData(g1.model), []
   arm, trunk = (g1.model.geom(name).id for name in ("left_wrist_yaw", "torso_1"))
@@ -159,6 +121,39 @@ def test_planted_feet_do_not_slide_and_arms_stay_off_the_body(g1, walk, followed
   assert min(distance) > 0
 
 
+@pytest.mark.slow
+def test_a_foot_that_stands_stays_in_its_place(g1):
+  joints = synthetic_clips(seed=1)[0].joints[:1]
+  motion = robots.retarget(Clip(np.repeat(joints, 10, axis=0), captions=()), g1)
+  places, _ = g1.kinematics(motion.qpos)
+  assert motion.planted.any()
+  for side in ("left", "right"):
+    assert np.ptp(places[5:, g1.index(f"{side}_ankle")], axis=0).max() < 0.004
+
+
+@pytest.mark.slow
+def test_a_stream_gives_the_configurations_of_the_whole_clip_in_bounded_delay(g1, walk, followed):
+  stream, made, pushed = robots.Stream(g1, walk.fps), [], 0
+  for size in (1, 2, 7, 3, 1, 12):
+    made.append(stream.push(walk.joints[pushed:pushed + size]))
+    pushed += size
+    assert sum(map(len, made)) / 50 >= pushed / walk.fps - DELAY - 1e-9
+  np.testing.assert_array_equal(np.concatenate([*made, stream.finish()]), followed.qpos)
+
+
+@pytest.mark.slow
+def test_a_report_measures_slide_depth_and_steps(g1, walk, followed, report):
+  """Of a motion 5 cm too low that glides to the left, with an elbow that snaps where the second prompt begins."""
+  before, qpos, elbow = report, followed.qpos.copy(), g1.joints.index("left_elbow_joint")
+  qpos[:, 1] += 0.2 * np.arange(len(qpos)) / 50
+  qpos[:, 2] -= 0.05
+  qpos[20:, 7 + elbow] += 0.5
+  captions = tuple(Caption("walks", start, start + 0.5) for start in (0.0, 0.4, 0.9))
+  report = robots.report(dataclasses.replace(followed, qpos=qpos, captions=captions), walk)
+  assert report.in_floor - before.in_floor == pytest.approx(50, abs=0.1) and abs(report.slide - 200) < 30
+  assert report.largest_step == report.seams[0] > 0.4 > report.seams[1] > 0 and report.step_joint == "left_elbow_joint"
+
+
 def test_fixed_joints_do_not_move(g1, walk):
   robot = g1.with_joints(23)
   motion = robots.retarget(walk.cut(0, 10), robot)
@@ -167,22 +162,45 @@ def test_fixed_joints_do_not_move(g1, walk):
 
 
 @pytest.mark.parametrize("format", ["unitree_xyzw", "kimodo_wxyz"])
-def test_what_is_written_is_read_back(g1, followed, tmp_path, format):
+def test_a_csv_is_read_back_at_the_rate_of_its_side_car(g1, followed, tmp_path, format):
   path, about = robots.write(followed, tmp_path / "walk", format)
   assert path.name == f"walk.{format}.csv" and np.loadtxt(path, delimiter=",").shape[1] == 36
   stated = json.loads(about.read_text())
   assert stated["quaternion_order"] == format[-4:] and stated["fps"] == 30 and len(stated["joint_order"]) == 29
-  back, expected = robots.read_csv(path, g1), followed.at_rate(30.0)
-  np.testing.assert_allclose(back.qpos, expected.qpos, atol=1e-5)
-  assert back.fps == 30
+  back = robots.read_csv(path, g1)
+  assert back.fps == 30 and abs(back.seconds - followed.seconds) < 1 / 30
+  np.testing.assert_allclose(back.qpos[::3], followed.qpos[::5][:len(back.qpos[::3])], atol=1e-5)
+  between = followed.qpos[1] + 2 / 3 * (followed.qpos[2] - followed.qpos[1])  # 1/30 s are 5/3 frames of 50 a second
+  np.testing.assert_allclose(back.qpos[1], between, atol=1e-4)
+  for fps in (0, -30, 1e9, None, [30], "30", True):
+    about.write_text(json.dumps(stated | {"fps": fps}))
+    with pytest.raises(InputError, match="fps is .*, expected 1 to 1000 frames a second"):
+      robots.read_csv(path, g1)
 
 
 @pytest.mark.parametrize("format", sorted(set(robots.FORMATS) - {"unitree_xyzw", "kimodo_wxyz"}))
-def test_npz_formats_hold_plain_arrays(followed, tmp_path, format):
+def test_npz_formats_hold_the_motion(g1, walk, followed, tmp_path, format):
   path, about = robots.write(followed, tmp_path / "walk", format)
   with np.load(path, allow_pickle=False) as file:
-    assert {key: file[key].shape for key in file.files}
-  assert json.loads(about.read_text())["axes"].startswith("z up")
+    arrays = {key: file[key] for key in file.files}
+  stated = json.loads(about.read_text())
+  assert stated["axes"].startswith("z up") and stated["fps"] == (30 if format == "holosoma" else 50)
+  qpos, (places, _) = followed.qpos, g1.kinematics(followed.qpos)
+  angles, bodies = qpos[:, 7:], [0, *(g1.model.jnt_bodyid[1 + np.array(ISAACLAB)] - 1)]
+  expected = {
+      "gmr": dict(fps=50, root_pos=qpos[:, :3], root_rot=qpos[:, [4, 5, 6, 3]], dof_pos=angles),
+      "mujoco": dict(fps=50, qpos=qpos), "loco_mujoco": dict(frequency=50, qpos=qpos, split_points=[0, len(qpos)]),
+      "mjlab": dict(fps=[50], joint_pos=angles, body_pos_w=places),
+      "beyondmimic": dict(fps=[50], joint_pos=angles[:, ISAACLAB], body_pos_w=places[:, bodies]),
+      "holosoma": dict(height=1.65)}[format]
+  for key, value in expected.items():
+    np.testing.assert_allclose(arrays[key], value, atol=0.15 if key == "height" else 1e-5, err_msg=key)
+  if "qvel" in arrays:
+    np.testing.assert_allclose(arrays["qvel"][1:-1, 6:], (angles[2:] - angles[:-2]) * 25, atol=1e-6)
+  if format == "holosoma":
+    np.testing.assert_allclose(arrays["global_joint_positions"][::3], walk.joints[::2][..., [2, 0, 1]], atol=1e-5)
+  if "joint_names" in arrays:
+    assert tuple(arrays["joint_names"])[-29:] == g1.joints
 
 
 def test_the_way_back_shows_the_same_hands(g1, walk, followed):
@@ -193,74 +211,44 @@ def test_the_way_back_shows_the_same_hands(g1, walk, followed):
   np.testing.assert_allclose(to_robot_axes(from_robot_axes(wrist)), wrist, atol=1e-12)
 
 
-def test_a_robot_of_ones_own(tmp_path, walk):
-  (tmp_path / "small.xml").write_text(humanoid())
-  robot = robots.load(tmp_path / "small.xml", mapping())
-  motion = robots.retarget(walk.cut(0, 15), robot)
-  assert motion.qpos.shape[1] == 7 + 15 and robots.report(motion, walk.cut(0, 15)).feet[0] < 30
-  export.strip(motion, tmp_path / "small.png", num=2, height=80)
-  assert (tmp_path / "small.png").stat().st_size > 500
+HINGE = ('<joint name="{}{}" type="revolute"><parent link="{}"/><child link="{}"/><limit lower="-1" upper="1" '
+         'effort="1" velocity="1"/></joint>')
+RING = f'<robot name="ring"><link name="a"/><link name="b"/>{HINGE.format(*"abab")}{HINGE.format(*"baba")}</robot>'
+LOOP = '<equality><connect body1="left_elbow" body2="right_elbow" anchor="0 0 0"/></equality></mujoco>'
+SLIDE = LIMB.replace('axis="0 1 0" range="0 2.4"', 'type="slide" axis="0 1 0" range="0 1"')
 
 
-@pytest.mark.parametrize("change, message", [
-    (lambda parts: parts.pop("left_knee"), "lacks left_knee"),
-    (lambda parts: parts.update(tail="base"), "names tail"),
-    (lambda parts: parts.update(left_knee="nothing"), "names the bodies nothing"),
-    (lambda parts: parts.update(left_knee="left_hip"), "one point of left_hip"),
-    (lambda parts: parts.update(left_knee=["left_hip"]), "expected a body, or")])
-def test_a_wrong_mapping_is_one_sentence(tmp_path, change, message):
-  (tmp_path / "small.xml").write_text(humanoid())
-  parts = mapping()
-  change(parts)
+@pytest.mark.parametrize("text, about, message", [
+    ("<mujoco><worldbody>", mapping(), "cannot read this robot"), (RING, mapping(), "cannot read this robot"),
+    ("<mujoco><worldbody/></mujoco>", mapping(), "expected one humanoid|names the bodies"),
+    (humanoid().replace("</mujoco>", LOOP), mapping(), "closed loops"), (humanoid(SLIDE), mapping(), "sliding"),
+    (humanoid(), None, "--robot-mapping FILE.json"),
+    (humanoid(), {part: body for part, body in mapping().items() if part != "left_knee"}, "lacks left_knee"),
+    (humanoid(), mapping() | {"tail": "base"}, "names tail"),
+    (humanoid(), mapping() | {"left_knee": "nothing"}, "names the bodies nothing"),
+    (humanoid(), mapping() | {"left_knee": "left_hip"}, "one point of left_hip"),
+    (humanoid(), mapping() | {"left_knee": ["left_hip"]}, "expected a body, or"),
+    (humanoid(), {"bodies": mapping() | {"left_wrist": ["left_elbow", ["x", 0, 0]]}}, "expected a body, or"),
+    (humanoid(), json.dumps(mapping())[:-1] + ', "left_knee": "left_hip"}', "left_knee stands twice"),
+    *((humanoid(), {"bodies": mapping()} | more, message) for more, message in (
+        ({"stand": {"left_knee": "bent"}}, "expected a number of radians"), ({"stand": [1]}, "expected an object"),
+        ({"stand": {"tail": 1}}, "stand of the description names tail"), ({"stands": {}}, "has the keys stands"),
+        ({"apart": [[["tail"], ["base"]]]}, "apart of the description names tail"), ({"bodies": [1]}, "an object"),
+        ({"apart": ["base"]}, "pairs of lists"), ({"fixed": {"14": ["tail"]}}, "fixed of .* names tail")))])
+def test_what_is_no_robot_or_no_mapping_of_it_is_one_sentence(tmp_path, text, about, message):
+  path = tmp_path / ("a.urdf" if text == RING else "a.xml")
+  path.write_text(text)
+  if isinstance(about, str):
+    (tmp_path / "map.json").write_text(about)
+    about = tmp_path / "map.json"
   with pytest.raises(InputError, match=message):
-    robots.load(tmp_path / "small.xml", parts)
-
-
-@pytest.mark.parametrize("text, message", [
-    ("<mujoco><worldbody>", "cannot read this robot"),
-    ("<mujoco><worldbody/></mujoco>", "expected one humanoid|names the bodies"),
-    (humanoid().replace("</mujoco>", '<equality><connect body1="left_elbow" body2="right_elbow" anchor="0 0 0"/>'
-                        "</equality></mujoco>"), "closed loops"),
-    (humanoid(LIMB.replace('axis="0 1 0" range="0 2.4"', 'type="slide" axis="0 1 0" range="0 1"')), "sliding")])
-def test_a_file_that_is_no_humanoid_is_refused(tmp_path, text, message):
-  (tmp_path / "bad.xml").write_text(text)
-  with pytest.raises(InputError, match=message):
-    robots.load(tmp_path / "bad.xml", mapping())
+    robots.load(path, about)
 
 
 def test_a_robot_without_limits_is_said(tmp_path):
   (tmp_path / "free.xml").write_text(humanoid(LIMB.replace('range="-2 1"', "")))
   with pytest.warns(UserWarning, match="left_hip_y, right_hip_y have no limits"):
     assert np.isinf(robots.load(tmp_path / "free.xml", mapping()).ranges).any()
-
-
-def test_a_cycle_of_links_is_refused(tmp_path):
-  joint = ('<joint name="{a}{b}" type="revolute"><parent link="{a}"/><child link="{b}"/><limit lower="-1" upper="1" '
-           'effort="1" velocity="1"/></joint>')
-  (tmp_path / "ring.urdf").write_text('<robot name="ring"><link name="a"/><link name="b"/>' + joint.format(a="a", b="b")
-                                      + joint.format(a="b", b="a") + "</robot>")
-  with pytest.raises(InputError, match="cannot read this robot"):
-    robots.load(tmp_path / "ring.urdf", mapping())
-
-
-@pytest.mark.parametrize("more, message", [
-    ({"stand": {"left_knee": "bent"}}, "expected a number of radians"), ({"stand": [1]}, "expected an object"),
-    ({"stand": {"tail": 1}}, "stand of the description names tail"), ({"stands": {}}, "has the keys stands"),
-    ({"posture": {"tail": 1}}, "posture of the description names tail"),
-    ({"apart": [[["tail"], ["base"]]]}, "apart of the description names tail"), ({"apart": ["base"]}, "pairs of lists"),
-    ({"fixed": {"14": ["tail"]}}, "fixed of the description names tail"), ({"bodies": [1]}, "expected an object"),
-    ({"bodies": mapping() | {"left_wrist": ["left_elbow", ["x", 0, 0]]}}, "expected a body, or")])
-def test_a_wrong_description_is_one_sentence(tmp_path, more, message):
-  (tmp_path / "small.xml").write_text(humanoid())
-  with pytest.raises(InputError, match=message):
-    robots.load(tmp_path / "small.xml", {"bodies": mapping()} | more)
-
-
-def test_a_part_that_stands_twice_in_a_mapping_file_is_refused(tmp_path):
-  (tmp_path / "small.xml").write_text(humanoid())
-  (tmp_path / "map.json").write_text(json.dumps(mapping())[:-1] + ', "left_knee": "left_hip"}')
-  with pytest.raises(InputError, match="left_knee stands twice"):
-    robots.load(tmp_path / "small.xml", tmp_path / "map.json")
 
 
 @pytest.mark.parametrize("path", sorted((ROOT / "examples" / "robots").glob("*.json")), ids=lambda path: path.stem)
@@ -270,7 +258,8 @@ def test_the_mappings_of_the_examples_are_whole(path):
   description.check_bodies(path, parts, {body for body, _ in parts.values()})
 
 
-def test_bodies_whose_frames_point_anywhere_move_the_same(tmp_path, walk):
+@pytest.mark.slow
+def test_robots_of_ones_own_move_the_same_wherever_their_frames_point(tmp_path, walk):
   """Feet, knees and the chest of a file may have any axes: targets are relative to the upright pose."""
   (tmp_path / "plain.xml").write_text(humanoid())
   # The foot's frame turned by 90 degrees about z, what hangs in it turned back.
@@ -283,16 +272,12 @@ def test_bodies_whose_frames_point_anywhere_move_the_same(tmp_path, walk):
   plain, other = (robots.retarget(short, robots.load(tmp_path / name, mapping()))
                   for name in ("plain.xml", "turned.xml"))
   np.testing.assert_allclose(other.qpos, plain.qpos, atol=1e-3)
+  assert plain.qpos.shape[1] == 7 + 15 and robots.report(plain, short).feet[0] < 30
+  export.strip(plain, tmp_path / "small.png", num=2, height=80)
+  assert (tmp_path / "small.png").stat().st_size > 500
 
 
-def test_a_robot_without_a_mapping_gets_a_template(tmp_path):
-  (tmp_path / "small.xml").write_text(humanoid())
-  with pytest.raises(InputError, match="--robot-mapping FILE.json"):
-    robots.load(tmp_path / "small.xml")
-  with pytest.raises(FileNotFoundError, match="no robot file .*none.urdf"):
-    robots.load(tmp_path / "none.urdf")
-
-
+@pytest.mark.slow
 def test_the_command_writes_files_and_a_report(walk, tmp_path, capsys):
   export.npz(walk.cut(0, 12), tmp_path / "walk.npz")
   assert cli.main(["retarget", f"{tmp_path}/walk.npz", "--format", "unitree_xyzw,mujoco", "--picture",
@@ -305,6 +290,7 @@ def test_the_command_writes_files_and_a_report(walk, tmp_path, capsys):
 
 @pytest.mark.parametrize("arguments, message", [
     (["--format", "nao"], "got robot format 'nao'"), (["--robot", "r2d2"], "got robot 'r2d2'"),
+    (["--robot", "none.urdf"], "there is no robot file none.urdf"),
     (["--joints", "24"], "expected 23, 29"), (["--out", "x.csv"], "expected a stem"),
     (["--picture", "x.txt"], "expected a file that ends in")])
 def test_the_command_refuses_in_one_line(walk, tmp_path, capsys, arguments, message):
@@ -313,10 +299,11 @@ def test_the_command_refuses_in_one_line(walk, tmp_path, capsys, arguments, mess
   assert message in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("caught", [[-2.9, 1.9, 2.5], [2.5, 2.0, -2.4]])
+@pytest.mark.slow
+@pytest.mark.parametrize("caught", [[-2.9, 1.9, 2.5], pytest.param([2.5, 2.0, -2.4], marks=pytest.mark.exhaustive)])
 def test_an_arm_that_is_caught_on_the_wrong_side_gets_out(g1, walk, caught):
   """Left shoulder pitch, roll and yaw far from where the arm is: the hand is back within half a second."""
-  target, solver = targets_of(walk, g1, 50.0)[0], Solver(g1, 50.0)
+  target, solver = targets_of(walk.cut(0, 4), g1, 50.0)[0], Solver(g1, 50.0)
   solver.step(target)
   before, configuration = solver.off(solver.configuration), solver.configuration.q.copy()
   configuration[7 + 15:7 + 18] = caught

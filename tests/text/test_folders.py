@@ -12,6 +12,7 @@ from motion_jax.text import clip, hugging_face, t5
 from motion_jax.text.encoder import load_text_encoder
 from motion_jax.text.folder import clip_tokenizer
 from tests import fixtures
+from tests.conftest import some_of
 from tests.golden import Fixture
 from tests.text.reference import mean_sentence
 
@@ -71,7 +72,7 @@ def folders(tmp_path_factory):
           "t5": write_t5(root / "t5"), "sentence_t5": write_t5(root / "sentence_t5", sentence=True)}
 
 
-@pytest.fixture(scope="module", params=["clip", "t5", "sentence_t5"])
+@pytest.fixture(scope="module", params=[*some_of(["clip", "t5", "sentence_t5"], quick=["sentence_t5"], slow=["clip"])])
 def encoders(request, folders):
   """The same encoder at both levels."""
   return tuple(load_text_encoder(folders[request.param], level=level) for level in ("words", "sentence"))
@@ -96,15 +97,6 @@ def test_features_are_the_networks(encoders):
   assert words.dim == 32 and sentences.dim == len(vector)
   assert sentences.dim == (32 if isinstance(words.model, t5.T5Encoder) and words.model.gated else 24)
   np.testing.assert_allclose(np.linalg.norm(words.sentence(CAPTIONS), axis=-1), 1, atol=1e-6)
-
-
-def test_padding_and_batch_mates_are_invisible(encoders):
-  for encoder, length in zip(encoders, (12, 1)):
-    together, mask = encoder(CAPTIONS, pad_to=12)
-    assert together.dtype == np.float32 and together.shape == (3, length, encoder.dim) and np.isfinite(together).all()
-    encoder._cache.clear()
-    for row, real, caption in reversed(list(zip(together, mask, CAPTIONS))):
-      assert (encoder([caption])[0][0] == row[real]).all()
 
 
 def test_a_whole_clip_with_the_old_files_is_the_same(folders):
@@ -148,6 +140,10 @@ def test_missing_files_are_listed(tmp_path, monkeypatch):
   write_json(tmp_path / "config.json", {"model_type": "clip"})
   (tmp_path / "vocab.json").touch()
   with pytest.raises(FileNotFoundError, match="lacks model.safetensors, merges.txt"):
+    load_text_encoder(tmp_path)
+  write_json(tmp_path / "config.json", {"model_type": "bert"})
+  (tmp_path / "vocab.txt").touch()
+  with pytest.raises(FileNotFoundError, match=r"lacks .*tokenizer.json.*vocab.txt is not read here.*\[convert\]"):
     load_text_encoder(tmp_path)
 
 

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from tokenizers import Tokenizer, models, normalizers, pre_tokenizers, processors
 
-from motion_jax.text import hugging_face
 from motion_jax.text.encoder import load_text_encoder
 
 CAPTIONS = ["a person walks.", "walks a", "A person, a person walks and walks."]
@@ -116,12 +115,3 @@ def test_pytorch_weights_of_an_encoder_are_converted_once(tmp_path):
   line = re.search(r'python -c "(.*?)"', str(told.value))[1]
   exec(line, {})
   np.testing.assert_array_equal(load_text_encoder(tmp_path)(CAPTIONS)[0], safe)
-
-
-def test_without_transformers_an_older_tokenizer_is_told(tmp_path, monkeypatch):
-  monkeypatch.setattr(hugging_face, "installed", lambda: False)
-  (tmp_path / "config.json").write_text(json.dumps({"model_type": "bert", **BERT}))
-  for name in ("vocab.txt", "model.safetensors"):
-    (tmp_path / name).touch()
-  with pytest.raises(FileNotFoundError, match=r"lacks tokenizer.json.*vocab.txt is not read here.*\[convert\]"):
-    load_text_encoder(tmp_path)

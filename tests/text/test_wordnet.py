@@ -24,8 +24,3 @@ def test_nouns_and_paces():
 def test_inflected_verbs_of_the_table_are_verbs_and_nouns_are_none():
   words = "scampers scampering swivelled scamper shoulders hands legs".split()
   assert list(map(verb_of, words)) == ["scamper", "scamper", "swivel", "", "", "", ""]
-
-
-def test_the_table_is_small_and_has_its_licence():
-  assert wordnet.TABLE.stat().st_size < 200_000
-  assert "Princeton" in wordnet.TABLE.with_name("LICENSE").read_text("utf-8")
