@@ -156,12 +156,12 @@ def _runner_among(known, names):
   return None
 
 
-def recordings(*names, sharp=(), single=(), slow=(), further=False):
+def recordings(*names, sharp=(), single=(), slow=()):
   """Marks a test(name, precision) of recordings: each in one precision, in the other one among the exhaustive tests.
 
   The first one is float32, in which all outputs are recorded; of `sharp` ones it is float64, for what a solver with
   steps of its own makes of rounding leaves float32 little to say. single: recorded in float32 alone. slow: whose first
-  one is slow, as it compiles much. further has no effect.
+  one is slow, as it compiles much.
   """
   first = lambda name, precision: (precision == "float64") == (name in sharp)
   marks = lambda name, precision: (() if name not in slow else pytest.mark.slow) if first(name, precision) else (

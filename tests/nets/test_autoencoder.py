@@ -41,7 +41,7 @@ def run_autoencoder(fixture, dtype):
 
 
 @pytest.mark.slow
-@recordings("ae63", "ae66", further=True)
+@recordings("ae63", "ae66")
 def test_golden(name, precision):
   assert not check(fixtures.path(f"cdamd/{name}.npz"), [precision]).failures
 

@@ -99,7 +99,7 @@ def run_tables(fixture, dtype):
 
 
 @pytest.mark.slow
-@recordings("causal_dit", "dit_tables", further=True)
+@recordings("causal_dit", "dit_tables")
 def test_golden(name, precision):
   assert not check(fixtures.path(f"cmdm/{name}.npz"), [precision]).failures
 

@@ -93,7 +93,7 @@ def run_mac_vae_loss(fixture, dtype):
 
 
 @pytest.mark.slow
-@recordings("mac_vae", "mac_vae_loss", further=True)
+@recordings("mac_vae", "mac_vae_loss")
 def test_golden(name, precision):
   assert not check(fixtures.path(f"cmdm/{name}.npz"), [precision]).failures
 

@@ -91,7 +91,7 @@ NAMES = ("mld_vae", "mld_vae_variants", "mld_denoiser")
 
 
 @pytest.mark.slow
-@recordings(*NAMES, further=True)
+@recordings(*NAMES)
 def test_golden(name, precision):
   assert not check(fixtures.path(f"mld/{name}.npz"), [precision]).failures
 

@@ -105,7 +105,7 @@ def run_ms_head(fixture, dtype):
 
 
 @pytest.mark.slow
-@recordings("ms_transformer", "ms_head", further=True)
+@recordings("ms_transformer", "ms_head")
 def test_golden(name, precision):
   assert not check(fixtures.path(f"motionstreamer/{name}.npz"), [precision]).failures
 

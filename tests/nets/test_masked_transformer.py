@@ -78,7 +78,7 @@ def run_mardm_transformer(fixture, dtype):
 
 
 @pytest.mark.slow
-@recordings("mardm_transformer", "transformer", further=True)
+@recordings("mardm_transformer", "transformer")
 def test_golden(name, precision):
   assert not check(fixtures.path(f"cdamd/{name}.npz"), [precision]).failures
 

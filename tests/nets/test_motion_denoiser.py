@@ -111,7 +111,7 @@ NAMES = ("mdm_encoder", "mdm_decoder_words", "mdm_decoder_pooled")
 
 
 @pytest.mark.slow
-@recordings(*NAMES, further=True)
+@recordings(*NAMES)
 def test_golden(name, precision):
   assert not check(fixtures.path(f"mdm/{name}.npz"), [precision]).failures
 

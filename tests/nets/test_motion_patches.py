@@ -70,7 +70,7 @@ def run_motion_patches(fixture, dtype):
 
 
 @pytest.mark.slow
-@recordings("motion_patches", further=True)
+@recordings("motion_patches")
 def test_golden(name, precision):
   assert not check(fixtures.path(f"cmdm/{name}.npz"), [precision]).failures
 

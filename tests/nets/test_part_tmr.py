@@ -49,7 +49,7 @@ def run_part_tmr(fixture, dtype):
 
 
 @pytest.mark.slow
-@recordings("part_tmr", further=True)
+@recordings("part_tmr")
 def test_golden(name, precision):
   assert not check(fixtures.path(f"cmdm/{name}.npz"), [precision]).failures
 

@@ -79,7 +79,7 @@ def run_tmr(fixture, dtype):
 
 
 @pytest.mark.slow
-@recordings("tmr", further=True)
+@recordings("tmr")
 def test_golden(name, precision):
   assert not check(fixtures.path(f"cmdm/{name}.npz"), [precision]).failures
 

@@ -103,7 +103,7 @@ def run_rvq_train(fixture, dtype):
 
 
 @pytest.mark.slow
-@recordings("rvq_eval", "rvq_train", "rvq_train_small", further=True)
+@recordings("rvq_eval", "rvq_train", "rvq_train_small")
 def test_golden(name, precision):
   assert not check(fixtures.path(f"cdamd/{name}.npz"), [precision]).failures
 

@@ -187,7 +187,7 @@ def run_edit(fixture, dtype):
 
 
 @pytest.mark.slow
-@recordings("train_step", "generate_mardm_ddpm", sharp=("generate",), further=True)
+@recordings("train_step", "generate_mardm_ddpm", sharp=("generate",))
 def test_golden(name, precision):
   assert not check(fixtures.path(f"cdamd/{name}.npz"), [precision]).failures
 

@@ -51,7 +51,7 @@ def run_continuation(fixture, dtype):
 
 
 @pytest.mark.slow
-@recordings("continuation", further=True)
+@recordings("continuation")
 def test_golden(name, precision):
   assert not check(fixtures.path(f"cmdm/{name}.npz"), [precision]).failures
 

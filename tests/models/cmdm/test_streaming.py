@@ -45,7 +45,7 @@ def run_sampling(fixture, dtype):
 
 
 @pytest.mark.slow
-@recordings("sampling", further=True)
+@recordings("sampling")
 def test_golden(name, precision):
   assert not check(fixtures.path(f"cmdm/{name}.npz"), [precision]).failures
 
