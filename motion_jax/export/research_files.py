@@ -37,7 +37,7 @@ def is_of_video(keys) -> bool:
 def read_amass(path, up=None, fps=None):
   """Joints (T, 22, 3) of the poses in an AMASS file, metres, y up, and its rate, on a neutral adult's bones.
 
-  up: the file's upward axis, by default "z", of video tools "y". fps: the rate of a file that states none. The body's own
+  up: the upward axis, by default "z", of video tools "y". fps: the rate of a file that states none. The body's own
   shape (betas) takes the SMPL body model, which is not here.
   """
   of_video = is_of_video(npz_names(path))
