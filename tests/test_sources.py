@@ -76,6 +76,17 @@ def test_sources_lie_in_the_repository():
   assert not private, f"cite the paper's equation or a heading of docs/papers instead: {private}"
 
 
+def test_every_promise_of_the_page_on_tests_has_its_proof():
+  """The tests that its table names exist."""
+  page = (ROOT / "docs" / "testing.md").read_text()
+  rows = re.findall(r"(?m)^\| .* \| (`.*`) \| .* \|$", page.partition("## What is proved")[2].partition("\n## ")[0])
+  named = {name for row in rows for name in re.findall(r"`([\w/.:]+)`", row)}
+  for file, _, function in (name.partition("::") for name in named):
+    path = ROOT / file if file.startswith("tools/") else ROOT / "tests" / file
+    assert path.is_file() and f"def {function}(" in path.read_text() + "def (", f"no test {file}::{function}"
+  assert len(rows) > 15
+
+
 def test_paths_that_the_papers_pages_name_exist():
   named = {(page.name, name) for page in PAGES for name in re.findall(
       r"`((?:motion_jax|tests|benchmarks)/[\w/.-]+|configs/[\w/-]+\.py)`", page.read_text())}
