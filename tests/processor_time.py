@@ -117,7 +117,7 @@ class Meter:
   def pytest_runtest_makereport(self, item, call):
     report = yield
     now = tree_seconds()
-    spent, self.last = now - self.last, now
+    spent, self.last = max(0.0, now - self.last), now  # less where a process leaves the tree that it came from
     shared, self.shared = self.shared, {}
     own = spent - sum(shared.values())
     self.own = own if report.when == "setup" else self.own + own

@@ -29,6 +29,7 @@ from motion_jax.motion import inverse
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.retarget import with_lengths
 from motion_jax.motion.skeleton import HUMANML3D, SMPL
+from motion_jax.utils.atomic import atomic_path
 from motion_jax.utils.errors import InputError, reading
 from motion_jax.utils.nearest import did_you_mean
 
@@ -128,9 +129,9 @@ def load(path: str | os.PathLike, read: Reader | None = None) -> list[Constraint
 
 def save(constraints: Sequence[Constraint], path: str | os.PathLike) -> pathlib.Path:
   """Writes constraints to a .json file."""
-  path = pathlib.Path(path)
-  path.write_text(json.dumps(to_json(constraints), indent=1) + "\n")
-  return path
+  with atomic_path(path) as temporary:
+    temporary.write_text(json.dumps(to_json(constraints), indent=1) + "\n")
+  return pathlib.Path(path)
 
 
 # --- Kimodo's file -----------------------------------------------------------------------------------------------

@@ -26,10 +26,20 @@ def atomic_path(path):
   with stopping.undone_by(vanish):
     try:
       yield pathlib.Path(name)
+      _flush(name)
       os.chmod(name, 0o644)  # mkstemp's 0600 would keep the file from other users
       os.replace(name, path)
     finally:
       vanish()
+
+
+def _flush(path):
+  """Has a file's bytes on the disk, so that its new name never stands for an empty file after a power failure."""
+  handle = os.open(path, os.O_RDONLY)
+  try:
+    os.fsync(handle)
+  finally:
+    os.close(handle)
 
 
 def remove_strays(folder, names):

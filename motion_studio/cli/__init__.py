@@ -4,6 +4,7 @@ Nothing heavy is imported before a command runs, so that `--help` and a mistyped
 """
 import errno
 import gc
+import re
 import sys
 import warnings
 
@@ -84,6 +85,10 @@ def _called(args):
   try:
     return args.run(args)
   except OSError as error:
+    # numpy says of a full disk how many bytes it wanted to write and how many it did.
+    if error.errno == errno.ENOSPC or re.fullmatch(r"\d+ requested and \d+ written", str(error)):
+      raise InputError("no space left on the disk to write to; free some, or write to another folder. Nothing "
+                       "half-written is left") from error
     if error.errno != errno.ENAMETOOLONG:
       raise
     name = str(error.filename or "")

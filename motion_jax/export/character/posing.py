@@ -10,7 +10,6 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
-from scipy.linalg import solveh_banded
 
 from motion_jax.export.character.figure import Figure
 from motion_jax.export.character.neutral import eased, is_own
@@ -179,6 +178,7 @@ def _held(path, firm, pull=1e-3):
 
   It solves min sum firm |step|^2 + pull |off the path|^2.
   """
+  from scipy.linalg import solveh_banded
   if len(path) < 3:
     return path
   diagonal = pull + np.append(firm, 0) + np.append(0, firm)
