@@ -159,7 +159,7 @@ def in_this_process(command) -> int:
 
   from motion_studio import cli
   try:
-    return cli.main(command[3:])
+    return cli.main(command[command.index("train"):])
   except Exception:  # as in a process of its own, which leaves the other runs alone
     traceback.print_exc()
     return 1

@@ -33,6 +33,8 @@ MUTATIONS = (
     ("application-slice", "motion_studio/cli/sweep.py",
      "return one, share if share - end < (self._slice or 0) / 2 else end", "return one, end",
      ("tests/studio/cli/test_sweep.py",)),
+    ("application-slice-command", "motion_studio/cli/sweep.py", 'command[command.index("train"):]', "command[3:]",
+     ("tests/studio/cli/test_sweep.py::test_runs_come_one_after_another_and_only_once",)),
     # --- pictures -------------------------------------------------------------------------------------------------
     ("application-mask-axes", "motion_jax/draw.py", '_cells(cells, title, "key", "query")',
      '_cells(cells, title, "query", "key")', ("tests/test_draw.py",)),

@@ -40,7 +40,7 @@ def stages(tmp_path):
   return tmp_path / "stages.py"
 
 
-def test_runs_come_one_after_another_and_only_once(file, tmp_path):
+def test_runs_come_one_after_another_and_only_once(file, tmp_path, monkeypatch):
   calls, out = [], tmp_path / "out"
 
   def call(command):
@@ -54,8 +54,11 @@ def test_runs_come_one_after_another_and_only_once(file, tmp_path):
     return 0
 
   assert sweep.run(file, out, ["--data", "x"], call) == 0 and len(calls) == 2
-  assert calls[1][3:] == ["train", "--config", "cmdm_tokenizer:tiny", "--workdir", str(out / "b"), "--resume=auto",
-                          "--data", "x", "--config.seed=1", "--config.train.num_steps=9"]
+  assert calls[1][calls[1].index("train"):] == ["train", "--config", "cmdm_tokenizer:tiny", "--workdir", str(out / "b"),
+                                                  "--resume=auto", "--data", "x", "--config.seed=1",
+                                                  "--config.train.num_steps=9"]
+  monkeypatch.setattr(cli, "main", lambda arguments: len(arguments))
+  assert sweep.in_this_process(calls[1]) == 10, "slices run the same command here"
   assert sweep.run(file, out, [], call) == 0 and len(calls) == 2
   table = (out / "sweep.md").read_text().splitlines()
   assert table[0] == "| run | seed | state | loss | held_out_mm | seconds |"
