@@ -50,12 +50,15 @@ class _State(NamedTuple):
 def dopri5(velocity: Callable, x: Float[Array, "*lead c"], rows: Bool[Array, "*lead"] | None = None,
            start: float = 0.0, end: float = 1.0, rtol: float = 1e-3, atol: float = 1e-6, max_steps: int = 10_000
            ) -> Solution:
-  """Carries x along velocity(x, t), t a scalar, from start to end, by steps that keep the error estimate small.
+  """Carries x along velocity(x, t), t a scalar, from start to end, forward or back, by steps that keep the error
+  estimate small.
 
   All rows share one step size, so a row's result depends a little on its batch-mates. rows, if given, like x less its
   last axis: only the rows where it is True count for the error. Not differentiable in reverse mode. If max_steps steps
   do not reach the end, or the velocity is not finite, the value is NaN.
   """
+  if end < start:  # with the clock turned round
+    return dopri5(lambda x, t: -velocity(x, -t), x, rows, -start, -end, rtol, atol, max_steps)
   # In the reference times are float64 and values float32; without float64 here times are float32, which moves them by
   # about 1e-7 and matters only if a step ends within that of the last time.
   precise = jax.dtypes.canonicalize_dtype(np.float64)

@@ -22,7 +22,7 @@ def euler(velocity: Velocity, x: Float[Array, "*lead c"], times: Float[Array, " 
   # Parity: the paper's algorithm 2 draws fresh noise in every step; the code, and we, take plain Euler steps.
   def step(x, interval):
     t, t_next = interval
-    return x + (t_next - t)[:, None] * velocity(x, t), None
+    return (x + (t_next - t)[:, None] * velocity(x, t)).astype(x.dtype), None
 
   return jax.lax.scan(step, x, (times[:-1], times[1:]))[0]
 
@@ -34,7 +34,7 @@ def heun(velocity: Velocity, x: Float[Array, "*lead c"], times: Float[Array, " n
     t, t_next = interval
     width = (t_next - t)[:, None]
     first = velocity(x, t)
-    return x + width * (first + velocity(x + width * first, t_next)) / 2, None
+    return (x + width * (first + velocity((x + width * first).astype(x.dtype), t_next)) / 2).astype(x.dtype), None
 
   return jax.lax.scan(step, x, (times[:-1], times[1:]))[0]
 

@@ -41,13 +41,19 @@ class Verdict(NamedTuple):
 
 
 def describe(motions: Sequence[np.ndarray], skeleton: Skeleton = HUMANML3D) -> Windows:
-  """Windows of motions, joints (T, J, 3) each, half overlapping; motions of less than 2 s give none."""
+  """Windows of motions, joints (T, J, 3) each, half overlapping; motions of less than 2 s give none.
+
+  Raises ValueError for one that holds NaN or infinity.
+  """
   width = round(SECONDS * skeleton.fps)
   rows: dict[str, list] = {kind: [] for kind in KINDS}
   names: dict[str, list[str]] = {}
   clip = []
   for index, joints in enumerate(motions):
     joints = np.asarray(joints, np.float64) * skeleton.unit
+    if not np.isfinite(joints).all():
+      raise ValueError(f"motion {index} holds NaN or infinity, of which a classifier sees nothing; leave it out and "
+                       "count it apart")
     for first in range(0, len(joints) - width + 1, width // 2):
       window = joints[first:first + width]
       for kind, measure in KINDS.items():

@@ -15,6 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Num
 
+from motion_jax import shapes
 from motion_jax.nets.attention import Attention, rotary_table, turn
 from motion_jax.nets.layers import Dense, broadcast_to_length, timestep_embedding
 from motion_jax.shapes import Array
@@ -301,7 +302,13 @@ class CausalDiT(nn.Module):
                control: Float[Array, "_ l n"] | None = None) -> Float[Array, "b l c"]:
     """x (B, L, C), t (B, L) or (B, L / n), text_emb (B, S, E), attn_mask (B or 1, 1, L, L), text_mask (B, S)
     or (B, L, S); control (B, L, N) as in `control_tokens`, or (B / 2, L, N), see `ControlAdapter`."""
-    length = x.shape[1]
+    shapes.check(x=(x, "BLC"), t=(t, "BM"), text_emb=(text_emb, "BSE"))
+    (batch, length, _), words = x.shape, text_emb.shape[1]
+    for name, mask, expected in (("attn_mask", attn_mask, ((batch, 1, length, length), (1, 1, length, length))),
+                                 ("text_mask", text_mask, ((batch, words), (batch, length, words)))):
+      if mask.shape not in expected:
+        raise ValueError(f"got {name} of shape {mask.shape}, expected {expected[0]} or {expected[1]}, for x {x.shape} "
+                         f"and text_emb {text_emb.shape}")
     if self.control and self.is_initializing():
       control = jnp.zeros(x.shape[:2] + (self.control,), self.dtype)
     added = None if control is None else self.control_tokens(control)

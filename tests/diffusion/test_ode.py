@@ -38,6 +38,14 @@ def test_only_counted_rows_decide_the_steps():
   np.testing.assert_array_equal(wild.value[rows], value[rows])
 
 
+def test_time_may_run_backward():
+  """x' = t x from 0.5 to -1 and back."""
+  run = jax.jit(lambda x, start, end: dopri5(lambda x, t: t * x, x, start=start, end=end).value, static_argnums=(1, 2))
+  there = run(np.ones((2, 3), np.float32), 0.5, -1.0)
+  np.testing.assert_allclose(there, np.exp((1 - 0.25) / 2), rtol=2e-3)
+  np.testing.assert_allclose(run(there, -1.0, 0.5), 1, rtol=4e-3)
+
+
 def test_what_does_not_arrive_is_nan():
   assert np.isnan(solve(X, max_steps=1, rtol=1e-6, atol=1e-9).value).all()
   assert np.isnan(jax.jit(lambda x: dopri5(lambda x, t: x / 0, x))(X).value).all()

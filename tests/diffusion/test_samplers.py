@@ -56,6 +56,12 @@ def test_equal_steps_are_a_table_of_times(solver):
     np.testing.assert_allclose(made, table, rtol=0, atol=2e-6)
 
 
+@pytest.mark.parametrize("solver", ["euler", "heun"])
+def test_half_precision_stays_half(solver):
+  run = jax.jit(lambda x, times: SOLVERS[solver](lambda x, t: -x, x, times))
+  assert run(jnp.ones((1, 2, 3), jnp.bfloat16), np.linspace(0, 1, 4, dtype=np.float32)[:, None]).dtype == jnp.bfloat16
+
+
 def test_guidance():
   """Scale 1 is the model itself, 0 the one without words, 3 goes beyond (docs/papers/cmdm.md#guidance)."""
   with_text, without = np.array([[1.0, 2.0]]), np.array([[0.5, -1.0]])

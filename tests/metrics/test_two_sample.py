@@ -45,6 +45,14 @@ def test_faults_are_found_and_named():
   assert verdicts["jerk"].reasons[0][1] > 0.5  # there is more of it
 
 
+def test_a_motion_that_is_no_motion_is_refused():
+  """One NaN in the standardized numbers made bad motion hard to tell from real."""
+  motions = np.zeros((3, 60, 22, 3))
+  motions[1, 5, 3] = np.nan
+  with pytest.raises(ValueError, match="motion 1 holds NaN"):
+    two_sample.describe(list(motions))
+
+
 def test_few_or_short_clips_give_no_verdict():
   some = _walks(1)
   assert two_sample.compare(_walks(0), _first(some, 9)) == two_sample.halves(_first(some, 19)) == {}

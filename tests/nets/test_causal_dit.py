@@ -180,6 +180,17 @@ def test_one_time_per_block_is_one_per_latent():
     dit.apply(params, x, np.zeros((2, 4)), text, block_causal_mask(9, 3), text_mask)
 
 
+@pytest.mark.parametrize("name, wrong", [("t", (9,)), ("t", (3, 9)), ("attn_mask", (2, 9, 9)),
+                                         ("attn_mask", (2, 1, 9, 8)), ("text_mask", (2, 5)), ("text_emb", (1, 4, 8))])
+def test_arrays_that_do_not_belong_together_are_named(name, wrong, as_users_run):
+  dit, params = small()
+  x, t, text, text_mask = inputs()
+  arrays = {"t": t, "text_emb": text, "attn_mask": block_causal_mask(9, 3), "text_mask": text_mask}
+  arrays[name] = np.zeros(wrong, arrays[name].dtype)
+  with pytest.raises(ValueError, match=rf"got {name}.* of shape \({', '.join(map(str, wrong))}"):
+    dit.apply(params, x, *arrays.values())
+
+
 @pytest.mark.parametrize("fields", [{}, *(pytest.param(fields, marks=pytest.mark.slow) for fields in (
     {"use_rope": False}, {"use_adaln": False}))])
 def test_cached_keys_and_values_change_nothing(fields):
