@@ -42,8 +42,8 @@ def test_time_may_run_backward():
   """x' = t x from 0.5 to -1 and back."""
   run = jax.jit(lambda x, start, end: dopri5(lambda x, t: t * x, x, start=start, end=end).value, static_argnums=(1, 2))
   there = run(np.ones((2, 3), np.float32), 0.5, -1.0)
-  np.testing.assert_allclose(there, np.exp((1 - 0.25) / 2), rtol=2e-3)
-  np.testing.assert_allclose(run(there, -1.0, 0.5), 1, rtol=4e-3)
+  np.testing.assert_allclose(there, np.exp((1 - 0.25) / 2), rtol=2e-2)
+  np.testing.assert_allclose(run(there, -1.0, 0.5), 1, rtol=2e-2)
 
 
 def test_what_does_not_arrive_is_nan():
