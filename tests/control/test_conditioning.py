@@ -1,4 +1,4 @@
-"""What latents are told of constraints, the random ones that training draws, and a denoiser that is told them."""
+"""What latents see of constraints, the random ones that training draws, and a denoiser that sees them."""
 import functools
 
 import jax
@@ -116,7 +116,7 @@ def sampled(dit, plan, params, constants, text, keys, control, num_blocks):
 
 @pytest.mark.slow
 def test_a_network_that_has_not_learned_from_constraints_makes_what_it_made():
-  """Bit for bit: with control layers as they begin, whose last one is 0, and where nothing is asked for."""
+  """Bit for bit: with control layers as they begin, whose last one is 0, and without any target."""
   dit, plan, params, constants, *text, keys = setting(4, 2, 3, 12, 3, control=6)
   plain = dit.clone(control=0)
   adapters = {name: leaf for name, leaf in params["params"].items() if name.startswith("adapter")}
@@ -136,7 +136,7 @@ def test_a_network_that_has_not_learned_from_constraints_makes_what_it_made():
 
 @pytest.mark.slow
 def test_streaming_is_offline_under_control():
-  """Also one by one; and what is asked for later moves nothing that was given out before."""
+  """Also one by one; and later targets move nothing that was given out before."""
   dit, plan, params, constants, text_emb, text_mask, keys = setting(6, 2, 3, 12, 6, control=6)
   text = encode_text(dit, params, text_emb, text_mask)
   control = jax.random.normal(jax.random.key(3), (2, 18, 6)).at[..., 0].set(1)
@@ -165,7 +165,7 @@ def test_streaming_is_offline_under_control():
 
 
 @pytest.mark.slow
-def test_training_tells_constraints_and_learns_from_them():
+def test_training_draws_constraints_and_learns_from_them():
   config = load_config("cmdm_denoiser", "tiny")
   config.data.control, config.loss.control, config.loss.decoded_from = 0.9, 1.0, 0.0
   config, _ = fit.resolve(config)
