@@ -1,4 +1,4 @@
-"""The final projection: exact, smooth, feet planted, bones as long as they were; a warning names what no body can do."""
+"""The final projection: exact, smooth, feet planted, bones of one length; a warning names what no body can do."""
 import numpy as np
 import pytest
 
