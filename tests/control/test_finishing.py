@@ -15,7 +15,7 @@ NECK = 12
 
 
 def standing(tilt):
-  """Joints (30, 22, 3) of a body that stands still with its trunk, head and arms tilted forward by so many degrees."""
+  """Joints (30, 22, 3) of a body that stands, its trunk, head and arms tilted forward by an angle in degrees."""
   joints = np.repeat(np.asarray(synthetic_clips(0, 1, num_frames=30)[0].joints[:1], np.float64), 30, axis=0)
   upper = [joint for joint in range(22) if joint not in (*LEGS, WAIST)]
   cos, sin = np.cos(np.radians(tilt)), np.sin(np.radians(tilt))

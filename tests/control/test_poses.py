@@ -18,7 +18,7 @@ COUNT, FPS = 80, 20.0
 
 
 def _body(action, seed, longer=1.0, count=COUNT):
-  """A motion on bones that are so many times longer, its feet on the floor."""
+  """A motion on bones that are longer by a factor, its feet on the floor."""
   joints = synthetic_joints(action, count, np.random.default_rng(seed)).astype(np.float64)
   made = with_lengths(joints, dataclasses.replace(HUMANML3D, bone_lengths=HUMANML3D.bone_lengths * longer))
   return made + [0, np.percentile(joints[:, 10, 1], 5) - np.percentile(made[:, 10, 1], 5), 0]
@@ -145,7 +145,7 @@ def test_a_pose_under_the_floor_does_not_change_the_bones():
   assert np.abs(bone_lengths(made, HUMANML3D) - bone_lengths(source, HUMANML3D)).max() < 1e-4
 
 
-def test_what_else_is_asked_for_stays_met_on_bones_that_differ_little():
+def test_other_targets_stay_met_on_bones_that_differ_little():
   start, source = _body("walk", 1), _body("walk", 1, 1.004)
   signal, hand = _asked(source, [10]), start[40, 20] + [0.05, 0.1, 0.05]
   signal.given[0, 40, 20], signal.positions[0, 40, 20] = True, hand

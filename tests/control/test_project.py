@@ -1,4 +1,4 @@
-"""The final projection: exact, smooth, feet planted, bones as long as they were; what no body can do is told."""
+"""The final projection: exact, smooth, feet planted, bones of one length; a warning names what no body can do."""
 import numpy as np
 import pytest
 
@@ -17,7 +17,7 @@ def walk():
 
 
 def _off(made, constraints):
-  """Metres (T, 22) that joints are off what is asked."""
+  """Metres (T, 22) that joints are off their targets."""
   signal = compile(constraints, len(made), 20.0, np.asarray(made, np.float64))
   return np.linalg.norm(np.where(signal.given[0], made - signal.positions[0], 0), axis=-1)
 
@@ -56,14 +56,14 @@ def test_feet_stay_planted_while_a_hand_reaches(walk):
   assert np.linalg.norm(made[:, feet] - joints[:, feet], axis=-1)[flags].max() < 5e-3
 
 
-def test_where_nothing_is_asked_nothing_moves(walk):
+def test_without_a_target_nothing_moves(walk):
   assert np.array_equal(project(walk[:40], none(1, 40)), walk[:40].astype(np.float32))
   assert np.array_equal(project(walk[:40], []), walk[:40].astype(np.float32))
   far = project(walk[:80], [EffectorTarget("left_hand", [0.5], [walk[10, 20] + [0.1, 0.1, 0.1]])])
   assert np.abs(far[60:] - walk[60:80]).max() < 2e-3
 
 
-def test_what_no_body_can_do_is_told_and_the_nearest_is_made(walk):
+def test_what_no_body_can_do_has_a_warning_and_the_nearest_is_made(walk):
   joints = walk[:44].astype(np.float64)
   with pytest.warns(UserWarning) as said:
     high = project(joints, [EffectorTarget("left_hand", [1.5], [joints[30, 0] * [1, 0, 1] + [0, 4, 0]])])

@@ -1,4 +1,4 @@
-"""What is asked of a motion, as arrays: errors of given coordinates alone, cut, stacked and empty."""
+"""Constraints as arrays: errors of given coordinates alone, cut, stacked and empty."""
 import jax
 import numpy as np
 
@@ -6,7 +6,7 @@ from motion_jax.control import signal
 
 
 def _path(batch=1, frames=4):
-  """The pelvis asked to be at x = 1 and z = 2, height free, in frame 1."""
+  """A pelvis target at x = 1 and z = 2, height free, in frame 1."""
   asked = jax.tree.map(np.array, signal.none(batch, frames))
   asked.positions[:, 1, 0], asked.given[:, 1, 0] = (1, 0, 2), (True, False, True)
   return asked

@@ -1,4 +1,4 @@
-"""What a sentence asks for is looked for in the motion; one that does not show it is made anew, the best is kept."""
+"""What a sentence requires, and how far a motion is from it."""
 import numpy as np
 
 from motion_jax.analysis.events import Event, find_events
@@ -80,7 +80,7 @@ def test_what_is_missing_is_counted():
 
 
 def _swung(joints, leg, centers, seconds, degrees=75.0):
-  """Joints facing +z with a straight leg swung up ahead around each of some frames, for so many seconds."""
+  """Joints facing +z with a straight leg swung up ahead around each of some frames, within a number of seconds."""
   made, k = joints * 1.0, np.arange(len(joints))
   angle = np.radians(degrees) * sum(np.exp(-((k - at) / (20 * seconds / 4)) ** 2) for at in centers)
   for joint in leg[1:]:
@@ -107,7 +107,7 @@ def test_a_circle_has_time_to_be_gone_round():
     assert parse(text).min_duration == 0
 
 
-def test_nobody_runs_faster_than_people_do():
+def test_a_run_is_no_faster_than_people_run():
   asked, frames = [Requirement("run", "", 1, False)], np.arange(80)
   at = lambda speed: _joints("walk") + (speed * frames / 20.0)[:, None, None] * np.array([0, 0, 1.0]) - (
       _joints("walk")[:, :1] * [1.0, 0, 1])

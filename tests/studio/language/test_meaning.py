@@ -5,7 +5,7 @@ import pytest
 
 from motion_jax.text.encoder import load_text_encoder
 from motion_studio.language import parse
-from motion_studio.language.meaning import Meanings, is_a, kind_of, pace_of
+from motion_studio.language.meaning import Meanings, is_a, kind_of
 from tests.studio.sentences import table
 
 CAPTIONS = 20 * ["a person walks backward", "a person runs", "someone turns left", "a person raises both hands"]
@@ -43,8 +43,3 @@ def test_kinds_of_walking_and_running():
   for verb, kind in kinds.items():
     target = kind_of(verb, "walk", "run")
     assert (target.verb if target else "") == kind and is_a(verb, "walk", "run") == bool(kind), verb
-
-
-def test_words_of_pace():
-  assert [pace_of(word) for word in ("leisurely", "brisk", "hastily", "lazily", "happily")] == [
-      "slowly", "quickly", "quickly", "", ""]

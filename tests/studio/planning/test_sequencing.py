@@ -180,7 +180,7 @@ class TestOfAModel:
       pipeline("a person jumps 9999 times, then waves", seed=1)
 
 
-def test_seconds_that_a_sentence_says_are_kept_where_a_length_is_asked():
+def test_seconds_that_a_sentence_says_are_kept_where_a_length_is_given():
   """The others share what is left; where nothing would be, or all say theirs, all are shared."""
   within = durations.fit_to
   assert within([40, 100, 50], [True, False, False], 130, 4) == [40, 60, 30]
@@ -255,7 +255,7 @@ def test_getting_down_into_a_held_pose_takes_its_time():
 
 
 def test_who_holds_a_pose_holds_it_where_it_is():
-  """Seated while sitting, the hand in the air where it is highest; said for so many seconds, it comes down then."""
+  """Seated while sitting, the hand in the air where it is highest; with seconds given it comes down after them."""
   k = np.arange(60)
   joints = np.repeat(synthetic_joints("walk", 60, np.random.default_rng(0))[:1], 60, axis=0)
   joints[:, 20, 1] += 0.8 * np.exp(-((k - 15) / 5) ** 2)
@@ -283,7 +283,7 @@ def test_who_holds_a_pose_holds_it_where_it_is():
   assert 0 == spans[0][0] < spans[0][1] == spans[1][0] < spans[1][1] == len(made)
 
 
-def test_arms_act_above_a_pose_that_is_held_and_nobody_gets_up_for_it():
+def test_arms_act_above_a_pose_that_is_held():
   k = np.arange(60)
   stands = np.repeat(synthetic_joints("walk", 60, np.random.default_rng(0))[:1], 60, axis=0)
   base, waves = stands[:40].copy(), stands.copy()
