@@ -249,9 +249,14 @@ def test_another_kind_of_checkpoint_is_told(tmp_path):
     read_part(path, ("ae",))
   with pytest.raises(ValueError, match="nothing under 'vae/'.*ae, discriminator"):
     select(load_state(path), "vae/")
-  for prefix in ("module.", "_orig_mod."):  # of data-parallel and compiled modules
-    path = save_nested(tmp_path / "y", {f"{prefix}{name}": array for name, array in state().items()}, "safetensors")
-    assert read_part(path, ("ae",)).state.keys() == state().keys()
+
+
+@pytest.mark.parametrize("prefix", ["module.", "_orig_mod.", "module._orig_mod.", "_orig_mod.module.", 2 * "module."])
+def test_wrappers_of_modules_are_taken_off_in_any_order(prefix, tmp_path):
+  """Of data-parallel, compiled and averaged modules."""
+  wrapped = {f"{prefix}{name}": array for name, array in state().items()} | {"n_averaged": np.zeros(())}
+  part = read_part(save_nested(tmp_path / "y", wrapped, "safetensors"), ("ae",))
+  assert part.state.keys() == state().keys() and part.left == ("n_averaged",)
 
 
 @pytest.mark.slow

@@ -8,6 +8,8 @@ from motion_jax.loading import load
 from motion_jax.models.mdm.weights import write_mdm
 from motion_jax.models.mld.weights import write_mld
 from motion_jax.models.motionstreamer.weights import write_motionstreamer
+from motion_jax.runs import load_run
+from motion_jax.utils.errors import InputError
 from tests import fixtures
 from tests.convert.test_convert import save_nested, stats_folder, text_folder
 from tests.golden import Fixture
@@ -34,6 +36,41 @@ def test_mdm(tmp_path):
   (tmp_path / "args.json").write_text(json.dumps(dict(context_len=20)))
   with pytest.raises(ValueError, match=r"is a DiP \(context_len 20\), .*train one with --config mdm_denoiser:dip"):
     write_mdm(tmp_path / "other", file, stats, text, num_heads=4)
+
+
+def mdm_file(tmp_path, **options):
+  file = save_nested(tmp_path / "model", {"model": Fixture(fixtures.path("mdm/mdm_encoder.npz")).params}, "safetensors")
+  (tmp_path / "args.json").write_text(json.dumps(options))
+  return file, stats_folder(tmp_path / "stats", np.zeros(263), np.ones(263)), text_folder(tmp_path / "text", 20)
+
+
+def test_options_of_mdm_are_followed(tmp_path):
+  file, stats, text = mdm_file(tmp_path, diffusion_steps="40", noise_schedule="linear", cond_mask_prob=0)
+  write_mdm(tmp_path / "run", file, stats, text, num_heads=4)
+  config = load_run(tmp_path / "run").config
+  assert (config.diffusion.num_steps, config.diffusion.schedule) == (40, "linear")
+  assert config.sampler.guidance_scale == 1.0 and config.loss.drop_rate == 0.0  # there is no half without captions
+  assert (config.frozen.text_level, config.frozen.text_pieces) == ("sentence", 22)  # CLIP's 20 and the two special ones
+
+
+@pytest.mark.parametrize("options, words", [
+    (dict(noise_schedule="sqrt"), "noise_schedule is 'sqrt', expected cosine or linear"),
+    (dict(noise_schedule="linear", diffusion_steps=4), "variances above 1"), (dict(sigma_small=False), "sigma_small"),
+    (dict(unconstrained=True), "without captions"), (dict(diffusion_steps=[4]), "diffusion_steps is"),
+    (dict(cond_mask_prob=3), "cond_mask_prob 3"), (dict(text_encoder_type="t5"), "text_encoder_type is 't5'")])
+def test_options_of_mdm_that_cannot_be_followed_are_refused(options, words, tmp_path):
+  file, stats, text = mdm_file(tmp_path, **options)
+  with pytest.raises(InputError, match=words):
+    write_mdm(tmp_path / "run", file, stats, text, num_heads=4)
+  assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.parametrize("content", ["[1, 2]", '{"diffusion_steps": 1000,'])
+def test_options_that_are_no_object_are_named(content, tmp_path):
+  file, stats, text = mdm_file(tmp_path)
+  (tmp_path / "args.json").write_text(content)
+  with pytest.raises(InputError, match="args.json"):
+    write_mdm(tmp_path / "run", file, stats, text, num_heads=4)
 
 
 @pytest.mark.slow

@@ -173,7 +173,38 @@ SIZES = {
     "a size that is no number": tensor("0", "FloatStorage", ("a",), (1,), 0, 4),
     "a storage shorter than it says": tensor("0", "FloatStorage", (4,), (1,), 0, 400),
     "a storage that is not there": tensor("7", "FloatStorage", (4,)),
+    "a storage of unknown type": tensor("0", "StrangeStorage", (4,)),
+    "a number of a million digits": 1 << 3_000_000,
+    # Each within bounds, all together far larger than the file.
+    "many repetitions": [tensor("0", "FloatStorage", (1 << 24,), (0,), 0, 4) for _ in range(8)],
 }
+
+
+def nested(depth):
+  """A tuple of itself twice, `depth` times over: hashing it takes 2^depth steps."""
+  return b"\x80\x02}(" + b")" + b"".join(b"q%ch%c\x86" % (i, i) for i in range(depth)) + b"K\x01u."
+
+
+@pytest.mark.parametrize("data", [nested(60), b"\x80\x04\x8f(" + nested(60)[4:-4] + b"\x90."])
+def test_keys_that_take_for_ever_to_hash_are_refused(data, tmp_path):
+  with pytest.raises(InputError, match="has a tuple as a key"):
+    torch_files.load(write(tmp_path / "a.pt", data))
+
+
+def test_encrypted_archives_and_parts_inside_one_another_are_refused(tmp_path):
+  path = write(tmp_path / "a.pt", {"a": 1}, {"0": bytes(64)})
+  data = bytearray(path.read_bytes())
+  place = data.index(b"PK\x01\x02")  # the first entry of the directory
+  data[place + 8] |= 1
+  (tmp_path / "encrypted.pt").write_bytes(data)
+  with pytest.raises(InputError, match="encrypted zip"):
+    torch_files.load(tmp_path / "encrypted.pt")
+  data = bytearray(path.read_bytes())
+  for offset in (20, 24):  # sizes of a part, compressed and not
+    data[place + offset:place + offset + 4] = (1 << 20).to_bytes(4, "little")
+  (tmp_path / "inside.pt").write_bytes(data)
+  with pytest.raises(InputError, match="inside one another"):
+    torch_files.load(tmp_path / "inside.pt")
 
 
 @pytest.mark.parametrize("name", SIZES)
