@@ -26,6 +26,8 @@ from motion_jax.utils.errors import InputError
 from motion_jax.utils.input_files import PickledError, load_npy, load_npz, npz_names, parse_json
 from motion_jax.utils.plugins import Registry
 
+_HOLOSOMA_FPS = 30.0
+
 
 def npz(clip, path) -> pathlib.Path:
   """Writes joints (T, J, 3), features if the clip has any, fps, and as strings skeleton, prompt, captions and meta.
@@ -126,6 +128,14 @@ def _load_npz(path, fps, unit, up, mapping):
     if research_files.is_amass(keys):
       joints, rate = research_files.read_amass(path, up, fps)
       return Clip(joints=joints.astype(np.float32), fps=fps or rate, id=path.stem, source=path.name)
+    if "global_joint_positions" in keys:  # holosoma's: a person's joints in a robot's axes
+      joints = load_npz(path, ("global_joint_positions",))["global_joint_positions"]
+      joints, skeleton = pick_joints(np.asarray(joints, np.float64)[..., [1, 2, 0]], str(path))
+      return Clip(joints=joints.astype(np.float32), fps=fps or _HOLOSOMA_FPS, id=path.stem, source=path.name,
+                  skeleton=skeleton)
+    if {"qpos", "dof_pos", "joint_pos"} & set(keys):
+      raise InputError(f"{path} holds a robot's motion; motion-jax retarget {path.name} --robot ROBOT brings it back "
+                       "to a person's joints")
     raise InputError(f"{path} holds {', '.join(keys[:8]) or 'nothing'}, expected a key joints (T, 22, 3), features, "
                      "posed_joints (Kimodo) or poses and trans (AMASS)")
   about, meta, rows = (_from_json(arrays, key, kind) for key, kind in (("about", dict), ("meta", dict),

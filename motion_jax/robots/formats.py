@@ -62,7 +62,7 @@ def body_arrays(motion: RobotMotion, order: str = "mujoco") -> dict[str, np.ndar
   as "isaaclab", breadth first. Velocities are central differences.
   """
   robot = motion.robot
-  joints, bodies = _order_of(robot, order)
+  joints, bodies = order_of(robot, order)
   places, turned = (a[:, bodies] for a in robot.kinematics(motion.qpos))
   turned = rot.continuous(turned)
   step = np.gradient(places, 1 / motion.fps, axis=0) if motion.num_frames > 1 else 0 * places
@@ -71,7 +71,7 @@ def body_arrays(motion: RobotMotion, order: str = "mujoco") -> dict[str, np.ndar
       body_quat_w=turned, body_lin_vel_w=step, body_ang_vel_w=_angular_velocity(turned, motion.fps)).items()}
 
 
-def _order_of(robot, order):
+def order_of(robot: Robot, order: str) -> tuple[list[int], list[int]]:
   """(joints, bodies): their places in MuJoCo's order; bodies hang on the joint that moves them."""
   if order == "mujoco":
     return list(range(len(robot.joints))), list(range(len(robot.body_names)))
@@ -151,7 +151,7 @@ def write(motion: RobotMotion, stem: str | pathlib.Path, format: str) -> list[pa
 
 def _about(motion, format):
   kind, robot = FORMATS[format], motion.robot
-  joints, bodies = _order_of(robot, kind.order)
+  joints, bodies = order_of(robot, kind.order)
   person = format == "holosoma"
   names = [robot.joints[j] for j in joints]
   return plain({
@@ -176,7 +176,7 @@ def read_csv(path: str | pathlib.Path, robot: Robot, quaternion: str | None = No
   Raises InputError for other columns, quaternions that are not of length 1, or an order that the file does not show.
   """
   path = pathlib.Path(path)
-  about = _side_car(path)
+  about = side_car(path)
   if quaternion is None:
     quaternion = about.get("quaternion_order")
   if quaternion not in (None, "xyzw", "wxyz"):
@@ -205,7 +205,8 @@ def read_csv(path: str | pathlib.Path, robot: Robot, quaternion: str | None = No
                      license=about.get("licence") or "", meta={"robot": robot.name, "quaternion_order": quaternion})
 
 
-def _side_car(path):
+def side_car(path: pathlib.Path) -> dict:
+  """What the .json beside a robot's file says; {} without one. Raises InputError for values of a wrong type."""
   from motion_jax.utils.input_files import parse_json
   from motion_jax.utils.text_files import read_text
   beside = path.with_suffix(".json")

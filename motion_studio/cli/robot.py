@@ -13,11 +13,11 @@ _PICTURES = (".png", ".jpg", ".mp4", ".gif")
 def add_to(commands):
   """Adds this sub-command to those of `motion-jax`."""
   retarget = commands.add_parser(
-      "retarget", help="bring a motion file onto a robot, or a robot's CSV back to a person's joints",
+      "retarget", help="bring a motion file onto a robot, or a robot's file back to a person's joints",
       epilog="STEM.FORMAT.csv or .npz is written for each format, and a .json beside it that states robot, order of "
       "joints and quaternions, axes, units, rate and licence. Formats: " + ", ".join(_FORMATS) + ".",
       formatter_class=argparse.RawDescriptionHelpFormatter)
-  retarget.add_argument("file", help=f"motion file: {shared.MOTION_HELP}; or a robot's .csv, to convert it back")
+  retarget.add_argument("file", help=f"motion file: {shared.MOTION_HELP}; or a robot's .csv or .npz, to bring back")
   retarget.add_argument("--robot", default="g1", help="g1 (Unitree G1), or an MJCF (.xml) or URDF file with "
                         "--robot-mapping")
   retarget.add_argument("--robot-mapping", metavar="FILE.json", help="{human part: body of the robot}, for a robot of "
@@ -37,8 +37,29 @@ def add_to(commands):
   retarget.set_defaults(run=_retarget)
 
 
+def _is_robots(path):
+  from motion_jax.robots.npz import is_robots
+  return is_robots(path)
+
+
+def _by_ending(out, formats):
+  """(stem, formats) of --out: a name that ends as a format's files do chooses it, walk.mjlab.npz or walk.csv."""
+  path = pathlib.Path(out)
+  ending = path.suffix.lower()
+  if ending not in (".csv", ".npz", ".json"):
+    return out, formats
+  stem, known = path.with_suffix(""), path.with_suffix("").suffix.removeprefix(".")
+  if known in _FORMATS:
+    return str(stem.with_suffix("")), known
+  usual = {".csv": "unitree_xyzw", ".npz": "mujoco", ".json": formats}[ending]
+  return str(stem), formats if formats != _FORMATS[0] else usual
+
+
 def _retarget(args):
-  path, back = pathlib.Path(args.file), args.file.lower().endswith(".csv")
+  path = pathlib.Path(args.file)
+  back = path.suffix.lower() == ".csv" or path.suffix.lower() == ".npz" and path.is_file() and _is_robots(path)
+  if not back and args.out:
+    args.out, args.format = _by_ending(args.out, args.format)
   formats = args.format.split(",")
   unknown = [name for name in formats if name not in _FORMATS]
   if unknown:
@@ -50,14 +71,11 @@ def _retarget(args):
     export.check_output(args.picture)
   outputs = [export.check_output(part) for part in (args.out or f"{path.with_suffix('')}_joints.npz").split(",")
              ] if back else []
-  if not back and args.out and pathlib.Path(args.out).suffix.lower() in (".csv", ".npz", ".json"):
-    stem = pathlib.Path(args.out).with_suffix("")
-    raise InputError(f"got --out {args.out}, expected a stem such as {stem}, to which the format and its ending are "
-                     "added")
   from motion_jax import robots
   robot = robots.load(args.robot, args.robot_mapping).with_joints(args.joints)
   if back:
-    motion = robots.read_csv(path, robot, args.quaternion, args.fps)
+    motion = (robots.read_csv(path, robot, args.quaternion, args.fps) if path.suffix.lower() == ".csv" else
+              robots.read_npz(path, robot, args.fps))
     print(f"{path}: {motion.num_frames} frames, {motion.seconds:.1f} s at {motion.fps:g} frames a second; quaternions "
           f"{motion.meta['quaternion_order']}")
     written = [one for out in outputs for one in export.save(motion.to_clip(), out)]

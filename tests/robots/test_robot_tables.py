@@ -49,6 +49,33 @@ def test_an_order_that_puts_the_body_into_the_floor_is_none(robot, tmp_path):
   assert robots.read_csv(path, robot, None, 30).meta["quaternion_order"] == "xyzw"
 
 
+@pytest.mark.parametrize("format", ["gmr", "mujoco", "loco_mujoco", "mjlab", "beyondmimic"])
+def test_every_npz_that_is_written_is_read_back(format, tmp_path):
+  """Also without the .json beside it, by which the order of joints is not told."""
+  (tmp_path / "small.xml").write_text(humanoid())
+  about = {"bodies": mapping()}
+  robot = robots.load(tmp_path / "small.xml", about)
+  about["orders"] = {"isaaclab": [*robot.joints[1::2], *robot.joints[::2]]}
+  robot = robots.load(tmp_path / "small.xml", about)
+  qpos = standing(robot, 6)
+  qpos[:, 7:] += np.random.default_rng(0).uniform(-0.2, 0.2, qpos[:, 7:].shape)
+  motion = robots.RobotMotion(robot, qpos, 50.0)
+  path, side_car = robots.write(motion, tmp_path / "a", format)
+  side_car.unlink()
+  assert robots.is_robots(path)
+  read = robots.read_npz(path, robot)
+  assert read.fps == 50
+  np.testing.assert_allclose(read.qpos, qpos, atol=1e-5)
+
+
+def test_an_npz_of_another_robot_is_one_sentence(robot, tmp_path):
+  np.savez(tmp_path / "a.npz", qpos=np.zeros((3, 12)), fps=np.float64(50))
+  with pytest.raises(InputError, match=r"a.npz: qpos has the shape \(3, 12\), expected \(frames, "):
+    robots.read_npz(tmp_path / "a.npz", robot)
+  np.savez(tmp_path / "b.npz", joints=np.zeros((3, 22, 3)))
+  assert not robots.is_robots(tmp_path / "b.npz")
+
+
 @pytest.mark.parametrize("about, named", [({"fps": [30]}, "fps"), ({"fps": "30"}, "fps"), ({"fps": 1e9}, "fps"),
                                           ({"quaternion_order": 4}, "quaternion_order"), ({"licence": 3}, "licence")])
 def test_a_side_car_of_wrong_types_is_one_sentence(about, named, robot, tmp_path):

@@ -286,12 +286,15 @@ def test_the_command_writes_files_and_a_report(walk, tmp_path, capsys):
   assert "largest step of a joint" in printed and (tmp_path / "walk.mujoco.npz").is_file()
   assert cli.main(["retarget", f"{tmp_path}/walk.unitree_xyzw.csv", "--out", f"{tmp_path}/back.bvh"]) == 0
   assert (tmp_path / "back.bvh").is_file()
+  export.npz(walk.cut(0, 2), tmp_path / "short.npz")
+  assert cli.main(["retarget", f"{tmp_path}/short.npz", "--out", f"{tmp_path}/named.gmr.npz"]) == 0
+  assert (tmp_path / "named.gmr.npz").is_file()  # the ending chooses the format
 
 
 @pytest.mark.parametrize("arguments, message", [
     (["--format", "nao"], "got robot format 'nao'"), (["--robot", "r2d2"], "got robot 'r2d2'"),
     (["--robot", "none.urdf"], "there is no robot file none.urdf"),
-    (["--joints", "24"], "expected 23, 29"), (["--out", "x.csv"], "expected a stem"),
+    (["--joints", "24"], "expected 23, 29"),
     (["--picture", "x.txt"], "expected a file that ends in")])
 def test_the_command_refuses_in_one_line(walk, tmp_path, capsys, arguments, message):
   export.npz(walk.cut(0, 4), tmp_path / "walk.npz")
