@@ -95,6 +95,6 @@ def _bodies(path, arrays, robot):
       qpos = _joined(robot, places[:, 0], rot.unit(turned[:, 0]), [robot.joints[j] for j in joints], angles)
       candidates.append((np.abs(robot.kinematics(qpos[:1])[0][:, listed] - places[:1]).max(), qpos))
   if not candidates:
-    raise InputError(f"{path}: got body_pos_w {places.shape} and body_quat_w {turned.shape}, which are not the bodies of "
-                     f"the robot {robot.name}")
+    raise InputError(f"{path}: got body_pos_w {places.shape} and body_quat_w {turned.shape}, which are not the bodies "
+                     f"of the robot {robot.name}")
   return min(candidates, key=lambda candidate: candidate[0])[1]
