@@ -13,7 +13,7 @@ from motion_jax.data.mocap.bvh import read_bvh
 from motion_jax.data.mocap.capture import to_clip, with_rate
 from motion_jax.data.mocap.fbx import read_fbx
 from motion_jax.data.mocap.files import read_mapping, split_clip
-from motion_jax.data.mocap.gltf import ENDINGS
+from motion_jax.data.mocap.gltf import MOTIONS
 from motion_jax.data.mocap.gltf_motion import read_gltf
 from motion_jax.export.points import load_c3d, load_csv, load_trc
 from motion_jax.motion import plausibility
@@ -81,6 +81,9 @@ def load(path, fps=None, unit="auto", up=None, mapping=None, check=True) -> Clip
     raise InputError(research_files.pickled(path))
   if path.is_dir():
     raise IsADirectoryError(f"{path} is a folder, expected a motion file; name one in it")
+  if path.suffix.lower() in (".usd", ".usda", ".usdc", ".usdz"):
+    raise InputError(f"got {path.name!r}; USD files are written and not read: export a .glb or .bvh from the program "
+                     "that made it")
   if read is None:
     raise ValueError(f"got {path.name!r}, expected a file that ends in {', '.join(READERS)}")
   if not path.is_file():
@@ -275,5 +278,5 @@ def plain(value):
 # {extension: reader(path, fps, unit, up, mapping) -> Clip}, and those of other packages; the arguments are `load`'s.
 READERS: Registry[Callable] = Registry("motion_jax.imports", {
     ".npz": _load_npz, ".npy": _load_npy, ".bvh": _load_bvh, ".amc": _load_amc, ".csv": load_csv, ".trc": load_trc,
-    ".c3d": load_c3d} | dict.fromkeys([*ENDINGS], _load_gltf) | {
+    ".c3d": load_c3d} | dict.fromkeys([*MOTIONS], _load_gltf) | {
         ".fbx": _load_fbx})

@@ -12,7 +12,8 @@ PICTURES = (*FILMS, ".png", ".jpg", ".html")
 RIGS = (".bvh", ".glb", ".usda", ".fbx")
 CHARACTERS = (".glb", ".vrm")
 # What export.load reads; a constant, so that --help starts fast.
-MOTION_FILES = (".npz", ".npy", ".bvh", ".amc", ".csv", ".trc", ".c3d", ".glb", ".gltf", ".vrm", ".fbx")
+MOTION_FILES = (".npz", ".npy", ".bvh", ".amc", ".csv", ".trc", ".c3d", ".glb", ".gltf", ".vrm", ".vrma",
+                ".fbx")
 MOTION_HELP = ", ".join(MOTION_FILES[:-1]) + f" or {MOTION_FILES[-1]}"
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from motion_jax import export
+from motion_jax.data.mocap.gltf import Document
 from motion_jax.motion.skeleton import HUMANML3D
 from motion_jax.utils.errors import InputError
 from tests.export.test_bvh import walk
@@ -112,3 +113,19 @@ def test_a_native_reader_that_crashes_is_one_sentence(tmp_path):
   path.write_bytes(data)
   with pytest.raises(InputError, match="is cut or no C3D file"):
     export.load(path)
+
+
+def test_a_vrma_is_read_back_by_its_bones_whatever_their_nodes_are_called(tmp_path):
+  path = export.save(CLIP, tmp_path / "a.vrma")[0]
+  np.testing.assert_allclose(export.load(path).joints, CLIP.joints, atol=0.03)  # on VRM's spine and shoulders
+  document = Document(path)
+  for number, node in enumerate(document.nodes):
+    node["name"] = f"n{number}"
+  document.write(tmp_path / "b.vrma")
+  np.testing.assert_allclose(export.load(tmp_path / "b.vrma").joints, export.load(path).joints, atol=1e-6)
+
+
+def test_files_that_are_only_written_say_so(tmp_path):
+  (tmp_path / "a.usda").write_text("#usda 1.0")
+  with pytest.raises(InputError, match="USD files are written and not read"):
+    export.load(tmp_path / "a.usda")

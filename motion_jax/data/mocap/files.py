@@ -6,15 +6,15 @@ import pathlib
 from motion_jax.data.mocap.asf import amc_clip
 from motion_jax.data.mocap.bvh import bvh_clip
 from motion_jax.data.mocap.fbx import fbx_clip
-from motion_jax.data.mocap.gltf import ENDINGS
+from motion_jax.data.mocap.gltf import MOTIONS
 from motion_jax.data.mocap.gltf_motion import gltf_clip
 from motion_jax.utils.errors import InputError
 from motion_jax.utils.input_files import read_json
 from motion_jax.utils.numerals import named
 from motion_jax.utils.text_files import read_text
 
-READERS = {".bvh": bvh_clip, ".amc": amc_clip} | dict.fromkeys(ENDINGS, gltf_clip) | {".fbx": fbx_clip}
-_SEVERAL = (*ENDINGS, ".fbx")  # files that may hold several clips
+READERS = {".bvh": bvh_clip, ".amc": amc_clip} | dict.fromkeys(MOTIONS, gltf_clip) | {".fbx": fbx_clip}
+_SEVERAL = (*MOTIONS, ".fbx")  # files that may hold several clips
 
 
 def read_clip(path, name, faults=None, **options):

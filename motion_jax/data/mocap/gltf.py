@@ -17,6 +17,7 @@ from motion_jax.utils.atomic import atomic_path
 from motion_jax.utils.errors import InputError, reading
 
 ENDINGS = (".glb", ".gltf", ".vrm")
+MOTIONS = (*ENDINGS, ".vrma")  # files with an animation; a .vrma has no body
 LARGEST = 1 << 28  # bytes
 _JSON, _BIN = 0x4E4F534A, 0x004E4942
 _DTYPES = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}

@@ -61,16 +61,24 @@ def _capture(document, number, path):
   times = np.unique(np.concatenate([track[0] for track in tracks.values()]))
   fps = float(rate) if isinstance(rate, int | float) and FRAME_RATES[0] <= rate <= FRAME_RATES[1] else _rate(times)
   count = int(np.floor((times[-1] - times[0]) * fps + 1e-3)) + 1
-  nodes = joints_of(document) or sorted({node for node, _ in tracks})
-  nodes = [node for node in document.order if node in set(nodes)]
+  human = _human_bones(document)
+  bones = {*(human or joints_of(document) or (node for node, _ in tracks))}
+  nodes = [node for node in document.order if node in bones]
   check_size(path, count, len(document.nodes))
   rest = document.rest()
   moving = {kind: np.tile(values, (count, 1, 1)) for kind, values in zip(("translation", "rotation", "scale"), rest)}
   at = times[0] + np.arange(count) / fps
   for (node, kind), track in tracks.items():
     moving[kind][:, node] = _sampled(*track, at, kind == "rotation")
-  return bone_capture(path, [document.name(node) for node in range(len(document.nodes))], document.parents, nodes, rest,
-                      list(moving.values()), fps)
+  names = [human.get(node) or document.name(node) for node in range(len(document.nodes))]
+  return bone_capture(path, names, document.parents, nodes, rest, list(moving.values()), fps)
+
+
+def _human_bones(document):
+  """{node: VRM's name of the bone} of a VRM animation (.vrma), whose nodes may have any names; {} of other files."""
+  about = document.json.get("extensions", {}).get("VRMC_vrm_animation")
+  bones = about["humanoid"]["humanBones"] if about else {}
+  return {bone["node"]: name for name, bone in bones.items()}
 
 
 def bone_capture(path, names, parents, nodes, rest, moving, fps) -> Capture:
@@ -78,7 +86,7 @@ def bone_capture(path, names, parents, nodes, rest, moving, fps) -> Capture:
 
   What lies between two of them is carried along. Rotations are those from the rest pose.
   """
-  order = sorted(range(len(names)), key=lambda node: _depth(parents, node))
+  order = np.argsort(_depths(parents), kind="stable").tolist()
   still, world = (world_matrices(order, parents, *parts)[..., nodes, :, :] for parts in (rest, moving))
   if not np.isfinite(world).all():
     raise InputError(f"{path}: its animation holds NaN or infinity; export it again")
@@ -101,11 +109,19 @@ def bone_capture(path, names, parents, nodes, rest, moving, fps) -> Capture:
                  local, turned, usual="metres")
 
 
-def _depth(parents, node):
-  depth = 0
-  while (node := parents[node]) >= 0:
-    depth += 1
-  return depth
+def _depths(parents):
+  """How many nodes are above each; every node is walked over once."""
+  depths = [-1] * len(parents)
+  for node in range(len(parents)):
+    way = []
+    while node >= 0 and depths[node] < 0:
+      way.append(node)
+      node = parents[node]
+    depth = depths[node] if node >= 0 else -1
+    for above in reversed(way):
+      depth += 1
+      depths[above] = depth
+  return depths
 
 
 def joints_of(document) -> list[int]:
