@@ -146,6 +146,24 @@ def test_files_beside_a_gltf_are_packed(tmp_path):
     np.testing.assert_array_equal(first, second)
 
 
+def test_animated_nodes_have_no_matrix(tmp_path):
+  """glTF 2.0, 3.5; such nodes come from assimp and COLLADA."""
+  def to_matrices(document):
+    for node in document["nodes"]:
+      if "translation" in node:
+        turn = rot.to_matrix(np.array(node.pop("rotation"))[[3, 0, 1, 2]])
+        matrix = np.eye(4)
+        matrix[:3, :3], matrix[:3, 3] = turn, node.pop("translation")
+        node["matrix"] = matrix.T.ravel().tolist()
+  plain, _ = animate(tmp_path)
+  expected = bones(plain, "mixamo")[0]
+  path, _ = animate(tmp_path, change=to_matrices)
+  document = Document(path)
+  targets = {channel["target"]["node"] for channel in document.json["animations"][0]["channels"]}
+  assert targets and not any("matrix" in document.nodes[node] for node in targets)
+  np.testing.assert_allclose(bones(path, "mixamo")[0], expected, atol=1e-5)
+
+
 def vrm(version, names):
   """The extension that states VRM's human bones."""
   joints = {bone: names.index(other) for (joint, bone), other in (

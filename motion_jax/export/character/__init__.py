@@ -62,6 +62,7 @@ def _add(figure, posed: Posed, clip):
     channels.append({"sampler": len(samplers) - 1, "target": {"node": node, "path": kind}})
 
   for node, moved, turned in _local(figure, posed):
+    _without_matrix(document.nodes[node])
     if moved is not None:
       add(node, "translation", moved, "VEC3")
     add(node, "rotation", rot.continuous(turned)[:, [1, 2, 3, 0]], "VEC4")
@@ -69,6 +70,13 @@ def _add(figure, posed: Posed, clip):
   caption = clip.captions[0].text if clip.captions else clip.id
   about = {"fps": float(clip.fps)} | ({"license": clip.license} if clip.license else {})
   animations.append({"name": _unused(caption, animations), "samplers": samplers, "channels": channels, "extras": about})
+
+
+def _without_matrix(node):
+  """Gives a node translation, rotation and scale for its matrix, which a node that is animated may not have."""
+  if "matrix" in node:
+    moved, turned, scale = take_apart(np.array(node.pop("matrix"), np.float64).reshape(4, 4).T)
+    node.update(translation=moved.tolist(), rotation=turned[[1, 2, 3, 0]].tolist(), scale=scale.tolist())
 
 
 def _unused(name, animations):
