@@ -64,6 +64,10 @@ class NamedBody:
     joints, pelvis, chest = self.joints, self._fork("hip"), self._fork("shoulder")
     if "pelvis" not in joints and pelvis is not None:
       self._take("pelvis", pelvis)
+    if chest is None:  # points of a table or markers, which hang on nothing: these go by their names alone
+      for joint in ("head", "neck"):
+        if joint not in joints and joint in self.tree.keys:
+          self._take(joint, self.tree.keys.index(joint))
     line = self._spine_and_head(pelvis, chest)
     if "head" not in joints:
       if not line:

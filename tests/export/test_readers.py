@@ -129,3 +129,16 @@ def test_files_that_are_only_written_say_so(tmp_path):
   (tmp_path / "a.usda").write_text("#usda 1.0")
   with pytest.raises(InputError, match="USD files are written and not read"):
     export.load(tmp_path / "a.usda")
+
+
+def test_markers_without_a_tree_have_their_head_by_name(tmp_path):
+  """HALPE's points, as Pose2Sim writes them."""
+  names = {f"{side}_{joint}": f"{side[0].upper()}{theirs}" for side in ("left", "right") for joint, theirs in (
+      ("hip", "Hip"), ("knee", "Knee"), ("ankle", "Ankle"), ("foot", "BigToe"), ("shoulder", "Shoulder"),
+      ("elbow", "Elbow"), ("wrist", "Wrist"))} | {"neck": "Neck", "head": "Head"}
+  index = [HUMANML3D.joints.index(joint) for joint in names]
+  rows = CLIP.joints[:, index].reshape(CLIP.num_frames, -1)
+  head = [f"{name}_{axis}" for name in names.values() for axis in "xyz"]
+  np.savetxt(tmp_path / "a.csv", rows, delimiter=",", header=",".join(head), comments="")
+  read = export.load(tmp_path / "a.csv", fps=20)
+  np.testing.assert_allclose(read.joints[:, index], CLIP.joints[:, index], atol=1e-5)
