@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from motion_jax import fit as training
-from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.evaluators.evaluator import fresh_evaluator, load_evaluator, shipped_names
 from motion_jax.evaluators.words import CONVERTED, WordVectors
 from motion_jax.metrics.scores import cosines
@@ -47,14 +46,6 @@ def test_sentences_know_no_batch_mates(evaluator):
   np.testing.assert_allclose(evaluator.embed_text(CAPTIONS[1:2])[0], together[1], atol=1e-5)
   lines = [" ".join(tag(caption)) for caption in CAPTIONS]
   np.testing.assert_array_equal(evaluator.embed_text(CAPTIONS, lines), together)
-
-
-def test_features_are_those_of_its_layout():
-  evaluator = fresh("t2m")
-  clip = synthetic_clips(0, 1)[0]
-  x = evaluator.features_of(clip)
-  assert x.shape == (clip.num_frames - 1, 66)
-  np.testing.assert_array_equal(evaluator.features_of(clip.joints), x)
 
 
 def test_wrong_input_is_refused():
@@ -135,12 +126,6 @@ def test_folders_that_are_no_evaluator_are_refused(run, tmp_path):
       np.save(tmp_path / name, np.ones(size, np.float32))
     with pytest.raises(ValueError, match="another representation"):
       load_evaluator(tmp_path)
-  text = (tmp_path / checkpoint.CONFIG).read_text()
-  (tmp_path / checkpoint.CONFIG).write_text(text.replace('"layout": "coordinates"', '"layout": "coordinates_kit"'))
-  for name in ("Mean.npy", "Std.npy"):
-    np.save(tmp_path / name, np.ones(63, np.float32))
-  with pytest.raises(ValueError, match="reads 66 numbers per frame, its statistics"):
-    load_evaluator(tmp_path)
 
 
 @pytest.mark.slow

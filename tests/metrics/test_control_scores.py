@@ -2,7 +2,7 @@
 import numpy as np
 import pytest
 
-from motion_jax.control.paths import CURVES, SPEED
+from motion_jax.control.paths import CURVES
 from motion_jax.metrics.control_scores import control_scores
 
 
@@ -15,13 +15,9 @@ def test_the_scores_of_known_distances():
     control_scores([np.zeros(3), np.zeros(0)])
 
 
-@pytest.mark.parametrize("name", CURVES)
-def test_a_curve_begins_at_the_origin_and_is_walked(name):
-  places = CURVES[name](20.0)
-  steps = np.linalg.norm(np.diff(places, axis=0), axis=-1) * 20
-  np.testing.assert_allclose(places[0], 0, atol=1e-9)
-  assert places[1, 1] > 0 and abs(places[1, 0]) < 0.1 * places[1, 1] + 1e-6  # towards +z
-  assert steps.max() < 1.01 * SPEED and steps.mean() > 0.4 * SPEED
-  if name == "circle":
-    np.testing.assert_allclose(places[-1], 0, atol=0.1)
-    assert np.ptp(places, axis=0) == pytest.approx([4, 4], abs=0.05)
+def test_curves_begin_ahead_and_a_circle_comes_back():
+  """tests/control has their speed and their sides."""
+  assert all(curve(20.0)[1, 1] > 0 for curve in CURVES.values())  # towards +Z
+  places = CURVES["circle"](20.0)
+  np.testing.assert_allclose(places[-1], 0, atol=0.1)
+  assert np.ptp(places, axis=0) == pytest.approx([4, 4], abs=0.05)

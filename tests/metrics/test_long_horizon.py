@@ -109,9 +109,6 @@ def test_fid_of_gaussians_and_matching_through_the_whole_path():
   # A transition of two constant halves is their mean, with half the variance.
   expected = (shift**2).sum() + ((spread / np.sqrt(2) - 1) ** 2).sum()
   assert row["transition_fid"] == pytest.approx(expected, rel=0.08)
-  some = sequences[:20]
-  again, _ = lh.score(iter(some), real, _mean, np.random.default_rng(7), protocol)
-  assert again == lh.score(iter(some), real, _mean, np.random.default_rng(7), protocol).row
 
 
 def test_the_real_row():
@@ -125,8 +122,6 @@ def test_the_real_row():
   row, curve = lh.real_row(motions, joints, captions, text, real, _mean, np.random.default_rng(4), SMALL)
   assert row["fid"] == pytest.approx(0, abs=1e-9) and row["top1"] == 1 and row["matching"] == pytest.approx(0, abs=1e-9)
   np.testing.assert_allclose(curve, 6e-5, rtol=1e-5)
-  assert set(row) == {"top1", "top2", "top3", "matching", "fid", "diversity", "transition_fid", "transition_diversity",
-                      "transition_distance", "peak_jerk", "auj"}
 
 
 def test_random_crops_are_inside_and_keyed():

@@ -109,22 +109,13 @@ def test_only_the_named_members_are_read(tmp_path):
   assert list(found) == ["joints"] and found["joints"].shape == (5, 22, 3)
 
 
-def test_a_flipped_bit_is_noticed_by_the_checksum(tmp_path):
+def test_a_flipped_bit_and_an_archive_cut_short_are_noticed(tmp_path):
   np.savez(tmp_path / "a.npz", joints=np.zeros((5, 22, 3), np.float32))
   data = bytearray((tmp_path / "a.npz").read_bytes())
   data[len(data) // 2] ^= 1
-  (tmp_path / "a.npz").write_bytes(data)
-  with pytest.raises(InputError, match="a.npz.*CRC") as error:
-    load_npz(tmp_path / "a.npz", ("joints",))
-  assert _one_line(error)
-
-
-def test_every_cut_of_an_archive_is_one_line(tmp_path):
-  np.savez_compressed(tmp_path / "a.npz", joints=np.random.default_rng(0).normal(size=(2, 22, 3)))
-  data = (tmp_path / "a.npz").read_bytes()
-  for end in range(0, len(data), 7):
-    (tmp_path / "a.npz").write_bytes(data[:end])
-    with pytest.raises(InputError, match="a.npz") as error:
+  for damaged, words in ((data, "a.npz.*CRC"), (data[:-30], "a.npz"), (data[:9], "a.npz")):
+    (tmp_path / "a.npz").write_bytes(damaged)
+    with pytest.raises(InputError, match=words) as error:
       load_npz(tmp_path / "a.npz", ("joints",))
     assert _one_line(error)
 
@@ -183,9 +174,8 @@ def _row(**change):
 
 @pytest.mark.parametrize("damage, words", [
     (_row(end=..., id=...), "captions.jsonl line 2.*lacks id, end"), (_row(start="0"), "line 2.*got start '0'"),
-    (_row(end=1e400), "got end 'inf'"), (_row(end=7.5), "got end '7.5'"), (_row(start=False), "got start 'False'"),
-    (_row(text=["a", None]), "got text"), (_row(clip=["x"]), "got clip"), (_row(end=10**30), "lie outside"),
-    (_row(clip="nobody"), "'nobody' is not in"),
+    (_row(end=1e400), "got end 'inf'"), (_row(start=False), "got start 'False'"), (_row(text=["a", None]), "got text"),
+    (_row(clip=["x"]), "got clip"), (_row(end=10**30), "lie outside"), (_row(clip="nobody"), "'nobody' is not in"),
     (_arrays(start=np.arange(7.0) + 0.5), "motions.npz.*do not fit together"),
     (_arrays(names=np.arange(6)), "expected text"), (_arrays(names=np.array(["a"] * 6)), "occurs twice"),
     (_arrays(root=np.array(["x"])), "expected numbers")])

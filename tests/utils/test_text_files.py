@@ -110,15 +110,8 @@ def test_other_readers_of_texts(tmp_path):
   (tmp_path / "m.json").write_bytes('{"pelvis": "Hüfte"}'.encode("utf-16"))
   assert read_mapping(str(tmp_path / "m.json")) == {"pelvis": "Hüfte"}
   bvh(synthetic_clips(num=1, num_frames=12)[0], tmp_path / "a.bvh")
-  text = (tmp_path / "a.bvh").read_text()
-  (tmp_path / "b.bvh").write_bytes(text.encode("utf-16"))
+  (tmp_path / "b.bvh").write_bytes((tmp_path / "a.bvh").read_text().encode("utf-16"))
   np.testing.assert_array_equal(bvh_clip(tmp_path / "b.bvh").joints, bvh_clip(tmp_path / "a.bvh").joints)
-  (tmp_path / "b.bvh").write_text(text.replace("Frames: 12", "Frames: ²"))
-  with pytest.raises(ValueError, match="b.bvh line .*got '²', expected a whole number of frames"):
-    bvh_clip(tmp_path / "b.bvh")
-  (tmp_path / "c.jsonl").write_text('{"file": "a", "caption": "b"}\n{"file": "a", "caption": "\\ud800"}\n')
-  with pytest.raises(ValueError, match="c.jsonl line 2: .*half of a char"):
-    build.read_captions(tmp_path / "c.jsonl")
   (tmp_path / "a.txt").write_text("walks#walk/VERB#0.0#1e308\n")
   with pytest.raises(ValueError, match="a.txt line 1: in a time tag: got '1e308'"):
     caption_lines.read_texts(tmp_path / "a.txt")
