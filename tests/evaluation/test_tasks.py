@@ -23,8 +23,7 @@ from motion_jax.models.cmdm import multi_prompt
 from motion_jax.motion.representations import get_layout, to_joints
 from motion_jax.motion.skeleton import HUMANML3D
 from tests.conftest import load_config
-from tests.evaluation.small import SMALL, small, two_captions
-from tests.evaluators.items import cut_item
+from tests.evaluation.small import small, two_captions
 
 
 def judged(runs, folders, protocol, evaluator, out, **options):
@@ -61,22 +60,15 @@ def test_editing(tiny_generator, archive, evaluator, tmp_path):
   assert min(kept) < 1e-4 and min(np.abs(x[:count] - edited[:count]).max() for x in test_set.of(evaluator)) > 1e-3
 
 
-@pytest.mark.parametrize("options, mask", [({}, "bidirectional"), ({"mask": "bcm"}, "bcm")])
-def test_a_model_edits_with_the_mask_that_it_samples_with(options, mask):
+def test_a_model_edits_with_the_mask_that_it_samples_with():
   """MARDM's is not CDAMD's."""
-  class Model:
-    config = load_config("cdamd_generator", "mardm")
-    options = CdamdSampling
-    given = None
-
-    def edits(self, clips, prompts, task, **given):
-      self.given = given
-      raise InterruptedError
-
-  candidate = Candidate("mardm", Model(), "", None, options=options)
-  with pytest.raises(InterruptedError):
+  edits = lambda clips, prompts, task, **given: types.SimpleNamespace(decoded=masks.append(given["mask"]) or [])
+  masks, config = [], load_config("cdamd_generator", "mardm")
+  model = types.SimpleNamespace(config=config, options=CdamdSampling, edits=edits)
+  for options in ({}, {"mask": "bcm"}):
+    candidate = Candidate("mardm", model, "", None, options=options)
     editor(candidate, protocols.get_protocol("editing"), [], "prefix")(samples.Jobs([], [], [], []))
-  assert candidate.model.given["mask"] == mask
+  assert masks == ["bidirectional", "bcm"]
 
 
 @pytest.mark.slow
@@ -159,54 +151,25 @@ def test_timelines(tiny_run, archive, tmp_path):
     judged([tiny_run], [path, archive], protocol, evaluator, tmp_path)
 
 
-def test_a_cut_is_the_loaders_cut(archive, evaluator):
-  """`draw_replication` and `cut_item` follow the same rule."""
-  test_set = test_set_lib.read_test_set([archive], SMALL, [evaluator])
-  drawn = samples.draw_replication(test_set, SMALL, 0, 3)
-  for i, start, count, cut in zip(drawn.item, drawn.start, drawn.frames, drawn.cut(test_set.of(evaluator))):
-    x = test_set.of(evaluator)[i]
-    padded, kept = cut_item(x, count < len(x) // 4 * 4, start, evaluator.stats, 196)
-    assert kept == count
-    np.testing.assert_allclose(padded[:kept], evaluator.stats.normalize(cut), atol=1e-6)
-
-
 @pytest.mark.slow
-def test_control(tiny_run, archive, evaluator, tmp_path, monkeypatch):
+@pytest.mark.parametrize("more", [{}, pytest.param(dict(exact=True), marks=pytest.mark.exhaustive)], ids=["", "exact"])
+def test_control(tiny_run, archive, evaluator, tmp_path, monkeypatch, more):
   """Rows of the joints that are asked for, of each curve, and of the same model asked for nothing, which is farther
-  off. Two densities and one short curve: each length is compiled."""
+  off; what features computed of exact joints change is in a row of its own. Two densities and one short curve: each
+  length is compiled."""
   monkeypatch.setattr(control, "DENSITIES", (1, 100))
   monkeypatch.setattr(paths, "CURVES", {"circle": lambda fps: paths.circle(fps)[:48]})
   result = judged([tiny_run], [archive], small("control"), evaluator, tmp_path, limit=4,
-                  sampling=dict(num_steps=2, joints="pelvis"))
+                  sampling=dict(num_steps=2, joints="pelvis") | more)
   rows = {name: {key: one["mean"] for key, one in row.items()} for name, row in result.rows.items()}
   name = tiny_run.name
   assert {f"{part}: {name}" for part in ("unconstrained", "pelvis", *paths.CURVES)} <= set(rows)
   assert rows["real"]["control_error"] == 0 and rows[f"circle: {name}"]["top_speed"] > 0
   assert rows[f"pelvis: {name}"]["control_error"] < rows[f"unconstrained: {name}"]["control_error"]
   assert {"trajectory_20", "location_50", "control_error", "skating", "fid", "top3"} <= set(result.metrics)
+  if more:
+    assert all(rows[f"{part}: {name}"]["control_error"] < 1e-3 for part in ("pelvis", "circle"))
+    assert rows[f"unconstrained, from joints: {name}"]["fid"] != rows[f"unconstrained: {name}"]["fid"]
   with pytest.raises(ValueError, match="got the joint 'nose', expected all, or some of pelvis"):
     judged([tiny_run], [archive], small("control"), evaluator, tmp_path / "b", limit=4,
            sampling=dict(num_steps=2, joints="nose"))
-
-
-@pytest.mark.exhaustive
-def test_exact_control(tiny_run, archive, evaluator, tmp_path, monkeypatch):
-  """Motions projected onto their constraints; what features computed of joints change is in a row of its own."""
-  monkeypatch.setattr(control, "DENSITIES", (1, 100))
-  monkeypatch.setattr(paths, "CURVES", {"circle": lambda fps: paths.circle(fps)[:48]})
-  rows = judged([tiny_run], [archive], small("control"), evaluator, tmp_path, limit=4,
-                sampling=dict(num_steps=2, joints="left_wrist", exact=True)).rows
-  name = tiny_run.name
-  assert all(rows[f"{part}: {name}"]["control_error"]["mean"] < 1e-3 for part in ("left_wrist", "circle"))
-  assert rows[f"unconstrained, from joints: {name}"]["fid"] != rows[f"unconstrained: {name}"]["fid"]
-
-
-def test_targets_of_control_are_places_of_the_real_motion():
-  joints = np.arange(40 * 22 * 3, dtype=float).reshape(40, 22, 3)
-  task = control.Control.__new__(control.Control)
-  task.harness = types.SimpleNamespace(seed=3)
-  for density, count in ((1, 1), (5, 5), (25, 10), (100, 40)):
-    signal = task._signal(joints, "left_wrist", density, 0, 7)
-    given = signal.given[0]
-    assert given.any(-1).sum() == count and given[:, 20].all(-1).sum() == count
-    np.testing.assert_array_equal(signal.positions[0][given], joints[given])

@@ -37,8 +37,6 @@ def test_pieces_are_cut_at_the_borders():
   assert [(piece[0], len(piece)) for piece in pieces] == [(0, 12), (12, 16), (28, 4)]
   with pytest.raises(ValueError, match="motion of 20 frames and pieces of 32"):
     lh.cut_pieces(np.arange(20), [12, 16, 4])
-  with pytest.raises(ValueError, match="expected 4 frames or more"):
-    lh.whole_units([12, 3], SMALL)
 
 
 def test_a_perfect_sequence_scores_all_and_merged_captions_are_scaled_up():
@@ -129,8 +127,6 @@ def test_random_crops_are_inside_and_keyed():
   places = lh.random_crops(motions, 12, np.random.default_rng(0))
   assert [i for i, _ in places] == [1, 2] and places[0][1] == 0 and 0 <= places[1][1] <= 18
   assert places == lh.random_crops(motions, 12, np.random.default_rng(0))
-  with pytest.raises(ValueError, match="none of 1 motions has the 12 frames"):
-    lh.random_crops(motions[:1], 12, np.random.default_rng(0))
 
 
 def test_bad_input():
@@ -142,7 +138,5 @@ def test_bad_input():
   with pytest.raises(ValueError, match="4 texts, 4 pieces and 3 captions"):
     sequence = _sequence(rng, "abcd", rng.normal(size=(4, 3)))._replace(captions=("a", "b", "c"))
     lh.score([sequence], real, _mean, rng, SMALL)
-  with pytest.raises(ValueError, match="got 0 real clips of 70 to 200 frames"):
-    lh.reference(motions, joints, _mean, rng)
   with pytest.raises(ValueError, match="different numbers of frames"):
     lh.reference(motions, joints[::-1], _mean, rng, SMALL)

@@ -144,10 +144,9 @@ def test_joints_of_another_skeleton_are_refused(measure, as_users_run):
     measure(np.zeros((10, 66)))
 
 
-MEASURES = {"jerk": physics.jerk, "foot_speed": physics.foot_speed, "skating_ratio": physics.skating_ratio,
-            "planted_speed": physics.planted_speed, "foot_height": physics.foot_height, "floating": physics.floating,
-            "penetration": physics.penetration, "bone_drift": physics.bone_drift, "acceleration": physics.acceleration,
-            "slide": physics.slide}
+MEASURES = {name: getattr(physics, name) for name in (
+    "jerk", "foot_speed", "skating_ratio", "planted_speed", "foot_height", "floating", "penetration", "bone_drift",
+    "acceleration", "slide")}
 
 
 @jax.jit

@@ -25,7 +25,6 @@ def test_frames_borders_and_crops():
   assert ts.borders_of(TIMELINE, 295, ts.CORRECTED) == [9, 98, 172]
   assert ts.borders_of(TIMELINE, 294) == [9, 98]  # the released code loses one more
   starts = ts.crop_starts(294)
-  assert starts.shape == (5,) and starts.max() < 163
   np.testing.assert_array_equal(starts, ts.crop_starts(200))  # 263 columns decide, not the length
   assert starts.tolist() == [47, 117, 67, 103, 9]  # numpy's legacy generator with seed 0: randint(0, 163, 5)
   assert ts.crop_starts(2000, ts.CORRECTED).max() > 163
@@ -91,9 +90,5 @@ def test_bad_input():
     go(timeline=[Interval("run", 0, 4)])
   with pytest.raises(ValueError, match="'sit' begins at frame 172, the motion has 100"):
     go(motion=motion[:100])
-  with pytest.raises(ValueError, match="the text 'sit' is listed twice"):
-    go(texts=["walk", "sit", "sit", "jump"])
   with pytest.raises(ValueError, match="one motion for each timeline"):
     ts.score([TIMELINE], [], [], _mean, TEXTS, latents, latents)
-  with pytest.raises(ValueError, match="a crop begins at 117"):
-    ts.crop_starts(110)

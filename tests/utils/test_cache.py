@@ -1,8 +1,5 @@
 """What is kept on disk: the same numbers from it as without it, and nothing of it trusted that is not whole."""
-import json
 import os
-import subprocess
-import sys
 from typing import NamedTuple
 
 import jax
@@ -13,7 +10,6 @@ import pytest
 from motion_jax import export, loading
 from motion_jax.utils import cache, executables, timing
 from motion_studio import cli
-from tests.conftest import ROOT, devices_env
 from tests.evaluation.small import random_run
 
 
@@ -164,12 +160,3 @@ def test_parts_of_time_add_up(monkeypatch):
     pass
   assert timing.parts == {"inner": [1.0, 0.0], "outer": [2.0, 0.0]}, "3 in all, of which the inner one has 1"
   assert timing.report() == "seconds, wall (processors): inner 1.00 (0.00), outer 2.00 (0.00), in all 3.00 (0.00)"
-
-
-@pytest.mark.slow
-def test_using_a_model_imports_nothing_that_only_training_needs():
-  code = "import sys, json, motion_jax.loading; print(json.dumps([n for n in sys.argv[1:] if n in sys.modules]))"
-  names = ["orbax.checkpoint", "scipy.ndimage", "scipy.linalg", "motion_jax.training.loop", "torch"]
-  done = subprocess.run([sys.executable, "-c", code, *names], capture_output=True, text=True, env=devices_env(1),
-                        cwd=ROOT, check=True)
-  assert json.loads(done.stdout) == []

@@ -1,6 +1,5 @@
 """Files of other people: headers are believed as far as the file bears them out, damage is one line, bombs stay packed,
 and only what is needed is read."""
-import io
 import json
 import tracemalloc
 import zipfile
@@ -97,14 +96,8 @@ def test_a_bomb_stays_packed(tmp_path):
 
 
 def test_only_the_named_members_are_read(tmp_path):
-  """A bomb and an object array beside the joints of a motion do no harm."""
-  good, other = io.BytesIO(), io.BytesIO()
-  np.save(good, np.tile(np.arange(66, dtype=np.float32).reshape(22, 3) / 40, (5, 1, 1)))
-  np.save(other, np.array([{}], object), allow_pickle=True)
-  (tmp_path / "a.npz").write_bytes(deflated_bomb(["zeros.npy"]))
-  with zipfile.ZipFile(tmp_path / "a.npz", "a") as file:
-    file.writestr("joints.npy", good.getvalue())
-    file.writestr("gender.npy", other.getvalue())
+  """An object array beside the joints of a motion does no harm."""
+  np.savez(tmp_path / "a.npz", joints=np.zeros((5, 22, 3), np.float32), gender=np.array([{}], object))
   found = load_npz(tmp_path / "a.npz", ("joints",))
   assert list(found) == ["joints"] and found["joints"].shape == (5, 22, 3)
 

@@ -4,39 +4,25 @@ import argparse
 import pytest
 
 from motion_jax.utils.numerals import NumberError, checked, real, whole
-from motion_studio import cli
 from motion_studio.cli import evaluate
+from tests.studio.cli.test_flags import FLAGS
 
 NO_NUMBERS = ("nan", "inf", "-inf", "1e400", "-1e400", "٣", "²", "1_000", "0x10", "", "ten", "1,5", "9" * 5000, "--")
 
 
-def parsers(parser):
-  yield parser
-  for action in parser._actions:
-    if isinstance(action, argparse._SubParsersAction):
-      for one in action.choices.values():
-        yield from parsers(one)
-
-
-def flags():
-  for parser in parsers(cli._parser()):
-    for action in parser._actions:
-      if action.type is not None:
-        yield parser.prog, action
-
-
 def test_every_numeric_flag_has_bounds():
-  found = [(prog, action.option_strings[0]) for prog, action in flags()]
-  assert len(found) > 30 and ("motion-jax generate", "--num-samples") in found
-  for prog, action in flags():
-    assert action.type not in (int, float), f"{prog} {action.option_strings} takes any number"
+  numeric = [(prog, option, action) for prog, option, action in FLAGS if action.type is not None]
+  assert len(numeric) > 30 and ("motion-jax generate", "--num-samples") in [given[:2] for given in numeric]
+  for prog, option, action in numeric:
+    assert action.type not in (int, float), f"{prog} {option} takes any number"
     for text in (*NO_NUMBERS, "1e308", "-1e300"):
       expected = "expected (a (whole )?number|true or false|steps A:B|three numbers X,Y,Z)"
       with pytest.raises(argparse.ArgumentTypeError, match=expected) as error:
         action.type(text)
       assert len(str(error.value)) < 200
-  for parser in parsers(cli._parser()):  # a flag whose default is a number has a reader of numbers
-    assert all(action.type for action in parser._actions if type(action.default) in (int, float))
+  # A flag whose default is a number has a reader of numbers.
+  assert all(action.type for _, _, action in FLAGS if type(action.default) in (int, float))
+
 
 
 def test_readers():

@@ -81,20 +81,16 @@ def test_handlers_are_given_back_and_ignored_signals_stay_ignored():
     signal.signal(signal.SIGHUP, before)
 
 
-@pytest.mark.parametrize("command, number, status, said", [
-    ("generate", "SIGINT", 130, "stopped; nothing half-written is left"),
-    ("train", "SIGTERM", 75, "preempted, resumable")])
-def test_a_signal_while_jax_is_imported_ends_the_program_with_one_line(tmp_path, command, number, status, said):
+def test_a_signal_while_jax_is_imported_ends_the_program_with_one_line(tmp_path):
   """Sent by the import itself: an import hook that kills on the first of jax's own modules, and swallows exceptions."""
-  arguments = {"generate": ["generate", "a person walks", "--out", str(tmp_path / "a.npz")],
-               "train": ["train", "--config", "part_tmr:tiny", "--workdir", str(tmp_path / "run")]}[command]
+  arguments = ["train", "--config", "part_tmr:tiny", "--workdir", str(tmp_path / "run")]
   script = f"""
 import os, signal, sys
 class Hook:
   def find_spec(self, name, path=None, target=None):
     if name.startswith("jax."):
       try:
-        os.kill(os.getpid(), signal.{number})
+        os.kill(os.getpid(), signal.SIGTERM)
       except BaseException:
         pass
 sys.meta_path.insert(0, Hook())
@@ -103,7 +99,7 @@ sys.exit(cli.main({arguments}))
 """
   done = subprocess.run([sys.executable, "-c", script], env=devices_env(1), capture_output=True, text=True, check=False)
   lines = [line for line in done.stderr.splitlines() if not line.startswith("working: ")]  # of a slow machine
-  assert done.returncode == status and len(lines) == 1 and lines[0].endswith(f": {said}")
+  assert done.returncode == 75 and len(lines) == 1 and lines[0].endswith(": preempted, resumable")
 
 
 def test_a_reader_that_has_gone_is_no_error():
@@ -184,25 +180,18 @@ def test_a_folder_is_one_programs(tmp_path):
   assert not any(tmp_path.iterdir())
 
 
-def _dead():
-  process = subprocess.Popen([sys.executable, "-c", ""])
-  process.wait()
-  return process.pid
-
-
-@pytest.mark.parametrize("content, taken", [
-    (lambda: dict(host=socket.gethostname(), pid=_dead()), True),
-    (lambda: dict(host=socket.gethostname(), pid=os.getpid(), born=1), True),  # another program has its number now
-    (lambda: dict(host="another-machine", pid=1), False),                      # who knows
-])
-def test_the_lock_of_a_dead_program_is_taken_over(tmp_path, content, taken):
-  before = json.dumps(content())
+@pytest.mark.parametrize("owner, taken", [
+    (dict(pid=2**30), True),  # nothing has that number
+    (dict(pid=os.getpid(), born=1), True),  # another program has its number now
+    (dict(host="another-machine", pid=1), False)])  # may be alive
+def test_the_lock_of_a_dead_program_is_taken_over(tmp_path, owner, taken):
+  before = json.dumps(dict(host=socket.gethostname()) | owner)
   (tmp_path / lock.NAME).write_text(before)
-  if taken:
-    with lock.locked(tmp_path):
-      assert json.loads((tmp_path / lock.NAME).read_text())["pid"] == os.getpid()
-    assert not any(tmp_path.iterdir())
-  else:
+  if not taken:
     with pytest.raises(ValueError, match="in use by process"), lock.locked(tmp_path):
       pass
     assert (tmp_path / lock.NAME).read_text() == before
+    return
+  with lock.locked(tmp_path):
+    assert json.loads((tmp_path / lock.NAME).read_text())["pid"] == os.getpid()
+  assert not any(tmp_path.iterdir())
