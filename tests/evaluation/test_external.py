@@ -128,15 +128,15 @@ def test_control_of_other_programs(tmp_path, archive, evaluator, monkeypatch):
   found = rows(tmp_path, [archive], protocol, evaluator)
   assert set(found) == {"real", "unconstrained: theirs", "head: theirs"}
   assert found["head: theirs"]["control_error"] < 1e-4 and found["head: theirs"]["fid"] < 0.05
-  counts = {len(line["control"]["frames"]) / line["frames"] for line in lines if line["file"].startswith("head_25")}
-  assert counts == {0.25} and {len(line["control"]["frames"]) for line in lines if line["file"].startswith("head_1_")} == {1}
+  given = [(line["file"][5:7], len(line["control"]["frames"]), line["frames"]) for line in lines if "head_" in line["file"]]
+  assert all(count == (1 if density == "1_" else frames // 4) for density, count, frames in given)
   path, = {json.dumps(line["control"]) for line in lines if line["file"].startswith("circle_")}
   assert json.loads(path)["positions"][5][1] is None
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name, kind, changes, metrics", [
-    ("long-horizon", "t2m", dict(sequences=2, segments=3, transition_frames=20, real_jerk=None), {"auj", "fid", "top1"}),
+    ("long-horizon", "t2m", dict(sequences=2, segments=3, transition_frames=20, real_jerk=None), {"auj", "fid"}),
     ("mtt", "tmr", dict(released_slips=False, layouts=()), {"crop_top1", "tmr_m2t"})])
 def test_motions_of_several_prompts_of_other_programs(tmp_path, archive, name, kind, changes, metrics):
   evaluator, protocol = fresh_evaluator(kind), small(name, **changes)

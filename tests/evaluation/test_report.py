@@ -25,7 +25,6 @@ def a_result(**changes) -> Result:
   """A made-up result with every part that a result may have, but no gallery."""
   names = ("x", "y", "x_label", "y_label", "interval")
   curve = lambda *values: dict(zip(names, (*values, None)))
-  frames = list(range(-28, 29))
   return Result.from_json({
       "protocol": "cmdm-259", "title": "HumanML3D, 259 columns", "metrics": ["top1", "fid", "diversity", "skating"],
       "row_order": ["real", "ours", "ours, guidance 1"],
@@ -41,9 +40,7 @@ def a_result(**changes) -> Result:
       "curves": {
           "FID against guidance, CMDM": curve([1, 2, 4], [0.3, 0.1, 0.2], "guidance scale", "FID", [0.1, 0.02, 0.03]),
           "FID against guidance, MARDM": curve([1, 2, 4], [0.4, None, 0.3], "guidance scale", "FID"),
-          "R@3 against noise": curve([0, 1, 3], [0.8, 0.6, 0.2], "noise on real joints, cm", "R@3"),
-          "Jerk across transitions, ours": curve(frames, [0.05] * 57, "frames from the border", "jerk"),
-          "Jerk across transitions, real": curve(frames, [0.033] * 57, "frames from the border", "jerk")},
+          "R@3 against noise": curve([0, 1, 3], [0.8, 0.6, 0.2], "noise on real joints, cm", "R@3")},
       "provenance": {"replications": 20, "seed": 3467,
                      "data": {"split": "test", "samples": 4384, "split_hash": "ab" * 32},
                      "evaluators": [{"name": "t2m-259", "kind": "t2m", "hash": "cd" * 32}],
@@ -76,14 +73,10 @@ class Tags(html.parser.HTMLParser):
 
   def handle_starttag(self, tag, attributes):
     self.seen.append((tag, dict(attributes)))
-    if tag not in self.VOID:
-      self.open.append(tag)
-
-  def handle_startendtag(self, tag, attributes):
-    self.seen.append((tag, dict(attributes)))
+    self.open += [tag] if tag not in self.VOID else []
 
   def handle_endtag(self, tag):
-    assert self.open and self.open.pop() == tag, (tag, self.getpos())
+    assert tag in self.VOID or self.open.pop() == tag, (tag, self.getpos())
 
 
 @pytest.mark.slow
@@ -113,9 +106,8 @@ def test_page_shows_the_numbers(tmp_path):
   assert "✗ top1 of frozen does not go down" in text and "tell real motions from shuffled captions" in text
   assert '0.400 → 0.200 → 0.100 <span class="ok">↓✓</span>' in text and '0.600 <span class="bad">↓✗</span>' in text
   charts = [ElementTree.fromstring(svg) for svg in re.findall(r'<svg class="chart".*?</svg>', text, re.S)]
-  assert [chart.get("aria-label") for chart in charts] == ["FID against guidance", "R@3 against noise",
-                                                           "Jerk across transitions"]
-  assert text.count('<ul class="legend">') == 2 and "abababababab" in text and "ab" * 8 not in text.split("<pre>")[0]
+  assert [chart.get("aria-label") for chart in charts] == ["FID against guidance", "R@3 against noise"]
+  assert text.count('<ul class="legend">') == 1 and "abababababab" in text and "ab" * 8 not in text.split("<pre>")[0]
 
 
 def test_folders_of_results_share_a_page(tmp_path, capsys):
@@ -131,9 +123,6 @@ def test_folders_of_results_share_a_page(tmp_path, capsys):
   assert '<a href="#r0">fss/eval: ' in text and '<a href="#r1">ar/eval: ' in text  # as much as tells them apart
   assert cli.main(["evaluate", "--compare-with", str(tmp_path / "nowhere"), "--report", str(tmp_path / "page")]) == 1
   assert re.search("nowhere.*no results.json", capsys.readouterr().err)
-  for wrong in (["--report", "x"], ["--compare-with", "x"]):
-    assert cli.main(["evaluate", *wrong]) == 1
-    assert "give --" in capsys.readouterr().err
 
 
 def test_a_page_needs_neither_motions_nor_more_than_rows(tmp_path):
@@ -157,26 +146,20 @@ def test_a_broken_motion_is_a_note_beside_the_real_one(tmp_path):
   jump, lost = (synthetic_joints("walk", 8, np.random.default_rng(0)).astype(np.float32) for _ in range(2))
   jump[4:] += 500.0
   lost[:, 15] += 5.0
-  gallery.append(gallery[1] | {"real": gallery[1]["made"]})
   export.save(Clip(jump), tmp_path / gallery[0]["made"])
   export.save(Clip(lost), tmp_path / gallery[1]["made"])
   text = report.write(a_result(gallery=gallery), tmp_path).read_text(encoding="utf-8")
   Tags(text)
-  jumps, alone, nothing = (re.sub(r"<[^>]*>", " ", part) for part in text.split('<div class="card pair">')[1:])
+  jumps, alone = (re.sub(r"<[^>]*>", " ", part) for part in text.split('<div class="card pair">')[1:])
   assert "generated: frame 4: pelvis has moved 866 m since the frame before" in jumps and "side by side" in jumps
-  broken = "generated: not drawn: the bone to head is 8.74 m long"
-  assert broken in alone and "▶ play" in alone and "side by side" not in alone
-  assert broken in nothing and "▶" not in nothing and str(tmp_path) not in text
+  assert "generated: not drawn: the bone to head is 8.74 m long" in alone and "▶ play" in alone
+  assert "side by side" not in alone and str(tmp_path) not in text
   assert sorted(path.name for path in (tmp_path / "motions").iterdir()) == ["r0_failure_00.html", "r0_grid_00.html"]
 
 
-def test_bad_input(tmp_path):
-  with pytest.raises(ValueError, match="got no result"):
-    report.write([], tmp_path)
+def test_a_motion_that_is_missing_is_named(tmp_path):
   lost = a_result(gallery=a_gallery(tmp_path / "run", kinds=("failure",)))
   (tmp_path / "run" / "gallery" / "failure_made.npz").unlink()
   with pytest.raises(FileNotFoundError, match="names gallery/failure_made.npz"):
     report.write(lost, tmp_path, folders=[tmp_path / "run"])
   assert not (tmp_path / "index.html").exists()
-  with pytest.raises(ValueError, match="got 2 folders for 1 results"):
-    report.write(a_result(), tmp_path, folders=["a", "b"])

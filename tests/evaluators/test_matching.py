@@ -1,6 +1,4 @@
 """Evaluators learn what the papers say: losses against plain numpy, N devices as one."""
-import contextlib
-
 import jax
 import jax.numpy as jnp
 import ml_collections
@@ -14,7 +12,6 @@ from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.evaluators import stages as matching
 from motion_jax.text.captions import meanings
 from motion_jax.text.encoder import load_text_encoder
-from motion_jax.text.tagger import tag
 from motion_jax.training import optimizers
 from motion_jax.training.setup import untrained
 from motion_jax.training.stage import DEVICES
@@ -175,17 +172,12 @@ def test_tokens_are_those_of_the_files(tmp_path):
   """A data set's own lemmas and parts of speech go before those that our tagger makes."""
   folder = tmp_path / "data"
   write_folder(synthetic_clips(0, 6), folder, mirror=False)
-  text = next((folder / "texts").glob("*.txt"))
-  lines = text.read_text().splitlines()
-  text.write_text("\n".join("#".join([line.split("#")[0], "odd/NOUN", *line.split("#")[2:]]) for line in lines) + "\n")
+  for text in (folder / "texts").glob("*.txt"):
+    rows = [line.split("#") for line in text.read_text().splitlines()]
+    text.write_text("\n".join("#".join([caption, "odd/NOUN", *times]) for caption, _, *times in rows) + "\n")
   config = load_config("evaluator_matching", "66").unlock()
   config.data.folder = str(folder)
-  tokens = {}
-  for split in ("train", "val", "test"):
-    with contextlib.suppress(ValueError):  # a split without clips
-      tokens |= sources.load_features(config.data, split).tokens
-  assert tokens[lines[0].split("#")[0]] == ("odd/NOUN",)
-  assert all(words in (("odd/NOUN",), tuple(tag(caption))) for caption, words in tokens.items())
+  assert set(sources.load_features(config.data, "train").tokens.values()) == {("odd/NOUN",)}
 
 
 def test_word_pieces_end_at_the_largest_id():

@@ -114,9 +114,5 @@ def test_bad_input_is_told():
   draws = P.draw_diversity_pairs(np.random.default_rng(1), 32, SMALL)
   with pytest.raises(ValueError, match="one of 8 rows, the protocol needs batches of 32"):
     P.generation_scores(batches(), P.Protocol(), draws)
-  with pytest.raises(ValueError, match="got 0 batches"):
-    P.generation_scores([], SMALL, draws)
   with pytest.raises(ValueError, match="no joint errors"):
     P.reconstruction_scores(batches(errors=False), SMALL, draws)
-  with pytest.raises(ValueError, match="50 samples to draw 100"):
-    P.draw_diversity_pairs(np.random.default_rng(0), 50, P.Protocol())

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from motion_jax import export, loading
-from motion_jax.utils import cache, executables, timing
+from motion_jax.utils import cache, executables
 from motion_studio import cli
 from tests.evaluation.small import random_run
 
@@ -146,17 +146,3 @@ def test_generating_from_the_cache_gives_the_same_bits(tmp_path, monkeypatch, ca
       monkeypatch.setattr(executables, "compile_and_store", lambda *_: pytest.fail("compiled again"))
     line = capsys.readouterr().out.splitlines()[-1]
     assert all(part in line for part in ("imports", "model", "text", "program", "sample", "cleanup", "files", "in all"))
-
-
-def test_parts_of_time_add_up(monkeypatch):
-  monkeypatch.setattr(timing, "parts", None)
-  clock = iter(range(100))
-  monkeypatch.setattr(timing.time, "perf_counter", lambda: float(next(clock)))
-  monkeypatch.setattr(timing.time, "process_time", lambda: 0.0)
-  with timing.part("unmeasured"):
-    pass
-  timing.start()
-  with timing.part("outer"), timing.part("inner"):
-    pass
-  assert timing.parts == {"inner": [1.0, 0.0], "outer": [2.0, 0.0]}, "3 in all, of which the inner one has 1"
-  assert timing.report() == "seconds, wall (processors): inner 1.00 (0.00), outer 2.00 (0.00), in all 3.00 (0.00)"

@@ -12,7 +12,7 @@ import pytest
 
 from motion_jax.training import loop as train
 from motion_jax.training.saver import Saver
-from motion_jax.utils import exit_status, lock, stopping
+from motion_jax.utils import lock, stopping
 from motion_jax.utils.atomic import atomic_folder
 from tests import processes
 from tests.conftest import ROOT, devices_env
@@ -148,27 +148,6 @@ def test_sigterm_is_heard_while_the_main_thread_is_busy(tmp_path, forks, place, 
   rest = train.train(_config(6), tmp_path, _stage(), _next_batch, resume=True)
   whole = train.train(_config(6), tmp_path / "whole", _stage(), _next_batch)
   assert _equal(rest, whole)
-
-
-@pytest.mark.slow
-def test_launch_py_stopped_by_a_signal(tmp_path):
-  """The command itself: saved, nothing locked, and a status that is not 0; and a second launch meanwhile is refused."""
-  command = [ROOT / "launch.py", f"--config={ROOT}/configs/cdamd_length.py:tiny",
-             "--workdir", tmp_path / "run", "--config.train.num_steps=100000", "--config.train.log_every=1",
-             "--config.train.save_every=100000"]
-  first = processes.Process(command, devices_env(1), tmp_path / "said", tmp_path / "said")
-  deadline = time.time() + 300
-  while not (tmp_path / "run" / "metrics.jsonl").is_file() and first.poll() is None and time.time() < deadline:
-    time.sleep(0.1)
-  second = processes.run([*command, "--resume"], devices_env(1))
-  assert second.returncode == 1 and f"in use by process {first.pid}" in second.stderr.splitlines()[-1]
-  first.send_signal(signal.SIGTERM)
-  first.wait(300)
-  printed = (tmp_path / "said").read_text()
-  assert first.returncode == exit_status.PREEMPTED == 75, printed[-2000:]
-  assert "stopped and saved" in printed and printed.endswith("launch.py: preempted, resumable\n")
-  assert not (tmp_path / "run" / lock.NAME).exists()
-  assert (tmp_path / "run" / "params.safetensors").is_file()
 
 
 def test_a_folder_is_one_programs(tmp_path):

@@ -29,10 +29,7 @@ def test_prompts_of_momask(tmp_path):
           ("he counts to #", None), ("#12", None)]
   assert cli.read_prompts(str(path)) == rows
   assert cli.read_prompts(str(path), fps=12.5)[0] == ("a person walks forward", 50)
-  assert cli.read_sequences(str(path), fps=12.5)[0][:2] == [("a person walks forward", 4.0), ("a person waves", None)]
   assert cli.read_prompts("a person walks#80") == [("a person walks#80", None)]
-  with pytest.raises(ValueError, match="expected a number of seconds over 0, up to 3,600"):
-    cli.read_sequences("walks:-3 | sits")
   path.write_text("a person walks#80000\n")
   with pytest.raises(ValueError, match="p.txt line 1: in the length after #: got .*80000"):
     cli.read_prompts(str(path))
