@@ -7,7 +7,8 @@ import pytest
 
 from motion_jax import fit
 from motion_jax.data.datasets.synthetic import synthetic_clips
-from motion_jax.evaluation import protocols
+from motion_jax.evaluation import protocols, run
+from motion_jax.evaluation.request import Request
 from tests.conftest import load_config
 
 SMALL = dataclasses.replace(
@@ -54,3 +55,9 @@ def random_run(folder, name, **sampler):
 def two_captions():
   """The captions of the first two test clips, for prompts in a row."""
   return [clip.captions[0].text for clip in make_clips() if clip.split == "test"][:2]
+
+
+def judged(runs, data, protocol, evaluator, out, **options):
+  """The result of an evaluation by one evaluator, whatever the real data look like."""
+  return run.evaluate(Request(runs, data, protocol, evaluator=evaluator, clip_evaluator="none", out=out, force=True,
+                              verbose=False, **options))

@@ -47,8 +47,6 @@ def test_models_of_two_methods_have_rows_of_the_choices_that_they_know(tmp_path,
 def test_a_model_that_knows_none_of_the_variations_has_one_row(tmp_path, load):
   rows, _ = candidates_of(tmp_path, load, Choices(varied=({"schedule": "ar"},)))
   assert rows == [("a", {"schedule": "ar"}), ("b", {})]
-  rows, _ = candidates_of(tmp_path, load, Choices(guidance=(1.0, 2.5)))
-  assert [name for name, _ in rows] == [f"{name}, guidance {scale}" for name in "ab" for scale in ("1", "2.5")]
 
 
 def test_choices_that_no_model_knows_are_refused(tmp_path, load):

@@ -5,13 +5,12 @@ import types
 import pytest
 
 from motion_jax.control.signal import none
-from motion_jax.evaluation import run, samples
-from motion_jax.evaluation.request import Request
+from motion_jax.evaluation import samples
 from motion_jax.evaluation.tasks import control, long_horizon
 from motion_jax.evaluators.evaluator import fresh_evaluator
 from motion_jax.models.base import Able
 from tests.conftest import some_of
-from tests.evaluation.small import small, two_captions
+from tests.evaluation.small import judged, small, two_captions
 
 PROTOCOLS = {
     "archives-66": dict(multimodality_motions=2, multimodality_pairs=1, multimodality_replications=1),
@@ -47,17 +46,12 @@ def judges(evaluator):
   return {name: fresh_evaluator("tmr") if name == "mtt" else evaluator for name in PROTOCOLS}
 
 
-def judged(runs, name, data, judges, out, **options):
-  return run.evaluate(Request(runs, data[name], small(name, **PROTOCOLS[name]), evaluator=judges[name], force=True,
-                              clip_evaluator="none", out=out, samples=out / "samples", verbose=False, **options))
-
-
 @pytest.mark.parametrize("method, protocol", some_of(
     [(method, one) for method, all_ in METHODS.items() for one in all_],
     slow=[("mdm", "archives-66"), ("mld vae", "reconstruction")]))
 def test_a_method_is_judged(method, protocol, random_run, data, judges, tmp_path):
   folder = random_run(method)
-  result = judged([folder], protocol, data, judges, tmp_path)
+  result = judged([folder], data[protocol], small(protocol, **PROTOCOLS[protocol]), judges[protocol], tmp_path)
   metric, parts = ROWS[protocol]
   rows = [f"{part}: {folder.name}" if part else folder.name for part in parts]
   assert result.row_order == ["real", *rows]
@@ -69,7 +63,7 @@ def test_a_method_is_judged(method, protocol, random_run, data, judges, tmp_path
     quick=[("mdm", "mtt"), ("mdm", "reconstruction")], slow=[("mld vae", "archives-66"), ("mld vae", "editing")]))
 def test_a_method_is_refused_in_a_sentence(method, protocol, random_run, data, judges, tmp_path):
   with pytest.raises(ValueError, match="|".join(REFUSALS)) as error:
-    judged([random_run(method)], protocol, data, judges, tmp_path)
+    judged([random_run(method)], data[protocol], small(protocol, **PROTOCOLS[protocol]), judges[protocol], tmp_path)
   assert "\n" not in str(error.value)
 
 
@@ -86,18 +80,15 @@ def test_control_of_a_model_of_prompts_alone_is_refused():
     control.Control.found(None, types.SimpleNamespace(name="mdm", options={}, model=model), 0)
 
 
-@pytest.mark.parametrize("guides", [True, False])
-def test_only_a_guided_network_is_given_the_constraints(guides):
+def test_only_a_guided_network_is_given_the_constraints():
   """The others sample by prompts alone, and what they sample is projected."""
   class Model(Able):
-    takes_control = guides
-
     def generate(self, prompts, frames, **given):
-      self.given = given
-      raise InterruptedError
+      seen.append((self.takes_control, "control" in given))
+      return []
 
-  candidate = types.SimpleNamespace(model=Model(), options={}, guidance_scale=None)
-  signal = none(1, 4)
-  with pytest.raises(InterruptedError):
-    control.controlled_generator(candidate, [signal], {}, exact=True)(samples.Jobs(["a"], [4], [0], [0]))
-  assert ("control" in candidate.model.given) == guides
+  seen, model = [], Model()
+  for model.takes_control in (True, False):
+    candidate = types.SimpleNamespace(model=model, options={}, guidance_scale=None)
+    control.controlled_generator(candidate, [none(1, 4)], {}, exact=True)(samples.Jobs(["a"], [4], [0], [0]))
+  assert seen == [(True, True), (False, False)]

@@ -9,7 +9,6 @@ from motion_jax.data.clip import Caption
 from motion_jax.data.datasets.snapmogen import GAP, Span, longest_sequence, recordings, write_folder
 from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.evaluation import protocols
-from motion_jax.evaluation import test_set as test_set_lib
 from motion_jax.evaluation.harness import Harness
 from motion_jax.evaluation.request import Request, Resolved
 from motion_jax.evaluation.run import read_for
@@ -119,10 +118,3 @@ def test_jerk_is_in_centimetres_from_the_level_that_the_paper_has(folder, task):
   curve = np.mean(jerks, 0)
   assert row["peak_jerk"] == pytest.approx(curve.max(), rel=1e-5)
   assert row["auj"] == pytest.approx(np.abs(curve - physics.REAL_JERK["humanml3d"]).sum(), rel=1e-5)
-
-
-@pytest.mark.slow
-def test_a_folder_without_such_recordings_is_told(folder):
-  protocol = dataclasses.replace(protocols.get_protocol("snapmogen-long"), recorded=7)
-  with pytest.raises(ValueError, match="no recording with more than 7 captioned motions in a row"):
-    test_set_lib.read_test_set([folder], protocol, [fresh_evaluator("snapmogen", "snapmogen_148")])

@@ -21,14 +21,6 @@ def test_published_results_open_and_make_their_tables(folder):
   assert fields.keys() <= {field.name for field in dataclasses.fields(PROTOCOLS[result.protocol])}
 
 
-def test_a_result_is_written_as_it_is_read(tmp_path):
-  number = {"mean": 1.0, "interval": None, "values": [1.0]}
-  result = Result("kit", "KIT", {"real": {"fid": number}}, ["real"], ["fid"], provenance={"seed": 3})
-  written = result.write(tmp_path)
-  assert written.folder == tmp_path and written == result == Result.read(tmp_path)
-  assert json.loads((tmp_path / FILE).read_text())["provenance"] == {"seed": 3}
-
-
 def test_a_file_that_is_no_result_is_refused(tmp_path):
   with pytest.raises(FileNotFoundError, match="expected the --out folder of motion-jax evaluate"):
     Result.read(tmp_path)

@@ -64,8 +64,6 @@ def test_choices_of_sampling_are_rows(judged, tiny_run, archive, evaluators, tmp
   assert made.row_order == ["real", *(f"{name}{part}, guidance {scale}" for scale in (1, 3)
                                          for part in (", schedule fss", ", schedule ar"))]
   rows = [made.rows[row]["fid"]["values"] for row in made.row_order[1:]]
-  assert [(one["guidance_scale"], one["sampling"]) for one in made.provenance["models"]] == [
-      (scale, {"num_steps": 2} | more) for scale in (1, 3) for more in ({"schedule": "fss"}, {"schedule": "ar"})]
   assert len(set(shared.iterdir()) - before) == 3  # what is said anyway is not made again
   own = judged[0].provenance["models"][0]["guidance_scale"]
   assert own == 3.0 and rows[2] == judged[0].rows[name]["fid"]["values"]
@@ -125,12 +123,6 @@ def test_what_cannot_be_computed_is_refused_before_anything_is_done(tiny_run, ar
   arguments = ["--model", str(tiny_run), "--data", str(archive), "--out", "nowhere", *arguments]
   assert cli.main(arguments, "evaluate", "eval.py") == 1
   assert re.search(f"eval.py: (.|\n)*{words}", capsys.readouterr().err)
-
-
-def test_flags_may_be_repeated():
-  args = cli.parse(["evaluate", "--data", "a", "b", "--data", "c", "--guidance-scale", "2", "--guidance-scale", "3",
-                    "--vary", "lag=1", "--vary", "lag=2"])
-  assert args.guidance_scale == [2, 3] and args.vary == ["lag=1", "lag=2"] and args.data == [["a", "b"], ["c"]]
 
 
 @pytest.mark.slow
@@ -231,5 +223,3 @@ def test_folders_that_are_no_data(tmp_path, archive, evaluator):
     test_set_lib.read_test_set([archive], protocols.get_protocol("cdamd-66"), [evaluator])
   with pytest.raises(ValueError, match=r"judged on coordinates features \(66 numbers a frame\), evaluator .* \(67\)"):
     test_set_lib.read_test_set([archive], SMALL, [fresh_evaluator("t2m", "essential")])
-  with pytest.raises(ValueError, match="no evaluator that ships"):
-    request.load_evaluators(protocols.get_protocol("cdamd-66"), None, None)

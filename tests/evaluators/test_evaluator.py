@@ -130,10 +130,9 @@ def test_folders_that_are_no_evaluator_are_refused(run, tmp_path):
 
 @pytest.mark.slow
 def test_the_evaluators_that_ship():
-  """Small enough to ship, trained on our own words, and real enough to tell actions apart."""
+  """Trained on our own words, and real enough to tell actions apart."""
   folders = [PRETRAINED / name for name in ("evaluator-small", "clip-evaluator-small")]
   assert {folder.name for folder in folders} <= set(shipped_names())
-  assert sum((folder / checkpoint.PARAMS).stat().st_size for folder in folders) < 8e6
   for folder, kind in zip(folders, ("t2m", "clip")):
     evaluator = load_evaluator(folder.name)
     assert (evaluator.kind, evaluator.layout.name, evaluator.mode) == (kind, "coordinates", "corrected")
@@ -145,7 +144,6 @@ def test_the_evaluators_that_ship():
 
 @pytest.mark.parametrize("features, columns, words", [
     (66, 60, "got model.features 66 and model.columns 60, expected model.columns 66.*the two are exchanged"),
-    (80, 66, "got model.features 80 and model.columns 66, .*features from 1 to 66, the first of them that are read$"),
     (0, 66, "got model.features 0 and model.columns 66")])
 def test_features_and_columns_that_do_not_fit_are_both_named(features, columns, words):
   config = load_config("evaluator_movement", "tiny").unlock()

@@ -147,11 +147,10 @@ def test_the_loss_of_snapmogens_evaluator_is_the_formula():
 
 def test_divergence_of_gaussians():
   """Closed form: equal ones are 0 apart, a shift of 2 at width 1 is 2, both ways alike."""
-  one, other = (np.zeros((3, 2)), np.zeros((3, 2))), (np.full((3, 2), 2.0), np.zeros((3, 2)))
-  wide = (np.zeros((3, 2)), np.full((3, 2), np.log(4.0)))
-  assert matching.divergence(one, one) == 0
-  assert np.isclose(matching.divergence(one, other), 2) and np.isclose(matching.divergence(other, one), 2)
-  assert np.isclose(matching.divergence(wide, one), 0.5 * (4 - 1 - np.log(4)))
+  normal = lambda mean, variance: (np.full((3, 2), mean), np.full((3, 2), np.log(variance)))
+  for one, other, apart in (((0, 1), (0, 1), 0), ((0, 1), (2, 1), 2), ((2, 1), (0, 1), 2),
+                            ((0, 4), (0, 1), 0.5 * (4 - 1 - np.log(4)))):
+    assert np.isclose(matching.divergence(normal(*one), normal(*other)), apart)
 
 
 def test_each_network_is_clipped_alone():

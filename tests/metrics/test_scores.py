@@ -4,7 +4,9 @@ import re
 import numpy as np
 import pytest
 
-from motion_jax.metrics import physics, scores
+from motion_jax.control.paths import CURVES
+from motion_jax.metrics import accumulate, physics, scores
+from motion_jax.metrics.control_scores import control_scores
 from tests import fixtures
 from tests.golden import check, golden
 
@@ -111,26 +113,57 @@ def test_retrieval():
   assert flat["r3"] == pytest.approx(3 / 12) and flat["median_rank"] == 6.5
 
 
-def test_diversity_and_multimodality():
+def test_pairs_are_drawn_without_replacement():
   first, second = scores.draw_pairs(np.random.default_rng(0), 40, 30)
   assert len(set(first)) == len(set(second)) == 30
-  line = np.arange(40.0)[:, None] * np.array([0.6, 0.8])
-  assert scores.diversity(line, first, second) == pytest.approx(np.abs(first - second).mean())
-  repeats = line[:30].reshape(3, 10, 2)
-  assert scores.multimodality(repeats, np.array([0, 1]), np.array([9, 3])) == pytest.approx(5.5)
+  with pytest.raises(ValueError, match="50 samples to draw 100"):
+    scores.draw_pairs(np.random.default_rng(0), 50, 100)
 
 
 @pytest.mark.parametrize("call, told", [
     (lambda: scores.r_precision(draw(0, 20, 4), draw(1, 20, 4)), "needs a pool of 32"),
-    (lambda: scores.matching_score(draw(0, 5, 4), draw(1, 6, 4)), "expected matched pairs"),
     (lambda: scores.fid(draw(0, 1, 4), draw(1, 6, 4)), "covariance needs 2"),
     (lambda: scores.fid(draw(0, 9, 4), draw(1, 6, 5)), "two of the same evaluator"),
     (lambda: scores.moments(np.diag([1, 1, np.nan])), "row 2 .* NaN"),
     (lambda: scores.retrieval(draw(0, 3, 4)), r"expected \(N, N\)"),
-    (lambda: scores.draw_pairs(np.random.default_rng(0), 50, 100), "50 samples to draw 100"),
     (lambda: scores.joint_errors(draw(0, 5, 22, 3), draw(0, 6, 22, 3)), "the same frames"),
     (lambda: scores.mpjpe([]), "got no joint errors"),
 ])
 def test_bad_input_is_told(call, told, as_users_run):
   with pytest.raises(ValueError, match=told):
     call()
+
+
+def test_embeddings_may_pass_in_chunks_and_each_is_as_likely_drawn():
+  def passed(chunks, size=50, seed=1):
+    rng, state = np.random.default_rng(seed), accumulate.start(size)
+    for chunk in chunks:
+      state = accumulate.add(state, chunk, rng)
+    return state
+
+  rows, other = np.random.default_rng(0).normal(2, 3, (400, 8)), np.random.default_rng(5).normal(size=(300, 8))
+  whole, parts = passed([rows]), passed([rows[:7], rows[7:8], rows[8:300], rows[300:]])
+  np.testing.assert_array_equal(whole.rows, parts.rows)
+  assert scores.fid(parts.moments, scores.moments(other)) == pytest.approx(scores.fid(rows, other), rel=1e-9)
+  line = np.arange(40.0)[:, None]
+  drawn = np.stack([passed([line[:15], line[15:]], 10, seed).rows[..., 0] for seed in range(400)])
+  assert all(len(set(side)) == 10 for draw in drawn for side in draw)
+  # Each row is in a quarter of 800 sides: 200, with a standard deviation of 12.3.
+  assert abs(np.bincount(drawn.astype(int).ravel(), minlength=40) - 200).max() < 5 * 12.3
+
+
+def test_the_scores_of_known_distances():
+  """Of four motions one is 0.3 m off at one of two points, another 0.6 m at its only one."""
+  found = control_scores([np.array([0.0, 0.3]), np.array([0.6]), np.zeros(5), np.full(2, 0.1)])
+  assert found == pytest.approx({"trajectory_20": 0.5, "trajectory_50": 0.25, "location_20": 0.2, "location_50": 0.1,
+                                 "control_error": (0.15 + 0.6 + 0.1) / 4})
+  with pytest.raises(ValueError, match="without a controlled frame"):
+    control_scores([np.zeros(3), np.zeros(0)])
+
+
+def test_curves_begin_ahead_and_a_circle_comes_back():
+  """tests/control has their speed and their sides."""
+  assert all(curve(20.0)[1, 1] > 0 for curve in CURVES.values())  # towards +Z
+  places = CURVES["circle"](20.0)
+  np.testing.assert_allclose(places[-1], 0, atol=0.1)
+  assert np.ptp(places, axis=0) == pytest.approx([4, 4], abs=0.05)

@@ -45,16 +45,12 @@ def test_numbers_come_back_as_numpy_writes_them(tmp_path, dtype, shape):
     found = load_npz(tmp_path / "a.npz", ("x",), ("words",))
     assert np.array_equal(found["x"], array) and found["words"].tolist() == ["a", "bc"]
   assert npz_names(tmp_path / "a.npz") == ["x", "words"]
-  (tmp_path / "python2.npy").write_bytes(_header(shape="(1L, 2L)", data=bytes(8)))
-  assert load_npy(tmp_path / "python2.npy").shape == (1, 2)
 
 
 @pytest.mark.parametrize("content, words", [
     (_header(shape="(1000000000000, 22, 3)", data=b"0000"), "and has 4"),
     (_header(shape="(-1, 22, 3)"), "has the shape"), (_header(shape="(0, 99999999999999999999)"), "has the shape"),
-    (_header(shape="(True, 3)"), "has the shape"), (_header(shape="(" * 300), "header"),
-    (_header("<U99999999", "(3,)"), "expected numbers"), (_header("|V0", "(99999,)"), "expected numbers"),
-    (_header("<c16", "(1,)", bytes(16)), "expected numbers"), (_header("zz"), "header"),
+    (_header(shape="(" * 300), "header"), (_header("<U99999999", "(3,)"), "expected numbers"),
     (_header("|O", "(1,)", b"\x80\x04N."), "pickled"), (_header(version=2)[:9], "header"),
     (b"\x93NUMPY\x02\0\xff\xff\xff\xff", "header of 4294967295 bytes"), (b"\x80\x04\x95", "pickle"),
     (b"", "no array"),

@@ -14,7 +14,6 @@ TINY = f"{ROOT}/configs/cmdm_tokenizer.py:tiny"
     ("--config.data.bacth_size=3", "did you mean --config.data.batch_size?"),
     ("--config.batch_size=3", "did you mean --config.data.batch_size?"),          # the right word in no section
     ("--config.train.learning_rte=3", "did you mean --config.optimizer.learning_rate?"),
-    ("--config.zzz=3", "it has alignment_teacher, data, data.augment"),
     ("--config.data.batch_size=abc", "expected a whole number such as 4"),
     ("--config.optimizer.learning_rate=fast", "expected a number such as"),
     ("--config.model.causal=maybe", "expected True or False"),
@@ -40,16 +39,12 @@ def test_a_config_that_is_none(name, words):
     config_files.load(name)
 
 
-@pytest.mark.parametrize("command, arguments, words", [
-    ("train", ["--config", TINY, "--workdir=w", "--config.data.bacth_size=3"], "mean --config.data.batch_size?"),
-    ("train", ["--config", "none.py", "--workdir=w"], "no config"), ("train", ["--config", TINY], "--workdir"),
-    ("evaluate", ["--data", "x", "--protocl", "y"], "did you mean --protocol?"),
-    ("evaluate", ["--model", "x"], "give --data"), ("evaluate", ["--data", "x", "--replications", "0"], "whole number"),
-])
-def test_the_command_line_says_it_in_one_line(tmp_path, monkeypatch, capsys, command, arguments, words):
+@pytest.mark.parametrize("arguments, words", [
+    (["train", "--config", TINY, "--workdir=w", "--config.data.bacth_size=3"], "mean --config.data.batch_size?"),
+    (["train", "--config", TINY], "--workdir"), (["evaluate", "--model", "x"], "give --data")])
+def test_the_command_line_says_it_in_one_line(tmp_path, monkeypatch, capsys, arguments, words):
   monkeypatch.chdir(tmp_path)
-  with pytest.raises(SystemExit) as ended:
-    sys.exit(cli.main([command, *arguments]))
+  with pytest.raises(SystemExit):
+    sys.exit(cli.main(arguments))
   printed = capsys.readouterr().err
-  assert ended.value.code in (1, 2) and words in printed and len(printed.splitlines()) == 1
-  assert not any(tmp_path.iterdir())
+  assert words in printed and len(printed.splitlines()) == 1 and not any(tmp_path.iterdir())

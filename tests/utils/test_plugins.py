@@ -33,10 +33,7 @@ class Outside(Dataset):
     "layout.py": '''
 from motion_jax.motion.representations.coordinates import COORDINATES, Coordinates
 
-DECIMETRES = type("Decimetres", (Coordinates,), {
-    "are_joints": False, "of_joints": lambda self, joints: 10 * super(type(self), self).of_joints(joints),
-    "recover": lambda self, features: super(type(self), self).recover(features) / 10,
-})("decimetres", COORDINATES.skeleton, COORDINATES.parts, COORDINATES.full)
+OTHER = Coordinates("other_coordinates", COORDINATES.skeleton, COORDINATES.parts, COORDINATES.full)
 ''',
     "points.py": '''
 import pathlib
@@ -50,16 +47,15 @@ def points(clip, path, digits=3):
     "broken.py": "import a_package_that_is_not_there\n",
     "later.py": '''
 from motion_jax.data.datasets.registry import DATASETS
-from outside_of_motion_jax.dataset import Outside
 
-DATASETS["later"] = type("Later", (Outside,), {"name": "later"})()
+DATASETS["later"] = DATASETS["outside"]
 ''',
 }
 ENTRY_POINTS = """
 [motion_jax.datasets]
 outside = outside_of_motion_jax.dataset:Outside
 [motion_jax.representations]
-decimetres = outside_of_motion_jax.layout:DECIMETRES
+other_coordinates = outside_of_motion_jax.layout:OTHER
 [motion_jax.exports]
 .points = outside_of_motion_jax.points:points
 .broken = outside_of_motion_jax.broken:nothing
@@ -80,7 +76,7 @@ def outside(tmp_path, monkeypatch):
   (about / "entry_points.txt").write_text(ENTRY_POINTS)
   monkeypatch.syspath_prepend(tmp_path)
   yield tmp_path
-  for table, names in ((DATASETS, ["outside", "later"]), (representations.LAYOUTS, ["decimetres"]),
+  for table, names in ((DATASETS, ["outside", "later"]), (representations.LAYOUTS, ["other_coordinates"]),
                        (mj.export.WRITERS, [".points"]), (registry.METHODS, ["tiny"])):
     for name in names:
       table.pop(name, None) if name in table else None
@@ -96,13 +92,9 @@ def test_another_package_is_found_trained_loaded_and_written(outside):
   assert find_dataset(folder).name == "outside" and "outside" in DATASETS and "outside" in list(DATASETS)
 
   joints = synthetic_clips(num=2, num_frames=40)[1].joints
-  features = mj.motion.to_features(joints, "decimetres")
-  np.testing.assert_allclose(features, 10 * mj.motion.to_features(joints, "coordinates"), rtol=1e-6)
-  np.testing.assert_allclose(mj.motion.to_joints(features, "decimetres"),
-                             mj.motion.to_joints(features / 10, "coordinates"), atol=1e-6)
-
+  np.testing.assert_array_equal(*(mj.motion.to_features(joints, name) for name in ("other_coordinates", "coordinates")))
   config = get_config().unlock()
-  config.data.update(name="outside", folder=str(folder), layout="decimetres")
+  config.data.update(name="outside", folder=str(folder), layout="other_coordinates")
   config.model.features = 66
   assert int(fit.run(config.lock(), outside / "run").step) == 2
   motion = mj.load(outside / "run").generate("a person walks", 24, seeds=[0])[0]
@@ -118,7 +110,7 @@ def test_a_module_that_a_config_names_adds_to_the_tables(outside, monkeypatch):
   monkeypatch.setitem(registry.METHODS, "tiny", "tests.models.tiny_method")
   monkeypatch.setattr(fit.loop, "train", traced_training)
   fit.run(config, outside / "run")
-  assert DATASETS["later"].name == "later"
+  assert DATASETS["later"] is DATASETS["outside"]
   config.data.module = "outside_of_motion_jax.not_there"
   with pytest.raises(ValueError, match="got the module 'outside_of_motion_jax.not_there' in the config.*PYTHONPATH"):
     plugins.import_modules(config)
@@ -129,10 +121,3 @@ def test_a_broken_entry_point_is_named_when_it_is_used_and_not_before(outside):
   with pytest.raises(ImportError, match="outside_of_motion_jax.broken:nothing, the entry point '.broken' of "
                                         "motion_jax.exports; update or uninstall"):
     mj.export.WRITERS[".broken"]
-
-
-def test_what_is_built_in_wins_and_names_of_nothing_are_key_errors():
-  table = plugins.Registry("motion_jax.nothing", {"a": 1})
-  assert table["a"] == 1 and "b" not in table and dict(table) == {"a": 1} and len(table) == 1
-  with pytest.raises(KeyError):
-    table["b"]

@@ -1,4 +1,5 @@
-"""Signals, closed pipes and second launches: nothing half-written, one line, and the status that shells expect."""
+"""Signals, closed pipes and second launches: nothing half-written, one line, and the status that shells expect; modules
+in processes of their own: with our code, without the current folder's, within their memory."""
 import json
 import os
 import pathlib
@@ -10,12 +11,13 @@ import time
 
 import pytest
 
+from motion_jax import fit
 from motion_jax.training import loop as train
 from motion_jax.training.saver import Saver
-from motion_jax.utils import lock, stopping
+from motion_jax.utils import child, lock, stopping
 from motion_jax.utils.atomic import atomic_folder
 from tests import processes
-from tests.conftest import ROOT, devices_env
+from tests.conftest import ROOT, devices_env, load_config
 from tests.training.test_train import _config, _equal, _next_batch, _stage, before_each_step
 
 _HALF = """
@@ -153,8 +155,7 @@ def test_sigterm_is_heard_while_the_main_thread_is_busy(tmp_path, forks, place, 
 def test_a_folder_is_one_programs(tmp_path):
   with lock.locked(tmp_path):
     with pytest.raises(ValueError, match=f"in use by process {os.getpid()} on {socket.gethostname()} since"):
-      with lock.locked(tmp_path):
-        pass
+      fit.run(load_config("cdamd_length", "tiny"), tmp_path)
     assert (tmp_path / lock.NAME).is_file()  # the first one's, still
   assert not any(tmp_path.iterdir())
 
@@ -174,3 +175,23 @@ def test_the_lock_of_a_dead_program_is_taken_over(tmp_path, owner, taken):
   with lock.locked(tmp_path):
     assert json.loads((tmp_path / lock.NAME).read_text())["pid"] == os.getpid()
   assert not any(tmp_path.iterdir())
+
+
+@pytest.mark.slow
+def test_a_child_runs_nothing_of_the_current_folder(tmp_path, monkeypatch):
+  for name in ("numpy", "struct", "runpy"):
+    (tmp_path / f"{name}.py").write_text("open('RAN', 'w')\n")
+  (tmp_path / "walk.fbx").write_bytes(b"Kaydara FBX Binary")
+  monkeypatch.chdir(tmp_path)
+  monkeypatch.setenv("PYTHONPATH", os.pathsep.join([".", ""]))
+  done = child.run("motion_jax.data.mocap.fbx_child", tmp_path / "walk.fbx", tmp_path / "out.npz", seconds=60)
+  assert done.returncode and not (tmp_path / "RAN").exists(), done.stderr
+
+
+def test_a_child_is_limited_in_memory_and_time(tmp_path, monkeypatch):
+  # The standard library has modules that take an amount of work.
+  small = child.run("base64", "-t", seconds=60, memory=1e9)
+  assert small.returncode == 0, small.stderr
+  assert child.run("base64", "-t", seconds=60, memory=2e6).returncode != 0
+  with pytest.raises(subprocess.TimeoutExpired):
+    child.run("timeit", "-n", "1", "import time; time.sleep(60)", seconds=0.5)

@@ -66,7 +66,6 @@ def test_what_is_no_text(tmp_path, data, message):
 
 @pytest.mark.parametrize("text", [
     'prompt;length\r\n"a person walks; then, runs";24\r\nwalks, then sits;\r\n;;\r\n',
-    'a person walks; then, runs\t24\nwalks, then sits\n',
     'sep=;\r\nprompt;length\r\n"a person walks; then, runs";24\r\nwalks, then sits\r\n',
     'Prompt,Frames\n"a person walks; then, runs",24\n"walks, then sits",\n\n\n',
     '"a person walks;\nthen, runs",24\n"walks, then sits"\n',
