@@ -109,13 +109,6 @@ def test_fid_of_gaussians_and_matching_through_the_whole_path():
   assert row["transition_fid"] == pytest.approx(expected, rel=0.08)
 
 
-def test_random_crops_are_inside_and_keyed():
-  motions = [np.arange(n) for n in (5, 12, 30)]
-  places = lh.random_crops(motions, 12, np.random.default_rng(0))
-  assert [i for i, _ in places] == [1, 2] and places[0][1] == 0 and 0 <= places[1][1] <= 18
-  assert places == lh.random_crops(motions, 12, np.random.default_rng(0))
-
-
 def test_bad_input():
   rng = np.random.default_rng(5)
   motions, joints = _real(rng)
