@@ -157,6 +157,7 @@ def test_a_run_retrieves_and_judges(name, runs):
                      atol=1e-5)
 
 
+@pytest.mark.slow
 def test_a_long_motion_is_the_mean_of_its_pieces(runs):
   retriever = retrieval.load(runs("part_tmr"))
   x = np.concatenate([retriever.features_of(clip) for clip in synthetic_clips(0, 3)])[:128]
