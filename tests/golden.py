@@ -156,19 +156,19 @@ def _runner_among(known, names):
   return None
 
 
-def recordings(*names, sharp=(), single=(), slow=()):
+def recordings(*names, sharp=(), single=(), slow=(), rare=()):
   """Marks a test(name, precision) of recordings: each in one precision, in the other one among the exhaustive tests.
 
   The first one is float32, in which all outputs are recorded; of `sharp` ones it is float64, for what a solver with
   steps of its own makes of rounding leaves float32 little to say. single: recorded in float32 alone. slow: whose first
-  one is slow, as it compiles much.
+  one is slow, as it compiles much. rare: exhaustive in both, as others show the same.
   """
   first = lambda name, precision: (precision == "float64") == (name in sharp)
-  marks = lambda name, precision: (() if name not in slow else pytest.mark.slow) if first(name, precision) else (
-      pytest.mark.exhaustive)
+  marks = lambda name, precision: pytest.mark.exhaustive if name in rare or not first(name, precision) else (
+      pytest.mark.slow if name in slow else ())
   return pytest.mark.parametrize("name, precision", [
       pytest.param(name, precision, marks=marks(name, precision))
-      for name in dict.fromkeys((*names, *sharp, *single, *slow)) for precision in PRECISIONS
+      for name in dict.fromkeys((*names, *sharp, *single, *slow, *rare)) for precision in PRECISIONS
       if name not in single or first(name, precision)])
 
 

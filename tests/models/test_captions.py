@@ -59,11 +59,9 @@ def test_without_captions_the_text_encoder_decides(tiny_run, tmp_path):
   assert not load(tmp_path / "run").captions and load(tiny_run).captions
 
 
-@pytest.mark.slow
 def test_the_subject_makes_no_difference_to_a_length():
-  known = load("cmdm-small").captions
-  assert known.natural_frames("a person waves") == int(np.median(
-      [frames for _, frames in known.nearest("a person waves", 5)]))
-  for who in ("she", "A woman", "someone", "the man"):
-    assert known.natural_frames(f"{who} bows") == known.natural_frames("a person bows")
+  texts = [*["the cat sits"] * 3, "a person walks", "a person waves", "a person runs"]
+  known = TrainingCaptions(texts, (1000, 113, 114, 100, 101, 102), Encoder(), 20.0)
+  for who in ("a person", "she", "A woman", "someone", "the man"):
+    assert known.natural_frames(f"{who} waves") == 102
   assert of_a_person("an old man bows") == "an old man bows"

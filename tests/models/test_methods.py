@@ -82,8 +82,7 @@ def test_parameters_of_all_networks_are_counted(name, random_run):
   assert runs.num_params(folder) == mj.load(folder).num_params == wanted
 
 
-@pytest.mark.parametrize("name", ROWS)
-@pytest.mark.slow
+@pytest.mark.parametrize("name", some_of(ROWS, slow=[name for name in ROWS if name not in ("dip", "mld frames")]))
 def test_a_motion_depends_on_its_prompt_and_seed_alone(name, models):
   model, (_, choice, said) = models(name), ROWS[name]
   any_code = dict(threshold=0.0) if name == "momask" else {}  # of 8 codes the usual threshold leaves one

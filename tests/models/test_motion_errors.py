@@ -13,7 +13,7 @@ from motion_jax.models.autoencoders import with_motion_errors
 from motion_jax.models.cmdm.losses import mean_square_nll
 from motion_jax.motion.skeleton import HUMANML3D, KIT
 from motion_jax.utils.errors import InputError
-from tests.conftest import load_config
+from tests.conftest import load_config, some_of
 
 pytestmark = pytest.mark.usefixtures("kept_features")
 
@@ -160,8 +160,7 @@ def terms_of(name, given=None, **loss):
   return {term: float(value / weight) for term, value in sums.items()}, setup.frozen
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["cmdm_tokenizer", "cdamd_autoencoder"])
+@pytest.mark.parametrize("name", some_of(["cmdm_tokenizer", "cdamd_autoencoder"], slow=["cdamd_autoencoder"]))
 def test_a_weight_is_felt_and_none_is_off(name, monkeypatch):
   """Of a network that gives back half of what it is given."""
   half = lambda self, params, x, noise, *_, **__: (x / 2, jnp.zeros_like(noise), jnp.zeros_like(noise))

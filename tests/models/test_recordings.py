@@ -19,9 +19,12 @@ ROWS = {
 SINGLE = ("mdm/mdm_edit", "momask/mask_corruption", "momask/edit", "t2m_gpt/token_items")
 QUICK = ("mdm/mdm_tables", "mdm/mdm_losses_geometric", "mdm/mdm_edit", "mld/mld_tables", "momask/mask_corruption",
          "momask/schedules", "momask/statistics", "t2m_gpt/vq_train_step", "t2m_gpt/token_items")
+# Parts of what larger ones compute, or sequences of what smaller ones compute.
+RARE = ("momask/rvq_eval", "momask/mask_transformer", "momask/residual_transformer", "momask/pipeline",
+        "motionstreamer/ms_tae", "motionstreamer/ms_stream", "t2m_gpt/vq_eval", "t2m_gpt/gpt", "t2m_gpt/pipeline")
 NAMES = [f"{method}/{name}" for method, names in ROWS.items() for name in names]
 
 
-@recordings(*NAMES, single=SINGLE, slow=[name for name in NAMES if name not in QUICK])
+@recordings(*NAMES, single=SINGLE, slow=[name for name in NAMES if name not in QUICK], rare=RARE)
 def test_what_is_computed_is_what_was_recorded(name, precision):
   assert not check(fixtures.path(f"{name}.npz"), [precision]).failures

@@ -196,6 +196,7 @@ def test_alignment_falls_to_a_tenth_after_the_ramp(monkeypatch):
   assert weights(0)["adaptive"] and not tokenizer_weights(monkeypatch, adaptive_align=False)(0)["adaptive"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ramp, shares", [(40, {0: 0, 20: 0.5, 40: 1, 90: 1}), (0, {0: 0, 100: 0.5, 200: 1})])
 def test_latents_of_its_own_take_the_place_of_true_ones_along_the_ramp(ramp, shares, monkeypatch):
   config = tiny("motionstreamer_generator", replace_ramp=ramp, mean_latents=True)
@@ -229,6 +230,7 @@ def test_the_latent_that_ends_a_motion_follows_its_last_and_a_cropped_motion_lac
   assert abs(heads - crop_rate * BATCH / 2) < 4 * np.sqrt(BATCH / 4) and bool(heads) == bool(crop_rate)
 
 
+@pytest.mark.slow
 def test_mlds_joints_are_metres(monkeypatch):
   """Of KIT's millimetres, too: a body that is 100 mm too high, in one of three coordinates."""
   config = load_config("mld_vae", "kit_tiny")
@@ -316,7 +318,7 @@ def test_a_network_computes_in_bfloat16_and_numbers_stay_float32(name):
 
 @pytest.mark.parametrize("name, size", some_of(
     [("cmdm_denoiser", "tiny"), ("cdamd_generator", "tiny"), ("cdamd_generator", "mardm_tiny")],
-    slow=[("cmdm_denoiser", "tiny"), ("cdamd_generator", "tiny")]))
+    slow=[("cmdm_denoiser", "tiny")]))
 def test_what_is_computed_once_more_changes_no_loss_no_gradient_and_no_name(name, size):
   """So a run goes on, and its weights open, with train.remat or without; dropout falls on the same numbers."""
   plain, params, (one, grads) = compiled_gradients(name, size)

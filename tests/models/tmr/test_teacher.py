@@ -35,7 +35,7 @@ from motion_jax.training.setup import untrained
 from motion_jax.training.stage import DEVICES
 from motion_studio import cli
 from tests import fixtures
-from tests.conftest import brief_run, load_config
+from tests.conftest import brief_run, load_config, some_of
 from tests.convert.test_convert import run, save_nested, stats_folder, text_folder
 from tests.golden import Fixture
 
@@ -140,8 +140,7 @@ def test_captions_that_say_the_same_are_read_with_their_sentence():
 # --- retrieval ----------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", KINDS)
+@pytest.mark.parametrize("name", some_of(KINDS, slow=["tmr"]))
 def test_a_run_retrieves_and_judges(name, runs):
   """Unit vectors, the same for a motion or a sentence alone as among others, in retrieval as in judging."""
   retriever, evaluator = retrieval.load(runs(name)), load_evaluator(runs(name))
@@ -158,6 +157,7 @@ def test_a_run_retrieves_and_judges(name, runs):
                      atol=1e-5)
 
 
+@pytest.mark.slow
 def test_a_long_motion_is_the_mean_of_its_pieces(runs):
   retriever = retrieval.load(runs("part_tmr"))
   x = np.concatenate([retriever.features_of(clip) for clip in synthetic_clips(0, 3)])[:128]
@@ -415,7 +415,7 @@ def test_released_motion_patches(tmp_path):
   assert np.abs(made - fixture["out/motion_unit"][:len(clips)]).max() < 1e-5
 
 
-@pytest.mark.parametrize("as_folder", [pytest.param(False, marks=pytest.mark.exhaustive), True])
+@pytest.mark.parametrize("as_folder", some_of([False, True], slow=[True]))
 def test_released_tmr(tmp_path, as_folder):
   """A checkpoint of the whole, or the three parts that are given out, to a run folder that retrieves."""
   fixture, draw = Fixture(fixtures.path("cmdm/tmr.npz")), np.random.default_rng(0)
