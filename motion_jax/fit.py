@@ -106,11 +106,12 @@ def run(config, workdir, resume=False, max_seconds=None, stop=None, allow_change
     state = loop.train(config, workdir, stage, next_batch, frozen, resume, evaluate, max_seconds, stop,
                         profile_steps, draw)
     distributed.wait_for_all("the run has ended")  # the first one may still be writing
-    absent = [name for name in (checkpoint.PARAMS, "metrics.jsonl") if not (pathlib.Path(workdir) / name).is_file()]
-    if absent:
-      raise OSError(f"{workdir}: {' and '.join(absent)} could not be written, see the lines above; free some space and "
+    written = [name for name in (checkpoint.PARAMS, metrics.METRICS, "loss.png") if
+               (pathlib.Path(workdir) / name).is_file()]
+    if checkpoint.PARAMS not in written:
+      raise OSError(f"{workdir}: {checkpoint.PARAMS} could not be written, see the lines above; free some space and "
                     "continue with --resume")
-    print(f"wrote {workdir}/params.safetensors, metrics.jsonl, loss.png at step {int(state.step)}")
+    print(f"wrote {workdir}/{', '.join(written)} at step {int(state.step)}")
   return state
 
 
