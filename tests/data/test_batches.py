@@ -41,17 +41,6 @@ def test_one_window_a_clip_and_epoch_from_any_place():
   assert {at for clip, at in places if clip == 3} >= {0, 16}
 
 
-def test_the_released_list_of_windows():
-  """As many as rows beyond the first window: clip 1 of 4 rows gives none, of clip 2 the last start is never used."""
-  clips = _clips([3, 4, 7, 4, 6])
-  windows = Windows(clips, window=4, stride=1, released=True)
-  assert windows.starts.tolist() == [[1, 0], [2, 0], [2, 1], [2, 2], [4, 0]]
-  assert Windows(clips, window=4, stride=1).starts.tolist() == [
-      [1, 0], [2, 0], [2, 1], [2, 2], [2, 3], [3, 0], [4, 0], [4, 1], [4, 2]]
-  with pytest.raises(ValueError, match="none of 1 clips has the 4 frames"):
-    Windows(_clips([4]), window=4, stride=1, released=True)
-
-
 def test_an_epoch_meets_every_item_once_and_the_next_in_another_order():
   epochs = [np.concatenate([epoch_indices(20, 5, 7, 4 * e + s) for s in range(4)]) for e in range(2)]
   assert all(sorted(epoch) == list(range(20)) for epoch in epochs)
