@@ -17,31 +17,10 @@ ASF = """:version 1.10
   position 0 0 0
   orientation 0 0 0
 :bonedata
-  begin
-    id 1
-    name arm
-    direction 0 1 0
-    length 2
-    axis 10 20 30 XYZ
-    dof rx ry rz
-    limits (-1 1)
-  end
-  begin
-    id 2
-    name hand
-    direction 1 0 0
-    length 3
-    axis 0 0 40 XYZ
-    dof rx
-  end
-  begin
-    id 3
-    name tip
-    direction 0 0 1
-    length 1
-    axis 0 0 0 XYZ
-  end
-:hierarchy
+""" + "".join(f"  begin\n    name {name}\n    direction {direction}\n    length {length}\n    axis {axis} XYZ\n{dof}  end\n"
+              for name, direction, length, axis, dof in (
+                  ("arm", "0 1 0", 2, "10 20 30", "    dof rx ry rz\n    limits (-1 1)\n"),
+                  ("hand", "1 0 0", 3, "0 0 40", "    dof rx\n"), ("tip", "0 0 1", 1, "0 0 0", ""))) + """:hierarchy
   begin
     hand tip
     root arm
@@ -115,9 +94,9 @@ def test_the_unit_that_a_skeleton_states_is_reported():
     ("07_01.amc", lambda t: "", "no frame"),
     ("07_01.amc", lambda t: "x" * 9000 + " 1 2 3\n", "line 1: got 'x{10,99}…', expected the number of a frame$"),
     ("07.asf", lambda t: t[:t.index(":hierarchy")], "no hierarchy"),
-    ("07.asf", lambda t: t.replace("    length 2\n", ""), "line 18: a bone ends without its length"),
+    ("07.asf", lambda t: t.replace("    length 2\n", ""), "line 17: a bone ends without its length"),
     ("07.asf", lambda t: t.replace("    arm hand\n", ""), "no parent that exists to hand"),
-    ("07.asf", lambda t: t.replace("dof rx ry rz", "dof rx ry qq"), "line 17: got the channels"),
+    ("07.asf", lambda t: t.replace("dof rx ry rz", "dof rx ry qq"), "line 16: got the channels"),
 ])
 def test_damaged_files(folder, name, change, message):
   path = folder / name

@@ -36,8 +36,8 @@ def _vectors(folder, name, change):
 
 
 def _append(folder, split, name):
-  with open(folder / f"{split}.txt", "a") as file:
-    file.write(f"{name}\n")
+  path = folder / f"{split}.txt"
+  path.write_text(f"{path.read_text()}{name}\n")
 
 
 def _set(array, index, value):
@@ -87,7 +87,6 @@ BLOCKS = np.repeat([1 / 25, 1, 1, 1 / 25], [4, 63, 192, 4])
     (lambda f: (f / "texts" / "000001.txt").write_text("walks##0.0#0.0"), "warning", "captions without tokens"),
     (lambda f: (f / "texts" / "000001.txt").write_text("walks#walk/VERB#9#10"), "warning", "time tags beyond"),
     (lambda f: _append(f, "test", "000001"), "error", "ids in two splits"),
-    (lambda f: _append(f, "train", "000001"), "warning", "ids twice in train.txt"),
     (lambda f: (f / "test.txt").write_text("000004\n000009\nM000009\n"), "warning", "motions in no split"),
     (lambda f: (f / "train.txt").unlink(), "error", "no train.txt"),
     (lambda f: _vectors(f, "000001", lambda x: _set(x, (3, 7), np.nan)), "error", "features with NaN"),
@@ -144,8 +143,6 @@ def test_clips_too_short_to_be_used(tmp_path):
   write_folder(clips[:3], tmp_path / "all", mirror=False)
   report = doctor.examine(tmp_path / "all")
   assert not report.ok and "3 of 3 train clips" in doctor.format_report(report)
-  short = write_archive(tmp_path / "toy", frames=15)
-  assert "train clips have less than 20 rows" in doctor.format_report(doctor.examine(short))
 
 
 @pytest.mark.parametrize("degrees, level", [(0, ""), (50, ""), (80, "warning"), (180, "error")])
@@ -176,12 +173,8 @@ def test_known_bad_clip(folder):
 def test_left_and_right_exchanged(folder):
   """Joints with x negated but not renamed: the toes of every standing body point backwards."""
   for path in (folder / "new_joint_vecs").glob("*.npy"):
-    features = np.load(path)
-    features[:, 4:67] *= np.tile([-1, 1, 1], 21).astype(np.float32)
-    np.save(path, features)
-    (folder / "new_joints" / path.name).unlink()
-  report = doctor.examine(folder)
-  assert any("toes point backwards" in f.what and f.level == "error" for f in report.findings)
+    _vectors(folder, path.stem, lambda x: x * np.where(np.isin(np.arange(263), range(4, 67, 3)), -1, 1))
+  assert any("toes point backwards" in f.what and f.level == "error" for f in doctor.examine(folder).findings)
 
 
 def _row(index, **change):
@@ -202,13 +195,11 @@ def _arrays(**change):
 
 @pytest.mark.parametrize("damage, what", [
     (_row(0, clip="nobody"), "clips that are not there"),
-    (_row(0, end=999), "frames outside their clip"),
     (_row(0, text=[" "]), "rows without a caption"),
     (_row(0, id="toy_000001"), "ids that occur twice"),
     (_row(0, split="dev"), "rows in no split"),
     (_row(0, clip="000003"), "pieces in two splits"),
     (lambda f: (f / "captions.jsonl").write_text("{"), "cannot be read"),
-    (lambda f: (f / "motions.npz").write_bytes(b"PK"), "cannot be read"),
     (_arrays(root=lambda x: _set(x, 5, np.nan)), "NaN"),
     (_arrays(local=lambda x: x[:-1]), "do not fit together"),
     (_arrays(start=lambda x: _set(x, 1, 0)), "clips of no frames"),
