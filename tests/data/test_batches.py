@@ -142,11 +142,8 @@ class _Clip(np.ndarray):
 
 
 @pytest.mark.parametrize("make", [
-    lambda clips, captions: Windows(clips, window=64, stride=10),
     lambda clips, captions: Windows(clips, window=64, groups=list("aaaabbcc"), balance=1.0, one_per_clip=True),
-    lambda clips, captions: TextItems(clips, captions),
     lambda clips, captions: TextItems(clips, captions, lengths=(96, 192)),
-    lambda clips, captions: CaptionedClips(clips, captions, max_frames=60),
     lambda clips, captions: CaptionedClips(clips, captions, weights=np.arange(1.0, 9.0))])
 def test_a_part_of_a_batch_is_those_rows_of_it_and_reads_no_others(make):
   """As each of several processes makes its own."""

@@ -106,11 +106,8 @@ def test_what_is_captured_is_not_left_out(tmp_path):
     assert bvh_clip(path, fps=20.0).num_frames == 30
 
 
-LYING = {"on the back, head to -z": (0, 0, -90), "on the face, head to +z": (0, 0, 90),
-         "head to +x": (-90, 0, 0), "head to -x": (90, 0, 0)}
-
-
-@pytest.mark.parametrize("turn, height", zip(LYING.values(), (15, 40, 15, 40)), ids=LYING)
+@pytest.mark.parametrize("turn, height", [((0, 0, -90), 15), ((0, 0, 90), 40), ((-90, 0, 0), 15)],
+                         ids=["on the back, head to -z", "on the face, head to +z", "head to +x"])
 def test_a_lying_body_stays_lying(tmp_path, turn, height):
   """The rest pose says that y is up, whatever the motion looks like; a note says how it could be read."""
   clip, notes = notes_of(bvh_clip, write_figure(tmp_path / "a.bvh", turns={"Hips": turn}, root=(0, height, 0)))
@@ -154,15 +151,12 @@ def test_the_unit_is_reported(tmp_path, scale, unit, words):
 
 
 def test_more_frames_than_the_header_says_are_read(tmp_path):
-  """As Blender does, with a note; lines that are no frames end the motion."""
+  """As Blender does, with a note."""
   path = write_figure(tmp_path / "a.bvh", frames=30)
   text = path.read_text()
   path.write_text(text.replace("Frames: 30", "Frames: 10"))
   file, notes = notes_of(read_bvh, path)
   assert file.num_frames == 30 and ["10 frames, 30 lines follow; 30 frames" in note for note in notes] == [True]
-  path.write_text(text + "made by hand\n")
-  file, notes = notes_of(read_bvh, path)
-  assert file.num_frames == 30 and ["30 frames, 31 lines follow; 30 frames" in note for note in notes] == [True]
   path.write_text(text)
   assert not notes_of(read_bvh, path)[1]
 

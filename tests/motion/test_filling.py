@@ -103,9 +103,3 @@ def test_spans_of_frames_lie_inside_of_the_motion():
   for span in ((3, 3), (70, 81), (-1, 3)):
     with pytest.raises(ValueError, match=f"span {span[0]}:{span[1]} of a motion of 80 frames"):
       in_spans([span], 80)
-
-
-def test_shapes_are_checked(as_users_run):
-  joints = synthetic_joints("walk", 80, np.random.default_rng(0))
-  with pytest.raises(ValueError, match="same frames"):
-    fill_frames(joints[1:], joints, np.zeros(80, bool))

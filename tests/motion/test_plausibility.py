@@ -48,7 +48,7 @@ def test_z_up(joints, tmp_path):
     export.load(tmp_path / "z.npy")
   np.testing.assert_allclose(export.load(tmp_path / "z.npy", up="z").joints, joints, atol=1e-6)
   bvh(synthetic_clips(num=2, num_frames=24)[1], tmp_path / "a.bvh")
-  with pytest.raises(ValueError, match="bones are 100 times .* in centimetres"):
+  with pytest.raises(ValueError, match="a.bvh: bones are 100 times .* in centimetres"):
     export.load(tmp_path / "a.bvh", unit="m")
 
 
@@ -62,9 +62,7 @@ def _at(joints, where, value):
     (lambda j: _at(j, (7, 7), (0, 0, 3e4)), "frame 7: left_ankle is 30 km from left_knee"),
     (lambda j: _at(j, (slice(None), 7), (0, 0, 3e4)), "frame 0: left_ankle is 30 km"),
     (lambda j: j * 0.0117, "bones are 0.01.* times as long as a person's; no usual unit"),
-    (lambda j: j * 0, "bones are 0 times"),
     (lambda j: j * 1e300, "24 of 24 frames hold NaN or infinity"),
-    (lambda j: _at(j, (3, 20), np.nan), "frame 3, left_wrist"),
     (lambda j: j + 1e6, "1,000 km from the origin"),
     (lambda j: _at(j, slice(9, None), j[9:] + 40), "frame 9: pelvis has moved 69.* m since"),
     (lambda j: j[:, np.random.default_rng(0).permutation(22)], "bones fit no person's: joints in another order"),
@@ -118,17 +116,6 @@ def test_a_bone_that_changes_its_length_is_named(joints):
       if not told:
         warnings.simplefilter("error")
       plausibility.check(stretched, HUMANML3D, 20.0)
-
-
-def test_other_readers_ask_the_same(joints, tmp_path):
-  """BVH, ASF/AMC: the joint that got lost is named with file and frame."""
-  bvh(synthetic_clips(num=2, num_frames=24)[1], tmp_path / "a.bvh")
-  lines = (tmp_path / "a.bvh").read_text().splitlines()
-  row = lines[-5].split()
-  lines[-5] = " ".join(["900000000"] + row[1:])
-  (tmp_path / "a.bvh").write_text("\n".join(lines))
-  with pytest.raises(ValueError, match="a.bvh: frame 19 is .* from the origin"):
-    export.load(tmp_path / "a.bvh")
 
 
 def test_doors_of_python_ask_too(tmp_path):
