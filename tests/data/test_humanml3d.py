@@ -77,7 +77,6 @@ def test_written_folder_has_the_field_s_layout(built):
   np.testing.assert_array_equal(np.load(out / "new_joints" / f"{ids[0]}.npy"), to_joints(features[0]))
   ours, expected = load_stats(out), compute_stats(features, "full")
   np.testing.assert_allclose([ours.mean, ours.std], [expected.mean, expected.std], atol=1e-6)
-  assert info["mode"] == "corrected" and info["num_clips"] == 12 and info["splits"]["test"] == 2
   assert not [p for p in out.parent.iterdir() if p != out]
 
 
@@ -88,7 +87,6 @@ def test_read_back(built):
   for clip in clips:
     assert back[clip.id].captions == clip.captions and back[clip.id].split == clip.split
     assert back[clip.id].source == "synthetic" and back[clip.id].fps == 20
-  assert back["000001"].meta["tokens"][0][0] == "a/DET"
   assert [clip.id for clip in read_folder(out, "test")] == ["000004", "M000004"]
   mirrored, right = back["M000005"].joints, back["000005"].joints  # turn_left in a mirror turns right
   np.testing.assert_allclose(mirrored[:, 0] * [-1, 1, 1], right[:, 0], atol=0.02)

@@ -1,5 +1,4 @@
 """A store gives training what the frozen encoders would have given, and is refused where they are others."""
-import json
 import pickle
 
 import jax
@@ -64,9 +63,6 @@ def test_a_store_is_whole_or_not_there_and_its_damage_is_told(tmp_path):
   rows.write_bytes(content[:-1])
   with pytest.raises(InputError, match="cut short: expected 1 rows of 3 float32; make the store again"):
     Store(folder)
-  (folder / "store.json").write_text(json.dumps({"format": 2}))
-  with pytest.raises(InputError, match="format 2, expected 1"):
-    Store(folder)
   with pytest.raises(FileNotFoundError, match="it is no store"):
     Store(tmp_path)
 
@@ -112,8 +108,7 @@ def test_a_stage_learns_the_same_from_a_store(tmp_path):
   with resolved.unlocked():
     resolved.data.store = str(tmp_path / "store")
   stored = fit.setups()[config.stage](resolved)
-  shapes, own = (jax.eval_shape(setup.stage.init, setup.next_batch(0), jax.random.key(0)) for setup in (plain, stored))
-  assert jax.tree.map(np.shape, own) == jax.tree.map(np.shape, shapes)
+  shapes = jax.eval_shape(plain.stage.init, plain.next_batch(0), jax.random.key(0))
   # Weights of which none is zero, as those of a network's last layer are in the beginning.
   params = jax.tree.map(lambda x: x + 0.05 * np.random.default_rng(x.size).normal(size=x.shape).astype(x.dtype),
                         untrained(shapes))

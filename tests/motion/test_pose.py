@@ -56,6 +56,8 @@ def test_rest_is_a_t_pose():
 
 def test_several_whole_turns_stay_smooth():
   joints = joints_of("walk", 120)
+  joints[:, INDEX["left_wrist"]] = joints[:, INDEX["left_elbow"]]  # limbs of no length are turned with their body
+  joints[:, INDEX["left_foot"]] = joints[:, INDEX["left_ankle"]]
   straight, spun = to_pose(joints), to_pose(spin(joints, 3))
   assert (spun.rotations[1:] * spun.rotations[:-1]).sum(-1).min() > 0, "signs never flip"
   # Turning the world turns the root only: the limbs do not notice.
@@ -80,15 +82,6 @@ def test_bones_that_show_no_turn_leave_it_to_the_rest_of_the_body(lost, put):
       expected = rot.rotate(rot.multiply(turn[None], whole[:, INDEX[joint]]), np.array([0.0, 0, 1]))
       assert np.degrees(np.arccos((ahead * expected).sum(-1).clip(-1, 1))).max() < 35, joint
       assert turn_per_frame(pose.turned[:, INDEX[joint]]).max() < 6, joint
-
-
-def test_limbs_of_no_length_do_not_ask_the_world():
-  """Turning the world turns the root only, also where forearms and feet have no length."""
-  joints = joints_of("walk", 30)
-  joints[:, INDEX["left_wrist"]] = joints[:, INDEX["left_elbow"]]
-  joints[:, INDEX["left_foot"]] = joints[:, INDEX["left_ankle"]]
-  one, other = to_pose(joints), to_pose(rot.rotate(rot.about_axis(2.0, "y"), joints))
-  np.testing.assert_allclose(np.abs((one.rotations * other.rotations).sum(-1))[:, 1:], 1, atol=1e-9)
 
 
 def test_a_frame_without_a_body_takes_its_neighbour_s_turn():

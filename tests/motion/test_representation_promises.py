@@ -87,18 +87,10 @@ def test_inside_jit_are_the_numbers_of_numpy(name):
     assert np.abs(np.asarray(made)[1] - expected).max() < 1e-4 * max(1, np.abs(expected).max())
 
 
-def test_features_of_a_row_per_frame(layout):
-  """Joints in their place become as many rows, which tell of the same body."""
-  joints = _back(layout)
-  features = layout.from_joints_in_place(joints, "corrected")
-  assert features.shape == (len(joints), layout.dim) and features.dtype == np.float32
-  assert _metres(layout, layout.to_joints(features)[:1, :, 1] - joints[:1, :, 1]) < 0.03
-
-
 def test_a_mirror_changes_sides_and_two_change_nothing(layout):
   features = _features(layout, TURN)
   seen = layout.mirror(features)
-  assert seen.dtype == features.dtype and np.array_equal(layout.mirror(seen), features)
+  assert np.array_equal(layout.mirror(seen), features)
   expected = mirror(layout.to_joints(features), layout.skeleton)
   assert _metres(layout, layout.to_joints(seen) - expected) < 1e-3
   assert _metres(layout, layout.root_path(seen)[1] - layout.root_path(features)[1] * [-1, 1, 1]) < 1e-5
@@ -108,11 +100,11 @@ def test_a_mirror_changes_sides_and_two_change_nothing(layout):
 def test_features_of_a_mirrored_body_are_the_mirrored_features(layout):
   """So every block, rotations and contacts too, has the right signs and sides."""
   clip = mirror(_joints(layout), layout.skeleton)
+  one, other = _features(layout), layout.from_joints(clip, "corrected")
   if layout.has_fixed_bones:  # bones of left and right differ by millimetres: nothing may bring them to one length
     joints = _back(layout)
     one, other = (layout.from_joints_in_place(x, "corrected") for x in (joints, mirror(joints, layout.skeleton)))
-  else:
-    one, other = _features(layout), layout.from_joints(clip, "corrected")
+    assert one.shape == (len(joints), layout.dim), "a row for every frame"
   same = np.isclose(layout.mirror(one), other, atol=2e-3 / min(layout.skeleton.unit * 100, 1))
   assert same.mean(0).min() > 0.98, sorted({name for name, block in layout.blocks.items() if not same[:, block].all()})
 
@@ -137,16 +129,9 @@ def test_what_is_narrowed_is_a_cut(layout):
   assert layout.narrow_to(features, layout) is features
 
 
-def test_the_path_of_the_root_is_that_of_joint_0(layout):
-  features = _features(layout, TURN)
-  heading, path = layout.root_path(features)
-  assert heading.shape == (len(features), 4) and np.abs(np.linalg.norm(heading, axis=-1) - 1).max() < 1e-6
-  assert _metres(layout, path - layout.to_joints(features)[:, 0]) < 1e-4
-
-
-def test_the_heading_turns_the_body_ahead(layout):
-  features = _features(layout)
-  joints, heading = layout.to_joints(features).astype(np.float64), layout.root_path(features)[0]
+def test_the_path_of_the_root_is_that_of_joint_0_and_the_heading_turns_the_body_ahead(layout):
+  joints, (heading, path) = _back(layout).astype(np.float64), layout.root_path(_features(layout))
+  assert np.abs(np.linalg.norm(heading, axis=-1) - 1).max() < 1e-6 and _metres(layout, path - joints[:, 0]) < 1e-4
   if layout.name == "babel":  # nothing is turned frame by frame
     assert (heading == [1, 0, 0, 0]).all()
   else:
@@ -204,15 +189,10 @@ class FromRoot(Representation):
     return xp.concatenate([root[..., None, :], body + root[..., None, :]], axis=-2)
 
 
-@pytest.fixture
-def tiny(monkeypatch):
-  made = FromRoot("from_root", HUMANML3D, {"place": Block(VECTOR), "body": Block(VECTOR, tuple(range(1, 22)))})
-  monkeypatch.setitem(LAYOUTS, made.name, made)
-  return made
-
-
-def test_a_further_representation_is_a_class_and_an_entry(tiny, tmp_path):
+def test_a_further_representation_is_a_class_and_an_entry(monkeypatch, tmp_path):
   """Joints, a mirror, the coordinates of the same body, and statistics: nothing else knows of it."""
+  tiny = FromRoot("from_root", HUMANML3D, {"place": Block(VECTOR), "body": Block(VECTOR, tuple(range(1, 22)))})
+  monkeypatch.setitem(LAYOUTS, tiny.name, tiny)
   clip = synthetic_clips(0, 6)[CURVE]
   features = to_features(clip.joints, "from_root")
   assert features.shape == (clip.num_frames, 66)
