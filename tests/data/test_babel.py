@@ -57,7 +57,6 @@ def test_written_folder(built):
   assert table["000002"]["frame_ann"] is None and "000003" not in table
   with np.load(out / "motions" / "000001.npz", allow_pickle=False) as file:
     assert file["poses"].shape == (149, 66) and file["fps"] == 30
-  assert not [p for p in out.parent.iterdir() if p != out]
 
 
 def test_motions_come_back(built):

@@ -1,5 +1,4 @@
-"""A further data set is one class and one line: it is recognized, examined, searched and judged, nothing else touched."""
-import dataclasses
+"""A further data set is one class and one line: it is recognized, read, examined and searched, nothing else touched."""
 import pathlib
 import types
 
@@ -12,11 +11,7 @@ from motion_jax.data.clip import Caption, Clip
 from motion_jax.data.datasets import registry
 from motion_jax.data.datasets.base import Dataset
 from motion_jax.data.datasets.synthetic import synthetic_clips
-from motion_jax.evaluation import run
-from motion_jax.evaluation.request import Request, guess_protocol
-from motion_jax.evaluators.evaluator import fresh_evaluator
 from tests.conftest import load_config
-from tests.evaluation.test_run import SMALL
 
 
 class Takes(Dataset):
@@ -88,18 +83,6 @@ def test_it_is_searched(folder):
                                   embed_text=lambda words: unit(len(words)))
   found = retrieval.read_collection(teacher, folder, "test")
   assert len(found) == 8 and found.ids[0] == "take10" and found.seconds[0] == 3.5
-
-
-@pytest.mark.slow
-def test_it_is_judged(folder, tiny_run, tmp_path):
-  """By the protocol for one's own data, the provenance under its name."""
-  assert guess_protocol([tiny_run], [folder]) == "own-66"
-  result = run.evaluate(Request([tiny_run], [folder], dataclasses.replace(SMALL, replications=1), out=tmp_path / "out",
-      force=True, verbose=False, sampling=dict(num_steps=2), multimodality=False, evaluator=fresh_evaluator("t2m"),
-      clip_evaluator="none"))
-  data = result.provenance["data"]
-  assert (data["format"], data["items"], data["excluded"]) == ("takes", 8, 0) and len(data["split_hash"]) == 64
-  assert np.isfinite(result.rows[tiny_run.name]["fid"]["mean"])
 
 
 def test_names_and_folders_that_are_none_are_told(tmp_path):

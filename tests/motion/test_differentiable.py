@@ -10,7 +10,6 @@ from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.motion import inverse
 from motion_jax.motion import representations as F
 from motion_jax.motion.skeleton import HUMANML3D, body_axes, facing
-from motion_jax.motion.smoothing import gaussian, moving_average
 from tests.conftest import some_of
 
 STAND, WALK, CURVE, TURN = 0, 1, 3, 5
@@ -110,14 +109,6 @@ def test_axes_and_facing_are_those_of_numpy():
     for part, made in enumerate(jax.jit(body_axes, static_argnums=1)(jnp.asarray(cases), HUMANML3D)):
       assert largest(made, np.stack([body_axes(case, HUMANML3D)[part] for case in cases])) < 1e-9
     assert largest(facing(jnp.asarray(cases[0]), HUMANML3D, 5.0), facing(cases[0], HUMANML3D, 5.0)) < 1e-9
-
-
-@pytest.mark.parametrize("window", [1, 4, 5])
-def test_filters_are_those_of_scipy(window):
-  values = np.random.default_rng(0).normal(size=(2, 9, 3))
-  with jax.enable_x64(True):
-    assert largest(gaussian(jnp.asarray(values), float(window)), gaussian(values, float(window))) < 1e-12
-    assert largest(moving_average(jnp.asarray(values), window), moving_average(values, window)) < 1e-12
 
 
 def test_shapes_are_checked():

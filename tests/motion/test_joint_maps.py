@@ -108,10 +108,8 @@ _ODD = Rig("Hips Spine Spine1 Spine2 Neck Head", "+Oberschenkel +Leg +Fuss +ToeB
 
 
 def test_a_mapping_need_only_name_what_is_not_known():
-  with pytest.raises(ValueError, match=r'nearest to those of Mixamo, HumanIK, without left_hip \("upleg"\), '
-                     r'right_hip \("upleg"\), left_ankle \("foot"\), right_ankle \("foot"\); the file has Hips, .*'
-                     r'JSON file {"left_hip": "...", "right_hip": "...", "left_ankle": "...", "right_ankle": "..."} '
-                     'with the names that it has, and give it by --mapping FILE.json'):
+  with pytest.raises(ValueError, match=r'Mixamo, HumanIK, without left_hip \("upleg"\), .*right_ankle \("foot"\); the '
+                     r'file has Hips, .*{"left_hip": "...", .*"right_ankle": "..."} .*by --mapping FILE.json'):
     read(_ODD)
   mapping = {f"{side}_{joint}": f"{side}{word}" for side in ("left", "right")
              for joint, word in (("hip", "oberschenkel"), ("ankle", "fuss"))}

@@ -164,12 +164,6 @@ def test_blocks_cover_all_columns_once(layout):
   assert layout_for(layout.dim) is (layout if layout.name != "steps_kit" else get_layout("essential"))  # the first
 
 
-def test_sizes_are_those_of_the_papers():
-  assert {name: layout.dim for name, layout in LAYOUTS.items()} == {
-      "full": 263, "essential": 67, "coordinates": 66, "full_kit": 251, "essential_kit": 64, "coordinates_kit": 63,
-      "steps": 70, "steps_kit": 67, "snapmogen": 296, "snapmogen_148": 148, "motionstreamer": 272, "babel": 135}
-
-
 @dataclasses.dataclass(frozen=True, eq=False)
 class FromRoot(Representation):
   """Where the root is, and every other joint as seen from it: nothing is turned, nothing is scaled."""
@@ -213,7 +207,6 @@ def test_steps_begin_over_the_origin_and_go_as_the_joints_do():
   rows = steps.of_joints(joints)
   np.testing.assert_allclose(rows[1:, [0, 2]], np.diff(joints[:, 0], axis=0)[:, [0, 2]], atol=1e-6)
   np.testing.assert_allclose(rows[0, [0, 2]], rows[1, [0, 2]])
-  np.testing.assert_array_equal(rows[:, 1], joints[:, 0, 1])
   np.testing.assert_array_equal(rows[:, 66:], feet_stand(joints, floor=0.0))
   np.testing.assert_allclose(steps.to_joints(rows), joints - joints[:1, :1] * [1, 0, 1], atol=2e-6)
   assert steps.to_joints(steps.of_joints(joints[:1])).shape == (1, 22, 3)

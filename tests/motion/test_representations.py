@@ -32,9 +32,6 @@ def test_where_benchmark_features_depend_on_the_world():
   assert 6.0 < np.abs(turns).max() < 6.5
   right = F.to_features(clip.joints, "snapmogen", "corrected")[:, 0]
   assert np.abs((turns - right + np.pi) % (2 * np.pi) - np.pi).max() < 0.01
-  clip = _clips("babel")[WALK]
-  one, other = (F.to_features(_turned(clip.joints, angle), "babel", "benchmark") for angle in (0.0, np.pi / 2))
-  assert np.abs(one - other).max() > 0.1
 
 
 def test_columns_of_296():
