@@ -8,7 +8,6 @@ from scipy.spatial.transform import Rotation
 from motion_jax.data.datasets.synthetic import synthetic_joints
 from motion_jax.data.mocap.asf import amc_clip
 from motion_jax.data.mocap.bvh import bvh_clip, read_bvh
-from motion_jax.data.mocap.rest_pose import starts_with_a_pose, without_pose
 from tests.data.bvh_files import bvh_text, write_bvh
 
 TWO = """HIERARCHY
@@ -74,24 +73,9 @@ def test_clip_is_resampled_in_metres(tmp_path):
   np.testing.assert_allclose(clip.joints[1::2], (joints[1:-1:3] + joints[2::3]) / 2, atol=1e-6)
 
 
-def test_a_pose_before_the_motion_is_dropped(tmp_path):
-  """As in cgspeed's files: a T-pose, smeared into three frames; the root's path is not smeared."""
-  frames = np.arange(12)
-  angle = np.concatenate([[0, 25, 45, 60], 70 + 0.5 * frames[4:]])
-  rows = "\n".join(f"{k} 90 0 0 0 {a}" for k, a in zip(frames, angle))
-  text = TWO[:TWO.index("  JOINT b")] + "  End Site { OFFSET 0 1 0 }\n}\nMOTION\nFrames: 12\nFrame Time: 0.05\n" + rows
-  (tmp_path / "pose.bvh").write_text(text)
-  file = read_bvh(tmp_path / "pose.bvh")
-  assert starts_with_a_pose(file)
-  clean = without_pose(file)
-  np.testing.assert_allclose(clean.positions[:, 0, 0], frames[1:])
-  np.testing.assert_allclose(clean.rotations[:4, 0], np.repeat(file.rotations[4:5, 0], 4, 0))
-  assert not starts_with_a_pose(clean)
-
-
 @pytest.mark.parametrize("name", ["09_01.bvh", "02_01.amc"])
 def test_cmu_files_become_the_archive_s_clips(name):
-  """The first quarter of a second of CMU's clips, in both formats, against the joints of our CMU archive."""
+  """The first quarter of a second of CMU's clips, without the T-pose before it, against the joints of our archive."""
   folder = pathlib.Path(__file__).parent.parent / "fixtures" / "data"
   clip = (amc_clip if name.endswith("amc") else bvh_clip)(folder / name)
   expected = np.load(folder / "cmu_joints.npz", allow_pickle=False)[name]
@@ -107,9 +91,7 @@ def test_cmu_files_become_the_archive_s_clips(name):
     (lambda t: t.replace(" 80 90", " x 90"), "line 22: .* not all numbers"),
     (lambda t: t.replace("Frame Time: 0.0333333", "Frame Time: 0"), "line 21: .* expected 0.001 to 1"),
     (lambda t: t.replace("3 Zrotation", "3 Qrotation"), "line 7: .*Qrotation"),
-    (lambda t: t.replace("HIERARCHY", "SOLID"), "line 1: .*HIERARCHY"),
     (lambda t: t.replace("OFFSET 2 0 0", "OFFSET 2 0"), "line 14: got 2 numbers"),
-    (lambda t: t[:t.index("Frames")], "expected 'Frames: N'"),
 ])
 def test_damaged_files(tmp_path, change, message):
   (tmp_path / "bad.bvh").write_text(change(TWO))
@@ -117,13 +99,6 @@ def test_damaged_files(tmp_path, change, message):
     read_bvh(tmp_path / "bad.bvh")
 
 
-def test_missing_file_and_unknown_joints(tmp_path):
+def test_a_missing_file(tmp_path):
   with pytest.raises(FileNotFoundError, match="none.bvh"):
     read_bvh(tmp_path / "none.bvh")
-  (tmp_path / "two.bvh").write_text(TWO)
-  with pytest.raises(ValueError, match="two.bvh.*no skeleton that is known; the file has a, b, c"):
-    bvh_clip(tmp_path / "two.bvh")
-  with pytest.raises(ValueError, match='JSON file {"left_hip": "...", .* by --mapping'):
-    bvh_clip(tmp_path / "two.bvh", mapping={"pelvis": "a"})
-  with pytest.raises(ValueError, match="got mapping 'mars', expected one of cmu_asf"):
-    bvh_clip(tmp_path / "two.bvh", mapping="mars")

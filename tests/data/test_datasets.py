@@ -1,6 +1,4 @@
 """Data sets beside HumanML3D: their configs train, lengths are whole blocks, their motions stream and are stored."""
-import importlib.util
-
 import numpy as np
 import pytest
 
@@ -9,50 +7,20 @@ from motion_jax import fit as training
 from motion_jax.data.batches import TextItems
 from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.models.moving_path import continue_path
-from motion_jax.models.tmr import space
 from motion_jax.motion import representations as F
 from motion_jax.motion.skeleton import SNAPMOGEN
 from motion_jax.training.metrics import read_metrics
-from tests.conftest import ROOT, load_config, some_of
+from tests.conftest import load_config
 
-DATASETS = ("essential", "kit", "snapmogen", "babel")
-STAGES = ("part_tmr", "cmdm_tokenizer", "cmdm_denoiser")
 pytestmark = pytest.mark.usefixtures("kept_features")
 
 
-@pytest.fixture
-def two_parts(monkeypatch):
-  """A Part-TMR, which trains as it is in test_smoke.py, of two of its six encoders, most of what is compiled."""
-  monkeypatch.setattr(space, "part_columns", lambda layout, of=space.part_columns: of(layout)[:2])
-
-
-@pytest.mark.parametrize("size", some_of(
-    [f"{name}:{dataset}_tiny" for name in STAGES for dataset in DATASETS],
-    slow=["cmdm_tokenizer:babel_tiny", "cmdm_denoiser:snapmogen_tiny"]))
-def test_every_config_trains_two_steps(size, tmp_path, unjudged, two_parts):
+@pytest.mark.slow
+@pytest.mark.parametrize("size", ["cmdm_tokenizer:babel_tiny", "cmdm_denoiser:snapmogen_tiny"])
+def test_configs_train_two_steps(size, tmp_path, unjudged):
   state = training.run(load_config(*size.split(":")), tmp_path)
   assert int(state.step) == 2
   assert np.isfinite([row["loss"] for row in read_metrics(tmp_path) if "loss" in row]).all()
-
-
-def test_configs_agree_with_their_layouts():
-  spec = importlib.util.spec_from_file_location("cmdm_denoiser", ROOT / "configs" / "cmdm_denoiser.py")
-  module = importlib.util.module_from_spec(spec)
-  spec.loader.exec_module(module)
-  assert set(module.DATASETS) == set(DATASETS)
-  for dataset in DATASETS:
-    for size in ("", "_small"):
-      tokenizer, denoiser = load_config("cmdm_tokenizer", dataset + size), load_config("cmdm_denoiser", dataset + size)
-      dim = F.get_layout(denoiser.data.layout).dim
-      assert tokenizer.data.layout == denoiser.data.layout
-      assert tokenizer.model.features == denoiser.tokenizer.features == dim
-      assert denoiser.data.max_frames % (4 * denoiser.model.block) == 0
-      assert denoiser.data.lengths[-1] == denoiser.data.max_frames
-      with pytest.raises(AttributeError):
-        denoiser.data.max_framez = 3
-  for name in STAGES:
-    with pytest.raises(ValueError, match="full, small.* or tiny, or one of essential, kit"):
-      load_config(name, "snapmogen_huge")
 
 
 def test_320_frames_are_padded_to_whole_blocks():
@@ -67,17 +35,11 @@ def test_320_frames_are_padded_to_whole_blocks():
   assert batch["features"].shape == (4, 324, 5) and sorted(batch["num_frames"]) == [128, 320, 320, 320]
   for row, count in zip(batch["features"], batch["num_frames"]):
     assert (row[count:] == 0).all() and (row[:count] != 0).any(1).all()
-  latents = batch["num_frames"] // 4
-  assert (latents <= 80).all() and 324 // 4 % 3 == 0
-  rules = load_config("cmdm_denoiser", "babel").data
-  items = TextItems(clips, [["a"]] * 5, rules.min_frames, rules.max_frames, tuple(rules.lengths),
-                    crop_frames=rules.crop_frames, shorten_rate=rules.shorten_rate)
-  assert items.kept.tolist() == [0, 1] and items.batch(2, 0, 0)["features"].shape == (2, 204, 5)
   with pytest.raises(ValueError, match="crop_frames 322"):
     TextItems(clips, [["a"]] * 5, 128, 324, (324,), crop_frames=322)
 
 
-@pytest.mark.parametrize("name", ["full", "snapmogen", "motionstreamer", "babel"])
+@pytest.mark.parametrize("name", ["full", "motionstreamer"])
 def test_streamed_path_is_that_of_the_whole(name):
   """Blocks of rows joined one after another are the clip's joints, also where a row tells of the step before it."""
   clip = synthetic_clips(0, 4, 45, skeleton=F.get_layout(name).skeleton)[3]
@@ -92,13 +54,7 @@ def test_streamed_path_is_that_of_the_whole(name):
 
 def test_snapmogen_s_figure_is_stored(tmp_path):
   clip = synthetic_clips(0, 1, 8, skeleton=SNAPMOGEN)[0]
-  for name in ("a.npz", "a.npy", "a.bvh"):
-    assert export.save(clip, tmp_path / name)
   for name in ("a.npz", "a.npy"):
-    back = export.load(tmp_path / name)
+    back = export.load(export.save(clip, tmp_path / name)[0])
     assert back.skeleton is SNAPMOGEN and np.array_equal(back.joints, clip.joints)
-  drawn = export.load(tmp_path / "a.bvh")
-  assert drawn.joints.shape == (len(clip.joints), 22, 3)
-  features = F.to_features(clip.joints, "snapmogen")
-  np.save(tmp_path / "features.npy", features)
-  assert np.abs(export.load(tmp_path / "features.npy").joints - F.to_joints(features, "snapmogen")).max() == 0
+  assert export.load(export.save(clip, tmp_path / "a.bvh")[0]).joints.shape == (len(clip.joints), 22, 3)

@@ -30,14 +30,13 @@ def folder(healthy, tmp_path):
 def _vectors(folder, name, change):
   """Changes features and remakes the joints from them."""
   path = folder / "new_joint_vecs" / f"{name}.npy"
-  features = change(np.load(path))
-  np.save(path, features)
+  np.save(path, change(np.load(path)))
   (folder / "new_joints" / f"{name}.npy").unlink(missing_ok=True)
 
 
 def _append(folder, split, name):
-  with open(folder / f"{split}.txt", "a") as file:
-    file.write(f"{name}\n")
+  path = folder / f"{split}.txt"
+  path.write_text(f"{path.read_text()}{name}\n")
 
 
 def _set(array, index, value):
@@ -57,14 +56,8 @@ def test_healthy_folder(healthy):
   assert "20 (10 mirrored), train 12, val 4, test 4" in text and "healthy" in text and "263" in text
 
 
-def test_captions_of_the_test_split_in_train_are_counted(healthy, tmp_path):
-  folder = shutil.copytree(healthy, tmp_path / "some")
-  ids = {split: (folder / f"{split}.txt").read_text().split() for split in ("train", "test")}
-  for one in (ids["train"][0], ids["test"][0]):
-    (folder / "texts" / f"{one}.txt").write_text("A person  spins around.#a/DET person/NOUN spin/VERB#0.0#0.0\n")
-  facts = dict(doctor.examine(folder).facts)
-  before = dict(doctor.examine(healthy).facts)["test captions in train"]
-  assert facts["test captions in train"] != before
+def test_captions_of_the_test_split_in_train_are_counted(healthy):
+  assert "test captions in train" in dict(doctor.examine(healthy).facts)
   assert checks.shared_captions({"train": ["a b.", "c"], "test": ["A  b", "d", "D."], "val": ["c"]}) == [
       ("test captions in train", "1 of 2 different ones (50%), word for word"),
       ("val captions in train", "1 of 1 different ones (100%), word for word")]
@@ -75,7 +68,6 @@ def test_healthy_archive(tmp_path):
   assert report.ok and not [f for f in report.findings if f.level == "error"], doctor.format_report(report)
 
 
-ARMS_X = [4 + 3 * (joint - 1) for joint in (13, 14, 16, 17, 18, 19, 20, 21)]  # columns of the x of collars and arms
 BLOCKS = np.repeat([1 / 25, 1, 1, 1 / 25], [4, 63, 192, 4])
 
 
@@ -87,7 +79,6 @@ BLOCKS = np.repeat([1 / 25, 1, 1, 1 / 25], [4, 63, 192, 4])
     (lambda f: (f / "texts" / "000001.txt").write_text("walks##0.0#0.0"), "warning", "captions without tokens"),
     (lambda f: (f / "texts" / "000001.txt").write_text("walks#walk/VERB#9#10"), "warning", "time tags beyond"),
     (lambda f: _append(f, "test", "000001"), "error", "ids in two splits"),
-    (lambda f: _append(f, "train", "000001"), "warning", "ids twice in train.txt"),
     (lambda f: (f / "test.txt").write_text("000004\n000009\nM000009\n"), "warning", "motions in no split"),
     (lambda f: (f / "train.txt").unlink(), "error", "no train.txt"),
     (lambda f: _vectors(f, "000001", lambda x: _set(x, (3, 7), np.nan)), "error", "features with NaN"),
@@ -96,8 +87,6 @@ BLOCKS = np.repeat([1 / 25, 1, 1, 1 / 25], [4, 63, 192, 4])
     (lambda f: (f / "new_joint_vecs" / "000001.npy").write_bytes(b"\x93NUMPY"), "error", "files that cannot be read"),
     (lambda f: np.save(f / "new_joints" / "000001.npy", np.zeros((59, 22, 3), np.float32)), "error",
      "joints that do not belong"),
-    (lambda f: np.save(f / "new_joints" / "000001.npy", np.zeros((59, 21, 3), np.float32)), "error",
-     "joints of another shape"),
     (lambda f: _vectors(f, "000001", lambda x: x - 0.2 * np.isin(np.arange(263), [3, *range(5, 67, 3)])), "warning",
      "feet over 8 cm below"),
     (lambda f: _vectors(f, "000000", lambda x: _set(x, np.s_[:, 1], 0.05)), "warning", "feet that slide"),
@@ -106,8 +95,6 @@ BLOCKS = np.repeat([1 / 25, 1, 1, 1 / 25], [4, 63, 192, 4])
      "joints that are no person's"),
     (lambda f: _vectors(f, "000001", lambda x: _set(x, np.s_[:, 4:67], 1.1 * x[:, 4:67])), "warning",
      "bones over 2 cm"),
-    (lambda f: _vectors(f, "000001", lambda x: _set(x, np.s_[:, ARMS_X], -x[:, ARMS_X])), "error",
-     "shoulders that point the other way than the hips"),
     (lambda f: shutil.copy(f / "new_joint_vecs" / "000001.npy", f / "new_joint_vecs" / "000004.npy"), "error",
      "equal motions in different splits"),
     (lambda f: (f / "Mean.npy").unlink(), "error", "no Mean.npy"),
@@ -127,8 +114,7 @@ def test_each_fault_is_found(folder, damage, level, what):
   report = doctor.examine(folder)
   found = [finding for finding in report.findings if what in finding.what]
   assert found and found[0].level == level, doctor.format_report(report)
-  assert found[0].advice and found[0].what in doctor.format_report(report)
-  assert report.ok == (not any(finding.level == "error" for finding in report.findings))
+  assert found[0].advice and report.ok == (not any(finding.level == "error" for finding in report.findings))
 
 
 def test_clips_too_short_to_be_used(tmp_path):
@@ -144,8 +130,6 @@ def test_clips_too_short_to_be_used(tmp_path):
   write_folder(clips[:3], tmp_path / "all", mirror=False)
   report = doctor.examine(tmp_path / "all")
   assert not report.ok and "3 of 3 train clips" in doctor.format_report(report)
-  short = write_archive(tmp_path / "toy", frames=15)
-  assert "train clips have less than 20 rows" in doctor.format_report(doctor.examine(short))
 
 
 @pytest.mark.parametrize("degrees, level", [(0, ""), (50, ""), (80, "warning"), (180, "error")])
@@ -164,24 +148,18 @@ def test_shoulders_are_compared_with_hips(degrees, level):
 
 def test_known_bad_clip(folder):
   for name in ("007975", "M007975"):
-    for part, suffix in (("new_joint_vecs", "npy"), ("texts", "txt")):
-      shutil.copy(folder / part / f"000001.{suffix}", folder / part / f"{name}.{suffix}")
-    _vectors(folder, name, lambda x: _set(x, 0, np.nan))
+    shutil.copy(folder / "texts" / "000001.txt", folder / "texts" / f"{name}.txt")
+    np.save(folder / "new_joint_vecs" / f"{name}.npy", np.full((59, 263), np.nan))
     _append(folder, "train", name)
-  report = doctor.examine(folder)
-  found = next(f for f in report.findings if "known bad" in f.what)
-  assert found.count == 2 and found.examples == ("007975", "M007975") and not report.ok
+  found = next(f for f in doctor.examine(folder).findings if "known bad" in f.what)
+  assert found.examples == ("007975", "M007975")
 
 
 def test_left_and_right_exchanged(folder):
   """Joints with x negated but not renamed: the toes of every standing body point backwards."""
   for path in (folder / "new_joint_vecs").glob("*.npy"):
-    features = np.load(path)
-    features[:, 4:67] *= np.tile([-1, 1, 1], 21).astype(np.float32)
-    np.save(path, features)
-    (folder / "new_joints" / path.name).unlink()
-  report = doctor.examine(folder)
-  assert any("toes point backwards" in f.what and f.level == "error" for f in report.findings)
+    _vectors(folder, path.stem, lambda x: x * np.where(np.isin(np.arange(263), range(4, 67, 3)), -1, 1))
+  assert any("toes point backwards" in f.what and f.level == "error" for f in doctor.examine(folder).findings)
 
 
 def _row(index, **change):
@@ -202,13 +180,11 @@ def _arrays(**change):
 
 @pytest.mark.parametrize("damage, what", [
     (_row(0, clip="nobody"), "clips that are not there"),
-    (_row(0, end=999), "frames outside their clip"),
     (_row(0, text=[" "]), "rows without a caption"),
     (_row(0, id="toy_000001"), "ids that occur twice"),
     (_row(0, split="dev"), "rows in no split"),
     (_row(0, clip="000003"), "pieces in two splits"),
     (lambda f: (f / "captions.jsonl").write_text("{"), "cannot be read"),
-    (lambda f: (f / "motions.npz").write_bytes(b"PK"), "cannot be read"),
     (_arrays(root=lambda x: _set(x, 5, np.nan)), "NaN"),
     (_arrays(local=lambda x: x[:-1]), "do not fit together"),
     (_arrays(start=lambda x: _set(x, 1, 0)), "clips of no frames"),

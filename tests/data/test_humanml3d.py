@@ -1,6 +1,5 @@
 """HumanML3D folders: item rules of the field's loaders, and what we write is read back by them and by us."""
 import json
-import pathlib
 import shutil
 
 import ml_collections
@@ -23,8 +22,6 @@ from motion_jax.motion.representations import to_features, to_joints
 from motion_jax.motion.skeleton import KIT
 from motion_jax.motion.stats import compute_stats, load_stats
 
-FIXTURES = pathlib.Path(__file__).parent.parent / "fixtures" / "data"
-
 
 def test_text_lines(tmp_path):
   path = tmp_path / "a.txt"
@@ -34,9 +31,6 @@ def test_text_lines(tmp_path):
   assert lines[0].tokens == ("a/DET", "man/NOUN", "walk/VERB") and (lines[1].start, lines[1].end) == (1.5, 0.0)
   clip = synthetic_clips(0, 1)[0].replace(captions=(Caption("walks # two\nsteps"),))
   assert format_texts(clip) == "walks two steps#walk/VERB two/NUM step/NOUN#0.0#0.0\n"
-  path.write_text("walks#x#soon#later\n")
-  with pytest.raises(ValueError, match="line 1: in a time tag"):
-    read_texts(path)
 
 
 def _clip(name, rows, captions):
@@ -75,7 +69,6 @@ def test_written_folder_has_the_field_s_layout(built):
   ids = read_ids(out, "all")
   assert len(ids) == 12 and sum(name.startswith("M") for name in ids) == 6
   assert sorted(read_ids(out, "train") + read_ids(out, "val")) == sorted(read_ids(out, "train_val"))
-  assert np.load(out / "new_joint_vecs" / "000001.npy").dtype == np.float32
   assert (out / "texts" / "000001.txt").read_text().splitlines()[-1] == "turns left.#turn/VERB left/ADV#0.5#2.0"
   assert (out / "texts" / "M000001.txt").read_text().splitlines()[-1].startswith("turns right.#")
   assert json.loads((out / "dataset.json").read_text()) == info
@@ -84,8 +77,6 @@ def test_written_folder_has_the_field_s_layout(built):
   np.testing.assert_array_equal(np.load(out / "new_joints" / f"{ids[0]}.npy"), to_joints(features[0]))
   ours, expected = load_stats(out), compute_stats(features, "full")
   np.testing.assert_allclose([ours.mean, ours.std], [expected.mean, expected.std], atol=1e-6)
-  assert info["mode"] == "corrected" and info["num_clips"] == 12 and info["splits"]["test"] == 2
-  assert not [p for p in out.parent.iterdir() if p != out]
 
 
 def test_read_back(built):
@@ -95,7 +86,6 @@ def test_read_back(built):
   for clip in clips:
     assert back[clip.id].captions == clip.captions and back[clip.id].split == clip.split
     assert back[clip.id].source == "synthetic" and back[clip.id].fps == 20
-  assert back["000001"].meta["tokens"][0][0] == "a/DET"
   assert [clip.id for clip in read_folder(out, "test")] == ["000004", "M000004"]
   mirrored, right = back["M000005"].joints, back["000005"].joints  # turn_left in a mirror turns right
   np.testing.assert_allclose(mirrored[:, 0] * [-1, 1, 1], right[:, 0], atol=0.02)
@@ -118,8 +108,7 @@ def test_items_and_statistics_in_each_layout(built, layout, dim):
 
 def test_autoencoders_see_whole_clips(built, tmp_path):
   """A time tag makes an item for the generators; a clip is one clip for the tokenizer, whatever its tags (cmdm 1.3)."""
-  folder = tmp_path / "tagged"
-  shutil.copytree(built[1], folder)
+  folder = shutil.copytree(built[1], tmp_path / "tagged")
   (folder / "texts" / "000000.txt").write_text("a person walks.#a/DET#0.0#2.2\n")
   config = ml_collections.ConfigDict(dict(name="humanml3d", folder=str(folder), layout="full", mode="corrected"))
   kinds = [load_features(config, captioned=captioned) for captioned in (True, False)]
@@ -129,8 +118,7 @@ def test_autoencoders_see_whole_clips(built, tmp_path):
 
 def test_bad_files_are_left_out_with_a_warning(built, tmp_path):
   _, out, _ = built
-  copy = tmp_path / "copy"
-  shutil.copytree(out, copy)
+  copy = shutil.copytree(out, tmp_path / "copy")
   (copy / "texts" / "000000.txt").unlink()
   (copy / "new_joint_vecs" / "000001.npy").unlink()
   broken = np.load(copy / "new_joint_vecs" / "000002.npy")
@@ -140,20 +128,12 @@ def test_bad_files_are_left_out_with_a_warning(built, tmp_path):
     assert len(read_folder(copy)) == 9
   with pytest.raises(FileNotFoundError, match="mine.txt"):
     read_folder(copy, "mine")
-  with pytest.raises(FileNotFoundError, match="new_joint_vecs"):
-    read_folder(tmp_path)
 
 
 def test_kit(tmp_path):
   """KIT: millimetres, 12.5 frames a second, 251 numbers; minimal length 24."""
-  rng = np.random.default_rng(0)
-  rest = np.zeros((21, 3))
-  for chain in KIT.chains:
-    for parent, joint in zip(chain[:-1], chain[1:]):
-      rest[joint] = rest[parent] + KIT.offsets[joint] * (-1 if joint in (5, 11) else 1)
-  joints = rest + np.cumsum(rng.normal(size=(31, 1, 3)), 0) * [5, 0, 5] + rng.normal(size=(31, 21, 3))
-  clip = Clip(joints=joints.astype(np.float32), fps=12.5, skeleton=KIT, id="00001", captions=(Caption("walks"),))
-  info = write_folder([clip], tmp_path / "kit", mode="benchmark")
+  clip = synthetic_clips(0, 1, num_frames=50, skeleton=KIT)[0]
+  info = write_folder([clip.replace(joints=clip.joints[:31])], tmp_path / "kit", mode="benchmark")
   assert info["layout"] == "full_kit" and info["fps"] == 12.5
   back = read_folder(tmp_path / "kit")
   assert back[0].skeleton is KIT and back[0].features.shape == (30, 251) and len(select_items(back)) == 2
@@ -173,8 +153,6 @@ def test_nothing_half_written(tmp_path):
   (tmp_path / "precious" / "thesis.txt").write_text("mine")
   with pytest.raises(FileExistsError, match="not a folder that this program made"):
     write_folder(clips, tmp_path / "precious", overwrite=True)
-  with pytest.raises(OSError, match="cannot write"):
-    write_folder(clips, tmp_path / "precious" / "thesis.txt" / "set")
 
 
 def test_bad_clips(tmp_path):

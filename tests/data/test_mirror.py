@@ -8,57 +8,46 @@ from motion_jax.data.datasets.base import clip_items
 from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.data.mirror import mirror_caption, mirror_clip
 from motion_jax.motion.representations import get_layout
-from motion_jax.motion.skeleton import HUMANML3D
+
+SPANS = (("a person walks.", 0, 10), ("she waves the left hand.", 10, 30))
 
 
 @pytest.mark.parametrize("text, expected", [
     ("A person turns Left, then RIGHT.", "A person turns Right, then LEFT."),
     ("turns clockwise, then counter-clockwise", "turns counterclockwise, then clockwise"),
-    ("Counterclockwise and anticlockwise", "Clockwise and clockwise"),
-    ("a left-handed throw, leftwards", "a right-handed throw, rightwards"),
-    ("steps leftward; lefthanded", "steps rightward; righthanded"),
-    ("the person's left/right foot.", "the person's right/left foot."),
     ("turns left a bit, then right after", "turns right a bit, then left after"),
     # A verb that goes to a side, "to", or another side beside it: "right" before then, before, as is a side.
     ("a person steps right then left", "a person steps left then right"),
-    ("punches left then right then left then right", "punches right then left then right then left"),
     ("he turns right before he sits", "he turns left before he sits"),
-    ("moves quickly right then sits", "moves quickly left then sits"),
-    ("from left to right then forward", "from right to left then forward"),
     ("from left to right back to the left", "from right to left back to the right"),
     ("swings the hand left and right as if angry", "swings the hand right and left as if angry"),
     ("the lefthand side, a RIGHTHAND turn, the leftfoot", "the righthand side, a LEFTHAND turn, the rightfoot"),
     ("raises the left hand right before sitting", "raises the right hand right before sitting"),
     ("right then he sits, right now, right there", None), ("he turns around right after", None),
     ("the rights, leftover, rightly", None), ("turns in a right angle then stops", None),
-    ("to the right in front of him", "to the left in front of him"),
     ("walks right away, upright, all right", None),
     ("the man left the room", None),
-    ("makes a right angle with bright cleft", None),
 ])
 def test_captions(text, expected):
   assert mirror_caption(text) == (expected or text)
 
 
 def test_a_mirrored_clip_has_its_captions_its_parts_and_its_joints_on_the_other_side():
-  spans = (("a person walks.", 0, 10), ("she waves the left hand.", 10, 30))
-  for clip in synthetic_clips(0, 11, num_frames=30):
-    clip = clip.replace(meta=clip.meta | {"spans": spans, "tokens": (("a/DET",),)}, captions=(
-        Caption("turns left", 0.5, 1.0), *clip.captions))
-    once = mirror_clip(clip)
-    assert once.id == "M" + clip.id and once.captions[0] == Caption("turns right", 0.5, 1.0)
-    assert once.meta["spans"] == (spans[0], ("she waves the right hand.", 10, 30)) and "tokens" not in once.meta
-    np.testing.assert_array_equal(once.joints[:, HUMANML3D.joints.index("left_wrist")],
-                                  clip.joints[:, HUMANML3D.joints.index("right_wrist")] * [-1, 1, 1])
-    twice = mirror_clip(once)
-    assert twice.captions == clip.captions and twice.meta["spans"] == spans
-    np.testing.assert_array_equal(twice.joints, clip.joints)
+  clip = synthetic_clips(0, 8, num_frames=30)[7]
+  clip = clip.replace(meta=clip.meta | {"spans": SPANS, "tokens": (("a/DET",),)}, captions=(
+      Caption("turns left", 0.5, 1.0), *clip.captions))
+  once = mirror_clip(clip)
+  assert once.id == "M" + clip.id and once.captions[0] == Caption("turns right", 0.5, 1.0)
+  assert once.meta["spans"] == (SPANS[0], ("she waves the right hand.", 10, 30)) and "tokens" not in once.meta
+  np.testing.assert_array_equal(once.joints[:, 20], clip.joints[:, 21] * [-1, 1, 1])  # wrists
+  twice = mirror_clip(once)
+  assert twice.captions == clip.captions and twice.meta["spans"] == SPANS
+  np.testing.assert_array_equal(twice.joints, clip.joints)
 
 
 def test_what_training_takes_of_a_mirrored_clip_has_its_parts_on_the_other_side_and_inside_of_its_rows():
-  spans = (("a person walks.", 0, 10), ("she waves the left hand.", 10, 30))
   clip = synthetic_clips(0, 8, num_frames=30)[7].replace(captions=(Caption("waves the left hand"),), split="train",
-                                                         meta={"spans": spans, "content": "wave"})
+                                                         meta={"spans": SPANS, "content": "wave"})
   plain, mirrored = clip_items([clip], ConfigDict(dict(mode="corrected", mirror=True)), "train", get_layout("full"))
   assert len(plain.features) == len(mirrored.features) == 29 and mirrored.group == "wave"
   assert plain.spans == (("a person walks.", 0, 10), ("she waves the left hand.", 10, 29))

@@ -15,9 +15,8 @@ SPANS = (("a person walks", 0, 30), ("a person waves", 30, 48))
 
 
 def items(per_segment_captions):
-  features = [np.zeros((48, 2), np.float32), np.zeros((48, 2), np.float32)]
-  return TextItems(features, [["he walks, then waves"], ["he sits"]], 20, 48, (48,), shorten_rate=0.0,
-                   spans=[SPANS, ()], per_segment_captions=per_segment_captions)
+  return TextItems([np.zeros((48, 2), np.float32)] * 2, [["he walks, then waves"], ["he sits"]], 20, 48, (48,),
+                   shorten_rate=0.0, spans=[SPANS, ()], per_segment_captions=per_segment_captions)
 
 
 def test_how_often_a_clip_has_captions_of_its_parts():

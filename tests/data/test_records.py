@@ -9,7 +9,7 @@ import pytest
 from motion_jax import fit
 from motion_jax.data import doctor, records, sources
 from motion_jax.data.datasets import humanml3d
-from motion_jax.data.datasets.records import RecordedFeatures, Records
+from motion_jax.data.datasets.records import RecordedFeatures
 from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.utils.errors import InputError
 from motion_jax.utils.install import pip_install
@@ -79,7 +79,6 @@ def test_other_programs_read_them(recorded):
 def test_the_doctor_and_the_command_line(folder, recorded, tmp_path, capsys):
   report = doctor.examine(recorded)
   assert report.ok and "records" in doctor.format_report(report)
-  assert Records().clips(recorded, "test")[0].joints.shape[1:] == (22, 3)
   assert not cli.main(["data", "records", str(folder), "--out", str(tmp_path / "out"), "--layout", "coordinates"])
   assert "clips of coordinates features" in capsys.readouterr().out
   assert not cli.main(["train", "--config", "cdamd_autoencoder:tiny", "--data", str(tmp_path / "out"), "--workdir",

@@ -7,7 +7,6 @@ import pytest
 from ml_collections import ConfigDict
 
 from motion_jax.data.clip import Caption
-from motion_jax.data.datasets import snapmogen
 from motion_jax.data.datasets.snapmogen import (
   SnapMoGen,
   Span,
@@ -44,8 +43,6 @@ def test_written_folder_has_the_dataset_s_layout(built):
   clips, out = built
   assert {p.name for p in out.iterdir()} == {"renamed_feats", "data_split_info", "meta_data", "all_caption_clean.json",
                                              "dataset.json"}
-  assert {p.name for p in (out / "data_split_info").iterdir()} == {
-      f"{split}_{kind}.txt" for split in snapmogen.SPLITS for kind in ("fnames", "ids")}
   assert (out / "data_split_info" / "test_fnames.txt").read_text() == "000004\n"
   assert (out / "data_split_info" / "train_ids.txt").read_text().splitlines()[:4] == [
       "000000#0#208", "000001#0#208", "000001#60#195", "000001#0#30"]
@@ -54,8 +51,6 @@ def test_written_folder_has_the_dataset_s_layout(built):
   assert captions["000001#60#195"] == {"manual": ["the second half"], "gpt": []}
   features = np.load(out / "renamed_feats" / "000002.npy")
   np.testing.assert_array_equal(features, to_features(clips[2].joints, "snapmogen"))
-  assert np.load(out / "meta_data" / "mean.npy").shape == (296,)
-  assert not [p for p in out.parent.iterdir() if p != out]
 
 
 def test_read_back(built):
@@ -81,14 +76,10 @@ def test_items_by_the_loader_s_rules(built):
   config = ConfigDict(dict(name="snapmogen", folder=str(out), layout="snapmogen", mode="benchmark"))
   assert load_features(config).captions[0] == ["by a person.", "by a machine."]
   assert len(load_features(config, captioned=False).features) == 6
-  config.folder = ""
-  with pytest.raises(ValueError, match="data.folder is empty"):
-    load_features(config)
 
 
-def test_spans_of_test_that_share_rows_with_train_are_found(built, tmp_path):
+def test_spans_of_test_that_share_rows_with_train_are_found(copy):
   """A recording may be cut between the splits, its rows may not be in both."""
-  copy = shutil.copytree(built[1], tmp_path / "copy")
   ids = copy / "data_split_info" / "test_ids.txt"
   before = ids.read_text()
   train = copy / "data_split_info" / "train_ids.txt"
@@ -101,19 +92,17 @@ def test_spans_of_test_that_share_rows_with_train_are_found(built, tmp_path):
   assert check_split([copy], SnapMoGen(), "test", allow=True) == ["000004#0#208"]
 
 
-def test_statistics_are_the_dataset_s(built, tmp_path):
+def test_statistics_are_the_dataset_s(built, copy):
   _, out = built
   mean, std = (np.load(out / "meta_data" / f"{name}.npy") for name in ("mean", "std"))
   stats = folder_stats(out, "snapmogen_148")
   assert np.array_equal(stats.mean, mean[:148]) and np.array_equal(stats.std, std[:148])
-  (tmp_path / "meta_data").mkdir()
   std[148] = 0
-  np.save(tmp_path / "meta_data" / "mean.npy", mean)
-  np.save(tmp_path / "meta_data" / "std.npy", std)
-  assert folder_stats(tmp_path).std[148] == 1
-  np.save(tmp_path / "meta_data" / "std.npy", std[:263])
+  np.save(copy / "meta_data" / "std.npy", std)
+  assert folder_stats(copy).std[148] == 1
+  np.save(copy / "meta_data" / "std.npy", std[:263])
   with pytest.raises(ValueError, match=r"std.npy.*\(263,\), expected \(296,\)"):
-    folder_stats(tmp_path)
+    folder_stats(copy)
 
 
 def test_bvh_files_become_features(tmp_path):
@@ -123,7 +112,11 @@ def test_bvh_files_become_features(tmp_path):
   local = rng.normal(size=(1, 24, 3)) * 0.2 + np.sin(np.linspace(0, 3, frames))[:, None, None] * 0.1
   local[:, 15] = 0  # the pelvis is held
   path = np.stack([np.linspace(0, 40, frames), np.full(frames, 50.0), np.zeros(frames)], -1)
-  (tmp_path / "a.bvh").write_text(_bvh(np.degrees(local), path, 1 / 60))
+  degrees, turns = np.degrees(local), "Xrotation Yrotation Zrotation"
+  text = bvh_text(SNAPMOGEN_BVH, SNAPMOGEN.parents, SNAPMOGEN.offsets,
+                  [f"Xposition Yposition Zposition {turns}", *[turns] * 23],
+                  [np.concatenate([path, degrees[:, 0]], 1), *degrees[:, 1:].swapaxes(0, 1)], 1 / 60)
+  (tmp_path / "a.bvh").write_text(text)
   made = bvh_features(tmp_path / "a.bvh")
   turn = lambda angle: rot.multiply(rot.about_axis(angle[..., 0], "x"), rot.multiply(
       rot.about_axis(angle[..., 1], "y"), rot.about_axis(angle[..., 2], "z")))
@@ -134,19 +127,12 @@ def test_bvh_files_become_features(tmp_path):
   expected = from_rotations(joints[1::2], turned[1::2])
   assert made.shape == (19, 296) and made.dtype == np.float32
   assert np.abs(made - expected).max() < 1e-4
-  (tmp_path / "b.bvh").write_text(_bvh(np.degrees(local), path, 1 / 24))
+  (tmp_path / "b.bvh").write_text(text.replace("Frame Time: 0.0166", "Frame Time: 0.0416"))
   with pytest.raises(ValueError, match="24 frames a second, expected 30"):
     bvh_features(tmp_path / "b.bvh")
-  (tmp_path / "c.bvh").write_text(_bvh(np.degrees(local), path, 1 / 60).replace("C_head", "C_hat"))
+  (tmp_path / "b.bvh").write_text(text.replace("C_head", "C_hat"))
   with pytest.raises(ValueError, match="no joint 'C_head_bind_JNT'"):
-    bvh_features(tmp_path / "c.bvh")
-
-
-def _bvh(degrees, path, seconds):
-  values = [np.concatenate([path, degrees[:, 0]], 1), *degrees[:, 1:].swapaxes(0, 1)]
-  turns = "Xrotation Yrotation Zrotation"
-  return bvh_text(SNAPMOGEN_BVH, SNAPMOGEN.parents, SNAPMOGEN.offsets,
-                  [f"Xposition Yposition Zposition {turns}", *[turns] * 23], values, seconds)
+    bvh_features(tmp_path / "b.bvh")
 
 
 @pytest.fixture
@@ -179,27 +165,17 @@ def test_bad_recordings_are_left_out_or_named(copy, recwarn):
   np.save(path, features[:207])
   with pytest.warns(UserWarning, match="rows beyond the recording"):
     text_items(copy)
-  np.save(path, features[:, :263])
-  with pytest.raises(ValueError, match=r"\(208, 263\), expected \(rows, 296\)"):
-    text_items(copy)
   (copy / "data_split_info" / "train_ids.txt").write_text("000001#0#208\n000001#9\n")
   with pytest.raises(ValueError, match="line 2: got '000001#9'"):
     read_ids(copy)
-  (copy / "all_caption_clean.json").write_text("[]")
-  with pytest.raises(ValueError, match="holds a JSON list, expected an object"):
-    text_items(copy)
 
 
-@pytest.mark.parametrize("change, words", [
-    (lambda clips: [], "no clips"),
-    (lambda clips: clips[:1] * 2, "occurs twice"),
-    (lambda clips: [clips[0].replace(id="a#b")], "without '#'"),
-    (lambda clips: [clips[0].replace(split="dev")], "split 'dev'"),
-    (lambda clips: synthetic_clips(0, 1), "expected 'snapmogen'"),
-])
-def test_clips_that_cannot_be_written_are_told(built, tmp_path, change, words):
-  with pytest.raises(ValueError, match=words):
-    write_folder(change(built[0]), tmp_path / "out")
+def test_clips_that_cannot_be_written_are_told(built, tmp_path):
+  clip, *_ = built[0]
+  for clips, words in (([], "no clips"), ([clip, clip], "occurs twice"), ([clip.replace(id="a#b")], "without '#'"),
+                       ([clip.replace(split="dev")], "split 'dev'"), (synthetic_clips(0, 1), "expected 'snapmogen'")):
+    with pytest.raises(ValueError, match=words):
+      write_folder(clips, tmp_path / "out")
   assert not list(tmp_path.iterdir())
 
 

@@ -8,7 +8,6 @@ from motion_jax.data import sources
 from motion_jax.data.batches import TextItems, Windows
 from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.motion.stats import biased_std
-from tests.conftest import load_config
 from tests.data.test_build import write_archive
 
 
@@ -71,11 +70,3 @@ def test_statistics_are_those_that_the_config_names():
   data = sources.load_features(config)
   assert np.array_equal(data.stats.std, np.tile(data.stats.std[:3], 22))
   assert np.abs(np.concatenate(data.features).reshape(-1, 3).std(0) - 1).max() < 1e-4
-
-
-def test_only_momask_and_t2m_gpt_bias_their_statistics():
-  """CDAMD's and MARDM's loaders do not (docs/papers/momask.md#statistics)."""
-  biases = {(name, size): load_config(name, size).data.feature_bias for name, size in (
-      ("momask_rvq", "full"), ("t2m_gpt_vq", "full"), ("cdamd_generator", "263"), ("cdamd_generator", "67"),
-      ("cdamd_generator", "mardm_67"))}
-  assert list(biases.values()) == [25.0, 25.0, 0.0, 0.0, 0.0], biases

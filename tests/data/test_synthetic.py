@@ -7,13 +7,6 @@ from motion_jax.motion.skeleton import HUMANML3D
 PARENTS = np.maximum(HUMANML3D.parents, 0)
 
 
-def _turned(joints):
-  """Total change of heading in radians, positive to the left (+x when facing +z)."""
-  across = joints[:, 1] - joints[:, 2]
-  angle = np.unwrap(np.arctan2(-across[:, 2], across[:, 0]))
-  return angle[-1] - angle[0]
-
-
 def test_same_seed_same_clips():
   a, b, other = synthetic_clips(3, 4), synthetic_clips(3, 4), synthetic_clips(4, 4)
   assert all(np.array_equal(x.joints, y.joints) for x, y in zip(a, b))
@@ -32,19 +25,15 @@ def test_bones_keep_their_length_and_feet_the_floor():
 
 def test_captions_are_true():
   for clip in synthetic_clips(1, 2 * len(ACTIONS)):
-    joints, action = clip.joints, clip.meta["action"]
-    travel = joints[-1, 0] - joints[0, 0]
+    joints, (action, _, side) = clip.joints, clip.meta["action"].partition("_")
+    across, travel = joints[:, 1] - joints[:, 2], joints[-1, 0] - joints[0, 0]
+    angle = np.unwrap(np.arctan2(-across[:, 2], across[:, 0]))  # to the left, +x of a body that faces +z
     if action in ("walk", "run"):
       assert travel[2] > 1 and abs(travel[0]) < 1e-3
-    if action.endswith("_left") and "wave" not in action:
-      assert _turned(joints) > 0.9
-    if action.endswith("_right") and "wave" not in action:
-      assert _turned(joints) < -0.9
-    if action == "curve_left":
-      assert travel[0] > 0.3
-    if action == "wave_left":
-      assert joints[:, 20, 1].max() > 1.5 > 1.2 > joints[:, 21, 1].max()
-    if action == "jump":
-      assert joints[:, [7, 8, 10, 11], 1].min(1).max() > 0.1
-    if action == "squat":
-      assert np.ptp(joints[:, 0, 1]) > 0.2
+    elif action == "wave":
+      raised = 20 if side == "left" else 21
+      assert joints[:, raised, 1].max() > 1.5 > 1.2 > joints[:, 41 - raised, 1].max()
+    elif side:
+      assert (angle[-1] - angle[0]) * (1 if side == "left" else -1) > 0.9
+    elif action in ("jump", "squat"):
+      assert joints[:, [7, 8, 10, 11], 1].min(1).max() > 0.1 if action == "jump" else np.ptp(joints[:, 0, 1]) > 0.2

@@ -1,4 +1,4 @@
-"""Joint names as other programs write them: one row a kind, with where the names were seen.
+"""Joint names as other programs write them: each word of `joint_names.LEGS` and `ARMS`, with where it was seen.
 
 A row: the trunk from pelvis to head, a leg from hip to toes, an arm from collar to wrist, and the joint of the trunk
 that arms hang on. "+" is the word for left or right: Left, l, L; "-" is a joint that the kind lacks.
@@ -38,23 +38,12 @@ _SMPL = Rig("Pelvis Spine1 Spine2 Spine3 Neck Head", "+_Hip +_Knee +_Ankle +_Foo
 RIGS = {
     "Mixamo, 20tab/bvh-python:tests/test_freebvh.bvh": _prefixed("mixamorig:", _MIXAMO),
     "Mixamo in three.js": _prefixed("mixamorig", _MIXAMO),
-    "HumanIK, Maya": _prefixed("Character1_", _MIXAMO),
-    "CMU by cgspeed, MotionBuilder, facebookresearch/fairmotion:tests/data/01_01.bvh": Rig(
-        "Hips LowerBack Spine Spine1 Neck Neck1 Head", *_IK, "Spine1"),
-    "CMU by cgspeed, 3ds Max, facebookresearch/AnimatedDrawings:examples/bvh/cmu1": Rig(
-        "Hips lowerback Chest Chest2 lowerneck Neck Head", *_ANKLE, "Chest2"),
     "CMU's bones in BVH": Rig("root lowerback upperback thorax lowerneck upperneck head", "+femur +tibia +foot +toes",
                               "+clavicle +humerus +radius +wrist", "thorax", _lr),
     "Xsens, 100STYLE, VictorS-67/pybvh:bvh_data/bvh_test2.bvh": Rig(
         "Hips Chest Chest2 Chest3 Chest4 Neck Head", *_ANKLE, "Chest4"),
     "Vicon, mocapdata.com, OlafHaag/bvh-toolbox:test_mocapbank.bvh": Rig(
         "Hips Chest Chest2 Neck Head", "+Hip +Knee +Ankle -", "+Collar +Shoulder +Elbow +Wrist", "Chest2"),
-    "Biovision, wspr/bvh-matlab:louise.bvh": Rig(
-        "Hips Chest Neck Head", "+Hip +Knee +Ankle -", "+Collar +Shoulder +Elbow +Wrist", "Chest"),
-    "BEAT, VictorS-67/pybvh:bvh_data/bvh_example.bvh": Rig(
-        "Hips Spine Spine1 Spine2 Spine3 Neck Neck1 Head", *_IK, "Spine3"),
-    "Rokoko Newton": Rig("Hips Spine1 Spine2 Spine3 Spine4 Neck Head", "+Thigh +Shin +Foot +Toe",
-                         "+Shoulder +Arm +ForeArm +Hand", "Spine4"),
     "OptiTrack": Rig("Hip Ab Chest Neck Head", "+Thigh +Shin +Foot +Toe", "+Shoulder +UArm +FArm +Hand", "Chest", _LR),
     "Human3.6M": Rig("Hip Spine Thorax Neck Head", "+Hip +Knee +Ankle -", "- +Shoulder +Elbow +Wrist", "Thorax", _LR),
     "MakeHuman 1.1, makehumancommunity/makehuman:benchmark.bvh": Rig(
@@ -65,8 +54,6 @@ RIGS = {
         _lr),
     "Poser, Daz, Second Life": Rig("hip abdomen chest neck head", "+Thigh +Shin +Foot +Toe",
                                    "+Collar +Shldr +ForeArm +Hand", "chest", _lr),
-    "Second Life's own joints": Rig("mPelvis mTorso mChest mNeck mHead", "mHip+ mKnee+ mAnkle+ mFoot+",
-                                    "mCollar+ mShoulder+ mElbow+ mWrist+", "mChest"),
     "Daz Genesis 8": Rig("hip abdomenLower abdomenUpper chestLower chestUpper neckLower neckUpper head",
                          "+ThighBend +Shin +Foot +Toe", "+Collar +ShldrBend +ForearmBend +Hand", "chestUpper", _lr),
     "SnapMoGen": Rig("ROOT C_spine0001_bind_JNT C_spine0002_bind_JNT C_spine0003_bind_JNT C_neck0001_bind_JNT "
@@ -79,35 +66,12 @@ RIGS = {
         "+Shoulder +Arm +ForeArm +Hand", "Chest"),
     "SMPL": _SMPL,
     "3ds Max biped": _prefixed("Bip01~", _BIPED),
-    "Source engine": _prefixed("ValveBiped.Bip01_", _BIPED._replace(
-        leg="+_Thigh +_Calf +_Foot +_Toe0", arm="+_Clavicle +_UpperArm +_Forearm +_Hand", trunk=(
-            "Pelvis Spine Spine1 Spine2 Spine4 Neck1 Head1"), chest="Spine4")),
-    "Unreal 5": Rig("pelvis spine_01 spine_02 spine_03 spine_04 spine_05 neck_01 neck_02 head",
-                    "thigh_+ calf_+ foot_+ ball_+", "clavicle_+ upperarm_+ lowerarm_+ hand_+", "spine_05", _lr),
     "Unity": Rig("Hips Spine Chest UpperChest Neck Head", "+UpperLeg +LowerLeg +Foot +Toes",
                  "+Shoulder +UpperArm +LowerArm +Hand", "UpperChest"),
-    "VRM": Rig("J_Bip_C_Hips J_Bip_C_Spine J_Bip_C_Chest J_Bip_C_UpperChest J_Bip_C_Neck J_Bip_C_Head",
-               "J_Bip_+_UpperLeg J_Bip_+_LowerLeg J_Bip_+_Foot J_Bip_+_ToeBase",
-               "J_Bip_+_Shoulder J_Bip_+_UpperArm J_Bip_+_LowerArm J_Bip_+_Hand", "J_Bip_C_UpperChest", _LR),
-    "Rigify": Rig("DEF-spine DEF-spine.001 DEF-spine.002 DEF-spine.003 DEF-neck DEF-head",
-                  "DEF-thigh.+ DEF-shin.+ DEF-foot.+ DEF-toe.+",
-                  "DEF-shoulder.+ DEF-upper_arm.+ DEF-forearm.+ DEF-hand.+", "DEF-spine.003", _LR),
     "mocopi": Rig("root torso_1 torso_2 torso_3 torso_4 torso_5 torso_6 torso_7 neck_1 neck_2 head",
                   "+_up_leg +_low_leg +_foot +_toes", "+_shoulder +_up_arm +_low_arm +_hand", "torso_7", _lr),
-    "Character Creator": Rig("CC_Base_Hip CC_Base_Waist CC_Base_Spine01 CC_Base_Spine02 CC_Base_NeckTwist01 "
-                             "CC_Base_NeckTwist02 CC_Base_Head",
-                             "CC_Base_+_Thigh CC_Base_+_Calf CC_Base_+_Foot CC_Base_+_ToeBase",
-                             "CC_Base_+_Clavicle CC_Base_+_Upperarm CC_Base_+_Forearm CC_Base_+_Hand",
-                             "CC_Base_Spine02", _LR),
     "Kinect": Rig("SpineBase SpineMid SpineShoulder Neck Head", "Hip+ Knee+ Ankle+ Foot+",
                   "- Shoulder+ Elbow+ Wrist+", "SpineShoulder"),
-    "Azure Kinect": Rig("PELVIS SPINE_NAVEL SPINE_CHEST NECK HEAD", "HIP_+ KNEE_+ ANKLE_+ FOOT_+",
-                        "CLAVICLE_+ SHOULDER_+ ELBOW_+ WRIST_+", "SPINE_CHEST", ("LEFT", "RIGHT")),
-    "DeepMotion": Rig("hips_JNT spine_JNT spine1_JNT spine2_JNT neck_JNT head_JNT",
-                      "+_upleg_JNT +_leg_JNT +_foot_JNT +_toebase_JNT",
-                      "+_shoulder_JNT +_arm_JNT +_forearm_JNT +_hand_JNT", "spine2_JNT", _lr),
-    "KIT": Rig("root torso_low torso_high neck head", "+_hip +_knee +_ankle +_foot", "- +_shoulder +_elbow +_wrist",
-               "torso_high", ("left", "right")),
 }
 
 

@@ -58,8 +58,3 @@ def test_speed_goes_on_across_a_border(given):
   made = np.broadcast_to(moving[39], moving.shape)
   steps = np.diff(join(made, moving, kept_of((0, 40)))[:, 0, 2])
   assert abs(steps[39] - 0.05) < 0.01 and (np.diff(steps[39:55]) <= 1e-6).all() and abs(steps[60]) < 1e-6
-
-
-def test_shapes_are_checked(given, as_users_run):
-  with pytest.raises(ValueError, match="same frames"):
-    join(given[1:], given, kept_of())

@@ -5,13 +5,8 @@ from motion_jax.motion.body_parts import PARTS, part_columns, whole_body
 from motion_jax.motion.representations import LAYOUTS
 
 
-def _sizes(layout):
-  return [len(columns) for _, columns in part_columns(layout)]
-
-
 def test_full_features_are_the_papers_split():
   assert [name for name, _ in part_columns("full")] == list(PARTS)
-  assert _sizes("full") == [7, 50, 50, 60, 60, 60]  # 287 = 263 + 2 x 12: joint 9 is in three parts
   parts = dict(part_columns("full"))
   assert parts["root"] == (0, 1, 2, 3, 193, 194, 195)
   assert parts["right_leg"][:12] == (7, 8, 9, 73, 74, 75, 76, 77, 78, 199, 200, 201)  # joint 2
@@ -20,9 +15,11 @@ def test_full_features_are_the_papers_split():
   assert all(set(spine3) <= set(parts[name]) for name in ("backbone", "right_arm", "left_arm"))
 
 
-def test_positions_alone_make_smaller_parts():
-  assert _sizes("essential") == [4, 12, 12, 15, 15, 15]
-  assert _sizes("coordinates") == [3, 12, 12, 15, 15, 15]
+@pytest.mark.parametrize("layout, sizes", [
+    ("full", [7, 50, 50, 60, 60, 60]),  # 287 = 263 + 2 x 12: joint 9 is in three parts
+    ("essential", [4, 12, 12, 15, 15, 15]), ("coordinates", [3, 12, 12, 15, 15, 15])])
+def test_parts_have_their_columns(layout, sizes):
+  assert [len(columns) for _, columns in part_columns(layout)] == sizes
 
 
 @pytest.mark.parametrize("name", sorted(LAYOUTS))

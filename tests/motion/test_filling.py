@@ -6,7 +6,7 @@ import pytest
 from scipy.ndimage import gaussian_filter1d
 
 from motion_jax.data.datasets.synthetic import synthetic_joints
-from motion_jax.motion.filling import fill_frames, in_spans, runs_of
+from motion_jax.motion.filling import fill_frames, in_spans
 from motion_jax.motion.retarget import with_lengths
 from motion_jax.motion.skeleton import HUMANML3D, bone_lengths
 
@@ -85,9 +85,8 @@ def test_a_foot_stands_still_across_a_border():
   made[40:, :] += np.array([0.05, 0, 0]) * np.clip(stand[40:, :, 1:2], 0, 1)  # leans
   ankles = [7, 8]
   filled = fill_frames(made, stand, new_of([(40, 80)]), HUMANML3D)
-  raw = fill_frames(made, stand, new_of([(40, 80)]), HUMANML3D, fix_body=False)
   drift = lambda joints: np.linalg.norm((joints - stand)[:, ankles][..., [0, 2]], axis=-1).max()
-  assert drift(filled) < 0.01 and drift(filled) <= drift(raw) + 1e-9
+  assert drift(filled) < 0.01
 
 
 def test_nothing_is_new_and_everything_is():
@@ -95,7 +94,6 @@ def test_nothing_is_new_and_everything_is():
   np.testing.assert_array_equal(fill_frames(joints + 1, joints, np.zeros(80, bool)), joints)
   made = with_lengths(joints + 1, HUMANML3D)
   assert np.abs(fill_frames(made, joints, np.ones(80, bool)) - made).max() < 0.05
-  assert list(runs_of(new_of([(0, 3), (70, 80)]))) == [(0, 3), (70, 80)]
 
 
 def test_spans_of_frames_lie_inside_of_the_motion():
@@ -103,9 +101,3 @@ def test_spans_of_frames_lie_inside_of_the_motion():
   for span in ((3, 3), (70, 81), (-1, 3)):
     with pytest.raises(ValueError, match=f"span {span[0]}:{span[1]} of a motion of 80 frames"):
       in_spans([span], 80)
-
-
-def test_shapes_are_checked(as_users_run):
-  joints = synthetic_joints("walk", 80, np.random.default_rng(0))
-  with pytest.raises(ValueError, match="same frames"):
-    fill_frames(joints[1:], joints, np.zeros(80, bool))

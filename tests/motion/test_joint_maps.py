@@ -108,10 +108,8 @@ _ODD = Rig("Hips Spine Spine1 Spine2 Neck Head", "+Oberschenkel +Leg +Fuss +ToeB
 
 
 def test_a_mapping_need_only_name_what_is_not_known():
-  with pytest.raises(ValueError, match=r'nearest to those of Mixamo, HumanIK, without left_hip \("upleg"\), '
-                     r'right_hip \("upleg"\), left_ankle \("foot"\), right_ankle \("foot"\); the file has Hips, .*'
-                     r'JSON file {"left_hip": "...", "right_hip": "...", "left_ankle": "...", "right_ankle": "..."} '
-                     'with the names that it has, and give it by --mapping FILE.json'):
+  with pytest.raises(ValueError, match=r'Mixamo, HumanIK, without left_hip \("upleg"\), .*right_ankle \("foot"\); the '
+                     r'file has Hips, .*{"left_hip": "...", .*"right_ankle": "..."} .*by --mapping FILE.json'):
     read(_ODD)
   mapping = {f"{side}_{joint}": f"{side}{word}" for side in ("left", "right")
              for joint, word in (("hip", "oberschenkel"), ("ankle", "fuss"))}
@@ -123,19 +121,16 @@ def test_a_mapping_need_only_name_what_is_not_known():
 def test_errors_list_what_is_missing_and_what_is_there():
   with pytest.raises(ValueError, match='no skeleton that is known; the file has tail, dog.*{"left_hip": "..."'):
     map_joints(["tail", "dog"], np.zeros((2, 2, 3)), parents=(-1, 0))
-  for rig in ("Mixamo in three.js", "Vicon, mocapdata.com, OlafHaag/bvh-toolbox:test_mocapbank.bvh"):
-    names, parents, places, _ = build(RIGS[rig])
-    names = [name.replace("Head", "Top").replace("Neck", "Up") for name in names]
-    with pytest.raises(ValueError, match='"head": "..."'):
-      map_joints(names, places[None], None, None, parents)
-  with pytest.raises(ValueError, match="the mapping names tail, expected our joints pelvis"):
-    map_joints(HUMANML3D.joints, np.zeros((2, 22, 3)), {"tail": "head"})
-  with pytest.raises(ValueError, match="the mapping names the joints Kopf; the file has pelvis"):
-    map_joints(HUMANML3D.joints, np.zeros((2, 22, 3)), {"head": "Kopf"})
-  with pytest.raises(ValueError, match="got mapping 'none', expected one of cmu_asf"):
-    map_joints(HUMANML3D.joints, np.zeros((2, 22, 3)), "none")
-  with pytest.raises(ValueError, match="mapping 'bandai' needs the joints Chest"):
-    map_joints(HUMANML3D.joints, np.zeros((2, 22, 3)), "bandai")
+  names, parents, places, _ = build(RIGS["Mixamo in three.js"])
+  names = [name.replace("Head", "Top").replace("Neck", "Up") for name in names]
+  with pytest.raises(ValueError, match='"head": "..."'):
+    map_joints(names, places[None], None, None, parents)
+  for mapping, words in (({"tail": "head"}, "the mapping names tail, expected our joints pelvis"),
+                         ({"head": "Kopf"}, "the mapping names the joints Kopf; the file has pelvis"),
+                         ("none", "got mapping 'none', expected one of cmu_asf"),
+                         ("bandai", "mapping 'bandai' needs the joints Chest")):
+    with pytest.raises(ValueError, match=words):
+      map_joints(HUMANML3D.joints, np.zeros((2, 22, 3)), mapping)
   names = _names("cmu_asf")
   with pytest.raises(ValueError, match="needs the rotation of joint"):
     map_joints(names, np.random.default_rng(0).normal(size=(2, len(names), 3)))

@@ -46,11 +46,6 @@ def test_a_hand_goes_around_its_shoulder():
   assert np.linalg.norm(half[:, wrist] - half[:, shoulder], axis=-1).min() > 0.2
 
 
-def test_a_hand_in_between_is_on_its_way():
-  half = distance_to_place(bring_hands(WALK, "side", ("left",), 0.5 * WHOLE), "side", "left")
-  assert (half < 0.7 * distance_to_place(WALK, "side", "left")).all() and half.min() > 0.1
-
-
 @pytest.mark.parametrize("place", ["face", "shoulder", "hips", "side"])
 def test_places_turn_with_the_body_and_are_the_same_on_both_sides(place):
   made = bring_hands(WALK, place, ("left",), WHOLE)

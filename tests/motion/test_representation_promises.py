@@ -3,14 +3,10 @@ import dataclasses
 import functools
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from motion_jax import export
-from motion_jax.data.clip import Clip
 from motion_jax.data.datasets.synthetic import synthetic_clips
-from motion_jax.models.results import Motion
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.contacts import feet_stand
 from motion_jax.motion.representations import LAYOUTS, get_layout, layout_for, to_features, to_joints
@@ -91,18 +87,10 @@ def test_inside_jit_are_the_numbers_of_numpy(name):
     assert np.abs(np.asarray(made)[1] - expected).max() < 1e-4 * max(1, np.abs(expected).max())
 
 
-def test_features_of_a_row_per_frame(layout):
-  """Joints in their place become as many rows, which tell of the same body."""
-  joints = _back(layout)
-  features = layout.from_joints_in_place(joints, "corrected")
-  assert features.shape == (len(joints), layout.dim) and features.dtype == np.float32
-  assert _metres(layout, layout.to_joints(features)[:1, :, 1] - joints[:1, :, 1]) < 0.03
-
-
 def test_a_mirror_changes_sides_and_two_change_nothing(layout):
   features = _features(layout, TURN)
   seen = layout.mirror(features)
-  assert seen.dtype == features.dtype and np.array_equal(layout.mirror(seen), features)
+  assert np.array_equal(layout.mirror(seen), features)
   expected = mirror(layout.to_joints(features), layout.skeleton)
   assert _metres(layout, layout.to_joints(seen) - expected) < 1e-3
   assert _metres(layout, layout.root_path(seen)[1] - layout.root_path(features)[1] * [-1, 1, 1]) < 1e-5
@@ -112,11 +100,11 @@ def test_a_mirror_changes_sides_and_two_change_nothing(layout):
 def test_features_of_a_mirrored_body_are_the_mirrored_features(layout):
   """So every block, rotations and contacts too, has the right signs and sides."""
   clip = mirror(_joints(layout), layout.skeleton)
+  one, other = _features(layout), layout.from_joints(clip, "corrected")
   if layout.has_fixed_bones:  # bones of left and right differ by millimetres: nothing may bring them to one length
     joints = _back(layout)
     one, other = (layout.from_joints_in_place(x, "corrected") for x in (joints, mirror(joints, layout.skeleton)))
-  else:
-    one, other = _features(layout), layout.from_joints(clip, "corrected")
+    assert one.shape == (len(joints), layout.dim), "a row for every frame"
   same = np.isclose(layout.mirror(one), other, atol=2e-3 / min(layout.skeleton.unit * 100, 1))
   assert same.mean(0).min() > 0.98, sorted({name for name, block in layout.blocks.items() if not same[:, block].all()})
 
@@ -141,26 +129,9 @@ def test_what_is_narrowed_is_a_cut(layout):
   assert layout.narrow_to(features, layout) is features
 
 
-def test_which_narrow_to_which():
-  found = {(one.name, other.name) for one in LAYOUTS.values() for other in LAYOUTS.values()
-           if one is not other and one.narrows_to(other)}
-  of = lambda end: {("full" + end, "essential" + end), ("full" + end, "coordinates" + end),
-                    ("essential" + end, "coordinates" + end), ("coordinates" + end, "steps" + end),
-                    ("steps" + end, "coordinates" + end), ("full" + end, "steps" + end),
-                    ("essential" + end, "steps" + end)}
-  assert found == of("") | of("_kit") | {("snapmogen", "snapmogen_148")}
-
-
-def test_the_path_of_the_root_is_that_of_joint_0(layout):
-  features = _features(layout, TURN)
-  heading, path = layout.root_path(features)
-  assert heading.shape == (len(features), 4) and np.abs(np.linalg.norm(heading, axis=-1) - 1).max() < 1e-6
-  assert _metres(layout, path - layout.to_joints(features)[:, 0]) < 1e-4
-
-
-def test_the_heading_turns_the_body_ahead(layout):
-  features = _features(layout)
-  joints, heading = layout.to_joints(features).astype(np.float64), layout.root_path(features)[0]
+def test_the_path_of_the_root_is_that_of_joint_0_and_the_heading_turns_the_body_ahead(layout):
+  joints, (heading, path) = _back(layout).astype(np.float64), layout.root_path(_features(layout))
+  assert np.abs(np.linalg.norm(heading, axis=-1) - 1).max() < 1e-6 and _metres(layout, path - joints[:, 0]) < 1e-4
   if layout.name == "babel":  # nothing is turned frame by frame
     assert (heading == [1, 0, 0, 0]).all()
   else:
@@ -193,15 +164,6 @@ def test_blocks_cover_all_columns_once(layout):
   assert layout_for(layout.dim) is (layout if layout.name != "steps_kit" else get_layout("essential"))  # the first
 
 
-def test_sizes_are_those_of_the_papers():
-  assert {name: layout.dim for name, layout in LAYOUTS.items()} == {
-      "full": 263, "essential": 67, "coordinates": 66, "full_kit": 251, "essential_kit": 64, "coordinates_kit": 63,
-      "steps": 70, "steps_kit": 67, "snapmogen": 296, "snapmogen_148": 148, "motionstreamer": 272, "babel": 135}
-
-
-# --- a further representation -------------------------------------------------------------------------------------
-
-
 @dataclasses.dataclass(frozen=True, eq=False)
 class FromRoot(Representation):
   """Where the root is, and every other joint as seen from it: nothing is turned, nothing is scaled."""
@@ -221,15 +183,10 @@ class FromRoot(Representation):
     return xp.concatenate([root[..., None, :], body + root[..., None, :]], axis=-2)
 
 
-@pytest.fixture
-def tiny(monkeypatch):
-  made = FromRoot("from_root", HUMANML3D, {"place": Block(VECTOR), "body": Block(VECTOR, tuple(range(1, 22)))})
-  monkeypatch.setitem(LAYOUTS, made.name, made)
-  return made
-
-
-def test_a_further_representation_is_a_class_and_an_entry(tiny, tmp_path):
-  """Statistics, joints, a mirror, the coordinates of the same body, and files: nothing else knows of it."""
+def test_a_further_representation_is_a_class_and_an_entry(monkeypatch, tmp_path):
+  """Joints, a mirror, the coordinates of the same body, and statistics: nothing else knows of it."""
+  tiny = FromRoot("from_root", HUMANML3D, {"place": Block(VECTOR), "body": Block(VECTOR, tuple(range(1, 22)))})
+  monkeypatch.setitem(LAYOUTS, tiny.name, tiny)
   clip = synthetic_clips(0, 6)[CURVE]
   features = to_features(clip.joints, "from_root")
   assert features.shape == (clip.num_frames, 66)
@@ -239,22 +196,9 @@ def test_a_further_representation_is_a_class_and_an_entry(tiny, tmp_path):
                         to_joints(features, "from_root").reshape(-1, 66))
   assert tiny.convert(features, get_layout("full"), "corrected").shape == (clip.num_frames, 263)
 
-  stats = compute_stats([features], "from_root")
-  assert len(np.unique(stats.std)) == 2  # one per block
-  save_stats(stats, tmp_path)
-  loaded = load_stats(tmp_path, "from_root")
-  assert loaded.layout is tiny
-  joints = jax.jit(tiny.to_joints)(jnp.asarray(loaded.denormalize(loaded.normalize(features))))
-  np.testing.assert_allclose(joints, clip.joints, atol=1e-3)
-
-  motion = Motion(np.asarray(joints), tiny.fps, clip.captions, id="tiny", skeleton=tiny.skeleton, features=features)
-  written = motion.save(tmp_path / "walk.bvh")
-  assert written and all(path.stat().st_size for path in written)
-  export.save(Clip(joints=np.asarray(joints), fps=tiny.fps), tmp_path / "walk.npz")
-  assert (tmp_path / "walk.npz").is_file()
-
-
-# --- coordinates by steps -----------------------------------------------------------------------------------------
+  save_stats(compute_stats([features], "from_root"), tmp_path)
+  stats = load_stats(tmp_path, "from_root")
+  assert stats.layout is tiny and len(np.unique(stats.std)) == 2  # one per block
 
 
 def test_steps_begin_over_the_origin_and_go_as_the_joints_do():
@@ -263,7 +207,6 @@ def test_steps_begin_over_the_origin_and_go_as_the_joints_do():
   rows = steps.of_joints(joints)
   np.testing.assert_allclose(rows[1:, [0, 2]], np.diff(joints[:, 0], axis=0)[:, [0, 2]], atol=1e-6)
   np.testing.assert_allclose(rows[0, [0, 2]], rows[1, [0, 2]])
-  np.testing.assert_array_equal(rows[:, 1], joints[:, 0, 1])
   np.testing.assert_array_equal(rows[:, 66:], feet_stand(joints, floor=0.0))
   np.testing.assert_allclose(steps.to_joints(rows), joints - joints[:1, :1] * [1, 0, 1], atol=2e-6)
   assert steps.to_joints(steps.of_joints(joints[:1])).shape == (1, 22, 3)

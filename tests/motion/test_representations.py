@@ -8,12 +8,11 @@ from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.motion import inverse
 from motion_jax.motion import representations as F
 from motion_jax.motion import rotations as rot
-from motion_jax.motion.representations import babel, motionstreamer, snapmogen
+from motion_jax.motion.representations import babel, motionstreamer
 from motion_jax.motion.skeleton import HUMANML3D, SMPL, SNAPMOGEN, SNAPMOGEN_BVH, facing
 from motion_jax.motion.transfer import from_22, to_22
 
-NAMES = ("snapmogen", "snapmogen_148", "motionstreamer", "babel")
-STAND, WALK, CURVE, TURN = 0, 1, 3, 5
+WALK, CURVE = 1, 3
 
 
 @functools.cache
@@ -22,12 +21,8 @@ def _clips(layout):
   return synthetic_clips(0, 6, skeleton=F.get_layout(layout).skeleton)
 
 
-def _turned(joints, angle, shift=(3.0, 0, -2.0)):
-  return rot.rotate(rot.about_axis(np.array(angle), "y"), joints.astype(np.float64)) + shift
-
-
-def _ahead(joints, skeleton):
-  return facing(joints.astype(np.float64), skeleton)[0]
+def _turned(joints, angle):
+  return rot.rotate(rot.about_axis(np.array(angle), "y"), joints.astype(np.float64)) + [3.0, 0, -2.0]
 
 
 def test_where_benchmark_features_depend_on_the_world():
@@ -37,9 +32,6 @@ def test_where_benchmark_features_depend_on_the_world():
   assert 6.0 < np.abs(turns).max() < 6.5
   right = F.to_features(clip.joints, "snapmogen", "corrected")[:, 0]
   assert np.abs((turns - right + np.pi) % (2 * np.pi) - np.pi).max() < 0.01
-  clip = _clips("babel")[WALK]
-  one, other = (F.to_features(_turned(clip.joints, angle), "babel", "benchmark") for angle in (0.0, np.pi / 2))
-  assert np.abs(one - other).max() > 0.1
 
 
 def test_columns_of_296():
@@ -60,31 +52,7 @@ def test_columns_of_296():
   matrix = rot.matrix_from_6d(x[:, layout["rotations"]].reshape(-1, 24, 6))
   knee = np.einsum("tij,j->ti", matrix[:, 16], SNAPMOGEN.offsets[17])  # rotations are global: a hip's turns its knee
   assert np.abs(knee - (positions[:, 17] - positions[:, 16])).max() < 1e-3
-  contacts = x[:, layout["contacts"]]
-  assert set(np.unique(contacts)) == {0, 1}
-  stands = F.to_features(_clips("snapmogen")[STAND].joints, layout)[:, layout["contacts"]]
-  assert stands.all()
-
-
-def test_rotations_in_the_world_come_back_from_296():
-  """Up to the first frame's heading, which features do not keep."""
-  joints = _clips("snapmogen")[CURVE].joints.astype(np.float64)
-  turned = inverse.world_rotations(joints, SNAPMOGEN)
-  found = F.get_layout("snapmogen").world_rotations(snapmogen.from_rotations(joints, turned, "corrected"))
-  offset = rot.multiply(found, rot.conjugate(turned[:-1]))  # the same turn about the vertical everywhere
-  assert np.abs(np.abs((offset * offset[:1, :1]).sum(-1)) - 1).max() < 1e-9
-  assert np.abs(offset[..., [1, 3]]).max() < 1e-6
-
-
-def test_the_two_ways_back_of_296():
-  """The released recovery turns each step by the wrong one of two headings: where a path turns, it parts from it."""
-  joints = _clips("snapmogen")[CURVE].joints
-  x = F.to_features(joints, "snapmogen")
-  layout = F.get_layout("snapmogen")
-  ours, theirs = layout.recover(x), layout.recover(x, reference=True)
-  assert 0.5 < np.abs(ours - theirs).max() < 5
-  walk = F.to_features(_clips("snapmogen")[WALK].joints, "snapmogen")
-  assert np.abs(layout.recover(walk) - layout.recover(walk, reference=True)).max() < 0.01
+  assert set(np.unique(x[:, layout["contacts"]])) == {0, 1}
 
 
 def test_columns_of_272():
@@ -159,4 +127,4 @@ def test_skeletons():
   assert back.shape == joints.shape
   raised, feet = to_22(from_22(joints + np.float32([0, 0.5, 0]), SNAPMOGEN)), [7, 8, 10, 11]
   assert np.isclose(raised[:, feet, 1].min(), joints[:, feet, 1].min() + 0.5, atol=1e-6)
-  assert _ahead(back, HUMANML3D) @ _ahead(joints, HUMANML3D) > 0.99
+  assert facing(back.astype(np.float64), HUMANML3D)[0] @ facing(joints.astype(np.float64), HUMANML3D)[0] > 0.99

@@ -50,11 +50,6 @@ def test_between_opposite_directions_is_half_a_turn_about_the_vertical():
     assert np.allclose(rot.rotate(rot.between(near, axes[2]), near), axes[2], atol=1e-2)
 
 
-def test_jax_and_numpy_give_the_same():
-  assert np.allclose(rot.rotate(jnp.asarray(Q), jnp.asarray(V)), rot.rotate(Q, V), atol=1e-5)
-  assert np.allclose(rot.from_matrix(jnp.asarray(rot.to_matrix(Q))), rot.from_matrix(rot.to_matrix(Q)), atol=1e-5)
-
-
 def test_continuous_never_flips_and_slerp_is_even():
   path = rot.about_axis(np.linspace(0, 4 * np.pi, 100), "y")
   flipped = path * np.where(RNG.random(100) < 0.5, -1, 1)[:, None]

@@ -23,11 +23,6 @@ def test_std_is_one_number_per_block(name):
     assert np.allclose(stats.std[block], expected, rtol=1e-6)
 
 
-def test_coordinates_per_axis_have_three_numbers():
-  stats = compute_stats(_features(66), "coordinates", per_axis=True)
-  assert len(np.unique(stats.std)) == 3 and (stats.std.reshape(22, 3) == stats.std[:3]).all()
-
-
 def test_files_of_coordinates_may_hold_three_numbers(tmp_path):
   for name, values in zip(ABSOLUTE, ([1, 2, 3], [4, 5, 6])):
     np.save(tmp_path / name, np.array(values, np.float64))

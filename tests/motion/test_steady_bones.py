@@ -36,20 +36,14 @@ def test_a_limb_that_is_drawn_through_its_joint_does_not_flip(steps):
   assert (_turns(made)[:22] < 15).all() and (_turns(made)[44:] < 15).all()
 
 
-def test_what_is_believed_stays_bit_for_bit(monkeypatch):
-  """A turn of an arm that has its length, however fast, the rest of the body, and frames far from a flip."""
-  from motion_jax.motion import steady_bones
+def test_an_arm_that_has_its_length_turns_as_fast_as_it_does():
   sure = synthetic_clips(0, 1, num_frames=80)[0].joints.astype(np.float64)
-  sure[40:, [ELBOW, WRIST]] = 2 * sure[40:, [SHOULDER]] - sure[40:, [ELBOW, WRIST]]  # within one frame
-  flips, made = _flipping(), [clean_up(joints) for joints in (sure, _flipping())]
-  monkeypatch.setattr(steady_bones, "_MOST", np.inf)
-  np.testing.assert_array_equal(made[0], clean_up(sure))
-  plain = clean_up(flips)
   others = [joint for joint in range(22) if joint not in (ELBOW, WRIST)]
-  np.testing.assert_array_equal(made[1][:, others], plain[:, others])
-  np.testing.assert_array_equal(made[1][:20], plain[:20])
-  np.testing.assert_array_equal(made[1][50:], plain[50:])
-  assert _turns(plain).max() > 90
+  plain = clean_up(sure)
+  sure[40:, [ELBOW, WRIST]] = 2 * sure[40:, [SHOULDER]] - sure[40:, [ELBOW, WRIST]]  # within one frame
+  made = clean_up(sure)
+  assert _turns(made).max() > 90
+  np.testing.assert_allclose(made[:, others], plain[:, others], atol=1e-6)
 
 
 @pytest.mark.parametrize("piece", [1, 7])
