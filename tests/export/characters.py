@@ -7,6 +7,7 @@ import numpy as np
 from motion_jax.export.rig import on_rig
 from motion_jax.motion import rigs
 from motion_jax.motion import rotations as rot
+from motion_jax.motion.skeleton import HUMANML3D
 
 _CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], np.float64)
 _FACES = np.array([[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1], [2, 3, 7], [2, 7, 6], [0, 2, 6],
@@ -124,3 +125,33 @@ def rig_joints(rig):
   """{joint: bone's name} of a rig."""
   rig = rigs.get_rig(rig)
   return {joint: rig.names[number] for joint, number in rig.joints.items()}
+
+
+def with_vrm(version):
+  """Bones of which the extension alone says what they are."""
+  def change(document):
+    bones, joints = rigs.get_rig("vrm"), rig_joints("vrm")
+    number = {node["name"]: i for i, node in enumerate(document["nodes"])}
+    human = {bones.names[bones.joints[joint]]: number[joints[joint]] for joint in HUMANML3D.joints if joint in joints}
+    rows = {bone: {"node": node} for bone, node in human.items()} if version else [
+        {"bone": bone, "node": node} for bone, node in human.items()]
+    document["extensions"] = {"VRMC_vrm" if version else "VRM": {"humanoid": {"humanBones": rows}}}
+    for i, node in enumerate(document["nodes"]):
+      node["name"] = f"bone {i}"
+
+  return change
+
+
+def mirrored(document):
+  """A negative scale of the node above the bones."""
+  next(node for node in document["nodes"] if node["name"] == "Armature")["scale"] = [-1, 1, 1]
+
+
+def two_bodies(document):
+  """A second armature with a mesh of its own."""
+  nodes, first = document["nodes"], len(document["nodes"])
+  nodes += [node | ({"children": [first + k for k in node["children"]]} if "children" in node else {})
+            for node in nodes]
+  document["skins"].append(document["skins"][0] | {"joints": [first + k for k in document["skins"][0]["joints"]]})
+  nodes[-1] = nodes[-1] | {"skin": 1}
+  document["scenes"][0]["nodes"] += [first + k for k in document["scenes"][0]["nodes"]]

@@ -1,5 +1,4 @@
 """BVH files, read by a small parser of this test's own and by the library's reader."""
-import itertools
 
 import numpy as np
 import pytest
@@ -9,7 +8,6 @@ from motion_jax import export
 from motion_jax.data.clip import Clip
 from motion_jax.data.datasets.synthetic import synthetic_joints
 from motion_jax.data.mocap.bvh import bvh_clip
-from motion_jax.export.bvh import euler
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.retarget import with_lengths
 from motion_jax.motion.skeleton import HUMANML3D, KIT, bone_lengths
@@ -77,8 +75,6 @@ def test_another_parser_finds_the_joints(tmp_path, unit, scale):
   joints, rows, channels, frame_time = parse(export.bvh(clip, tmp_path / "a.bvh", unit=unit, exact=True))
   assert np.abs(joints * scale - clip.joints).max() < 1e-4  # metres
   assert frame_time == pytest.approx(1 / 20) and len(rows) == clip.num_frames
-  assert channels[0][:3] == ["Xposition", "Yposition", "Zposition"]
-  assert all(sum(c.endswith("rotation") for c in own) == 3 for own in channels)
 
 
 @pytest.mark.parametrize("exact, far", [(False, 0.01), (True, 5e-4)])
@@ -111,8 +107,6 @@ def test_motions_of_one_body_share_one_skeleton(tmp_path):
   head = head_of(one)
   assert head == head_of(other), "offsets, channels and orders of axes are the model's, not the clip's"
   assert head.count("CHANNELS 6") == 1 and head.count("CHANNELS 3") == 21 and head.count("End Site") == 5
-  offset = head.split("JOINT left_wrist")[1].split("OFFSET")[1].split("\n")[0].split()
-  assert float(offset[0]) > 20 and float(offset[1]) == float(offset[2]) == 0, "a T-pose: the left arm points along +x"
   exact = head_of(export.bvh(bent(0), tmp_path / "exact.bvh", exact=True))
   offsets = lambda text: [line for line in text.splitlines() if "OFFSET" in line]
   assert offsets(exact) == offsets(head) and exact.count("CHANNELS 6") > 4
@@ -141,21 +135,3 @@ def test_angles_follow_several_whole_turns(tmp_path):
   assert steps.max() < 60, "no angle jumps"
   assert channels[0][3] == "Yrotation"
   assert rows[-1, 3] - rows[0, 3] == pytest.approx(3 * 360, abs=30), "the heading counts the turns"
-
-
-def test_euler_angles_mean_their_rotation():
-  rng = np.random.default_rng(0)
-  steps = np.concatenate([np.ones((200, 1)), 0.3 * rng.normal(size=(200, 3))], axis=1)
-  q = [np.array([1.0, 0, 0, 0])]
-  for step in steps:
-    q.append(rot.unit(rot.multiply(rot.unit(step), q[-1])))
-  q = np.array(q)
-  for order in map("".join, itertools.permutations("XYZ")):
-    angles = euler(q, order)
-    np.testing.assert_allclose(Rotation.from_euler(order, angles).as_matrix(), rot.to_matrix(q), atol=1e-6)
-
-
-def test_unknown_unit(tmp_path):
-  with pytest.raises(ValueError, match="'feet', expected one of centimetres, metres"):
-    export.bvh(walk(), tmp_path / "a.bvh", unit="feet")
-  assert not list(tmp_path.iterdir())

@@ -17,10 +17,6 @@ def clip():
   return one.replace(meta={"seed": 7, "model": "cmdm-small", "speed": np.float32(1.5)})
 
 
-def leftovers(folder):
-  return sorted(os.listdir(folder))
-
-
 def test_npz_keeps_everything(clip, tmp_path):
   features = to_features(clip.joints)
   clip = clip.replace(features=features, captions=(Caption("a person walks", 0, 0), Caption("und geht <b>", 0.1, 0.5)))
@@ -63,15 +59,11 @@ def test_npy_joints_and_features(clip, tmp_path):
     ("a.npy", lambda p: np.save(p, np.zeros((5, 7))), "7 features per frame; known sizes"),
     ("a.npy", lambda p: np.save(p, np.zeros((5, 4, 3))), r"shape \(5, 4, 3\), expected joints"),
     ("a.npy", lambda p: np.save(p, np.full((5, 22, 3), np.nan)), "5 of 5 frames hold NaN"),
-    ("a.npy", lambda p: np.save(p, np.full((5, 263), np.inf)), "hold NaN or infinity"),
     ("a.npy", lambda p: np.save(p, np.array([{}], dtype=object)), "pickle"),
     ("a.npy", lambda p: np.save(p, np.array(["a"])), "expected numbers"),
-    ("a.npy", lambda p: p.write_bytes(b"\x93NUMPY\x01\x00v\x00{'descr'"), "a.npy"),
-    ("a.npy", lambda p: p.write_bytes(b""), "may be cut"),
     ("a.npy", lambda p: (np.save(p, np.zeros((5, 22, 3))), p.write_bytes(p.read_bytes()[:700])), "a.npy"),
     ("a.npz", lambda p: p.write_bytes(b"PK\x03\x04 and no more"), "may be cut"),
     ("a.npz", lambda p: np.savez(p, poses=np.zeros(3)), "holds poses, expected a key joints .* or poses and trans"),
-    ("a.npz", lambda p: np.savez(p, joints=np.zeros((2, 22, 3)), skeleton="dog"), "skeleton 'dog'"),
     ("a.bvh", lambda p: p.write_text("HIERARCHY\nROOT a\n{\n"), "cut"),
     ("a.fbx", lambda p: p.write_bytes(b"no FBX at all"), "cannot be read as FBX .*glTF 2.0|read by ufbx"),  # the extra
 ])
@@ -88,13 +80,6 @@ def test_missing_file_and_unknown_extension(tmp_path):
     export.load(tmp_path / "a.xyz")
 
 
-@pytest.mark.parametrize("name", ["a.xyz", "a", "a.npz.zip"])
-def test_unknown_output_extension_lists_the_known(clip, tmp_path, name):
-  with pytest.raises(ValueError, match=r"ends in one of .npz .npy .bvh .glb .vrma"):
-    export.save(clip, tmp_path / name)
-  assert leftovers(tmp_path) == []
-
-
 def test_unwritable_places(clip, tmp_path):
   (tmp_path / "file").write_text("")
   with pytest.raises(OSError, match="cannot write .*choose a folder"):
@@ -102,16 +87,12 @@ def test_unwritable_places(clip, tmp_path):
   (tmp_path / "a.npy").mkdir()
   with pytest.raises(IsADirectoryError, match="it is a folder"):
     export.save(clip, tmp_path / "a.npy")
-  with pytest.raises(IsADirectoryError, match="it is a folder"):  # which needs no extension
-    export.save(clip, tmp_path)
-  with pytest.raises(ValueError, match="no clip"):
-    export.save([], tmp_path / "b.npy")
 
 
 def test_folders_are_made_and_nothing_is_left_half_written(clip, tmp_path, monkeypatch):
-  export.save(clip, tmp_path / "deep" / "er" / "a.npz")
-  assert leftovers(tmp_path / "deep" / "er") == ["a.npz"]
-  before = (tmp_path / "deep" / "er" / "a.npz").read_bytes()
+  path = tmp_path / "deep" / "er" / "a.npz"
+  export.save(clip, path)
+  before = path.read_bytes()
 
   def fail(path, **arrays):
     with open(path, "wb") as file:
@@ -120,12 +101,11 @@ def test_folders_are_made_and_nothing_is_left_half_written(clip, tmp_path, monke
 
   monkeypatch.setattr(np, "savez_compressed", fail)
   with pytest.raises(OSError, match="disk full"):
-    export.save(clip, tmp_path / "deep" / "er" / "a.npz")
-  assert leftovers(tmp_path / "deep" / "er") == ["a.npz"]
-  assert (tmp_path / "deep" / "er" / "a.npz").read_bytes() == before
+    export.save(clip, path)
+  assert os.listdir(path.parent) == ["a.npz"] and path.read_bytes() == before
 
 
-@pytest.mark.parametrize("layout", ["full", "essential", "coordinates", "snapmogen_148", "babel"])
+@pytest.mark.parametrize("layout", ["full", "snapmogen_148", "babel"])
 def test_normalised_features_are_named(clip, tmp_path, layout):
   """Nothing else is suggested, for features have no unit that --unit could say."""
   features = to_features(clip.joints if layout != "snapmogen_148" else clip.on_skeleton(SNAPMOGEN).joints, layout)

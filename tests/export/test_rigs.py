@@ -7,7 +7,7 @@ from motion_jax import export
 from motion_jax.export.rig import on_rig
 from motion_jax.motion import rigs
 from motion_jax.motion import rotations as rot
-from motion_jax.motion.skeleton import HUMANML3D, KIT
+from motion_jax.motion.skeleton import KIT
 from motion_jax.utils.errors import InputError
 from motion_studio import cli
 from tests.export.test_bvh import walk
@@ -27,18 +27,6 @@ def places_of(moved):
     elif parent >= 0:
       places[:, joint] = places[:, parent] + rot.rotate(moved.turned[:, parent], moved.offsets[joint][None])
   return places
-
-
-@pytest.mark.parametrize("name", ALL)
-def test_every_rig_has_the_22_joints_in_the_same_places(name):
-  clip, rig = walk(8, 0.2), rigs.get_rig(name)
-  moved, plain = on_rig(clip, rig), on_rig(clip)
-  ours = [joint for joint in HUMANML3D.joints if joint in rig.joints or name != "bandai"]
-  assert set(rig.joints) == set(ours) and len(set(rig.names)) == len(rig.names)
-  assert all(parent < joint for joint, parent in enumerate(rig.parents))
-  found = places_of(moved)[:, [rig.joints[joint] for joint in ours]]
-  off = np.abs(found - places_of(plain)[:, [HUMANML3D.joints.index(joint) for joint in ours]]).max()
-  assert off < FAR.get(name, 1e-9)
 
 
 @pytest.mark.parametrize("name", ALL)
@@ -89,8 +77,6 @@ def test_the_command_line_lists_and_writes_rigs(tmp_path, capsys):
   export.npz(walk(6), tmp_path / "walk.npz")
   assert cli.main(["render", f"{tmp_path}/walk.npz", "--rig", "mixamo", "--out", f"{tmp_path}/walk.bvh"]) == 0
   assert "JOINT mixamorig:LeftUpLeg" in (tmp_path / "walk.bvh").read_text()
-  assert cli.main(["render", f"{tmp_path}/walk.npz", "--rig", "nothing", "--out", f"{tmp_path}/b.bvh"]) == 1
-  assert "got rig 'nothing'" in capsys.readouterr().err
 
 
 def test_a_mapping_is_a_rigs_name_or_a_file_that_the_command_begins(tmp_path, capsys):
@@ -104,10 +90,6 @@ def test_a_mapping_is_a_rigs_name_or_a_file_that_the_command_begins(tmp_path, ca
   assert cli.main(["rigs", str(path), "--write-mapping", str(mapping)]) == 0
   assert "nearest: Mixamo" in capsys.readouterr().out
   text = mapping.read_text()
-  export.save(clip, tmp_path / "own.bvh")
-  assert cli.main(["rigs", str(tmp_path / "own.bvh")]) == 0
-  own = capsys.readouterr().out
-  assert "nearest: humanml3d" in own and "spine1           spine1" in own and "computed" not in own
   assert '"left_hip": ""' in text and '"right_hip": "RightUpLeg"' in text
   mapping.write_text(text.replace('"left_hip": ""', '"left_hip": "odd"'))
   np.testing.assert_allclose(export.load(path, mapping=mapping).joints, expected, atol=1e-5)

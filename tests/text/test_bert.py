@@ -33,37 +33,22 @@ def outputs(arrays, state, fields, dtype):
   return out
 
 
-@pytest.mark.parametrize("name, kind", [pytest.param("bert", "float64", marks=pytest.mark.slow),
-                                        ("distilbert", "float64"),
-                                        pytest.param("bert", "float32", marks=pytest.mark.exhaustive)])
-def test_parity(name, kind):
+@pytest.mark.parametrize("name", [pytest.param("bert", marks=pytest.mark.slow), "distilbert"])
+def test_parity(name):
   """Words that are padding in the recording among them: nothing of these is seen."""
   fixture, fields = golden(name)
-  with jax.enable_x64(kind == "float64"), jax.default_matmul_precision("highest"):
-    out = outputs(fixture.arrays, fixture.params, fields, jnp.dtype(kind))
-    prefix, bound = ("out64/", 1e-10) if kind == "float64" else ("out/", fixture.meta["tolerance"])
-    wanted = fixture.under(prefix)
+  with jax.enable_x64(True), jax.default_matmul_precision("highest"):
+    out = outputs(fixture.arrays, fixture.params, fields, jnp.float64)
+    wanted = fixture.under("out64/")
     assert wanted.keys() == out.keys()
     for key, array in wanted.items():
       difference = np.abs(np.asarray(out[key]) - array).max() / max(1, np.abs(array).max())
-      assert out[key].dtype == kind
-      assert difference < bound, (key, difference)
+      assert out[key].dtype == np.float64 and difference < 1e-10, (key, difference)
 
 
-def test_names_go_both_ways_and_heads_are_ignored():
+def test_released_names_are_read_and_heads_are_ignored():
   fixture, fields = golden("distilbert")
-  state = fixture.params
-  released = {f"distilbert.{name}": array for name, array in state.items()} | {"vocab_projector.bias": np.zeros(3)}
-  params = bert.params_from_reference(released, fields)
-  back = params_to_reference(params, fields)
-  assert back.keys() == state.keys()
-  assert all((back[name] == state[name]).all() for name in state)
-  with pytest.raises(ValueError, match="ffn.lin1.weight"):
-    bert.params_from_reference({name: a for name, a in state.items() if "layer.1.ffn.lin1.weight" not in name}, fields)
-
-
-def test_a_foreign_config_is_refused():
-  with pytest.raises(ValueError, match="t5"):
-    bert.bert_fields({"model_type": "t5"})
-  with pytest.raises(ValueError, match="lacks"):
-    bert.bert_fields({"model_type": "bert", "vocab_size": 3})
+  released = {f"distilbert.{name}": array for name, array in fixture.params.items()}
+  released["vocab_projector.bias"] = np.zeros(3)
+  back = params_to_reference(bert.params_from_reference(released, fields), fields)
+  assert back.keys() == fixture.params.keys() and all((back[name] == a).all() for name, a in fixture.params.items())

@@ -8,7 +8,7 @@ import pytest
 from safetensors.numpy import save_file
 from tokenizers import Tokenizer, models, pre_tokenizers, processors
 
-from motion_jax.text import clip, hugging_face, t5
+from motion_jax.text import bert, clip, hugging_face, mpnet, t5
 from motion_jax.text.encoder import load_text_encoder
 from motion_jax.text.folder import clip_tokenizer
 from tests import fixtures
@@ -121,9 +121,6 @@ def test_long_captions(folders):
   assert encoder.max_words == 512 and encoder([" ".join("a" * 150)])[0].shape[1] == 151
   with pytest.raises(ValueError, match="601 word pieces, expected at most 512"):
     encoder([" ".join("a" * 600)])
-  for name in ("clip", "t5"):
-    with pytest.raises(ValueError, match="empty caption"):
-      load_text_encoder(folders[name])(["  "])
 
 
 def test_missing_files_are_listed(tmp_path, monkeypatch):
@@ -137,10 +134,6 @@ def test_missing_files_are_listed(tmp_path, monkeypatch):
   for words in ("lacks model.safetensors, tokenizer.json, 2_Dense/model.safetensors", "load_state",
                 "spiece.model is not", str(tmp_path / "2_Dense" / "pytorch_model.bin")):
     assert words in str(told.value)
-  write_json(tmp_path / "config.json", {"model_type": "clip"})
-  (tmp_path / "vocab.json").touch()
-  with pytest.raises(FileNotFoundError, match="lacks model.safetensors, merges.txt"):
-    load_text_encoder(tmp_path)
   write_json(tmp_path / "config.json", {"model_type": "bert"})
   (tmp_path / "vocab.txt").touch()
   with pytest.raises(FileNotFoundError, match=r"lacks .*tokenizer.json.*vocab.txt is not read here.*\[convert\]"):
@@ -164,14 +157,11 @@ def change_state(folder, file="model.safetensors", drop=(), **changes):
 
 @pytest.mark.parametrize("change, message", [
     (lambda f: change_config(f, model_type="roberta"), "model_type 'roberta', expected one of bert"),
-    (lambda f: change_config(f, hidden_size=64), "shape"),
     (lambda f: change_config(f, eos_token_id=5), "ends a sentence with piece 89, config.json says 5"),
     (lambda f: change_config(f, vocab_size=12), "the weights|shape"),
     (lambda f: change_state(f, surprise=np.ones(2, np.float32)), "unknown 1 .surprise"),
     (lambda f: change_state(f, drop=["text_model.final_layer_norm.bias"]), "missing 1 .text_model.final_layer_norm"),
-    (lambda f: change_state(f, drop=["text_projection.weight"]), "no text_projection"),
     (lambda f: change_config(f, num_hidden_layers=2**31), "got num_layers 2.14748e.09, expected at most 100;"),
-    (lambda f: change_config(f, max_position_embeddings=10**12), "got max_positions 1e.12, expected at most 1000000;"),
     (lambda f: change_piece(f, 10**6), "the tokenizer has 1000001 word pieces"),
     (lambda f: (f / "model.safetensors").write_bytes(b"half a file"), "cannot be read"),
     (lambda f: (f / "tokenizer.json").write_text("[]"), "not a tokenizer")])
@@ -187,9 +177,19 @@ def test_words_need_no_projection(tmp_path):
   assert load_text_encoder(tmp_path)(["a walk"])[0].shape == (1, 4, 32)
 
 
+@pytest.mark.parametrize("fields, config, message", [
+    (bert.bert_fields, {"model_type": "bert", "vocab_size": 3}, "lacks"),
+    (clip.clip_fields, {"model_type": "clip_text_model", "hidden_act": "swish"}, "swish"),
+    (t5.t5_fields, {"model_type": "t5", "feed_forward_proj": "gated-swish"}, "gated-swish"),
+    (t5.t5_fields, {"model_type": "t5", "vocab_size": 3}, "lacks"),
+    (mpnet.mpnet_fields, {"model_type": "mpnet", "vocab_size": 3}, "lacks 'hidden_size'")])
+def test_a_config_that_no_network_of_ours_has(fields, config, message):
+  with pytest.raises(ValueError, match=message):
+    fields(config)
+
+
 @pytest.mark.parametrize("config, state, message", [
     ({"activation_function": "torch.nn.Tanh"}, {"linear.weight": np.ones((24, 32), np.float32)}, "activation 'Tanh'"),
-    ({}, {"linear.weight": np.ones((24, 32), np.float32), "linear.bias": np.ones(24, np.float32)}, "linear.bias"),
     ({}, {"linear.weight": np.ones((24, 31), np.float32)}, r"\(24, 31\), expected \(any, 32\)")])
 def test_a_projection_that_does_not_fit(tmp_path, config, state, message):
   write_t5(tmp_path, sentence=True)

@@ -16,11 +16,9 @@ from motion_jax.text.morphology import (
 
 
 @pytest.mark.parametrize("verb, third, participle", [
-    ("walk", "walks", "walking"), ("wave", "waves", "waving"), ("sit", "sits", "sitting"), ("lie", "lies", "lying"),
-    ("carry", "carries", "carrying"), ("play", "plays", "playing"), ("punch", "punches", "punching"),
-    ("bow", "bows", "bowing"), ("box", "boxes", "boxing"), ("go", "goes", "going"), ("lean", "leans", "leaning"),
-    ("be", "is", "being"), ("have", "has", "having"), ("pivot", "pivots", "pivoting"), ("tiptoe", "tiptoes",
-                                                                                         "tiptoeing")])
+    ("wave", "waves", "waving"), ("sit", "sits", "sitting"), ("lie", "lies", "lying"), ("carry", "carries", "carrying"),
+    ("play", "plays", "playing"), ("box", "boxes", "boxing"), ("lean", "leans", "leaning"), ("have", "has", "having"),
+    ("pivot", "pivots", "pivoting"), ("tiptoe", "tiptoes", "tiptoeing")])
 def test_the_forms_of_a_verb(verb, third, participle):
   assert third_person(verb) == third and present_participle(verb) == participle
 
@@ -35,17 +33,12 @@ def test_the_forms_of_verbs_of_movement_are_read_as_those_verbs():
     assert verb_of(word) == "" and not is_participle(word), word
 
 
-@pytest.mark.parametrize("form, word", [("carries", "carry"), ("hopping", "hop"), ("swung", "swing"),
-                                        ("happily", "happy"), ("faster", "fast"), ("feet", "foot")])
-def test_possible_bases(form, word):
-  assert word in possible_bases(form)
-
-
 def test_irregular_forms_have_one_base():
   forms = [form for written in IRREGULAR.values() for form in written.split()]
   assert len(forms) == len(set(forms)) == len(BASE_OF)
   assert verb_of("ran") == "run" and verb_of("lay") == verb_of("lying") == "lie" and "foot" in possible_bases("feet")
   assert possible_bases("lay") == {"lay"}  # a base form itself
+  assert "happy" in possible_bases("happily") and "fast" in possible_bases("faster")
 
 
 def test_which_words_are_past_tenses():

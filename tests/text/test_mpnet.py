@@ -4,7 +4,6 @@ import json
 import jax
 import jax.numpy as jnp
 import numpy as np
-import pytest
 from safetensors.numpy import save_file
 from scipy.special import erf, softmax
 from tokenizers import Tokenizer, models, pre_tokenizers, processors
@@ -82,5 +81,3 @@ def test_a_folder_gives_sentences(tmp_path):
   mean = by_hand(state(), [0, 4, 6, 2]).mean(0)
   np.testing.assert_allclose(encoder.sentence(["a c"])[0], mean / np.linalg.norm(mean), atol=1e-5)
   assert encoder.max_words == 40
-  with pytest.raises(ValueError, match="lacks 'hidden_size'"):
-    mpnet.mpnet_fields({"model_type": "mpnet", "vocab_size": 3})

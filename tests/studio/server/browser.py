@@ -88,10 +88,3 @@ class Page:
 
   def prompts(self):
     return self.get("prompts")
-
-
-def wait_for(true, seconds=PATIENCE):
-  end = time.monotonic() + seconds
-  while not true():
-    assert time.monotonic() < end
-    time.sleep(0.1)

@@ -1,19 +1,13 @@
 """Rigged characters for the page's viewer: what programs export, what is wrong with some, and a motion that fits."""
-import json
-import struct
-
 import numpy as np
 import pytest
 
 from motion_jax.data.clip import Clip
 from motion_jax.motion import rotations as rot
-from motion_jax.motion.rigs import get_rig
 from motion_jax.motion.skeleton import HUMANML3D
 from tests.export import characters as boxes
-from tests.export.characters import rig_joints
+from tests.export.characters import mirrored, rig_joints, two_bodies, with_vrm
 
-PNG = bytes.fromhex("89504e470d0a1a0a0000000d4948445200000001000000010806000000" + "1f15c4890000000d49444154789c63f8cf"
-                    "c0f01f00050001ff89993d1d0000000049454e44ae426082")  # one red pixel
 BENDS = {"pelvis": ("y", 0.9), "spine1": ("x", 0.3), "left_hip": ("x", -1.4), "left_knee": ("x", 1.2),
          "right_hip": ("x", -0.3), "right_knee": ("x", 0.5), "left_shoulder": ("z", 0.9), "right_shoulder": ("z", 1.1),
          "right_elbow": ("y", 1.3), "neck": ("x", 0.2)}
@@ -34,45 +28,16 @@ def moving(rest):
   return Clip((joints - [0, joints[..., 1].min(), 0]).astype(np.float32), 20.0)
 
 
-def _with_vrm(version):
-  """Bones of which the extension alone says what they are."""
-  def change(document):
-    bones, joints = get_rig("vrm"), rig_joints("vrm")
-    number = {node["name"]: i for i, node in enumerate(document["nodes"])}
-    human = {bones.names[bones.joints[joint]]: number[joints[joint]] for joint in HUMANML3D.joints if joint in joints}
-    rows = {bone: {"node": node} for bone, node in human.items()} if version else [
-        {"bone": bone, "node": node} for bone, node in human.items()]
-    document["extensions"] = {"VRMC_vrm" if version else "VRM": {"humanoid": {"humanBones": rows}}}
-    for i, node in enumerate(document["nodes"]):
-      node["name"] = f"bone {i}"
-
-  return change
-
-
-def _twice(document):
-  """A second armature with a mesh of its own."""
-  nodes, first = document["nodes"], len(document["nodes"])
-  nodes += [node | ({"children": [first + k for k in node["children"]]} if "children" in node else {})
-            for node in nodes]
-  document["skins"].append(document["skins"][0] | {"joints": [first + k for k in document["skins"][0]["joints"]]})
-  nodes[-1] = nodes[-1] | {"skin": 1}
-  document["scenes"][0]["nodes"] += [first + k for k in document["scenes"][0]["nodes"]]
-
-
-def _mirrored(document):
-  next(node for node in document["nodes"] if node["name"] == "Armature")["scale"] = [-1, 1, 1]
-
-
 CHARACTERS = {  # what each is: names, rest pose, unit, axes
     "mixamo.glb": dict(scale=0.01, rolls=2, armature=np.array([np.sqrt(0.5), -np.sqrt(0.5), 0, 0])),
     "unreal.glb": dict(rig="ue5", rolls=1), "unity.glb": dict(rig="unity", size=0.4),
-    "one.vrm": dict(rig="vrm", change=_with_vrm(1)),
-    "zero.vrm": dict(rig="vrm", change=_with_vrm(0), raised={rig_joints("vrm")["pelvis"]: (0.0, 0.0, 1.0, 0.0)}),
+    "one.vrm": dict(rig="vrm", change=with_vrm(1)),
+    "zero.vrm": dict(rig="vrm", change=with_vrm(0), raised={rig_joints("vrm")["pelvis"]: (0.0, 0.0, 1.0, 0.0)}),
     "short.glb": dict(rig="lafan", size=3.0, leave_out=("Head", "Neck"))}
 REFUSED = {  # a file's name: what is wrong with it, or how its bytes are damaged, and words of the sentence
     "skin.glb": (dict(change=lambda document: document.pop("skins")), "has no skin"),
     "legs.glb": (dict(leave_out=("LeftLeg", "LeftFoot")), "has no left leg"),
-    "two.glb": (dict(change=_twice), "has two humanoids"), "mirrored.glb": (dict(change=_mirrored), "is mirrored"),
+    "two.glb": (dict(change=two_bodies), "has two humanoids"), "mirrored.glb": (dict(change=mirrored), "is mirrored"),
     "cut.glb": (lambda data: data[:3000], "is cut off"),
     "none.glb": (lambda data: b"no glb at all, but long enough", "is no binary glTF"),
     "broken.glb": (lambda data: data.replace(b'"asset"', b'"asset", '), "not valid")}
@@ -84,16 +49,3 @@ def character(folder, rest, **about):
     patch.setattr(boxes, "HALF", 1e-4)  # soles where the motion has the floor
     boxes.write_character(folder / "body.glb", Clip(rest[None].repeat(2, axis=0), 20.0), **about)
   return (folder / "body.glb").read_bytes()
-
-
-def textured(folder, rest, **about):
-  """The bytes of a character with a picture inside."""
-  data = character(folder, rest, **about)
-  size = struct.unpack_from("<I", data, 12)[0]
-  document, rest = json.loads(data[20:20 + size]), data[28 + size:]
-  document["bufferViews"].append({"buffer": 0, "byteOffset": len(rest), "byteLength": len(PNG)})
-  document |= {"images": [{"bufferView": len(document["bufferViews"]) - 1, "mimeType": "image/png"}],
-               "textures": [{"source": 0}], "buffers": [{"byteLength": len(rest) + len(PNG)}],
-               "materials": [{"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}}]}
-  boxes.write_glb(folder / "textured.glb", document, rest + PNG)
-  return (folder / "textured.glb").read_bytes()

