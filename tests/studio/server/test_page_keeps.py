@@ -58,7 +58,7 @@ def test_a_tab_that_was_closed_is_taken_over_and_an_open_one_is_not(timeline, ad
     driver.switch_to.new_window("tab")
     driver.get(address)
     page.wait("ready")
-    assert page.prompts() == expected
+    assert [block["prompt"] for block in page.get("blocks")] == expected
     tabs.append(driver.current_window_handle)
     driver.switch_to.window(tabs.pop(0))
     driver.close()
