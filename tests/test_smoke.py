@@ -46,16 +46,6 @@ def test_every_config_trains_two_steps(name, tmp_path):
     assert (tmp_path / file).is_file(), file
 
 
-@pytest.mark.parametrize("name", CONFIGS)
-def test_full_and_small_configs_are_whole_and_locked(name):
-  with pytest.raises(ValueError, match="full, .* or tiny") as refusal:
-    load_config(name, "huge")
-  for size in {"full", "small"} & set(re.findall(r"\w+", str(refusal.value))):
-    config = load_config(name, size)
-    with pytest.raises(AttributeError):
-      config.model.widht = 3
-
-
 @pytest.fixture(scope="module")
 def length_run(tmp_path_factory):
   """The folder of cdamd_length's two steps, with an average."""
@@ -110,16 +100,6 @@ def test_resume_with_other_frozen_parts_is_refused(tiny_run, tmp_path):
   frozen.write_bytes(kept[1][:-10])
   with refused("no whole safetensors"):
     training.run(config, folder, resume=True)
-
-
-@pytest.mark.slow
-def test_launch_py(tmp_path):
-  """The command itself, with an override; a misspelled one is refused (tests/studio/cli)."""
-  command = [sys.executable, str(ROOT / "launch.py"), f"--config={ROOT}/configs/cdamd_length.py:tiny",
-             f"--workdir={tmp_path / 'run'}", "--config.train.num_steps=1"]
-  done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=ROOT)
-  assert done.returncode == 0, done.stderr
-  assert len(read_metrics(tmp_path / "run")) >= 1
 
 
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
