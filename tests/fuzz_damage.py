@@ -10,18 +10,15 @@ import zlib
 import numpy as np
 
 WORDS = ("", "nan", "inf", "-inf", "1e308", "-1e308", "1e-310", "-1", "0", "0.0", "1", "99999999999999999999",
-         "4294967296",
-         "²", "１２", "٣", "1_0", "0x10", "None", "true", "{", "}", "[", "]", '"', "'", ",", ";", ":", "#", "|", "/",
-         "..",
-         "\\", "\t", "\r", "\n", "\n\n", "\0", "\x1b[31m", "\ufeff", "\u2028", "é", "🙂", "\ud800", "a" * 300, "%s",
-         "{0}",
-         "$(true)", "--help", "-", "ROOT", "MOTION", "JOINT x", ":hierarchy", "begin", "end", "walk", "a person")
+         "4294967296", "²", "１２", "٣", "1_0", "0x10", "None", "true", *'{}[]"\',;:#|/', "..", "\\", "\t", "\r", "\n",
+         "\n\n", "\0", "\x1b[31m", "\ufeff", "\u2028", "é", "🙂", "\ud800", "a" * 300, "%s", "{0}", "$(true)",
+         "--help", "-", "ROOT", "MOTION", "JOINT x", ":hierarchy", "begin", "end", "walk", "a person")
 NUMBERS = (0, -1, 1, 2, 3, 7, 0.5, 1e-300, 1e300, 2**31, 2**63, 10**30, -(10**12), float("nan"), float("inf"), 1000,
            65536)
 VALUES = (None, True, False, "", "x", "a person walks", [], {}, [[]], {"a": 1}, [1, 2], ["x"], *NUMBERS)
-SHAPES = ((), (0,), (1,), (3,), (22, 3), (0, 22, 3), (1, 22, 3), (2, 22, 3), (9, 22, 3), (9, 21, 3), (9, 3, 22), (9,
-                                                                                                                  66),
-          (9, 67), (9, 263), (1, 263), (0, 263), (9, 251), (1, 1, 22, 3), (9, 22, 3, 1), (9, 22), (9, 135), (9, 272))
+SHAPES = ((), (0,), (1,), (3,), (22, 3), (0, 22, 3), (1, 22, 3), (2, 22, 3), (9, 22, 3), (9, 21, 3), (9, 3, 22),
+          (9, 66), (9, 67), (9, 263), (1, 263), (0, 263), (9, 251), (1, 1, 22, 3), (9, 22, 3, 1), (9, 22), (9, 135),
+          (9, 272))
 
 
 def pick(rng, options):
@@ -41,8 +38,8 @@ def damage_bytes(rng, data):
   for _ in range(int(rng.integers(1, 5))):
     at, size = int(rng.integers(len(data) + 1)), int(2 ** rng.uniform(0, 10))
     if rng.random() < 0.3:  # headers and directories are at the ends
-      at = int(rng.integers(min(len(data) + 1,
-                                256))) if rng.random() < 0.5 else max(len(data) - int(rng.integers(256)), 0)
+      near = rng.random() < 0.5
+      at = int(rng.integers(min(len(data) + 1, 256))) if near else max(len(data) - int(rng.integers(256)), 0)
     how = int(rng.integers(8))
     if how == 0 and len(data):
       data[min(at, len(data) - 1)] ^= 1 << int(rng.integers(8))
@@ -66,10 +63,9 @@ def damage_bytes(rng, data):
 def other_file(rng, data):
   """Something else altogether under the same name."""
   return pick(rng, (b"", b"\n", b"\0" * 100, b"PK\x03\x04", b"PK\x05\x06" + b"\0" * 18, b"\x93NUMPY",
-                    b"\x93NUMPY\x01\0v\0{",
-                    b"\x80\x04\x95\x05\0\0\0\0\0\0\0]\x94.", b"{}", b"[]", b"null", b"1", b'"x"', b"[" * 100_000,
-                    b'{"a":' * 5_000, b"1" * 5_000, b"\xff\xfe\0\xd8", data[:len(data) // 2], data + data,
-                    b"\n".join(data.split(b"\n")[::-1])))
+                    b"\x93NUMPY\x01\0v\0{", b"\x80\x04\x95\x05\0\0\0\0\0\0\0]\x94.", b"{}", b"[]", b"null", b"1",
+                    b'"x"', b"[" * 100_000, b'{"a":' * 5_000, b"1" * 5_000, b"\xff\xfe\0\xd8", data[:len(data) // 2],
+                    data + data, b"\n".join(data.split(b"\n")[::-1])))
 
 
 # --- texts -------------------------------------------------------------------------------------------------------
@@ -96,13 +92,9 @@ def damage_text(rng, data):
     lines = lines or [""]
   text = pick(rng, ("\n", "\n", "\n", "\n", "\r\n", "\r")).join(lines)
   chance = rng.random()
-  if chance < 0.05:
-    return text.encode("utf-16", "replace")
   if chance < 0.10:
-    return text.encode("cp1252", "replace")
-  if chance < 0.15:
-    return b"\xef\xbb\xbf" + encode(text)
-  return encode(text)
+    return text.encode("utf-16" if chance < 0.05 else "cp1252", "replace")
+  return (b"\xef\xbb\xbf" if chance < 0.15 else b"") + encode(text)
 
 
 def _other_words(rng, line):
@@ -188,12 +180,10 @@ def npy_bytes(array):
 def lying_npy(rng, data):
   """A header that says what the file does not hold."""
   shape = pick(rng, ("(10, 22, 3)", "(1000000000000, 22, 3)", "(99999999999999999999,)", "(-1, 22, 3)", "(0, 10**9)",
-                     "()",
-                     "(4, 22, 3L)", "10", "'x'", "(1.5, 22, 3)", "(" * 200, "(2147483648, 2147483648, 2)",
+                     "()", "(4, 22, 3L)", "10", "'x'", "(1.5, 22, 3)", "(" * 200, "(2147483648, 2147483648, 2)",
                      "(0, 99999999999)", "(True, 22, 3)", "((3,),)", "(22, 3", "(5, 22, 3,)"))
   descr = pick(rng, ("'<f4'", "'<f4'", "'|O'", "'<U99999999'", "'|V0'", "'<U0'", "'>f8'", "'<c16'", "'<M8[s]'", "'zz'",
-                     "7",
-                     "[('a', '<f4')]", "('<f4', (9999999,))", "None", "'" + "f4," * 99 + "'", "lambda: 0"))
+                     "7", "[('a', '<f4')]", "('<f4', (9999999,))", "None", "'" + "f4," * 99 + "'", "lambda: 0"))
   order = pick(rng, ("False", "False", "True", "2", "'x'"))
   text = f"{{'descr': {descr}, 'fortran_order': {order}, 'shape': {shape}, }}".encode("latin1")
   start = b"\x93NUMPY" + bytes([pick(rng, (1, 1, 1, 2, 3, 9)), 0])
@@ -205,9 +195,8 @@ def other_array(rng, array):
   if how == 0:
     array = np.zeros(pick(rng, SHAPES), pick(rng, ("f4", "f8", "i4", "f2")))
   elif how == 1:
-    array = array.astype(pick(rng, ("f2", "f8", "i1", "u8", ">f4", "?", "c8", "U8", "S4",
-                                    "O"))) if array.dtype.kind in (
-        "fiub") else np.zeros(3)
+    kinds = "f2", "f8", "i1", "u8", ">f4", "?", "c8", "U8", "S4", "O"
+    array = array.astype(pick(rng, kinds)) if array.dtype.kind in "fiub" else np.zeros(3)
   elif how in (2, 3) and array.size and array.dtype.kind in "fiu":
     array = array.copy()
     values = (0, -1, 1e-300, 1e30, 1e300, 40.0, np.nan, np.inf) if array.dtype.kind == "f" else (0, -1, 1, 100)
@@ -245,8 +234,8 @@ def damage_npz(rng, data):
     if how == 0:
       members.pop(name, None)
     elif how == 1:
-      members[pick(rng, ("joints.npy", "features.npy", "x", "../../up.npy", "fps.npy",
-                         "names.npy"))] = members.get(name, b"")
+      other = pick(rng, ("joints.npy", "features.npy", "x", "../../up.npy", "fps.npy", "names.npy"))
+      members[other] = members.get(name, b"")
     elif how == 2:
       members[name] = bomb_of(rng)
     elif how == 3:
@@ -256,8 +245,8 @@ def damage_npz(rng, data):
     else:
       members[name] = damage_npy(rng, members.get(name, b""))
   file = io.BytesIO()
-  with zipfile.ZipFile(file, "w", pick(rng, (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED, zipfile.ZIP_DEFLATED,
-                                             zipfile.ZIP_BZIP2))) as archive:
+  packing = pick(rng, (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED, zipfile.ZIP_DEFLATED, zipfile.ZIP_BZIP2))
+  with zipfile.ZipFile(file, "w", packing) as archive:
     for name, content in members.items():
       archive.writestr(name, content)
   return file.getvalue()
@@ -296,7 +285,7 @@ def deflated_bomb(members, size=3 << 28):
   packed, crc = _BOMB[size]
   central = b""
   for name in members:
-    fields = [20, 0, 8, 0, 0x21, *(value for value in (crc, len(packed), size_of)), len(name), 0]
+    fields = [20, 0, 8, 0, 0x21, crc, len(packed), size_of, len(name), 0]
     sizes = b"".join(value.to_bytes(n, "little") for value, n in zip(fields, (2, 2, 2, 2, 2, 4, 4, 4, 2, 2)))
     where = file.tell()
     file.write(b"PK\x03\x04" + sizes + name.encode() + packed)
@@ -314,12 +303,9 @@ def damage(rng, name, data):
   """Damage that fits the kind of file, and now and then one that does not."""
   if rng.random() < 0.05:
     return other_file(rng, data)
-  if name.endswith(".npz"):
-    return damage_npz(rng, data)
-  if name.endswith(".npy"):
-    return damage_npy(rng, data)
-  if name.endswith(".safetensors"):
-    return damage_bytes(rng, data)
+  for ending, damaging in ((".npz", damage_npz), (".npy", damage_npy), (".safetensors", damage_bytes)):
+    if name.endswith(ending):
+      return damaging(rng, data)
   if name.endswith((".json", ".jsonl")):
     return damage_json(rng, data) if rng.random() < 0.7 else damage_text(rng, data)
   return damage_text(rng, data) if rng.random() < 0.8 else damage_bytes(rng, data)

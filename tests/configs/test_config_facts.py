@@ -6,14 +6,13 @@ own side is configs/ablations/*_paper.py.
 import contextlib
 import re
 
-import ml_collections
 import pytest
 
 from motion_jax import fit, runs
 from motion_jax.motion.representations import get_layout
 from motion_jax.training import setup
 from motion_jax.training.optimizers import make_schedule
-from motion_jax.utils import config_files, overrides
+from motion_jax.utils import config_files
 from tests.configs.test_tiny_sizes import traced_training
 from tests.conftest import load_config
 
@@ -36,8 +35,8 @@ PART_TMR = {  # cmdm.md#part-tmr
     "train.num_epochs": 50, "data.batch_size": 128, "optimizer.learning_rate": 1e-4,
     "optimizer.schedule": "half_cosine", "optimizer.rates.text": 0.1, "optimizer.rates.logit_scale": 0.0,
     "optimizer.warmup_steps": 0, "optimizer.beta2": 0.999, "optimizer.clip_norm": 0.0, "model.width": 512,
-    "model.depth": 4, "model.num_heads": 4,
-    "train.best": "max back_r1", "model.mlp_width": 1024, "model.dim": 256, "model.dropout": 0.1, "model.head_dropout": 0.5}
+    "model.depth": 4, "model.num_heads": 4, "train.best": "max back_r1",
+    "model.mlp_width": 1024, "model.dim": 256, "model.dropout": 0.1, "model.head_dropout": 0.5}
 AUTOENCODER = ADAMW | {  # cdamd.md#autoencoder
     "train.num_epochs": 50, "data.batch_size": 256, "data.window": 64, "optimizer.learning_rate": 2e-4,
     "optimizer.warmup_steps": 2_000, "optimizer.boundaries": (152_000, 252_000), "optimizer.gamma": 0.05,
@@ -78,9 +77,7 @@ MOVEMENT = {  # cdamd.md#matching-evaluator
     "train.num_epochs": 270, "data.batch_size": 128, "data.window": 40, "optimizer.learning_rate": 1e-4,
     "loss.size": 0.001, "loss.change": 0.001}
 FACTS = {
-    ("cmdm_tokenizer", "full"): CMDM_TOKENIZER, ("cmdm_tokenizer", "essential"): CMDM_TOKENIZER,
-    ("cmdm_tokenizer", "kit"): CMDM_TOKENIZER, ("cmdm_tokenizer", "snapmogen"): CMDM_TOKENIZER,
-    ("cmdm_tokenizer", "babel"): CMDM_TOKENIZER,
+    **{("cmdm_tokenizer", size): CMDM_TOKENIZER for size in ("full", *CMDM_DATA)},
     ("cmdm_denoiser", "full"): CMDM_DENOISER | {"optimizer.boundaries": (50_000,), "data.max_frames": 192,
                                                 "data.min_frames": 40},
     ("cmdm_denoiser", "essential"): CMDM_DENOISER | {"optimizer.boundaries": (50_000,)},
@@ -97,8 +94,8 @@ FACTS = {
     ("motion_patches", "kit"): {"train.num_epochs": 50, "data.batch_size": 128, "optimizer.learning_rate": 1e-5,
                                 "optimizer.rates.text": 1.0, "model.head_dropout": 0.0},
     **{("cdamd_autoencoder", size): AUTOENCODER for size in ("full", "67", "263", "steps", "snapmogen")},
-    ("cdamd_autoencoder", "kit"): AUTOENCODER | {"data.batch_size": 512, "optimizer.gamma": 0.1},
-    ("cdamd_autoencoder", "64"): AUTOENCODER | {"data.batch_size": 512, "optimizer.gamma": 0.1},
+    **{("cdamd_autoencoder", size): AUTOENCODER | {"data.batch_size": 512, "optimizer.gamma": 0.1}
+       for size in ("kit", "64")},
     **{("cdamd_rvq", size): RVQ | {"data.min_frames": 40} for size in ("full", "67", "263", "steps")},
     ("cdamd_rvq", "kit"): RVQ | {"data.min_frames": 24},
     **{("cdamd_generator", size): GENERATOR for size in ("full", "67", "263", "steps")},
@@ -171,8 +168,7 @@ def test_every_full_size_has_facts_and_the_fields_of_each_size_fit_each_other(na
 def check_fields(config):
   assert config.is_locked
   data, train, optimizer = config.data, config.train, config.optimizer
-  assert bool(train.num_steps) != (not train.num_steps and train.num_epochs > 0 and train.num_saves > 0) or (
-      train.num_steps)
+  assert train.num_steps or train.num_epochs > 0 and train.num_saves > 0
   columns = get_layout(data.layout).dim
   for part in ("model", "tokenizer", "prior"):
     found = (config.get(part) or {}).get("columns", (config.get(part) or {}).get("features", columns))

@@ -15,7 +15,7 @@ from motion_jax.training.saver import Saver, copy_of, fields_of
 from motion_jax.utils.atomic import atomic_path, remove_strays
 from motion_jax.utils.errors import InputError
 from tests.conftest import load_config
-from tests.training.test_train import _config, _equal, _next_batch, _stage
+from tests.training.test_train import _config, _equal, _killed, _next_batch, _stage
 
 
 @pytest.fixture(scope="module")
@@ -126,26 +126,19 @@ def test_the_newest_and_the_best_states_are_kept_whole(tmp_path):
 @pytest.mark.slow
 def test_a_kill_between_a_save_and_its_evaluation_changes_nothing(tmp_path):
   """The state is saved first; the resumed run evaluates it, appends its row and keeps the best weights."""
-  config, values, killed_at = _config(6), {2: 3.0, 4: 1.0, 6: 2.0}, 4
+  config = _config(6)
   config.train.best = "min error"
 
-  def run(folder, kills=False, resume=False):
-    asked = iter([step for step in (2, 4, 6) if step >= (killed_at if resume else 0)])
+  def run(name, *errors, **options):
+    errors = iter(errors)
+    return train.train(config, tmp_path / name, _stage(), _next_batch, evaluate=lambda params: {
+        "error": next(errors, None) or _killed(0)}, **options)
 
-    def evaluate(params):
-      step = next(asked)
-      if kills and step == killed_at:
-        raise MemoryError("as good as kill -9")
-      return {"error": values[step]}
-
-    return train.train(config, folder, _stage(), _next_batch, resume=resume, evaluate=evaluate)
-
-  whole = run(tmp_path / "whole")
+  whole = run("whole", 3.0, 1.0, 2.0)
   with pytest.raises(MemoryError):
-    run(tmp_path / "parts", kills=True)
-  assert Saver(tmp_path / "parts").latest == killed_at
-  parts = run(tmp_path / "parts", resume=True)
-  assert _equal(whole, parts)
+    run("parts", 3.0)
+  assert Saver(tmp_path / "parts").latest == 4
+  assert _equal(whole, run("parts", 1.0, 2.0, resume=True))
   assert without_clock(read_metrics(tmp_path / "whole")) == without_clock(read_metrics(tmp_path / "parts"))
   for name in (checkpoint.PARAMS, checkpoint.RAW, checkpoint.LAST):
     assert (tmp_path / "whole" / name).read_bytes() == (tmp_path / "parts" / name).read_bytes(), name

@@ -83,13 +83,13 @@ def test_a_run_without_an_average_has_no_copy_and_goes_on_where_one_was_saved(tm
   config = _config(4, ema_decay=0.0)
   whole = train.train(config, tmp_path / "whole", _stage(), _next_batch)
   assert whole.ema_params is None and _equal(checkpoint.load_params(tmp_path / "whole"), whole.params)
-  half = train.train(_config(2, ema_decay=0.0), tmp_path / "half", _stage(), _next_batch)
-  shutil.copytree(tmp_path / "half", tmp_path / "older", ignore=shutil.ignore_patterns("checkpoints"))
-  saver = Saver(tmp_path / "older")
+  folder = tmp_path / "older"
+  half = train.train(_config(2, ema_decay=0.0), folder, _stage(), _next_batch)
+  shutil.rmtree(folder / "checkpoints")
+  saver = Saver(folder)
   saver.save(2, copy_of(half.replace(ema_params=half.params)))
   saver.close()
-  for folder in ("half", "older"):
-    assert _equal(train.train(config, tmp_path / folder, _stage(), _next_batch, resume=True), whole), folder
+  assert _equal(train.train(config, folder, _stage(), _next_batch, resume=True), whole)
 
 
 @pytest.mark.parametrize("decay", [0.9, 0.0])
