@@ -20,14 +20,6 @@ TRAINED_CDAMD = [(row, "generator") for row, (_, _, changes) in CDAMD["ROWS"].it
 TRAINED_CDAMD += [("263", "autoencoder"), ("263", "rvq"), ("67", "autoencoder"), ("67", "rvq")]
 
 
-def test_every_row_of_cmdms_tables_is_there():
-  rows = {table: {row for row, (printed, _) in CMDM["ROWS"].items() if table in printed} for table in (
-      "4", "8", "9", "10", "11")}
-  assert rows["4"] == {"default", "vae", "c-vae", "one-level", "no-adaln", "no-rope", "no-adaln-no-rope", "ar",
-                       "fss-50-1", "fss-50-5", "fss-50-10", "fss-20-1", "fss-20-5", "fss-20-10"}
-  assert {table: len(found) for table, found in rows.items() if table != "4"} == {"8": 8, "9": 5, "10": 4, "11": 4}
-
-
 # {"row-stage": (the paper's configs, row, stage)}
 BOTH = {"-".join(pair): (paper, *pair) for paper, pairs in ((CMDM, TRAINED), (CDAMD, TRAINED_CDAMD)) for pair in pairs}
 TRACED = ("one-level-denoiser", "vae-tokenizer", "teacher-tmr-teacher", "text-clip-sentence-denoiser", "67-generator",
@@ -40,10 +32,7 @@ def test_the_loss_of_a_row_is_one_number(name):
   assert traced_loss_shape(paper["get_config"](f"{row}/{stage}/tiny")) == ()
 
 
-def test_cdamds_rows_are_those_of_its_tables():
-  rows = {table: {row for row, (printed, *_) in CDAMD["ROWS"].items() if table in printed} for table in ("1", "4", "5")}
-  assert rows == {"1": {"default", "one-vq", "all-vq", "mardm"}, "4": {"one-vq", "cm", "no-dcca", "bcm"},
-                  "5": {"one-vq", "cm", "no-prior", "no-dcca", "263", "263-no-prior", "263-no-dcca"}}
+def test_cdamds_rows_change_what_they_name():
   loss = lambda row: CDAMD["get_config"](row).loss
   assert [loss(row).prior_levels for row in ("one-vq", "default", "all-vq", "no-prior")] == [1, 2, 4, 0]
   assert [loss(row).mask for row in ("default", "cm", "bcm", "mardm")] == ["dccm", "causal", "bcm", "bidirectional"]
@@ -86,17 +75,6 @@ def test_teachers_of_table_9_are_the_published_ones():
       assert make_teacher(teacher.model, layout).dim == tokenizer.model.teacher_dim
     tiny = CMDM["get_config"](f"{row}/tokenizer/tiny")
     assert tiny.teacher.kind == kind and tiny.frozen.teacher == "random-init"
-  tmr = CMDM["get_config"]("teacher-tmr/teacher")
-  assert tmr.model.pool == "real" and tmr.loss.to_dict() == dict(recons=1.0, kl=1e-5, latent=1e-5, contrastive=0.1,
-                                                                temperature=0.1, threshold=0.8)
-
-
-def test_sampling_rows_change_sampling_alone():
-  config, base = (CMDM["get_config"](f"{row}/denoiser/full") for row in ("fss-20-5", "default"))
-  assert config.sampler.to_dict() == dict(schedule="fss", num_steps=20, lag=5, guidance_scale=3.0, solver="euler")
-  with config.unlocked():
-    config.sampler, config.paper_row = base.sampler, base.paper_row
-  assert config.to_dict() == base.to_dict()
 
 
 def test_one_level_for_all_is_sampled_as_it_is_trained():

@@ -16,66 +16,63 @@ from motion_jax.utils import config_files
 from tests.configs.test_tiny_sizes import traced_training
 from tests.conftest import load_config
 
+
+def facts(**sections):
+  """{"section.field": value}; a dict within a section is a section of its own."""
+  return {f"{name}.{field}" if field else name: value for name, fields in sections.items() for field, value in (
+      facts(**fields).items() if isinstance(fields, dict) else [("", fields)])}
+
+
 CMDM_DATA = ("essential", "kit", "snapmogen", "babel")
-ADAMW = {"optimizer.beta1": 0.9, "optimizer.beta2": 0.99}
-CMDM_TOKENIZER = ADAMW | {  # cmdm.md#tokenizer-training, #loss, #alignment
-    "train.num_epochs": 50, "data.batch_size": 256, "data.window": 64, "data.stride": 10, "loss.micro_batch": 128,
-    "optimizer.learning_rate": 2e-4, "optimizer.warmup_steps": 2_000, "optimizer.boundaries": (150_000, 250_000),
-    "optimizer.gamma": 0.1, "optimizer.weight_decay": 0.0, "optimizer.clip_norm": 1.0, "optimizer.ema_decay": 0.0,
-    "loss.kl_weight": 0.01, "loss.kl_ramp": 2_000, "loss.root_weight": 0.05, "loss.align": 0.1, "loss.align_fall": 0.9,
-    "model.width": 1024, "model.latent_dim": 64, "model.dilations": (9, 3, 1), "model.teacher_dim": 256, "seed": 5427,
-    "train.best": "min held_out_fid|held_out_mm"}
-CMDM_DENOISER = ADAMW | {  # cmdm.md#denoiser-training, #sampling
-    "train.num_epochs": 500, "data.batch_size": 64, "optimizer.learning_rate": 2e-4, "optimizer.warmup_steps": 2_000,
-    "optimizer.gamma": 0.1, "optimizer.weight_decay": 1e-5, "optimizer.clip_norm": 0.0, "optimizer.ema_decay": 0.9999,
-    "optimizer.skip_loss": 10.0, "loss.drop_rate": 0.1, "loss.level_block": 3, "model.block": 3, "model.width": 512,
-    "model.depth": 8, "model.num_heads": 4, "model.ff_width": 1024, "sampler.num_steps": 50, "sampler.lag": 2,
-    "sampler.guidance_scale": 3.0, "sampler.schedule": "fss", "sampler.solver": "euler", "seed": 5427, "train.best": ""}
-PART_TMR = {  # cmdm.md#part-tmr
-    "train.num_epochs": 50, "data.batch_size": 128, "optimizer.learning_rate": 1e-4,
-    "optimizer.schedule": "half_cosine", "optimizer.rates.text": 0.1, "optimizer.rates.logit_scale": 0.0,
-    "optimizer.warmup_steps": 0, "optimizer.beta2": 0.999, "optimizer.clip_norm": 0.0, "model.width": 512,
-    "model.depth": 4, "model.num_heads": 4, "train.best": "max back_r1",
-    "model.mlp_width": 1024, "model.dim": 256, "model.dropout": 0.1, "model.head_dropout": 0.5}
-AUTOENCODER = ADAMW | {  # cdamd.md#autoencoder
-    "train.num_epochs": 50, "data.batch_size": 256, "data.window": 64, "optimizer.learning_rate": 2e-4,
-    "optimizer.warmup_steps": 2_000, "optimizer.boundaries": (152_000, 252_000), "optimizer.gamma": 0.05,
-    "optimizer.weight_decay": 0.0, "optimizer.ema_decay": 0.0, "optimizer.clip_norm": 0.0, "model.width": 512,
-    "model.latent_dim": 512, "model.dropout": 0.2, "loss.position_weight": 1.0, "train.best": ""}
-RVQ = AUTOENCODER | {  # cdamd.md#rvq
-    "data.window": 0, "loss.position_weight": 0.1, "loss.velocity_weight": 0.1, "loss.commitment_weight": 0.02,
-    "quantizer.num_levels": 4, "quantizer.num_codes": 512, "quantizer.decay": 0.99, "quantizer.drop_rate": 0.2}
-GENERATOR = ADAMW | {  # cdamd.md#training, #loss
-    "train.num_epochs": 500, "data.batch_size": 64, "optimizer.learning_rate": 2e-4, "optimizer.schedule": "cosine",
-    "optimizer.final_rate": 1e-6, "optimizer.warmup_steps": 2_000, "optimizer.weight_decay": 1e-5,
-    "loss.noise_rate": 0.1, "loss.mask_rate": 0.88, "loss.drop_rate": 0.1, "loss.prior_drop_rate": 0.7,
-    "loss.copies": 4, "data.min_frames": 40, "data.max_frames": 196, "sampler.num_iterations": 10,
-    "sampler.guidance_scale": 4.0, "model.transformer.width": 512, "model.transformer.depth": 4,
-    "model.transformer.num_heads": 8, "model.transformer.ff_width": 1024, "model.transformer.dropout": 0.2,
-    "model.head.width": 1792, "model.head.depth": 16}
-KIT = {"data.batch_size": 16, "data.min_frames": 24, "sampler.guidance_scale": 2.0}
-MARDM = {  # cdamd.md#mardm
-    "train.num_epochs": 500, "data.batch_size": 64, "optimizer.schedule": "step", "optimizer.boundaries": (50_000,),
-    "optimizer.gamma": 0.1, "optimizer.ema_decay": 0.9999, "sampler.num_iterations": 18, "sampler.guidance_scale": 4.5,
-    "model.transformer.width": 1024, "model.transformer.depth": 1, "model.transformer.num_heads": 16,
-    "model.transformer.ff_width": 4096, "loss.prior_levels": 0}
-MOMASK_RVQ = ADAMW | {  # momask.md#rvq, #training
-    "train.num_epochs": 50, "data.batch_size": 256, "data.window": 64, "data.stride": 1, "data.feature_bias": 25.0,
-    "optimizer.learning_rate": 2e-4, "optimizer.warmup_steps": 2_000, "optimizer.boundaries": (151_999, 251_999),
-    "optimizer.gamma": 0.05, "loss.position_weight": 0.5, "loss.commitment_weight": 0.02, "loss.velocity_weight": 0.0,
-    "quantizer.num_levels": 6, "quantizer.num_codes": 512, "quantizer.drop_rate": 0.2, "quantizer.temperature": 0.5,
-    "model.dropout": 0.2, "seed": 3407}
-MOMASK = ADAMW | {  # momask.md#transformers, #training
-    "train.num_epochs": 500, "data.batch_size": 64, "data.min_frames": 40, "data.feature_bias": 25.0,
-    "optimizer.learning_rate": 2e-4, "optimizer.warmup_steps": 2_000, "optimizer.boundaries": (50_000,),
-    "optimizer.gamma": 0.1, "optimizer.weight_decay": 1e-5, "model.width": 384, "model.depth": 8, "model.num_heads": 6,
-    "model.ff_width": 1024, "model.dropout": 0.2, "seed": 3407}
-MATCHING = {  # cdamd.md#matching-evaluator
-    "train.num_epochs": 300, "data.batch_size": 32, "optimizer.learning_rate": 1e-4, "optimizer.clip_norm": 0.5,
-    "optimizer.beta2": 0.999, "loss.margin": 10.0, "train.best": "min held_out_loss", "data.max_words": 20}
-MOVEMENT = {  # cdamd.md#matching-evaluator
-    "train.num_epochs": 270, "data.batch_size": 128, "data.window": 40, "optimizer.learning_rate": 1e-4,
-    "loss.size": 0.001, "loss.change": 0.001}
+ADAMW = facts(optimizer=dict(beta1=0.9, beta2=0.99))
+CMDM_TOKENIZER = ADAMW | facts(  # cmdm.md#tokenizer-training, #loss, #alignment
+    train=dict(num_epochs=50, best="min held_out_fid|held_out_mm"), data=dict(batch_size=256, window=64, stride=10),
+    loss=dict(micro_batch=128, kl_weight=0.01, kl_ramp=2_000, root_weight=0.05, align=0.1, align_fall=0.9),
+    optimizer=dict(learning_rate=2e-4, warmup_steps=2_000, boundaries=(150_000, 250_000), gamma=0.1,
+    weight_decay=0.0, clip_norm=1.0, ema_decay=0.0), model=dict(width=1024, latent_dim=64, dilations=(9, 3, 1),
+    teacher_dim=256), seed=5427)
+CMDM_DENOISER = ADAMW | facts(  # cmdm.md#denoiser-training, #sampling
+    train=dict(num_epochs=500, best=""), data=dict(batch_size=64), optimizer=dict(learning_rate=2e-4,
+    warmup_steps=2_000, gamma=0.1, weight_decay=1e-5, clip_norm=0.0, ema_decay=0.9999, skip_loss=10.0),
+    loss=dict(drop_rate=0.1, level_block=3), model=dict(block=3, width=512, depth=8, num_heads=4, ff_width=1024),
+    sampler=dict(num_steps=50, lag=2, guidance_scale=3.0, schedule="fss", solver="euler"), seed=5427)
+PART_TMR = facts(  # cmdm.md#part-tmr
+    train=dict(num_epochs=50, best="max back_r1"), data=dict(batch_size=128), optimizer=dict(learning_rate=1e-4,
+    schedule="half_cosine", rates=dict(text=0.1, logit_scale=0.0), warmup_steps=0, beta2=0.999, clip_norm=0.0),
+    model=dict(width=512, depth=4, num_heads=4, mlp_width=1024, dim=256, dropout=0.1, head_dropout=0.5))
+AUTOENCODER = ADAMW | facts(  # cdamd.md#autoencoder
+    train=dict(num_epochs=50, best=""), data=dict(batch_size=256, window=64), optimizer=dict(learning_rate=2e-4,
+    warmup_steps=2_000, boundaries=(152_000, 252_000), gamma=0.05, weight_decay=0.0, ema_decay=0.0, clip_norm=0.0),
+    model=dict(width=512, latent_dim=512, dropout=0.2), loss=dict(position_weight=1.0))
+RVQ = AUTOENCODER | facts(  # cdamd.md#rvq
+    data=dict(window=0), loss=dict(position_weight=0.1, velocity_weight=0.1, commitment_weight=0.02),
+    quantizer=dict(num_levels=4, num_codes=512, decay=0.99, drop_rate=0.2))
+GENERATOR = ADAMW | facts(  # cdamd.md#training, #loss
+    train=dict(num_epochs=500), data=dict(batch_size=64, min_frames=40, max_frames=196),
+    optimizer=dict(learning_rate=2e-4, schedule="cosine", final_rate=1e-6, warmup_steps=2_000, weight_decay=1e-5),
+    loss=dict(noise_rate=0.1, mask_rate=0.88, drop_rate=0.1, prior_drop_rate=0.7, copies=4),
+    sampler=dict(num_iterations=10, guidance_scale=4.0), model=dict(transformer=dict(width=512, depth=4,
+    num_heads=8, ff_width=1024, dropout=0.2), head=dict(width=1792, depth=16)))
+KIT = facts(data=dict(batch_size=16, min_frames=24), sampler=dict(guidance_scale=2.0))
+MARDM = facts(  # cdamd.md#mardm
+    train=dict(num_epochs=500), data=dict(batch_size=64), optimizer=dict(schedule="step", boundaries=(50_000,),
+    gamma=0.1, ema_decay=0.9999), sampler=dict(num_iterations=18, guidance_scale=4.5),
+    model=dict(transformer=dict(width=1024, depth=1, num_heads=16, ff_width=4096)), loss=dict(prior_levels=0))
+MOMASK_RVQ = ADAMW | facts(  # momask.md#rvq, #training
+    train=dict(num_epochs=50), data=dict(batch_size=256, window=64, stride=1, feature_bias=25.0),
+    optimizer=dict(learning_rate=2e-4, warmup_steps=2_000, boundaries=(151_999, 251_999), gamma=0.05),
+    loss=dict(position_weight=0.5, commitment_weight=0.02, velocity_weight=0.0), quantizer=dict(num_levels=6,
+    num_codes=512, drop_rate=0.2, temperature=0.5), model=dict(dropout=0.2), seed=3407)
+MOMASK = ADAMW | facts(  # momask.md#transformers, #training
+    train=dict(num_epochs=500), data=dict(batch_size=64, min_frames=40, feature_bias=25.0),
+    optimizer=dict(learning_rate=2e-4, warmup_steps=2_000, boundaries=(50_000,), gamma=0.1, weight_decay=1e-5),
+    model=dict(width=384, depth=8, num_heads=6, ff_width=1024, dropout=0.2), seed=3407)
+MATCHING = facts(  # cdamd.md#matching-evaluator
+    train=dict(num_epochs=300, best="min held_out_loss"), data=dict(batch_size=32, max_words=20),
+    optimizer=dict(learning_rate=1e-4, clip_norm=0.5, beta2=0.999), loss=dict(margin=10.0))
+MOVEMENT = facts(  # cdamd.md#matching-evaluator
+    train=dict(num_epochs=270), data=dict(batch_size=128, window=40), optimizer=dict(learning_rate=1e-4),
+    loss=dict(size=0.001, change=0.001))
 FACTS = {
     **{("cmdm_tokenizer", size): CMDM_TOKENIZER for size in ("full", *CMDM_DATA)},
     ("cmdm_denoiser", "full"): CMDM_DENOISER | {"optimizer.boundaries": (50_000,), "data.max_frames": 192,

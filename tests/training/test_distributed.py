@@ -31,7 +31,6 @@ def no_cluster(monkeypatch):
 
 
 @pytest.mark.parametrize("given, told", [
-    (dict(process_id=0), "got --process-id without --coordinator, --num-processes"),
     (dict(coordinator="localhost:1", num_processes=2), "got --coordinator, --num-processes without --process-id"),
     (dict(coordinator="localhost:1", process_id=2, num_processes=2), "got --process-id 2 of 2 processes"),
     (dict(coordinator="auto", process_id=1, num_processes=2), "or --coordinator=auto alone")])
