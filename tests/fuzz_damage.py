@@ -2,8 +2,10 @@
 
 Each takes a numpy generator and a file's bytes and gives other bytes; the same generator state gives the same damage.
 """
+import functools
 import io
 import json
+import struct
 import zipfile
 import zlib
 
@@ -247,9 +249,6 @@ def damage_npz(rng, data):
   return file.getvalue()
 
 
-_BOMB = {}  # the packed bytes of a bomb and their checksum
-
-
 def bomb_of(rng):
   """A .npy of zeros that compresses to a thousandth: 64 MiB inside the archive of a case, 3 GB where it only lies."""
   count = 1 << 24
@@ -257,38 +256,29 @@ def bomb_of(rng):
   return b"\x93NUMPY\x01\0" + len(header).to_bytes(2, "little") + header + bytes(4 * (1 << 20))
 
 
-def deflated_bomb(members, size=3 << 28):
-  """A .npz whose every member unpacks to about `size` zero bytes, a thousand times its own, as joints of a motion.
+@functools.cache
+def _packed_zeros(block, count, start):
+  """(packed bytes, checksum) of start and of so many blocks of zeros, without ever holding them."""
+  packer, crc = zlib.compressobj(9, zlib.DEFLATED, -15), zlib.crc32(start)
+  first, again = (packer.compress(part) + packer.flush(zlib.Z_FULL_FLUSH) for part in (start, bytes(block)))
+  for _ in range(count):
+    crc = zlib.crc32(bytes(block), crc)
+  return first + again * count + packer.flush(), crc
 
-  Made without ever holding it: one packed block of zeros, again and again.
-  """
-  block = 1 << 24
-  count = size // block
+
+def deflated_bomb(members):
+  """A .npz whose every member unpacks to 768 MiB of zeros, a thousand times its own, as joints of a motion."""
+  block, count = 1 << 24, 48
   rows = (count * block - 128) // 264  # numpy's header takes 128 bytes, a frame of 22 joints 264
   header = f"{{'descr': '<f4', 'fortran_order': False, 'shape': ({rows}, 22, 3), }}".encode().ljust(118)
   start = b"\x93NUMPY\x01\0" + len(header).to_bytes(2, "little") + header
-  if size not in _BOMB:
-    packer = zlib.compressobj(9, zlib.DEFLATED, -15)
-    packed = [packer.compress(start) + packer.flush(zlib.Z_FULL_FLUSH)]
-    again = packer.compress(bytes(block)) + packer.flush(zlib.Z_FULL_FLUSH)
-    crc = zlib.crc32(start)
-    for _ in range(count):
-      crc = zlib.crc32(bytes(block), crc)
-    _BOMB[size] = b"".join([*packed, again * count, packer.flush()]), crc
-  size_of = len(start) + count * block
-  file = io.BytesIO()
-  packed, crc = _BOMB[size]
-  central = b""
-  for name in members:
-    fields = [20, 0, 8, 0, 0x21, crc, len(packed), size_of, len(name), 0]
-    sizes = b"".join(value.to_bytes(n, "little") for value, n in zip(fields, (2, 2, 2, 2, 2, 4, 4, 4, 2, 2)))
-    where = file.tell()
-    file.write(b"PK\x03\x04" + sizes + name.encode() + packed)
-    central += (b"PK\x01\x02\x14\0" + sizes + bytes(2 + 2 + 2 + 4) + where.to_bytes(4, "little") + name.encode())
-  at = file.tell()
-  file.write(central + b"PK\x05\x06" + bytes(4) + 2 * len(members).to_bytes(2, "little")
-             + len(central).to_bytes(4, "little") + at.to_bytes(4, "little") + bytes(2))
-  return file.getvalue()
+  packed, crc = _packed_zeros(block, count, start)
+  file, central = b"", b""
+  for name in map(str.encode, members):
+    fields = 20, 0, 8, 0, 0x21, crc, len(packed), len(start) + count * block, len(name), 0
+    central += struct.pack("<4sH5H3L2H3H2L", b"PK\x01\x02", 20, *fields, 0, 0, 0, 0, len(file)) + name
+    file += struct.pack("<4s5H3L2H", b"PK\x03\x04", *fields) + name + packed
+  return file + central + struct.pack("<4s4H2LH", b"PK\x05\x06", 0, 0, *[len(members)] * 2, len(central), len(file), 0)
 
 
 # --- by name -----------------------------------------------------------------------------------------------------

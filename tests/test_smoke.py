@@ -1,5 +1,6 @@
 """A newcomer's first minutes work: every config trains two steps, the README says nothing that does not run."""
 import ast
+import functools
 import json
 import re
 import shlex
@@ -203,14 +204,8 @@ def test_python_of_the_pages_and_notebooks_names_what_there_is(name):
   of_modules = {name for name, value in scope.items() if isinstance(value, types.ModuleType | type)}
   named = {ast.unparse(node) for node in ast.walk(tree) if isinstance(node, ast.Attribute)
            and re.fullmatch(r"[\w.]+", ast.unparse(node)) and ast.unparse(node).partition(".")[0] in of_modules}
-  assert scope and not [text for text in named if not _exists(text, scope)]
-
-
-def _exists(text, scope):
-  try:
-    return eval(text, scope) is not None
-  except AttributeError:
-    return False
+  below = lambda root, *names: functools.reduce(lambda value, name: getattr(value, name, None), names, scope[root])
+  assert scope and not [text for text in named if below(*text.split(".")) is None]
 
 
 OF_PAGES = {name: script for name, script in SCRIPTS.items() if script and name in map(_name, PAGES)}

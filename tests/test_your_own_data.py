@@ -51,19 +51,12 @@ def launch(words):
   assert cli.main(["train", *words, *(f"--config.{key}={value}" for key, value in sizes.items())]) == 0
 
 
-def evaluate(words):
-  words = ["1" if before == "--replications" else word for before, word in zip(["", *words], words)]
-  assert cli.main(["evaluate", *words, "--force"]) == 0  # two steps of training convince no evaluator
-
-
-@pytest.mark.parametrize("whole", [pytest.param(False, marks=pytest.mark.slow),
-                                   pytest.param(True, marks=pytest.mark.exhaustive)])
-def test_the_page_from_files_to_a_table(tmp_path, monkeypatch, capsys, whole):
-  """Unless it is the whole page, steps of training are traced, and evaluations parsed: tests/evaluation runs them."""
+@pytest.mark.slow
+def test_the_page_from_files_to_a_table(tmp_path, monkeypatch, capsys):
+  """Steps of training are traced, and evaluations parsed: tests/evaluation runs them."""
   monkeypatch.chdir(tmp_path)
   monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-  if not whole:
-    monkeypatch.setattr(fit.loop, "train", traced_training)
+  monkeypatch.setattr(fit.loop, "train", traced_training)
   write_captures(tmp_path / "my_bvh")
   ran = []
   for words in commands():
@@ -72,7 +65,7 @@ def test_the_page_from_files_to_a_table(tmp_path, monkeypatch, capsys, whole):
     elif words[:2] == ["motion-jax", "evaluate"]:
       folders = [word for word in words if word.startswith("runs/")]
       assert folders and all((tmp_path / folder).is_dir() for folder in folders), words
-      evaluate(words[2:]) if whole else cli.parse(words[1:])
+      cli.parse(words[1:])
     else:
       assert words[0] == "motion-jax", f"the page has a command that no test runs: {words}"
       more = ["--num-steps", "2", "--lag", "1", "--num-samples", "1"] if words[1] == "generate" else []
@@ -82,9 +75,6 @@ def test_the_page_from_files_to_a_table(tmp_path, monkeypatch, capsys, whole):
                  "evaluate"]
   assert "its mirrored copies are used, no more are made" in capsys.readouterr().out
   assert (tmp_path / "walk.html").stat().st_size > 100_000
-  if whole:
-    assert "own-66" in (tmp_path / "eval" / "own" / "results.json").read_text()
-    assert (tmp_path / "runs" / "denoiser" / "eval" / "own-66" / "tables.md").is_file()
 
 
 @pytest.fixture(scope="module")

@@ -88,11 +88,9 @@ def test_one_level_for_all_is_sampled_as_it_is_trained():
 
 
 def test_mistakes_are_told():
-  for name, told in (("bcn", "expected one of default"), ("bcm/vae", "autoencoder, rvq, generator"),
-                     ("bcm/rvq/big", "full, small, .*mini, tiny")):
+  for paper, name, told in (
+      (CDAMD, "bcn", "expected one of default"), (CDAMD, "bcm/vae", "autoencoder, rvq, generator"),
+      (CDAMD, "bcm/rvq/big", "full, small, .*mini, tiny"), (CMDM, "vea", "expected one of default"),
+      (CMDM, "vae/vae", "teacher, tokenizer, denoiser"), (CMDM, "vae/tokenizer/big", "laptop, mini or tiny")):
     with pytest.raises(ValueError, match=told):
-      CDAMD["get_config"](name)
-  for name, told in (("vea", "expected one of default"), ("vae/vae", "teacher, tokenizer, denoiser"),
-                     ("vae/tokenizer/big", "full, small, laptop, mini or tiny")):
-    with pytest.raises(ValueError, match=told):
-      CMDM["get_config"](name)
+      paper["get_config"](name)

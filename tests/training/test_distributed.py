@@ -169,10 +169,8 @@ def slices(devices, *runs):
 def numbers(folder):
   """(steps, losses, weights)"""
   rows = [row for row in read_metrics(folder) if "loss" in row]
-  flat = lambda tree: [leaf for name in sorted(tree) for leaf in (
-      flat(tree[name]) if isinstance(tree[name], dict) else [tree[name].ravel()])]
-  return [row["step"] for row in rows], [row["loss"] for row in rows], np.concatenate(flat(
-      checkpoint.load_params(folder)))
+  weights = [leaf.ravel() for leaf in jax.tree.leaves(checkpoint.load_params(folder))]
+  return [row["step"] for row in rows], [row["loss"] for row in rows], np.concatenate(weights)
 
 
 def assert_alike(one, other, rtol):

@@ -4,7 +4,6 @@ import errno
 import io
 import threading
 
-import chex
 import numpy as np
 import pytest
 
@@ -134,6 +133,9 @@ def test_a_spike_of_the_gradient_is_told_and_left_out_where_the_config_says_so(t
   train.train(_config(24), tmp_path / "counted", _stage(), _spiked)
   assert "step 21: loss 1e+12, gradient" in (said := capsys.readouterr().out) and ", usually " in said
   assert [row.get("gradient_spikes", 0) for row in _rows(tmp_path / "counted")] == [0] * 20 + [1] * 4
+  for step, factor in ((26, 50.0), (28, 0.0)):  # the guard may be put up and taken down
+    state = train.train(_config(step, skip_spikes=factor), tmp_path / "counted", _stage(), _next_batch, resume=True)
+    assert int(state.step) == step and (state.norms is None) == (factor == 0)
   config = _config(24, skip_spikes=50.0)
   whole = train.train(config, tmp_path / "left out", _stage(), _spiked)
   rows = _rows(tmp_path / "left out")
@@ -145,17 +147,6 @@ def test_a_spike_of_the_gradient_is_told_and_left_out_where_the_config_says_so(t
   again = train.train(config, folder, _stage(), _spiked, resume=True)
   np.testing.assert_array_equal(again.norms, whole.norms)  # nan where there is none yet
   assert _equal(again.replace(norms=None), whole.replace(norms=None)) and _rows(folder) == rows
-
-
-@pytest.mark.slow
-def test_the_guard_against_spikes_may_be_put_up_and_taken_down(tmp_path):
-  """By a run that goes on, with --allow-changes: what it knows of the gradients before is not there, or not needed."""
-  for step, factor in ((4, 0.0), (8, 50.0), (12, 0.0)):
-    state = train.train(_config(step, skip_spikes=factor), tmp_path, _stage(), _next_batch, resume=step > 4)
-    assert int(state.step) == step and (state.norms is None) == (factor == 0)
-  whole = train.train(_config(12), tmp_path / "whole", _stage(), _next_batch)
-  # With the guard it is another program, which rounds otherwise.
-  chex.assert_trees_all_close(state, whole, rtol=1e-5)
 
 
 _STUCK = """

@@ -40,13 +40,6 @@ def test_a_run_without_a_row_has_a_page(tmp_path):
   assert "step 0 of 100" in report.write_report(tmp_path, _config(), {}).read_text()
 
 
-def test_smoothing_keeps_a_constant_and_follows_a_step():
-  assert report.smoothed([3.0] * 50) == pytest.approx([3.0] * 50)
-  stepped = report.smoothed([0.0] * 100 + [1.0] * 100)
-  assert stepped[99] == 0 and 0 < stepped[105] < 1 and stepped[-1] == pytest.approx(1, abs=0.01)
-  assert report.smoothed([float("nan"), 2.0])[1] == 2
-
-
 def test_rates_count_steps_since_the_last_row(monkeypatch):
   now = [100.0]
   monkeypatch.setattr(time, "perf_counter", lambda: now[0])
