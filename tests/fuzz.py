@@ -220,8 +220,7 @@ def plan(cases, seed, kinds=None):
   """[(kind, seed, number)] of so many cases, kinds mixed by their shares."""
   from tests.fuzz_kinds import KINDS
   shares = {name: share for name, (share, _) in KINDS.items() if not kinds or name in kinds}
-  total, made, due = sum(shares.values()), [], collections.Counter()
-  numbers = collections.Counter()
+  total, made, due, numbers = sum(shares.values()), [], collections.Counter(), collections.Counter()
   for _ in range(cases):
     for name, share in shares.items():
       due[name] += share / total

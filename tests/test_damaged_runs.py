@@ -20,17 +20,6 @@ def run(tmp_path):
   return tmp_path / "run"
 
 
-def _change(folder, path, value):
-  config = json.loads((folder / "config.json").read_text())
-  *parents, last = path.split(".")
-  section = config[parents[0]] if parents else config
-  if value is None:
-    del section[last]
-  else:
-    section[last] = value
-  (folder / "config.json").write_text(json.dumps(config))
-
-
 @pytest.mark.parametrize("path, value, words", [
     ("model", None, "config.json"), ("model", 7, "config.json"), ("model.width", "wide", "config.json"),
     ("model.width", 10**9, "got model.width 1e"), ("model.colour", "red", "config.json"),
@@ -41,7 +30,13 @@ def _change(folder, path, value):
     ("stage", "a\nb", "holds a str as the stage"), ("data.max_frames", 0, "got data.max_frames 0"),
     ("data", [1], "data is '[1]', expected an object")])
 def test_a_config_of_wrong_types_is_one_line(run, path, value, words):
-  _change(run, path, value)
+  config = json.loads((run / "config.json").read_text())
+  *parents, last = path.split(".")
+  section = config[parents[0]] if parents else config
+  section[last] = value
+  if value is None:
+    del section[last]
+  (run / "config.json").write_text(json.dumps(config))
   with pytest.raises(ValueError) as error:
     loading.load(run)
   text = str(error.value)

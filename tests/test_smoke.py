@@ -63,27 +63,19 @@ def test_resume_with_other_frozen_parts_is_refused(tiny_run, tmp_path):
   """Statistics, tokenizer and weights of a run are its own: exchanged or damaged, they are not silently taken over."""
   folder, config = shutil.copytree(tiny_run, tmp_path / "run"), load_config("cmdm_denoiser", "tiny")
   mean, std, words, frozen = (folder / name for name in ("Mean.npy", "Std.npy", checkpoint.TEXT, checkpoint.FROZEN))
-  kept = mean.read_bytes(), frozen.read_bytes()
-  refused = lambda match: pytest.raises(ValueError, match=match)
+  cut = lambda file, size: file.write_bytes(file.read_bytes()[:size])
+  moved = jax.tree.map(lambda a: a + 0.1, checkpoint.load_params(folder, name=checkpoint.FROZEN))
   for file, other, match in ((mean, lambda: np.save(mean, np.load(mean) + 1), "other data"),
                              (std, lambda: np.save(std, 1.1 * np.load(std)), "other data"),
-                             (words, lambda: words.write_text('{"name": "", "fingerprint": "x"}'), "another text enc")):
+                             (words, lambda: words.write_text('{"name": "", "fingerprint": "x"}'), "another text enc"),
+                             (mean, lambda: cut(mean, 200), "should hold 1052 bytes .* has 72"),
+                             (frozen, lambda: checkpoint.save_params(folder, moved, name=checkpoint.FROZEN),
+                              "another tokenizer"), (frozen, lambda: cut(frozen, -10), "no whole safetensors")):
     whole = file.read_bytes()
     other()
-    with refused(match):
+    with pytest.raises(ValueError, match=match):
       training.run(config, folder, resume=True)
     file.write_bytes(whole)
-  mean.write_bytes(kept[0][:200])
-  with refused("should hold 1052 bytes .* has 72"):
-    training.run(config, folder, resume=True)
-  mean.write_bytes(kept[0])
-  params = checkpoint.load_params(folder, name=checkpoint.FROZEN)
-  checkpoint.save_params(folder, jax.tree.map(lambda a: a + 0.1, params), name=checkpoint.FROZEN)
-  with refused("another tokenizer"):
-    training.run(config, folder, resume=True)
-  frozen.write_bytes(kept[1][:-10])
-  with refused("no whole safetensors"):
-    training.run(config, folder, resume=True)
 
 
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -228,8 +220,7 @@ def test_the_landing_page_says_what_the_readme_says():
   assert lines and set(lines) <= set(readme)
 
 
-def test_the_readme_is_short_and_the_docs_have_an_index():
-  assert len((ROOT / "README.md").read_text(encoding="utf-8").splitlines()) < 150
+def test_the_docs_have_an_index():
   index = (ROOT / "docs" / "README.md").read_text(encoding="utf-8")
   missing = [page.name for page in PAGES[1:] if page.name != "README.md" and f"]({page.name})" not in index]
   assert not missing

@@ -44,13 +44,6 @@ def write_captures(folder, count=20):
   (folder / "captions.csv").write_text("\n".join(rows) + "\n")
 
 
-def launch(words):
-  """`motion-jax train` with these words, at the sizes of TINY."""
-  name = words[words.index("--config") + 1].partition(":")[0]
-  sizes = TINY[name] | {"train.num_steps": 2, "train.save_every": 2, "data.batch_size": 4}
-  assert cli.main(["train", *words, *(f"--config.{key}={value}" for key, value in sizes.items())]) == 0
-
-
 @pytest.mark.slow
 def test_the_page_from_files_to_a_table(tmp_path, monkeypatch, capsys):
   """Steps of training are traced, and evaluations parsed: tests/evaluation runs them."""
@@ -61,7 +54,9 @@ def test_the_page_from_files_to_a_table(tmp_path, monkeypatch, capsys):
   ran = []
   for words in commands():
     if words[:2] == ["motion-jax", "train"]:
-      launch(words[2:])
+      sizes = TINY[words[words.index("--config") + 1].partition(":")[0]] | {
+          "train.num_steps": 2, "train.save_every": 2, "data.batch_size": 4}
+      assert cli.main([*words[1:], *(f"--config.{key}={value}" for key, value in sizes.items())]) == 0
     elif words[:2] == ["motion-jax", "evaluate"]:
       folders = [word for word in words if word.startswith("runs/")]
       assert folders and all((tmp_path / folder).is_dir() for folder in folders), words

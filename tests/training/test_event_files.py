@@ -7,10 +7,9 @@ import pytest
 
 from motion_jax import fit
 from motion_jax.training import loop
-from motion_jax.training.metrics import read_metrics, wall_times
+from motion_jax.training.metrics import read_metrics
 from motion_jax.utils.errors import InputError
 from tests.conftest import load_config
-from tests.training.test_guards import _bad_from, _skipping
 from tests.training.test_train import _config, _killed, _next_batch, _stage
 
 
@@ -52,16 +51,6 @@ def test_a_run_that_is_killed_and_goes_on_has_each_number_once(tmp_path):
   events = _events(tmp_path)
   assert events[0].file_version == "brain.Event:2" and events[1].session_log.status == 1  # START
   assert all(a.wall_time <= b.wall_time for a, b in zip(events[2:], events[3:]))
-
-
-def test_what_is_rolled_back_is_not_there(tmp_path):
-  loop.train(_with_events(_skipping(10)), tmp_path, _stage(), _bad_from(5))
-  assert _scalars(tmp_path) == _of_metrics(tmp_path) and len(read_metrics(tmp_path)) == 10
-
-
-def test_slices_follow_each_other_in_time():
-  rows = [{"step": 1, "seconds": 10.0}, {"step": 2, "seconds": 30.0}, {"step": 2}, {"step": 3, "seconds": 5.0}]
-  assert wall_times(rows, 100.0) == [75.0, 95.0, 95.0, 100.0]
 
 
 def test_an_absent_extra_is_told_before_data_are_read(tmp_path, monkeypatch):

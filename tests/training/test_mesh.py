@@ -112,7 +112,7 @@ def test_every_layout_learns_the_same(tmp_path, count):
       for key, value in theirs.items():
         np.testing.assert_allclose(ours[key], value, rtol=1e-4, atol=1e-6, err_msg=f"{kind}: {key}")
     np.testing.assert_allclose(one["norms"], whole["norms"], rtol=1e-4, atol=1e-5, err_msg=kind)
-  # Parameters, average and optimizer's state alike: each is a third or more of the whole.
+  # Parameters, average and optimizer's state alike: each is a quarter or more of the whole.
   assert whole["on_one"] == whole["state"] > 4 * found["fully sharded"]["on_one"]
   # What a step sends, in calls and bytes on one device (docs/pods.md).
   sent, params = {kind: one["sent"] for kind, one in found.items()}, found["replicated"]["params"]
