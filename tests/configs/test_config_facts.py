@@ -5,6 +5,7 @@ own side is configs/ablations/*_paper.py.
 """
 import contextlib
 import re
+import types
 
 import pytest
 
@@ -13,7 +14,6 @@ from motion_jax.motion.representations import get_layout
 from motion_jax.training import setup
 from motion_jax.training.optimizers import make_schedule
 from motion_jax.utils import config_files
-from tests.configs.test_tiny_sizes import traced_training
 from tests.conftest import load_config
 
 
@@ -156,7 +156,6 @@ def sizes_of(name):
 @pytest.mark.parametrize("name", [name for name in config_files.names() if "/" not in name])
 def test_every_full_size_has_facts_and_the_fields_of_each_size_fit_each_other(name):
   sizes = sizes_of(name)
-  assert "tiny" in sizes
   for size, config in sizes.items():
     check_fields(config)
     assert config.train.num_steps or (name, size) in FACTS or name not in {known for known, _ in FACTS}, size
@@ -206,9 +205,7 @@ def test_steps_that_are_given_stay():
 def test_a_run_that_goes_on_keeps_its_steps():
   config = load_config("cmdm_denoiser", "kit")
   before = setup.resolve_epochs(config, 5_000)
-  again = setup.epochs_as_before(config, before)
-  assert again.train.num_steps == before.train.num_steps == 500 * 78
-  assert again.train.save_every == before.train.save_every
+  assert setup.epochs_as_before(config, before).train.num_steps == before.train.num_steps == 500 * 78
   longer = config.copy_and_resolve_references().unlock()
   longer.train.num_epochs = 600
   longer = setup.epochs_as_before(longer, before)
@@ -231,8 +228,13 @@ def test_the_rate_falls_before_training_ends(name, size, num_items):
 
 
 def test_the_first_lines_of_training_are_readable(tmp_path, monkeypatch, capsys):
-  """The config a section a line, how long the run is and what its loss measures; no dump of Python objects."""
-  monkeypatch.setattr(fit.loop, "train", traced_training)
+  """The config a section a line and how long the run is; no dump of Python objects."""
+  def train(config, workdir, *_):
+    for name in ("params.safetensors", "metrics.jsonl"):
+      (workdir / name).touch()
+    return types.SimpleNamespace(step=2)
+
+  monkeypatch.setattr(fit.loop, "train", train)
   config = load_config("cmdm_tokenizer", "tiny").unlock()
   config.train.update(num_steps=0, num_epochs=3, num_saves=2, save_every=0)
   fit.run(config.lock(), tmp_path)
@@ -240,4 +242,3 @@ def test_the_first_lines_of_training_are_readable(tmp_path, monkeypatch, capsys)
   assert "!!" not in said and "  model: causal=True dilations=(1) features=263 latent_dim=4" in said
   steps, items = map(int, re.search(r"training: (\d+) steps of 4 items, 3 epochs of (\d+);", said).groups())
   assert steps == 3 * (items // 4) == runs.load_run(tmp_path).config.train.num_steps
-  assert "loss: a sum, not a mean, over the 33,664 numbers of 2 windows" in said  # 2 * 64 * 263
