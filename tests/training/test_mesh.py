@@ -36,8 +36,7 @@ def _spec(axes, shape, rules, data=4, model=2):
     (("embed", None), (30, 64), SHARDED, (None, "data")),  # 30 is no multiple of 4: another axis
     ((None, None, None), (3, 64, 128), SHARDED, (None, None, "data")),  # no names: the longest one
     ((None, None), (33, 77), SHARDED, (None, None)),
-    (("embed", "mlp"), (32, 64), (("*", "data"),), (None, "data")),
-    (("embed", "mlp"), (32, 64), (), (None, None))])
+    (("embed", "mlp"), (32, 64), (("*", "data"),), (None, "data"))])
 def test_rules_place_the_axes_of_an_array(axes, shape, rules, spec):
   assert _spec(axes, shape, rules) == spec
 
