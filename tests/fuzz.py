@@ -130,9 +130,9 @@ def _raised_by_us(error):
 
 
 def _contents(folder):
-  return {path.relative_to(folder).as_posix(): path.read_bytes() if path.stat().st_size < 1000 else path.stat().st_size
-          for path in folder.rglob("*") if path.is_file()} | {
-              path.relative_to(folder).as_posix(): "" for path in folder.rglob("*") if path.is_dir()}
+  size = lambda path: path.stat().st_size
+  return {path.relative_to(folder).as_posix(): "" if path.is_dir() else path.read_bytes() if size(path) < 1000
+          else size(path) for path in folder.rglob("*")}
 
 
 def _reset_peak():
@@ -220,8 +220,7 @@ def plan(cases, seed, kinds=None):
   """[(kind, seed, number)] of so many cases, kinds mixed by their shares."""
   from tests.fuzz_kinds import KINDS
   shares = {name: share for name, (share, _) in KINDS.items() if not kinds or name in kinds}
-  total, made, due = sum(shares.values()), [], collections.Counter()
-  numbers = collections.Counter()
+  total, made, due, numbers = sum(shares.values()), [], collections.Counter(), collections.Counter()
   for _ in range(cases):
     for name, share in shares.items():
       due[name] += share / total
@@ -232,7 +231,7 @@ def plan(cases, seed, kinds=None):
   return made
 
 
-def run(cases, workers=2, out=None, progress=False):
+def run(cases, workers=2, out=None):
   """{kind: Counter of RESULTS and of what they cost} of a plan's cases, and [(case, Outcome)] of those that failed.
 
   These are saved in out."""
@@ -252,12 +251,13 @@ def run(cases, workers=2, out=None, progress=False):
             row = table[worker.case[0]]
             row[outcome.result] += 1
             row["seconds"] += outcome.seconds
-            row["slowest s"], row["most MB"] = max(row["slowest s"], outcome.seconds), max(row["most MB"],
-                                                                                          outcome.megabytes)
+            row["slowest s"] = max(row["slowest s"], outcome.seconds)
+            row["most MB"] = max(row["most MB"], outcome.megabytes)
             if outcome.result in FAILURES:
               failures.append((worker.case, outcome))
-              _save(worker, outcome, out)
-            if progress and done % 500 == 0:
+              if out is not None:
+                _save(worker, outcome, pathlib.Path(out))
+            if done % 500 == 0:
               print(f"{done} cases, {len(failures)} failures", file=sys.stderr, flush=True)
             worker.case = None
           if worker.over:
@@ -272,9 +272,7 @@ def run(cases, workers=2, out=None, progress=False):
 
 
 def _save(worker, outcome, out):
-  if out is None:
-    return
-  folder = pathlib.Path(out) / "-".join(map(str, worker.case))
+  folder = out / "-".join(map(str, worker.case))
   shutil.rmtree(folder, ignore_errors=True)
   if (worker.home / "case").is_dir():
     shutil.copytree(worker.home / "case", folder)
@@ -320,7 +318,7 @@ def main(argv=None):
   if kinds and set(kinds) - set(KINDS):
     parser.error(f"got --kind {args.kind}, expected some of {', '.join(KINDS)}")
   start = time.monotonic()
-  table, failures = run(plan(args.cases, args.seed, kinds), args.workers, args.out, progress=True)
+  table, failures = run(plan(args.cases, args.seed, kinds), args.workers, args.out)
   print(format_table(table))
   print(f"seed {args.seed}, {args.workers} processes, {time.monotonic() - start:.0f} s")
   for case, outcome in failures[:20]:

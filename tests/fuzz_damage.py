@@ -2,26 +2,25 @@
 
 Each takes a numpy generator and a file's bytes and gives other bytes; the same generator state gives the same damage.
 """
+import functools
 import io
 import json
+import struct
 import zipfile
 import zlib
 
 import numpy as np
 
 WORDS = ("", "nan", "inf", "-inf", "1e308", "-1e308", "1e-310", "-1", "0", "0.0", "1", "99999999999999999999",
-         "4294967296",
-         "²", "１２", "٣", "1_0", "0x10", "None", "true", "{", "}", "[", "]", '"', "'", ",", ";", ":", "#", "|", "/",
-         "..",
-         "\\", "\t", "\r", "\n", "\n\n", "\0", "\x1b[31m", "\ufeff", "\u2028", "é", "🙂", "\ud800", "a" * 300, "%s",
-         "{0}",
-         "$(true)", "--help", "-", "ROOT", "MOTION", "JOINT x", ":hierarchy", "begin", "end", "walk", "a person")
+         "4294967296", "²", "１２", "٣", "1_0", "0x10", "None", "true", *'{}[]"\',;:#|/', "..", "\\", "\t", "\r", "\n",
+         "\n\n", "\0", "\x1b[31m", "\ufeff", "\u2028", "é", "🙂", "\ud800", "a" * 300, "%s", "{0}", "$(true)",
+         "--help", "-", "ROOT", "MOTION", "JOINT x", ":hierarchy", "begin", "end", "walk", "a person")
 NUMBERS = (0, -1, 1, 2, 3, 7, 0.5, 1e-300, 1e300, 2**31, 2**63, 10**30, -(10**12), float("nan"), float("inf"), 1000,
            65536)
 VALUES = (None, True, False, "", "x", "a person walks", [], {}, [[]], {"a": 1}, [1, 2], ["x"], *NUMBERS)
-SHAPES = ((), (0,), (1,), (3,), (22, 3), (0, 22, 3), (1, 22, 3), (2, 22, 3), (9, 22, 3), (9, 21, 3), (9, 3, 22), (9,
-                                                                                                                  66),
-          (9, 67), (9, 263), (1, 263), (0, 263), (9, 251), (1, 1, 22, 3), (9, 22, 3, 1), (9, 22), (9, 135), (9, 272))
+SHAPES = ((), (0,), (1,), (3,), (22, 3), (0, 22, 3), (1, 22, 3), (2, 22, 3), (9, 22, 3), (9, 21, 3), (9, 3, 22),
+          (9, 66), (9, 67), (9, 263), (1, 263), (0, 263), (9, 251), (1, 1, 22, 3), (9, 22, 3, 1), (9, 22), (9, 135),
+          (9, 272))
 
 
 def pick(rng, options):
@@ -36,14 +35,14 @@ def encode(text):
 
 
 def damage_bytes(rng, data):
-  """Flips, cuts, doubles, inserts or overwrites bytes in one to four places."""
+  """Flips, cuts, inserts or overwrites bytes in one to four places."""
   data = bytearray(data)
   for _ in range(int(rng.integers(1, 5))):
     at, size = int(rng.integers(len(data) + 1)), int(2 ** rng.uniform(0, 10))
     if rng.random() < 0.3:  # headers and directories are at the ends
-      at = int(rng.integers(min(len(data) + 1,
-                                256))) if rng.random() < 0.5 else max(len(data) - int(rng.integers(256)), 0)
-    how = int(rng.integers(8))
+      near = rng.random() < 0.5
+      at = int(rng.integers(min(len(data) + 1, 256))) if near else max(len(data) - int(rng.integers(256)), 0)
+    how = int(rng.integers(6))
     if how == 0 and len(data):
       data[min(at, len(data) - 1)] ^= 1 << int(rng.integers(8))
     elif how == 1:
@@ -54,22 +53,17 @@ def damage_bytes(rng, data):
       data[at:at] = rng.bytes(size)
     elif how == 4:
       data[at:at + size] = rng.bytes(min(size, max(len(data) - at, 0)))
-    elif how == 5:
-      data[at:at] = data[at:at + size]
-    elif how == 6:
+    else:
       data[at:at + size] = bytes([pick(rng, (0, 255, 32, 48))]) * min(size, max(len(data) - at, 0))
-    elif len(data):
-      data[min(at, len(data) - 1)] = int(rng.integers(256))
   return bytes(data)
 
 
 def other_file(rng, data):
   """Something else altogether under the same name."""
   return pick(rng, (b"", b"\n", b"\0" * 100, b"PK\x03\x04", b"PK\x05\x06" + b"\0" * 18, b"\x93NUMPY",
-                    b"\x93NUMPY\x01\0v\0{",
-                    b"\x80\x04\x95\x05\0\0\0\0\0\0\0]\x94.", b"{}", b"[]", b"null", b"1", b'"x"', b"[" * 100_000,
-                    b'{"a":' * 5_000, b"1" * 5_000, b"\xff\xfe\0\xd8", data[:len(data) // 2], data + data,
-                    b"\n".join(data.split(b"\n")[::-1])))
+                    b"\x93NUMPY\x01\0v\0{", b"\x80\x04\x95\x05\0\0\0\0\0\0\0]\x94.", b"{}", b"[]", b"null", b"1",
+                    b'"x"', b"[" * 100_000, b'{"a":' * 5_000, b"1" * 5_000, b"\xff\xfe\0\xd8", data[:len(data) // 2],
+                    data + data, b"\n".join(data.split(b"\n")[::-1])))
 
 
 # --- texts -------------------------------------------------------------------------------------------------------
@@ -96,13 +90,9 @@ def damage_text(rng, data):
     lines = lines or [""]
   text = pick(rng, ("\n", "\n", "\n", "\n", "\r\n", "\r")).join(lines)
   chance = rng.random()
-  if chance < 0.05:
-    return text.encode("utf-16", "replace")
   if chance < 0.10:
-    return text.encode("cp1252", "replace")
-  if chance < 0.15:
-    return b"\xef\xbb\xbf" + encode(text)
-  return encode(text)
+    return text.encode("utf-16" if chance < 0.05 else "cp1252", "replace")
+  return (b"\xef\xbb\xbf" if chance < 0.15 else b"") + encode(text)
 
 
 def _other_words(rng, line):
@@ -188,12 +178,10 @@ def npy_bytes(array):
 def lying_npy(rng, data):
   """A header that says what the file does not hold."""
   shape = pick(rng, ("(10, 22, 3)", "(1000000000000, 22, 3)", "(99999999999999999999,)", "(-1, 22, 3)", "(0, 10**9)",
-                     "()",
-                     "(4, 22, 3L)", "10", "'x'", "(1.5, 22, 3)", "(" * 200, "(2147483648, 2147483648, 2)",
+                     "()", "(4, 22, 3L)", "10", "'x'", "(1.5, 22, 3)", "(" * 200, "(2147483648, 2147483648, 2)",
                      "(0, 99999999999)", "(True, 22, 3)", "((3,),)", "(22, 3", "(5, 22, 3,)"))
   descr = pick(rng, ("'<f4'", "'<f4'", "'|O'", "'<U99999999'", "'|V0'", "'<U0'", "'>f8'", "'<c16'", "'<M8[s]'", "'zz'",
-                     "7",
-                     "[('a', '<f4')]", "('<f4', (9999999,))", "None", "'" + "f4," * 99 + "'", "lambda: 0"))
+                     "7", "[('a', '<f4')]", "('<f4', (9999999,))", "None", "'" + "f4," * 99 + "'", "lambda: 0"))
   order = pick(rng, ("False", "False", "True", "2", "'x'"))
   text = f"{{'descr': {descr}, 'fortran_order': {order}, 'shape': {shape}, }}".encode("latin1")
   start = b"\x93NUMPY" + bytes([pick(rng, (1, 1, 1, 2, 3, 9)), 0])
@@ -205,9 +193,8 @@ def other_array(rng, array):
   if how == 0:
     array = np.zeros(pick(rng, SHAPES), pick(rng, ("f4", "f8", "i4", "f2")))
   elif how == 1:
-    array = array.astype(pick(rng, ("f2", "f8", "i1", "u8", ">f4", "?", "c8", "U8", "S4",
-                                    "O"))) if array.dtype.kind in (
-        "fiub") else np.zeros(3)
+    kinds = "f2", "f8", "i1", "u8", ">f4", "?", "c8", "U8", "S4", "O"
+    array = array.astype(pick(rng, kinds)) if array.dtype.kind in "fiub" else np.zeros(3)
   elif how in (2, 3) and array.size and array.dtype.kind in "fiu":
     array = array.copy()
     values = (0, -1, 1e-300, 1e30, 1e300, 40.0, np.nan, np.inf) if array.dtype.kind == "f" else (0, -1, 1, 100)
@@ -241,29 +228,25 @@ def damage_npz(rng, data):
     return damage_bytes(rng, data)
   for _ in range(int(rng.integers(1, 3))):
     name = pick(rng, list(members) or ["joints.npy"])
-    how = int(rng.integers(8))
+    how = int(rng.integers(7))
     if how == 0:
       members.pop(name, None)
     elif how == 1:
-      members[pick(rng, ("joints.npy", "features.npy", "x", "../../up.npy", "fps.npy",
-                         "names.npy"))] = members.get(name, b"")
+      other = pick(rng, ("joints.npy", "features.npy", "x", "../../up.npy", "fps.npy", "names.npy"))
+      members[other] = members.get(name, b"")
     elif how == 2:
       members[name] = bomb_of(rng)
     elif how == 3:
-      members[name] = npy_bytes(np.array(pick(rng, ("", "x", "[]", "{}", "[[1]]", '{"id": 5}', "nan", "[" * 20_000))))
-    elif how == 4:
-      members[name] = npy_bytes(np.array(pick(rng, NUMBERS[:6])))
+      values = "", "x", "[]", "{}", "[[1]]", '{"id": 5}', "nan", "[" * 20_000, *NUMBERS[:6]
+      members[name] = npy_bytes(np.array(pick(rng, values)))
     else:
       members[name] = damage_npy(rng, members.get(name, b""))
   file = io.BytesIO()
-  with zipfile.ZipFile(file, "w", pick(rng, (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED, zipfile.ZIP_DEFLATED,
-                                             zipfile.ZIP_BZIP2))) as archive:
+  packing = pick(rng, (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED, zipfile.ZIP_DEFLATED, zipfile.ZIP_BZIP2))
+  with zipfile.ZipFile(file, "w", packing) as archive:
     for name, content in members.items():
       archive.writestr(name, content)
   return file.getvalue()
-
-
-_BOMB = {}  # the packed bytes of a bomb and their checksum
 
 
 def bomb_of(rng):
@@ -273,38 +256,29 @@ def bomb_of(rng):
   return b"\x93NUMPY\x01\0" + len(header).to_bytes(2, "little") + header + bytes(4 * (1 << 20))
 
 
-def deflated_bomb(members, size=3 << 28):
-  """A .npz whose every member unpacks to about `size` zero bytes, a thousand times its own, as joints of a motion.
+@functools.cache
+def _packed_zeros(block, count, start):
+  """(packed bytes, checksum) of start and of so many blocks of zeros, without ever holding them."""
+  packer, crc = zlib.compressobj(9, zlib.DEFLATED, -15), zlib.crc32(start)
+  first, again = (packer.compress(part) + packer.flush(zlib.Z_FULL_FLUSH) for part in (start, bytes(block)))
+  for _ in range(count):
+    crc = zlib.crc32(bytes(block), crc)
+  return first + again * count + packer.flush(), crc
 
-  Made without ever holding it: one packed block of zeros, again and again.
-  """
-  block = 1 << 24
-  count = size // block
+
+def deflated_bomb(members):
+  """A .npz whose every member unpacks to 768 MiB of zeros, a thousand times its own, as joints of a motion."""
+  block, count = 1 << 24, 48
   rows = (count * block - 128) // 264  # numpy's header takes 128 bytes, a frame of 22 joints 264
   header = f"{{'descr': '<f4', 'fortran_order': False, 'shape': ({rows}, 22, 3), }}".encode().ljust(118)
   start = b"\x93NUMPY\x01\0" + len(header).to_bytes(2, "little") + header
-  if size not in _BOMB:
-    packer = zlib.compressobj(9, zlib.DEFLATED, -15)
-    packed = [packer.compress(start) + packer.flush(zlib.Z_FULL_FLUSH)]
-    again = packer.compress(bytes(block)) + packer.flush(zlib.Z_FULL_FLUSH)
-    crc = zlib.crc32(start)
-    for _ in range(count):
-      crc = zlib.crc32(bytes(block), crc)
-    _BOMB[size] = b"".join([*packed, again * count, packer.flush()]), crc
-  size_of = len(start) + count * block
-  file = io.BytesIO()
-  packed, crc = _BOMB[size]
-  central = b""
-  for name in members:
-    fields = [20, 0, 8, 0, 0x21, *(value for value in (crc, len(packed), size_of)), len(name), 0]
-    sizes = b"".join(value.to_bytes(n, "little") for value, n in zip(fields, (2, 2, 2, 2, 2, 4, 4, 4, 2, 2)))
-    where = file.tell()
-    file.write(b"PK\x03\x04" + sizes + name.encode() + packed)
-    central += (b"PK\x01\x02\x14\0" + sizes + bytes(2 + 2 + 2 + 4) + where.to_bytes(4, "little") + name.encode())
-  at = file.tell()
-  file.write(central + b"PK\x05\x06" + bytes(4) + 2 * len(members).to_bytes(2, "little")
-             + len(central).to_bytes(4, "little") + at.to_bytes(4, "little") + bytes(2))
-  return file.getvalue()
+  packed, crc = _packed_zeros(block, count, start)
+  file, central = b"", b""
+  for name in map(str.encode, members):
+    fields = 20, 0, 8, 0, 0x21, crc, len(packed), len(start) + count * block, len(name), 0
+    central += struct.pack("<4sH5H3L2H3H2L", b"PK\x01\x02", 20, *fields, 0, 0, 0, 0, len(file)) + name
+    file += struct.pack("<4s5H3L2H", b"PK\x03\x04", *fields) + name + packed
+  return file + central + struct.pack("<4s4H2LH", b"PK\x05\x06", 0, 0, *[len(members)] * 2, len(central), len(file), 0)
 
 
 # --- by name -----------------------------------------------------------------------------------------------------
@@ -314,12 +288,9 @@ def damage(rng, name, data):
   """Damage that fits the kind of file, and now and then one that does not."""
   if rng.random() < 0.05:
     return other_file(rng, data)
-  if name.endswith(".npz"):
-    return damage_npz(rng, data)
-  if name.endswith(".npy"):
-    return damage_npy(rng, data)
-  if name.endswith(".safetensors"):
-    return damage_bytes(rng, data)
+  for ending, damaging in ((".npz", damage_npz), (".npy", damage_npy), (".safetensors", damage_bytes)):
+    if name.endswith(ending):
+      return damaging(rng, data)
   if name.endswith((".json", ".jsonl")):
     return damage_json(rng, data) if rng.random() < 0.7 else damage_text(rng, data)
   return damage_text(rng, data) if rng.random() < 0.8 else damage_bytes(rng, data)

@@ -2,6 +2,7 @@
 import functools
 import json
 import pathlib
+import shutil
 import tempfile
 
 import numpy as np
@@ -46,29 +47,14 @@ def _motion(folder):
   np.save(folder / "features.npy", features)
 
 
-_ASF = """:version 1.10
-:name man
-:units
-  mass 1.0
-  length 0.45
-  angle deg
-:root
-  order TX TY TZ RX RY RZ
-  axis XYZ
-  position 0 0 0
-  orientation 0 0 0
-:bonedata
-"""
-_BONES = {  # name: (parent, direction, length)
-    "lhipjoint": ("root", (0.6, -0.8, 0), 2.5), "lfemur": ("lhipjoint", (0.3, -0.95, 0), 7), "ltibia": (
-        "lfemur", (0.3, -0.95, 0), 7), "lfoot": ("ltibia", (0, -0.3, 0.95), 2), "ltoes": ("lfoot", (0, 0, 1), 1),
-    "lowerback": ("root", (0, 1, 0), 2), "upperback": ("lowerback", (0, 1, 0), 2), "thorax": ("upperback", (0, 1, 0),
-                                                                                              2),
-    "lowerneck": ("thorax", (0, 1, 0), 1.5), "upperneck": ("lowerneck", (0, 1, 0), 1.5), "head": ("upperneck", (0, 1,
-                                                                                                                0),
-                                                                                                1.5),
-    "lclavicle": ("thorax", (0.9, 0.4, 0), 3.5), "lhumerus": ("lclavicle", (1, 0, 0), 5), "lradius": (
-        "lhumerus", (1, 0, 0), 3), "lwrist": ("lradius", (1, 0, 0), 2), "lhand": ("lwrist", (1, 0, 0), 1)}
+_ASF = (":version 1.10\n:name man\n:units\n  mass 1.0\n  length 0.45\n  angle deg\n:root\n  order TX TY TZ RX RY RZ\n"
+        "  axis XYZ\n  position 0 0 0\n  orientation 0 0 0\n:bonedata\n")
+_BONES = {name: (parent, tuple(map(float, (x, y, z))), length) for name, parent, x, y, z, length in map(str.split, (
+    "lhipjoint root .6 -.8 0 2.5", "lfemur lhipjoint .3 -.95 0 7", "ltibia lfemur .3 -.95 0 7",
+    "lfoot ltibia 0 -.3 .95 2", "ltoes lfoot 0 0 1 1", "lowerback root 0 1 0 2", "upperback lowerback 0 1 0 2",
+    "thorax upperback 0 1 0 2", "lowerneck thorax 0 1 0 1.5", "upperneck lowerneck 0 1 0 1.5",
+    "head upperneck 0 1 0 1.5", "lclavicle thorax .9 .4 0 3.5", "lhumerus lclavicle 1 0 0 5",
+    "lradius lhumerus 1 0 0 3", "lwrist lradius 1 0 0 2", "lhand lwrist 1 0 0 1"))}
 
 
 def _acclaim(folder):
@@ -117,24 +103,15 @@ def _run(folder):
   checkpoint.save_text(folder, checkpoint.TEXT, json.dumps({"name": "random-init", "fingerprint": fingerprint}))
 
 
-def _shipped(name):
-  def make(folder):
-    for path in (PRETRAINED / name).iterdir():
-      (folder / path.name).write_bytes(path.read_bytes())
-  return make
-
-
-def _humanml3d(folder):
-  humanml3d.write_folder(_clips(), folder / "set", mirror=False)
-
-
 _MAKERS = {
     "motion": _motion, "acclaim": _acclaim, "captures": _captures, "run": _run,
-    "archive": lambda folder: write_archive(folder / "set", 5, 40), "humanml3d": _humanml3d,
+    "archive": lambda folder: write_archive(folder / "set", 5, 40),
+    "humanml3d": lambda folder: humanml3d.write_folder(_clips(), folder / "set", mirror=False),
     "snapmogen": lambda folder: snapmogen.write_folder(_clips(3, 60, SNAPMOGEN), folder / "set"),
     "babel": lambda folder: babel.write_folder([clip.replace(split="train") for clip in _clips(3, 60, SMPL)],
                                                folder / "set"),
-    "evaluator": _shipped("clip-evaluator-small"), "words": _shipped("words")}
+    "evaluator": lambda folder: shutil.copytree(PRETRAINED / "clip-evaluator-small", folder, dirs_exist_ok=True),
+    "words": lambda folder: shutil.copytree(PRETRAINED / "words", folder, dirs_exist_ok=True)}
 
 
 def put(folder, files):

@@ -85,8 +85,7 @@ def captions(rng, folder):
   if suffix == ".tsv":
     table = table.replace(",", "\t")
   if suffix == ".jsonl":
-    table = "".join(json.dumps({"file": f"c{i}.bvh", "caption": "walks", "start": 0,
-                                "end": i}) + "\n" for i in range(2))
+    table = "".join(f'{{"file": "c{i}.bvh", "caption": "walks", "start": 0, "end": {i}}}\n' for i in range(2))
   if rng.random() < 0.2:
     table = table.replace(",", ";")
   files["captions" + suffix] = damage(rng, "captions" + suffix, table.encode())
@@ -114,7 +113,7 @@ def _lengths(rng):
 
 
 def prompts(rng, folder):
-  put(folder, {f"run/{name}": content for name, content in healthy("run").items()})
+  put(folder / "run", healthy("run"))
   if rng.random() < 0.4:
     text = damage_text(rng, b"a person walks and then turns left").decode("utf-8", "replace")
     given = _argument(text if not text.startswith("-") else " " + text)
@@ -128,7 +127,7 @@ def prompts(rng, folder):
 
 
 def stories(rng, folder):
-  put(folder, {f"run/{name}": content for name, content in healthy("run").items()})
+  put(folder / "run", healthy("run"))
   given = pick(rng, ("", "in.csv", "in.txt", "in.txt"))
   if given:
     text = _PROMPTS if given.endswith(".csv") else pick(rng, (_TIMELINES, "a person walks:4\na person sits\n"))
@@ -163,20 +162,18 @@ def evaluators(rng, folder):
 
 
 def words(rng, folder):
-  put(folder / "words", damaged(rng, healthy("words"), pick(rng, (None, "config.json", "tokenizer.json",
-                                                                  ".safetensors"))))
+  names = pick(rng, (None, "config.json", "tokenizer.json", ".safetensors"))
+  put(folder / "words", damaged(rng, healthy("words"), names))
   level = pick(rng, ("words", "sentence"))
   return Case("load_text_encoder", lambda: load_text_encoder(pathlib.Path("words").absolute(), level=level))
 
 
-def _data(name, reads):
+def _data(name):
   def kind(rng, folder):
     put(folder, damaged(rng, healthy(name)))
-    if (name == "archive" and rng.random() < 0.01):
+    if name == "archive" and rng.random() < 0.01:
       put(folder / "set", {"motions.npz": deflated_bomb(["names.npy", "root.npy", "local.npy", "start.npy"])})
-    if rng.random() < 0.6:
-      return command("data", "doctor", "set")
-    return pick(rng, reads)
+    return command("data", "doctor", "set") if rng.random() < 0.6 else pick(rng, _READS[name])
   return kind
 
 
@@ -194,42 +191,32 @@ _READS = {
 
 # --- command lines -------------------------------------------------------------------------------------------------
 
-_FLAGS = ("--num-samples", "--seed", "--guidance-scale", "--num-steps", "--solver", "--schedule", "--lag", "--context",
-          "--num-frames",
-          "--seconds",
-          "--num-iterations", "--order", "--mask", "--no-cleanup", "--fps", "--unit", "--up", "--way", "--prompt",
-          "--past-prompt",
-          "--out",
-          "--model", "--split", "--mode", "--mapping", "--captions", "--overwrite", "--no-mirror", "--data",
-          "--teacher",
-          "--change", "--keep", "--task", "--help", "--version", "--what")
-_GIVEN = ("euler", "heun", "fss", "ar", "full", "stream", "chain", "joined", "run", "in.npz", "in.npy", "in.bvh", "set",
-          "out/a.npz",
-          "out/b.bvh,out/c.npy", "out", "out/x/y/z.npy", "/", "a.docx", "train", "1:2", "0.5s:1s", "50%:",
-          "a person walks",
-          "walks:2 | sits:1", "cmdm-small", "m", "cm", "y", "z", *map(str, NUMBERS),
-          *(word for word in WORDS if "\0" not in word))
+_FLAGS = """num-samples seed guidance-scale num-steps solver schedule lag context num-frames seconds num-iterations
+order mask no-cleanup fps unit up way prompt past-prompt out model split mode mapping captions overwrite no-mirror data
+teacher change keep task help version what""".split()
+_GIVEN = (*"""euler heun fss ar full stream chain joined run in.npz in.npy in.bvh set out/a.npz out/b.bvh,out/c.npy out
+out/x/y/z.npy / a.docx train 1:2 0.5s:1s 50%:""".split(), "a person walks", "walks:2 | sits:1",
+          *"cmdm-small m cm y z".split(), *map(str, NUMBERS), *(word for word in WORDS if "\0" not in word))
+_MAKING = "generate", "multi-prompt", "extend", "edit"
 
 
 def commands(rng, folder):
   """Sub-commands with flags and values that fit, or do not."""
   motion = healthy("motion")
-  put(folder, {f"in{ending}": motion[f"a{ending}"] for ending in (".npz", ".npy", ".bvh")}
-      | {f"run/{name}": content for name, content in healthy("run").items()} | healthy("archive"))
+  put(folder, {f"in{ending}": motion[f"a{ending}"] for ending in (".npz", ".npy", ".bvh")} | healthy("archive"))
+  put(folder / "run", healthy("run"))
   start = pick(rng, (["generate", "a person walks", "--num-frames", "24"], ["multi-prompt", _SEQUENCE],
                      ["render", "in.npz"], ["extend", "in.npz", "--prompt", "sits"],
                      ["extend", "in.bvh", "--prompt", "walks:2 | sits"],
                      ["data", "build", "set", "out/made"], ["data", "doctor", "set"], ["models"],
                      ["edit", "in.npz", "--prompt", "waves", "--task", "prefix"], ["data"], ["convert", "cmdm"], []))
-  made = start[0] in ("generate", "multi-prompt", "extend", "edit", "render") if start else False
-  if made:
+  if start and start[0] in (*_MAKING, "render"):
     start = [*start, "--out", "out/a" + pick(rng, (".npz", ".npy", ".bvh"))]
-  if made and start[0] != "render":
-    start += ["--model", "run"]
+    start += ["--model", "run"] if start[0] in _MAKING else []
   for _ in range(int(rng.integers(0, 4))):
     chance = rng.random()
     if chance < 0.75:
-      start.append(pick(rng, _FLAGS))
+      start.append("--" + pick(rng, _FLAGS))
     if chance < 0.9:
       start.append(_argument(pick(rng, _GIVEN)))
     elif start:
@@ -237,23 +224,20 @@ def commands(rng, folder):
   # What ships takes seconds to load, and a page, a film or the copy of one minutes to write: not here.
   heavy = {"cmdm-small", "cdamd-small", "/", "retrieve"}
   start = [word for word in start if word not in heavy]
-  if start and start[0] in ("generate", "multi-prompt", "extend", "edit") and "--out" not in start:
-    start += ["--out", "out/a.npy"]
-  if start and start[0] in ("generate", "multi-prompt", "extend", "edit") and "run" not in start:
-    start += ["--model", "run"]
+  if start and start[0] in _MAKING:
+    start += ([] if "--out" in start else ["--out", "out/a.npy"]) + ([] if "run" in start else ["--model", "run"])
   return command(*start)
 
 
 # name: (share of the cases, kind)
 KINDS = {
-    "bvh": (14, _render(".bvh")), "asf": (6, _build_from("acclaim", ".asf")), "amc": (6, _build_from("acclaim",
-                                                                                                     ".amc")),
-    "npz": (14, _render(".npz")), "npy": (14, _render(".npy")), "captions": (6, captions),
+    "bvh": (14, _render(".bvh")), "asf": (6, _build_from("acclaim", ".asf")),
+    "amc": (6, _build_from("acclaim", ".amc")), "npz": (14, _render(".npz")),
+    "npy": (14, _render(".npy")), "captions": (6, captions),
     "captures": (3, _build_from("captures", None)), "prompts": (6, prompts), "stories": (5, stories),
     "timelines": (4, timeline_files), "runs": (4, runs), "evaluators": (1, evaluators), "words": (1, words),
-    "archives": (6, _data("archive", _READS["archive"])), "humanml3d": (4, _data("humanml3d", _READS["humanml3d"])),
-    "snapmogen": (2, _data("snapmogen", _READS["snapmogen"])), "babel": (2, _data("babel", _READS["babel"])),
-    "commands": (8, commands)}
+    "archives": (6, _data("archive")), "humanml3d": (4, _data("humanml3d")), "snapmogen": (2, _data("snapmogen")),
+    "babel": (2, _data("babel")), "commands": (8, commands)}
 
 
 # --- networks that sample nothing ----------------------------------------------------------------------------------
@@ -262,7 +246,7 @@ KINDS = {
 def check_stubs(folder):
   """Raises RuntimeError unless a healthy run, prompt and story are made with the stubs: they are the models' whole API,
   and where they lag behind it every case of a run is refused for a reason of the fuzzer's own."""
-  put(folder, {f"run/{name}": content for name, content in healthy("run").items()})
+  put(folder / "run", healthy("run"))
   model, length = ("--model", str(folder / "run")), ("--num-frames", "24")
   said = io.StringIO()
   for arguments in (("generate", "a person walks", *length), ("multi-prompt", _SEQUENCE)):

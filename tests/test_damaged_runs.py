@@ -2,16 +2,14 @@
 import json
 import shutil
 
-import flax
-import jax.numpy as jnp
 import numpy as np
 import pytest
+from safetensors import numpy as safetensors
 
 from motion_jax import loading
 from motion_jax.text.encoder import load_text_encoder
 from motion_jax.training import checkpoint
 from motion_jax.training.metrics import read_metrics
-from motion_jax.training.saver import Saver, copy_of
 from motion_jax.utils.errors import InputError
 from tests.fuzz_healthy import healthy, put
 
@@ -22,58 +20,40 @@ def run(tmp_path):
   return tmp_path / "run"
 
 
-def _change(folder, path, value):
-  config = json.loads((folder / "config.json").read_text())
-  section = config
-  *parents, last = path.split(".")
-  for name in parents:
-    section = section[name]
-  if value is None:
-    del section[last]
-  else:
-    section[last] = value
-  (folder / "config.json").write_text(json.dumps(config))
-
-
 @pytest.mark.parametrize("path, value, words", [
     ("model", None, "config.json"), ("model", 7, "config.json"), ("model.width", "wide", "config.json"),
-    ("model.width", 10**9, "got model.width 1e"), ("model.depth", 10**6, "got model.depth 1e"),
-    ("tokenizer.num_halvings", 40, "got tokenizer.num_halvings 40"), ("tokenizer.dilations", 3, "config.json"),
-    ("model.colour", "red", "config.json"), ("sampler", None, "got sampler.num_steps None"),
+    ("model.width", 10**9, "got model.width 1e"), ("model.colour", "red", "config.json"),
+    ("tokenizer.num_halvings", 40, "got tokenizer.num_halvings 40"), ("sampler", None, "got sampler.num_steps None"),
     ("sampler.num_steps", 10**9, "got sampler.num_steps 1000000000"), ("sampler.lag", "2", "got sampler.lag 2"),
     ("sampler.guidance_scale", float("nan"), "got sampler.guidance_scale nan"), ("data.layout", "fulll", "fulll"),
-    ("data.layout", ["full"], "config.json"), ("frozen.text", 5, "config.json"), ("frozen", None, "config.json"),
-    ("stage", {"a": 1}, "holds a FrozenConfigDict as the stage of a run"),
-    ("stage", "a\nb", "holds a str as the stage"), ("stage", "x" * 2000, "expected one of stage cmdm.denoiser"),
-    ("data.max_frames", 0, "got data.max_frames 0"), ("data", [1], "data is '[1]', expected an object")])
+    ("frozen.text", 5, "config.json"), ("stage", {"a": 1}, "holds a FrozenConfigDict as the stage of a run"),
+    ("stage", "a\nb", "holds a str as the stage"), ("data.max_frames", 0, "got data.max_frames 0"),
+    ("data", [1], "data is '[1]', expected an object")])
 def test_a_config_of_wrong_types_is_one_line(run, path, value, words):
-  _change(run, path, value)
+  config = json.loads((run / "config.json").read_text())
+  *parents, last = path.split(".")
+  section = config[parents[0]] if parents else config
+  section[last] = value
+  if value is None:
+    del section[last]
+  (run / "config.json").write_text(json.dumps(config))
   with pytest.raises(ValueError) as error:
     loading.load(run)
   text = str(error.value)
   assert isinstance(error.value, InputError) and words in text and str(run) in text and "\n" not in text
 
 
-CUT, *WRONG = (lambda data: data[:len(data) // 2], lambda data: b"", lambda data: b"\xff" * 40,
-               lambda data: data[:1] + b"\xf1" + data[2:])
-
-
 @pytest.mark.parametrize("name, damage", [
-    *((name, CUT) for name in ("params.safetensors", "frozen.safetensors", "Mean.npy", "Std.npy", "config.json",
-                               "text.json")),
-    *((name, damage) for name in ("params.safetensors", "text.json") for damage in WRONG)])
+    *((name, lambda data: data[:len(data) // 2]) for name in (
+        "params.safetensors", "frozen.safetensors", "Mean.npy", "Std.npy", "config.json")),
+    ("params.safetensors", lambda data: data[:1] + b"\xf1" + data[2:]),
+    ("params.safetensors", lambda data: safetensors.save({"a": np.zeros(1), "a/b": np.zeros(1)})),  # they make no tree
+    ("text.json", lambda data: b""), ("text.json", lambda data: b"\xff" * 40)])
 def test_a_damaged_file_is_named(run, name, damage):
   (run / name).write_bytes(damage((run / name).read_bytes()))
   with pytest.raises(InputError, match=name) as error:
     loading.load(run)
   assert "\n" not in str(error.value)
-
-
-def test_names_that_make_no_tree(run):
-  from safetensors.numpy import save_file
-  save_file({"a": np.zeros(1), "a/b": np.zeros(1)}, run / "params.safetensors")
-  with pytest.raises(InputError, match="params.safetensors"):
-    loading.load(run)
 
 
 @pytest.mark.parametrize("text", ["[]", '[["", 40]]', '[["walks", "x"]]', '[["walks", 1e400]]', '[["walks", -3]]', "{"])
@@ -107,23 +87,3 @@ def test_known_words_that_are_no_text_are_named(tmp_path):
   put(tmp_path / "words", healthy("words") | {"known_words.txt": b"walk\0run"})
   with pytest.raises(InputError, match="known_words.txt"):
     load_text_encoder(tmp_path / "words")
-
-
-@flax.struct.dataclass
-class _State:
-  step: jnp.ndarray
-  params: dict
-  ema_params: dict
-
-
-def test_a_damaged_checkpoint_is_named(tmp_path):
-  state = _State(jnp.ones((), jnp.int32), {"a": jnp.ones((300, 7))}, {"a": jnp.ones(2)})
-  saver = Saver(tmp_path)
-  saver.save(1, copy_of(state))
-  assert saver.wait() is None and (saver.restore(state)[0].params["a"] == 1).all()
-  for path in sorted((tmp_path / "checkpoints" / "1").rglob("*")):
-    if path.is_file() and "metadata" not in path.name.lower():
-      path.write_bytes(path.read_bytes()[:5])
-  with pytest.raises(InputError, match=r"checkpoints is whole \(1: .*; start a new run"):
-    Saver(tmp_path).restore(state)
-  shutil.rmtree(tmp_path / "checkpoints")

@@ -7,7 +7,6 @@ import pytest
 
 from motion_studio import cli
 from tests import fuzz, fuzz_kinds
-from tests.fuzz_damage import damage
 from tests.fuzz_healthy import healthy
 
 
@@ -29,15 +28,8 @@ def test_a_case_is_the_same_again(tmp_path):
   assert fuzz.plan(50, 3) == fuzz.plan(50, 3) and fuzz.plan(50, 3, ["npz"])[4] == ("npz", 3, 4)
 
 
-def test_damage_changes_what_it_is_given():
-  files = healthy("motion")
-  changed = sum(damage(np.random.default_rng(i), name, data) != data for i in range(40) for name, data in files.items())
-  assert changed > 0.8 * 40 * len(files)
-
-
 @pytest.mark.parametrize("result, misdeed", [
-    ("traceback", lambda: {}["x"]), ("not our words", lambda: int("x")), ("not our words",
-                                                                          lambda: np.zeros(3).reshape(2)),
+    ("traceback", lambda: {}["x"]), ("not our words", lambda: int("x")),
     ("over 2 GB", lambda: np.zeros(1_500_000_000, np.uint8).fill(1)),
     ("half-written", lambda: (pathlib.Path("out/a.npy").write_bytes(b"1"), cli.main(["render", "nothing.npy"]))),
     ("half-written", lambda: pathlib.Path("out/.a-x1.npy").write_bytes(b"1")),

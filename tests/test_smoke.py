@@ -1,13 +1,10 @@
 """A newcomer's first minutes work: every config trains two steps, the README says nothing that does not run."""
 import ast
+import functools
 import json
-import os
-import pathlib
 import re
 import shlex
 import shutil
-import subprocess
-import sys
 import tomllib
 import types
 
@@ -24,7 +21,7 @@ from motion_jax.training.metrics import read_metrics
 from motion_jax.utils import config_files, overrides
 from motion_studio import cli
 from motion_studio.language import parse
-from tests.conftest import ROOT, light_training, load_config, some_of
+from tests.conftest import ROOT, load_config, some_of
 from tools.site import notebooks
 
 CONFIGS = [name for name in config_files.names() if "/" not in name]
@@ -46,41 +43,18 @@ def test_every_config_trains_two_steps(name, tmp_path):
     assert (tmp_path / file).is_file(), file
 
 
-@pytest.mark.parametrize("name", CONFIGS)
-def test_full_and_small_configs_are_whole_and_locked(name):
-  with pytest.raises(ValueError, match="full, .* or tiny") as refusal:
-    load_config(name, "huge")
-  for size in {"full", "small"} & set(re.findall(r"\w+", str(refusal.value))):
-    config = load_config(name, size)
-    with pytest.raises(AttributeError):
-      config.model.widht = 3
-
-
-@pytest.fixture(scope="module")
-def length_run(tmp_path_factory):
-  """The folder of cdamd_length's two steps, with an average."""
-  folder = tmp_path_factory.mktemp("runs") / "length"
-  with light_training():
-    training.run(length_config(2), folder)
-  return folder
-
-
-def length_config(num_steps, **model):
-  config = load_config("cdamd_length", "tiny").unlock()
-  config.optimizer.ema_decay, config.train.num_steps = 0.5, num_steps
-  config.model.update(model)
-  return config
-
-
 @pytest.mark.slow
-def test_resume_through_the_stage_is_exact_and_with_another_model_refused(length_run, tmp_path, unjudged, capsys):
+def test_resume_through_the_stage_is_exact(tmp_path, unjudged, capsys):
   """Data order, noise, optimizer and average all continue: 2 + 2 steps are 4, bit for bit."""
-  folder = shutil.copytree(length_run, tmp_path / "parts")
-  with pytest.raises(ValueError, match="another model"):
-    training.run(length_config(4, width=32), folder, resume=True)
-  parts = training.run(length_config(4), folder, resume="auto")
-  whole = training.run(length_config(4), tmp_path / "whole", resume="auto")
-  assert re.findall("--resume=auto: (.*) /", capsys.readouterr().out) == ["resuming", "starting"]
+  config = load_config("cdamd_length", "tiny").unlock()
+
+  def train(name, num_steps):
+    config.optimizer.ema_decay, config.train.num_steps = 0.5, num_steps
+    return training.run(config, tmp_path / name, resume="auto")
+
+  train("parts", 2)
+  parts, whole = train("parts", 4), train("whole", 4)
+  assert re.findall("--resume=auto: (.*) /", capsys.readouterr().out) == ["starting", "resuming", "starting"]
   chex.assert_trees_all_equal(parts, whole)
 
 
@@ -89,37 +63,19 @@ def test_resume_with_other_frozen_parts_is_refused(tiny_run, tmp_path):
   """Statistics, tokenizer and weights of a run are its own: exchanged or damaged, they are not silently taken over."""
   folder, config = shutil.copytree(tiny_run, tmp_path / "run"), load_config("cmdm_denoiser", "tiny")
   mean, std, words, frozen = (folder / name for name in ("Mean.npy", "Std.npy", checkpoint.TEXT, checkpoint.FROZEN))
-  kept = mean.read_bytes(), frozen.read_bytes()
-  refused = lambda match: pytest.raises(ValueError, match=match)
+  cut = lambda file, size: file.write_bytes(file.read_bytes()[:size])
+  moved = jax.tree.map(lambda a: a + 0.1, checkpoint.load_params(folder, name=checkpoint.FROZEN))
   for file, other, match in ((mean, lambda: np.save(mean, np.load(mean) + 1), "other data"),
                              (std, lambda: np.save(std, 1.1 * np.load(std)), "other data"),
-                             (words, lambda: words.write_text('{"name": "", "fingerprint": "x"}'), "another text enc")):
+                             (words, lambda: words.write_text('{"name": "", "fingerprint": "x"}'), "another text enc"),
+                             (mean, lambda: cut(mean, 200), "should hold 1052 bytes .* has 72"),
+                             (frozen, lambda: checkpoint.save_params(folder, moved, name=checkpoint.FROZEN),
+                              "another tokenizer"), (frozen, lambda: cut(frozen, -10), "no whole safetensors")):
     whole = file.read_bytes()
     other()
-    with refused(match):
+    with pytest.raises(ValueError, match=match):
       training.run(config, folder, resume=True)
     file.write_bytes(whole)
-  mean.write_bytes(kept[0][:200])
-  with refused("should hold 1052 bytes .* has 72"):
-    training.run(config, folder, resume=True)
-  mean.write_bytes(kept[0])
-  params = checkpoint.load_params(folder, name=checkpoint.FROZEN)
-  checkpoint.save_params(folder, jax.tree.map(lambda a: a + 0.1, params), name=checkpoint.FROZEN)
-  with refused("another tokenizer"):
-    training.run(config, folder, resume=True)
-  frozen.write_bytes(kept[1][:-10])
-  with refused("no whole safetensors"):
-    training.run(config, folder, resume=True)
-
-
-@pytest.mark.slow
-def test_launch_py(tmp_path):
-  """The command itself, with an override; a misspelled one is refused (tests/studio/cli)."""
-  command = [sys.executable, str(ROOT / "launch.py"), f"--config={ROOT}/configs/cdamd_length.py:tiny",
-             f"--workdir={tmp_path / 'run'}", "--config.train.num_steps=1"]
-  done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=ROOT)
-  assert done.returncode == 0, done.stderr
-  assert len(read_metrics(tmp_path / "run")) >= 1
 
 
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -127,7 +83,6 @@ LANDING = ROOT / "site" / "index.md"  # of the site: what a newcomer types first
 MORE = [ROOT / "CONTRIBUTING.md", ROOT / "docs" / "benchmark" / "README.md",
         *sorted((ROOT / "docs" / "papers").glob("*.md"))]  # pages with a command here and there
 TYPED = ("control.md", "command-line.md")  # pages whose commands follow from one another
-CACHE = [name for name in os.environ if name.startswith(("JAX_COMPILATION_CACHE", "JAX_PERSISTENT_CACHE"))]
 CARDS = sorted((ROOT / "motion_jax" / "pretrained").glob("*/README.md"))  # of the models that ship
 
 
@@ -206,7 +161,7 @@ def _shell_lines(page):
 
 
 def test_pages_that_are_typed_from_the_top_need_no_file_of_ones_own():
-  """Every file that their commands read was made by one before; `test_a_page_can_be_typed_from_the_top` runs a page."""
+  """Every file that their commands read was made by one before."""
   for name in TYPED:
     made = set()
     for line in _shell_lines(ROOT / "docs" / name):
@@ -217,17 +172,6 @@ def test_pages_that_are_typed_from_the_top_need_no_file_of_ones_own():
       outs = {part for before, word in zip(words, words[1:]) if before in ("--out", ">") for part in word.split(",")}
       made |= {part for out in outs for part in (out, re.sub(r"(\.\w+)$", r"_0\1", out))}
       assert read <= made, (name, line, read - made)
-
-
-@pytest.mark.exhaustive
-def test_a_page_can_be_typed_from_the_top(tmp_path):
-  """Of control.md, in a shell as a reader has it: the flags of `tests/conftest.py` compile fast and sample slowly."""
-  environment = {name: value for name, value in os.environ.items() if name not in ("XLA_FLAGS", *CACHE)}
-  environment["PATH"] = f"{pathlib.Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
-  for line in _shell_lines(ROOT / "docs" / "control.md"):
-    done = subprocess.run(["bash", "-c", line], cwd=tmp_path, env=environment, capture_output=True, text=True,
-                          check=False)
-    assert not done.returncode, f"{line}\n{done.stdout}\n{done.stderr}"
 
 
 def test_an_example_with_its_answer_is_what_the_command_prints():
@@ -252,14 +196,8 @@ def test_python_of_the_pages_and_notebooks_names_what_there_is(name):
   of_modules = {name for name, value in scope.items() if isinstance(value, types.ModuleType | type)}
   named = {ast.unparse(node) for node in ast.walk(tree) if isinstance(node, ast.Attribute)
            and re.fullmatch(r"[\w.]+", ast.unparse(node)) and ast.unparse(node).partition(".")[0] in of_modules}
-  assert scope and not [text for text in named if not _exists(text, scope)]
-
-
-def _exists(text, scope):
-  try:
-    return eval(text, scope) is not None
-  except AttributeError:
-    return False
+  below = lambda root, *names: functools.reduce(lambda value, name: getattr(value, name, None), names, scope[root])
+  assert scope and not [text for text in named if below(*text.split(".")) is None]
 
 
 OF_PAGES = {name: script for name, script in SCRIPTS.items() if script and name in map(_name, PAGES)}
@@ -282,8 +220,7 @@ def test_the_landing_page_says_what_the_readme_says():
   assert lines and set(lines) <= set(readme)
 
 
-def test_the_readme_is_short_and_the_docs_have_an_index():
-  assert len((ROOT / "README.md").read_text(encoding="utf-8").splitlines()) < 150
+def test_the_docs_have_an_index():
   index = (ROOT / "docs" / "README.md").read_text(encoding="utf-8")
   missing = [page.name for page in PAGES[1:] if page.name != "README.md" and f"]({page.name})" not in index]
   assert not missing

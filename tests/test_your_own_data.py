@@ -6,7 +6,6 @@ import pytest
 
 from motion_jax import export, fit
 from motion_jax.data import build, sources
-from motion_jax.data.clip import Caption
 from motion_jax.data.datasets import humanml3d
 from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_studio import cli
@@ -45,35 +44,23 @@ def write_captures(folder, count=20):
   (folder / "captions.csv").write_text("\n".join(rows) + "\n")
 
 
-def launch(words):
-  """`motion-jax train` with these words, at the sizes of TINY."""
-  name = words[words.index("--config") + 1].partition(":")[0]
-  sizes = TINY[name] | {"train.num_steps": 2, "train.save_every": 2, "data.batch_size": 4}
-  assert cli.main(["train", *words, *(f"--config.{key}={value}" for key, value in sizes.items())]) == 0
-
-
-def evaluate(words):
-  words = ["1" if before == "--replications" else word for before, word in zip(["", *words], words)]
-  assert cli.main(["evaluate", *words, "--force"]) == 0  # two steps of training convince no evaluator
-
-
-@pytest.mark.parametrize("whole", [pytest.param(False, marks=pytest.mark.slow),
-                                   pytest.param(True, marks=pytest.mark.exhaustive)])
-def test_the_page_from_files_to_a_table(tmp_path, monkeypatch, capsys, whole):
-  """Unless it is the whole page, steps of training are traced, and evaluations parsed: tests/evaluation runs them."""
+@pytest.mark.slow
+def test_the_page_from_files_to_a_table(tmp_path, monkeypatch, capsys):
+  """Steps of training are traced, and evaluations parsed: tests/evaluation runs them."""
   monkeypatch.chdir(tmp_path)
   monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-  if not whole:
-    monkeypatch.setattr(fit.loop, "train", traced_training)
+  monkeypatch.setattr(fit.loop, "train", traced_training)
   write_captures(tmp_path / "my_bvh")
   ran = []
   for words in commands():
     if words[:2] == ["motion-jax", "train"]:
-      launch(words[2:])
+      sizes = TINY[words[words.index("--config") + 1].partition(":")[0]] | {
+          "train.num_steps": 2, "train.save_every": 2, "data.batch_size": 4}
+      assert cli.main([*words[1:], *(f"--config.{key}={value}" for key, value in sizes.items())]) == 0
     elif words[:2] == ["motion-jax", "evaluate"]:
       folders = [word for word in words if word.startswith("runs/")]
       assert folders and all((tmp_path / folder).is_dir() for folder in folders), words
-      evaluate(words[2:]) if whole else cli.parse(words[1:])
+      cli.parse(words[1:])
     else:
       assert words[0] == "motion-jax", f"the page has a command that no test runs: {words}"
       more = ["--num-steps", "2", "--lag", "1", "--num-samples", "1"] if words[1] == "generate" else []
@@ -83,9 +70,6 @@ def test_the_page_from_files_to_a_table(tmp_path, monkeypatch, capsys, whole):
                  "evaluate"]
   assert "its mirrored copies are used, no more are made" in capsys.readouterr().out
   assert (tmp_path / "walk.html").stat().st_size > 100_000
-  if whole:
-    assert "own-66" in (tmp_path / "eval" / "own" / "results.json").read_text()
-    assert (tmp_path / "runs" / "denoiser" / "eval" / "own-66" / "tables.md").is_file()
 
 
 @pytest.fixture(scope="module")
@@ -123,14 +107,9 @@ def test_a_folder_beside_others_is_read_clip_by_clip_without_its_mirrored_copies
   assert config.data.mirror, "they are made anew, for all folders alike"
 
 
-def test_the_smallest_size_trains_on_a_folder_that_is_given(mine, tmp_path):
-  config, _ = fit.resolve(data_of("tiny", folder=str(mine)))
-  assert config.data.name == "humanml3d" and config.data.folder == str(mine)
-  with pytest.raises(FileNotFoundError, match="there is no folder"):
-    fit.resolve(data_of("tiny", folder=str(tmp_path / "none")))
-
-
 def test_recognition_leaves_alone_what_is_none_of_its_business(mine):
+  tiny, _ = fit.resolve(data_of("tiny", folder=str(mine)))
+  assert tiny.data.name == "humanml3d" and tiny.data.folder == str(mine)
   synthetic = data_of("tiny")
   assert sources.recognize(synthetic) == "" and synthetic.data.name == "synthetic"
   assert sources.recognize(data_of()) == ""
@@ -153,7 +132,7 @@ def test_what_is_no_data_folder_is_told(tmp_path, mine):
 
 def test_each_split_gets_a_recording_of_a_few():
   for count in range(5, 30):
-    clips = [clip.replace(split="", id=f"take_{count}_{i}", captions=(Caption("a person walks"),))
+    clips = [clip.replace(split="", id=f"take_{count}_{i}")
              for i, clip in enumerate(synthetic_clips(num=1, num_frames=20) * count)]
     splits = [clip.split for clip in build.with_splits(clips)]
     assert set(splits) == {"train", "val", "test"} and splits.count("train") >= count / 2

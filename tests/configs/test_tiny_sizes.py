@@ -54,6 +54,7 @@ def traced_training(config, workdir, stage, next_batch, frozen, *_):
   loss = lambda params, *extra: stage.loss(params, frozen, batch, 0, rng, *extra)[0]["loss"]
   jax.eval_shape(jax.vmap(loss, None, axis_size=1, axis_name=DEVICES), *made)
   checkpoint.save_params(workdir, {name: part for one in made for name, part in untrained(one).items()})
+  (workdir / "metrics.jsonl").touch()
   return types.SimpleNamespace(step=0)
 
 

@@ -12,8 +12,7 @@ from tests.training.test_train import _config, _next_batch, _stage
 
 
 class Clock:
-  def __init__(self):
-    self.now = 0.0
+  now = 0.0
 
   def __call__(self):
     return self.now
@@ -64,10 +63,6 @@ def test_a_run_ends_with_its_budget_and_a_larger_one_continues_to_the_same_bytes
   assert counts == sorted(counts)
   whole = loop.train(_config(last), tmp_path / "whole", _stage(), _next_batch)
   chex.assert_trees_all_equal(state.params, whole.params)
-
-
-def test_a_folder_without_a_state(tmp_path):
-  assert progress(tmp_path) == (0, 0.0)
 
 
 def test_a_deadline_leaves_time_for_the_cooldown():

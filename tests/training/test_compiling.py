@@ -4,7 +4,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from motion_jax.training.compiling import SMALL, Step, is_small, quick_options
+from motion_jax.training.compiling import Step
 
 
 @pytest.mark.parametrize("quick", [True, False])
@@ -22,12 +22,3 @@ def test_a_step_is_compiled_once_for_each_shape_of_a_batch(quick):
     np.testing.assert_allclose(state["w"], 1 + np.tanh(x).sum(0), rtol=1e-5)
     np.testing.assert_allclose(mean, x.mean(), atol=1e-6)
   assert traced == [(2, 4), (3, 4)]
-
-
-def test_options_of_this_version_are_found_one_by_one():
-  assert "xla_backend_optimization_level" in quick_options()
-
-
-def test_size_decides_and_not_the_length_of_a_run():
-  assert is_small({"a": np.zeros(SMALL - 2), "b": np.zeros(1)})
-  assert not is_small({"a": np.zeros(SMALL - 1), "b": np.zeros(1)})

@@ -31,7 +31,6 @@ def no_cluster(monkeypatch):
 
 
 @pytest.mark.parametrize("given, told", [
-    (dict(process_id=0), "got --process-id without --coordinator, --num-processes"),
     (dict(coordinator="localhost:1", num_processes=2), "got --coordinator, --num-processes without --process-id"),
     (dict(coordinator="localhost:1", process_id=2, num_processes=2), "got --process-id 2 of 2 processes"),
     (dict(coordinator="auto", process_id=1, num_processes=2), "or --coordinator=auto alone")])
@@ -170,10 +169,8 @@ def slices(devices, *runs):
 def numbers(folder):
   """(steps, losses, weights)"""
   rows = [row for row in read_metrics(folder) if "loss" in row]
-  flat = lambda tree: [leaf for name in sorted(tree) for leaf in (
-      flat(tree[name]) if isinstance(tree[name], dict) else [tree[name].ravel()])]
-  return [row["step"] for row in rows], [row["loss"] for row in rows], np.concatenate(flat(
-      checkpoint.load_params(folder)))
+  weights = [leaf.ravel() for leaf in jax.tree.leaves(checkpoint.load_params(folder))]
+  return [row["step"] for row in rows], [row["loss"] for row in rows], np.concatenate(weights)
 
 
 def assert_alike(one, other, rtol):

@@ -7,10 +7,9 @@ import pytest
 
 from motion_jax import fit
 from motion_jax.training import loop
-from motion_jax.training.metrics import read_metrics, wall_times
+from motion_jax.training.metrics import read_metrics
 from motion_jax.utils.errors import InputError
 from tests.conftest import load_config
-from tests.training.test_guards import _bad_from, _skipping
 from tests.training.test_train import _config, _killed, _next_batch, _stage
 
 
@@ -52,32 +51,6 @@ def test_a_run_that_is_killed_and_goes_on_has_each_number_once(tmp_path):
   events = _events(tmp_path)
   assert events[0].file_version == "brain.Event:2" and events[1].session_log.status == 1  # START
   assert all(a.wall_time <= b.wall_time for a, b in zip(events[2:], events[3:]))
-
-
-def test_what_is_rolled_back_is_not_there(tmp_path):
-  loop.train(_with_events(_skipping(10)), tmp_path, _stage(), _bad_from(5))
-  assert _scalars(tmp_path) == _of_metrics(tmp_path) and len(read_metrics(tmp_path)) == 10
-
-
-def test_what_a_full_disk_cuts_short_is_made_anew(tmp_path, monkeypatch, capsys):
-  from tensorboardX.event_file_writer import EventsWriter
-  write, events = EventsWriter.write_event, []
-
-  def full_at_the_sixth(writer, event):
-    events.append(event)
-    if len(events) == 6:
-      raise OSError(28, "No space left on device")
-    return write(writer, event)
-
-  monkeypatch.setattr(EventsWriter, "write_event", full_at_the_sixth)
-  loop.train(_with_events(_config(6)), tmp_path, _stage(), _next_batch)
-  assert "TensorBoard's event file could not be written ([Errno 28] No space left on device)" in capsys.readouterr().out
-  assert _scalars(tmp_path) == _of_metrics(tmp_path)
-
-
-def test_slices_follow_each_other_in_time():
-  rows = [{"step": 1, "seconds": 10.0}, {"step": 2, "seconds": 30.0}, {"step": 2}, {"step": 3, "seconds": 5.0}]
-  assert wall_times(rows, 100.0) == [75.0, 95.0, 95.0, 100.0]
 
 
 def test_an_absent_extra_is_told_before_data_are_read(tmp_path, monkeypatch):

@@ -7,7 +7,6 @@ import pytest
 
 from motion_jax.training import checkpoint, optimizers
 from motion_jax.training import loop as train
-from motion_jax.utils import config_files, overrides
 from motion_jax.utils.errors import InputError
 from tests.conftest import some_of
 from tests.training.test_train import _config, _equal, _next_batch, _stage
@@ -81,6 +80,11 @@ def test_what_is_wrong_is_named_in_one_sentence(fields, words):
 
 @pytest.mark.parametrize("fields, expected", [
     (dict(schedule="linear", final_rate=0.2), [0.5, 1, 1 - 0.8 / 3, 1 - 1.6 / 3]),
+    (dict(schedule="step", boundaries=(0.5, 3), gamma=0.1), [0.5, 1, 0.1, 0.01]),
+    (dict(schedule="wsd", cooldown_steps=2), [0.5, 1, 1, 0.5]),
+    # From the warm-up's end at step 1 to a fifth at step 4; a quarter turn, to a half at step 4.
+    (dict(schedule="cosine", final_rate=0.2), [0.5, 1, 0.2 + 0.8 * 0.75, 0.2 + 0.8 * 0.25]),
+    (dict(schedule="half_cosine"), [0.5, *(0.5 + 0.5 * np.cos(np.pi * step / 8) for step in (1, 2, 3))]),
     (dict(schedule="exponential_decay", schedule_fields=dict(decay_rate=0.25, transition_steps=2)),
      [0.5, 0.5, 0.25, 0.125]),
     (dict(warmup="released", warmup_steps=3), [0.5, 0.75, 0.75, 0.75]),
@@ -101,11 +105,3 @@ def test_parts_are_clipped_and_rated_by_name():
   tx = optimizers.make_optimizer(config, 1)
   updates, _ = tx.update(grads, tx.init(grads), grads)
   assert {name: float(part["w"][0]) for name, part in updates.items()} == {"a": -0.5, "b": -2.0, "slow": -0.5}
-
-
-def test_fields_are_set_on_the_command_line():
-  config = overrides.applied(["--config.optimizer.name=lion", "--config.optimizer.fields.b2=0.95",
-                              "--config.optimizer.schedule_fields.power=2"], config_files.load("cmdm_tokenizer:tiny"))
-  assert config.optimizer.fields.to_dict() == {"b2": 0.95} and config.optimizer.schedule_fields.power == 2
-  with pytest.raises(InputError, match="does not have"):
-    overrides.applied(["--config.optimizer.feilds.b2=0.95"], config_files.load("cmdm_tokenizer:tiny"))

@@ -11,12 +11,7 @@ from PIL import Image
 
 from motion_jax.training import loop, metrics, report
 from motion_jax.training.metrics import append_metrics
-from tests.training.test_train import _config as line_config
-from tests.training.test_train import _next_batch, _stage
-
-
-def _config(**fields):
-  return ml_collections.FrozenConfigDict({"stage": "cmdm.denoiser", "train": {"num_steps": 100}} | fields)
+from tests.training.test_train import _config, _next_batch, _stage
 
 
 def test_the_page_holds_curves_speed_environment_and_config(tmp_path):
@@ -27,24 +22,15 @@ def test_the_page_holds_curves_speed_environment_and_config(tmp_path):
   append_metrics(tmp_path, {"step": 50, "held_out_mm": 21.5})
   (tmp_path / "samples").mkdir()
   Image.new("RGB", (8, 8)).save(tmp_path / "samples/step50.png")
-  page = report.write_report(tmp_path, _config(note="<script>alert(1)</script>"), {"device": "cpu & <b>"}).read_text()
+  config = ml_collections.FrozenConfigDict({"stage": "cmdm.denoiser", "train": {"num_steps": 100},
+                                            "note": "<script>alert(1)</script>"})
+  page = report.write_report(tmp_path, config, {"device": "cpu & <b>"}).read_text()
   assert "step 50 of 100" in page and "25.0 %" in page and "21.5" in page and "data:image/png" in page
   # loss, kl; held out; gradient, rate, left out; samples, waiting, memory
   assert page.count('<svg class="chart"') == 9
   assert re.search(r"skipped steps</span><b>5</b>", page)
   assert "<script>" not in page and "cpu &amp; &lt;b&gt;" in page
   assert not re.findall(r"(?:src|href)=\"(?!data:)", page)
-
-
-def test_a_run_without_a_row_has_a_page(tmp_path):
-  assert "step 0 of 100" in report.write_report(tmp_path, _config(), {}).read_text()
-
-
-def test_smoothing_keeps_a_constant_and_follows_a_step():
-  assert report.smoothed([3.0] * 50) == pytest.approx([3.0] * 50)
-  stepped = report.smoothed([0.0] * 100 + [1.0] * 100)
-  assert stepped[99] == 0 and 0 < stepped[105] < 1 and stepped[-1] == pytest.approx(1, abs=0.01)
-  assert report.smoothed([float("nan"), 2.0])[1] == 2
 
 
 def test_rates_count_steps_since_the_last_row(monkeypatch):
@@ -76,7 +62,7 @@ class _Terminal(io.StringIO):
 
 def test_on_a_terminal_there_is_a_bar_and_elsewhere_lines(tmp_path, monkeypatch, capsys):
   monkeypatch.setattr(metrics, "peak_flops", lambda: 1e6)
-  train = lambda folder: loop.train(line_config(6), tmp_path / folder, _stage(), _next_batch,
+  train = lambda folder: loop.train(_config(6), tmp_path / folder, _stage(), _next_batch,
                                     evaluate=lambda params: {"held_out_loss": 0.25})
   train("lines")
   said = capsys.readouterr()

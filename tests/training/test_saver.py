@@ -15,7 +15,7 @@ from motion_jax.training.saver import Saver, copy_of, fields_of
 from motion_jax.utils.atomic import atomic_path, remove_strays
 from motion_jax.utils.errors import InputError
 from tests.conftest import load_config
-from tests.training.test_train import _config, _equal, _next_batch, _stage
+from tests.training.test_train import _config, _equal, _killed, _next_batch, _stage
 
 
 @pytest.fixture(scope="module")
@@ -47,11 +47,8 @@ def test_a_damaged_state_is_passed_over(ended, tmp_path, capsys):
 
 
 @pytest.mark.parametrize("damage", [
-    lambda folder: _files(folder / "state")[3].unlink(),
     lambda folder: _files(folder / "state")[2].write_bytes(b""),
-    lambda folder: [path.unlink() for path in _files(folder)],
     lambda folder: [shutil.rmtree(folder), folder.mkdir()],
-    lambda folder: (folder / "record.json").unlink(),
     lambda folder: (folder / "state" / "stranger").write_text("x"),
     lambda folder: (folder / "record.json").write_text("[]"),
 ])
@@ -129,44 +126,23 @@ def test_the_newest_and_the_best_states_are_kept_whole(tmp_path):
 @pytest.mark.slow
 def test_a_kill_between_a_save_and_its_evaluation_changes_nothing(tmp_path):
   """The state is saved first; the resumed run evaluates it, appends its row and keeps the best weights."""
-  config, values, killed_at = _config(6), {2: 3.0, 4: 1.0, 6: 2.0}, 4
+  config = _config(6)
   config.train.best = "min error"
 
-  def run(folder, kills=False, resume=False):
-    asked = iter([step for step in (2, 4, 6) if step >= (killed_at if resume else 0)])
+  def run(name, *errors, **options):
+    errors = iter(errors)
+    return train.train(config, tmp_path / name, _stage(), _next_batch, evaluate=lambda params: {
+        "error": next(errors, None) or _killed(0)}, **options)
 
-    def evaluate(params):
-      step = next(asked)
-      if kills and step == killed_at:
-        raise MemoryError("as good as kill -9")
-      return {"error": values[step]}
-
-    return train.train(config, folder, _stage(), _next_batch, resume=resume, evaluate=evaluate)
-
-  whole = run(tmp_path / "whole")
+  whole = run("whole", 3.0, 1.0, 2.0)
   with pytest.raises(MemoryError):
-    run(tmp_path / "parts", kills=True)
-  assert Saver(tmp_path / "parts").latest == killed_at
-  parts = run(tmp_path / "parts", resume=True)
-  assert _equal(whole, parts)
-  rows = [without_clock(read_metrics(tmp_path / name)) for name in ("whole", "parts")]
-  assert rows[0] == rows[1]
+    run("parts", 3.0)
+  assert Saver(tmp_path / "parts").latest == 4
+  assert _equal(whole, run("parts", 1.0, 2.0, resume=True))
+  assert without_clock(read_metrics(tmp_path / "whole")) == without_clock(read_metrics(tmp_path / "parts"))
   for name in (checkpoint.PARAMS, checkpoint.RAW, checkpoint.LAST):
     assert (tmp_path / "whole" / name).read_bytes() == (tmp_path / "parts" / name).read_bytes(), name
   assert Saver(tmp_path / "whole").steps == Saver(tmp_path / "parts").steps
-
-
-@pytest.mark.slow
-def test_rows_of_metrics_are_means_over_the_same_steps_after_a_slice(tmp_path):
-  """A slice that ends between two rows keeps what it has of the next one."""
-  config = _config(6)
-  config.train.log_every = 3
-  train.train(config, tmp_path / "whole", _stage(), _next_batch)
-  for step in range(6):
-    train.train(config, tmp_path / "parts", _stage(), _next_batch, resume=step > 0, max_seconds=-1)
-  rows = [without_clock(read_metrics(tmp_path / name))
-          for name in ("whole", "parts")]
-  assert rows[0] == rows[1] and len(rows[0]) == 2
 
 
 def test_another_environment_is_told(ended, tmp_path, monkeypatch, capsys):
@@ -180,6 +156,7 @@ def test_another_environment_is_told(ended, tmp_path, monkeypatch, capsys):
 
 
 def test_changed_settings_are_named_one_by_one():
+  """What may change is how long a run lasts, when it cools down, and where the data lies."""
   before, now = (load_config("cmdm_tokenizer", "tiny").unlock() for _ in range(2))
   now.optimizer.learning_rate, now.train.save_every, now.data.folder, now.train.num_steps = 1.0, 7, "elsewhere", 99
   told = f"optimizer.learning_rate was {before.optimizer.learning_rate!r}, is 1.0; train.save_every was 2, is 7"
@@ -188,6 +165,19 @@ def test_changed_settings_are_named_one_by_one():
   said = []
   setup.check_config(now, before, allow=True, report=said.append)
   assert said == [f"note: the run continues with other settings: {told}"]
+  before.train.num_steps, before.optimizer.cooldown_steps, before.data.folder = 3, 7, "there"
+  setup.check_config(before, load_config("cmdm_tokenizer", "tiny"))
+  before.model.width = 8
+  with pytest.raises(InputError, match="another model"):
+    setup.check_config(before, load_config("cmdm_tokenizer", "tiny"))
+
+
+def test_a_run_resumes_in_a_version_with_more_fields():
+  then = {"loss": {"align": 0.1}}
+  assert not list(setup.changes(then, {"loss": {"align": 0.1, "new": 0.0}, "data": {"augment": {"stepping": 0.0}}}))
+  assert list(setup.changes(then, {"loss": {"align": 0.1, "new": 0.5}})) == [("loss.new", None, 0.5)]
+  assert list(setup.changes(then, {"loss": {}, "data": {"augment": {"stepping": 0.2}}})) == [
+      ("data.augment.stepping", None, 0.2), ("loss.align", 0.1, None)]
 
 
 def test_data_are_compared_byte_for_byte(tmp_path):

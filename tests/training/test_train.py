@@ -1,9 +1,7 @@
 """The loop: resuming is exact, devices do not matter, a broken run is told."""
 import itertools
-import os
-import pathlib
+import resource
 import shutil
-import signal
 
 import chex
 import jax
@@ -84,23 +82,13 @@ def test_a_run_without_an_average_has_no_copy_and_goes_on_where_one_was_saved(tm
   config = _config(4, ema_decay=0.0)
   whole = train.train(config, tmp_path / "whole", _stage(), _next_batch)
   assert whole.ema_params is None and _equal(checkpoint.load_params(tmp_path / "whole"), whole.params)
-  half = train.train(_config(2, ema_decay=0.0), tmp_path / "half", _stage(), _next_batch)
-  shutil.copytree(tmp_path / "half", tmp_path / "older", ignore=shutil.ignore_patterns("checkpoints"))
-  saver = Saver(tmp_path / "older")
+  folder = tmp_path / "older"
+  half = train.train(_config(2, ema_decay=0.0), folder, _stage(), _next_batch)
+  shutil.rmtree(folder / "checkpoints")
+  saver = Saver(folder)
   saver.save(2, copy_of(half.replace(ema_params=half.params)))
   saver.close()
-  for folder in ("half", "older"):
-    assert _equal(train.train(config, tmp_path / folder, _stage(), _next_batch, resume=True), whole), folder
-
-
-def test_a_run_folder_holds_averaged_parameters_metrics_and_a_curve(tmp_path):
-  state = train.train(_config(3), tmp_path, _stage(), _next_batch)
-  chex.assert_trees_all_equal(checkpoint.load_params(tmp_path), state.ema_params)
-  chex.assert_trees_all_equal(checkpoint.load_params(tmp_path, name=checkpoint.RAW), state.params)
-  assert not _equal(state.ema_params, state.params)
-  rows = read_metrics(tmp_path)
-  assert [row["step"] for row in rows] == [1, 2, 3] and all(row["loss"] > 0 for row in rows)
-  assert (tmp_path / "loss.png").stat().st_size > 0
+  assert _equal(train.train(config, folder, _stage(), _next_batch, resume=True), whole)
 
 
 @pytest.mark.parametrize("decay", [0.9, 0.0])
@@ -139,7 +127,7 @@ def test_the_best_is_the_smallest_or_the_largest(tmp_path):
   for step, error in ((2, 3.0), (4, 1.0), (6, 2.0)):
     append_metrics(tmp_path, {"step": step, "error": error})
   config = _config(6)
-  for best, steps in (("", [2, 4, 6]), ("min error", [2, 4]), ("max error", [2])):
+  for best, steps in (("", [2, 4, 6]), ("min error", [2, 4]), ("max error", [2]), ("min missing|error", [2, 4])):
     config.train.best = best
     assert [step for step in (2, 4, 6) if best_step(config, tmp_path, step, True) == step] == steps, best
   config.train.best = "min missing"
@@ -156,14 +144,6 @@ def test_parameters_come_back_as_they_were_whatever_lies_in_memory(tmp_path):
   np.testing.assert_array_equal(loaded["turned"], whole.T)
   np.testing.assert_array_equal(loaded["cut"], whole[:, 1:3])
   np.testing.assert_array_equal(loaded["half"], whole)
-
-
-def test_the_loss_falls(tmp_path):
-  config = _config(60, learning_rate=0.2)
-  config.train.update(log_every=20, save_every=60)
-  train.train(config, tmp_path, _stage(), _next_batch)
-  rows = read_metrics(tmp_path)
-  assert rows[-1]["loss"] < 0.1 * rows[0]["loss"]
 
 
 def test_a_run_is_neither_overwritten_nor_resumed_from_nothing(tmp_path):
@@ -217,7 +197,8 @@ def test_a_killed_run_goes_on_as_if_it_had_not_been(tmp_path):
   parts = train.train(_config(4), folder, _stage(), _next_batch, resume=True)
   chex.assert_trees_all_equal(parts, whole)
   assert [row["step"] for row in read_metrics(folder)] == [1, 2, 3, 4]
-  assert _equal(checkpoint.load_params(folder), whole.ema_params)
+  assert _equal(checkpoint.load_params(folder), whole.ema_params) and not _equal(whole.ema_params, whole.params)
+  assert _equal(checkpoint.load_params(folder, name=checkpoint.RAW), whole.params)
 
 
 @pytest.mark.parametrize("resume", [False, True])
@@ -229,29 +210,27 @@ def test_a_run_killed_before_its_first_save_starts_anew(tmp_path, resume):
   assert int(state.step) == 2 and [row["step"] for row in read_metrics(tmp_path)] == [1, 2]
 
 
-def test_a_write_cut_short_leaves_the_old_file(tmp_path, monkeypatch):
+def test_a_write_cut_short_leaves_the_old_file(tmp_path):
+  """By the operating system, which lets files hold no more than 15 bytes for a while."""
   stats = Stats(np.zeros(263, np.float32), np.ones(263, np.float32), get_layout("full"))
-  save_stats(stats, tmp_path)
-  checkpoint.save_text(tmp_path, "text.json", "old")
-  before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
-
-  whole = pathlib.Path.write_bytes
-
-  def half(path, content):
-    whole(path, content[:1])
-    raise OSError("no space left on device")
-
-  monkeypatch.setattr(np, "save", lambda path, values: half(pathlib.Path(path), b"half"))
-  monkeypatch.setattr(pathlib.Path, "write_bytes", half)
-  for save in (lambda: save_stats(stats, tmp_path), lambda: checkpoint.save_text(tmp_path, "text.json", "new")):
-    with pytest.raises(OSError, match="no space"):
-      save()
+  saves = (lambda text: save_stats(stats, tmp_path), lambda text: checkpoint.save_text(tmp_path, "text.json", text),
+           lambda text: append_metrics(tmp_path, {"step": 1}))
+  for save in saves:
+    save("old")
+  before, limits = {path.name: path.read_bytes() for path in tmp_path.iterdir()}, resource.getrlimit(
+      resource.RLIMIT_FSIZE)
+  resource.setrlimit(resource.RLIMIT_FSIZE, (15, limits[1]))
+  try:
+    for save in saves:
+      with pytest.raises(OSError):
+        save("new" * 20)
+  finally:
+    resource.setrlimit(resource.RLIMIT_FSIZE, limits)
   assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
 
 
 def test_a_batch_with_a_wild_loss_is_skipped(tmp_path):
   wild = lambda step: _next_batch(step) | ({"y": np.full(8, 1e6, np.float32)} if step == 2 else {})
-  train.train(_config(2, skip_loss=1e3), tmp_path / "a", _stage(), _next_batch)
   two = train.train(_config(3, skip_loss=1e3), tmp_path / "b", _stage(), wild)
   assert _equal(two.params, train.train(_config(2, skip_loss=1e3), tmp_path / "c", _stage(), _next_batch).params)
   assert int(two.step) == 3 and read_metrics(tmp_path / "b")[-1]["skipped"] == 1
@@ -263,59 +242,25 @@ def before_each_step(monkeypatch, act):
   monkeypatch.setattr(prefetch.Batches, "take", lambda self: (act(next(steps)), take(self))[1])
 
 
-def test_ctrl_c_saves_and_leaves(tmp_path, monkeypatch):
-  before_each_step(monkeypatch, lambda step: step == 2 and os.kill(os.getpid(), signal.SIGINT))
-  state = train.train(_config(50), tmp_path, _stage(), _next_batch)
-  assert int(state.step) == 3 and Saver(tmp_path).latest == 3
-
-
-@pytest.mark.parametrize("kind, expected", [
-    ("constant", [0.5, 1, 1, 1]), ("step", [0.5, 1, 0.1, 0.01]), ("wsd", [0.5, 1, 1, 0.5]),
-    # From the warm-up's end at step 1 to a fifth at step 4; a quarter turn, to a half at step 4.
-    ("cosine", [0.5, 1, 0.2 + 0.8 * 0.75, 0.2 + 0.8 * 0.25]),
-    ("half_cosine", [0.5, 0.5 + 0.5 * np.cos(np.pi / 8), 0.5 + 0.5 * np.cos(np.pi / 4),
-                     0.5 + 0.5 * np.cos(3 * np.pi / 8)]),
-])
-def test_schedules(kind, expected):
-  config = _config(4, schedule=kind, learning_rate=1.0, boundaries=(2, 3), gamma=0.1, cooldown_steps=2,
-                   final_rate=0.2).optimizer
-  values = [float(optimizers.make_schedule(config, 4)(jnp.asarray(step))) for step in range(4)]
-  assert np.allclose(values, expected)
-
-
-def drifting(folder, values, num_steps=None, resume=False, slices=None, best="min held_out_loss"):
-  """Trains a number that grows by about 0.1 a step; `values` {step: held-out number}, saved at every second step."""
-  config = ml_collections.ConfigDict(dict(seed=0, mesh=common.mesh(), optimizer=common.optimizer(
-      0.1, beta2=0.9),
-      train=common.train(num_steps or max(values), 1, 2, best=best)))
-  stage = Stage(lambda batch, rng: {"w": jnp.zeros(1)},
-                lambda params, frozen, batch, step, rng: ({"loss": -params["w"].sum()}, 1.0), None)
-  evaluate = lambda params: {"held_out_loss": values[int(np.rint(10 * np.asarray(params["w"])[0]))], "r1": 0.5}
-  train.train(config, folder, stage, lambda step: {"index": np.arange(1)}, resume=resume, evaluate=evaluate,
-              max_seconds=slices)
-  return [int(np.rint(10 * checkpoint.load_params(folder, name=name)["w"][0])) for name in (
-      checkpoint.PARAMS, checkpoint.LAST)]
-
-
-def test_the_best_weights_lie_beside_the_last(tmp_path):
-  assert drifting(tmp_path, {2: 3.0, 4: 1.0, 6: 2.0}) == [4, 6]
-
-
 @pytest.mark.slow
 def test_slices_of_a_run_choose_the_same_weights(tmp_path):
-  """A slice that ends at step 1, 3, 5, .. looks at the held-out number, which counts at a save alone."""
+  """The best lie beside the last. A slice that ends at step 1, 3, 5, .. looks at the held-out number, which counts at a
+  save alone; what is trained grows by about 0.1 a step."""
   values = {1: 0.1, 2: 3.0, 3: 0.2, 4: 1.0, 5: 0.3, 6: 2.0}
+  number = lambda params: int(np.rint(10 * np.asarray(params["w"])[0]))
+  stage = Stage(lambda batch, rng: {"w": jnp.zeros(1)},
+                lambda params, frozen, batch, step, rng: ({"loss": -params["w"].sum()}, 1.0), None)
+  config = _config(6, learning_rate=0.1, beta2=0.9, warmup_steps=0, clip_norm=0.0, ema_decay=0.0)
+  config.train.best = "min held_out_loss"
+
+  def kept(folder, **options):
+    train.train(config, folder, stage, lambda step: {"index": np.arange(1)},
+                evaluate=lambda params: {"held_out_loss": values[number(params)]}, **options)
+    return [number(checkpoint.load_params(folder, name=name)) for name in (checkpoint.PARAMS, checkpoint.LAST)]
+
   for step in range(1, 7):
-    kept = drifting(tmp_path, values, 6, resume=step > 1, slices=-1.0)
-    assert kept == [{1: 1, 2: 2, 3: 2}.get(step, 4), step]
+    assert kept(tmp_path, resume=step > 1, max_seconds=-1.0) == [{1: 1, 2: 2, 3: 2}.get(step, 4), step]
   whole = tmp_path / "whole"
-  assert drifting(whole, values) == [4, 6]
+  assert kept(whole) == [4, 6]
   for name in (checkpoint.PARAMS, checkpoint.LAST):
     assert (tmp_path / name).read_bytes() == (whole / name).read_bytes()
-
-
-def test_of_several_numbers_the_first_that_is_given_chooses(tmp_path):
-  assert drifting(tmp_path / "a", {2: 3.0, 4: 1.0, 6: 2.0}, best="min held_out_fid|held_out_loss") == [4, 6]
-  assert drifting(tmp_path / "b", {2: 3.0, 4: 1.0, 6: 2.0}, best="max r1|held_out_loss") == [6, 6]  # all are equal
-  with pytest.raises(ValueError, match="names 'fid', which the evaluation at step 2 did not give"):
-    drifting(tmp_path / "c", {2: 1.0}, best="min fid")

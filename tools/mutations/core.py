@@ -4,6 +4,7 @@ A snippet stands exactly once in its file. After a change of such a line, update
 """
 LOSSES, BATCHES = "tests/models/test_stage_losses.py", "tests/data/test_batches.py"
 TRAIN = "tests/training/test_train.py"
+SCHEDULES = "tests/training/test_optimizers.py::test_schedules_by_name"
 PATHS, SOLVERS = (f"tests/diffusion/test_{name}.py" for name in ("paths", "samplers"))
 MASK_SCHEDULE = "tests/models/test_mask_schedule.py"
 MASKS, VAE = "tests/nets/test_masks.py", "tests/nets/test_causal_vae.py"
@@ -43,12 +44,12 @@ MUTATIONS = (
     ("staircase-blocks", "motion_jax/diffusion/schedules.py", "step - lag * (np.arange(length) // block)",
      "step - lag * np.arange(length)", ("tests/diffusion/test_schedules.py",)),
     ("warm-up", "motion_jax/training/optimizers.py", "1 / (warmup + 1), 1.0, warmup)", "0.0, 1.0, warmup)",
-     (f"{TRAIN}::test_schedules",)),
+     (SCHEDULES,)),
     ("cosine-rate", "motion_jax/training/optimizers.py", "max(num_steps - warmup, 1), config.final_rate / peak)",
      "max(num_steps - warmup, 1), 0.0)",
-     (f"{TRAIN}::test_schedules",)),
+     (SCHEDULES,)),
     ("half-cosine", "motion_jax/training/optimizers.py", "cosine_decay_schedule(1.0, 2 * num_steps)",
-     "cosine_decay_schedule(1.0, num_steps)", (f"{TRAIN}::test_schedules",)),
+     "cosine_decay_schedule(1.0, num_steps)", (SCHEDULES,)),
     ("euler-time", "motion_jax/diffusion/samplers.py", "return (x + (t_next - t)[:, None] * velocity(x, t))",
      "return (x + (t_next - t)[:, None] * velocity(x, t_next))", (SOLVERS,)),
     ("heun", "motion_jax/diffusion/samplers.py", "(first + velocity((x + width * first).astype(x.dtype), t_next)) / 2",
