@@ -39,7 +39,7 @@ def get_config(name="full"):
   config.model = dict(features=263, width=512, depth=8, num_heads=4, mlp_width=1024, text_dim=512, kind="encoder",
                       time_token=False, num_goals=0, num_steps=1_000, dropout=0.1)
   # context: clean frames that the network reads in front of those that it denoises.
-  config.diffusion = dict(num_steps=1_000, context=0)
+  config.diffusion = dict(num_steps=1_000, context=0, schedule="cosine")
   # velocity, positions, contacts: weights of the geometric terms, 0 in the text models; goals: that of how far a motion
   # ends from its goals; mask_frames: padding is not attended to, in sampling either.
   config.loss = dict(drop_rate=0.1, mask_frames=False, velocity=0.0, positions=0.0, contacts=0.0, goals=0.0)
