@@ -7,10 +7,11 @@ import pytest
 
 from motion_studio import cli
 from tests import fuzz, fuzz_kinds
+from tests.conftest import some_of
 from tests.fuzz_healthy import healthy
 
 
-@pytest.mark.parametrize("count", [60, pytest.param(300, marks=pytest.mark.exhaustive)])
+@pytest.mark.parametrize("count", some_of([60, 300], slow=[60]))
 def test_damaged_inputs_are_refused_in_one_line(count):
   table, failures = fuzz.run(fuzz.plan(count, seed=1), workers=1)
   assert sum(row[result] for row in table.values() for result in fuzz.RESULTS) == count
@@ -30,7 +31,7 @@ def test_a_case_is_the_same_again(tmp_path):
 
 @pytest.mark.parametrize("result, misdeed", [
     ("traceback", lambda: {}["x"]), ("not our words", lambda: int("x")),
-    ("over 2 GB", lambda: np.zeros(1_500_000_000, np.uint8).fill(1)),
+    pytest.param("over 2 GB", lambda: np.zeros(1_500_000_000, np.uint8).fill(1), marks=pytest.mark.slow),
     ("half-written", lambda: (pathlib.Path("out/a.npy").write_bytes(b"1"), cli.main(["render", "nothing.npy"]))),
     ("half-written", lambda: pathlib.Path("out/.a-x1.npy").write_bytes(b"1")),
     ("refused", lambda: cli.main(["render", "nothing.npy"])), ("refused", lambda: cli.main(["render"])),

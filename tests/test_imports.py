@@ -1,6 +1,5 @@
 """Imports point one way (style guide, "Who imports whom"), and optional packages stay optional."""
 import ast
-import functools
 import importlib
 import inspect
 import os
@@ -68,50 +67,51 @@ class Imports(NamedTuple):
   anywhere: list
 
 
-@functools.cache
-def _of_files():
+@pytest.fixture(scope="module")
+def imports():
   """{file of the packages: what it imports}"""
   trees = {path: ast.parse(path.read_text()) for path in FILES}
   return {path: Imports(list(_imports(tree, True)), list(_imports(tree))) for path, tree in trees.items()}
 
 
-def _pointing_down(path):
-  """The imports of a file that point down, or to a room beside its own that it may not know."""
+def _pointing_down(path, names):
+  """Those of a file's imports that point down, or to a room beside its own that it may not know."""
   package, part = _part(path)
   rank = {name: number for number, names in enumerate(LAYERS[package]) for name in names}
   if part not in rank:
     return ["nothing yet: it has no layer; add it to LAYERS and to the style guide"]
   # The rooms of motion and networks know nothing of one another; elsewhere rooms of one line may.
   allowed = rank[part] - (package == "motion_jax" and rank[part] == 1)
-  names = [name.split(".") for name in _of_files()[path].anywhere]
+  names = [name.split(".") for name in names]
   return [".".join(name) for name in names
           if package == "motion_jax" and name[0] == "motion_studio"
           or name[0] == package and len(name) > 1 and name[1] != part and rank.get(name[1], -1) > allowed]
 
 
-def test_imports_point_up():
-  wrong = [f"{path.relative_to(ROOT)} imports {name}" for path in FILES for name in _pointing_down(path)]
+def test_imports_point_up(imports):
+  wrong = [f"{path.relative_to(ROOT)} imports {name}" for path, names in imports.items()
+           for name in _pointing_down(path, names.anywhere)]
   assert len(FILES) > 500 and not wrong, "\n".join(wrong)
 
 
-def test_a_method_imports_no_other():
+def test_a_method_imports_no_other(imports):
   """What methods share is below them, except the teachers, which any of them may be aligned with."""
   models = ROOT / "motion_jax" / "models"
   methods = {path.parent.name for path in models.glob("*/__init__.py")}
   wrong = []
-  for path, imports in _of_files().items():
+  for path, names in imports.items():
     if path.parent.parent == models and path.parent.name in methods:
-      others = {name.split(".")[2] for name in imports.anywhere if name.startswith("motion_jax.models.")} & methods
+      others = {name.split(".")[2] for name in names.anywhere if name.startswith("motion_jax.models.")} & methods
       wrong += [f"{path.relative_to(ROOT)} imports {name}" for name in others - {path.parent.name, "tmr"}]
   assert {"cmdm", "cdamd", "tmr", "mdm", "mld", "momask", "t2m_gpt", "motionstreamer"} <= methods
   assert not wrong, "\n".join(wrong)
 
 
-def test_core_needs_no_extra():
+def test_core_needs_no_extra(imports):
   wrong = []
-  for path, imports in _of_files().items():
+  for path, names in imports.items():
     known = CORE | OF_EXTRAS.get(_part(path)[1], set()) | set(LAYERS) | set(sys.stdlib_module_names)
-    at_top, anywhere = ({name.split(".")[0] for name in names} for names in imports)
+    at_top, anywhere = ({name.split(".")[0] for name in names} for names in names)
     unknown = at_top - known | anywhere - known - LAZY
     wrong += [f"{path.relative_to(ROOT)} imports {name}" for name in unknown]
   assert not wrong, "\n".join(wrong)

@@ -121,6 +121,7 @@ def test_motionstreamer(tmp_path):
     write_motionstreamer(tmp_path / "other", *files, stats, text_folder(tmp_path / "wide", 24), num_heads=4)
 
 
+@pytest.mark.slow
 def test_weights_of_another_method_are_refused(tmp_path):
   state = Fixture(fixtures.path("motionstreamer/ms_tae.npz")).params
   file = save_nested(tmp_path / "net_last", {"model": state}, "safetensors")

@@ -253,6 +253,7 @@ def test_an_excerpt_in_which_something_else_is_found_is_dropped(monkeypatch):
   assert augmented(_clips(said=_JUMP), {"excerpts": 2.0}) == []
 
 
+@pytest.mark.slow
 def test_another_pace_is_said_and_no_foot_slides():
   said = set()
   clips = _clips(seeds=3)

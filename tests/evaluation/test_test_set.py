@@ -52,6 +52,7 @@ def test_clips_of_test_in_train(tmp_path, evaluators):
   assert test_set.shared == ["000005"] and "000005" in test_set.ids
 
 
+@pytest.mark.slow
 def test_the_split_is_the_same_whoever_judges_it(archive, evaluators, tmp_path):
   """Its hash is of what is stored: other evaluators leave it, another motion or caption does not."""
   read = lambda folder, *readers: test_set_lib.read_test_set([folder], SMALL, readers).hash

@@ -26,6 +26,7 @@ def clip():
   return next(clip for clip in synthetic_clips(seed=0) if "walk" in clip.captions[0].text).cut(0, 40)
 
 
+@pytest.mark.slow
 def test_any_blocks_give_the_same_rows(clip):
   rows = rows_of(clip, 40)
   assert len(rows) == 39 * 2.5 // 1 + 1

@@ -141,6 +141,7 @@ def inputs(batch=2, length=9, words=4):
                ) + (jnp.ones((batch, words), bool),)
 
 
+@pytest.mark.slow
 def test_no_latent_sees_a_later_block():
   dit, params = small()
   x, t, text, text_mask = inputs()

@@ -106,6 +106,7 @@ def test_golden(name, precision):
   assert not check(fixtures.path(f"cdamd/{name}.npz"), [precision]).failures
 
 
+@pytest.mark.slow
 def test_a_random_init_head_is_silent():
   """Its loss at the start is mean(v^2)."""
   net = DiffusionMLP(latent_dim=5, width=16, depth=2)

@@ -443,6 +443,7 @@ def test_released_tmr(tmp_path, as_folder):
   assert retriever.embed_text(["a person walks"]).shape == (1, 16)
 
 
+@pytest.mark.slow
 def test_files_that_are_no_teacher_are_told(tmp_path, capsys):
   stats = stats_folder(tmp_path / "stats", np.zeros(263), np.ones(263))
   path = save_nested(tmp_path / "x", {"weight": np.ones((2, 2), np.float32)}, "safetensors")

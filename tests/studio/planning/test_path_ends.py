@@ -27,6 +27,7 @@ def test_which_actions_lead_along_a_path():
     assert path_ends.moving_segments(parse(prompt)) == going, prompt
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:the model does not know", "ignore:. attempts", "ignore:.*has (not )?learned",
                             "ignore:.*misses", "ignore:.*cannot")
 def test_sitting_down_after_a_walk_is_done_at_the_end_of_the_path(model):

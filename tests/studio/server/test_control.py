@@ -22,6 +22,7 @@ def asked(*rows):
   return {"version": 1, "constraints": list(rows)}
 
 
+@pytest.mark.slow
 def test_a_story_goes_along_its_path_and_is_in_its_pose(client):
   body = {"segments": BLOCKS, "sampling": {"num_steps": 4}, "seed": 1, "control": asked(PATH)}
   along = joints_of(client.post("/v1/multi-prompt", json=body).json()["motion"])
