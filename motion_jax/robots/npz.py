@@ -24,7 +24,7 @@ def is_robots(path: str | pathlib.Path) -> bool:
 
 
 def read_npz(path: str | pathlib.Path, robot: Robot, fps: float | None = None) -> RobotMotion:
-  """The motion of a robot in a .npz file, told by its keys. fps: replaces the rate that it states.
+  """The motion of a robot in a .npz file of any known keys. fps: replaces the rate that it states.
 
   The order of the joints, mjlab's or IsaacLab's, follows from where the bodies are. Raises InputError for other keys,
   other joints than the robot's, or numbers that are no motion.
