@@ -196,6 +196,7 @@ def test_retrieve_from_the_command_line(runs, data, tmp_path, capsys):
   assert capsys.readouterr().out == recall and index.read_bytes() == whole
 
 
+@pytest.mark.slow
 def test_the_index_belongs_to_data_and_teacher(runs, data, tmp_path):
   data = shutil.copytree(data, tmp_path / "data")
   before = dataset_of(data).fingerprint(data)

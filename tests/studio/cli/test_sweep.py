@@ -38,6 +38,7 @@ def stages(tmp_path):
   return tmp_path / "stages.py"
 
 
+@pytest.mark.slow
 def test_runs_come_one_after_another_and_only_once(file, tmp_path, monkeypatch):
   calls, out = [], tmp_path / "out"
 
