@@ -1,5 +1,8 @@
 """Deliberate breaks say what they seem to say: a piece stands once, a test exists, what survives is told."""
+import os
 import runpy
+import subprocess
+import sys
 
 import pytest
 
@@ -52,3 +55,14 @@ def test_what_is_noticed_and_what_survives(tmp_path):
 def test_a_list_that_does_not_fit_is_refused(tmp_path, mutation, told):
   with pytest.raises(ValueError, match=told):
     run([mutation], write_tree(tmp_path), print)
+
+
+def test_a_broken_module_is_compiled_anew(tmp_path):
+  """Of two modules of one length and one second, Python would run the first's bytecode again."""
+  module, said = tmp_path / "said.py", []
+  for text in ("print(1)", "print(2)"):
+    TOOL["write_source"](module, text)
+    os.utime(module, (1e9, 1e9))
+    said.append(subprocess.run([sys.executable, "-c", "import said"], cwd=tmp_path, capture_output=True, text=True,
+                               env=os.environ | {"PYTHONDONTWRITEBYTECODE": ""}, check=True).stdout.strip())
+  assert said == ["1", "2"]

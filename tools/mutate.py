@@ -12,6 +12,7 @@ without one.
   python tools/mutate.py --check         only that every snippet and every test is there
 """
 import argparse
+import importlib.util
 import os
 import pathlib
 import re
@@ -84,7 +85,7 @@ def copy_tree(root, folder):
 def run_tests(folder, tests, limit=LIMIT):
   """(exit status of pytest or None if it did not end, its output), from a folder and against the code in it."""
   environment = os.environ | {"PYTHONPATH": str(folder), "JAX_PLATFORMS": "cpu"}
-  environment.pop("PYTHONDONTWRITEBYTECODE", None)  # the copy is read again for each mutation
+  environment.pop("PYTHONDONTWRITEBYTECODE", None)  # the copy is read again for each mutation: see write_source
   command = [sys.executable, "-m", "pytest", "-q", "-x", "--no-header", "-p", "no:cacheprovider", "--no-bounds",
              "-m", "not exhaustive", *tests]
   try:
@@ -93,6 +94,13 @@ def run_tests(folder, tests, limit=LIMIT):
   except subprocess.TimeoutExpired:
     return None, f"no end within {limit} s"
   return done.returncode, done.stdout + done.stderr
+
+
+def write_source(path, text):
+  """Writes a module and drops what was compiled from it: Python compares whole seconds and sizes, so it would run the
+  old bytecode after two breaks of one length within a second."""
+  path.write_text(text, encoding="utf-8")
+  pathlib.Path(importlib.util.cache_from_source(path)).unlink(missing_ok=True)
 
 
 def judge(status, output):
@@ -131,10 +139,10 @@ def run(mutations, root=ROOT, out=print, limit=LIMIT, baseline=True):
       path = folder / m.file
       whole, began = path.read_text(encoding="utf-8"), time.time()
       try:
-        path.write_text(whole.replace(m.snippet, m.replacement), encoding="utf-8")
+        write_source(path, whole.replace(m.snippet, m.replacement))
         verdicts[m.name], by = judge(*run_tests(folder, m.tests, limit))
       finally:
-        path.write_text(whole, encoding="utf-8")
+        write_source(path, whole)
       out(table_row(m, verdicts[m.name], by, time.time() - began))
     return verdicts
 
