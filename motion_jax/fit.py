@@ -51,8 +51,8 @@ def run(config, workdir, resume=False, max_seconds=None, stop=None, allow_change
   plugins.import_modules(config)
   known = setups()
   if config.stage not in known:
-    raise ValueError(f"got stage {config.stage!r}, expected one of {', '.join(known)}"
-                     f"{did_you_mean(config.stage, known) or registry.missing(config.stage)}")
+    raise ValueError(f"got stage {config.stage!r}{did_you_mean(config.stage, known)}, expected one of "
+                     f"{', '.join(known)}{registry.missing(config.stage)}")
   metrics.check_tensorboard(config)
   if (dtype := config.train.get("dtype", DTYPES[0])) not in DTYPES:
     raise InputError(f"got train.dtype {dtype!r}, expected {' or '.join(DTYPES)}")

@@ -109,8 +109,8 @@ def resolve_run(name: str | os.PathLike, stage: str | Sequence[str] | None = Non
     if os.path.isdir(folder):  # not Path.is_dir, which raises where a name is longer than any file's
       return folder
   shipped = shipped_names(stage)
-  raise FileNotFoundError(f"found neither a run folder {shortened(str(name), 200)!r} nor one of that name that ships: "
-                          f"{', '.join(shipped) or 'of this kind none does'}{did_you_mean(name, shipped)}")
+  raise FileNotFoundError(f"found neither a run folder {shortened(str(name), 200)!r}{did_you_mean(name, shipped)} nor "
+                          f"one of that name that ships: {', '.join(shipped) or 'of this kind none does'}")
 
 
 def stage_of(name: str | os.PathLike) -> str | None:

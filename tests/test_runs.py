@@ -61,7 +61,7 @@ def test_runs_that_ship_open_by_name_and_by_folder():
 
 
 def test_what_is_no_run_or_another_one_is_told(tmp_path):
-  with pytest.raises(FileNotFoundError, match=r"neither a run folder 'cmdm-smal' nor .* did you mean cmdm-small\?"):
+  with pytest.raises(FileNotFoundError, match=r"neither a run folder 'cmdm-smal' \(did you mean cmdm-small\?\) nor "):
     runs.load_run("cmdm-smal")
   with pytest.raises(FileNotFoundError, match="that ships: part-tmr-small"):
     runs.load_run(tmp_path / "none", "tmr.teacher")

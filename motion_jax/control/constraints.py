@@ -187,7 +187,7 @@ def joint_number(name: str) -> int:
   """The number of a joint of the 22, by its name, or one such as left_hand. Raises InputError for another."""
   name = KIMODO_JOINTS.get(name, name) if isinstance(name, str) else str(name)
   if name not in JOINTS:
-    raise InputError(f"got the joint {name[:40]!r}, expected one of {', '.join(JOINTS)}{did_you_mean(name, JOINTS)}")
+    raise InputError(f"got the joint {name[:40]!r}{did_you_mean(name, JOINTS)}, expected one of {', '.join(JOINTS)}")
   return JOINTS[name]
 
 

@@ -77,8 +77,8 @@ def from_json(data: Any, read: Reader | None = None) -> list[Constraint]:
 def _constraint(row: Any, number: int, read: Reader | None) -> Constraint:
   kind = row.get("type") if isinstance(row, dict) else None
   if not isinstance(kind, str) or kind not in KINDS:
-    raise InputError(f"constraint {number}: got the type {str(kind)[:40]!r}, expected one of {', '.join(KINDS)}"
-                     f"{did_you_mean(kind, KINDS) if isinstance(kind, str) else ''}")
+    raise InputError(f"constraint {number}: got the type {str(kind)[:40]!r}{did_you_mean(str(kind)[:40], KINDS)}, "
+                     f"expected one of {', '.join(KINDS)}")
   known = {field.name: field for field in dataclasses.fields(KINDS[kind])}
   given = {name: value for name, value in row.items() if name != "type"}
   if "file" in given and "joints" in known and "joints" not in given:
@@ -91,8 +91,8 @@ def _constraint(row: Any, number: int, read: Reader | None) -> Constraint:
     given["joints"] = read(given.pop("file"), -1 if kind == "keep_parts" else frame)
   strange = sorted(set(given) - set(known))
   if strange:
-    raise InputError(f"constraint {number} ({kind}): got {strange[0][:40]!r}, expected {', '.join(known) or 'no more'}"
-                     f"{did_you_mean(strange[0], known)}")
+    raise InputError(f"constraint {number} ({kind}): got {strange[0][:40]!r}{did_you_mean(strange[0][:40], known)}, "
+                     f"expected {', '.join(known) or 'no more'}")
   missing = [name for name, field in known.items() if field.default is dataclasses.MISSING and given.get(name) is None]
   if missing:
     raise InputError(f"constraint {number} ({kind}): {', '.join(missing)} is missing")

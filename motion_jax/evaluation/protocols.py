@@ -228,5 +228,5 @@ def get_protocol(name) -> Benchmark:
   if isinstance(name, Benchmark):
     return name
   if name not in PROTOCOLS:
-    raise ValueError(f"got protocol {name!r}, expected one of {', '.join(PROTOCOLS)}{did_you_mean(name, PROTOCOLS)}")
+    raise ValueError(f"got protocol {name!r}{did_you_mean(name, PROTOCOLS)}, expected one of {', '.join(PROTOCOLS)}")
   return PROTOCOLS[name]

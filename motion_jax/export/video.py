@@ -71,8 +71,8 @@ def check_film(size=SIZE, fps=None, camera="auto", background=None):
   if fps is not None and not 1 <= fps <= 240:
     raise InputError(f"got a film of {fps:g} frames a second, expected 1 to 240")
   if camera not in ("auto", "follow", "fixed", *VIEWS):
-    raise InputError(f"got camera {camera!r}, expected auto, follow, fixed or one of {', '.join(VIEWS)}"
-                     f"{did_you_mean(camera, ('auto', 'follow', 'fixed', *VIEWS))}")
+    raise InputError(f"got camera {camera!r}{did_you_mean(camera, ('auto', 'follow', 'fixed', *VIEWS))}, expected "
+                     f"auto, follow, fixed or one of {', '.join(VIEWS)}")
   if background is not None:
     color_of(background)
 
@@ -83,8 +83,8 @@ def color_of(background):
     try:
       return np.array(ImageColor.getrgb(background)[:3], np.float32) / 255
     except ValueError:
-      raise InputError(f"got the background {background!r}, expected a colour such as white or #203040"
-                       f"{did_you_mean(background, ImageColor.colormap)}") from None
+      raise InputError(f"got the background {background!r}{did_you_mean(background, ImageColor.colormap)}, expected a "
+                       "colour such as white or #203040") from None
   color = np.asarray(background, np.float32)
   if color.shape != (3,) or not ((color >= 0) & (color <= 1)).all():
     raise InputError(f"got the background {background!r}, expected a colour's name or three numbers 0..1")

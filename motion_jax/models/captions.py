@@ -3,6 +3,8 @@ import functools
 import hashlib
 import os
 import pathlib
+import re
+import unicodedata
 from collections.abc import Sequence
 from typing import Any, Self
 
@@ -10,7 +12,7 @@ import numpy as np
 
 from motion_jax.text.captions import of_a_person
 from motion_jax.text.encoder import TextEncoder
-from motion_jax.text.vocabulary import Vocabulary
+from motion_jax.text.vocabulary import FUNCTION_WORDS, Vocabulary
 from motion_jax.training import checkpoint
 from motion_jax.utils import cache
 
@@ -111,6 +113,16 @@ class TrainingCaptions:
     if not self._any:
       return self._encoder.out_of_vocabulary(prompt)
     return [*self._answers(f"unknown {prompt}", lambda: self._unknown(prompt))]
+
+  def is_english(self, prompt: str) -> bool:
+    """Whether a prompt may be English. It is not if most of its words are of another script, nor if it has several
+    words, no "the", at most a quarter of them function words (a, then), and most of them unknown."""
+    words = re.findall(r"[^\W\d_]+", prompt.lower())
+    latin = sum(unicodedata.normalize("NFD", word)[0].isascii() for word in words)
+    if 2 * latin < len(words):
+      return False
+    return (len(words) < 2 or "the" in words or 4 * sum(word in FUNCTION_WORDS for word in words) > len(words)
+            or 2 * len(self.unknown_words(prompt)) <= len(words))
 
   def _unknown(self, prompt):
     return [word for word in self.vocabulary.missing(prompt)

@@ -65,8 +65,8 @@ def _optax_schedule(name, config, num_steps):
   known = _optax_schedules()
   function = known.get(name) or known.get(f"{name}_schedule")
   if function is None:
-    raise InputError(f"got optimizer.schedule {name!r}, expected {', '.join(SCHEDULES)} or a schedule of optax: "
-                     f"{', '.join(known)}{did_you_mean(name, [*SCHEDULES, *known])}")
+    raise InputError(f"got optimizer.schedule {name!r}{did_you_mean(name, [*SCHEDULES, *known])}, expected "
+                     f"{', '.join(SCHEDULES)} or a schedule of optax: {', '.join(known)}")
   # The config's own rate and length stand in for fields that are not given.
   rate = dict.fromkeys(("value", "init_value", "peak_value"), config.learning_rate)
   length = dict.fromkeys(("decay_steps", "transition_steps"), num_steps)
@@ -97,8 +97,8 @@ def make_optimizer(config, num_steps):
   function = _optax_optimizers().get(name)
   if function is None:
     common = ("adamw", "adafactor", "muon", "lion", "schedule_free")
-    raise InputError(f"got optimizer.name {config.name!r}, expected {', '.join(common)} or another optimizer of optax"
-                     f"{did_you_mean(config.name, [*common, *_optax_optimizers()])}")
+    raise InputError(f"got optimizer.name {config.name!r}{did_you_mean(config.name, [*common, *_optax_optimizers()])}, "
+                     f"expected {', '.join(common)} or another optimizer of optax")
   takes = inspect.signature(function).parameters
   given = {theirs: config[ours] for ours, names in _SHARED.items() for theirs in names if theirs in takes}
   optimizer = _call(function, "fields", config.fields, given | {"learning_rate": make_schedule(config, num_steps)})
@@ -143,8 +143,8 @@ def _call(function, section, fields, given):
   takes = list(inspect.signature(function).parameters)
   for field in fields:
     if field not in takes:
-      raise InputError(f"got optimizer.{section}.{field}, which optax.{function.__name__} does not have, expected "
-                       f"{', '.join(name for name in takes if name != 'learning_rate')}{did_you_mean(field, takes)}")
+      raise InputError(f"got optimizer.{section}.{field}{did_you_mean(field, takes)}, which optax.{function.__name__} "
+                       f"does not have, expected {', '.join(name for name in takes if name != 'learning_rate')}")
   try:
     return function(**{name: value for name, value in given.items() if name in takes} | fields)
   except (TypeError, ValueError) as error:

@@ -21,7 +21,7 @@ def spans_of(texts, num_frames, fps):
         return round(real(0, 100)(text[:-1]) / 100 * num_frames)
       return round(real(0, 1)(text) * num_frames) if "." in text else whole(0, 10**9)(text)
     except NumberError as error:
-      raise ValueError(f"in a span: {error}; a side is seconds (1.5s), a share (0.25, 25%) or frames (30)") from None
+      raise ValueError(f"{error}; a side is seconds (1.5s), a share (0.25, 25%) or frames (30)") from None
 
   spans = []
   for text in texts:

@@ -32,6 +32,9 @@ def notes_of(planner: Any, prompts: Iterable[str | Plan], postures: bool = True)
   named: set[str] = set()
   for one in prompts:
     prompt = one if isinstance(one, str) else one.text
+    if not planner.model.captions.is_english(prompt):
+      notes[f"{shortened(prompt)}: this model reads English only; try 'a person walks forward'"] = None
+      continue
     if found := _SEVERAL.search(prompt):
       notes[f"{shortened(prompt)} is about several people ({found[0]!r}); only one body is made"] = None
     if not isinstance(one, str):

@@ -36,22 +36,25 @@ def constraints_of(args, model):
   if args.control:
     found += files.load(args.control, lambda path, frame: _joints(path, frame, model, args)[0])
   if args.path:
-    found.append(_path(args.path, kinds))
+    with shared.value_of("--path", args.path):
+      found.append(_path(args.path, kinds))
   for text in args.keyframe or ():
     given = _AT.fullmatch(text)
     if not given:
       raise InputError(f"got --keyframe {shortened(text)}, expected AT:FILE, such as 60:pose.npz or 3s:pose.npz@12")
-    at = real(0, 3600, "seconds" if given["seconds"] else "frames")(given["at"])
-    joints, _ = _joints(given["file"], int(given["frame"] or 0), model, args)
-    found.append(kinds.Keyframe(joints, at if given["seconds"] else at / model.fps))
+    with shared.value_of("--keyframe", text):
+      at = real(0, 3600, "seconds" if given["seconds"] else "frames")(given["at"])
+      joints, _ = _joints(given["file"], int(given["frame"] or 0), model, args)
+      found.append(kinds.Keyframe(joints, at if given["seconds"] else at / model.fps))
   for text in args.target or ():
     given = _TARGET.fullmatch(text)
-    place = [_METRES(x) for x in given["place"].split(",")] if given else ()
-    if len(place) != 3:
-      raise InputError(f"got --target {shortened(text)}, expected JOINT@SECONDS:X,Y,Z, such as "
-                       "left_hand@2.5:0.3,1.4,0.2")
-    found.append(kinds.EffectorTarget(given["joint"], [real(0, 3600, "seconds")(given["at"])], [place],
-                                      "root" if given["root"] else "world"))
+    with shared.value_of("--target", text):
+      place = [_METRES(x) for x in given["place"].split(",")] if given else ()
+      if len(place) != 3:
+        raise InputError(f"got --target {shortened(text)}, expected JOINT@SECONDS:X,Y,Z, such as "
+                         "left_hand@2.5:0.3,1.4,0.2")
+      found.append(kinds.EffectorTarget(given["joint"], [real(0, 3600, "seconds")(given["at"])], [place],
+                                        "root" if given["root"] else "world"))
   if args.keep_parts:
     parts, colon, path = args.keep_parts.partition(":")
     if not colon:
@@ -73,8 +76,9 @@ def regenerate_parts(args, clip, pipeline, sampling):
                      "parts are regenerated")
   model = pipeline.model
   joints = at_rate(clip, model.fps, model.stats.layout.skeleton)
-  spans = [[first / model.fps, past / model.fps] for first, past in spans_of(args.change, len(joints), model.fps)
-           ] if args.change else None
+  with shared.value_of("--change", " ".join(args.change or [])):
+    spans = [[first / model.fps, past / model.fps]
+             for first, past in spans_of(args.change or [], len(joints), model.fps)] or None
   parts = tuple(part.strip() for part in args.keep_parts.split(","))
   seeds = [args.seed + i for i in range(args.num_samples)]
   return pipeline([args.prompt] * args.num_samples, seeds=seeds, cleanup=not args.no_cleanup,

@@ -171,7 +171,10 @@ def _edit(args):
   _print_model(model, args, f"{clip.seconds:.1f} s of {args.file} edited")
   frames = round(clip.seconds * model.fps)
   _batches([frames] * args.num_samples, model)  # checks the length
-  keep, change = (spans and spans_of(spans, frames, model.fps) for spans in (args.keep, args.change))
+  flag, texts = ("--keep", args.keep) if args.keep else ("--change", args.change or [])
+  with shared.value_of(flag, " ".join(texts)):
+    spans = spans_of(texts, frames, model.fps) or None
+  keep, change = (spans, None) if args.keep else (None, spans)
   edit = model.edit if args.no_paste else functools.partial(pipeline.edit, max_attempts=args.max_attempts)
   motions = [edit(clip, args.prompt, args.task, keep=keep, change=change, seed=args.seed + i,
                   cleanup=not args.no_cleanup, **flags.sampling_of(args, model))

@@ -49,18 +49,18 @@ class Parser(argparse.ArgumentParser):
     unknown = re.match(r"unrecognized arguments: (-\S+)", message)
     if unknown:
       message += _suggestion(unknown[1].partition("=")[0], set(self._option_string_actions))
-    chosen = re.search(r"invalid choice: '([^']*)' \(choose from (.*)\)", message)
+    chosen = re.search(r"invalid choice: '([^']*)'(?= \(choose from (.*)\))", message)
     if chosen:
-      message += did_you_mean(chosen[1], re.findall(r"[\w.-]+", chosen[2]))
+      message = message.replace(chosen[0], chosen[0] + did_you_mean(chosen[1], re.findall(r"[\w.-]+", chosen[2])), 1)
     self.exit(2, f"{self.prog}: {message}; see {self.prog} --help\n")
 
 
 def _suggestion(flag, known):
-  """"; did you mean --num-samples?" for a flag of another program, or one that is spelled almost like a known one."""
+  """" (did you mean --num-samples?)" for a flag of another program, or one that is spelled almost like a known one."""
   name = flag.lstrip("-").replace("_", "-").lower()
   meant = [f"--{other.replace('_', '-')}" for other in OTHERS.get(name.replace("-", "_"), ())]
   meant = [one for one in meant if one in known]
   # Without the dashes, which all flags have in common.
-  return (f"; did you mean {meant[0]}?" if meant else
+  return (f" (did you mean {meant[0]}?)" if meant else
           did_you_mean(name, [one.lstrip("-") for one in known]).replace("mean ", "mean --"))
 

@@ -4,6 +4,7 @@ import re
 
 from motion_jax.utils.errors import InputError
 from motion_jax.utils.numerals import MOTIONS, NumberError, is_number, real, shortened, whole
+from motion_studio.cli import shared
 
 MOMASK_FPS = 20.0
 _MOMASK = re.compile(r"(?P<prompt>.*[^\s#])#(?P<length>[0-9]+|NA)")
@@ -22,6 +23,7 @@ def read_prompts(text, fps=MOMASK_FPS):
   if not text.strip():
     raise InputError(f"got the prompt {text!r}; say what the person does, as in \"a person waves\"")
   if path.suffix.lower() not in (".txt", ".csv"):
+    _check_is_prompt(text)
     return [(text, None)]
   from motion_jax.utils import text_files
   if not path.is_file():
@@ -35,6 +37,16 @@ def read_prompts(text, fps=MOMASK_FPS):
   if not 0 < len(rows) <= MOTIONS[1]:
     raise InputError(f"{path} holds {f'{len(rows):,} prompts' if rows else 'no prompt'}, expected 1 to {MOTIONS[1]:,}")
   return rows
+
+
+def _check_is_prompt(text):
+  """Raises InputError for the name of a motion file or of a project, where a sentence was expected."""
+  use = {".json": "motion-jax make makes a studio's project"} | dict.fromkeys(
+      shared.MOTION_FILES, "motion-jax extend, edit and render read motion files")
+  ending = pathlib.Path(text).suffix.lower()
+  if ending in use and " " not in text:
+    raise InputError(f"got {shortened(text)!r} as the prompt, expected a sentence in quotes, or a .txt or .csv file of "
+                     f"prompts; {use[ending]}")
 
 
 def _without_length(path, number, line, fps):

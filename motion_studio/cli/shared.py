@@ -1,10 +1,11 @@
 """Flags and functions of several commands."""
 import argparse
+import contextlib
 import pathlib
 
 from motion_jax.utils import progress
 from motion_jax.utils.errors import InputError
-from motion_jax.utils.numerals import FRAME_RATES, real
+from motion_jax.utils.numerals import FRAME_RATES, real, shortened
 
 BVH_UNITS = {"cm": "centimetres", "m": "metres"}
 FILMS = (".mp4", ".gif")
@@ -15,6 +16,15 @@ CHARACTERS = (".glb", ".vrm")
 MOTION_FILES = (".npz", ".npy", ".bvh", ".amc", ".csv", ".trc", ".c3d", ".glb", ".gltf", ".vrm", ".vrma",
                 ".fbx")
 MOTION_HELP = ", ".join(MOTION_FILES[:-1]) + f" or {MOTION_FILES[-1]}"
+
+
+@contextlib.contextmanager
+def value_of(flag, value):
+  """Errors of the block name the flag and its value, for values that are read after the command line is parsed."""
+  try:
+    yield
+  except ValueError as error:
+    raise InputError(str(error) if flag in str(error) else f"in {flag} {shortened(str(value))}: {error}") from None
 
 
 class Files(argparse.Action):
@@ -211,7 +221,10 @@ def film_options(args):
     found["background"] = args.background
   if args.film_fps is not None:
     found["fps"] = args.film_fps
-  check_film(**found)
+  for name, value in found.items():
+    flag = "--film-fps" if name == "fps" else f"--{name}"
+    with value_of(flag, getattr(args, flag[2:].replace("-", "_"))):
+      check_film(**{name: value})
   return found
 
 
@@ -220,7 +233,8 @@ def span_of(args, clip) -> slice:
   if args.trim is None:
     return slice(0, clip.num_frames)
   from motion_jax.utils.spans import spans_of
-  first, past = spans_of([args.trim], clip.num_frames, clip.fps)[0]
+  with value_of("--trim", args.trim):
+    first, past = spans_of([args.trim], clip.num_frames, clip.fps)[0]
   if not 0 <= first < past:
     raise InputError(f"got --trim {args.trim} for a motion of {clip.seconds:.1f} s, expected A:B with A before B and "
                      "within it, such as 0.5s:2s")

@@ -3,6 +3,7 @@ import pathlib
 
 import motion_jax
 from motion_jax.utils import progress
+from motion_jax.utils.errors import InputError
 from motion_jax.utils.numerals import whole
 from motion_studio.cli import shared
 
@@ -46,6 +47,9 @@ def _make(args):
     from motion_studio.server import project
     from motion_studio.server.library import Library
     from motion_studio.server.limits import Limits
+    if pathlib.Path(args.project).suffix.lower() in shared.MOTION_FILES:
+      raise InputError(f"{args.project} is a motion file, expected a project (.json) saved in the studio; motion-jax "
+                       "render converts motion files")
     outputs, limits = shared.outputs_of(args), Limits()
     found = project.read(args.project, limits)
     shared.cache_compiled_code()

@@ -86,7 +86,7 @@ def test_it_is_searched(folder):
 
 
 def test_names_and_folders_that_are_none_are_told(tmp_path):
-  with pytest.raises(ValueError, match="got data.name 'take', expected one of archive, .*takes; did you mean"):
+  with pytest.raises(ValueError, match=r"got data.name 'take' \(did you mean takes\?\), expected one of arch"):
     registry.get_dataset("take")
   with pytest.raises(FileNotFoundError, match=r"is no data folder: expected one of .*takes \(SPLIT/NAME.npy"):
     registry.dataset_of(tmp_path)

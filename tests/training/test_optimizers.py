@@ -64,10 +64,10 @@ def test_fields_reach_the_optimizer_and_shared_ones_apply_where_it_has_them():
 
 
 @pytest.mark.parametrize("fields, words", [
-    (dict(name="adamww"), "got optimizer.name 'adamww', expected adamw, adafactor, .* did you mean adamw?"),
+    (dict(name="adamww"), r"got optimizer.name 'adamww' \(did you mean adamw?\), expected adamw, adafactor, "),
     (dict(name="lion", fields={"b3": 1.0}), "got optimizer.fields.b3, which optax.lion does not have, expected b1, "),
     (dict(name="muon", fields={"ns_coeffs": "x"}), "optimizer.fields do not fit optax.muon"),
-    (dict(schedule="cosin"), "got optimizer.schedule 'cosin', expected constant, .* did you mean cosine?"),
+    (dict(schedule="cosin"), r"got optimizer.schedule 'cosin' \(did you mean cosine?\), expected constant, "),
     (dict(schedule="exponential_decay", schedule_fields={"rate": 1.0}), "got optimizer.schedule_fields.rate, which "),
     (dict(schedule="polynomial"), "optimizer.schedule_fields do not fit optax.polynomial_schedule .*missing"),
     (dict(name="schedule_free"), "got optimizer.ema_decay with optimizer.name 'schedule_free'"),

@@ -26,7 +26,7 @@ DATASETS: Registry[Dataset] = Registry("motion_jax.datasets", {dataset.name: dat
 def get_dataset(name) -> Dataset:
   """A data set by its name. Raises ValueError for a name that is none."""
   if name not in DATASETS:
-    raise ValueError(f"got data.name {name!r}, expected one of {', '.join(DATASETS)}{did_you_mean(name, DATASETS)}")
+    raise ValueError(f"got data.name {name!r}{did_you_mean(name, DATASETS)}, expected one of {', '.join(DATASETS)}")
   return DATASETS[name]
 
 

@@ -104,8 +104,8 @@ def get_rig(name: str) -> Rig:
     if name.lower() in (rig.name, *rig.aliases):
       return rig
   known = [word for rig in all_rigs().values() for word in (rig.name, *rig.aliases)]
-  raise InputError(f"got rig {name[:60]!r}, expected one of {', '.join(all_rigs())} (motion-jax rigs says what "
-                   f"each is){did_you_mean(name, known)}")
+  raise InputError(f"got rig {name[:60]!r}{did_you_mean(name[:60], known)}, expected one of {', '.join(all_rigs())} "
+                   "(motion-jax rigs says what each is)")
 
 
 def _read(path):

@@ -3,14 +3,17 @@ import argparse
 import re
 import subprocess
 import sys
+import types
 
+import numpy as np
 import pytest
 
 from motion_jax.models import registry
 from motion_jax.utils import config_files, overrides
 from motion_studio import cli
-from motion_studio.cli import generation_flags
+from motion_studio.cli import control, generation_flags
 from tests.conftest import ROOT, devices_env
+from tests.export.test_bvh import bent
 
 
 def _options(parser):
@@ -56,6 +59,29 @@ def test_flags_of_other_programs_and_slips_name_the_right_one(words, meant, caps
     cli.parse(words.split())
   error = capsys.readouterr().err
   assert f"did you mean {meant}?" in error and len(error.splitlines()) == 1
+
+
+@pytest.mark.parametrize("words, says", [
+    ("render a.npy --out a.png --size 20000x3", "in --size 20000x3: got a film"),
+    ("render a.npy --out b.npy --trim 1:x", "in --trim 1:x: got 'x', expected a whole number"),
+    ("make a.npy", "a.npy is a motion file, expected a project (.json) saved in the studio; motion-jax render"),
+    ("generate a.npy --num-frames 8", "got 'a.npy' as the prompt, expected a sentence"),
+    ("generate story.json", "motion-jax make makes a studio's project")])
+def test_a_wrong_value_names_its_flag_and_a_wrong_file_its_command(words, says, tmp_path, monkeypatch, capsys):
+  monkeypatch.chdir(tmp_path)
+  np.save("a.npy", bent(0).joints)
+  assert cli.main(words.split()) == 1 and says in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("words, says", [
+    ("--path circle:0", "in --path circle:0: got 'circle'"), ("--keyframe 0:none.npz", "there is no"),
+    ("--target left_hand@2.5:0.3,1.4,x", "in --target left_hand@2.5:0.3,1.4,x: got 'x'"),
+    ("--target left_hnad@2.5:0.3,1.4,0", ": got the joint 'left_hnad' (did you mean left_hand?)")])
+def test_a_wrong_constraint_names_its_flag(words, says):
+  args = cli.parse(["generate", "x", *words.split()])
+  with pytest.raises((ValueError, FileNotFoundError)) as error:
+    control.constraints_of(args, types.SimpleNamespace(fps=20.0))
+  assert says in str(error.value)
 
 
 def test_a_sentence_without_quotes_is_shown_how_to_be_given(capsys):
