@@ -12,7 +12,8 @@ import numpy as np
 
 from motion_jax.text.captions import of_a_person
 from motion_jax.text.encoder import TextEncoder
-from motion_jax.text.vocabulary import FUNCTION_WORDS, Vocabulary
+from motion_jax.text.lexicon import FUNCTION_WORDS
+from motion_jax.text.vocabulary import Vocabulary
 from motion_jax.training import checkpoint
 from motion_jax.utils import cache
 
