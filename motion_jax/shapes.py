@@ -4,14 +4,18 @@ Annotations name dimensions, `x: Float[Array, "b l c"]`: b batch, t frames, l la
 c latent channels, h heads, k channels of a head or codes, s tokens, q levels, n steps; *lead is any number of them, #b
 is b or 1. Within one call a letter is one length. Only tests have them checked (`tests/conftest.py`), no user pays.
 """
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import jax
 import numpy as np
 
 Whole = int | np.integer
 Net = Any  # a flax module, where it is applied: flax does not say what that gives
-Array = jax.Array | np.ndarray  # of annotations; numpy's arrays are welcome wherever JAX's are
+# Of annotations; numpy's arrays are welcome wherever JAX's are. What runs needs only their shapes and types, no JAX.
+if TYPE_CHECKING:
+  import jax
+  Array = jax.Array | np.ndarray
+else:
+  Array = Any
 
 
 def check(**arrays: Any) -> None:

@@ -180,3 +180,22 @@ print("devices", jax.device_count())
     along = names - {"motion_jax", f"motion_jax.{room}", "motion_jax.utils", "motion_jax.utils.lazy",
                      "motion_jax.utils.plugins"}
     assert len(along) <= 15, sorted(along)
+
+
+WITHOUT_JAX = ("motion", "export", "robots", "analysis", "metrics", "data", "utils")
+LOAD_JAX = {"motion_jax.motion.rotation_gradients", "motion_jax.export.graphs", "motion_jax.data.store"}
+
+
+def test_rooms_of_numpy_load_no_jax():
+  """Files are converted and robots moved without it; loading it takes longer than that."""
+  names = [".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
+           for room in WITHOUT_JAX for path in sorted((ROOT / "motion_jax" / room).rglob("*.py"))]
+  code = f"""
+import importlib, sys
+for name in {sorted(set(names) - LOAD_JAX)}:
+  importlib.import_module(name)
+  assert "jax" not in sys.modules, name
+"""
+  assert len(names) > 150 and set(names) >= LOAD_JAX
+  run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, cwd=ROOT)
+  assert run.returncode == 0, run.stderr[-600:]

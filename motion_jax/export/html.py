@@ -7,10 +7,10 @@ import html as html_lib
 import json
 import pathlib
 import re
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from motion_jax.control.signal import ControlSignal
 from motion_jax.data.clip import Clip
 from motion_jax.export.body import COLORS, make_figure
 from motion_jax.export.mesh import make_skins, rest_joints
@@ -19,6 +19,9 @@ from motion_jax.motion.joint_names import ARMS, LEGS
 from motion_jax.motion.pose import t_pose
 from motion_jax.motion.skeleton import HUMANML3D, Skeleton
 from motion_jax.utils.atomic import atomic_path
+
+if TYPE_CHECKING:
+  from motion_jax.control.signal import ControlSignal
 
 _ASSETS = pathlib.Path(__file__).parent / "assets"
 VIEWER = _ASSETS / "viewer.js"
@@ -81,7 +84,7 @@ def _describe(clip, figure):
           "ahead": _round(figure.ahead.mean(0)[[0, 2]])}
 
 
-def _constraints(clip, signal: ControlSignal, way_points):
+def _constraints(clip, signal: "ControlSignal", way_points):
   """{constraints, low, high} of a clip: marks of a signal (1, T) and the motion's distance from it; bounds of both."""
   parts = parts_of(signal)
   figures = [make_figure(Clip(joints[None].astype(np.float32))) for _, joints in parts.poses]

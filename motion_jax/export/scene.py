@@ -3,16 +3,18 @@
 Also draws a motion that covers ground from above, with its body at several moments.
 """
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from motion_jax.control.constraints import Constraint, RootPath
-from motion_jax.control.signal import ControlSignal, errors
 from motion_jax.data.clip import Clip
 from motion_jax.export import render
 from motion_jax.export.body import default_colors, make_figure
 from motion_jax.export.raster import pose_mesh
+
+if TYPE_CHECKING:
+  from motion_jax.control.signal import ControlSignal
 
 _PATH, _TARGET = (0.15, 0.62, 0.38), (0.88, 0.14, 0.40)  # green on the floor, red in the air
 _BALL = 0.05         # metres, radius of a target's mark
@@ -44,7 +46,7 @@ class Parts(NamedTuple):
   poses: list[tuple[int, np.ndarray]]
 
 
-def parts_of(signal: ControlSignal) -> Parts:
+def parts_of(signal: "ControlSignal") -> Parts:
   """The parts of a signal (1, T) to draw, at most as many as can be distinguished."""
   places, given = np.asarray(signal.positions, np.float64)[0], np.asarray(signal.given)[0]
   whole = given.all(-1)
@@ -66,19 +68,20 @@ def way_points(constraints: Sequence[Constraint]) -> list[list[float]]:
           if isinstance(one, RootPath) and one.points is not None for point in one.points]
 
 
-def distance(signal: ControlSignal, clip: Clip) -> dict[str, Any] | None:
+def distance(signal: "ControlSignal", clip: Clip) -> dict[str, Any] | None:
   """The distance of a clip from a signal (1, T), millimetres: {mean, worst, frame and joint of the worst}; None for a
   signal without constraints."""
   given = np.asarray(signal.given)[0].any(-1)
   if not given.any():
     return None
+  from motion_jax.control.signal import errors  # loads JAX
   off = np.asarray(errors(signal, clip.joints[None]))[0]
   frame, joint = np.unravel_index(off.argmax(), off.shape)
   return {"mean": round(1000 * float(off[given].mean()), 2), "worst": round(1000 * float(off.max()), 2),
           "frame": int(frame), "joint": clip.skeleton.joints[joint].replace("_", " ")}
 
 
-def marks_of(signal: ControlSignal | None, floor: float) -> Marks:
+def marks_of(signal: "ControlSignal | None", floor: float) -> Marks:
   """The marks to draw for a signal (1, T), metres; none for None."""
   if signal is None:
     return Marks([], [])

@@ -7,14 +7,13 @@ chooses turns as a body would, from a T-pose of its own.)
 import dataclasses
 from typing import Any
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.rotations import A
 from motion_jax.motion.skeleton import THIN, Skeleton, body_axes, bone_lengths, from_nearest
+from motion_jax.utils.lazy import jax
 
 
 def world_rotations(joints: Float[A, "*lead t j 3"], skeleton: Skeleton) -> Float[A, "*lead t j 4"]:
@@ -55,7 +54,7 @@ def _fit(joints: Float[A, "*lead t j 3"], bones: Float[A, "*lead t n 3"], shape:
   """The turns (..., T, 3, 3) of a joint by the bones below it; by the body's axes where these do not span a plane."""
   xp: Any = rot.namespace(joints)
   thin = THIN * xp.median(bone_lengths(joints, skeleton)[..., list(skeleton.leg_bones)].sum(-1), axis=-1)
-  spread = xp.linalg.svd(jax.lax.stop_gradient(bones) if xp is jnp else bones, compute_uv=False)[..., 1]
+  spread = xp.linalg.svd(bones if xp is np else jax.lax.stop_gradient(bones), compute_uv=False)[..., 1]
   by_bones = xp.median(spread, axis=-1) > thin
   if xp is np and by_bones.all():
     return from_nearest(rot.best_turn(bones, shape), spread > 1e-6 * thin)

@@ -4,21 +4,25 @@
 kind; what it computes is float64 if the input is. On jax arrays each is differentiable everywhere: where a direction is
 undefined (a vector of no length) the result is finite and its gradient 0.
 """
-from typing import Any, TypeVar
+import sys
+from typing import TYPE_CHECKING, Any, TypeVar
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Num
 
 from motion_jax.shapes import Array
+from motion_jax.utils.lazy import is_jax
 
-A = TypeVar("A", jax.Array, np.ndarray)  # numpy in, numpy out
+if TYPE_CHECKING:
+  import jax
+  A = TypeVar("A", jax.Array, np.ndarray)  # numpy in, numpy out
+else:
+  A = TypeVar("A")
 
 
 def namespace(*arrays: Any) -> Any:
   """jax.numpy if any array is a jax array (or tracer), else numpy."""
-  return jnp if any(isinstance(a, jax.Array) for a in arrays) else np
+  return sys.modules["jax.numpy"] if any(map(is_jax, arrays)) else np
 
 
 def sqrt(x: Num[A, "*lead"]) -> Float[A, "*lead"]:
@@ -46,7 +50,8 @@ def unit(v: Float[A, "*lead k"], eps: float = 0.0) -> Float[A, "*lead k"]:
   size = sqrt((v * v).sum(-1, keepdims=True))
   if eps:
     return v / namespace(v).maximum(size, eps)
-  return v / (size if namespace(v) is np else jnp.where(size == 0, 1, size))
+  xp = namespace(v)
+  return v / (size if xp is np else xp.where(size == 0, 1, size))
 
 
 def multiply(p: Float[A, "*#lead 4"], q: Float[A, "*#lead 4"]) -> Float[A, "*lead 4"]:
@@ -66,7 +71,7 @@ def conjugate(q: Float[A, "*lead 4"]) -> Float[A, "*lead 4"]:
 def rotate(q: Float[A, "*#lead 4"], v: Num[A, "*#lead 3"]) -> Float[A, "*lead 3"]:
   """Turns vectors v (..., 3) by unit quaternions q (..., 4); the leading shapes broadcast."""
   xp = namespace(q, v)
-  shape = jnp.broadcast_shapes(q.shape[:-1], v.shape[:-1])
+  shape = xp.broadcast_shapes(q.shape[:-1], v.shape[:-1])
   q, v = xp.broadcast_to(q, shape + (4,)), xp.broadcast_to(v, shape + (3,))
   w, u = q[..., :1], q[..., 1:]
   cross = xp.cross(u, v)
@@ -89,8 +94,8 @@ def between(a: Float[A, "*#lead 3"], b: Float[A, "*#lead 3"]) -> Float[A, "*lead
   guide = xp.where(upright, xp.asarray((0, 1, 0), axis.dtype), xp.asarray((1, 0, 0), axis.dtype))
   across = guide * (a * a).sum(-1, keepdims=True) - a * (guide * a).sum(-1, keepdims=True)
   w = xp.where(opposite, 0, w)
-  if xp is jnp:
-    w = jnp.where(size == 0, 1, w)  # a vector of no length: no rotation
+  if xp is not np:
+    w = xp.where(size == 0, 1, w)  # a vector of no length: no rotation
   return unit(xp.concatenate([w, xp.where(opposite, across, axis)], axis=-1))
 
 
@@ -126,42 +131,19 @@ def best_turn(bones: Float[A, "*lead n 3"], shape: Float[Array, "n 3"]) -> Float
   """
   xp = namespace(bones)
   products = xp.einsum("...ni,nj->...ij", bones, shape)
-  turn: Any = _nearest_rotation if xp is jnp else _kabsch
+  if xp is np:
+    return nearest_rotation(products)
+  from motion_jax.motion.rotation_gradients import nearest_rotation as differentiable
+  turn: Any = differentiable
   return turn(products)
 
 
-def _kabsch(m: Float[A, "*lead 3 3"]) -> Float[A, "*lead 3 3"]:
+def nearest_rotation(m: Float[A, "*lead 3 3"]) -> Float[A, "*lead 3 3"]:
   """The rotation matrices nearest to m (..., 3, 3)."""
   xp = namespace(m)
   u, _, vt = xp.linalg.svd(m)
   flip = xp.linalg.det(u @ vt)[..., None, None]
   return xp.concatenate([u[..., :2], u[..., 2:] * flip], axis=-1) @ vt
-
-
-@jax.custom_jvp
-def _nearest_rotation(m: Float[jax.Array, "*lead 3 3"]) -> Float[jax.Array, "*lead 3 3"]:
-  with jax.default_matmul_precision("highest"):
-    return _kabsch(m)
-
-
-@_nearest_rotation.defjvp
-def _nearest_rotation_jvp(primals: tuple[Any], tangents: tuple[Any]) -> tuple[Any, Any]:
-  """With m = R S, S symmetric, and dR = R [w]x: (tr(S) I - S) w is the axial vector of R^T dm.
-
-  Unlike the derivative of an SVD this is finite where singular values are equal; where the rotation is undefined (all
-  bones on one line) the least-squares solution is taken, which leaves the turn about that line alone.
-  """
-  (m,), (dm,) = primals, tangents
-  with jax.default_matmul_precision("highest"):
-    turn = _nearest_rotation(m)
-    inverse = jnp.swapaxes(turn, -1, -2)
-    stretch, change = inverse @ m, inverse @ dm
-    trace = jnp.trace(stretch, axis1=-2, axis2=-1)[..., None, None]
-    axial = jnp.stack([change[..., 2, 1] - change[..., 1, 2], change[..., 0, 2] - change[..., 2, 0],
-                       change[..., 1, 0] - change[..., 0, 1]], -1)
-    w = (jnp.linalg.pinv(trace * jnp.eye(3, dtype=m.dtype) - stretch, hermitian=True) @ axial[..., None])[..., 0]
-    skew = jnp.cross(w[..., None, :], jnp.eye(3, dtype=m.dtype))  # rows: w x e_i, the columns of [w]x
-    return turn, turn @ jnp.swapaxes(skew, -1, -2)
 
 
 def to_matrix(q: Float[A, "*lead 4"]) -> Float[A, "*lead 3 3"]:

@@ -5,13 +5,12 @@ importing scipy takes as long as sampling does.
 """
 from typing import Any
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.rotations import A
+from motion_jax.utils.lazy import jax, jnp
 
 
 def gaussian(values: Float[A, "*lead t k"], sigma: float) -> Float[A, "*lead t k"]:

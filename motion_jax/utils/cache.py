@@ -15,11 +15,11 @@ import pathlib
 import threading
 import time
 
-import jax
 import numpy as np
 
 from motion_jax.utils import executables, progress, timing
 from motion_jax.utils.atomic import atomic_path
+from motion_jax.utils.lazy import jax
 
 MOST_FILES = 200  # of each kind; the oldest are removed
 MOST_BYTES = 1 << 29  # likewise

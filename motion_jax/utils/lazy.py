@@ -4,7 +4,9 @@ import importlib
 import importlib.util
 import sys
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeGuard
+
+__all__ = ["LazyModule", "attach", "is_jax", "jax", "jnp"]
 
 
 def attach(package: str) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
@@ -44,6 +46,19 @@ class LazyModule:
     value = getattr(importlib.import_module(self._name), attribute)
     setattr(self, attribute, value)
     return value
+
+
+if TYPE_CHECKING:
+  import jax
+  import jax.numpy as jnp
+else:  # for rooms that mostly compute with numpy: loading JAX takes longer than their work
+  jax, jnp = LazyModule("jax"), LazyModule("jax.numpy")
+
+
+def is_jax(x: Any) -> "TypeGuard[jax.Array]":
+  """Whether x is an array or a tracer of JAX; loads no JAX."""
+  loaded = sys.modules.get("jax")
+  return loaded is not None and isinstance(x, loaded.Array)
 
 
 def _is_package(name):

@@ -4,8 +4,6 @@ import functools
 from collections.abc import Sequence
 from typing import Any, ClassVar, NamedTuple
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Num
 
@@ -13,6 +11,7 @@ from motion_jax.motion import rotations as rot
 from motion_jax.motion.rotations import A
 from motion_jax.motion.skeleton import Skeleton
 from motion_jax.shapes import Array
+from motion_jax.utils.lazy import is_jax, jnp
 
 MODES = ("benchmark", "corrected")
 # What a mirror does to the numbers of a row: it turns x, which points to the left.
@@ -98,8 +97,9 @@ class Representation:
     direction: bones of no length, hips and shoulders in one point or on a vertical.
     """
     joints = check_joints(joints, self.skeleton, mode)
-    if isinstance(joints, jax.Array):
-      return self.extract(joints, mode)[..., :self.dim]
+    if is_jax(joints):
+      traced: Any = self.extract(joints, mode)
+      return traced[..., :self.dim]
     with np.errstate(invalid="ignore", divide="ignore"):
       features = self.extract(joints, mode).astype(np.float32)
     if not np.isfinite(features).all():
@@ -218,15 +218,15 @@ def check_joints(joints: Num[A, "*shape"], skeleton: Skeleton, mode: str = "benc
   Raises ValueError for another shape, less than 2 frames, or numpy arrays that are not finite.
   """
   check_mode(mode)
-  is_jax = isinstance(joints, jax.Array)
-  if is_jax:
+  of_jax = is_jax(joints)
+  if of_jax:
     joints = joints if jnp.issubdtype(joints.dtype, jnp.floating) else joints.astype(float)
   else:
     joints = np.asarray(joints, np.float64)  # type: ignore[assignment]
-  if (joints.ndim != 3 and not (is_jax and joints.ndim > 3) or joints.shape[-2:] != (skeleton.num_joints, 3)
+  if (joints.ndim != 3 and not (of_jax and joints.ndim > 3) or joints.shape[-2:] != (skeleton.num_joints, 3)
       or joints.shape[-3] < 2):
     raise ValueError(f"got joints of shape {joints.shape}, expected (at least 2 frames, {skeleton.num_joints}, 3)")
-  if not is_jax and not np.isfinite(joints).all():
+  if not of_jax and not np.isfinite(joints).all():
     raise ValueError(f"joints hold NaN or infinity, first in frame {np.argwhere(~np.isfinite(joints))[0, 0]}")
   return joints
 

@@ -4,8 +4,8 @@ Made of joints, they are those that the full features of the same skeleton give 
 facing +z, a row less than frames. Each frame stands for itself.
 """
 import dataclasses
+from typing import Any
 
-import jax
 import numpy as np
 from jaxtyping import Float, Num
 
@@ -13,6 +13,7 @@ from motion_jax.motion import rotations as rot
 from motion_jax.motion.representations.base import VECTOR, Block, Representation
 from motion_jax.motion.representations.humanml3d import FULL, FULL_KIT, HumanML3D
 from motion_jax.motion.rotations import A
+from motion_jax.utils.lazy import is_jax
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -29,9 +30,8 @@ class Coordinates(Representation):
     return self.of_joints(self.full.to_joints(self.full.from_joints(joints, mode)))
 
   def from_joints_in_place(self, joints: Num[A, "*lead t j 3"], mode: str = "benchmark") -> Float[A, "*lead t f"]:
-    if isinstance(joints, jax.Array):
-      return self.of_joints(joints)
-    return self.of_joints(np.asarray(joints)).astype(np.float32)
+    rows: Any = self.of_joints(joints)
+    return rows if is_jax(joints) else rows.astype(np.float32)
 
   def of_joints(self, joints: Num[A, "*lead t j 3"]) -> Num[A, "*lead t f"]:
     return joints.reshape(joints.shape[:-2] + (self.dim,))

@@ -23,8 +23,6 @@ Two modes make full features from joints:
 - "corrected" is right: equal signs, frame 0 turned to +z by its smoothed heading (so nothing needs overwriting), turns
   by the wrapped angle, an arm's first rotation relative to the spine. Joints come back exactly.
 """
-import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Num
 
@@ -35,6 +33,7 @@ from motion_jax.motion.retarget import retarget, with_lengths
 from motion_jax.motion.rotations import A
 from motion_jax.motion.skeleton import HUMANML3D, KIT, Skeleton, bone_lengths, facing
 from motion_jax.shapes import Array
+from motion_jax.utils.lazy import is_jax, jnp
 
 _AHEAD = np.array([0.0, 0.0, 1.0])
 
@@ -146,7 +145,7 @@ def canonicalize(joints: Num[A, "*lead t j 3"], skeleton: Skeleton = HUMANML3D, 
 def _keep_directions(joints, skeleton):
   legs = list(skeleton.leg_bones)
   own = bone_lengths(joints[..., :1, :, :], skeleton)[..., legs].sum(-1)[..., None, None]
-  if isinstance(own, jax.Array):
+  if is_jax(own):
     own = jnp.where(own > 0, own, 1)
   return with_lengths(joints * (skeleton.bone_lengths[legs].sum() / own), skeleton)
 

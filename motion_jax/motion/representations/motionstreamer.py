@@ -12,8 +12,6 @@ Source: docs/papers/cdamd.md#motionstreamer-features.
 Rotations are the first two ROWS of their matrix (HumanML3D's are columns). The heading is that of the root's rotation,
 not of hips and shoulders. Nothing is lost: a row looks back, so T frames make T rows, and joints come back exactly.
 """
-import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Num
 
@@ -23,6 +21,7 @@ from motion_jax.motion.representations.base import GROUND, ROTATION, VECTOR, Blo
 from motion_jax.motion.rotations import A
 from motion_jax.motion.skeleton import SMPL
 from motion_jax.shapes import Array
+from motion_jax.utils.lazy import is_jax, jax, jnp
 
 
 class MotionStreamer(Representation):
@@ -94,7 +93,7 @@ def matrix_from_rows(d: Num[A, "*lead 6"]) -> Float[A, "*lead 3 3"]:
 def _products(turns):
   """Matrices (..., T, 3, 3): each the product of all turns up to it, the latest on the left."""
   # Parity: as the reference multiplies them, whole matrices; what a network tilts, stays tilted.
-  if rot.namespace(turns) is jnp:
+  if is_jax(turns):
     step = lambda before, turn: (turn @ before,) * 2
     start = jnp.broadcast_to(jnp.eye(3, dtype=turns.dtype), turns.shape[:-3] + (3, 3))
     return jnp.moveaxis(jax.lax.scan(step, start, jnp.moveaxis(turns, -3, 0))[1], 0, -3)

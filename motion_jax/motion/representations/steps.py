@@ -11,7 +11,6 @@ pelvis of frame 0 over the origin.
 """
 from functools import partial
 
-import jax
 import numpy as np
 from jaxtyping import Num
 
@@ -21,6 +20,7 @@ from motion_jax.motion.representations.base import VECTOR, Block
 from motion_jax.motion.representations.coordinates import Coordinates
 from motion_jax.motion.representations.humanml3d import FULL, FULL_KIT
 from motion_jax.motion.rotations import A
+from motion_jax.utils.lazy import jax
 
 _GROUND = np.array([1.0, 0.0, 1.0])
 
