@@ -30,6 +30,7 @@ class Request:
   evaluator: str | Evaluator | None = None       # a name, a folder or an Evaluator; None: the protocol's
   clip_evaluator: str | Evaluator | None = None  # "none": no CLIP score
   motions: Sequence[tuple[str, Folder]] = ()
+  as_given: bool = False                         # those motions keep bones and floor that differ from the evaluator's
   # What is sampled.
   replications: int | None = None                # repetitions with new draws; None: the protocol's
   seed: int | None = None                        # of all draws; None: the protocol's

@@ -9,7 +9,7 @@ from functools import partial
 
 import jax
 
-from motion_jax.evaluation import aggregates, external, provenance
+from motion_jax.evaluation import aggregates, external, provenance, samples
 from motion_jax.evaluation.candidates import Choices, Loaded, Reader, load_candidates
 from motion_jax.evaluation.checks import controls as controls_lib
 from motion_jax.evaluation.checks import sanity as sanity_lib
@@ -34,7 +34,9 @@ def evaluate(request: Request) -> Result:
   task_class = TASKS[resolved.protocol.task]
   folder = pathlib.Path(request.out) if request.out else default_out(request.runs, resolved.protocol)
   main, clip = load_evaluators(resolved.protocol, request.evaluator, request.clip_evaluator)
-  candidates, left_out = _load(request, task_class, main, folder, devices)
+  candidates, left_out = _load(request, resolved.protocol, task_class, main, folder, devices)
+  for note in left_out:
+    clock.say(f"note: {note}")
   with clock.part("data"):
     readers = [] if task_class.TEXT_TO_MOTION else [one.reader for one in candidates]
     test_set = read_for(resolved, main, clip, readers)
@@ -85,15 +87,17 @@ def evaluate(request: Request) -> Result:
   return write(result, folder, clock.seconds)
 
 
-def _load(request, task_class, main, folder, devices) -> Loaded:
-  """The candidates of a request: its runs, and folders of motions that other programs generated."""
+def _load(request, protocol, task_class, main, folder, devices) -> Loaded:
+  """The candidates of a request: its runs, and folders of motions that other programs generated, with notes on both."""
   choices = Choices(tuple(request.guidance_scales), dict(request.sampling), tuple(request.vary) or ({},),
                     task_class.OPTIONS)
   load = partial(task_class.load, raw=request.weights == "model")
   candidates, left_out = load_candidates(request.runs, load, choices, folder, request.samples, devices,
                                          request.recompute, request.verbose)
-  others = [external.load_external(name, place, main, task_class.TEXT_TO_MOTION) for name, place in request.motions]
-  return Loaded([*candidates, *others], left_out)
+  tail = samples.TAIL if protocol.made_padding == "decoded" else 0
+  others = [external.load_external(name, place, main, not task_class.FITS_GIVEN, request.as_given, tail)
+            for name, place in request.motions]
+  return Loaded([*candidates, *others], [*left_out, *(other.note for other in others if other.note)])
 
 
 def export_prompts(request: Request, out) -> pathlib.Path:
@@ -106,7 +110,16 @@ def export_prompts(request: Request, out) -> pathlib.Path:
   harness = _harness(resolved, main, None, read_for(resolved, main, readers=[] if task.TEXT_TO_MOTION else [reader]))
   return external.export_prompts(
       task(harness), reader, out,
-      harness.protocol.replications if request.replications is None else request.replications)
+      harness.protocol.replications if request.replications is None else request.replications, _flags(request))
+
+
+def _flags(request):
+  """The flags of `motion-jax evaluate` that make a request draw what it draws."""
+  values = dict(evaluator=getattr(request.evaluator, "name", request.evaluator), limit=request.limit,
+                replications=request.replications, seed=request.seed)
+  texts = [f"--{name} {value}" for name, value in values.items() if value is not None]
+  return " ".join(texts + ["--no-multimodality"] * (not request.multimodality)
+                  + ["--allow-shared"] * request.allow_shared)
 
 
 def write(result, out, seconds=None) -> Result:

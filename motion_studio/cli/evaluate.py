@@ -33,6 +33,8 @@ def add_to(commands):
       "one table row each, such as schedule=fss schedule=ar num_steps=20,lag=1")
   add("--motions", action="append", default=[], metavar="NAME=DIR", help="folder of motions from another program; one "
       "table row each; repeatable")
+  add("--as-given", action="store_true", help="leave motions of --motions on their own bones and floor (default: "
+      "retarget them as real motions are, where they differ)")
   add("--export-prompts", metavar="DIR", help="write the prompts and lengths that another program has to generate to "
       "DIR/prompts.jsonl, and stop")
   add("--limit", type=whole(1, 1_000_000), help="evaluate at most this many samples, for a quick trial")
@@ -137,10 +139,11 @@ def _judge(args):
     raise InputError(f"got --devices {args.devices}, there are {len(devices)}")
   request = Request(
       args.model, [folder for some in args.data for folder in some], args.protocol, evaluator=args.evaluator,
-      clip_evaluator=args.clip_evaluator, motions=motions, replications=args.replications, seed=args.seed,
-      limit=args.limit, guidance_scales=args.guidance_scale, sampling=sampling, vary=vary, weights=args.weights,
-      multimodality=not args.no_multimodality, controls=args.controls, allow_shared=args.allow_shared,
-      force=args.force, recompute=args.recompute, out=args.out, samples=args.samples, devices=devices[:args.devices])
+      clip_evaluator=args.clip_evaluator, motions=motions, as_given=args.as_given, replications=args.replications,
+      seed=args.seed, limit=args.limit, guidance_scales=args.guidance_scale, sampling=sampling, vary=vary,
+      weights=args.weights, multimodality=not args.no_multimodality, controls=args.controls,
+      allow_shared=args.allow_shared, force=args.force, recompute=args.recompute, out=args.out, samples=args.samples,
+      devices=devices[:args.devices])
   if args.export_prompts:
     print("wrote", run.export_prompts(request, args.export_prompts))
     return 0

@@ -1,5 +1,7 @@
 """Motions that another program made are read from its files; see test_run.py for how they are judged."""
+import dataclasses
 import json
+import re
 import types
 
 import numpy as np
@@ -12,22 +14,47 @@ from motion_jax.evaluation.request import Request, resolve
 from motion_jax.evaluation.tasks import control
 from motion_jax.evaluation.tasks.editing import kept_spans
 from motion_jax.evaluators.evaluator import fresh_evaluator
-from motion_jax.motion.representations import get_layout, to_joints
+from motion_jax.motion.representations import get_layout, to_features, to_joints
 from tests.evaluation.small import judged, small, two_captions
 
 
+def read_back(folder, evaluator, x, count, **options):
+  """(features of a motion that another program wrote, its `ExternalMotions`)."""
+  (folder / "r000").mkdir(parents=True)
+  np.save(folder / "r000" / "00000.npy", x)
+  candidate = external.load_external(folder.name, folder, evaluator, **options)
+  return candidate.sample(None, None, "r000", types.SimpleNamespace(frames=[count]), "")[0], candidate
+
+
 def test_joints_may_lie_anywhere(tmp_path, evaluator):
-  layout, joints = get_layout("coordinates"), synthetic_clips(num=2, num_frames=20)[1].joints + np.float32(0.5)
+  layout, joints = get_layout("coordinates"), synthetic_clips(num=2, num_frames=20)[1].joints
   turned = joints[..., [2, 1, 0]] * [1, 1, -1] + [3, 0, -2]
-  read = []
-  for name, x in (("a", joints), ("b", turned)):
-    (tmp_path / name / "r000").mkdir(parents=True)
-    np.save(tmp_path / name / "r000" / "00000.npy", x)
-    candidate = external.load_external(name, tmp_path / name, evaluator)
-    read.append(candidate.sample(None, None, "r000", types.SimpleNamespace(frames=[12]), "")[0])
-  assert read[0].shape == (16, 66) and np.abs(read[0] - read[1]).max() < 1e-5
+  read = [read_back(tmp_path / name, evaluator, x, 12)[0]
+          for name, x in (("a", joints), ("b", turned), ("c", turned.reshape(20, 66)))]
+  assert read[0].shape == (16, 66) and max(np.abs(read[0] - other).max() for other in read[1:]) < 1e-5
   root = to_joints(read[0], layout)[0, 0]
   assert np.abs(root[[0, 2]]).max() < 1e-6 and root[1] == pytest.approx(joints[0, 0, 1])
+
+
+@pytest.mark.parametrize("mode", ["benchmark", "corrected"])
+def test_other_bones_and_floors_are_retargeted_as_those_of_real_motions(tmp_path, evaluator, mode):
+  """A body of 0.9 of the size, whose floor is at 0.3 m, with zeros after its end."""
+  evaluator = dataclasses.replace(evaluator, mode=mode)
+  joints = 0.9 * synthetic_clips(num=2, num_frames=60)[1].joints.astype(np.float64) + [2, 0.3, 1]
+  real = to_features(joints, "coordinates", mode)
+  padded = np.concatenate([joints[:48], np.zeros((10, 22, 3))]).astype(np.float32)
+  made, candidate = read_back(tmp_path / "theirs", evaluator, padded, 48, tail=0)
+  assert made.shape == (48, 66) and np.abs(made - real[:48]).max() < 0.02
+  assert re.search(r"theirs: joints differ .* by up to 4\.\d cm a bone \(\w+\) and 30\.\d cm at the floor; retargeted",
+                   candidate.note) and candidate.about["retargeted"] is True
+  left, candidate = read_back(tmp_path / "left", evaluator, joints, 48, as_given=True)
+  np.testing.assert_allclose(np.ptp(left[:48, 1::3]), np.ptp(joints[:48, :, 1]), atol=1e-4)  # at its own size
+  assert "left as given" in candidate.note and candidate.about["sampling"] == {"as_given": True}
+  fitting, candidate = read_back(tmp_path / "fits", evaluator, joints, 48, moved=False)
+  np.testing.assert_allclose(fitting, joints[:52].reshape(52, 66), atol=1e-6)
+  assert "left as given" in candidate.note
+  exported, candidate = read_back(tmp_path / "exported", evaluator, real, 48)
+  assert not candidate.note and not candidate.retargeted
 
 
 @pytest.mark.parametrize("x, words", [
@@ -39,7 +66,7 @@ def test_what_cannot_be_judged_is_refused(tmp_path, evaluator, x, words):
   with pytest.raises(FileNotFoundError, match="holds no motions: expected files such as r000/00000.npy"):
     external.load_external("a", tmp_path, evaluator)
   (tmp_path / "r000").mkdir()
-  np.save(tmp_path / "r000" / "00000.npy", np.zeros((12, 66)))
+  np.save(tmp_path / "r000" / "00000.npy", synthetic_clips(num=1, num_frames=12)[0].joints.reshape(12, 66))
   np.save(tmp_path / "r000" / "00001.npy", x)
   candidate = external.load_external("a", tmp_path, evaluator)
   with pytest.raises(ValueError, match=f"00001.npy.*{words}"):
@@ -74,7 +101,8 @@ def test_real_motions_that_come_back_as_they_were_are_perfect(tmp_path, archive,
   lines = prompts_of(tmp_path, [archive], protocol, evaluator)
   assert len(lines) == 8 * len(names) and all(line["motion"].startswith("real_r000/") for line in lines)
   page = (tmp_path / "README.md").read_text()
-  assert f"--protocol {name}" in page and "`motion`" in page
+  assert f"--protocol {name} --motions NAME=THIS_FOLDER --evaluator fresh-t2m\n" in page and "`motion`" in page
+  assert "pelvis, left_hip, right_hip" in page and "left_knee 0.394" in page and "of 1 replication(s)" in page
   for line in lines:
     joints = np.load(tmp_path / line["motion"])
     assert joints.shape == (line["frames"], 22, 3)

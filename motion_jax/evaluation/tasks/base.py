@@ -56,6 +56,7 @@ class Task:
   METRICS: ClassVar[tuple[str, ...]]        # that its rows may have, in the order of the tables
   OPTIONS: ClassVar[tuple[str, ...]] = ()   # choices of --sampling that it has beside those of the method
   TEXT_TO_MOTION: ClassVar[bool] = False    # captions and lengths are all that a motion is made of
+  FITS_GIVEN: ClassVar[bool] = False        # motions of other programs must fit what they are given, so are not moved
   FILES: ClassVar[str]                      # what another program has to make, for those who write it
 
   def __init__(self, harness: Harness):

@@ -14,6 +14,7 @@ from motion_jax.models.mask_schedule import TASKS, task_mask
 
 
 class Editing(ClipTask):
+  FITS_GIVEN = True
   OPTIONS = ("cleanup",)  # finished edits
   FILES = ("for each of the four tasks the whole motion of `motion` (joints of a real one), its frames outside of "
            "`keep` ([first, past] each) made from the caption, in the place where `motion` is; a task without a folder "

@@ -12,6 +12,7 @@ class Reconstruction(ClipTask):
   """mpjpe in millimetres, of poses without heading; mpjpe_heading of the whole motion; released_mpjpe as the released
   code prints.
   """
+  FITS_GIVEN = True
   FILES = "the motion of `motion` (joints of a real one) after your encoder and decoder, in the place where it is"
   METRICS = (*ClipTask.METRICS, "mpjpe", "mpjpe_heading", "released_mpjpe", *ClipTask.SET_APART)
 
