@@ -19,8 +19,9 @@ class MotionDenoiser(nn.Module):
   text_emb (B, S, E): a sentence vector (S = 1) or words; all 0 stands for no caption. text_mask (B, S). frame_mask
   (B, T): frames that are no padding; without it padding is attended to like any frame. prefix (B, P, F): clean frames
   right before those of x, which the network reads and does not return. goals (B, num_goals, 4): three coordinates and
-  whether they count (1 or 0), of a network with goals; None: no goal and no part of its embedding. items (B,), places
-  in the whole batch, switch on dropout, which needs rngs={"dropout": key}.
+  whether they count (1 or 0), of a network with goals; None: no goal and no part of its embedding, and so are those of
+  motions that are not in goals_mask (B,). items (B,), places in the whole batch, switch on dropout, which needs
+  rngs={"dropout": key}.
 
   kind "encoder": a token of time and first word in front of the frames, post-norm encoder layers over all of them.
   "decoder": frames attend to each other and to the words, each with the time added; time_token puts the time in front
@@ -73,11 +74,15 @@ class MotionDenoiser(nn.Module):
   def __call__(self, x: Float[Array, "b t f"], t: Int[Array, " b"], text_emb: Float[Array, "b s e"],
                text_mask: Bool[Array, "b s"] | None = None, frame_mask: Bool[Array, "b t"] | None = None,
                prefix: Float[Array, "b p f"] | None = None, goals: Float[Array, "b g 4"] | None = None,
-               items: Int[Array, " b"] | None = None) -> Float[Array, "b t f"]:
+               items: Int[Array, " b"] | None = None, goals_mask: Bool[Array, " b"] | None = None
+               ) -> Float[Array, "b t f"]:
     length = x.shape[1]
     time, words = self.time(t)[:, None], self.text(text_emb)
     if goals is not None:
-      time = time + self.goal(goals)[:, None]
+      embedded = self.goal(goals)
+      if goals_mask is not None:
+        embedded = jnp.where(goals_mask[:, None], embedded, 0)
+      time = time + embedded[:, None]
     frames = x if prefix is None else jnp.concatenate([prefix, x], axis=1)
     if frame_mask is not None:
       frame_mask = jnp.pad(frame_mask, ((0, 0), (frames.shape[1] - length, 0)), constant_values=True)

@@ -3,6 +3,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+from jaxtyping import Bool
 from ml_collections import ConfigDict
 
 from motion_jax.diffusion import ddpm
@@ -26,8 +27,8 @@ def denoiser_stage(config: ConfigDict) -> Stage:
   """Trains the denoiser. Batch: features (B, T, F), num_frames (B,), text_emb (B, S, E), text_mask (B, S), index (B,).
 
   The first config.diffusion.context frames are given as they are, and carry no loss. A network with goals reads where
-  the motion ends, by goals that are drawn for each item (`goals.TRAINED`). With goals, or a weight for positions or
-  contacts, frozen["stats"] holds mean and std of the features.
+  the motion ends, by goals that are drawn for each item (`goals.TRAINED`) and left out as often as captions. With
+  goals, or a weight for positions or contacts, frozen["stats"] holds mean and std of the features.
   """
   plain = MotionDenoiser(**config.model)
   net, layout = mixed_precision(plain, config), get_layout(config.data.layout)
@@ -51,14 +52,15 @@ def denoiser_stage(config: ConfigDict) -> Stage:
     keys = jax.vmap(lambda i: jax.random.split(jax.random.fold_in(rng, i), 3))(batch["index"])
     t = jax.vmap(lambda key: jax.random.randint(key, (), 0, config.diffusion.num_steps))(keys[:, 0])
     noise = jax.vmap(lambda key: jax.random.normal(key, x1.shape[1:], x1.dtype))(keys[:, 1])
-    drop = jax.vmap(lambda key: jax.random.bernoulli(key, drop_rate))(keys[:, 2])
-    text = jnp.where(drop[:, None, None], 0.0, batch["text_emb"])
+    no_text, no_goal = left_out(keys[:, 2], drop_rate)
+    text = jnp.where(no_text[:, None, None], 0.0, batch["text_emb"])
     more: dict[str, Any] = dict(items=batch["index"], rngs={"dropout": rng}) if dropout else {}
     joints_of = lambda x: layout.to_joints(x * frozen[STATS]["std"] + frozen[STATS]["mean"])
     if plain.num_goals:
       counts = drawn_goals(jax.vmap(lambda i: jax.random.fold_in(jax.random.fold_in(rng, i), 3))(batch["index"]))
       wanted = places(joints_of(x1), layout)  # seen from the first frame that is predicted, not from the prefix
       more["goals"] = conditions(jnp.where(counts[..., None], wanted, 0.0), counts)
+      more["goals_mask"] = ~no_goal
     made = net.apply(params, ddpm.add_noise(schedule, x1, noise, t[:, None]), t, text, batch["text_mask"],
                      real if config.loss.mask_frames else None, prefix, **more)
     joints = None
@@ -82,6 +84,13 @@ def denoiser_stage(config: ConfigDict) -> Stage:
 
   return Stage(init, loss, predict, in_parts=True,
                about_loss="squared error of the clean features of real frames, in units of their deviation")
+
+
+def left_out(keys: jax.Array, rate: float) -> tuple[Bool[jax.Array, " b"], Bool[jax.Array, " b"]]:
+  """Which motions lose their caption and, drawn apart from these, their goals, by a key for each."""
+  # Parity: goals that are left out keep their loss (docs/papers/mdm.md#goals).
+  draw = jax.vmap(lambda key: jax.random.bernoulli(key, rate))
+  return draw(keys), draw(jax.vmap(lambda key: jax.random.fold_in(key, 1))(keys))
 
 
 def denoiser_shapes(net: MotionDenoiser) -> Any:

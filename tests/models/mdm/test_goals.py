@@ -10,7 +10,7 @@ from motion_jax.control.constraints import EffectorTarget, RootPath
 from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.models.mdm import goals
 from motion_jax.models.mdm.goals import GOALS, TRAINED, Stand, goals_of_block
-from motion_jax.models.mdm.stages import denoiser_shapes, denoiser_stage
+from motion_jax.models.mdm.stages import denoiser_shapes, denoiser_stage, left_out
 from motion_jax.motion.representations import get_layout, to_features
 from motion_jax.nets.motion_denoiser import MotionDenoiser
 from motion_jax.training.setup import untrained
@@ -72,10 +72,30 @@ def test_training_draws_each_kind_of_goal():
   assert counts.min() > 60 and counts.max() < 140
 
 
+def test_goals_are_left_out_apart_from_captions():
+  keys = jax.random.split(jax.random.key(0), 4_000)
+  no_text, no_goal = map(np.asarray, left_out(keys, 0.1))
+  for share, expected in ((no_text, 0.1), (no_goal, 0.1), (no_text & no_goal, 0.01)):
+    assert share.mean() == pytest.approx(expected, abs=4 * (expected / 4_000) ** 0.5)
+  assert not np.any(left_out(keys, 0.0))
+
+
+def test_goals_that_are_left_out_add_nothing_to_the_time():
+  net = MotionDenoiser(features=6, width=8, depth=1, num_heads=2, mlp_width=8, text_dim=4, num_goals=8, num_steps=4)
+  draw = np.random.default_rng(0)
+  x, text, given = (draw.standard_normal(shape).astype(np.float32) for shape in ((2, 5, 6), (2, 1, 4), (2, 8, 4)))
+  params = untrained(denoiser_shapes(net))
+  apply = jax.jit(lambda goals, mask=None: net.apply(params, x, jnp.ones(2, int), text, goals=goals, goals_mask=mask))
+  made = apply(given, jnp.array([True, False]))
+  np.testing.assert_allclose(made[0], apply(given)[0], atol=1e-5)
+  np.testing.assert_allclose(made[1], apply(None)[1], atol=1e-5)
+  assert (np.abs(apply(given) - apply(None)).max((1, 2)) > 1e-4).all()
+
+
 @pytest.mark.slow
 def test_the_loss_of_a_motion_without_goals_is_that_of_its_features():
   """Its "goals" is 0 where none was drawn, and it reads the place in the last frame elsewhere."""
-  config = load_config("mdm_denoiser", "goals_tiny")
+  config = load_config("mdm_denoiser", "goals_tiny").unlock()
   stage, net = denoiser_stage(config), MotionDenoiser(**config.model)
   params = untrained(denoiser_shapes(net))
   draw = np.random.default_rng(0)
@@ -89,6 +109,11 @@ def test_the_loss_of_a_motion_without_goals_is_that_of_its_features():
     drawn = goals.drawn_goals(jax.random.fold_in(jax.random.fold_in(rng, index), 3)[None]).any()
     assert (sums["goals"] > 0) == drawn
     np.testing.assert_allclose(sums["loss"], sums["features"] + sums["goals"], rtol=1e-6)
+  config.loss.drop_rate = 1.0  # no goal is read, and the loss of goals stays
+  other = params | {"params": params["params"] | {"goal_out": jax.tree.map(lambda a: a + 1, params["params"]["goal_out"])}}
+  loss, batch = jax.jit(denoiser_stage(config).loss), batch | {"index": np.array([index])}
+  (sums, _), (same, _) = (loss(some, frozen, batch, 0, rng) for some in (params, other))
+  assert sums == same and (sums["goals"] > 0) == drawn
 
 
 @pytest.mark.slow
