@@ -18,7 +18,7 @@ from motion_jax.training import checkpoint
 from motion_jax.training.setup import text_identity
 from motion_jax.utils.atomic import atomic_folder
 from motion_jax.utils.errors import InputError
-from motion_jax.utils.input_files import npy_shape
+from motion_jax.utils.input_files import npy_shape, shards
 
 # What a checkpoint holds for going on with its training only, as the field's training scripts name it.
 TRAINING_ONLY = re.compile(r"(opt|optim|optimizer|scheduler|lr_scheduler|scaler)(_.*)?$")
@@ -114,10 +114,14 @@ def read_part(path, wanted=(), others=(), choices=()):
   broken = [name for name, array in state.items() if not np.isfinite(array).all()]
   if broken:
     raise ValueError(f"{path}: {broken[0]} holds NaN or infinity; fetch the file again")
-  with open(path, "rb") as file:
-    digest = hashlib.file_digest(file, "sha256").hexdigest()
+  digest = hashlib.sha256()
+  for shard in shards(path):
+    with open(shard, "rb") as file:
+      while block := file.read(1 << 24):
+        digest.update(block)
   part = ", ".join(wanted) if nested else ""
-  return NetworkState(state, dict(file=pathlib.Path(path).name, part=part, sha256=digest), tuple(sorted(left)))
+  source = dict(file=pathlib.Path(path).name, part=part, sha256=digest.hexdigest())
+  return NetworkState(state, source, tuple(sorted(left)))
 
 
 # What wraps a module, data-parallel, compiled or averaged, puts before every name alike, in any order and number.

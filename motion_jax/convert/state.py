@@ -5,7 +5,7 @@ import flax
 import numpy as np
 
 from motion_jax.convert import torch_files
-from motion_jax.utils.input_files import load_safetensors
+from motion_jax.utils.input_files import INDEX, load_safetensors
 
 _DEEPEST, _MOST = 32, 1_000_000  # levels and entries of a checkpoint
 Table = dict[str, tuple[str, str]]  # {name of the reference: (our path, kind of `_KINDS`)}
@@ -49,7 +49,7 @@ _KINDS = {
 
 
 def load_state(path):
-  """A flat dict of numpy arrays from a .safetensors file or a PyTorch checkpoint, which is never unpickled.
+  """A flat dict of numpy arrays from a .safetensors file, its shards or a PyTorch checkpoint, never unpickled.
 
   A checkpoint that nests its weights gives keys joined by "/": "ema_model/x_embedder.weight".
   """
@@ -61,7 +61,7 @@ def load_checkpoint(path):
   path = pathlib.Path(path)
   if not path.is_file():
     raise FileNotFoundError(f"there is no checkpoint {path}")
-  if path.suffix == ".safetensors":
+  if path.suffix == ".safetensors" or path.name.endswith(INDEX):
     return load_safetensors(path, advice="it is no whole safetensors file: fetch it again"), set()
   state = torch_files.load(path)
   if not isinstance(state, dict):

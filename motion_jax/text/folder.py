@@ -8,11 +8,12 @@ from tokenizers import AddedToken, Regex, Tokenizer, models, normalizers, pre_to
 
 from motion_jax.text import bert, clip, hugging_face, mpnet, t5
 from motion_jax.utils.errors import InputError, reading
-from motion_jax.utils.input_files import load_safetensors, read_json
+from motion_jax.utils.input_files import load_safetensors, read_json, shards
 from motion_jax.utils.install import pip_install
 from motion_jax.utils.network_sizes import check_sizes
 
 CONFIG, WEIGHTS, TOKENIZER = "config.json", "model.safetensors", "tokenizer.json"
+SHARDED = f"{WEIGHTS}.index.json"
 CLIP_TOKENIZER = ("vocab.json", "merges.txt")
 DENSE = "2_Dense"  # where Sentence-T5 keeps its projection
 KINDS = {
@@ -62,7 +63,7 @@ def read(folder, name, level="words"):
       config = read_json(folder / CONFIG)
       fields = _fields(folder, to_fields, config)
       check_sizes(fields, CONFIG, advice="fetch it again")
-      state = _weights(folder / WEIGHTS, ignored)
+      state = _weights(folder / files[1], ignored)
       if kind == "clip_text_model" and "text_projection.weight" not in state:
         fields["projection_dim"] = 0
       params = to_params(state, fields)
@@ -115,14 +116,18 @@ def _kind(folder, name):
 
 
 def _check_files(folder, name, kind):
-  """The files of an encoder, config.json first; raises FileNotFoundError that lists those that are missing."""
+  """The files of an encoder: config.json, its weights or the index of their shards, and others. Raises
+  FileNotFoundError that lists those that are missing."""
   has = lambda file: (folder / file).is_file()
   tokenizer = [TOKENIZER]
   if kind.startswith("clip") and not has(TOKENIZER) and any(map(has, CLIP_TOKENIZER)):
     tokenizer = list(CLIP_TOKENIZER)
   if not has(TOKENIZER) and hugging_face.old_tokenizer(folder, kind):
     tokenizer = [hugging_face.old_tokenizer(folder, kind)]
-  files = [CONFIG, WEIGHTS, *tokenizer]
+  weights = [WEIGHTS]
+  if not has(WEIGHTS) and has(SHARDED):
+    weights = [SHARDED, *(path.name for path in shards(folder / SHARDED))]
+  files = [CONFIG, *weights, *tokenizer]
   if kind == "t5" and (folder / DENSE).is_dir():
     files.append(f"{DENSE}/{WEIGHTS}")
   missing = [file for file in files if not has(file)]

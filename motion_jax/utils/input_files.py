@@ -19,10 +19,13 @@ from motion_jax.utils.errors import InputError, reading, reason
 
 NUMBERS, TEXTS = "biuf", "US"
 _MAX_DIMS = 8
+_MAX_SHARDS = 1_000
 _MAX_HEADER = 10_000
 # Joints compress to a half or a tenth; a million times the same frame is no motion.
 _FREE_BYTES, _MAX_RATIO = 1 << 28, 20
 _COPY = "it may be cut or damaged: copy or make it again"
+INDEX = "index.json"  # how the name of a list of shards ends
+_SHARD = re.compile(r"(?P<name>.+)-\d{5}-of-(?P<count>\d{5})\.safetensors")
 
 
 class PickledError(InputError):
@@ -160,13 +163,44 @@ def _some(names, most=8):
 
 
 def load_safetensors(path, keep=lambda name: True, advice=_COPY) -> dict[str, np.ndarray]:
-  """{name: float32 array} of those tensors of a safetensors file that are wanted.
+  """{name: float32 array} of those tensors of a safetensors file, or of all shards of one, that are wanted.
 
   Raises FileNotFoundError, or InputError for a file that is cut or damaged.
   """
+  arrays: dict[str, np.ndarray] = {}
+  for part in shards(path):
+    with reading(part, advice), safe_open(str(part), "numpy") as file:
+      names = [name for name in file.keys() if keep(name)]
+      if twice := [name for name in names if name in arrays]:
+        raise InputError(f"{twice[0]} is in {part.name} and in another shard beside it; {advice}")
+      arrays |= {name: np.asarray(file.get_tensor(name), np.float32) for name in names}
+  return arrays
+
+
+def shards(path) -> list[pathlib.Path]:
+  """The files that hold the tensors of a safetensors file: itself; those that NAME.index.json lists; or, of one of
+  NAME-00001-of-0000N.safetensors, all N beside it.
+
+  Raises FileNotFoundError with those that are missing, or InputError for an index of another form.
+  """
   path = _there(path)
-  with reading(path, advice), safe_open(str(path), "numpy") as file:
-    return {name: np.asarray(file.get_tensor(name), np.float32) for name in file.keys() if keep(name)}
+  part = _SHARD.fullmatch(path.name)
+  if part:
+    count = int(part["count"])
+    names = {f"{part['name']}-{i:05d}-of-{part['count']}.safetensors" for i in range(1, min(count, _MAX_SHARDS) + 1)}
+  elif path.name.endswith(INDEX):
+    names = read_json(path, advice="fetch it again").get("weight_map")
+    names = set(names.values()) if isinstance(names, dict) else {None}
+    if not names or not all(isinstance(name, str) and name == pathlib.PurePath(name).name for name in names):
+      raise InputError(f"{path} lists no shards: expected weight_map, an object of tensors and of files beside it; "
+                       "fetch it again")
+  else:
+    return [path]
+  missing = sorted(name for name in names if not (path.parent / name).is_file())
+  if missing:
+    raise FileNotFoundError(f"{path} is a part of {len(names)} files, of which {len(missing)} are missing in "
+                            f"{path.parent}: {_some(missing)}; fetch them, too")
+  return [path.parent / name for name in sorted(names)]
 
 
 def tensor_sizes(path, advice=_COPY) -> dict[str, int]:

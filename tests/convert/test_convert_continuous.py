@@ -1,11 +1,13 @@
 """The released files of MDM, MLD and MotionStreamer become run folders that generate; what does not fit is refused."""
 import json
 
+import jax
 import numpy as np
 import pytest
+from safetensors.numpy import load_file, save_file
 
 from motion_jax.loading import load
-from motion_jax.models.mdm.weights import write_mdm
+from motion_jax.models.mdm.weights import denoiser, write_mdm
 from motion_jax.models.mld.weights import write_mld
 from motion_jax.models.motionstreamer.weights import write_motionstreamer
 from motion_jax.runs import load_run
@@ -53,9 +55,35 @@ def test_options_of_mdm_are_followed(tmp_path):
   assert (config.frozen.text_level, config.frozen.text_pieces) == ("sentence", 22)  # CLIP's 20 and the two special ones
 
 
+@pytest.mark.parametrize("name, options, text", [
+    ("pooled", dict(text_encoder_type="clip", emb_trans_dec=True), ("sentence", 22)),
+    ("words", dict(text_encoder_type="bert"), ("words", 0)), ("words", {}, ("words", 0))])
+def test_a_decoder_reads_what_its_text_encoder_gives(name, options, text, tmp_path):
+  """One vector of CLIP, or the words of DistilBERT, as args.json says."""
+  params = Fixture(fixtures.path(f"mdm/mdm_decoder_{name}.npz")).params
+  state = widened({key: array for key, array in params.items() if "/" not in key})
+  file = save_nested(tmp_path / "model", {"model": state}, "safetensors")
+  (tmp_path / "args.json").write_text(json.dumps(options))
+  stats = stats_folder(tmp_path / "stats", np.zeros(263), np.ones(263))
+  made, = write_mdm(tmp_path / "run", file, stats, text_folder(tmp_path / "text", len(state["embed_text.weight"][0])),
+                    num_heads=4)
+  config = load_run(tmp_path / "run").config
+  assert (config.frozen.text_level, config.frozen.text_pieces) == text and made.fields["kind"] == "decoder"
+  assert made.fields["time_token"] == (name == "pooled")
+
+
+def widened(state):
+  """A recorded network with HumanML3D's 263 columns."""
+  rows = {"input_process.poseEmbedding.weight": 1, "output_process.poseFinal.weight": 0,
+          "output_process.poseFinal.bias": 0}
+  return state | {key: np.resize(state[key], [263 if i == axis else size for i, size in enumerate(state[key].shape)])
+                  for key, axis in rows.items()}
+
+
 @pytest.mark.parametrize("options, words", [
     (dict(noise_schedule="sqrt"), "noise_schedule is 'sqrt', expected cosine or linear"),
     (dict(noise_schedule="linear", diffusion_steps=4), "variances above 1"), (dict(sigma_small=False), "sigma_small"),
+    (dict(emb_policy="concat"), "emb_policy is 'concat', expected 'add'"),
     (dict(unconstrained=True), "without captions"), (dict(diffusion_steps=[4]), "diffusion_steps is"),
     (dict(cond_mask_prob=3), "cond_mask_prob 3"), (dict(text_encoder_type="t5"), "text_encoder_type is 't5'")])
 def test_options_of_mdm_that_cannot_be_followed_are_refused(options, words, tmp_path):
@@ -63,6 +91,23 @@ def test_options_of_mdm_that_cannot_be_followed_are_refused(options, words, tmp_
   with pytest.raises(InputError, match=words):
     write_mdm(tmp_path / "run", file, stats, text, num_heads=4)
   assert not (tmp_path / "run").exists()
+
+
+def test_shards_are_one_checkpoint(tmp_path):
+  file, stats, text = mdm_file(tmp_path)
+  state, files = load_file(file), [f"model-{i:05d}-of-00002.safetensors" for i in (1, 2)]
+  for i, name in enumerate(files):
+    save_file({key: array for j, (key, array) in enumerate(sorted(state.items())) if j % 2 == i}, tmp_path / name)
+  places = {key: files[j % 2] for j, key in enumerate(sorted(state))}
+  (tmp_path / "model.safetensors.index.json").write_text(json.dumps({"metadata": {}, "weight_map": places}))
+  whole, *parts = (denoiser(tmp_path / name, num_heads=4) for name in (
+      file.name, "model.safetensors.index.json", files[1]))
+  for part in parts:
+    jax.tree.map(np.testing.assert_array_equal, part.params, whole.params)
+    assert part.part.source["sha256"] == parts[0].part.source["sha256"] != whole.part.source["sha256"]
+  (tmp_path / files[0]).unlink()
+  with pytest.raises(FileNotFoundError, match=f"of 2 files, of which 1 are missing in .*: {files[0]}; fetch them, too"):
+    denoiser(tmp_path / files[1], num_heads=4)
 
 
 @pytest.mark.parametrize("content", ["[1, 2]", '{"diffusion_steps": 1000,'])

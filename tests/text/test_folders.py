@@ -1,11 +1,12 @@
 """Folders in Hugging Face layout: CLIP, T5 and Sentence-T5 encode captions; what is wrong with a folder is told."""
 import json
+import shutil
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from safetensors.numpy import save_file
+from safetensors.numpy import load_file, save_file
 from tokenizers import Tokenizer, models, pre_tokenizers, processors
 
 from motion_jax.text import bert, clip, hugging_face, mpnet, t5
@@ -102,6 +103,21 @@ def test_features_are_the_networks(encoders):
 def test_a_whole_clip_with_the_old_files_is_the_same(folders):
   part, whole = (load_text_encoder(folders[name], level="sentence") for name in ("clip", "whole_clip"))
   assert (part(CAPTIONS)[0] == whole(CAPTIONS)[0]).all() and part.fingerprint != whole.fingerprint
+
+
+def test_weights_in_shards_are_the_same_encoder(folders, tmp_path):
+  shutil.copytree(folders["t5"], tmp_path, dirs_exist_ok=True)
+  state = load_file(tmp_path / "model.safetensors")
+  (tmp_path / "model.safetensors").unlink()
+  write_json(tmp_path / "model.safetensors.index.json", {"weight_map": {
+      name: f"model-{i % 2}.safetensors" for i, name in enumerate(state)}})
+  for half in (0, 1):
+    save_file(dict(list(state.items())[half::2]), tmp_path / f"model-{half}.safetensors")
+  whole, parts = load_text_encoder(folders["t5"]), load_text_encoder(tmp_path)
+  jax.tree.map(np.testing.assert_array_equal, parts.params, whole.params)
+  (tmp_path / "model-1.safetensors").unlink()
+  with pytest.raises(FileNotFoundError, match="of which 1 are missing"):
+    load_text_encoder(tmp_path)
 
 
 def test_clips_tokenizer(folders):

@@ -19,6 +19,7 @@ from motion_jax.utils.input_files import (
   npy_shape,
   npz_names,
   read_json,
+  shards,
 )
 from tests.data.test_build import write_archive
 from tests.fuzz_damage import deflated_bomb
@@ -132,6 +133,25 @@ def test_safetensors(tmp_path):
     with pytest.raises(InputError, match="a.safetensors") as error:
       load_safetensors(tmp_path / "a.safetensors")
     assert _one_line(error)
+
+
+def test_shards_of_safetensors_are_one_file(tmp_path):
+  save_file({"a": np.ones(3)}, tmp_path / "model-00001-of-00002.safetensors")
+  save_file({"b": np.zeros(2)}, tmp_path / "model-00002-of-00002.safetensors")
+  index = tmp_path / "model.safetensors.index.json"
+  index.write_text('{"weight_map": {"a": "model-00001-of-00002.safetensors", "b": "model-00002-of-00002.safetensors"}}')
+  for path in (index, *shards(index)):
+    assert {name: len(array) for name, array in load_safetensors(path).items()} == {"a": 3, "b": 2}
+  for text in ("{}", '{"weight_map": {}}', '{"weight_map": {"a": "../a"}}', '{"weight_map": {"a": 3}}'):
+    index.write_text(text)
+    with pytest.raises(InputError, match="model.safetensors.index.json lists no shards: expected weight_map"):
+      shards(index)
+  save_file({"a": np.ones(3)}, tmp_path / "model-00002-of-00002.safetensors")
+  with pytest.raises(InputError, match="a is in model-00002-of-00002.safetensors and in another shard"):
+    load_safetensors(shards(tmp_path / "model-00001-of-00002.safetensors")[0])
+  (tmp_path / "model-00001-of-00002.safetensors").unlink()
+  with pytest.raises(FileNotFoundError, match="of 2 files, of which 1 are missing in .*: model-00001-of-00002.safe"):
+    load_safetensors(tmp_path / "model-00002-of-00002.safetensors")
 
 
 def test_reading_translates_all_but_our_own():

@@ -19,7 +19,8 @@ TEXT = {"clip": ("clip-vit-base-patch32", "sentence", 22), "bert": ("distilbert-
 _OPTIONS: dict[str, tuple[Any, tuple[type, ...]]] = {
     "diffusion_steps": (1000, (int,)), "noise_schedule": ("cosine", (str,)), "sigma_small": (True, (bool,)),
     "cond_mask_prob": (0.1, (int, float)), "unconstrained": (False, (bool,)), "mask_frames": (False, (bool,)),
-    "emb_trans_dec": (False, (bool,)), "context_len": (0, (int,)), "text_encoder_type": ("", (str,))}
+    "emb_trans_dec": (False, (bool,)), "context_len": (0, (int,)), "text_encoder_type": ("", (str,)),
+    "emb_policy": ("add", (str,))}
 
 
 def denoiser(path: str | pathlib.Path, weights: str = "ema", num_heads: int | None = None) -> Network:
@@ -96,6 +97,8 @@ def _options(file):
                      "20 steps or more")
   if not options["sigma_small"]:
     raise InputError(f"{path}: it was trained with sigma_small false, whose larger variances are not sampled here")
+  if options["emb_policy"] != "add":
+    raise InputError(f"{path}: emb_policy is {options['emb_policy']!r}, expected 'add': the time added to the text")
   if options["unconstrained"]:
     raise InputError(f"{path}: it was trained without captions (unconstrained); there is no text to generate from")
   if not 0 <= options["cond_mask_prob"] <= 1 or options["diffusion_steps"] < 1:

@@ -110,7 +110,8 @@ def test_the_loss_of_a_motion_without_goals_is_that_of_its_features():
     assert (sums["goals"] > 0) == drawn
     np.testing.assert_allclose(sums["loss"], sums["features"] + sums["goals"], rtol=1e-6)
   config.loss.drop_rate = 1.0  # no goal is read, and the loss of goals stays
-  other = params | {"params": params["params"] | {"goal_out": jax.tree.map(lambda a: a + 1, params["params"]["goal_out"])}}
+  goal_out = jax.tree.map(lambda a: a + 1, params["params"]["goal_out"])
+  other = {"params": params["params"] | {"goal_out": goal_out}}
   loss, batch = jax.jit(denoiser_stage(config).loss), batch | {"index": np.array([index])}
   (sums, _), (same, _) = (loss(some, frozen, batch, 0, rng) for some in (params, other))
   assert sums == same and (sums["goals"] > 0) == drawn
