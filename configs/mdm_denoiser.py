@@ -40,9 +40,9 @@ def get_config(name="full"):
                       time_token=False, num_goals=0, num_steps=1_000, dropout=0.1)
   # context: clean frames that the network reads in front of those that it denoises.
   config.diffusion = dict(num_steps=1_000, context=0, schedule="cosine")
-  # drop_rate: of captions and, apart from these, of goals; velocity, positions, contacts: weights of the geometric terms,
-  # 0 in the text models; goals: that of how far a motion ends from its goals; mask_frames: padding is not attended to, in
-  # sampling either.
+  # drop_rate: of captions and, apart from these, of goals; velocity, positions, contacts: weights of the geometric
+  # terms, 0 in the text models; goals: that of how far a motion ends from its goals; mask_frames: padding is not
+  # attended to, in sampling either.
   config.loss = dict(drop_rate=0.1, mask_frames=False, velocity=0.0, positions=0.0, contacts=0.0, goals=0.0)
   config.data = common.captioned_data(layout="full", batch_size=64, min_frames=40, max_frames=196, lengths=(196,),
                                       max_words=64, balance=0.0, vary_subject=0.0)

@@ -69,7 +69,7 @@ def test_a_decoder_reads_what_its_text_encoder_gives(name, options, text, tmp_pa
                     num_heads=4)
   config = load_run(tmp_path / "run").config
   assert (config.frozen.text_level, config.frozen.text_pieces) == text and made.fields["kind"] == "decoder"
-  assert made.fields["time_token"] == (name == "pooled")
+  assert config.model.time_token == (name == "pooled")
 
 
 def widened(state):
