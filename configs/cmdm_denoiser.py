@@ -60,7 +60,7 @@ def get_config(size="full"):
                                       warmup_steps=2_000, beta2=0.99, weight_decay=1e-5, ema_decay=0.9999,
                                       skip_loss=10.0)
   if dataset and dataset != "essential":  # the rate falls at the same place of the whole of training
-    config.optimizer.boundaries = (FALLS,)
+    config.optimizer.update(boundaries=(FALLS,), ema_debias=True)  # KIT has a fifth of the steps
   config.train = common.epochs(500, log_every=100, num_saves=40, remat=False, attention="xla",
                                scan_layers=False, sample_every=20_000)
   # schedule: "fss" (frame-wise, `lag` steps between blocks), "ar" (block after block) or "full" (all frames at once).

@@ -120,14 +120,16 @@ def optimizer(learning_rate, **fields):
 
   name, fields: any optimizer of optax and its arguments; schedule, schedule_fields: the same for the learning rate
   (training/optimizers.py). A step is skipped if its loss is above skip_loss, or its gradient above skip_spikes times
-  the median of those before; 0 skips none. warmup: "full", or "released" as in MoMask's and T2M-GPT's code
+  the median of those before; 0 skips none. ema_decay: of the average of parameters that is evaluated; 0: none.
+  ema_debias: the average leaves out the random start; without it, as in the released code, it begins as a copy of the
+  start, of which ema_decay ** steps is left. warmup: "full", or "released" as in MoMask's and T2M-GPT's code
   (docs/papers/momask.md#training). accumulate_steps: number of parts of a device's batch, which are computed
   one after the other in less memory, for a step that is the same up to rounding.
   """
   return dict(name="adamw", fields={}, learning_rate=learning_rate, schedule="constant", schedule_fields={},
               cooldown_steps=0, warmup_steps=0, beta1=0.9, beta2=0.999, weight_decay=0.0, clip_norm=0.0, ema_decay=0.0,
-              skip_loss=0.0, skip_spikes=0.0, accumulate_steps=1, final_rate=0.0, boundaries=(), gamma=0.1, rates={},
-              clip_parts=(), warmup="full") | fields
+              ema_debias=False, skip_loss=0.0, skip_spikes=0.0, accumulate_steps=1, final_rate=0.0, boundaries=(),
+              gamma=0.1, rates={}, clip_parts=(), warmup="full") | fields
 
 
 def train(num_steps, log_every, save_every, **fields):
@@ -157,9 +159,11 @@ def train(num_steps, log_every, save_every, **fields):
 
 
 def archives(config, **fields):
-  """Data of the small sizes: archives of motion capture, each clip mirrored too."""
+  """Data of the small sizes: archives of motion capture, each clip mirrored too. They train for so few steps that an
+  average would keep some of the random start."""
   config.data.update(name="archive", mode="corrected", mirror=True, **fields)
   config.train.num_epochs = 0  # their steps are counted
+  config.optimizer.ema_debias = True
 
 
 def epochs(num_epochs, log_every, num_saves, **fields):
@@ -171,7 +175,7 @@ def tiny(config, **fields):
   """Two steps on procedural motion: nothing to download, seconds on a laptop."""
   config.data.update(name="synthetic", mode="corrected", batch_size=4, **fields)
   config.train.update(num_steps=2, num_epochs=0, log_every=1, save_every=2, sample_every=0)
-  config.optimizer.warmup_steps = min(config.optimizer.warmup_steps, 1)
+  config.optimizer.update(warmup_steps=min(config.optimizer.warmup_steps, 1), ema_debias=True)
 
 
 def small_teacher(config, **fields):

@@ -162,7 +162,8 @@ DEFAULTS: dict[str, dict[str, Any]] = {
          "train.num_epochs": 0, "train.num_saves": 20, "train.keep_last": 2, "train.tensorboard": False,
          "train.sample_every": 0, "train.cpu_seconds": 0.0, "train.seconds": 0.0, "train.max_skips": 20,
          "train.max_rollbacks": 3, "train.hang_minutes": 60.0, "train.freeze": (), "optimizer.skip_spikes": 0.0,
-         "optimizer.accumulate_steps": 1, "mesh.map": "auto", "mesh.layout": "replicated",
+         "optimizer.accumulate_steps": 1, "optimizer.ema_debias": False,
+         "mesh.map": "auto", "mesh.layout": "replicated",
          "mesh.rules": (), "mesh.data": 0, "mesh.model": 1},
     "tmr.teacher": {"model.kind": "part_tmr", "frozen.sentence": "", "frozen.vit": "", "origin": {}},
     "cmdm.tokenizer": _MOTION_ERRORS | {

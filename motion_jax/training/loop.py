@@ -58,7 +58,8 @@ def train(config, workdir, stage, next_batch, frozen=None, resume=False, evaluat
   frozen = mesh.put(frozen or {})
   train_step = Step(mesh.compiled(make_train_step(
       stage, tx, config.optimizer.ema_decay, config.optimizer.skip_loss, config.optimizer.skip_spikes,
-      config.optimizer.accumulate_steps, tuple(config.train.get("freeze", ())))), quick=is_small(state.params))
+      config.optimizer.accumulate_steps, tuple(config.train.get("freeze", ())),
+      config.optimizer.ema_debias)), quick=is_small(state.params))
   step = first = int(state.step)
   batch_size, rows = len(example["index"]), slice(None)
   if jax.process_count() > 1:

@@ -72,13 +72,16 @@ def _in_parts(of_rows, batch, count):
   return jax.lax.scan(lambda found, rows: (jax.tree.map(jnp.add, found, of_rows(rows)), None), nothing, parts)[0]
 
 
-def make_train_step(stage, tx, ema_decay, skip_loss=0.0, skip_spikes=0.0, accumulate_steps=1, freeze=()) -> TrainStep:
+def make_train_step(stage, tx, ema_decay, skip_loss=0.0, skip_spikes=0.0, accumulate_steps=1, freeze=(),
+                    ema_debias=False) -> TrainStep:
   """The step of a stage.
 
   skip_loss > 0: a step whose loss is larger, or not finite, changes nothing but the step count; skip_spikes > 0: the
   same for a gradient norm above skip_spikes times the median of the last ones (16 at least).
   accumulate_steps: number of parts of a device's rows whose gradients are computed one after the other and added; it is
   still one step on the whole batch. freeze: names below which parameters stay the same to the bit, without a gradient.
+  ema_debias: the average of parameters leaves out the random start. Without it the average begins as a copy of the
+  start, of which ema_decay ** n is left after n steps.
 
   Shapes are checked while the step is traced, which costs nothing when it runs: ValueError for a loss whose sums or
   weight are not scalars, AssertionError where gradients or updated parameters do not match the parameters.
@@ -118,7 +121,10 @@ def make_train_step(stage, tx, ema_decay, skip_loss=0.0, skip_spikes=0.0, accumu
     params = frozen_or(state.params, optax.apply_updates(state.params, updates))
     ema_params = state.ema_params
     if ema_params is not None:
-      ema_params = frozen_or(ema_params, optax.incremental_update(params, ema_params, 1 - ema_decay))
+      share = 1 - ema_decay
+      if ema_debias:  # the first step's is 1; as Adam's means, divided by 1 - ema_decay ** n
+        share = jnp.minimum(share / -jnp.expm1((state.step + 1) * jnp.log(ema_decay)), 1.0)
+      ema_params = frozen_or(ema_params, optax.incremental_update(params, ema_params, share))
     # Updates of another shape would broadcast, and another type would compile every step.
     chex.assert_trees_all_equal_shapes_and_dtypes((params, ema_params, extra),
                                                   (state.params, state.ema_params, state.extra))

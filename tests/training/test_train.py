@@ -91,6 +91,21 @@ def test_a_run_without_an_average_has_no_copy_and_goes_on_where_one_was_saved(tm
   assert _equal(train.train(config, folder, _stage(), _next_batch, resume=True), whole)
 
 
+def test_an_average_without_the_start_weighs_the_steps_alone():
+  """After n steps sum of decay ** (n - k) * parameters of step k, over the sum of the weights."""
+  stage, decay = _stage(), 0.9999
+  tx = optimizers.make_optimizer(_config(4).optimizer, 4)
+  state = train_step.init_state(stage, tx, _next_batch(0), jax.random.key(0))
+  pmap = mesh.Pmap()
+  step = pmap.compiled(train_step.make_train_step(stage, tx, decay, ema_debias=True))
+  made = []
+  for number in range(4):
+    state, _ = step(state, {}, pmap.rows(_next_batch(number)), jax.random.key(1))
+    made.append(np.asarray(state.params["w"]))
+    weights = decay ** np.arange(number, -1, -1)
+    np.testing.assert_allclose(state.ema_params["w"], weights @ np.stack(made) / weights.sum(), rtol=1e-5)
+
+
 @pytest.mark.parametrize("decay", [0.9, 0.0])
 def test_the_average_keeps_its_decay_of_what_was(decay):
   """After one step decay * start + (1 - decay) * new; a decay of 0.9 exchanged with its rest would follow the last."""
