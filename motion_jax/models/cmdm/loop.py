@@ -3,6 +3,7 @@
 `streaming.Sampler.sample` is the same under `lax.scan`, for which every length and kind is a program of its own.
 """
 import dataclasses
+from collections.abc import Sequence
 from typing import Any
 
 import jax
@@ -37,8 +38,7 @@ class SamplingLoop:
     self._scale = np.asarray(scale, np.float32)
     self._constants = model.constants_of(plan)
     self._state = streaming.first_state(model.dit, plan.layout, self.batch, np)
-    zeros = jax.eval_shape(lambda: model.codec.init_decode_state(self.batch))
-    self._decoder = self._decoder_before = jax.tree.map(lambda a: np.zeros(a.shape, a.dtype), zeros)
+    self._decoder = self._decoder_before = _decoder_state(model, self.batch) if model.vae.causal else None
     self.paths: list[Path | None] = [None] * self.batch
     self._paths_before = self.paths
     self._text: Any = None
@@ -185,19 +185,33 @@ class SamplingLoop:
 
 def behind_nothing(model: CmdmNetworks, batch: int) -> Behind:
   """`Guide.begin` in numpy, which compiles nothing."""
-  decoder = jax.eval_shape(lambda: model.codec.init_decode_state(batch))
   zeros = lambda *shape: np.zeros(shape, np.float32)
-  return Behind(jax.tree.map(lambda a: np.zeros(a.shape, a.dtype), decoder), zeros(batch, 1, model.stats.layout.dim),
-                zeros(batch, 2), zeros(batch))
+  return Behind(_decoder_state(model, batch), zeros(batch, 1, model.stats.layout.dim), zeros(batch, 2), zeros(batch))
 
 
-def decode_all(model: CmdmNetworks, latents: Float[np.ndarray, "b l c"]) -> Float[np.ndarray, "b t f"]:
-  """Normalized features of latents, block after block by the program of a stream."""
-  size, length = model.dit.block, latents.shape[1]
+def _decoder_state(model, batch):
+  """What the decoder remembers of motions that have not begun, in numpy."""
+  shapes = jax.eval_shape(lambda: model.codec.init_decode_state(batch))
+  return jax.tree.map(lambda a: np.zeros(a.shape, a.dtype), shapes)
+
+
+def decode_all(model: CmdmNetworks, latents: Float[np.ndarray, "b l c"], frames: Sequence[int] | None = None
+               ) -> Float[np.ndarray, "b t f"]:
+  """Normalized features of latents, block after block by the program of a stream.
+
+  A tokenizer that looks both ways decodes each motion alone and at once, the latents of its `frames` (all by default),
+  by a program for each length; features after these are 0.
+  """
+  size, length, fpl = model.dit.block, latents.shape[1], model.frames_per_latent
+  if not model.vae.causal:
+    made = np.zeros((len(latents), length * fpl, model.vae.features), np.float32)
+    for row, own, count in zip(made, latents, [length * fpl] * len(latents) if frames is None else frames):
+      used = -(-int(count) // fpl)
+      row[:used * fpl] = model.compiled.decode_whole(model.codec, own[None, :used])[0]
+    return made
   latents = np.pad(latents, ((0, 0), (0, -length % size), (0, 0)))
-  zeros = jax.eval_shape(lambda: model.codec.init_decode_state(len(latents)))
-  state, made = jax.tree.map(lambda a: np.zeros(a.shape, a.dtype), zeros), []
+  state, made = _decoder_state(model, len(latents)), []
   for block in np.split(latents, latents.shape[1] // size, axis=1):
     features, state = model.compiled.decode(model.codec, block, state)
     made.append(np.asarray(features))
-  return np.concatenate(made, axis=1)[:, :length * model.frames_per_latent]
+  return np.concatenate(made, axis=1)[:, :length * fpl]

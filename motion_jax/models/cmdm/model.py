@@ -16,8 +16,10 @@ from motion_jax.models.cmdm.networks import CmdmNetworks
 from motion_jax.models.cmdm.options import CmdmSampling
 from motion_jax.models.known_motion import KnownMotion, at_rate, clip_of
 from motion_jax.models.results import Motion, Motions, captions_in_a_row, go_on, make_motions
+from motion_jax.runs import Run
 from motion_jax.shapes import Array
 from motion_jax.text.contrast import Contrast
+from motion_jax.text.encoder import TextEncoder
 from motion_jax.utils.errors import InputError
 from motion_jax.utils.numerals import checked
 
@@ -43,6 +45,12 @@ class CmdmModel(CmdmNetworks):
   takes_control = True
   ways = multi.WAYS
 
+  def __init__(self, run: Run, encoder: TextEncoder) -> None:
+    super().__init__(run, encoder)
+    if not self.vae.causal:  # the paper's VAE decodes whole motions, and constraints pull latents block after block
+      self.takes_control = False
+      self.abilities = tuple(ability for ability in self.abilities if ability not in ("stream", "graphs"))
+
   def graphs(self, **sampling: Any) -> tuple[list["Graph"], dict[str, Any]]:
     """Its functions for `export.graphs.write`, and what a host needs beside them (`models.cmdm.graphs`)."""
     from motion_jax.models.cmdm.graphs import graphs_of  # jax2onnx is an extra
@@ -66,7 +74,7 @@ class CmdmModel(CmdmNetworks):
       control = dict(signal=signal, control_steps=control_steps, refinements=refinements)
       about |= dict(control_steps=control_steps, refinements=refinements)
     made = multi.run(self, plan, chosen, [[prompt] for prompt in prompts], np.zeros((len(prompts), blocks), np.int32),
-                     keys, contrast, **control)
+                     keys, contrast, frames=frames, **control)
     captions = [captions_in_a_row([prompt], [count], self.fps) for prompt, count in zip(prompts, frames)]
     return make_motions(self, made, frames, captions, seeds, about, cleanup)
 
@@ -164,6 +172,9 @@ class CmdmModel(CmdmNetworks):
     it runs, see `LiveStream`. Driven by the same step as `generate` and `multi_prompts`: the same key gives the same
     motion, cleaned up or not.
     """
+    if not self.can("stream"):
+      raise InputError(f"{self.folder.name} has a tokenizer that looks ahead (tokenizer.causal=False), so it cannot be "
+                       "streamed block after block; generate and multi_prompt make whole motions")
     keys, _ = keys_of(rng, seeds, 1, seed)
     plan, chosen, contrast, _ = self.plan_of(**sampling)
     if not plan.lag:

@@ -76,7 +76,7 @@ def stream(model: CmdmNetworks, plan: streaming.Plan, sampling: CmdmSampling, pr
   frames_per_block = plan.block * model.frames_per_latent
   blocks, totals = zip(*(borders(counts, frames_per_block) for counts in frames))
   segment = _segments(blocks, max(map(sum, blocks)))
-  features = run(model, plan, sampling, prompts, segment, keys, contrast)
+  features = run(model, plan, sampling, prompts, segment, keys, contrast, frames=totals)
   ends = [np.minimum(np.cumsum(counts) * frames_per_block, total).tolist() for counts, total in zip(blocks, totals)]
   return features, totals, ends
 
@@ -124,7 +124,8 @@ def chain(model: CmdmNetworks, plan: streaming.Plan, sampling: CmdmSampling, pro
   longest = max(map(len, made))
   latents = np.stack([np.pad(z, ((0, longest - len(z)), (0, 0))) for z in made])
   ends = [(np.cumsum(row) * frames_per_latent).tolist() for row in counts]
-  return decode_all(model, latents), [row[-1] for row in ends], ends
+  totals = [row[-1] for row in ends]
+  return decode_all(model, latents, totals), totals, ends
 
 
 def _chained(model, plan, sampling, prompts, counts, made, keys, contrast, num_past):
@@ -166,7 +167,8 @@ def encode_past(model: CmdmNetworks, joints: Num[np.ndarray, "t j 3"], count: in
   features = model.stats.normalize(to_features(ahead, model.stats.layout, model.config.data.mode))
   known = min(count, len(features) // frames_per_latent)
   # Causal: what stands behind them changes no latent, so that one length is compiled.
-  padded = np.pad(features[-known * frames_per_latent:], ((0, (count - known) * frames_per_latent), (0, 0)))
+  behind = (count - known) * frames_per_latent * model.vae.causal
+  padded = np.pad(features[-known * frames_per_latent:], ((0, behind), (0, 0)))
   return np.asarray(model.compiled.encode(model.codec, padded[None]))[:, :known]
 
 
@@ -197,7 +199,7 @@ def extend(model: CmdmNetworks, plan: streaming.Plan, sampling: CmdmSampling, jo
                      given)[0]
     new, ends = np.concatenate(parts[1:])[None], np.cumsum(counts) * frames_per_latent
   border = known.shape[1] * frames_per_latent
-  whole = decode_all(model, np.concatenate([known, new], axis=1))
+  whole = decode_all(model, np.concatenate([known, new], axis=1), [border + int(ends[-1])])
   features = model.stats.denormalize(whole)[0, :border + int(ends[-1])]
   shadow = to_joints(features, model.stats.layout)
   contacts = model.stats.layout.contacts(features)

@@ -33,6 +33,7 @@ class Compiled(NamedTuple):
   pull: Callable       # of a window, and of finished motions that are no longer
   encode: Callable
   decode: Callable     # one block
+  decode_whole: Callable  # all latents of a motion, for a tokenizer that looks both ways
   generate_whole: Callable
   chain_segment: Callable
 
@@ -44,7 +45,8 @@ def _compile(dit: CausalDiT) -> Compiled:
       advance=program(streaming.advance, 1, dit), constants=program(cmdm.block_constants, 2, dit),
       words=program(cmdm.block_words, 1, dit), control=program(cmdm.block_control, 0, dit),
       pull=program(cmdm.block_pull, 0), encode=program(VaeCodec.encode, 0),
-      decode=program(VaeCodec.decode_step, 0), generate_whole=program(cmdm.generate_whole, 2, dit),
+      decode=program(VaeCodec.decode_step, 0), decode_whole=program(VaeCodec.decode, 0),
+      generate_whole=program(cmdm.generate_whole, 2, dit),
       chain_segment=program(cmdm.chain_segment, 2, dit))
 
 

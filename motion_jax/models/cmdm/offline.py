@@ -23,7 +23,8 @@ CAPTIONS = 4  # different captions that a window shows before its step is compil
 class Request(NamedTuple):
   """Motions to sample: captions of each, which of them each block has (M, N), a key and a guidance scale each.
 
-  signal (M, T): constraints that they are held to, by control_steps and refinements (`CmdmModel`).
+  signal (M, T): constraints that they are held to, by control_steps and refinements (`CmdmModel`). frames (M,): of
+  each, after which a tokenizer that looks both ways decodes nothing; None: all blocks.
   """
   prompts: Sequence[Sequence[str]]
   segment: Int[np.ndarray, "m n"]
@@ -33,6 +34,7 @@ class Request(NamedTuple):
   signal: ControlSignal | None = None
   control_steps: int = 0
   refinements: int = 0
+  frames: Sequence[int] | None = None
 
 
 def captions_seen(segment: Int[np.ndarray, "b n"], width: int) -> int:
@@ -54,7 +56,8 @@ def sample(model: CmdmNetworks, plan: streaming.Plan, request: Request) -> Float
     signal = select(request.signal, index)
     parts.append(_batch(model, plan, request._replace(
         prompts=[request.prompts[i] for i in index], segment=request.segment[index], keys=request.keys[index],
-        scale=np.asarray(request.scale)[index], signal=signal)))
+        scale=np.asarray(request.scale)[index], signal=signal,
+        frames=None if request.frames is None else [request.frames[i] for i in index])))
   return joined(parts, len(request.prompts))
 
 
@@ -67,9 +70,13 @@ def _batch(model, plan, request):
   latents, features = [], []
   for block in blocks(loop, request):
     latents.append(block)
+    if not model.vae.causal:
+      continue
     features.append(loop.decode(block))
     if is_pulled:
       loop.follow(model.stats.denormalize(features[-1]))
+  if not model.vae.causal:
+    return decode_all(model, np.concatenate(latents, axis=1), request.frames)
   if not (is_pulled and request.refinements):
     return np.concatenate(features, axis=1)
   return decode_all(model, _settled(model, plan, np.concatenate(latents, axis=1), request))
