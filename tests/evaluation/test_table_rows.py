@@ -1,4 +1,4 @@
-"""Every named row of the papers' tables at size tiny is trained, sampled, evaluated, and written beside its printed row."""
+"""Every named row of the papers' tables at size tiny: trained, sampled, evaluated, written beside its printed row."""
 import math
 import runpy
 

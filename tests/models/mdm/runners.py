@@ -142,7 +142,7 @@ def run_mdm_edit(fixture, dtype):
       net, plan, params, sampling.Condition(text), scale, lambda m: noise[m], known, mask))
   for name, mask in masks.items():
     made[f"{name}/mask"] = mask.swapaxes(1, 2)
-    for kind, scale in (("text", 2.5), ("free", 0.0)):
+    for kind, scale in (("text", sizes["scale"]), ("free", 0.0)):
       out = run(mask, scale)
       np.testing.assert_array_equal(np.asarray(out)[mask], np.asarray(known)[mask])
       made[f"{name}/{kind}"] = theirs(out)
@@ -154,7 +154,7 @@ def run_mdm_dip(fixture, dtype):
   net, params, _ = network(fixture, dtype, "decoder")
   x, prefix, t = motion(fixture["in/x"], dtype), motion(fixture["in/prefix"], dtype), jnp.asarray(fixture["in/t"])
   lengths = fixture.meta["texts"]
-  row = {name: i for i, name in enumerate(TEXTS)}
+  sizes, row = fixture.sizes, {name: i for i, name in enumerate(fixture.sizes["order_of_words"])}
   real = jnp.ones(x.shape[:2], bool)
 
   def text_of(*names):
@@ -165,20 +165,19 @@ def run_mdm_dip(fixture, dtype):
 
   counts = counted_goals(fixture)
   given = goals.conditions(jnp.asarray(fixture["in/target"], dtype), counts)  # unused ones are not 0 in the recording
-  text, mask = text_of("one", "two")
+  text, mask = text_of(*sizes["sentence"])
   forward = jax.jit(lambda text, goals: net.apply(params, x, t, text, mask, real, prefix, goals))
   made = {"plain": forward(text, None), "uncond": forward(0 * text, None), "target": forward(text, given),
           "target_free": forward(text, None)}
-  sizes = fixture.sizes
   noise, plan = motion(fixture["in/noise"], dtype), sampling.Plan(sizes["diffusion_steps"], sizes["diffusion_steps"])
   num_blocks, frames = len(noise), fixture["out/generated"].shape[-1]
-  same = [text_of("one", "two")] * num_blocks
-  changing = [text_of("one", "four"), text_of("three", "two"), text_of("two", "one")]
+  same = [text_of(*sizes["sentence"])] * num_blocks
+  changing = [text_of(*names) for names in zip(*sizes["changing"])]  # a row has a text for each prediction
 
   @jax.jit
   def block(prefix, text, mask, noise):
     condition = sampling.Condition(text, mask, jnp.ones(noise.shape[1:3], bool), prefix)
-    return sampling.next_block(net, plan, params, condition, 7.5, lambda m: noise[m])
+    return sampling.next_block(net, plan, params, condition, sizes["scale"], lambda m: noise[m])
 
   def run(texts):
     last, blocks = prefix, []
@@ -192,9 +191,6 @@ def run_mdm_dip(fixture, dtype):
   made["generated_changing"] = whole[:, :frames]
   return {name: theirs(value) for name, value in made.items()} | {
       "target_embedding": net.apply(params, given, method="goal")}
-
-
-TEXTS = ("one", "two", "three", "four")
 
 
 def counted_goals(fixture):

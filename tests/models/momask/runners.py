@@ -14,7 +14,7 @@ from motion_jax.models import mask_schedule as masking
 from motion_jax.models.autoencoder_weights import autoencoder_names, rvq_from_torch
 from motion_jax.models.momask import losses, sampling
 from motion_jax.models.momask.weight_names import masked_names, residual_names
-from motion_jax.motion.representations import to_joints
+from motion_jax.motion.representations import layout_for, to_joints
 from motion_jax.motion.stats import biased_std
 from motion_jax.nets.autoencoder import Autoencoder
 from motion_jax.nets.masks import padding_mask
@@ -449,12 +449,13 @@ def run_pipeline(fixture, dtype):
   real = padding_mask(jnp.asarray(lengths), int(lengths.max()))
   rounds = len([name for name in fixture.under("in/u") if name.isdigit()])
   empty = jnp.zeros(real.shape, int)
-  out, ids = decoded_rounds(fixture, dtype, net, params, empty, real, real, x["text"], x, "u", rounds, 4)
-  codes, _ = levels_of(res_net, res_params, ids, real, x["text"], x, "res_u", 5)
+  out, ids = decoded_rounds(fixture, dtype, net, params, empty, real, real, x["text"], x, "u", rounds,
+                            fixture.sizes["scale"])
+  codes, _ = levels_of(res_net, res_params, ids, real, x["text"], x, "res_u", fixture.sizes["res_scale"])
   # Parity: the reference decodes padding as zero vectors, so the end of a clip depends on its batch; ours ends there.
   motion = jax.jit(codec.decode)(codes)
   features = motion * x["std"] + x["mean"]
   made = kept(fixture, dtype, "", out, real) | {"res_codes": codes, "motion": motion}
   for i, length in enumerate(lengths):
-    made[f"joints{i}"] = to_joints(features[i, :length * codec.frames_per_latent])
+    made[f"joints{i}"] = to_joints(features[i, :length * codec.frames_per_latent], layout_for(fixture.sizes["columns"]))
   return made

@@ -145,5 +145,5 @@ def run_ms_stream(fixture, dtype):
   np.testing.assert_array_equal(free, made["segment1_free"])  # an end before the twelfth latent counts for nothing
   made["segment2"] = run(text[1:2], made["segment1"], 1)
   whole = jnp.concatenate([given[None], made["segment1"], made["segment2"]], axis=1)
-  made["whole"] = decoder.apply(decoder_params, whole, method="decode")[:, ::4]
+  made["whole"] = decoder.apply(decoder_params, whole, method="decode")[:, ::sizes["every"]]
   return made | scales(net, "trans.")
