@@ -69,7 +69,8 @@ for _latent, _rate in ((32, 4), (16, 4), (64, 8), (32, 8), (16, 8)):
   _halvings = 2 if _rate == 4 else 3
   ROWS[f"latent-{_latent}-{_rate}"] = ({"8": f"MAC-VAE {_latent}, 1/{_rate}"}, {
       "tokenizer": {"model.latent_dim": _latent, "model.num_halvings": _halvings},
-      "denoiser": {"tokenizer.latent_dim": _latent, "tokenizer.num_halvings": _halvings, "model.latent_dim": _latent}})
+      "denoiser": {"tokenizer.latent_dim": _latent, "tokenizer.num_halvings": _halvings, "model.latent_dim": _latent,
+                   "data.frames_per_latent": 2 ** _halvings}})
 # Table 4: frame-wise sampling with K steps and lag L; K50 L2 is the default. AR is L = K.
 for _steps, _lag in ((50, 1), (50, 5), (50, 10), (20, 1), (20, 5), (20, 10)):
   ROWS[f"fss-{_steps}-{_lag}"] = ({"4": f"FSS K={_steps}, L={_lag}"},
