@@ -201,6 +201,7 @@ class ExternalMotions:
       return x.reshape(len(x), -1)
     if not self.retargeted:
       return placed(x, layout.skeleton).reshape(len(x), -1).astype(np.float32)
+    x = x[:count + int(np.argmin(np.append(_has_body(x[count:]), False)))]  # zeros after the end are no motion
     made = _as_real(x[:count], layout, self.mode)  # what follows the end moves neither the floor nor the feet
     return made if len(x) == count else np.concatenate([made, _as_real(x, layout, self.mode)[count:]])
 
@@ -241,7 +242,7 @@ def bones_of(paths, layout: Representation) -> Bones | None:
     x = np.asarray(load_npy(paths[i]))
     if x.size and x.shape[1:] in ((layout.dim,), (layout.dim // 3, 3)) and np.isfinite(x).all():
       joints = x.reshape(len(x), -1, 3).astype(np.float64)
-      joints = joints[np.ptp(joints, axis=1).any(-1)]  # without frames of zeros after the end
+      joints = joints[_has_body(joints)]
       if len(joints):
         lengths.append(np.median(bone_lengths(joints, skeleton), axis=0))
         floors.append(floor_height(joints, skeleton))
@@ -249,6 +250,11 @@ def bones_of(paths, layout: Representation) -> Bones | None:
     return None
   off = np.abs(np.median(lengths, axis=0) - skeleton.bone_lengths) * skeleton.unit
   return Bones(float(off.max()), skeleton.joints[int(off.argmax())], float(np.median(floors)) * skeleton.unit)
+
+
+def _has_body(joints):
+  """(T,): whether the joints (T, J, 3) of a frame are not all in one point, as in zeros after the end."""
+  return np.ptp(joints, axis=1).any(-1)
 
 
 def _as_real(joints, layout, mode):

@@ -45,6 +45,10 @@ def test_other_bones_and_floors_are_retargeted_as_those_of_real_motions(tmp_path
   padded = np.concatenate([joints[:48], np.zeros((10, 22, 3))]).astype(np.float32)
   made, candidate = read_back(tmp_path / "theirs", evaluator, padded, 48, tail=0)
   assert made.shape == (48, 66) and np.abs(made - real[:48]).max() < 0.02
+  sunken = joints - np.where(np.arange(60) < 48, 0, 0.5)[:, None, None] * [0, 1, 0]
+  for name, x, rows in (("zeros", padded, 48), ("sunken", sunken, 52)):  # what a decoder makes after the end
+    after, _ = read_back(tmp_path / name, evaluator, x, 48)
+    assert after.shape == (rows, 66) and np.abs(after[:48] - made).max() < 1e-6
   assert re.search(r"theirs: joints differ .* by up to 4\.\d cm a bone \(\w+\) and 30\.\d cm at the floor; retargeted",
                    candidate.note) and candidate.about["retargeted"] is True
   left, candidate = read_back(tmp_path / "left", evaluator, joints, 48, as_given=True)

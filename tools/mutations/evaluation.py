@@ -15,6 +15,11 @@ MUTATIONS = (
     ("evaluation-samples-of-other-seeds", "motion_jax/evaluation/samples.py",
      'jobs.frames or file["seeds"].tolist() != jobs.seeds:', "jobs.frames:",
      (f"{DRAWS}::test_samples_know_all_code_that_made_them",)),
+    ("evaluation-other-bones", "motion_jax/evaluation/external.py", "> _SAME_BONES or", "> 9 or",
+     ("tests/evaluation/test_external.py::test_other_bones_and_floors_are_retargeted_as_those_of_real_motions",)),
+    ("evaluation-zeros-after-the-end", "motion_jax/evaluation/external.py", "made = _as_real(x[:count], layout",
+     "made = _as_real(x, layout",
+     ("tests/evaluation/test_external.py::test_other_bones_and_floors_are_retargeted_as_those_of_real_motions",)),
     # --- what is judged -------------------------------------------------------------------------------------------
     ("evaluation-vector-of-fid", "motion_jax/evaluation/harness.py", "(embedded, made, clip_made, made_for_fid)",
      "(embedded, made, clip_made)", (f"{HARNESS}::test_fid_is_of_what_stands_before_the_last_layer",)),
