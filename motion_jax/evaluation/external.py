@@ -151,7 +151,7 @@ class ExternalMotions:
     done = ("retargeted to its skeleton and put on the floor, as real motions are; --as-given leaves them"
             if self.retargeted else "left as given, while real motions are on its skeleton and floor")
     return (f"{self.name}: joints differ from the evaluator's skeleton by up to {100 * self.bones.off:.1f} cm a bone "
-            f"({self.bones.joint}) and {100 * self.bones.floor:.1f} cm at the floor; {done}")
+            f"({self.bones.joint}) and {100 * abs(self.bones.floor):.1f} cm at the floor; {done}")
 
   @property
   def reader(self):
@@ -196,12 +196,12 @@ class ExternalMotions:
     if not layout.are_joints:
       return x
     x = x.reshape(len(x), -1, 3)
+    x = x[:count + int(np.argmin(np.append(_has_body(x[count:]), False)))]  # zeros after the end are no motion
     plausibility.check(x, layout.skeleton, name=str(path))
     if not self.moved:
       return x.reshape(len(x), -1)
     if not self.retargeted:
       return placed(x, layout.skeleton).reshape(len(x), -1).astype(np.float32)
-    x = x[:count + int(np.argmin(np.append(_has_body(x[count:]), False)))]  # zeros after the end are no motion
     made = _as_real(x[:count], layout, self.mode)  # what follows the end moves neither the floor nor the feet
     return made if len(x) == count else np.concatenate([made, _as_real(x, layout, self.mode)[count:]])
 

@@ -36,12 +36,15 @@ def test_joints_may_lie_anywhere(tmp_path, evaluator):
   assert np.abs(root[[0, 2]]).max() < 1e-6 and root[1] == pytest.approx(joints[0, 0, 1])
 
 
-@pytest.mark.parametrize("mode", ["benchmark", "corrected"])
-def test_other_bones_and_floors_are_retargeted_as_those_of_real_motions(tmp_path, evaluator, mode):
-  """A body of 0.9 of the size, whose floor is at 0.3 m, with zeros after its end."""
+@pytest.mark.parametrize("mode, size, floor, words", [
+    ("benchmark", 0.9, 0.3, r"4\.\d cm a bone \(\w+\) and 30\.\d"),
+    ("corrected", 0.9, 0, r"4\.\d cm a bone \(\w+\) and 0\.0"),
+    ("corrected", 1, 0.3, r"0\.0 cm a bone \(\w+\) and 30\.\d")])
+def test_other_bones_and_floors_are_retargeted_as_those_of_real_motions(tmp_path, evaluator, mode, size, floor, words):
+  """A body of another size or floor, with zeros after its end."""
   evaluator = dataclasses.replace(evaluator, mode=mode)
-  joints = 0.9 * synthetic_clips(num=2, num_frames=60)[1].joints.astype(np.float64) + [2, 0.3, 1]
-  real = to_features(joints, "coordinates", mode)
+  joints = size * synthetic_clips(num=2, num_frames=60)[1].joints.astype(np.float64) + [2, floor, 1]
+  real = to_features(joints - [0, floor, 0], "coordinates", mode)
   padded = np.concatenate([joints[:48], np.zeros((10, 22, 3))]).astype(np.float32)
   made, candidate = read_back(tmp_path / "theirs", evaluator, padded, 48, tail=0)
   assert made.shape == (48, 66) and np.abs(made - real[:48]).max() < 0.02
@@ -49,8 +52,8 @@ def test_other_bones_and_floors_are_retargeted_as_those_of_real_motions(tmp_path
   for name, x, rows in (("zeros", padded, 48), ("sunken", sunken, 52)):  # what a decoder makes after the end
     after, _ = read_back(tmp_path / name, evaluator, x, 48)
     assert after.shape == (rows, 66) and np.abs(after[:48] - made).max() < 1e-6
-  assert re.search(r"theirs: joints differ .* by up to 4\.\d cm a bone \(\w+\) and 30\.\d cm at the floor; retargeted",
-                   candidate.note) and candidate.about["retargeted"] is True
+  assert re.search(rf"theirs: joints differ .* by up to {words} cm at the floor; retargeted", candidate.note)
+  assert candidate.about["retargeted"] is True
   left, candidate = read_back(tmp_path / "left", evaluator, joints, 48, as_given=True)
   np.testing.assert_allclose(np.ptp(left[:48, 1::3]), np.ptp(joints[:48, :, 1]), atol=1e-4)  # at its own size
   assert "left as given" in candidate.note and candidate.about["sampling"] == {"as_given": True}
