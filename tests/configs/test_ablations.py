@@ -4,6 +4,7 @@ import runpy
 import pytest
 
 from motion_jax.models.cmdm.options import CmdmSampling
+from motion_jax.models.cmdm.setup import not_sampled
 from motion_jax.models.tmr.space import make_teacher
 from tests.conftest import ROOT, load_config, some_of, traced_loss_shape
 
@@ -85,6 +86,14 @@ def test_one_level_for_all_is_sampled_as_it_is_trained():
   assert (chosen(config)["schedule"], chosen(config)["lag"]) == ("full", 0)
   assert (chosen(config, schedule="fss")["schedule"], chosen(config, schedule="fss")["lag"]) == ("fss", 2)
   assert chosen(load_config("cmdm_denoiser", "tiny"))["lag"] == 2
+
+
+@pytest.mark.parametrize("row, words", [
+    ("vae", ["looks both ways"]), ("one-level", ["cleans all latents together"]), ("default", []),
+    ("paper-ddpm", ["'ancestral': way=chain"])])
+def test_what_a_row_cannot_do_is_said_before_training(row, words):
+  notes = not_sampled(CMDM["get_config"](f"{row}/denoiser/tiny"))
+  assert len(notes) == len(words) and all(word in note for word, note in zip(words, notes))
 
 
 def test_mistakes_are_told():

@@ -195,7 +195,24 @@ def _held_out_loss(config, stats, encoder, codec):
   return held_out_means(batch, measured_loss(cmdm.denoiser_stage(undisturbed(config)).loss), frozen)
 
 
+def not_sampled(config: ConfigDict) -> list[str]:
+  """What a denoiser of this config cannot do once it is trained, a sentence each."""
+  notes = []
+  if not config.tokenizer.causal:
+    notes.append("the tokenizer looks both ways (tokenizer.causal=False): whole motions alone, no stream, and "
+                 "constraints do not pull them")
+  if config.sampler.schedule == "full":
+    notes.append("sampler.schedule='full' cleans all latents together: no stream and no continued motion, but with "
+                 "--sampling schedule=fss")
+  if config.sampler.solver != "euler":
+    notes.append(f"sampler.solver={config.sampler.solver!r}: way=chain, the usual one of long motions in evaluations, "
+                 "knows only euler; evaluate them with --sampling way=stream")
+  return notes
+
+
 def denoiser(config: ConfigDict) -> TrainingSetup:
+  for note in not_sampled(config):
+    print(f"note: {note}")
   data, items, encoder, codec = _denoiser_parts(config)
   words, draw = narrowest(config.data.max_words), items.batch
   if config.data.store:
