@@ -204,13 +204,13 @@ def decode_all(model: CmdmNetworks, latents: Float[np.ndarray, "b l c"], frames:
   """
   size, length, fpl = model.dit.block, latents.shape[1], model.frames_per_latent
   if not model.vae.causal:
-    made = np.zeros((len(latents), length * fpl, model.vae.features), np.float32)
-    for row, own, count in zip(made, latents, [length * fpl] * len(latents) if frames is None else frames):
+    whole = np.zeros((len(latents), length * fpl, model.vae.features), np.float32)
+    for row, own, count in zip(whole, latents, [length * fpl] * len(latents) if frames is None else frames):
       used = -(-int(count) // fpl)
       row[:used * fpl] = model.compiled.decode_whole(model.codec, own[None, :used])[0]
-    return made
+    return whole
   latents = np.pad(latents, ((0, 0), (0, -length % size), (0, 0)))
-  state, made = _decoder_state(model, len(latents)), []
+  state, made = _decoder_state(model, len(latents)), list[np.ndarray]()
   for block in np.split(latents, latents.shape[1] // size, axis=1):
     features, state = model.compiled.decode(model.codec, block, state)
     made.append(np.asarray(features))
