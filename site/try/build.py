@@ -20,7 +20,7 @@ from motion_jax.export.html import VIEWER, resting_body
 from motion_jax.models.cmdm.graphs import graphs_of
 
 HERE = pathlib.Path(__file__).parent
-PAGE = ("index.html", "style.css", "main.js", "worker.js", "stream.js", "words.js", "noise.js", "files.js", "bvh.js",
+PAGE = ("index.html", "style.css", "start.js", "main.js", "worker.js", "stream.js", "words.js", "noise.js", "files.js", "bvh.js",
         "glb.js", "sw.js")
 RUNTIME = ("ort.wasm.min.mjs", "ort-wasm-simd-threaded.mjs", "ort.webgpu.min.mjs",
            "ort-wasm-simd-threaded.asyncify.mjs")
@@ -39,8 +39,8 @@ def build(out, model="cmdm-small-fast", precision="float16", modules=None):
   for name in PAGE:
     shutil.copy(HERE / name, out / name)
   shutil.copy(VIEWER, out / "viewer.js")
-  for name in RUNTIME:
-    shutil.copy(runtime / name, out / "ort" / name)
+  for name in RUNTIME:  # hosts that do not know .mjs send it as bytes, which no browser runs as a script
+    shutil.copy(runtime / name, out / "ort" / f"{pathlib.Path(name).stem}.js")
   for name in PACKED:
     _pack(runtime / name, out / "ort" / f"{name}.gz")
   about = _graphs(out / "model", model, precision)

@@ -48,7 +48,6 @@ class Handler(http.server.SimpleHTTPRequestHandler):
 @contextlib.contextmanager
 def served(folder, **choices):
   kind = type("Chosen", (Handler,), choices)
-  kind.extensions_map = {**Handler.extensions_map, ".mjs": "text/javascript"}
   server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), functools.partial(kind, directory=str(folder)))
   threading.Thread(target=server.serve_forever, daemon=True).start()
   yield f"http://127.0.0.1:{server.server_port}/", kind

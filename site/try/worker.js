@@ -5,8 +5,8 @@ import {Words} from './words.js';
 
 const AHEAD = 2; // blocks that are made before they are played
 const ENGINES = {
-  wasm: {module: './ort/ort.wasm.min.mjs', glue: 'ort-wasm-simd-threaded.mjs', binary: 'ort-wasm-simd-threaded.wasm.gz'},
-  webgpu: {module: './ort/ort.webgpu.min.mjs', glue: 'ort-wasm-simd-threaded.asyncify.mjs', binary: 'ort-wasm-simd-threaded.asyncify.wasm.gz'},
+  wasm: {module: './ort/ort.wasm.min.js', glue: 'ort-wasm-simd-threaded.js', binary: 'ort-wasm-simd-threaded.wasm.gz'},
+  webgpu: {module: './ort/ort.webgpu.min.js', glue: 'ort-wasm-simd-threaded.asyncify.js', binary: 'ort-wasm-simd-threaded.asyncify.wasm.gz'},
 };
 let stream, words, ort, played = 0, run = 0, wanted = false, pumping = false, busy = Promise.resolve();
 const tell = (type, more = {}, transfer = []) => postMessage({type, ...more}, transfer);

@@ -1,6 +1,8 @@
 """The scripts of the page that runs a model in a browser tab, beside Python: run by node."""
+import importlib.util
 import json
 import pathlib
+import re
 import shutil
 import subprocess
 
@@ -53,3 +55,33 @@ def test_scripts_do_what_python_does(expected, tmp_path):
   (tmp_path / "expected.json").write_text(json.dumps(expected))
   done = subprocess.run([NODE, "--test", "try.test.mjs"], cwd=tmp_path, capture_output=True, text=True, timeout=120)
   assert done.returncode == 0, done.stdout[-6000:] + done.stderr[-2000:]
+
+
+def test_hosts_that_do_not_know_mjs_can_serve_the_tab(tmp_path, monkeypatch):
+  """No script ends in .mjs, and the scripts that the worker names are there."""
+  spec = importlib.util.spec_from_file_location("build", PAGE / "build.py")
+  build = importlib.util.module_from_spec(spec)
+  spec.loader.exec_module(build)
+  dist = tmp_path / "onnxruntime-web" / "dist"
+  dist.mkdir(parents=True)
+  for name in (*build.RUNTIME, *build.PACKED):
+    (dist / name).write_bytes(b"0")
+  monkeypatch.setattr(build, "_graphs", lambda *given: {})
+  files = build.build(tmp_path / "tab", modules=tmp_path)
+  assert not any(name.endswith(".mjs") for name in files)
+  worker = (PAGE / "worker.js").read_text(encoding="utf-8")
+  named = re.findall(r"(?:glue: '|binary: '|ort/)([\w.-]+\.(?:m?js|wasm\.gz))'", worker)
+  assert len(named) == 6 and {f"ort/{name}" for name in named} <= set(files)
+
+
+@pytest.mark.skipif(NODE is None, reason="there is no node, which runs the page's scripts without a browser")
+@pytest.mark.parametrize("protocol, words", [("file:", "only from a web server"), ("https:", "")])
+def test_a_tab_opened_as_a_file_says_what_to_do(protocol, words):
+  script = f"""const note = {{}}, location = {{protocol: '{protocol}'}};
+    const document = {{getElementById: () => note, body: {{dataset: {{}}}}}};
+    {(PAGE / 'start.js').read_text(encoding='utf-8')}
+    console.log(note.textContent ?? '')"""
+  done = subprocess.run([NODE, "-e", script], capture_output=True, text=True, check=True, timeout=60)
+  assert words in done.stdout and bool(done.stdout.strip()) == bool(words)
+  html = (PAGE / "index.html").read_text(encoding="utf-8")
+  assert html.index('src="start.js"') < html.index('type="module"')  # modules of a file are blocked
