@@ -14,11 +14,11 @@ const AGAIN = 1000, // milliseconds until the first attempt to reconnect, then l
 const RECENT = 10_000; // milliseconds after an interruption in which the stream counts as slow
 
 export class Live {
-  // tell(sentence, isError, topic) and forget(topic): notes; changed(): the page has to be drawn again; reach(): whether the
+  // address: of the stream. tell(sentence, isError, topic) and forget(topic): notes; changed(): the page has to be drawn again; reach(): whether the
   // studio is "there", "gone" or has "refused" this page's token; started(): a motion was requested; back(): the studio is
   // connected again; replaced(): a new motion replaces one that followed a path.
-  constructor(token, { tell, forget, changed, reach, started, back, replaced }) {
-    Object.assign(this, { token, tell, forget, changed, reach, started, back, replaced });
+  constructor(address, { tell, forget, changed, reach, started, back, replaced }) {
+    Object.assign(this, { address, tell, forget, changed, reach, started, back, replaced });
     this.state = "connecting";
     this.choices = { prompt: "a person walks forward", speed: 1, keep_going: true };
     this.pendingChoices = null; // other choices, until the studio has started with them
@@ -62,7 +62,7 @@ export class Live {
   async connect() {
     const answer = await this.reach();
     if (answer !== "there") return this.missing(answer);
-    this.stream = open(this.token, {
+    this.stream = open(this.address, {
       opened: () => this.opened(),
       closed: () => this.lost(),
       message: (message) => this.message(message),

@@ -42,7 +42,7 @@ const forget = (topic) => notes.forget(topic);
 const changed = () => {
   studio.dirty = true;
 };
-const live = (studio.live = new Live(api.token, {
+const live = (studio.live = new Live(api.streamAddress(), {
   tell,
   changed,
   forget,

@@ -39,10 +39,12 @@ export function unpack(buffer) {
   };
 }
 
-/** Opens a stream; calls on.opened(), on.block(block), on.message(message) and on.closed(). */
-export function open(token, on) {
-  const scheme = location.protocol === "https:" ? "wss" : "ws";
-  const socket = new WebSocket(`${scheme}://${location.host}/v1/stream?token=${encodeURIComponent(token)}`);
+/** The address of a socket from the URL of the same place by http or https. */
+export const socketAddress = ({ href }, token) => `${href.replace(/^http/, "ws")}?token=${encodeURIComponent(token)}`;
+
+/** Opens the stream at an address; calls on.opened(), on.block(block), on.message(message) and on.closed(). */
+export function open(address, on) {
+  const socket = new WebSocket(address);
   socket.binaryType = "arraybuffer";
   const send = (message) => socket.readyState === 1 && socket.send(JSON.stringify(message));
   socket.onmessage = ({ data }) => (typeof data === "string" ? on.message(JSON.parse(data)) : on.block(unpack(data)));

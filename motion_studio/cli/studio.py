@@ -20,6 +20,8 @@ def add_to(commands):
   studio.add_argument("--port", type=whole(0, 65_535), default=8765, help="port to listen on (8765); 0: any free port")
   studio.add_argument("--token", metavar="TEXT", help="access token (default: a random one, stored in "
                       "~/.local/state/motion_jax; the printed address contains it)")
+  studio.add_argument("--public-url", metavar="URL", help="address of a proxy in front of the studio, such as "
+                      "https://hub.example.com/user/me/proxy/8765/: it is printed, and its pages are accepted")
   studio.add_argument("--open", action="store_true", help="open the page in a browser")
   studio.set_defaults(run=_studio)
 
@@ -37,7 +39,7 @@ def _studio(args):
     if not any(folder.is_dir() for folder in (pathlib.Path(name), _SHIPPED / name)):
       from motion_jax import runs  # takes seconds, only if needed
       runs.resolve_run(name)  # lists the shipped models
-  server.serve(args.model, args.host, args.port, args.token, args.open)
+  server.serve(args.model, args.host, args.port, args.token, args.open, args.public_url)
 
 
 def _make(args):

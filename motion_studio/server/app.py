@@ -36,8 +36,11 @@ _TYPES = {".html": "text/html; charset=utf-8", ".js": "text/javascript; charset=
 class Studio:
   """The state of the application: models, limits, running streams."""
 
-  def __init__(self, library: Library, token: str, host: str = "127.0.0.1", limits: Limits | None = None) -> None:
+  def __init__(self, library: Library, token: str, host: str = "127.0.0.1", limits: Limits | None = None,
+               public_url: str | None = None) -> None:
+    """public_url: of a proxy in front, whose pages are accepted."""
     self.library, self.token, self.host, self.limits = library, token, host, limits or Limits()
+    self.public_url = public_url
     self.handler = RequestHandler(library, self.limits)
     self.streams: set[Stream] = set()
     self.places = 0  # streams, including sockets that have not sent a message yet
@@ -63,7 +66,7 @@ class Studio:
         Route("/body.json", _body_page), *_pages()]
     handlers = {404: _plain_error, 405: _plain_error, Exception: _fault}
     inner = Starlette(routes=routes, exception_handlers=handlers)
-    return SecurityMiddleware(inner, self.token, self.limits, self.host in LOOPBACK)
+    return SecurityMiddleware(inner, self.token, self.limits, self.host in LOOPBACK, self.public_url)
 
   def close(self) -> None:
     """Ends all streams."""

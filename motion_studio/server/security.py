@@ -35,8 +35,9 @@ class SecurityMiddleware:
   become JSON with one sentence.
   """
 
-  def __init__(self, app: Any, token: str, limits: Limits, local: bool) -> None:
+  def __init__(self, app: Any, token: str, limits: Limits, local: bool, public_url: str | None = None) -> None:
     self._app, self._token, self._limits, self._local = app, token, limits, local
+    self._public = urllib.parse.urlsplit(public_url or "").netloc.lower()  # of a proxy in front
     self._buckets: dict[str, TokenBucket] = {}
 
   async def __call__(self, scope, receive, send):
@@ -64,12 +65,13 @@ class SecurityMiddleware:
   def _check(self, scope):
     headers = {name.decode("latin1").lower(): value.decode("latin1") for name, value in scope["headers"]}
     host = headers.get("host", "")
-    if self._local and _name_of(host) not in LOOPBACK:
+    if self._local and _name_of(host) not in LOOPBACK and host.lower() != self._public:
       raise Refused(403, f"got a request for the host {host[:80]!r}, this studio accepts only this machine: "
-                    "open it as 127.0.0.1 or localhost")
+                    "open it as 127.0.0.1 or localhost, or name the proxy in front of it by --public-url")
     origin = headers.get("origin")
-    if origin is not None and urllib.parse.urlsplit(origin).netloc.lower() != host.lower():
-      raise Refused(403, f"got a request from a page of {origin[:80]!r}, only the studio's own pages may send requests")
+    if origin is not None and urllib.parse.urlsplit(origin).netloc.lower() not in {host.lower(), self._public} - {""}:
+      raise Refused(403, f"got a request from a page of {origin[:80]!r}, only the studio's own pages may send requests; "
+                    "name a proxy in front of it by --public-url")
     if not scope["path"].startswith(("/v1/", "/mmcp/")):
       return
     query = urllib.parse.parse_qs(scope.get("query_string", b"").decode("latin1"))

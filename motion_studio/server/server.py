@@ -77,19 +77,34 @@ def take_port(host: str, port: int) -> socket.socket:
 
 
 def serve(names: Sequence[str], host: str = "127.0.0.1", port: int = 8765, token: str | None = None,
-          open_page: bool = False) -> None:
-  """Runs until Ctrl-C. Prints the address before the slow imports."""
+          open_page: bool = False, public_url: str | None = None) -> None:
+  """Runs until Ctrl-C. Prints the address, of a proxy in front if there is one, before the slow imports."""
+  public_url = public_url and checked_url(public_url)
   check_address(host, token)
   missing = [name for name in ("starlette", "uvicorn", "websockets") if importlib.util.find_spec(name) is None]
   if missing:
     raise InputError(f"the studio needs the packages {', '.join(missing)}: {pip_install('studio')}")
   listener = take_port(host, port)
   token = token or kept_token()
-  address = address_of(host, listener.getsockname()[1], token)
+  address = f"{public_url}?token={urllib.parse.quote(token)}" if public_url else address_of(
+      host, listener.getsockname()[1], token)
   print(f"the studio is at {address}\nCtrl-C ends it", flush=True)
   if open_page:
     threading.Thread(target=_open, args=(address,), daemon=True).start()
-  _run(names, host, token, listener)
+  _run(names, host, token, listener, public_url)
+
+
+def checked_url(text: str) -> str:
+  """The address of a proxy, ending with /. Raises InputError for another text."""
+  try:
+    parts = urllib.parse.urlsplit(text)
+    known = parts.scheme in ("http", "https") and parts.hostname and not parts.query and not parts.fragment
+  except ValueError:
+    known = False
+  if not known:
+    raise InputError(f"got --public-url {text[:80]!r}, expected the address that a browser opens, such as "
+                     "https://hub.example.com/user/me/proxy/8765/")
+  return text.rstrip("/") + "/"
 
 
 def address_of(host: str, port: int, token: str) -> str:
@@ -103,13 +118,13 @@ def _open(address):
     print("no browser was found; open the address by hand", file=sys.stderr)
 
 
-def _run(names: Sequence[str], host: str, token: str, listener: Any) -> None:
+def _run(names: Sequence[str], host: str, token: str, listener: Any, public_url: str | None = None) -> None:
   import uvicorn
 
   from motion_studio.server.app import Studio
   from motion_studio.server.library import Library
   library = Library(names)
-  studio = Studio(library, token, host)
+  studio = Studio(library, token, host, public_url=public_url)
 
   class Server(uvicorn.Server):
     def handle_exit(self, sig, frame):

@@ -1,4 +1,5 @@
 """A studio with a tiny model, in process."""
+import contextlib
 import importlib.util
 import threading
 
@@ -51,15 +52,15 @@ def client(studio):
   return TestClient(studio.app(), base_url=BASE, headers={"authorization": f"Bearer {TOKEN}", "origin": BASE})
 
 
-@pytest.fixture
-def address(studio):
-  """Of a studio behind a real port."""
+@contextlib.contextmanager
+def _served(studio, app):
+  """The address of a studio's application behind a real port."""
   import uvicorn
 
   from motion_studio.server import server
   listener = server.take_port("127.0.0.1", 0)
   port = listener.getsockname()[1]
-  running = uvicorn.Server(uvicorn.Config(studio.app(), log_level="error", lifespan="off", ws="websockets-sansio",
+  running = uvicorn.Server(uvicorn.Config(app, log_level="error", lifespan="off", ws="websockets-sansio",
                                           timeout_graceful_shutdown=1))
   thread = threading.Thread(target=lambda: running.run(sockets=[listener]), daemon=True)
   thread.start()
@@ -70,6 +71,28 @@ def address(studio):
     running.should_exit = True
     thread.join(20)
   assert not thread.is_alive()
+
+
+@pytest.fixture
+def address(studio):
+  """Of a studio behind a real port."""
+  with _served(studio, studio.app()) as address:
+    yield address
+
+
+@pytest.fixture
+def address_below_a_path(studio):
+  """Of a studio behind a proxy that serves it at /motion/ alone, as Jupyter, RunPod and nginx do."""
+  app = studio.app()
+
+  async def proxy(scope, receive, send):
+    if scope["type"] in ("http", "websocket"):
+      path = scope["path"].removeprefix("/motion")
+      scope = scope | {"path": path if path != scope["path"] else "/v0/outside"}
+    await app(scope, receive, send)
+
+  with _served(studio, proxy) as address:
+    yield address.replace("/?", "/motion/?")
 
 
 def refusal(reply, status=400):
@@ -98,12 +121,12 @@ def driver():
 
 
 @pytest.fixture
-def page(driver, address):
+def page(driver, address_below_a_path):
   from tests.studio.server.browser import Page
   first = driver.current_window_handle
   driver.switch_to.new_window("tab")  # a tab that goes to about:blank twice may never answer again where work is slow
   driver.get_log("browser")
-  driver.get(address)
+  driver.get(address_below_a_path)
   page = Page(driver)
   page.wait("ready")
   yield page

@@ -50,13 +50,13 @@ def test_a_reload_loses_nothing(timeline, studio, monkeypatch):
 
 
 @pytest.mark.exhaustive
-def test_a_tab_that_was_closed_is_taken_over_and_an_open_one_is_not(timeline, address):
+def test_a_tab_that_was_closed_is_taken_over_and_an_open_one_is_not(timeline, address_below_a_path):
   page, driver = timeline, timeline.driver
   _saved(page)
   tabs = [driver.current_window_handle]
   for expected in ([], ["a person walks", "a person jumps"]):  # while the first tab is open, and after it was closed
     driver.switch_to.new_window("tab")
-    driver.get(address)
+    driver.get(address_below_a_path)
     page.wait("ready")
     assert [block["prompt"] for block in page.get("blocks")] == expected
     tabs.append(driver.current_window_handle)

@@ -57,6 +57,21 @@ def test_no_other_name_leads_here(client, library):
   assert reply.status_code == 200
 
 
+def test_pages_of_a_named_proxy_may_ask(library):
+  """Proxies keep the visitor's Host, or send the studio's own."""
+  url = server.checked_url("https://hub.example.com/proxy/8765")
+  client = TestClient(Studio(library, TOKEN, public_url=url).app(), headers={"authorization": f"Bearer {TOKEN}"})
+  for host, origin, status in (("hub.example.com", "https://hub.example.com", 200), ("evil.example", None, 403),
+                               ("localhost:8765", "https://hub.example.com", 200),
+                               ("localhost:8765", "https://evil.example", 403)):
+    headers = {"host": host} | ({"origin": origin} if origin else {})
+    assert client.get("http://localhost/v1/status", headers=headers).status_code == status, (host, origin)
+  assert url == "https://hub.example.com/proxy/8765/"
+  for wrong in ("hub.example.com", "ftp://hub", "https://hub/?a=b", "http://[", ""):
+    with pytest.raises(InputError, match="--public-url"):
+      server.checked_url(wrong)
+
+
 def test_other_machines_need_a_token():
   server.check_address("127.0.0.1", None)
   server.check_address("0.0.0.0", "long enough")

@@ -6,6 +6,7 @@ import { curve, drawn, lengthOf, named, offText, pointsOf, asJson } from "./cont
 import { poseAt, unpackFigure } from "./stick_figures.js";
 import { matching } from "./ideas.js";
 import { Live } from "./live.js";
+import { socketAddress } from "./stream.js";
 import { contacts, curves, footprints, fromJson, isEdited, part, toJson } from "./motion.js";
 import { Player } from "./player.js";
 import { liveRows, liveProject } from "./timeline_rows.js";
@@ -19,6 +20,11 @@ const acted = (...actions) => actions.reduce(reduce, initial());
 const three = () =>
   acted({ type: "add", prompt: "walk" }, { type: "add", prompt: " wave " }, { type: "add", prompt: "sit" });
 const words = (state) => state.project.blocks.map((block) => block.prompt);
+
+test("a stream is beside the page, also below a path", () => {
+  assert.equal(socketAddress(new URL("v1/stream", "https://hub.example/a/api.js"), "a b"), "wss://hub.example/a/v1/stream?token=a%20b");
+  assert.equal(socketAddress(new URL("v1/stream", "http://127.0.0.1:8765/api.js"), "t"), "ws://127.0.0.1:8765/v1/stream?token=t");
+});
 
 test("blocks are added, edited, moved, sized and removed", () => {
   let state = three();
@@ -326,7 +332,7 @@ function live() {
   const notes = [],
     said = [],
     nothing = () => {},
-    page = new Live("token", { tell: (text) => notes.push(text), forget: nothing, changed: nothing, started: nothing });
+    page = new Live("ws://studio/v1/stream", { tell: (text) => notes.push(text), forget: nothing, changed: nothing, started: nothing });
   page.stream = { send: (message) => said.push(message) };
   page.connected = true;
   page.message({
