@@ -43,10 +43,12 @@ export function ask(timeline, id) {
 
 // A block's element: its right edge sets the length, the rest moves it.
 export function makeBlock(timeline, id) {
-  const element = make("div", "block", make("span", ""), make("div", "edge"));
+  const mark = Object.assign(make("button", "mark", "!"), { type: "button", tabIndex: -1, hidden: true });
+  const element = make("div", "block", make("span", ""), mark, make("div", "edge"));
   element.dataset.id = id;
+  mark.onclick = () => timeline.on.explain(id);
   element.addEventListener("pointerdown", (event) => {
-    if (event.button || timeline.shown.fixed || id === "import") return;
+    if (event.button || event.target === mark || timeline.shown.fixed || id === "import") return;
     event.stopPropagation();
     const edge = event.target.className === "edge",
       from = event.clientX,

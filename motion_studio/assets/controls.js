@@ -35,6 +35,7 @@ export function bind(studio) {
     theme(studio, next === "dark");
   };
   $("help").onclick = () => $("help-panel").showModal();
+  $("show-notes").onclick = () => $("notes-panel").showModal();
   $("mode-live").onclick = () => {
     studio.setMode("live");
     again();

@@ -1,12 +1,13 @@
 // One live motion: its socket, the received frames, and the clock that plays them.
 import { asJson } from "./control.js";
 import { open } from "./stream.js";
-import { GONE } from "./messages.js";
+import { GONE, remarkOf } from "./messages.js";
 
 const KEPT = 12_000; // frames: ten minutes
 const DROPPED = 1200; // removed at once when there are more
 const LOST = {
   gone: GONE,
+  blocked: "a proxy before the studio passes no WebSockets, which the live motion needs; the timeline works",
   refused: "this address is out of date: open the one that the studio printed; your work is kept in this browser",
 };
 const AGAIN = 1000, // milliseconds until the first attempt to reconnect, then longer each time,
@@ -25,7 +26,7 @@ export class Live {
     this.reconnects = this.missed = 0;
     this.progress = null;
     this.connected = this.restored = false;
-    this.absence = null; // "gone" or "refused"
+    this.absence = null; // "gone", "refused" or "blocked": requests arrive and sockets do not
     this.wait = AGAIN;
     this.clear();
   }
@@ -93,10 +94,11 @@ export class Live {
   }
 
   lost() {
+    const wasOpen = this.connected;
     if (this.connected) this.reconnects += 1;
     this.connected = false;
     this.progress = null;
-    this.missing("gone");
+    this.missing(wasOpen ? "gone" : "blocked");
   }
 
   send(message) {
@@ -123,11 +125,10 @@ export class Live {
     } else if (message.type === "words") {
       this.words = this.words.filter((one) => one.from < message.from_frame);
       this.choices.prompt = message.whole ?? message.prompt;
-      this.words.push({ words: message.words, prompt: message.prompt, from: message.from_frame });
-      if (message.unknown.length) {
-        const nearest = message.nearest ? `; the nearest prompt that it knows is “${message.nearest}”` : "";
-        this.tell(`the model has not learned: ${message.unknown.join(", ")}${nearest}`, false, "words");
-      } else this.forget("words");
+      const remark = remarkOf(message);
+      this.words.push({ words: message.words, prompt: message.prompt, from: message.from_frame, remark });
+      if (remark) this.remarked(message.words);
+      else this.forget("words");
     } else if (message.type === "state") {
       this.state = message.state;
       this.progress = message.doing ? message : null;
@@ -226,6 +227,12 @@ export class Live {
     if (this.state === "running") this.pause();
     this.time = Math.max(this.first / this.fps, Math.min(time, this.played));
     this.changed();
+  }
+
+  /** Shows the note of a prompt by its number, with the caption to use instead. */
+  remarked(words) {
+    const { short, nearest } = this.words.find((one) => one.words === words).remark;
+    this.tell(short, false, "words", nearest ? { text: `Use “${nearest}”`, does: () => this.say(nearest) } : null);
   }
 
   say(prompt) {

@@ -8,7 +8,7 @@ import { PathTool } from "./path_tool.js";
 import { Ideas } from "./ideas.js";
 import { listen } from "./keys.js";
 import { Live } from "./live.js";
-import { Notes } from "./notes.js";
+import { Notes, STEP } from "./notes.js";
 import { Panels } from "./panels.js";
 import { Player } from "./player.js";
 import { picture } from "./picture.js";
@@ -26,7 +26,7 @@ const CHANGED_AFTER = 300; // milliseconds after the last change that a motion i
 const LONGEST_FRAME = 1; // seconds between two drawings that count as played; a hidden tab draws nothing
 const POLL_MODELS = 1000; // milliseconds between two requests for the loading progress of the models
 
-const notes = new Notes($("notes"));
+const notes = new Notes($("notes"), $("notes-list"), $("show-notes"));
 const studio = {
   mode: "live",
   state: initial(),
@@ -37,7 +37,7 @@ const studio = {
   dirty: true,
   curves: null,
 };
-const tell = (sentence, error, topic) => notes.tell(sentence, error, topic);
+const tell = (...given) => notes.tell(...given);
 const forget = (topic) => notes.forget(topic);
 const changed = () => {
   studio.dirty = true;
@@ -70,12 +70,28 @@ function act(action) {
   drawTimeline();
   studio.autosave?.changed();
   if (studio.state.project === before.project || ["model", "restore"].includes(action.type)) return;
+  notes.forget(STEP); // the step that they belong to is over
+  if (action.type !== "addEdit") notes.forget("edit");
+  if (multiPrompt.isEmpty) notes.forget("make");
   // The live body follows the path that is shown.
   const other = pathOf(before.project.control) !== pathOf(studio.state.project.control);
   if (other && ["undo", "redo"].includes(action.type) && studio.mode === "live" && !tool.active) studio.follow();
   makeSoon();
 }
 studio.act = act;
+
+// The line at the bottom is that of the selected block, as long as it has something to note.
+let explained = null;
+function explain(id) {
+  const block = studio.mode === "timeline" && studio.state.project.blocks.find((one) => one.id === id),
+    remark = block && multiPrompt.remark(block.prompt),
+    key = remark ? `${id} ${block.prompt}` : null;
+  if (key === explained) return;
+  explained = key;
+  if (!remark) return notes.forget("block");
+  const use = { text: `Use “${remark.nearest}”`, does: () => act({ type: "edit", id, prompt: remark.nearest }) };
+  tell(remark.short, false, "block", remark.nearest ? use : null);
+}
 
 // Nothing is generated from a path that is still being drawn.
 studio.makeSoon = makeSoon;
@@ -130,6 +146,7 @@ studio.setMode = (mode) => {
   if (mode === studio.mode) return;
   if (tool.active) tool.end();
   studio.mode = document.body.dataset.mode = mode;
+  for (const topic of [STEP, mode === "live" ? "control" : "words"]) notes.forget(topic);
   for (const name of ["live", "timeline"]) $(`mode-${name}`).setAttribute("aria-selected", String(name === mode));
   if (mode === "timeline" && live.state === "running") {
     live.pause();
@@ -218,6 +235,11 @@ const timeline = (studio.timeline = new Timeline($("timeline"), {
     else act({ type: "add", prompt });
   },
   span: studio.mark,
+  explain: (id) => {
+    explained = null; // again, also after its line was closed
+    if (studio.mode === "live") live.remarked(id);
+    else act({ type: "select", id });
+  },
   typing: (field, take) => studio.ideas.attach(field, take),
 }));
 
@@ -292,7 +314,10 @@ function drawAll(passed) {
     drawTimeline();
     if (!$("curves").hidden) showCurves(studio);
   }
-  if (studio.dirty) panels.draw();
+  if (studio.dirty) {
+    panels.draw();
+    explain(studio.state.selected);
+  }
   studio.status(moved || studio.dirty);
   studio.dirty = false;
   if (studio.view) picture(studio, passed, other);

@@ -10,6 +10,14 @@ export function workText({ doing, done, of, seconds }) {
 
 const STATES = { waiting: "waiting for another model", loading: "reading the model", compiling: "preparing the model" };
 
+/** {text, short, nearest} of {notes, unknown, nearest}: what to know of a prompt, also as one line, and the caption to use
+    instead; or null. */
+export function remarkOf({ notes = [], unknown = [], nearest = "" }) {
+  if (!notes.length && !unknown.length) return null;
+  const words = `the model has not learned: ${unknown.join(", ")}`;
+  return { text: notes.join("\n") || words, short: unknown.length ? words : notes[0], nearest };
+}
+
 /** A model that is not ready: {name, state, seconds} of /v1/models or of a stream. */
 export function modelText({ name, state, seconds }) {
   const first = state === "compiling" && seconds > 5 ? "; the first start takes about a minute" : "";
@@ -25,13 +33,13 @@ const LIVE = {
   connecting: "connecting",
 };
 
-const ABSENT = { gone: "not connected: waiting for the studio", refused: "not connected: open the new address" };
+const ABSENT = { blocked: "no live motion: a proxy passes no WebSockets", gone: "not connected: waiting for the studio", refused: "not connected: open the new address" };
 
 /** {text, is: "good", "busy" or "bad"} for the line at the top. */
 export function statusOf({ mode, live, multiPrompt, models, blocks }) {
   const inLive = mode === "live",
     unready = models.find((model) => !["ready", "failed"].includes(model.state));
-  if (live.absence) return { text: ABSENT[live.absence], is: "bad" };
+  if (live.absence && (inLive || live.absence !== "blocked")) return { text: ABSENT[live.absence], is: "bad" };
   if (!inLive && multiPrompt.busy) return { text: multiPrompt.busy, is: "busy" };
   if (inLive && live.progress) return { text: modelText(live.progress), is: "busy" };
   if (!inLive && unready) return { text: modelText(unready), is: "busy" };

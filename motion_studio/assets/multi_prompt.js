@@ -2,7 +2,7 @@
 import { offText, asJson } from "./control.js";
 import { contacts, footprints, fromJson, seconds } from "./motion.js";
 import { keyOf } from "./state.js";
-import { workText } from "./messages.js";
+import { remarkOf, workText } from "./messages.js";
 
 const KEPT = 24, // motions
   MISSED = 10; // millimetres of distance from the constraints that are reported
@@ -23,6 +23,13 @@ export function joined(spans) {
   }
   return found;
 }
+
+// What is kept of a motion beside the joints.
+const about = ({ report = null, remarks = {}, edits = [] }) => ({ report, remarks, edits });
+
+/** The notes of the edits inside a span of frames. */
+const remarkOfSpan = ({ edits = [] }, first, past) =>
+  edits.filter(({ change }) => change.some(([a, b]) => a < past && b > first)).map(({ text }) => text).filter(Boolean).join("\n");
 
 export class MultiPrompt {
   // api: {multiPrompt, edit}; tell(sentence, isError, topic) and forget(topic): notes; changed(): the page has to be drawn
@@ -103,8 +110,8 @@ export class MultiPrompt {
     }
     const left = edits.slice(n).filter((edit) => edit.change.at(-1)[1] > motion.frames);
     if (left.length) {
-      this.tell("an edit beyond the end of the motion was removed; Ctrl-Z brings it back", false);
       this.act({ type: "dropEdits", take, keep: (edit) => !left.includes(edit) });
+      this.tell("an edit beyond the end of the motion was removed; Ctrl-Z brings it back", false);
       edits = edits.filter((edit) => !left.includes(edit));
     }
     for (; n < edits.length; n++) {
@@ -130,8 +137,10 @@ export class MultiPrompt {
     if (project.control.length) request.control = asJson(project.control);
     const reply = await this.api.multiPrompt(request, (work) => this.works(workText(work)));
     this.reply = { reused_frames: reply.reused_frames, same_frames: reply.same_frames };
-    this.noted(reply);
     const motion = fromJson(reply.motion);
+    motion.remarks = Object.fromEntries(
+      (reply.segments ?? []).map((segment, i) => [request.segments[i].prompt, remarkOf(segment)]).filter(([, one]) => one),
+    );
     motion.report = reply.constraints ?? null;
     const off = motion.report?.off;
     if (off?.worst > MISSED && project.cleanup)
@@ -146,11 +155,14 @@ export class MultiPrompt {
     const request = { motion: motion.sent, prompt, change, seed, sampling };
     if (model.name) request.model = model.name;
     const reply = await this.api.edit(request, (work) => this.works(workText(work)));
-    this.noted(reply);
+    const text = remarkOf(reply)?.text ?? "";
+    if (text) this.tell(text, false, "edit");
     const made = joined([...(before.length ? (motion.meta.made ?? []) : []), ...reply.made]);
     reply.motion.meta = { ...reply.motion.meta, made };
     return Object.assign(fromJson(reply.motion), {
       report: motion.report && { ...motion.report, off: null }, // the distance is not known after an edit
+      remarks: motion.remarks,
+      edits: [...(motion.edits ?? []), { change, text }],
     });
   }
 
@@ -160,11 +172,9 @@ export class MultiPrompt {
     this.changed();
   }
 
-  // Shows the notes of a reply: unknown words, unmet requirements of the prompt.
-  noted({ unknown = [], notes = [] }) {
-    const sentences = [...(unknown.length ? [`the model has not learned: ${unknown.join(", ")}`] : []), ...notes];
-    if (sentences.length) this.tell(sentences.join("; "), false, "words");
-    else this.forget("words");
+  /** {text, nearest} of a prompt of the motion that is shown, or null. */
+  remark(prompt) {
+    return this.shown?.remarks?.[prompt] ?? null;
   }
 
   /** {key, rows}: the generated motions of the project, also those before its edits, for `restore`. */
@@ -177,12 +187,12 @@ export class MultiPrompt {
     const keys = new Set(project.seeds.flatMap((_, take) => stages.map((stage) => keyOf(stage, take))));
     const rows = [...keys]
       .filter((key) => this.made.get(key)?.sent)
-      .map((key) => ({ key, sent: this.made.get(key).sent, report: this.made.get(key).report ?? null }));
+      .map((key) => ({ key, sent: this.made.get(key).sent, ...about(this.made.get(key)) }));
     return { key: rows.map(({ key }) => key).join(), rows };
   }
 
   restore(rows) {
-    for (const { key, sent, report } of rows) this.keep(key, Object.assign(fromJson(sent), { report }));
+    for (const { key, sent, ...known } of rows) this.keep(key, Object.assign(fromJson(sent), known));
   }
 
   /** Pieces of the strip below the blocks, in seconds. */
@@ -194,7 +204,8 @@ export class MultiPrompt {
     if (!Array.isArray(made)) return [{ start: 0, end, kind: "there" }];
     return [
       { start: 0, end, kind: "kept" },
-      ...made.map(([first, past]) => ({ start: first / motion.fps, end: past / motion.fps, kind: "new" })),
+      ...made.map(([first, past]) => ({ start: first / motion.fps, end: past / motion.fps, kind: "new",
+        remark: remarkOfSpan(motion, first, past) })), // prettier-ignore
     ];
   }
 }

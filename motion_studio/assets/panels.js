@@ -221,13 +221,13 @@ export class Panels {
           `--model ${project.model.name}`,
       );
     }
+    this.studio.act({ type: "open", project });
     if (known.id && project.model.id && known.id !== project.model.id) {
       this.studio.tell(
         `the project was made with ${project.model.id}, this is ${known.id}: the motion may differ`,
         false,
       );
     }
-    this.studio.act({ type: "open", project });
     this.studio.multiPrompt.make();
   }
 

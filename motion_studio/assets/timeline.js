@@ -4,7 +4,8 @@ import { ask, make, makeBlock } from "./blocks.js";
 import { between, panned, showing, zoomed } from "./scale.js";
 
 export class Timeline {
-  // on: {seek(s), select(id), edit(id, prompt), resize(id, s), remove(id), move(id, index), add(prompt), span(a, b)}
+  // on: {seek(s), select(id), edit(id, prompt), resize(id, s), remove(id), move(id, index), add(prompt), span(a, b),
+  // explain(id): its mark was clicked}
   constructor(element, on) {
     this.element = element;
     this.on = on;
@@ -137,7 +138,7 @@ export class Timeline {
     this.on.remove(element.dataset.id === "import" ? "import" : Number(element.dataset.id));
   }
 
-  // shown: {rows: [{id, prompt, start, end, stale}], among (of placed()), end, time, span, selected, pieces, fixed};
+  // shown: {rows: [{id, prompt, start, end, stale, remark: {text, nearest}}], among (of placed()), end, time, span, selected, pieces, fixed};
   // pieces: [{start, end, kind}] of the strip, all in seconds.
   draw(shown) {
     this.shown = shown;
@@ -158,6 +159,10 @@ export class Timeline {
         (row.id === "import" ? " import" : "");
       element.style.left = `${this.place(row.start)}px`;
       element.style.width = `${Math.max(4, this.place(row.end) - this.place(row.start) - 2)}px`;
+      const mark = element.querySelector(".mark");
+      mark.hidden = !row.remark;
+      mark.title = row.remark?.text ?? "";
+      mark.setAttribute("aria-label", mark.title);
       // Words of a block that begins left of what is seen stay in sight.
       element.firstChild.style.marginLeft = `${Math.max(0, -this.place(row.start))}px`;
     }
@@ -181,10 +186,11 @@ export class Timeline {
 
   drawStrip(pieces) {
     while (this.strip.children.length > pieces.length) this.strip.lastChild.remove();
-    pieces.forEach(({ start, end, kind }, i) => {
+    pieces.forEach(({ start, end, kind, remark }, i) => {
       const element = this.strip.children[i] ?? this.strip.appendChild(document.createElement("i"));
       element.style.pointerEvents = "none";
       element.className = kind;
+      element.title = remark ?? "";
       element.style.left = `${this.place(start)}px`;
       element.style.width = `${Math.max(1, this.place(end) - this.place(start))}px`;
     });

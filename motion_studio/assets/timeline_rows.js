@@ -10,6 +10,7 @@ export function liveRows(live) {
     .map((one, i, all) => ({
       id: one.words,
       prompt: one.prompt,
+      remark: one.remark,
       start: second(Math.max(one.from, live.first)),
       end: all[i + 1] ? Math.min(second(all[i + 1].from), end) : end,
     }))
@@ -26,7 +27,8 @@ export function timelineRows({ project, selected, span }, multiPrompt, time) {
   const among = placed(project),
     fps = multiPrompt.shown?.fps ?? 20,
     stale = multiPrompt.stale;
-  const rows = among.map(({ block, start, end }) => ({ id: block.id, prompt: block.prompt, start, end, stale }));
+  const rows = among.map(({ block, start, end }) => ({ id: block.id, prompt: block.prompt, start, end, stale,
+    remark: multiPrompt.remark(block.prompt) })); // prettier-ignore
   if (project.past) {
     const end = project.past.shape[0] / project.past.fps;
     rows.unshift({ id: "import", prompt: project.past.captions?.[0]?.text || "imported motion", start: 0, end });

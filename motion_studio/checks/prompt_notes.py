@@ -86,9 +86,9 @@ def _of_words(planner, prompt, words):
   """A note on words of no training caption."""
   found = ", ".join(with_suggestion(planner.model, word) for word in words[:_NAMED]) + " ..." * (len(words) > _NAMED)
   nearest = planner.nearest_captions(prompt)
-  instead = (f"no caption that {planner.model.folder.name} learned from says so; the nearest of them is "
-             f"{shortened(nearest[0][0])}" if nearest else "it may be ignored or misunderstood")
-  return f"the model does not know {found} in {shortened(prompt)}: {instead}{_can_do(planner, prompt)}"
+  instead = (f"the nearest caption that {planner.model.folder.name} learned from is {shortened(nearest[0][0])}"
+             if nearest else "it may be ignored or misunderstood")
+  return f"the model does not know {found} in {shortened(prompt)}: {instead}"
 
 
 def _of_phrase(planner, action):
@@ -101,13 +101,7 @@ def _of_phrase(planner, action):
     return ""
   learned = "learned little like" if found.known else "not learned"
   return (f"{planner.model.folder.name} has {learned} {shortened(prompt)}; what it knows nearest is "
-          f"{shortened(found.nearest[0][1])}, so expect something like that{_can_do(planner, prompt)}")
-
-
-def _can_do(planner, prompt):
-  if planner.repertoire is None or not (found := planner.repertoire.suggestions(prompt)):
-    return ""
-  return f"; it can do, for example, {', '.join(map(repr, found))}"
+          f"{shortened(found.nearest[0][1])}, so expect something like that")
 
 
 def with_suggestion(model: Any, word: str) -> str:

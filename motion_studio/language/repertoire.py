@@ -122,17 +122,6 @@ class Repertoire:
     few = len(alike) <= _FEW and not equal or self.is_rare(plan)
     return Judgement(bool(near) and same, bool(near) and few, nearest)
 
-  def suggestions(self, sentence: str, num: int = 3) -> list[str]:
-    """The nearest phrases with different verbs, after the first: what the model can do instead."""
-    found: dict[str, str] = {}
-    for _, phrase in self.nearest(sentence, 200)[1:]:
-      verb = phrase.split()[0] if not phrase.startswith("is ") else phrase.split()[1]
-      if len(phrase) <= 60:
-        found.setdefault(verb.removesuffix("ing"), phrase)
-      if len(found) == num:
-        break
-    return list(found.values())
-
 
 @functools.lru_cache(maxsize=1 << 12)
 def _things(phrase):

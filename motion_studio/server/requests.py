@@ -65,7 +65,7 @@ class RequestHandler:
         pipeline, [request.prompt], notes_of(made), request.plan)
 
   def multi_prompt(self, body: Any) -> dict[str, Any]:
-    """Fields of MULTI_PROMPT -> {motion, reused_frames, same_frames, notes, constraints}."""
+    """Fields of MULTI_PROMPT -> {motion, reused_frames, same_frames, notes, unknown, segments, constraints}."""
     request = fields.parse(MULTI_PROMPT, body, self.limits)
     rows, control = rows_of(request.segments), list(request.control)
     pipeline = self.library.pipeline(request.model, "multi_prompt")
@@ -74,7 +74,7 @@ class RequestHandler:
                                                     request.sampling, request.past, control)
     report = {"constraints": constraint_report.report(control, motion)} if control else {}
     return {"motion": serialization.to_json(motion), "reused_frames": reused, "same_frames": same} | report | (
-        notes_and_unknown_words(pipeline, [prompt for prompt, _ in rows]))
+        segment_notes(pipeline, [prompt for prompt, _ in rows]))
 
   def make_multi_prompt(self, pipeline, rows, seed, cleanup, sampling, past=None, control=()):
     """(motion, frames that were reused, frames equal to the motion before) of rows (prompt, seconds or None).
@@ -166,3 +166,18 @@ def notes_and_unknown_words(pipeline: Any, prompts: list[str], notes: Sequence[s
   """{notes, unknown}: notes about the prompts and the motions, and words that the model does not know."""
   unknown = sorted({word for prompt in prompts for word in pipeline.model.captions.unknown_words(prompt)})
   return {"notes": [*pipeline.notes(prompts, plan), *notes]} | ({"unknown": unknown[:20]} if unknown else {})
+
+
+def segment_notes(pipeline: Any, prompts: Sequence[str]) -> dict[str, Any]:
+  """{notes, unknown, segments}: segments has {notes, unknown, nearest} of each prompt, nearest the training caption that
+  is closest in meaning, "" for a prompt without notes."""
+  of_prompt = {prompt: notes_and_unknown_words(pipeline, [prompt]) for prompt in dict.fromkeys(prompts)}
+  segments = [{"notes": of_prompt[prompt]["notes"], "unknown": of_prompt[prompt].get("unknown", []),
+               "nearest": nearest_caption(pipeline, prompt) if any(of_prompt[prompt].values()) else ""}
+              for prompt in prompts]
+  return notes_and_unknown_words(pipeline, list(prompts)) | {"segments": segments}
+
+
+def nearest_caption(pipeline: Any, prompt: str) -> str:
+  """The training caption that is closest in meaning to a prompt, "" for a model without captions."""
+  return next((text for text, _ in pipeline.planner.nearest_captions(prompt)), "")

@@ -70,8 +70,8 @@ class SecurityMiddleware:
                     "open it as 127.0.0.1 or localhost, or name the proxy in front of it by --public-url")
     origin = headers.get("origin")
     if origin is not None and urllib.parse.urlsplit(origin).netloc.lower() not in {host.lower(), self._public} - {""}:
-      raise Refused(403, f"got a request from a page of {origin[:80]!r}, only the studio's own pages may send requests; "
-                    "name a proxy in front of it by --public-url")
+      raise Refused(403, f"got a request from a page of {origin[:80]!r}, only the studio's own pages may send requests "
+                    "and those of a proxy that --public-url names")
     if not scope["path"].startswith(("/v1/", "/mmcp/")):
       return
     query = urllib.parse.parse_qs(scope.get("query_string", b"").decode("latin1"))

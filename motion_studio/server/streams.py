@@ -17,6 +17,7 @@ from motion_studio.server.library import Library, live_sampling
 from motion_studio.server.limits import Limits, unknown_choices_as_input_errors
 from motion_studio.server.poses import RATE, Poses
 from motion_studio.server.request_tables import DEFAULT_AHEAD, MESSAGES
+from motion_studio.server.requests import nearest_caption
 from motion_studio.server.serialization import Block, pack, pack_poses
 
 _HISTORY = 8    # frames before a block from which its foot contacts are computed, too
@@ -259,10 +260,10 @@ class Stream:
       self._prompts.append((begins, self._words))
       action = prompt if len(actions) == 1 else action
       unknown = captions.unknown_words(action)
-      nearest = captions.nearest(action) if unknown else []
+      notes = pipeline.notes([action], postures=False)
       self._send({"type": "words", "words": self._words, "prompt": action, "whole": prompt, "from_frame": begins,
-                  "run": self._run, "unknown": unknown[:10], "nearest": nearest[0][0] if nearest else "",
-                  "notes": pipeline.notes([action], postures=False)})
+                  "run": self._run, "unknown": unknown[:10],
+                  "nearest": nearest_caption(pipeline, action) if unknown or notes else "", "notes": notes})
     self._send_state()
 
   def _pause(self, paused):

@@ -20,8 +20,8 @@ from motion_jax.export.html import VIEWER, resting_body
 from motion_jax.models.cmdm.graphs import graphs_of
 
 HERE = pathlib.Path(__file__).parent
-PAGE = ("index.html", "style.css", "start.js", "main.js", "worker.js", "stream.js", "words.js", "noise.js", "files.js", "bvh.js",
-        "glb.js", "sw.js")
+PAGE = ("index.html", "style.css", "start.js", "main.js", "worker.js", "stream.js", "words.js", "noise.js", "files.js",
+        "bvh.js", "glb.js", "sw.js")
 RUNTIME = ("ort.wasm.min.mjs", "ort-wasm-simd-threaded.mjs", "ort.webgpu.min.mjs",
            "ort-wasm-simd-threaded.asyncify.mjs")
 PACKED = ("ort-wasm-simd-threaded.wasm", "ort-wasm-simd-threaded.asyncify.wasm")

@@ -44,20 +44,14 @@ def test_what_few_clips_show_is_hardly_known_among_many(repertoire):
   assert not few.is_rare("a person waves")  # a small set of clips has one of each
 
 
-def test_suggestions_are_near_and_of_different_verbs(repertoire):
-  found = repertoire.suggestions("a person stretches the arms")
-  assert len(found) == 3 and all(phrase in repertoire.phrases for phrase in found)
-  assert any("arm" in phrase for phrase in found) and len({phrase.split()[0] for phrase in found}) == 3
-
-
-def test_what_is_not_known_is_said_once_with_what_is_made_and_three_that_can_be(pipeline):
+def test_what_is_not_known_is_said_once_with_what_is_made(pipeline):
   note, = pipeline.notes(["a person sneaks forward, then sits down"])
   assert note.startswith("cdamd-small has not learned 'a person sneaks forward'; what it knows nearest is 'walks")
-  assert note.count("'") == 2 + 2 + 6 and "it can do, for example, '" in note
+  assert note.count("'") == 2 + 2 and len(note) < 160  # no list of other things
   assert "learned little like 'a person climbs stairs'" in pipeline.notes(["a person climbs stairs"])[0]
   assert pipeline.notes(["a person walks forward, then waves the right hand and sits down"]) == []
   word, = pipeline.notes(["a person does a backflip"])
-  assert "does not know 'backflip'" in word and "it can do, for example" in word
+  assert "does not know 'backflip'" in word
 
 
 def test_words_of_no_caption_have_a_note_with_what_is_made_instead(pipeline):
@@ -65,7 +59,7 @@ def test_words_of_no_caption_have_a_note_with_what_is_made_instead(pipeline):
   for prompt, word in (("a robot walks", "robot"), ("a person climbs a table", "table")):
     assert pipeline.model.encoder.out_of_vocabulary(prompt) == []
     note, = pipeline.notes([prompt], plan=False)
-    instead = re.search("nearest of them is '(.*)'; it can do, for example, '", note)
+    instead = re.search("nearest caption that cdamd-small learned from is '(.*)'$", note)
     assert f"know {word!r} in" in note and instead[1] in pipeline.model.captions.texts
   assert not pipeline.notes([
       "a person walks", "someone is walking", "a WOMAN walked, then ran 3 times and sat down quickly!"], plan=False)
@@ -100,7 +94,7 @@ def test_of_several_people_one_sentence_says_that_one_body_is_made(pipeline):
 
 
 def test_an_empty_repertoire_judges_nothing():
-  assert Repertoire([], None).judge("a person walks").nearest == [] == Repertoire([], None).suggestions("walks")
+  assert Repertoire([], None).judge("a person walks").nearest == []
 
 
 def test_postures_need_no_note_but_what_is_said_beside_them(pipeline):
