@@ -21,12 +21,17 @@ AGAIN = 5.0    # and until it says again that it still does the same
 _current: contextvars.ContextVar["Work | None"] = contextvars.ContextVar("work", default=None)
 
 
+class Cancelled(Exception):
+  """Raised inside work that another thread has cancelled, where it reports its progress."""
+
+
 class Work:
-  """One piece of work and how far it is; one thread reports, any thread reads."""
+  """One piece of work and how far it is; one thread reports, any thread reads or cancels it."""
 
   def __init__(self) -> None:
     self.began = time.monotonic()
     self.doing, self.done, self.total, self.unit = "", 0, 0, ""
+    self.cancelled = False
 
   def state(self) -> dict[str, Any]:
     return {"doing": self.doing, "done": self.done, "of": self.total, "unit": self.unit,
@@ -53,6 +58,7 @@ def part(doing: str) -> Iterator[None]:
   if work is None:
     yield
     return
+  check()
   before = work.doing, work.done, work.total, work.unit
   work.doing, work.done, work.total, work.unit = doing, 0, 0, ""
   try:
@@ -61,8 +67,15 @@ def part(doing: str) -> Iterator[None]:
     work.doing, work.done, work.total, work.unit = before
 
 
+def check() -> None:
+  """Raises `Cancelled` if the work that runs was cancelled."""
+  if (work := _current.get()) is not None and work.cancelled:
+    raise Cancelled
+
+
 def count(done: int, total: int, unit: str) -> None:
   """Reports how much of the part that runs is done."""
+  check()
   if (work := _current.get()) is not None:
     work.done, work.total, work.unit = done, total, unit
 

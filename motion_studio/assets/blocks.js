@@ -1,5 +1,6 @@
 // Blocks of the timeline: editing the prompt, length and position of one.
 import { indexAt } from "./scale.js";
+import { LONGEST_PROMPT } from "./state.js";
 
 export const make = (kind, name, ...children) => {
   const element = Object.assign(document.createElement(kind), { className: name });
@@ -12,7 +13,7 @@ export function ask(timeline, id) {
   timeline.track.querySelector(".words")?.remove();
   const row = timeline.shown.rows.find((one) => one.id === id);
   const input = make("input", "words");
-  Object.assign(input, { value: row?.prompt ?? "", placeholder: "what does the person do?" });
+  Object.assign(input, { maxLength: LONGEST_PROMPT, value: row?.prompt ?? "", placeholder: "what does the person do?" });
   input.setAttribute("aria-label", "prompt of the block");
   input.style.left = `${Math.max(4, Math.min(timeline.place(row?.start ?? timeline.shown.end), timeline.width - 230))}px`;
   if (row) input.style.width = `${Math.max(220, timeline.place(row.end) - timeline.place(row.start))}px`;

@@ -94,6 +94,7 @@ export function bind(studio) {
     const { seeds } = studio.state.project;
     multiPrompt.make(studio.side ? seeds.map((_, take) => take) : undefined);
   };
+  $("cancel").onclick = () => multiPrompt.cancel();
   $("auto").onchange = () => {
     if ($("auto").checked && studio.state.project.blocks.length && multiPrompt.stale) multiPrompt.make();
   };
@@ -170,12 +171,15 @@ export function bind(studio) {
     const inLive = studio.mode === "live",
       { mode, models } = studio,
       { state, progress } = live;
-    const { text, is } = statusOf({ mode, live, multiPrompt, models, blocks: studio.state.project.blocks.length });
+    const { text, is, share } = statusOf({ mode, live, multiPrompt, models, blocks: studio.state.project.blocks.length });
     const line = $("state");
     if (old.how !== text || old.is !== is) {
       line.lastElementChild.textContent = old.how = text;
       line.dataset.is = old.is = is;
     }
+    $("work").hidden = share === undefined;
+    if (share !== undefined) $("work").value = share;
+    $("cancel").hidden = inLive || !multiPrompt.busy;
     const playing = inLive ? state === "running" : player.playing;
     put("play", playing ? "❚❚" : "▶");
     put("time", inLive ? `${live.time.toFixed(1)} s` : `${player.time.toFixed(2)} s, frame ${player.frame}`);

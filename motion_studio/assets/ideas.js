@@ -29,6 +29,7 @@ export class Ideas {
       const option = target.closest("[role=option]");
       if (option) this.take(option);
     });
+    addEventListener("resize", () => this.close());
     document.addEventListener("pointerdown", ({ target }) => {
       if (!element.contains(target) && target !== this.field && !target.closest?.("[data-ideas]")) this.close();
     });
@@ -41,6 +42,7 @@ export class Ideas {
     field.setAttribute("aria-expanded", "false");
     field.addEventListener("input", () => this.open(field, take));
     field.addEventListener("keydown", (event) => this.key(event, field, take), true);
+    field.form?.addEventListener("submit", () => this.close());
     field.addEventListener("blur", () => this.field === field && this.close());
   }
 
@@ -71,8 +73,9 @@ export class Ideas {
     const typed = all ? "" : field.value;
     this.typed = typed;
     try {
-      this.head ??= await this.ask("");
+      this.head ??= await (this.asked ??= this.ask("")); // keys do not send it again while it is under way
     } catch {
+      this.asked = null;
       return this.close(); // the page says already that the studio does not answer
     }
     if (this.field === field && this.typed === typed) this.draw(typed, []);
@@ -149,7 +152,7 @@ export class Ideas {
 
   /** Another model may know other words. */
   forget() {
-    this.head = null;
+    this.head = this.asked = null;
   }
 
   close() {

@@ -2,10 +2,9 @@
 
 export const GONE = "the studio does not answer; this page reconnects when it runs again, and your work is kept";
 
-/** The progress of a request: {doing, done, of, seconds} as GET /v1/progress gives it. */
-export function workText({ doing, done, of, seconds }) {
-  const share = of > 1 ? `: ${Math.round((100 * done) / of)} %` : "";
-  return `${doing || "working"}${share} (${Math.round(seconds)} s)`;
+/** The progress of a request: {doing, of, seconds} as GET /v1/progress gives it, and its share (shares.js). */
+export function workText({ doing, of, seconds, share = 0 }) {
+  return `${of > 1 ? "" : "about "}${Math.round(100 * share)} %, ${Math.round(seconds)} s: ${doing || "working"}`;
 }
 
 const STATES = { waiting: "waiting for another model", loading: "reading the model", compiling: "preparing the model" };
@@ -35,14 +34,15 @@ const LIVE = {
 
 const ABSENT = { blocked: "no live motion: a proxy passes no WebSockets", gone: "not connected: waiting for the studio", refused: "not connected: open the new address" };
 
-/** {text, is: "good", "busy" or "bad"} for the line at the top. */
+/** {text, is: "good", "busy" or "bad", share} for the line at the top; share: what is done, 0 to 1, or undefined. */
 export function statusOf({ mode, live, multiPrompt, models, blocks }) {
   const inLive = mode === "live",
     unready = models.find((model) => !["ready", "failed"].includes(model.state));
   if (live.absence && (inLive || live.absence !== "blocked")) return { text: ABSENT[live.absence], is: "bad" };
-  if (!inLive && multiPrompt.busy) return { text: multiPrompt.busy, is: "busy" };
-  if (inLive && live.progress) return { text: modelText(live.progress), is: "busy" };
-  if (!inLive && unready) return { text: modelText(unready), is: "busy" };
+  const loading = (model) => ({ text: modelText(model), is: "busy", share: model.of ? model.done / model.of : undefined });
+  if (!inLive && multiPrompt.busy) return { text: multiPrompt.busy, is: "busy", share: multiPrompt.share };
+  if (inLive && live.progress) return loading(live.progress);
+  if (!inLive && unready) return loading(unready);
   if (inLive) return { text: LIVE[live.state] ?? live.state, is: live.connected ? "good" : "busy" };
   if (multiPrompt.stale && blocks) return { text: "changed; press Make", is: "busy" };
   return { text: "ready", is: "good" };

@@ -39,6 +39,8 @@ export class MultiPrompt {
     this.made = new Map();
     this.last = null; // shown until a newer motion is there
     this.busy = null; // progress as a sentence, while a motion is generated
+    this.share = 0; // of it, from 0 to 1
+    this.controller = null; // of the request that runs
     this.reply = null; // {reused_frames, same_frames} of the last reply
     this.again = false;
   }
@@ -85,8 +87,9 @@ export class MultiPrompt {
           await this.makeTake(take);
           this.forget("make");
         } catch (error) {
-          this.tell(error.message, true, error.topic ?? "make");
+          if (!error.cancelled) this.tell(error.message, true, error.topic ?? "make");
           this.again = false;
+          if (error.cancelled) break;
         } finally {
           this.busy = null;
           this.changed();
@@ -135,7 +138,7 @@ export class MultiPrompt {
     };
     if (project.model.name) request.model = project.model.name;
     if (project.control.length) request.control = asJson(project.control);
-    const reply = await this.api.multiPrompt(request, (work) => this.works(workText(work)));
+    const reply = await this.request("multiPrompt", request);
     this.reply = { reused_frames: reply.reused_frames, same_frames: reply.same_frames };
     const motion = fromJson(reply.motion);
     motion.remarks = Object.fromEntries(
@@ -154,7 +157,7 @@ export class MultiPrompt {
     const { prompt, change, seed, sampling, model } = edit;
     const request = { motion: motion.sent, prompt, change, seed, sampling };
     if (model.name) request.model = model.name;
-    const reply = await this.api.edit(request, (work) => this.works(workText(work)));
+    const reply = await this.request("edit", request);
     const text = remarkOf(reply)?.text ?? "";
     if (text) this.tell(text, false, "edit");
     const made = joined([...(before.length ? (motion.meta.made ?? []) : []), ...reply.made]);
@@ -166,9 +169,20 @@ export class MultiPrompt {
     });
   }
 
+  request(kind, body) {
+    this.controller = new AbortController();
+    return this.api[kind](body, (work) => this.works(workText(work), work.share), this.controller.signal);
+  }
+
+  /** Ends what is being generated; the project stays as it is. */
+  cancel() {
+    this.again = false;
+    this.controller?.abort();
+  }
+
   // Shows progress as a sentence.
-  works(sentence) {
-    this.busy = sentence;
+  works(sentence, share = 0) {
+    Object.assign(this, { busy: sentence, share });
     this.changed();
   }
 

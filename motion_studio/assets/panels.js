@@ -263,20 +263,28 @@ export class Panels {
     if (["mp4", "gif"].includes(format) && !request.trim && motion.frames > 60 * motion.fps && !motion.sent) {
       motion = part(motion, motion.frames - Math.floor(60 * motion.fps), motion.frames); // of a stream, the last minute
     }
-    button.disabled = this.exporting = true;
+    const controller = new AbortController(),
+      running = (runs) => {
+        button.disabled = this.exporting = runs;
+        $("export-cancel").hidden = $("export-work").hidden = !runs;
+      };
+    running(true);
+    $("export-cancel").onclick = () => controller.abort();
+    $("export-work").removeAttribute("value");
     status.textContent = "writing the file";
     try {
       const { blob, name } = await api.exportMotion({ motion: toJson(motion), ...request }, (work) => {
         status.textContent = workText(work);
-      });
+        $("export-work").value = work.share;
+      }, controller.signal);
       api.download(blob, name);
       status.textContent = `${name}, ${(blob.size / 1024).toFixed(0)} KB`;
       this.last = { name, bytes: blob.size };
     } catch (error) {
       status.textContent = error.message;
-      this.studio.tell(error.message, true);
+      if (!error.cancelled) this.studio.tell(error.message, true);
     } finally {
-      button.disabled = this.exporting = false;
+      running(false);
     }
   }
 }

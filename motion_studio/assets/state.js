@@ -10,7 +10,8 @@ import { MOST_POSES, asJson, withPath, withPose } from "./control.js";
 export const SHORTEST = 0.6,
   LONGEST = 120,
   MOST_BLOCKS = 64,
-  MOST_TAKES = 8;
+  MOST_TAKES = 8,
+  LONGEST_PROMPT = 1000; // characters
 const KEPT = 200; // steps that can be undone
 const DEFAULT_SECONDS = 3;
 

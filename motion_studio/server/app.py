@@ -52,7 +52,8 @@ class Studio:
     routes = [
         WebSocketRoute("/v1/stream", self._stream),
         Route("/v1/status", self._status), Route("/v1/models", self._models),
-        Route("/v1/progress", self._progress), Route("/v1/suggestions", self._suggestions),
+        Route("/v1/progress", self._progress), Route("/v1/cancel", self._cancel, methods=["POST"]),
+        Route("/v1/suggestions", self._suggestions),
         Route("/v1/generate", self._json(self.handler.generate), methods=["POST"]),
         Route("/v1/multi-prompt", self._json(self.handler.multi_prompt), methods=["POST"]),
         Route("/v1/edit", self._json(self.handler.edit), methods=["POST"]),
@@ -87,6 +88,12 @@ class Studio:
   async def _progress(self, request: Request) -> Response:
     work = self.works.get(request.query_params.get("work", ""))
     return JSONResponse(work.state() if work else progress.Work().state())
+
+  async def _cancel(self, request: Request) -> Response:
+    work = self.works.get(request.query_params.get("work", ""))
+    if work is not None:
+      work.cancelled = True
+    return JSONResponse({"cancelled": work is not None})
 
   async def _suggestions(self, request: Request) -> Response:
     async def answer():
@@ -250,6 +257,8 @@ async def _reply(answer):
     return await answer()
   except Refused as error:
     return _error(error.status, str(error))
+  except progress.Cancelled:
+    return _error(409, "this request was cancelled")
   except (InputError, ValueError) as error:
     return _error(400, reason(error, 400))
 

@@ -13,8 +13,8 @@ _NOTES = {"notes": {"type": "array", "items": {"type": "string"}},
           "unknown": {"type": "array", "items": {"type": "string"}, "description": "words the model does not know"}}
 _ERROR = {"type": "object", "properties": {"error": {"type": "object", "properties": {
     "status": {"type": "integer"}, "message": {"type": "string", "description": "one sentence"}}}}}
-_REFUSALS = {"400": "the request is not valid", "401": "no token", "403": "sent by another page", "413": "too large",
-             "429": "too many requests", "500": "a fault of the program"}
+_REFUSALS = {"400": "the request is not valid", "401": "no token", "403": "sent by another page", "409": "cancelled",
+             "413": "too large", "429": "too many requests", "500": "a fault of the program"}
 
 
 def described(limits: Limits) -> dict[str, Any]:
@@ -27,6 +27,8 @@ def described(limits: Limits) -> dict[str, Any]:
       "/v1/models": {"get": _answer("the models and their loading progress", {"type": "object"})},
       "/v1/progress": {"get": _answer("progress of the request with this x-work header", {"type": "object"})
                        | {"parameters": [_query("work", "the value of its x-work header")]}},
+      "/v1/cancel": {"post": _answer("ends the request with this x-work header", {"type": "object"})
+                     | {"parameters": [_query("work", "the value of its x-work header")]}},
       "/v1/suggestions": {"get": _answer("prompts that a model can do", {"type": "object"})
                           | {"parameters": [_query("model", "a name of /v1/models"),
                                             _query("words", "adds training captions of similar meaning")]}},
@@ -34,7 +36,9 @@ def described(limits: Limits) -> dict[str, Any]:
           "motions": listed(_MOTION), "constraints": listed(_REPORT)} | _NOTES)},
       "/v1/multi-prompt": {"post": _request("one motion of several prompts", fields.schema(MULTI_PROMPT, limits), {
           "motion": _MOTION, "constraints": _REPORT, "reused_frames": {"type": "integer"},
-          "same_frames": {"type": "integer"}} | _NOTES)},
+          "same_frames": {"type": "integer"}, "segments": listed({"type": "object", "properties": _NOTES | {
+              "nearest": {"type": "string", "description": "the training caption closest to a prompt with notes"}}})
+          } | _NOTES)},
       "/v1/edit": {"post": _request("regenerates frames of a motion", edit, {
           "motion": _MOTION, "made": fields.Spans().value_schema(limits)} | _NOTES)},
       "/v1/project": {"post": _request("validates a project and returns it with every field", {

@@ -21,6 +21,7 @@ from motion_studio.server.multi_prompt import MultiPromptCache
 from motion_studio.server.request_tables import EDIT, GENERATE, MULTI_PROMPT
 from motion_studio.server.security import Refused
 
+_CHECKED = 0.5  # seconds after which a waiting request looks whether it was cancelled
 _LOADING = 600  # seconds to wait for a model that may have the ability
 
 
@@ -39,7 +40,8 @@ class RequestHandler:
       raise Refused(429, f"{2 * self.limits.jobs} requests are running already; wait for one of them")
     try:
       with progress.part("waiting for another motion that is being generated"):
-        self._places.acquire()
+        while not self._places.acquire(timeout=_CHECKED):
+          progress.check()
       try:
         yield
       finally:
@@ -169,8 +171,8 @@ def notes_and_unknown_words(pipeline: Any, prompts: list[str], notes: Sequence[s
 
 
 def segment_notes(pipeline: Any, prompts: Sequence[str]) -> dict[str, Any]:
-  """{notes, unknown, segments}: segments has {notes, unknown, nearest} of each prompt, nearest the training caption that
-  is closest in meaning, "" for a prompt without notes."""
+  """{notes, unknown, segments}: segments has {notes, unknown, nearest} of each prompt, nearest the training caption
+  that is closest in meaning, "" for a prompt without notes."""
   of_prompt = {prompt: notes_and_unknown_words(pipeline, [prompt]) for prompt in dict.fromkeys(prompts)}
   segments = [{"notes": of_prompt[prompt]["notes"], "unknown": of_prompt[prompt].get("unknown", []),
                "nearest": nearest_caption(pipeline, prompt) if any(of_prompt[prompt].values()) else ""}

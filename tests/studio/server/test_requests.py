@@ -142,6 +142,34 @@ def test_a_request_says_how_far_it_is(client, studio, monkeypatch):
   assert client.get("/v1/progress?work=mine").json()["doing"] == "" and not studio.works
 
 
+def test_a_request_that_is_cancelled_ends_where_it_reports_its_progress(client, studio, monkeypatch):
+  """And gives its place and its cached streams back."""
+  count, states = progress.count, []
+
+  def cancel(*state):
+    states.append(state)
+    assert client.post("/v1/cancel?work=mine").json() == {"cancelled": True}
+    count(*state)
+
+  body = {"segments": [{"prompt": "a person walks", "seconds": 2.4}], "model": "tiny", "seed": 77}
+  monkeypatch.setattr(progress, "count", cancel)
+  assert "cancelled" in refusal(client.post("/v1/multi-prompt", json=body, headers={"x-work": "mine"}), 409)
+  assert len(states) == 1 and not studio.works
+  monkeypatch.setattr(progress, "count", count)
+  assert client.post("/v1/cancel?work=mine").json() == {"cancelled": False}
+  assert client.post("/v1/multi-prompt", json=body, headers={"x-work": "mine"}).status_code == 200
+
+
+def test_each_segment_has_its_own_notes_and_the_nearest_caption(client, library):
+  prompts = "a person walks", "a person floobles", "a person walks"
+  segments = [{"prompt": prompt, "seconds": 0.6} for prompt in prompts]
+  reply = client.post("/v1/multi-prompt", json={"segments": segments, "model": "tiny"}).json()
+  known, odd, again = reply["segments"]
+  assert known == again == {"notes": [], "unknown": [], "nearest": ""}
+  assert "floobles" in odd["notes"][0] and odd["notes"] == reply["notes"] and odd["unknown"] == reply["unknown"]
+  assert odd["nearest"] in library.model("tiny", "generate").captions.texts
+
+
 def test_suggestions_are_prompts_that_the_model_knows(client, library):
   found = client.get("/v1/suggestions?model=tiny&words=a person jumps").json()
   model = library.model("tiny", "generate")

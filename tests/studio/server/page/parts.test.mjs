@@ -9,12 +9,13 @@ import { Live } from "./live.js";
 import { socketAddress } from "./stream.js";
 import { contacts, curves, footprints, fromJson, isEdited, part, toJson } from "./motion.js";
 import { Player } from "./player.js";
-import { liveRows, liveProject } from "./timeline_rows.js";
+import { liveRows, liveProject, timelineRows } from "./timeline_rows.js";
 import { read, readSeed } from "./sampling.js";
 import { between, indexAt, panned, showing, zoomed } from "./scale.js";
 import { initial, keyOf, placed, reduce, saved, snapped } from "./state.js";
 import { MultiPrompt, joined } from "./multi_prompt.js";
-import { legendOf, liveDetails, liveText, statusOf, workText } from "./messages.js";
+import { legendOf, liveDetails, liveText, remarkOf, statusOf, workText } from "./messages.js";
+import { shares } from "./shares.js";
 
 const acted = (...actions) => actions.reduce(reduce, initial());
 const three = () =>
@@ -276,6 +277,53 @@ test("a multiPrompt is made once, undo shows what there was, an edit does not ma
     ["kept", "new"],
   );
   assert.equal(state().project.edits.length, 1);
+});
+
+test("the share of a request rises within a part, counted or estimated", () => {
+  const share = shares("edit", () => 0),
+    at = (seconds, more = {}) => share.of({ doing: "compiling, which", done: 0, of: 0, seconds, ...more });
+  const found = [1, 5, 30, 88].map((seconds) => at(seconds));
+  assert.ok(found.every((value, i) => value > (found[i - 1] ?? 0) && value < 1), String(found));
+  assert.equal(at(90, { doing: "drawing", done: 3, of: 12 }), 0.25);
+  assert.equal(at(91, { doing: "drawing", done: 1, of: 12 }), 0.25);
+});
+
+test("a block's note has one line and the caption to use instead, and stays with the motion", async () => {
+  assert.equal(remarkOf({ notes: [], unknown: [] }), null);
+  assert.deepEqual(remarkOf({ notes: ["a", "b"], unknown: ["yodels"], nearest: "sings" }), {
+    text: "a\nb", short: "the model has not learned: yodels", nearest: "sings" }); // prettier-ignore
+  const { multiPrompt, act, notes, state } = studio(),
+    made = multiPrompt.api.multiPrompt;
+  multiPrompt.api.multiPrompt = async (request) => ({ ...(await made(request)),
+    segments: request.segments.map(({ prompt }) => (prompt === "yodel" ? { notes: ["odd"], unknown: [], nearest: "sing" } : {})) }); // prettier-ignore
+  act({ type: "add", prompt: "walk" });
+  act({ type: "add", prompt: "yodel" });
+  await multiPrompt.make();
+  const marks = () => timelineRows(state(), multiPrompt, 0).rows.map(({ remark }) => remark?.nearest ?? "");
+  assert.deepEqual(marks(), ["", "sing"]);
+  assert.deepEqual(notes, []); // nothing covers the body
+  act({ type: "edit", id: 2, prompt: "sing" });
+  assert.deepEqual(marks(), ["", ""]);
+  act({ type: "undo" });
+  const other = studio();
+  other.act({ type: "restore", state: structuredClone(state()) });
+  other.multiPrompt.restore(structuredClone(multiPrompt.toKeep().rows));
+  assert.equal(other.multiPrompt.remark("yodel").nearest, "sing");
+});
+
+test("a motion that is cancelled is not reported, and the rest of the takes is left", async () => {
+  const { multiPrompt, act, notes, asked } = studio();
+  act({ type: "add", prompt: "walk" });
+  act({ type: "addTake", seed: 1 });
+  multiPrompt.api.multiPrompt = (request, report, signal) =>
+    new Promise((_, failed) => {
+      asked.push(request.seed);
+      signal.addEventListener("abort", () => failed(Object.assign(new Error("cancelled"), { cancelled: true })));
+    });
+  const making = multiPrompt.make([0, 1]);
+  multiPrompt.cancel();
+  await making;
+  assert.deepEqual([notes, asked, multiPrompt.busy, multiPrompt.stale], [[], [0], null, true]);
 });
 
 test("a refusal is reported and loses nothing", async () => {
@@ -541,7 +589,8 @@ test("the page says in plain words how it goes, and figures on demand", () => {
   page.starved = false;
   assert.match(liveText(page), /slower than it plays/);
   assert.match(liveDetails(page), /0.0 s ahead, 0.6 s in flight, block 9 ms, 1 pauses/);
-  assert.equal(workText({ doing: "making the motion", done: 30, of: 120, seconds: 4.2 }), "making the motion: 25 % (4 s)");
+  assert.equal(workText({ doing: "making the motion", of: 120, share: 0.25, seconds: 4.2 }), "25 %, 4 s: making the motion");
+  assert.equal(workText({ doing: "compiling", of: 0, share: 0.4, seconds: 9 }), "about 40 %, 9 s: compiling");
   const multiPrompt = { busy: null, stale: true };
   const status = (more) => statusOf({ mode: "timeline", live: page, multiPrompt, models: [], blocks: 1, ...more });
   assert.deepEqual(status(), { text: "changed; press Make", is: "busy" });
