@@ -1,4 +1,5 @@
-// Whose body moves: the mannequin, or a character of the user's, a .glb or .vrm that never leaves this browser.
+// Whose body moves: the mannequin, or a character of the user's, a .glb or .vrm. It leaves this
+// browser only when a motion is exported on it, for the studio writes the file.
 
 const STORE = "characters",
   MOST = 4, // characters that this browser keeps; the oldest are deleted
@@ -43,6 +44,11 @@ export class Characters {
     const shown = [...this.kept.values()].find((record) => record.shown);
     if (shown) await this.show(shown.name);
     this.list();
+  }
+
+  /** {name, bytes} of the character that is shown, or null for the mannequin. */
+  get current() {
+    return this.kept.get(this.shown) ?? null;
   }
 
   objects(mode) {

@@ -278,6 +278,7 @@ const panels = (studio.panels = new Panels({
   tell,
   forget,
   load: (file) => studio.characters.load(file),
+  character: () => studio.characters.current,
   motion: studio.motion,
   livePieces: () => studio.livePieces(),
   mode: () => studio.mode,

@@ -244,7 +244,7 @@ export class Panels {
     $("export-panel").showModal();
     $("export-button").disabled = true; // until the formats are there
     try {
-      await this.choices.open();
+      await this.choices.open(this.studio.character());
     } catch (error) {
       $("export-status").textContent = `the formats did not come: ${error.message}; close this and try again`;
     }
@@ -255,7 +255,7 @@ export class Panels {
       format = $("format").value,
       button = $("export-button");
     let motion = this.exported;
-    const request = { ...this.choices.read(), in_place: $("in-place").checked, loop: $("loop").checked };
+    const request = { in_place: $("in-place").checked, loop: $("loop").checked };
     const { control } = this.studio.state().project;
     if (this.studio.mode() === "timeline" && control.length && !this.studio.multiPrompt.stale) request.control = asJson(control);
     if ($("export-name").value.trim()) request.name = $("export-name").value.trim();
@@ -273,6 +273,7 @@ export class Panels {
     $("export-work").removeAttribute("value");
     status.textContent = "writing the file";
     try {
+      Object.assign(request, await this.choices.read());
       const { blob, name } = await api.exportMotion({ motion: toJson(motion), ...request }, (work) => {
         status.textContent = workText(work);
         $("export-work").value = work.share;

@@ -27,6 +27,7 @@ export function expose(studio) {
     made: () => multiPrompt.shown?.meta?.made ?? null,
     takes: () => studio.state.project.seeds.map((seed, take) => ({ seed, made: Boolean(multiPrompt.of(take)) })),
     figures: () => studio.view?.figures.length ?? 0,
+    size: () => studio.view?.size ?? 1,
     draws: () => studio.view?.stage.renderer.info.render.frame ?? 0,
     characters: () => ({ shown: studio.characters.shown, kept: [...studio.characters.kept.keys()] }),
     ghosts: () => studio.view?.ghosts.length ?? 0,
@@ -71,7 +72,7 @@ export function expose(studio) {
   window.__studio = {
     seek: (second) => studio.seek(second),
     /** Where the bones of a character are drawn, {joint: [x, y, z]}. */
-    places: () => studio.view.figures[0].skin.places(),
+    places: () => studio.view.places(),
     /** Where on the page a point of the floor is, in pixels. */
     screenOf: (x, z) => studio.view.screenOf(x, z),
     /** Coordinates of the joints of frames from first up to past, as they are played. */

@@ -22,6 +22,9 @@ export class View {
     this.figures = [];
     this.ghosts = [];
     this.character = null; // the body of the user's, instead of the mannequin
+    this.world = new this.parts.three.Group(); // what is in the motion's metres, see `size`
+    this.size = 1;
+    this.stage.scene.add(this.world);
     this.steps = this.makeSteps();
     this.way = null;
     this.turned = true; // the camera, since the last drawing
@@ -30,7 +33,7 @@ export class View {
       this.turned = true;
     });
     this.marks = new this.parts.Marks(); // of constraints
-    this.stage.scene.add(this.marks.group);
+    this.world.add(this.marks.group);
     this.drawing = false; // somebody draws a path: the camera stays where it is
     this.frame();
     new ResizeObserver(() => this.resize()).observe(element);
@@ -42,10 +45,11 @@ export class View {
     this.stage.draw();
   }
 
-  // Puts the camera in front of the origin.
+  // Puts the camera in front of a place of the motion.
   frame(x = 0, z = 0) {
     const { camera, controls } = this.stage,
       distance = 6.2;
+    [x, z] = [x * this.size, z * this.size];
     controls.target.set(x, 0.95, z);
     camera.position.set(x + distance * 0.6, 0.95 + distance * 0.25, z + distance * 0.75);
     this.stage.fog(distance + 6, distance + 24);
@@ -60,7 +64,7 @@ export class View {
     steps.frustumCulled = false;
     steps.count = 0;
     this.sides = { left: new Color(0x2f8bd0), right: new Color(0xe9703f), now: new Color(0x35b56a) };
-    this.stage.scene.add(steps);
+    this.world.add(steps);
     return steps;
   }
 
@@ -76,8 +80,8 @@ export class View {
     lines.setAttribute("position", new three.BufferAttribute(new Float32Array(6 * count), 3));
     figure.sticks = new three.LineSegments(lines, new three.LineBasicMaterial({ color: 0x4a90d9 }));
     figure.sticks.frustumCulled = false;
-    if (skin) this.stage.scene.add(figure.skin.group);
-    this.stage.scene.add(figure.sticks);
+    if (skin) this.world.add(figure.skin.group);
+    this.world.add(figure.sticks);
     return figure;
   }
 
@@ -85,6 +89,16 @@ export class View {
   wear(character) {
     this.show([]);
     this.character = character;
+    this.scale(1); // until it is posed
+  }
+
+  // A character is drawn as tall as the mannequin, whatever its legs, and all that is in metres of the motion with it.
+  scale(size) {
+    if (size === this.size) return;
+    const { target } = this.stage.controls;
+    this.stage.carry(target.x * (size / this.size - 1), target.z * (size / this.size - 1));
+    this.world.scale.setScalar((this.size = size));
+    this.world.updateMatrixWorld(true);
   }
 
   // Joints without a known parent are attached to the root.
@@ -95,10 +109,10 @@ export class View {
 
   drop(figure) {
     if (figure.skin) {
-      this.stage.scene.remove(figure.skin.group);
+      this.world.remove(figure.skin.group);
       figure.skin.dispose();
     }
-    this.stage.scene.remove(figure.sticks);
+    this.world.remove(figure.sticks);
     figure.sticks.geometry.dispose();
     figure.sticks.material.dispose();
   }
@@ -147,7 +161,8 @@ export class View {
         this.figures[i] = this.makeFigure(motion.count, this.parentsOf(motion, parents));
       }
       const figure = this.figures[i];
-      this.pose(figure, motion, at, i * LANE);
+      this.pose(figure, motion, at, (i * LANE) / this.size);
+      if (!i) this.scale(figure.skin?.size ?? 1);
       if (figure.edited !== edited) {
         figure.edited = edited;
         figure.skin?.color(edited === null || edited === undefined ? null : edited ? ORANGE : BLUE);
@@ -166,7 +181,7 @@ export class View {
 
   removeWay() {
     if (!this.way) return;
-    this.stage.scene.remove(this.way);
+    this.world.remove(this.way);
     this.way.geometry.dispose();
     this.way.material.dispose();
     this.way = null;
@@ -174,8 +189,7 @@ export class View {
 
   // What lies on the ground of a motion, up to a frame of it: way, steps, ghosts.
   lay(motion, steps, past = motion.frames) {
-    const { scene } = this.stage,
-      { three, ribbon } = this.parts;
+    const { three, ribbon } = this.parts;
     this.removeWay();
     if (this.options.path && past > 1) {
       const roots = Array.from({ length: past }, (_, t) => {
@@ -183,7 +197,7 @@ export class View {
         return [motion.joints[k], motion.joints[k + 2]];
       });
       this.way = ribbon(roots);
-      scene.add(this.way);
+      this.world.add(this.way);
     }
     const prints = this.options.steps ? steps.filter((step) => step.first < past).slice(-MOST_STEPS) : [];
     const matrix = new three.Matrix4();
@@ -257,12 +271,18 @@ export class View {
     this.drawing = this.turned = true;
   }
 
+  /** Where the bones of the first character are drawn, {joint: [x, y, z]} in metres of the motion. */
+  places() {
+    const found = Object.entries(this.figures[0].skin.places());
+    return Object.fromEntries(found.map(([joint, place]) => [joint, place.map((value) => value / this.size)]));
+  }
+
   /** Where on the page a point of the floor is. */
   screenOf(x, z) {
     const box = this.stage.renderer.domElement.getBoundingClientRect(),
       { camera } = this.stage;
     camera.updateMatrixWorld();
-    const at = new this.parts.three.Vector3(x, 0, z).project(camera);
+    const at = new this.parts.three.Vector3(x, 0, z).multiplyScalar(this.size).project(camera);
     return [box.left + ((at.x + 1) / 2) * box.width, box.top + ((1 - at.y) / 2) * box.height];
   }
 
@@ -280,7 +300,7 @@ export class View {
       .sub(camera.position);
     if (ray.y >= 0) return null;
     const at = ray.multiplyScalar(-camera.position.y / ray.y).add(camera.position);
-    return Math.hypot(at.x - controls.target.x, at.z - controls.target.z) < most ? [at.x, at.z] : null;
+    return Math.hypot(at.x - controls.target.x, at.z - controls.target.z) < most ? [at.x / this.size, at.z / this.size] : null;
   }
 
   /** other: whether something else is to be seen; a picture that stays the same is not drawn again. */
@@ -288,8 +308,8 @@ export class View {
     if (this.options.follow && this.figures.length && !this.drawing) {
       const { target } = this.stage.controls,
         easing = Math.min(1, passed * 5);
-      const x = this.figures.reduce((sum, figure) => sum + figure.places[0].x, 0) / this.figures.length;
-      const z = this.figures[0].places[0].z;
+      const x = (this.size * this.figures.reduce((sum, figure) => sum + figure.places[0].x, 0)) / this.figures.length;
+      const z = this.size * this.figures[0].places[0].z;
       this.turned ||= Math.hypot(x - target.x, z - target.z) > 1e-3;
       this.stage.carry((x - target.x) * easing, (z - target.z) * easing);
     }

@@ -11,17 +11,18 @@ from motion_jax.motion.rigs import all_rigs
 from motion_jax.utils.errors import InputError, reason
 
 RENDERED = ("mp4", "gif", "png", "jpg", "html")  # pictures and pages: the body is drawn
-_OPTIONS = ("rig", "t_pose", "fps")
+OF_CHARACTERS = ("glb", "vrm")
+OPTIONS = ("rig", "t_pose", "fps", "character")
 
 
 @functools.cache
 def formats() -> dict[str, tuple[str, ...]]:
-  """{format: those of _OPTIONS that its writer takes} of all writers that need no file besides the motion."""
+  """{format: those of OPTIONS that its writer takes} of all writers."""
   found = {}
   for ending, write in export.WRITERS.items():
     takes, kind = inspect.signature(write).parameters, ending[1:]
-    if "file" not in takes:
-      found[kind] = tuple(option for option in _OPTIONS if option in takes or option == "fps" and kind not in RENDERED)
+    found[kind] = tuple(option for option in OPTIONS if option in takes or option == "fps" and kind not in RENDERED
+                        or option == "character" and kind in OF_CHARACTERS)
   return found
 
 

@@ -22,7 +22,11 @@ def exported(body: Any, limits: Limits) -> tuple[bytes, str, str]:
   """(bytes, media type, file name) of a request with the fields of EXPORT."""
   request = fields.parse(EXPORT, body, limits)
   clip, kind = request.motion, request.format
-  given = export_choices.options_of(kind, {name: getattr(request, name) for name in ("rig", "fps", "t_pose")})
+  given = export_choices.options_of(kind, {name: getattr(request, name) for name in export_choices.OPTIONS})
+  if request.rig and request.character is not None:
+    raise InputError("got a rig and a character, which keeps its own bones; give one of them")
+  if kind == "vrm" and request.character is None:
+    raise InputError("got the format vrm without a character; give one, or choose vrma for the motion alone")
   name = request.name or (clip.captions[0].text if clip.captions else clip.id)
   shown = variant(clip, request.trim, request.in_place, request.loop)
   draws = request.control and kind in export_choices.RENDERED and not request.in_place and not request.loop
@@ -57,8 +61,8 @@ def variant(clip: Any, trim: Any = None, still: bool = False, loop: bool = False
   return clip
 
 
-def written(clip: Any, kind: str, **options: Any) -> bytes:
-  """The bytes of the file that `export.save` writes with these options."""
+def written(clip: Any, kind: str, character: bytes | None = None, **options: Any) -> bytes:
+  """The bytes of the file that `export.save` writes with these options; character: those of a rigged .glb or .vrm."""
   if kind in export_choices.RENDERED:
     if kind in ("mp4", "gif") and clip.seconds > _FILM_SECONDS:
       raise InputError(f"got a motion of {clip.seconds:.0f} s for a film, expected at most {_FILM_SECONDS:g} s; "
@@ -66,11 +70,15 @@ def written(clip: Any, kind: str, **options: Any) -> bytes:
     if _are_spans(clip.meta.get("made"), clip.num_frames):
       options["colors"] = colors_of(clip)
   with tempfile.TemporaryDirectory() as folder:
-    path = Path(folder) / f"motion.{kind}"
+    path, file = Path(folder) / f"motion.{kind}", Path(folder) / "character.glb"
+    if character is not None:
+      file.write_bytes(character)
+      options["file"] = file
     try:
       export.save(clip, path, **options)
     except (ValueError, OSError, RuntimeError) as error:
-      raise InputError(str(error).splitlines()[0].replace(str(path), f"the .{kind} file")) from None
+      raise InputError(str(error).splitlines()[0].replace(str(path), f"the .{kind} file").replace(
+          str(file), "the character")) from None
     return path.read_bytes()
 
 

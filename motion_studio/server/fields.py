@@ -3,6 +3,7 @@
 A request is a table {name: Field}. `parse` reads a JSON object by it, `schema` describes it (openapi.py), so that the
 two cannot differ. A field that is null is treated as missing. Bounds may be the name of a field of `Limits`.
 """
+import base64
 import dataclasses
 import math
 from collections.abc import Mapping
@@ -67,6 +68,21 @@ class Text(Field):
 
   def value_schema(self, limits):
     return {"type": "string", "maxLength": self.longest}
+
+
+@dataclasses.dataclass(frozen=True)
+class Bytes(Field):
+  """The bytes of a file, in base64."""
+
+  def read(self, value, name, limits):
+    try:
+      return base64.b64decode(value, validate=True)
+    except (TypeError, ValueError):
+      raise InputError(f"got a {name} that is not in base64, expected the bytes of a file") from None
+
+  def value_schema(self, limits):
+    return {"type": "string", "contentEncoding": "base64",
+            "pattern": "^([A-Za-z0-9+/]{4})*([A-Za-z0-9+/]{2}==|[A-Za-z0-9+/]{3}=)?$"}
 
 
 @dataclasses.dataclass(frozen=True)

@@ -1,6 +1,7 @@
 """The fields of all requests, of stream messages and of project files (docs/protocol.md)."""
 from motion_studio.server import export_choices
 from motion_studio.server.fields import (
+  Bytes,
   Choice,
   Control,
   Listed,
@@ -47,7 +48,8 @@ EXPORT = {
     "loop": Switch(default=False), "control": _CONTROL,
     "rig": Text(60, default=None, about="a rig of /v1/export-choices, for the formats that take one"),
     "fps": Number(1, 240, default=None, about="frame rate of the file; null: the motion's"),
-    "t_pose": Switch(default=False, about="a T-pose before the motion")}
+    "t_pose": Switch(default=False, about="a T-pose before the motion"),
+    "character": Bytes(default=None, about="a rigged .glb or .vrm: the file is this character with the motion")}
 
 _PROJECT_MODEL = Record({"name": Text(), "id": Text(default="")})
 PROJECT = {

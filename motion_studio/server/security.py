@@ -14,9 +14,9 @@ _log = logging.getLogger("motion_studio.server")
 _ADDRESSES = 1000  # of clients with a rate limit at the same time
 _HEADERS = [(b"x-content-type-options", b"nosniff"), (b"referrer-policy", b"no-referrer"),
             (b"cache-control", b"no-store"), (b"x-frame-options", b"SAMEORIGIN"),
-            (b"content-security-policy", b"default-src 'self'; img-src 'self' data: blob:; media-src 'self' blob:; "
-             b"style-src 'self' 'unsafe-inline'; connect-src 'self' blob:; worker-src 'self' blob:; "
-             b"object-src 'none'; base-uri 'none'")]
+            (b"content-security-policy", b"default-src 'self'; script-src 'self' 'wasm-unsafe-eval'; "  # meshopt
+             b"img-src 'self' data: blob:; media-src 'self' blob:; style-src 'self' 'unsafe-inline'; "
+             b"connect-src 'self' blob:; worker-src 'self' blob:; object-src 'none'; base-uri 'none'")]
 
 
 class Refused(Exception):

@@ -1,4 +1,7 @@
 """Rigged characters for the page's viewer: what programs export, what is wrong with some, and a motion that fits."""
+import json
+import struct
+
 import numpy as np
 import pytest
 
@@ -49,3 +52,47 @@ def character(folder, rest, **about):
     patch.setattr(boxes, "HALF", 1e-4)  # soles where the motion has the floor
     boxes.write_character(folder / "body.glb", Clip(rest[None].repeat(2, axis=0), 20.0), **about)
   return (folder / "body.glb").read_bytes()
+
+
+def with_meshopt(data):
+  """The bytes of a .glb with the attributes of its meshes compressed (EXT_meshopt_compression)."""
+  length, = struct.unpack_from("<I", data, 12)
+  document, binary = json.loads(data[20:20 + length]), data[28 + length:]
+  used = {accessor for mesh in document["meshes"] for primitive in mesh["primitives"]
+          for accessor in primitive["attributes"].values()}
+  for number in used:
+    accessor = document["accessors"][number]
+    view = document["bufferViews"][accessor["bufferView"]]
+    stride = view.get("byteStride") or {5121: 1, 5123: 2, 5126: 4}[accessor["componentType"]] * {
+        "VEC2": 2, "VEC3": 3, "VEC4": 4}[accessor["type"]]
+    begin = view.get("byteOffset", 0)
+    rows = np.frombuffer(binary[begin:begin + view["byteLength"]], np.uint8).reshape(-1, stride)
+    packed, offset = _meshopt(rows), len(binary) + -len(binary) % 4
+    binary = binary.ljust(offset, b"\0") + packed
+    view["extensions"] = {"EXT_meshopt_compression": {
+        "buffer": 0, "byteOffset": offset, "byteLength": len(packed), "byteStride": stride, "count": len(rows),
+        "mode": "ATTRIBUTES"}}
+  for key in ("extensionsUsed", "extensionsRequired"):
+    document[key] = [*document.get(key, []), "EXT_meshopt_compression"]
+  document["buffers"][0]["byteLength"] = len(binary)
+  text = json.dumps(document).encode()
+  text, binary = text.ljust(len(text) + -len(text) % 4), binary.ljust(len(binary) + -len(binary) % 4, b"\0")
+  head = struct.pack("<III", 0x46546C67, 2, 28 + len(text) + len(binary))
+  return (head + struct.pack("<II", len(text), 0x4E4F534A) + text + struct.pack("<II", len(binary), 0x004E4942)
+          + binary)
+
+
+def _meshopt(rows):
+  """Rows of bytes (N, stride) in the vertex format of meshoptimizer, version 0, every group of 16 as it is."""
+  count, stride = rows.shape
+  per_block, out = min(8192 // stride & ~15, 256), b"\xa0"
+  for begin in range(0, count, per_block):
+    block = rows[begin:begin + per_block].astype(np.int16)
+    before = np.concatenate([rows[max(begin - 1, 0)][None].astype(np.int16), block[:-1]])
+    delta = (block - before).astype(np.int8)
+    coded = ((delta << 1) ^ (delta >> 7)).astype(np.uint8)
+    coded = np.concatenate([coded, np.zeros((-len(coded) % 16, stride), np.uint8)])
+    groups = len(coded) // 16
+    for column in coded.T:
+      out += b"\xff" * ((groups + 3) // 4) + column.tobytes()
+  return out + rows[0].tobytes().rjust(max(stride, 32), b"\0")

@@ -37,6 +37,7 @@ def expected(tmp_path_factory):
   rest, folder = np.array(body["rest"]), tmp_path_factory.mktemp("characters")
   write = lambda about: characters.character(folder, rest, **about)
   whole = {name: write(about) for name, about in characters.CHARACTERS.items()}
+  whole["meshopt.glb"] = characters.with_meshopt(whole["mixamo.glb"])
   refused = {name: (made(whole["unity.glb"]) if callable(made) else write(made), words)
              for name, (made, words) in characters.REFUSED.items()}
   text = lambda data: base64.b64encode(data).decode()

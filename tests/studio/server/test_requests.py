@@ -10,12 +10,14 @@ import pytest
 from motion_jax import export
 from motion_jax.data.clip import Caption
 from motion_jax.data.datasets.synthetic import synthetic_clips
+from motion_jax.export.html import resting_body
 from motion_jax.models.results import captions_with
 from motion_jax.motion.looping import in_place
 from motion_jax.motion.rigs import all_rigs
 from motion_jax.motion.skeleton import bone_lengths
 from motion_jax.utils import progress
 from motion_studio.server import serialization
+from tests.studio.server.characters import CHARACTERS, character
 from tests.studio.server.conftest import refusal
 
 
@@ -193,7 +195,8 @@ def test_exports_are_files_that_open(client, walk, kind):
 def test_all_writers_and_rigs_of_the_library_are_offered(client, walk, tmp_path):
   found = client.get("/v1/export-choices").json()
   offered = {row["name"]: row["options"] for row in found["formats"]}
-  assert {"." + name for name in offered} | {".vrm"} >= set(export.WRITERS)  # a .vrm is written of a user's file
+  assert {"." + name for name in offered} >= set(export.WRITERS)
+  assert [name for name in offered if "character" in offered[name]] == ["glb", "vrm"]
   assert {row["name"] for row in found["rigs"]} == set(all_rigs())
   assert offered["bvh"] == ["rig", "t_pose", "fps"] and offered["npz"] == ["fps"] and offered["html"] == []
   missing = {row["name"]: row["missing"] for row in found["formats"]}
@@ -204,6 +207,26 @@ def test_all_writers_and_rigs_of_the_library_are_offered(client, walk, tmp_path)
   made = export.load(tmp_path / "a.bvh")
   assert b"mixamorig:LeftUpLeg" in (tmp_path / "a.bvh").read_bytes() and round(made.fps) == 40
   assert made.num_frames > 2 * clip.num_frames - 2
+
+
+def test_a_motion_is_exported_on_the_character_that_the_page_shows(client, walk, tmp_path):
+  """With its own mesh and bones, as `--character` writes it."""
+  clip, sent = walk
+  data = character(tmp_path, np.array(resting_body()["rest"]), **CHARACTERS["one.vrm"])
+  body = {"motion": sent, "character": base64.b64encode(data).decode(), "name": "wave"}
+  for kind in ("glb", "vrm"):
+    reply = client.post("/v1/export", json=body | {"format": kind})
+    assert reply.status_code == 200, reply.text
+    (tmp_path / f"made.{kind}").write_bytes(reply.content)
+    (tmp_path / "own.glb").write_bytes(data)
+    export.save(serialization.from_json(sent, 1000), tmp_path / f"cli.{kind}", file=tmp_path / "own.glb")
+    assert (tmp_path / f"made.{kind}").read_bytes() == (tmp_path / f"cli.{kind}").read_bytes()
+  for change, words in (({"format": "bvh"}, "got character for the format bvh, expected one of glb, vrm"),
+                        ({"format": "glb", "rig": "mixamo"}, "keeps its own bones"),
+                        ({"format": "vrm", "character": None}, "vrm without a character"),
+                        ({"format": "glb", "character": "no base64!"}, "not in base64"),
+                        ({"format": "glb", "character": base64.b64encode(data[:3000]).decode()}, "the character")):
+    assert words in refusal(client.post("/v1/export", json=body | change)), change
 
 
 def test_variants_of_an_export(client, walk):

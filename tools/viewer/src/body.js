@@ -28,6 +28,15 @@ function geometries(body) {
   return body.geometries;
 }
 
+/** How tall a body is at rest, metres. */
+export function heightOf(body) {
+  const heights = geometries(body).flatMap((geometry) => {
+    geometry.computeBoundingBox();
+    return [geometry.boundingBox.min.y, geometry.boundingBox.max.y];
+  });
+  return Math.max(...heights) - Math.min(...heights);
+}
+
 // A body that stands as it is told.
 export class Figure {
   constructor(body, colors, {opacity = 1} = {}) {

@@ -1,9 +1,12 @@
 // A character of the user's instead of the mannequin: a rigged .glb or .vrm, read in the page, never uploaded.
 import {Color, Group, Matrix4, Quaternion, SRGBColorSpace, Vector3} from 'three';
 import {clone} from 'three/examples/jsm/utils/SkeletonUtils.js';
+import {heightOf} from './body.js';
 import {readGlb} from './glb.js';
 import {findHumanoid} from './humanoid.js';
 import {Retarget, facing} from './retarget.js';
+
+const LARGEST = 4; // times that a character is enlarged, or made smaller, to the height of the body
 
 /** A character from the bytes of a file; an Error says in a sentence why it cannot move. */
 export async function readCharacter(bytes, name, words) {
@@ -44,7 +47,8 @@ export class Character {
     this.bones.forEach((bone, i) => {
       if (i && bone.parent < 0) throw new Error(`${name} has bones in several trees (${bone.joint}); export one armature`);
     });
-    this.sole = soleOf(this.scene, joints);
+    const {sole, top} = extentOf(this.scene, joints);
+    Object.assign(this, {sole, height: top - sole});
     const leg = first('left_hip').distanceTo(first('left_knee'));
     if (!(leg > 0) || !Number.isFinite(this.sole)) throw new Error(`${name} has bones or points in one place; export it in its rest pose`);
   }
@@ -61,10 +65,11 @@ function turnOf(object) {
   return turned;
 }
 
-// The lowest point of the feet at rest; of the whole mesh, if none hangs on them.
-function soleOf(scene, joints) {
-  const feet = new Set(['left_ankle', 'right_ankle'].flatMap((joint) => list(joints[joint][0]))), point = new Vector3();
-  let sole = Infinity, lowest = Infinity;
+// {sole, top} at rest: the lowest point of the feet and the highest of the head; of the whole mesh, if none hangs on them.
+function extentOf(scene, joints) {
+  const below = (...names) => new Set(names.filter((joint) => joints[joint]).flatMap((joint) => list(joints[joint][0])));
+  const feet = below('left_ankle', 'right_ankle'), head = below('neck', 'head'), point = new Vector3();
+  let sole = Infinity, lowest = Infinity, top = -Infinity, highest = -Infinity;
   scene.traverse((mesh) => {
     if (!mesh.isSkinnedMesh) return;
     const {position, skinIndex, skinWeight} = mesh.geometry.attributes;
@@ -73,15 +78,19 @@ function soleOf(scene, joints) {
       const most = [0, 1, 2, 3].reduce((best, k) => (skinWeight.getComponent(i, k) > skinWeight.getComponent(i, best) ? k : best), 0);
       mesh.getVertexPosition(i, point).applyMatrix4(mesh.matrixWorld);
       lowest = Math.min(lowest, point.y);
-      if (feet.has(mesh.skeleton.bones[skinIndex.getComponent(i, most)])) sole = Math.min(sole, point.y);
+      highest = Math.max(highest, point.y);
+      const bone = mesh.skeleton.bones[skinIndex.getComponent(i, most)];
+      if (feet.has(bone)) sole = Math.min(sole, point.y);
+      if (head.has(bone)) top = Math.max(top, point.y);
     }
   });
-  return Number.isFinite(sole) ? sole : lowest;
+  return {sole: Number.isFinite(sole) ? sole : lowest, top: Number.isFinite(top) ? top : highest};
 }
 
 class CharacterFigure {
   constructor(character, body) {
     this.character = character;
+    this.stature = heightOf(body) / character.height;
     this.group = new Group();
     this.holder = clone(character.scene);
     this.group.add(this.holder);
@@ -109,6 +118,11 @@ class CharacterFigure {
     this.holder.updateMatrixWorld(true);
     pelvis.position.copy(retarget.bones[0].at).multiplyScalar(retarget.scale);
     pelvis.parent.worldToLocal(this.group.localToWorld(pelvis.position));
+  }
+
+  /** By how much what is drawn has to be scaled, so that the character is as tall as the body. */
+  get size() {
+    return Math.min(LARGEST, Math.max(1 / LARGEST, this.stature / this.retarget.scale));
   }
 
   /** {joint: [x, y, z]} of the bones as they are drawn. */

@@ -1,10 +1,10 @@
 // Reads a dropped .glb or .vrm with three.js, after checks whose failure is one sentence for the user.
+import {MeshoptDecoder} from 'three/examples/jsm/libs/meshopt_decoder.module.js';
 import {GLTFLoader} from 'three/examples/jsm/loaders/GLTFLoader.js';
 
 const MAGIC = 0x46546c67, JSON_CHUNK = 0x4e4f534a, MOST = 300e6;  // bytes
 // What the loader reads without the decoders that this page leaves out.
-const UNREAD = {KHR_draco_mesh_compression: 'Draco', EXT_meshopt_compression: 'meshopt',
-  KHR_meshopt_compression: 'meshopt', KHR_texture_basisu: 'Basis textures'};
+const UNREAD = {KHR_draco_mesh_compression: 'Draco', KHR_texture_basisu: 'Basis textures'};
 
 /** The JSON of a .glb; name: for the sentence of an Error where it is none. */
 export function readJson(bytes, name) {
@@ -35,7 +35,7 @@ export async function readGlb(bytes, name) {
   const json = readJson(bytes, name);
   let gltf;
   try {
-    gltf = await new GLTFLoader().parseAsync(bytes, '');
+    gltf = await new GLTFLoader().setMeshoptDecoder(MeshoptDecoder).parseAsync(bytes, '');
   } catch (error) {
     throw new Error(`${name} cannot be read (${String(error.message ?? error).split('\n')[0]}); export it again`);
   }

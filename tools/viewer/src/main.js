@@ -1,6 +1,6 @@
 // The bundle: a page that has motions inside starts by itself; the studio builds its own from these parts.
 import {
-  BufferAttribute, BufferGeometry, CircleGeometry, Color, InstancedMesh, LineBasicMaterial, LineSegments, Matrix4,
+  BufferAttribute, BufferGeometry, CircleGeometry, Color, Group, InstancedMesh, LineBasicMaterial, LineSegments, Matrix4,
   Mesh, MeshBasicMaterial, Quaternion, Vector3,
 } from 'three';
 import {Figure} from './body.js';
@@ -14,7 +14,7 @@ import {Turns} from './turns.js';
 window.motionParts = {
   Figure, Marks, PALE, Stage, Turns, readCharacter, ribbon,
   three: {
-    BufferAttribute, BufferGeometry, CircleGeometry, Color, InstancedMesh, LineBasicMaterial, LineSegments, Matrix4,
+    BufferAttribute, BufferGeometry, CircleGeometry, Color, Group, InstancedMesh, LineBasicMaterial, LineSegments, Matrix4,
     Mesh, MeshBasicMaterial, Quaternion, Vector3,
   },
 };

@@ -46,6 +46,19 @@ for (const [name, bytes] of Object.entries(characters)) {
   });
 }
 
+test("a character is drawn as tall as the mannequin, whatever its unit and its legs", async () => {
+  const { places, rotations } = posed(body.rest),
+    size = async (name) => {
+      const figure = (await read(name, characters[name])).figure(body);
+      figure.put(places, rotations);
+      return { size: figure.size, tall: figure.size * figure.retarget.scale * figure.character.height };
+    };
+  const found = Object.fromEntries(await Promise.all(Object.keys(characters).map(async (name) => [name, await size(name)])));
+  const { tall } = found["mixamo.glb"];
+  assert.ok(tall > 1.6 && tall < 1.9, `${tall} m`);
+  for (const [name, { tall: other }] of Object.entries(found)) assert.ok(Math.abs(other - tall) < 1e-6, `${name}: ${other} m`);
+});
+
 test("a file that is no character gets one sentence with its name", async () => {
   for (const [name, [bytes, words]] of Object.entries(refused))
     await assert.rejects(read(name, bytes), ({ message }) => message.startsWith(name) && message.includes(words), name);
