@@ -102,8 +102,8 @@ def test_motions_of_control_have_a_limit_of_frames():
 def test_the_document_has_every_request_and_its_table(client):
   paths = client.get("/openapi.json").json()["paths"]
   assert set(paths) == {f"/v1/{name}" for name in (
-      "status", "models", "progress", "cancel", "suggestions", "generate", "multi-prompt", "edit", "project", "import", "export",
-      "export-choices")}
+      "status", "models", "progress", "cancel", "suggestions", "generate", "multi-prompt", "edit", "project", "import",
+      "export", "export-choices")}
   for path, table in (("generate", GENERATE), ("multi-prompt", MULTI_PROMPT), ("edit", EDIT), ("export", EXPORT)):
     body = paths[f"/v1/{path}"]["post"]["requestBody"]["content"]["application/json"]["schema"]
     assert list(body["properties"]) == list(table)
