@@ -47,6 +47,7 @@ export function makeBlock(timeline, id) {
   const mark = Object.assign(make("button", "mark", "!"), { type: "button", tabIndex: -1, hidden: true });
   const element = make("div", "block", make("span", ""), mark, make("div", "edge"));
   element.dataset.id = id;
+  element.setAttribute("role", "option");
   mark.onclick = () => timeline.on.explain(id);
   element.addEventListener("pointerdown", (event) => {
     if (event.button || event.target === mark || timeline.shown.fixed || id === "import") return;

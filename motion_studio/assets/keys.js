@@ -2,7 +2,8 @@
 
 const WRITES = "input:not([type=checkbox]):not([type=range]), textarea, select";
 
-/** does: {play, step(frames), home, end, remove, undo, redo, markIn, markOut, unmark} */
+/** does: {play, step(frames), home, end, add, choose(by), longer(by), shift(by), edit, remove, undo, redo, markIn, markOut,
+    unmark} */
 export function listen(does) {
   document.addEventListener("keydown", (event) => {
     // Keys of an open dialog are the dialog's, Escape too, wherever the focus is.
@@ -13,11 +14,21 @@ export function listen(does) {
         event.preventDefault();
         if (key === "y" || event.shiftKey) does.redo();
         else does.undo();
+      } else if (key === "ArrowLeft" || key === "ArrowRight") {
+        event.preventDefault();
+        does.shift(key === "ArrowLeft" ? -1 : 1);
       }
       return;
     }
+    const onButton = event.target.matches?.("button, a, summary"),
+      vertical = (way) => (event.shiftKey ? does.longer(-way) : does.choose(way));
     const found = {
-      " ": event.target.matches?.("button, a") ? null : does.play,
+      " ": onButton ? null : does.play,
+      Enter: onButton ? null : does.edit,
+      a: does.add,
+      Insert: does.add,
+      ArrowUp: () => vertical(-1),
+      ArrowDown: () => vertical(1),
       ArrowLeft: () => does.step(event.shiftKey ? -10 : -1),
       ArrowRight: () => does.step(event.shiftKey ? 10 : 1),
       Home: does.home,

@@ -17,9 +17,9 @@ const RECENT = 10_000; // milliseconds after an interruption in which the stream
 export class Live {
   // address: of the stream. tell(sentence, isError, topic) and forget(topic): notes; changed(): the page has to be drawn again; reach(): whether the
   // studio is "there", "gone" or has "refused" this page's token; started(): a motion was requested; back(): the studio is
-  // connected again; replaced(): a new motion replaces one that followed a path.
-  constructor(address, { tell, forget, changed, reach, started, back, replaced }) {
-    Object.assign(this, { address, tell, forget, changed, reach, started, back, replaced });
+  // connected again; atStart(): a motion begins at its first frame; replaced(): a new motion replaces one that followed a path.
+  constructor(address, { tell, forget, changed, reach, started, back, atStart = () => {}, replaced }) {
+    Object.assign(this, { address, tell, forget, changed, reach, started, back, atStart, replaced });
     this.state = "connecting";
     this.choices = { prompt: "a person walks forward", speed: 1, keep_going: true };
     this.pendingChoices = null; // other choices, until the studio has started with them
@@ -120,6 +120,7 @@ export class Live {
       this.model = { name: message.model, id: message.id };
       this.restored = false;
       this.forget("stream");
+      this.atStart();
       this.progress = null;
       if (wasConstrained) this.replaced();
     } else if (message.type === "words") {

@@ -1,5 +1,5 @@
 // Generates the motions of a project's timeline. They are cached, so that undo shows them at once. Needs no browser.
-import { offText, asJson } from "./control.js";
+import { asJson, ofTimeline, offText } from "./control.js";
 import { contacts, footprints, fromJson, seconds } from "./motion.js";
 import { keyOf } from "./state.js";
 import { remarkOf, workText } from "./messages.js";
@@ -137,7 +137,7 @@ export class MultiPrompt {
       past: project.past,
     };
     if (project.model.name) request.model = project.model.name;
-    if (project.control.length) request.control = asJson(project.control);
+    if (ofTimeline(project.control).length) request.control = asJson(ofTimeline(project.control));
     const reply = await this.request("multiPrompt", request);
     this.reply = { reused_frames: reply.reused_frames, same_frames: reply.same_frames };
     const motion = fromJson(reply.motion);

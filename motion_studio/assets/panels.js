@@ -2,7 +2,7 @@
 import * as api from "./api.js";
 import { ExportChoices } from "./export_choices.js";
 import { isCharacter } from "./character.js";
-import { asJson, isPath, named, offText } from "./control.js";
+import { asJson, isPath, named, ofTimeline, offText } from "./control.js";
 import { part, toJson } from "./motion.js";
 import { MOST_TAKES, lengthOf, saved } from "./state.js";
 import { legendOf, workText } from "./messages.js";
@@ -126,7 +126,7 @@ export class Panels {
       length = blocks.reduce((sum, block) => sum + lengthOf(block), 0);
     const rows = control
       .map((one, index) => [one, index])
-      .filter(([one]) => inTimeline || isPath(one))
+      .filter(([one]) => inTimeline !== Boolean(one.live))
       .map(([one, index]) => [named(one, inTimeline ? length : 0), one.time ?? one.times?.[0] ?? "", index]);
     // Unchanged chips are not replaced: that would lose a click between pointer down and up.
     if (JSON.stringify(rows) !== this.chips) {
@@ -135,7 +135,8 @@ export class Panels {
     }
     $("off").textContent = inTimeline && motion && !multiPrompt.stale ? offText(motion.report?.off, motion.fps) : "";
     $("draw-path").setAttribute("aria-pressed", String(tool().active));
-    $("follow-path").disabled = !control.some(isPath);
+    $("follow-path").disabled = !control.some((one) => one.live);
+    $("draw-path").title = inTimeline ? "draw the path of the selected block" : "draw the path that the body follows";
     $("keep-pose").disabled = !motion;
   }
 
@@ -256,7 +257,7 @@ export class Panels {
       button = $("export-button");
     let motion = this.exported;
     const request = { in_place: $("in-place").checked, loop: $("loop").checked };
-    const { control } = this.studio.state().project;
+    const control = ofTimeline(this.studio.state().project.control);
     if (this.studio.mode() === "timeline" && control.length && !this.studio.multiPrompt.stale) request.control = asJson(control);
     if ($("export-name").value.trim()) request.name = $("export-name").value.trim();
     if ($("trim").checked) request.trim = [[Number($("trim-from").value), Number($("trim-to").value)]];

@@ -6,7 +6,8 @@ const NEAR = 16, // pixels from a way point that are on it
   FARTHEST = 50; // metres from the camera's target
 
 export class PathTool {
-  // element: where the stage is. studio: {view(), points(), change(points), changed(), began(), ended(), tell}
+  // element: where the stage is. studio: {view(), span(), points(span), start(span), change(points, span), changed(), began(),
+  // ended(span), tell}; span: of seconds that the path is for, "live" or null; start(): where the body is when it begins
   constructor(element, studio) {
     Object.assign(this, { element, studio, active: false, chosen: -1, preview: null, pressed: null });
     for (const [type, does] of [
@@ -20,17 +21,23 @@ export class PathTool {
     }
   }
 
+  /** What the path is for: it stays the same while the tool is active. */
+  get span() {
+    return this.active ? this.drawing : this.studio.span();
+  }
+
   /** The points as they are seen just now. */
   get points() {
-    return this.preview ?? this.studio.points();
+    return this.preview ?? this.studio.points(this.span);
   }
 
   toggle() {
     if (this.active) return this.end();
     if (!this.studio.view()) return;
+    this.drawing = this.studio.span();
     this.active = true;
     this.chosen = -1;
-    this.studio.view().beginDrawing();
+    this.studio.view().beginDrawing(this.studio.start(this.drawing));
     this.studio.began();
     this.studio.changed();
   }
@@ -41,19 +48,19 @@ export class PathTool {
     this.active = false;
     this.chosen = -1;
     this.studio.view().drawing = false;
-    this.studio.ended();
+    this.studio.ended(this.drawing);
   }
 
   remove(index = this.chosen) {
-    const points = this.studio.points();
+    const points = this.studio.points(this.span);
     if (!(index in points)) return;
     this.chosen = Math.min(index, points.length - 2);
-    this.studio.change(points.toSpliced(index, 1));
+    this.studio.change(points.toSpliced(index, 1), this.span);
   }
 
   near(event) {
     const view = this.studio.view(),
-      away = this.studio.points().map(([x, z]) => {
+      away = this.studio.points(this.span).map(([x, z]) => {
         const [left, top] = view.screenOf(x, z);
         return Math.hypot(left - event.clientX, top - event.clientY);
       });
@@ -82,7 +89,7 @@ export class PathTool {
     event.stopPropagation();
     const at = this.place(event);
     if (!at || !this.dragged(event)) return;
-    this.preview = this.studio.points().with(this.pressed.index, at);
+    this.preview = this.studio.points(this.span).with(this.pressed.index, at);
     this.studio.changed();
   }
 
@@ -93,7 +100,7 @@ export class PathTool {
     this.pressed = pressed;
     const moved = this.dragged(event);
     this.pressed = null;
-    if (preview) this.studio.change(preview);
+    if (preview) this.studio.change(preview, this.span);
     else if (pressed.button === 0 && pressed.index < 0 && !moved) this.add(event);
   }
 
@@ -102,12 +109,14 @@ export class PathTool {
   }
 
   add(event) {
-    const points = this.studio.points(),
+    const known = this.studio.points(this.span),
+      start = known.length ? null : this.studio.start(this.span),
+      points = start ? [start] : known, // a block's path begins where the body is then
       at = this.place(event);
     if (!at) return this.studio.tell("click on the floor, nearer to the body", true);
     if (points.length >= MOST_POINTS) return this.studio.tell(`there are ${MOST_POINTS} way points, the maximum`, true);
     this.chosen = points.length;
-    this.studio.change([...points, at]);
+    this.studio.change([...points, at], this.span);
   }
 
   menu(event) {

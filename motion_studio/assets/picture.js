@@ -1,5 +1,5 @@
 // Draws the current frame: the live body, the timeline's motion, or takes side by side.
-import { drawn, isPath } from "./control.js";
+import { drawn, ofTimeline, pathOf } from "./control.js";
 import { footprints, isEdited, part } from "./motion.js";
 
 const GROUND_SECONDS = 60; // of a stream whose path and footprints are drawn
@@ -27,10 +27,12 @@ function showConstraints({ view, mode, live, multiPrompt, state, tool, player })
     motion = multiPrompt.shown;
   const report = inTimeline && !multiPrompt.stale ? (motion?.report ?? null) : null,
     fps = motion?.fps ?? live.fps;
-  const now = [mode, control, report, fps, tool.preview, tool.chosen];
+  const path = pathOf(control, tool.span);
+  const now = [mode, control, report, fps, tool.preview, tool.chosen, path, tool.active];
   if (now.some((value, i) => value !== marked[i])) {
     marked = now;
-    view.drawConstraints(drawn(inTimeline ? control : control.filter(isPath), report, fps, tool.points), tool.chosen);
+    const shown = inTimeline ? ofTimeline(control) : control.filter((one) => one.live);
+    view.drawConstraints(drawn(shown, report, fps, path, tool.points), tool.chosen);
   }
   view.marks.show(inTimeline ? player.time * fps : 0, fps);
 }

@@ -5,7 +5,7 @@
 // what undo goes back through. A block's `seconds` may be null: as long as similar clips. `past` is an imported motion,
 // `control` a list of constraints (control.js).
 
-import { MOST_POSES, asJson, withPath, withPose } from "./control.js";
+import { MOST_POSES, asJson, movedWith, ofTimeline, withPath, withPose } from "./control.js";
 
 export const SHORTEST = 0.6,
   LONGEST = 120,
@@ -104,7 +104,7 @@ const CHANGES = {
     blocks: alone ? [] : project.blocks,
   }),
   new: (project) => ({ ...empty(), model: project.model }),
-  path: (project, { points }) => ({ ...project, control: withPath(project.control, points) }),
+  path: (project, { points, span }) => ({ ...project, control: withPath(project.control, points, span) }),
   pose: (project, { time, joints }) => {
     if (project.control.filter((one) => one.type === "keyframe").length >= MOST_POSES) return project;
     return { ...project, control: withPose(project.control, time, joints) };
@@ -117,8 +117,10 @@ const CHANGES = {
 export function reduce(state, action) {
   if (action.type in CHANGES) {
     const given = action.type === "add" ? { ...action, id: state.next } : action;
-    const project = CHANGES[action.type](state.project, given);
+    let project = CHANGES[action.type](state.project, given);
     if (project === state.project) return state;
+    if (project.control === state.project.control && project.control.length)
+      project = { ...project, control: movedWith(project.control, placed(state.project), placed(project)) };
     const next = {
       ...state,
       project,
@@ -185,7 +187,7 @@ export const saved = (project) => ({
   version: 1,
   ...project,
   blocks: project.blocks.map(({ prompt, seconds }) => ({ prompt, seconds })),
-  control: asJson(project.control),
+  control: asJson(ofTimeline(project.control)),
 });
 
 /** Projects with the same key have the same motion of a take. */
@@ -196,7 +198,7 @@ export const keyOf = (project, take = project.chosen) =>
     project.seeds[take],
     project.cleanup,
     project.sampling,
-    project.control,
+    ofTimeline(project.control),
     project.past && [project.past.shape, project.past.joints.length, project.past.joints.slice(0, 400)],
     project.edits
       .filter((edit) => edit.take === take)

@@ -19,7 +19,8 @@ export class Timeline {
     this.head = make("div", "playhead");
     this.tip = make("div", "tip");
     this.tip.hidden = true;
-    element.replaceChildren(this.ruler, this.track, this.strip, this.marked, this.head, this.tip);
+    this.controls = make("div", "controls");
+    element.replaceChildren(this.ruler, this.track, this.controls, this.strip, this.marked, this.head, this.tip);
     element.addEventListener("wheel", (event) => this.wheel(event), { passive: false });
     this.drags(
       this.ruler,
@@ -73,7 +74,7 @@ export class Timeline {
   // A pointer that goes down on an element itself, moves and goes up.
   drags(element, down, move, up) {
     element.addEventListener("pointerdown", (event) => {
-      if (event.button || event.target !== element) return;
+      if (event.button || (event.target !== element && event.target.parentElement !== this.strip)) return;
       element.setPointerCapture(event.pointerId);
       const start = event.clientX;
       let moved = false;
@@ -120,6 +121,14 @@ export class Timeline {
     this.window = showing(this.window, second);
   }
 
+  /** Opens the field for the prompt of a block; null: of a new one. */
+  ask(id) {
+    const row = this.shown.rows.find((one) => one.id === id);
+    this.reveal(row?.start ?? this.shown.end);
+    this.draw(this.shown);
+    ask(this, id);
+  }
+
   idOf(target) {
     const element = target.closest?.(".block");
     return element && !this.shown.fixed && element.dataset.id !== "import" ? Number(element.dataset.id) : null;
@@ -139,7 +148,7 @@ export class Timeline {
   }
 
   // shown: {rows: [{id, prompt, start, end, stale, remark: {text, nearest}}], among (of placed()), end, time, span, selected, pieces, fixed};
-  // pieces: [{start, end, kind}] of the strip, all in seconds.
+  // pieces: [{start, end, kind, remark}] of the strip; controls: likewise, of paths and poses; all in seconds.
   draw(shown) {
     this.shown = shown;
     this.element.classList.toggle("fixed", shown.fixed);
@@ -157,6 +166,8 @@ export class Timeline {
       element.className =
         `block${row.id === shown.selected ? " selected" : ""}${row.stale ? " stale" : ""}` +
         (row.id === "import" ? " import" : "");
+      element.id = `block-${row.id}`;
+      element.setAttribute("aria-selected", String(row.id === shown.selected));
       element.style.left = `${this.place(row.start)}px`;
       element.style.width = `${Math.max(4, this.place(row.end) - this.place(row.start) - 2)}px`;
       const mark = element.querySelector(".mark");
@@ -167,6 +178,9 @@ export class Timeline {
       element.firstChild.style.marginLeft = `${Math.max(0, -this.place(row.start))}px`;
     }
     this.drawStrip(shown.pieces);
+    this.drawStrip(shown.controls ?? [], this.controls);
+    if (shown.selected === null) this.element.removeAttribute("aria-activedescendant");
+    else this.element.setAttribute("aria-activedescendant", `block-${shown.selected}`);
     this.marked.hidden = !shown.span;
     if (shown.span) {
       this.marked.style.left = `${this.place(shown.span[0])}px`;
@@ -184,11 +198,10 @@ export class Timeline {
     this.tip.style.left = `${Math.max(2, Math.min(left, this.width - this.tip.offsetWidth - 2))}px`;
   }
 
-  drawStrip(pieces) {
-    while (this.strip.children.length > pieces.length) this.strip.lastChild.remove();
+  drawStrip(pieces, strip = this.strip) {
+    while (strip.children.length > pieces.length) strip.lastChild.remove();
     pieces.forEach(({ start, end, kind, remark }, i) => {
-      const element = this.strip.children[i] ?? this.strip.appendChild(document.createElement("i"));
-      element.style.pointerEvents = "none";
+      const element = strip.children[i] ?? strip.appendChild(document.createElement("i"));
       element.className = kind;
       element.title = remark ?? "";
       element.style.left = `${this.place(start)}px`;

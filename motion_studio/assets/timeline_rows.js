@@ -1,4 +1,5 @@
 // The rows of the timeline, in seconds. Needs no browser.
+import { isPath, named, ofTimeline } from "./control.js";
 import { MOST_BLOCKS, placed, snapped } from "./state.js";
 
 /** The rows of a stream: its prompts, committed frames and frames in flight. */
@@ -22,6 +23,14 @@ export function liveRows(live) {
   return { rows, among: [], end, time: live.time, span: null, selected: null, pieces, fixed: true };
 }
 
+// Where a constraint is on the track: [{start, end, kind, remark}], none for one without times.
+function controlRow(one, end) {
+  const remark = named(one, end),
+    [first, last] = [one.times?.[0] ?? one.time, one.times?.at(-1) ?? one.time];
+  if (isPath(one)) return [{ start: first ?? 0, end: last ?? end, kind: "path", remark }];
+  return first === undefined ? [] : [{ start: first, end: last, kind: "pose", remark }];
+}
+
 /** The rows of a project: the imported motion, its blocks, and the generated spans. */
 export function timelineRows({ project, selected, span }, multiPrompt, time) {
   const among = placed(project),
@@ -41,6 +50,7 @@ export function timelineRows({ project, selected, span }, multiPrompt, time) {
     span: span?.map((frame) => frame / fps),
     selected,
     pieces: multiPrompt.pieces(),
+    controls: ofTimeline(project.control).flatMap((one) => controlRow(one, rows.at(-1)?.end ?? 0)),
     fixed: false,
   };
 }

@@ -254,11 +254,12 @@ export class View {
     this.marks.set({ ...rest, figures }, { chosen });
   }
 
-  /** The camera looks down at the floor, and waits there while a path is drawn. */
-  beginDrawing() {
+  /** The camera looks down at a place [x, z] of the floor, and waits there while a path is drawn. */
+  beginDrawing(place = null) {
     const { camera, controls } = this.stage,
       away = camera.position.clone().sub(controls.target),
       distance = Math.max(away.length(), 9);
+    if (place) this.stage.carry(place[0] * this.size - controls.target.x, place[1] * this.size - controls.target.z);
     const flat = Math.hypot(away.x, away.z) || 1,
       out = distance * 0.64;
     camera.position.set(

@@ -33,7 +33,15 @@ def path_of(page, count=None):
 
 
 def test_a_path_is_drawn_followed_and_undone(timeline):
+  """It belongs to the selected block alone; blocks are chosen and sized by keys."""
   page = timeline
+  page.find("#stage").click()
+  page.keys(webdriver.Keys.ARROW_UP)
+  first = page.get("blocks")[0]
+  assert page.get("selection") == first["id"]
+  page.control(webdriver.Keys.SHIFT, webdriver.Keys.ARROW_DOWN)
+  seconds = page.get("blocks")[0]["seconds"]
+  assert first["seconds"] - 0.6 <= seconds < first["seconds"]
   page.find("#draw-path").click()
   for x, z in ((0.5, 0), (1.0, 0.8), (0.3, 1.4), (-0.6, 1.2)):
     click_floor(page, x, z)
@@ -52,7 +60,9 @@ def test_a_path_is_drawn_followed_and_undone(timeline):
   page.keys(webdriver.Keys.ESCAPE)
   assert not page.get("drawing")
   page.wait("stale === false && window.__studio.busy === null && window.__studio.report")
-  joints = np.array(page.get(f"joints({page.get('frames') - 1}, {page.get('frames')})")).reshape(22, 3)
+  times, last = page.get("control")[0]["times"], round(20 * seconds) - 1
+  assert times[0] == 0 and times[-1] == last / 20
+  joints = np.array(page.get(f"joints({last}, {last + 1})")).reshape(22, 3)
   assert np.abs(joints[0, [0, 2]] - path_of(page)[-1]).max() < 5e-3
   assert "off by" in page.find("#off").text and page.get("report.off.worst") < 10
   page.find("#stage").click()

@@ -2,7 +2,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { curve, drawn, lengthOf, named, offText, pointsOf, asJson } from "./control.js";
+import { asJson, curve, drawn, lengthOf, movedWith, named, offText, pathOf, pointsOf } from "./control.js";
 import { poseAt, unpackFigure } from "./stick_figures.js";
 import { matching } from "./ideas.js";
 import { Live } from "./live.js";
@@ -550,6 +550,41 @@ test("a path is the curve that the library lays", () => {
   assert.deepEqual(curve([[1, 2], [1, 2]]), [[1, 2]]);
 });
 
+test("a path and poses belong to a block and go with it", () => {
+  let state = three();
+  const span = () => placed(state.project)[1],
+    control = () => state.project.control,
+    change = (action) => (state = reduce(state, action));
+  change({ type: "path", span: span(), points: [[0, 0], [1, 0], [3.1, 0]] });
+  change({ type: "pose", time: 4.5, joints: [[0, 1, 0]] });
+  const times = () => control().find((one) => one.points)?.times,
+    pose = () => control().find((one) => one.joints)?.time;
+  assert.deepEqual([times()[0], times().at(-1), pose()], [3, 5.95, 4.5]); // 3.1 m in the block's 3 s, not in all 9
+  assert.match(named(control()[0]), /^path from 3.0 s: 3 points, 3.1 m, 1.1 m\/s/);
+  const speed = (times()[1] - times()[0]) / (times()[2] - times()[0]);
+  assert.ok(Math.abs(speed - 1 / 3.1) < 0.05, "one speed");
+  assert.equal(pathOf(control(), placed(state.project)[0]), null);
+  change({ type: "resize", id: 1, seconds: 6 });
+  assert.deepEqual([times()[0], times().at(-1), pose()], [6, 8.95, 7.5]);
+  change({ type: "resize", id: 2, seconds: 1.2 }); // the path takes all of the block, a pose stays inside
+  assert.deepEqual([times()[0], times().at(-1)], [6, 7.15]);
+  assert.ok(pose() > 6 && pose() < 7.2);
+  change({ type: "move", id: 2, index: 0 });
+  assert.deepEqual([times()[0], times().at(-1)], [0, 1.15]);
+  change({ type: "undo" });
+  assert.equal(times()[0], 6);
+  change({ type: "remove", id: 2 });
+  assert.deepEqual(control(), []);
+  // The live body's path is not the timeline's.
+  change({ type: "path", span: "live", points: [[0, 0], [0, 3]] });
+  const alone = { ...state.project, control: [] };
+  assert.equal(keyOf(state.project), keyOf(alone));
+  assert.equal(saved(state.project).control, null);
+  assert.deepEqual(asJson([pathOf(control(), "live")]).constraints, [{ type: "root_path", points: [[0, 0], [0, 3]] }]);
+  const whole = { type: "root_path", points: [[0, 0], [1, 1]] };
+  assert.deepEqual(movedWith([whole], placed(three().project), placed(state.project)), [whole]);
+});
+
 test("paths, poses and other constraints are steps of the user's", () => {
   let state = acted({ type: "path", points: [[0, 0], [1, 2]] }, { type: "pose", time: 1.5, joints: [[0, 1, 0]] });
   assert.deepEqual(pointsOf(state.project.control), [[0, 0], [1, 2]]);
@@ -557,7 +592,7 @@ test("paths, poses and other constraints are steps of the user's", () => {
   state = reduce(state, { type: "pose", time: 1.5, joints: [[0, 2, 0]] });
   assert.equal(state.project.control.length, 2, "one pose at a time");
   assert.equal(state.project.control[1].joints[0][1], 2);
-  assert.equal(named(state.project.control[0], 2), "path: 2 points, 2.2 m, 1.1 m/s");
+  assert.equal(named(state.project.control[0], 2), "path of the whole timeline: 2 points, 2.2 m, 1.1 m/s");
   assert.equal(named(state.project.control[1]), "pose at 1.50 s");
   const seen = drawn(state.project.control, null, 20);
   assert.deepEqual([seen.lines.length, seen.points.length, seen.poses[0].frame], [1, 2, 30]);
@@ -571,10 +606,11 @@ test("paths, poses and other constraints are steps of the user's", () => {
   const timed = { type: "root_path", points: [[0, 0], [1, 1]], times: [0, 2], heading: 1 };
   const opened = acted({ type: "open", project: { blocks: [], control: { version: 1, constraints: [timed] } } });
   assert.deepEqual(saved(opened.project).control.constraints, [timed]);
-  const moved = reduce(opened, { type: "path", points: [[0, 0], [2, 1]] }).project.control[0];
-  assert.deepEqual([moved.times, moved.heading], [[0, 2], 1]);
-  const longer = reduce(opened, { type: "path", points: [[0, 0], [2, 1], [3, 3]] }).project.control[0];
-  assert.deepEqual([longer.times, longer.heading], [undefined, undefined], "times of other points mean nothing");
+  const span = { start: 0, end: 2.05 };
+  const moved = reduce(opened, { type: "path", span, points: [[0, 0], [2, 1]] }).project.control;
+  assert.deepEqual([moved.length, moved[0].times, moved[0].heading], [1, [0, 2], 1]);
+  const longer = reduce(opened, { type: "path", span, points: [[0, 0], [2, 1], [4, 2]] }).project.control[0];
+  assert.deepEqual([longer.times, longer.heading], [[0, 1, 2], undefined], "headings of other points mean nothing");
   assert.notEqual(keyOf(opened.project), keyOf(initial().project));
   assert.equal(offText({ mean: 0.21, worst: 12.4, joint: "left wrist", frame: 50 }, 20),
     "off by 0.2 mm, at most 12 mm (left wrist at 2.50 s)");
