@@ -2,7 +2,7 @@
 import * as api from "./api.js";
 import { Characters } from "./character.js";
 import { bind } from "./controls.js";
-import { WALK, paceOf, pathOf, pointsOf } from "./control.js";
+import { pathOf, pointsOf } from "./control.js";
 import { showCurves } from "./curves.js";
 import { PathTool } from "./path_tool.js";
 import { Ideas } from "./ideas.js";
@@ -14,8 +14,9 @@ import { Player } from "./player.js";
 import { picture } from "./picture.js";
 import { liveRows, liveProject, timelineRows } from "./timeline_rows.js";
 import { Sampling } from "./sampling.js";
+import { SelectedBlock } from "./selected_block.js";
 import { restoreSession } from "./session.js";
-import { MOST_BLOCKS, initial, placed, reduce, snapped } from "./state.js";
+import { MOST_BLOCKS, initial, reduce } from "./state.js";
 import { MultiPrompt } from "./multi_prompt.js";
 import { expose } from "./testing.js";
 import { Timeline } from "./timeline.js";
@@ -61,6 +62,7 @@ const live = (studio.live = new Live(api.streamAddress(), {
   replaced: () => tool.active || studio.follow(), // a path that is being drawn is sent when it is complete
 }));
 const multiPrompt = (studio.multiPrompt = new MultiPrompt(api, { tell, forget, changed, state: () => studio.state, act }));
+const selected = new SelectedBlock(studio);
 let waiting = null;
 
 // Every change goes through here; a changed project is generated soon, if "on change" is checked.
@@ -106,9 +108,9 @@ function makeSoon() {
 const tool = (studio.tool = new PathTool($("stage"), {
   view: () => studio.view,
   // Of the timeline each block has its own path: the selected one, else that at the play head.
-  span: () => (studio.mode === "live" ? "live" : blockAt()),
+  span: () => (studio.mode === "live" ? "live" : selected.row),
   points: (span) => pointsOf(studio.state.project.control, span),
-  start: (span) => (span && span !== "live" ? startOf(span) : null),
+  start: (span) => (span && span !== "live" ? selected.startOf(span) : null),
   change: (points, span) => act({ type: "path", points, span }),
   changed,
   tell,
@@ -121,45 +123,13 @@ const tool = (studio.tool = new PathTool($("stage"), {
   ended: (span) => {
     changed();
     if (studio.mode === "timeline") {
-      paced(span);
+      selected.checkPace(span);
       return makeSoon();
     }
     studio.follow();
     if (studio.waits) live.resume();
   },
 }));
-
-/** {block, start, end} of the selected block, or of the one at the play head; null without blocks. */
-function blockAt() {
-  const rows = placed(studio.state.project),
-    { time } = studio.player;
-  return rows.find(({ block }) => block.id === studio.state.selected) ?? rows.findLast(({ start }) => start <= time) ?? rows[0] ?? null;
-}
-
-// Where the body is as a span begins: at the end of a path before it, else as the motion has it; null at the first frame.
-function startOf({ start }) {
-  const before = studio.state.project.control.find((one) => one.points && Math.abs(one.times?.at(-1) - start) < 0.06);
-  if (before) return [before.points.at(-1)[0], before.points.at(-1).at(-1)];
-  const motion = multiPrompt.shown;
-  if (!motion || start <= 0) return null;
-  const k = 3 * motion.count * Math.min(motion.frames - 1, Math.round(start * motion.fps));
-  return [motion.joints[k], motion.joints[k + 2]].map((value) => Math.round(value * 100) / 100);
-}
-
-// A path that its block leaves too much or too little time for is offered a block of another length.
-const CREEPS = 0.4,
-  RUNS = 2.5; // metres a second
-function paced(span) {
-  const path = span?.block && pathOf(studio.state.project.control, span),
-    { speed, length } = path ? paceOf(path) : {};
-  if (!speed || (speed >= CREEPS && speed <= RUNS) || length < WALK) return; // a step to the side may take its time
-  const seconds = snapped(length / WALK, live.blockFrames / live.fps),
-    resize = () => act({ type: "resize", id: span.block.id, seconds, step: live.blockFrames / live.fps });
-  tell(`the path of ${length.toFixed(1)} m takes all of its block, at ${speed.toFixed(1)} m/s`, false, STEP, {
-    text: `Make the block ${seconds.toFixed(1)} s long`,
-    does: resize,
-  });
-}
 
 /** The live body follows the path that is drawn. */
 studio.follow = () => {
@@ -294,14 +264,7 @@ listen({
     studio.seek(studio.end());
     timeline.reveal(studio.time());
   },
-  add: () => inTimeline(() => timeline.ask(null)),
-  choose: (by) => inTimeline(() => choose(by)),
-  longer: (by) => inTimeline(({ id, seconds }) => {
-    const step = live.blockFrames / live.fps;
-    act({ type: "resize", id, seconds: (seconds ?? 3) + by * step, step });
-  }),
-  shift: (by) => inTimeline(({ id, index }) => act({ type: "move", id, index: index + by })),
-  edit: () => inTimeline(({ id }) => timeline.ask(id)),
+  ...selected.keys,
   remove: () => {
     if (tool.active && tool.chosen >= 0) tool.remove();
     else if (!tool.active) removeSelected();
@@ -312,25 +275,6 @@ listen({
   markOut: () => studio.markOut(),
   unmark: () => (tool.active ? tool.end() : act({ type: "span", span: null })),
 });
-
-// Runs what a key does with the selected block, {id, seconds, index}, or with none of it.
-function inTimeline(does) {
-  if (studio.mode !== "timeline" || tool.active) return;
-  const { blocks } = studio.state.project,
-    index = blocks.findIndex((block) => block.id === studio.state.selected);
-  if (index >= 0) does({ ...blocks[index], index });
-  else if (!does.length) does();
-}
-
-// Selects the block so many places after the selected one, or the one at the play head.
-function choose(by) {
-  const rows = placed(studio.state.project),
-    index = rows.findIndex(({ block }) => block.id === studio.state.selected),
-    row = index < 0 ? blockAt() : rows[Math.max(0, Math.min(rows.length - 1, index + by))];
-  if (!row) return;
-  act({ type: "select", id: row.block.id });
-  timeline.reveal(row.start);
-}
 
 function removeSelected() {
   if (studio.mode === "timeline" && studio.state.selected !== null) act({ type: "remove", id: studio.state.selected });

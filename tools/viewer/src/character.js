@@ -6,6 +6,7 @@ import {readGlb} from './glb.js';
 import {findHumanoid} from './humanoid.js';
 import {Retarget, facing} from './retarget.js';
 
+const MATT = 0.3;
 const LARGEST = 4; // times that a character is enlarged, or made smaller, to the height of the body
 
 /** A character from the bytes of a file; an Error says in a sentence why it cannot move. */
@@ -100,6 +101,9 @@ class CharacterFigure {
     this.materials = [];
     for (const mesh of all.filter((object) => object.isMesh)) {
       const own = [mesh.material].flat().map((material) => material.clone());
+      for (const material of own) {  // a metal without surroundings to reflect, such as glTF's default, is black
+        if (!material.envMap && material.metalness > MATT) material.metalness = MATT;
+      }
       mesh.material = Array.isArray(mesh.material) ? own : own[0];
       this.materials.push(...own.map((material) => ({material, own: material.color?.clone()})));
       mesh.frustumCulled = false;
