@@ -73,9 +73,9 @@ export class Ideas {
     const typed = all ? "" : field.value;
     this.typed = typed;
     try {
-      this.head ??= await (this.asked ??= this.ask("")); // keys do not send it again while it is under way
+      this.head ??= await (this.coming ??= this.ask("")); // keys do not send it again while it is under way
     } catch {
-      this.asked = null;
+      this.coming = null;
       return this.close(); // the page says already that the studio does not answer
     }
     if (this.field === field && this.typed === typed) this.draw(typed, []);
@@ -152,7 +152,7 @@ export class Ideas {
 
   /** Another model may know other words. */
   forget() {
-    this.head = this.asked = null;
+    this.head = this.coming = null;
   }
 
   close() {

@@ -75,7 +75,7 @@ export class SelectedBlock {
     };
   }
 
-  // Selects the block so many places after the selected one, or the one at the play head.
+  // Selects the block `by` places after the selected one, or the one at the play head.
   choose(by) {
     const rows = placed(this.studio.state.project),
       row = this.index < 0 ? this.row : rows[Math.max(0, Math.min(rows.length - 1, this.index + by))];

@@ -166,7 +166,8 @@ def notes_of(motions: Sequence[Any]) -> list[str]:
 def notes_and_unknown_words(pipeline: Any, prompts: list[str], notes: Sequence[str] = (), plan: bool = True
                             ) -> dict[str, Any]:
   """{notes, unknown}: notes about the prompts and the motions, and words that the model does not know."""
-  unknown = sorted({word for prompt in prompts for word in pipeline.model.captions.unknown_words(prompt)})
+  captions = pipeline.model.captions  # of a prompt in another language its note says all
+  unknown = sorted({word for prompt in filter(captions.is_english, prompts) for word in captions.unknown_words(prompt)})
   return {"notes": [*pipeline.notes(prompts, plan), *notes]} | ({"unknown": unknown[:20]} if unknown else {})
 
 
@@ -181,5 +182,7 @@ def segment_notes(pipeline: Any, prompts: Sequence[str]) -> dict[str, Any]:
 
 
 def nearest_caption(pipeline: Any, prompt: str) -> str:
-  """The training caption that is closest in meaning to a prompt, "" for a model without captions."""
+  """The training caption that is closest in meaning to a prompt, "" where a model has no captions or cannot read it."""
+  if not pipeline.model.captions.is_english(prompt):
+    return ""
   return next((text for text, _ in pipeline.planner.nearest_captions(prompt)), "")

@@ -259,7 +259,7 @@ class Stream:
       self._words += 1
       self._prompts.append((begins, self._words))
       action = prompt if len(actions) == 1 else action
-      unknown = captions.unknown_words(action)
+      unknown = captions.unknown_words(action) if captions.is_english(action) else []
       notes = pipeline.notes([action], postures=False)
       self._send({"type": "words", "words": self._words, "prompt": action, "whole": prompt, "from_frame": begins,
                   "run": self._run, "unknown": unknown[:10],

@@ -163,12 +163,13 @@ def test_a_request_that_is_cancelled_ends_where_it_reports_its_progress(client, 
 
 
 def test_each_segment_has_its_own_notes_and_the_nearest_caption(client, library):
-  prompts = "a person walks", "a person floobles", "a person walks"
+  prompts = "a person walks", "a person floobles", "a person walks", "eine Person geht vorwärts und winkt"
   segments = [{"prompt": prompt, "seconds": 0.6} for prompt in prompts]
   reply = client.post("/v1/multi-prompt", json={"segments": segments, "model": "tiny"}).json()
-  known, odd, again = reply["segments"]
+  known, odd, again, german = reply["segments"]
   assert known == again == {"notes": [], "unknown": [], "nearest": ""}
-  assert "floobles" in odd["notes"][0] and odd["notes"] == reply["notes"] and odd["unknown"] == reply["unknown"]
+  assert "floobles" in odd["notes"][0] and odd["notes"] == reply["notes"][:1] and odd["unknown"] == reply["unknown"]
+  assert "English only" in german["notes"][0] and not german["unknown"] and not german["nearest"]
   assert odd["nearest"] in library.model("tiny", "generate").captions.texts
 
 
