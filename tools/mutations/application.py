@@ -6,6 +6,13 @@ MUTATIONS = (
     # --- what the server refuses ----------------------------------------------------------------------------------
     ("application-mmcp-token", "motion_studio/server/security.py", 'startswith(("/v1/", "/mmcp/"))',
      'startswith("/v1/")', (f"{SECURITY}::test_without_the_token_there_is_nothing",)),
+    ("application-public-url", "motion_studio/server/security.py", "{host.lower(), self._public}",
+     "{host.lower(), urllib.parse.urlsplit(origin).netloc.lower()}",
+     (f"{SECURITY}::test_pages_of_a_named_proxy_may_ask",)),
+    ("application-cancel", "motion_jax/utils/progress.py", "is not None and work.cancelled:", "is not None and False:",
+     (f"{SERVER}requests.py::test_a_request_that_is_cancelled_ends_where_it_reports_its_progress",)),
+    ("application-character", "motion_studio/server/exporting.py", 'options["file"] = file', "pass",
+     (f"{SERVER}requests.py::test_a_motion_is_exported_on_the_character_that_the_page_shows",)),
     ("application-burst", "motion_studio/server/limits.py", "min(3 * self._rate, self._left + ", "(self._left + ",
      (f"{SECURITY}::test_a_bucket_fills_again",)),
     ("application-token-of-a-group", "motion_studio/server/server.py", "st_mode & 0o077", "st_mode & 0o007",

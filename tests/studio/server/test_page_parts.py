@@ -26,8 +26,9 @@ def run(script, folder, needs):
   assert done.returncode == 0, done.stdout[-6000:] + done.stderr[-2000:]
 
 
-def test_the_parts_do_what_they_say(tmp_path):
-  run("parts.test.mjs", tmp_path, ASSETS.glob("*.js"))
+@pytest.mark.parametrize("script", ["parts.test.mjs", "notes.test.mjs"])
+def test_the_parts_do_what_they_say(script, tmp_path):
+  run(script, tmp_path, ASSETS.glob("*.js"))
 
 
 @pytest.fixture(scope="module")
