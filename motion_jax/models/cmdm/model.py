@@ -39,7 +39,8 @@ class CmdmModel(CmdmNetworks):
   control_steps, the conjugate gradient steps of every second iteration (0: not pulled), and refinements, the
   Gauss-Newton steps on the finished latents, which no stream can have.
   """
-  abilities: tuple[str, ...] = ("generate", "sample_segments", "stream", "multi_prompt", "extend", "reconstruct", "graphs")
+  abilities: tuple[str, ...] = ("generate", "sample_segments", "stream", "multi_prompt", "extend", "reconstruct",
+                                "graphs")
   options = CmdmSampling
   more_choices = ("negative_prompts", "control_steps", "refinements")
   takes_control = True
