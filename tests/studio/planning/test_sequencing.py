@@ -131,6 +131,10 @@ class TestOfAModel:
     counts = durations.segment_frames(Planner(model), prompts[1], parse(prompts[1]), 72)
     shorter = Recorded(model, max_seconds=(max(counts) + SLACK) / model.fps)
     assert [motion.meta["way"] for motion in make([0, 1], shorter)] == ["stream", "joined"]
+    # Of an action above another one as many takes are made, too.
+    prompts[0] = "a person walks while waving"
+    make([0], recorded := Recorded(model))
+    assert recorded.sampled[-1][0] == ["a person waves"] * 3
 
   def test_simultaneous_actions_share_a_body(self, model, pipeline):
     made = pipeline("a person waves while walking", 36, seed=5, max_attempts=1, **FAST)
