@@ -222,6 +222,16 @@ def _not_seated(body):
   return 0.5 * (rises or not _sits(body)[_last(body)].all())
 
 
+def gets_up(body: Body) -> int:
+  """The frame in which a body gets up after it has come to sit, the number of frames where it stays seated."""
+  height, sits = body.joints[:, 0, 1], _sits(body)
+  stood = int(np.argmin(sits))  # one that begins seated has not come to sit
+  seat = stood + int(np.argmax(sits[stood:]))
+  lowest = float(height[seat:].min())
+  limit = max(lowest + _LEAVES_SEAT * (_standing_height(body) - lowest), float(height[seat]))
+  return seat + int(np.argmax(height[seat:] > limit)) if sits[seat] and (height[seat:] > limit).any() else body.num
+
+
 def _not_up(body):
   """Get up: once low, and the pelvis above 0.92 of standing height in the last half second."""
   return not (_is_low(body).any() and body.joints[_last(body), 0, 1].min() > _STANDING_HEIGHT * _standing_height(body))

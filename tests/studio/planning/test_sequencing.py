@@ -198,6 +198,15 @@ def test_lengths_are_shared_in_proportion():
   assert durations.shared([100], 60, 4) == [60]
 
 
+@pytest.mark.parametrize("prompt, then", [
+    ("a person sits down", "holds still"), ("a man kneels", "holds still"), ("a person bows", "stands still"),
+    ("a person walks", None)])
+def test_a_segment_with_more_time_than_it_takes_keeps_its_pose_or_stands(prompt, then):
+  plan, counts = durations.with_pauses(Lengths(), [(prompt, 160)])
+  assert [part.words for part in plan.segments] == [prompt, *([then] if then else [])] and sum(counts) == 160
+  assert not then or plan.segments[1].is_pause and counts[0] == 48
+
+
 def test_clips_with_as_many_repetitions_give_the_length():
   frames = lambda nearest: durations.usual_frames(
       Lengths(frames=lambda prompt: 130 if "times" in prompt else 60, nearest=nearest),
