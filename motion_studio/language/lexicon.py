@@ -88,6 +88,7 @@ HALTING_VERBS = {"stop", "pause", "halt", "freeze"}
 PAUSING_VERBS = HALTING_VERBS | {"wait", "rest"}
 # Before "to" and the verb that says the action: "tries to wave".
 BEFORE_TO = PAUSING_VERBS | {"try", "attempt", "manage", "pretend", "look", "decide", "prepare"}
+BEFORE_ACTIONS = BEFORE_TO | set(ASPECTS)
 # Meanings that `motion_jax.text.wordnet` does not have.
 HELD = "held"  # a manner: the pose is kept for a while
 OWN_MEANINGS = {
