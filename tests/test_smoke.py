@@ -15,12 +15,10 @@ import pytest
 import yaml
 
 from motion_jax import fit as training
-from motion_jax.text.encoder import load_text_encoder
 from motion_jax.training import checkpoint
 from motion_jax.training.metrics import read_metrics
 from motion_jax.utils import config_files, overrides
 from motion_studio import cli
-from motion_studio.language import parse
 from tests.conftest import ROOT, load_config, some_of
 from tests.pages import CARDS, LANDING, MORE, PAGES, TYPED, blocks, commands, name_of, shell_lines
 from tools.site import notebooks
@@ -151,9 +149,15 @@ OF_PAGES |= {"README, library": OF_LIBRARY, "README, application": APPLICATION +
 
 
 @pytest.mark.parametrize("page", some_of(OF_PAGES, slow=["README, library", "README, application", "training"]))
-def test_python_of_the_pages_runs_without_an_error(page, tmp_path, monkeypatch):
+def test_python_of_the_pages_runs_and_prints_what_stands_beside_it(page, tmp_path, monkeypatch, capsys, recwarn):
+  """Without an error or a note about the motion; of "print(x)  # value: why" the value, where it is one."""
   monkeypatch.chdir(tmp_path)
   exec(compile(OF_PAGES[page], page, "exec"), {})
+  printed = capsys.readouterr().out.splitlines()
+  values = [value for value in re.findall(r"(?m)^print\(.*\)  +# (.*)", OF_PAGES[page])
+            if not value.startswith(("all ", "what "))]
+  assert not [value for value in values if value.partition(": ")[0] not in printed], printed
+  assert not [str(one.message) for one in recwarn if "another seed may show it" in str(one.message)]
 
 
 def test_the_landing_page_says_what_the_readme_says():

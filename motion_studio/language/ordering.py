@@ -56,8 +56,9 @@ def _and_is_simultaneous(group, clause):
   every = [*group, clause]
   if not can_be_simultaneous(group, clause) or any(one.steps for one in group):  # "takes three steps and waves"
     return False
+  # "picks it up and walks on", "walks to the door and opens it"
   if any(one.part == "arms" and one.verb != "lift" and not actions.stays_low(one.verb, one.part, lower(one.words))
-         or _is_at_a_thing(one) and lexicon.IDLE.isdisjoint(other.verb for other in every) for one in every):  # "picks it up and walks on", "walks to the door and opens it"
+         or _is_at_a_thing(one) and lexicon.IDLE.isdisjoint(other.verb for other in every) for one in every):
     return False
   parts = {one.part for one in every}
   if "body" in parts:
@@ -91,8 +92,8 @@ RULES = (
     Rule("Main clause without a comma", "After a subordinate clause in front, the main clause begins at its subject.", {
         "after sitting for a while the person gets up and walks away": "sits for a while | gets up | walks away",
         "while walking he waves": "walks + waves"}),
-    Rule("At a thing", "What the hands do at a thing that stands somewhere comes before or after a walk, unless \"while\" or "
-         "a participle says otherwise.", {
+    Rule("At a thing", "What the hands do at a thing that stands somewhere comes before or after a walk, unless "
+         "\"while\" or a participle says otherwise.", {
         "a person walks to the door and opens it": "walks to the door | opens it",
         "a person opens the door and walks through": "opens the door | walks through",
         "a person walks forward and grabs something": "walks forward | grabs something",

@@ -262,9 +262,9 @@ def test_a_hand_that_waves_on_where_the_other_is_lowered_waves():
 def test_what_a_body_does_that_begins_in_the_pose_for_it(joints, kind, side):
   """With a hand up, fists before the shoulders, on one leg: the way into the pose need not be seen. To be up is not to
   go up."""
-  assert {(event.kind, event.side) for event in find_events(joints) if event.kind != "still"} == (
-      {(kind, side)} if kind else set()), find_events(joints)
-  assert find_events(mirror(joints)) == [event._replace(side=mirror_caption(event.side)) for event in find_events(joints)]
+  events = find_events(joints)
+  assert {(event.kind, event.side) for event in events if event.kind != "still"} == ({(kind, side)} if kind else set())
+  assert find_events(mirror(joints)) == [event._replace(side=mirror_caption(event.side)) for event in events]
 
 
 def test_in_doubt_nothing_is_said():
