@@ -1,8 +1,8 @@
 """Actions in plain words: "kicks with the left foot" for "gives a slight kick with his left leg, not very high".
 
 Captions of motion name actions in few ways. Where a model does not do what a sentence says in its own words, another
-attempt gets each action of it that can be checked in the words of captions; manner, place and subject are lost: hands of
-old people wave below their shoulders in captures.
+attempt gets each action of it that can be checked in the words of captions; manner, place and subject are lost:
+hands of old people wave below their shoulders in captures.
 """
 from collections.abc import Sequence
 
