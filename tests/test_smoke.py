@@ -15,13 +15,12 @@ import pytest
 import yaml
 
 from motion_jax import fit as training
-from motion_jax.text.encoder import load_text_encoder
 from motion_jax.training import checkpoint
 from motion_jax.training.metrics import read_metrics
 from motion_jax.utils import config_files, overrides
 from motion_studio import cli
-from motion_studio.language import parse
 from tests.conftest import ROOT, load_config, some_of
+from tests.pages import CARDS, LANDING, MORE, PAGES, TYPED, blocks, commands, name_of, shell_lines
 from tools.site import notebooks
 
 CONFIGS = [name for name in config_files.names() if "/" not in name]
@@ -78,44 +77,12 @@ def test_resume_with_other_frozen_parts_is_refused(tiny_run, tmp_path):
     file.write_bytes(whole)
 
 
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
-LANDING = ROOT / "site" / "index.md"  # of the site: what a newcomer types first is the README's
-MORE = [ROOT / "CONTRIBUTING.md", ROOT / "docs" / "benchmark" / "README.md",
-        *sorted((ROOT / "docs" / "papers").glob("*.md"))]  # pages with a command here and there
-TYPED = ("control.md", "command-line.md")  # pages whose commands follow from one another
-CARDS = sorted((ROOT / "motion_jax" / "pretrained").glob("*/README.md"))  # of the models that ship
-
-
-def _name(page):
-  return page.parent.name if page in CARDS else page.stem
-
-
-def _blocks(page, language):
-  return re.findall(rf"```{language}\n(.*?)```", page.read_text(encoding="utf-8"), flags=re.DOTALL)
-
-
-def _commands(page):
-  """The words of each command of a page that is one of ours, with what the block's variables stand for."""
-  for block in _blocks(page, "bash"):
-    variables = {}
-    for line in block.replace("\\\n", " ").splitlines():
-      assigned = re.fullmatch(r'(\w+)="(.*)"', line)
-      if assigned:
-        variables["$" + assigned[1]] = shlex.split(assigned[2].replace('\\"', '"'), posix=False)
-        continue
-      for part in line.split(" && "):
-        words = [word for written in shlex.split(part.rstrip().removesuffix("&"), comments=True)
-                 for word in variables.get(written, [written])]
-        if words and (words[0].endswith("motion-jax") or words[0].endswith("python") and words[1].endswith(".py")):
-          yield words[1:] if words[0].endswith("python") else ["motion-jax", *words[1:]]
-
-
-@pytest.mark.parametrize("page", PAGES + CARDS + MORE, ids=_name)
+@pytest.mark.parametrize("page", PAGES + CARDS + MORE, ids=name_of)
 def test_commands_of_the_pages_exist(page, capsys):
   """Every command line of ours in the README, the pages of docs/ and the models' cards parses, and its config has the
   fields it names, by the names that they have."""
   of_scripts = {"launch.py": "train", "eval.py": "evaluate"}
-  found = [words for words in _commands(page) if words[0] in ("motion-jax", *of_scripts)]
+  found = [words for words in commands(page) if words[0] in ("motion-jax", *of_scripts)]
   must = page == ROOT / "README.md" or page.stem in ("command-line", "training", "evaluation", "data") or (
       page in CARDS and page.parent.name != "words")
   assert found or not must
@@ -126,12 +93,12 @@ def test_commands_of_the_pages_exist(page, capsys):
     elif args.command == "train":
       config = overrides.applied(args.overrides, config_files.load(args.config))
       assert "passes" in config or config.stage
-  for words in _commands(page):
+  for words in commands(page):
     assert words[0] == "motion-jax" or (ROOT / words[0]).is_file(), words
   assert not capsys.readouterr().err
 
 
-@pytest.mark.parametrize("page", PAGES + CARDS + MORE, ids=_name)
+@pytest.mark.parametrize("page", PAGES + CARDS + MORE, ids=name_of)
 def test_a_block_says_its_language(page):
   """So that the tests here find every command; what a program reads can be read."""
   for language, block in re.findall(r"(?ms)^```(\w*)\n(.*?)^```", page.read_text(encoding="utf-8")):
@@ -141,30 +108,14 @@ def test_a_block_says_its_language(page):
     elif language in ("json", "toml", "yaml"):
       {"json": json.loads, "toml": tomllib.loads, "yaml": lambda text: list(yaml.safe_load_all(text))}[language](block)
     else:
-      assert language in ("python", "bash", "sh", "text", "bibtex"), language
-
-
-def _shell_lines(page):
-  """The lines of a page's bash blocks as a reader would type them, each with what it continues or reads to its END."""
-  for block in _blocks(page, "bash"):
-    end = None
-    lines = []
-    for line in block.replace("\\\n", " ").splitlines():
-      if end:
-        lines[-1] += "\n" + line
-        end = None if line == end else end
-      elif line.strip():
-        lines.append(line)
-        here = re.search(r"<<'(\w+)'", line)
-        end = here and here[1]
-    yield from lines
+      assert language in ("python", "bash", "console", "sh", "text", "bibtex"), language
 
 
 def test_pages_that_are_typed_from_the_top_need_no_file_of_ones_own():
   """Every file that their commands read was made by one before."""
   for name in TYPED:
     made = set()
-    for line in _shell_lines(ROOT / "docs" / name):
+    for line in shell_lines(ROOT / "docs" / name):
       words = shlex.split(line.splitlines()[0], comments=True)
       given = [word.partition(":")[2] if ":" in word and "." in word.partition(":")[2] else word for word in words]
       read = {word.partition("@")[0] for word in given[1:]
@@ -174,15 +125,7 @@ def test_pages_that_are_typed_from_the_top_need_no_file_of_ones_own():
       assert read <= made, (name, line, read - made)
 
 
-def test_an_example_with_its_answer_is_what_the_command_prints():
-  """docs/sentences.md: what is understood of its first sentence, in the words that are printed."""
-  page = (ROOT / "docs" / "sentences.md").read_text(encoding="utf-8")
-  (sentence, said), = re.findall(r'\$ motion-jax generate "(.*?)".*\nunderstood as: (.*)\n', page)
-  assert " | ".join(segment.words for segment in parse(sentence).segments) == said
-  assert not load_text_encoder("cmdm-small").out_of_vocabulary(sentence)
-
-
-SCRIPTS = {_name(page): "\n".join(_blocks(page, "python")) for page in reversed(PAGES)} | {
+SCRIPTS = {name_of(page): "\n".join(blocks(page, "python")) for page in reversed(PAGES)} | {
     path.stem: "\n".join(notebooks.blocks(path, "tests")) for path in notebooks.paths()}
 
 
@@ -200,23 +143,29 @@ def test_python_of_the_pages_and_notebooks_names_what_there_is(name):
   assert scope and not [text for text in named if below(*text.split(".")) is None]
 
 
-OF_PAGES = {name: script for name, script in SCRIPTS.items() if script and name in map(_name, PAGES)}
+OF_PAGES = {name: script for name, script in SCRIPTS.items() if script and name in map(name_of, PAGES)}
 OF_LIBRARY, APPLICATION, OF_APPLICATION = OF_PAGES.pop("README").partition("from motion_studio import Pipeline")
 OF_PAGES |= {"README, library": OF_LIBRARY, "README, application": APPLICATION + OF_APPLICATION}
 
 
 @pytest.mark.parametrize("page", some_of(OF_PAGES, slow=["README, library", "README, application", "training"]))
-def test_python_of_the_pages_runs_without_an_error(page, tmp_path, monkeypatch):
+def test_python_of_the_pages_runs_and_prints_what_stands_beside_it(page, tmp_path, monkeypatch, capsys, recwarn):
+  """Without an error or a note about the motion; of "print(x)  # value: why" the value, where it is one."""
   monkeypatch.chdir(tmp_path)
   exec(compile(OF_PAGES[page], page, "exec"), {})
+  printed = capsys.readouterr().out.splitlines()
+  values = [value for value in re.findall(r"(?m)^print\(.*\)  +# (.*)", OF_PAGES[page])
+            if not value.startswith(("all ", "what "))]
+  assert not [value for value in values if value.partition(": ")[0] not in printed], printed
+  assert not [str(one.message) for one in recwarn if "another seed may show it" in str(one.message)]
 
 
 def test_the_landing_page_says_what_the_readme_says():
   """Its commands and Python are the README's, which the tests above run; comments may be shorter."""
   bare = lambda block: [line.partition("  #")[0].rstrip() for line in block.splitlines()]
-  readme = [line for language in ("bash", "python") for block in _blocks(ROOT / "README.md", language)
+  readme = [line for language in ("bash", "python") for block in blocks(ROOT / "README.md", language)
             for line in bare(block)]
-  lines = [line for language in ("bash", "python") for block in _blocks(LANDING, language) for line in bare(block)]
+  lines = [line for language in ("bash", "python") for block in blocks(LANDING, language) for line in bare(block)]
   assert lines and set(lines) <= set(readme)
 
 

@@ -15,6 +15,7 @@ from motion_jax.shapes import Array
 
 _G = 9.81
 PUNCH = 2.2  # metres a second of a fist
+_RISE = 1.5  # seconds in which a hand comes up from below to over its shoulder
 LONG = 0.4  # metres that the pelvis moves while both feet of a single long jump are in the air
 
 
@@ -244,18 +245,22 @@ def _lies(body):
 
 
 def _hands(body):
-  """Hands that go up over the shoulders from below, and what they do there: stay, or wave."""
+  """Hands over the shoulders, and what they do there: wave, or stay there after they have come up from below.
+
+  A hand that is up, or on its way up, when the motion begins may wave; it is not raised. One that has been near its
+  shoulder for longer counts for neither.
+  """
   over = body.local("wrist", "shoulder")[..., 1]
   raised = majority(over > 0.0, body.fps)
   both, frames, spans = np.asarray(raised.all(1)), np.arange(body.num), []
   for side in (0, 1):
     for first, past in body.spans(raised[:, side], least=0.3, gap=0.5):
-      began = over[max(0, first - int(1.5 * body.fps)):first, side]
+      start = max(0, first - int(_RISE * body.fps))
+      comes_up = bool((over[start:first, side] < -0.25).any())
       top = first + int(over[first:past, side].argmax())
-      if not len(began) or began.min() > -0.25 or over[top, side] < 0.08 or body.elbows[top, side] < 65:
-        continue
-      spans.append((first, past, side))
-  for first, past, side in spans:
+      if (comes_up or not start) and over[top, side] > 0.08 and body.elbows[top, side] > 65:
+        spans.append((first, past, side, comes_up))
+  for first, past, side, comes_up in spans:
     together = both[first:past].mean() > 0.6
     if together and side:
       continue
@@ -269,7 +274,7 @@ def _hands(body):
       sure = len({count for count, _, _ in swings}) == 1 and all(sure for _, sure, _ in swings)
       yield _event(body, "wave", first, past, side=named, count=swings[0][0] if sure else 0,
                        amount=float(np.mean([rate for _, _, rate in swings])))
-    elif whole and all(count <= 1 for count, _, _ in swings):
+    elif comes_up and whole and all(count <= 1 for count, _, _ in swings):
       yield _event(body, "raise", first, past, side=named, count=1, amount=float(over[first:past, side].max()))
 
 

@@ -9,6 +9,7 @@ from motion_jax.analysis.signals import PAIR, SIDES, Body
 from motion_studio.language.requirements import Requirement
 
 _BENT = 32.0           # degrees of a trunk that bends
+_HEIGHT_PER_LEG = 1.1  # height of the standing pelvis in lengths of a leg, at least; median of CMU 1.14, of Bandai 1.18
 _CROUCHED = 0.78       # of the height of the standing pelvis
 _CROUCH_SECONDS, _BALANCE_SECONDS = 0.6, 1.1
 _LIFTED, _OFF_GROUND = 0.17, 0.13  # metres of a foot over the other one, and over the ground
@@ -23,9 +24,16 @@ def not_bent(body: Body) -> float:
   return _lacks(float(body.trunk.max()), _BENT)
 
 
+def upright_height(body: Body) -> float:
+  """Height over its soles of the pelvis of a body that stands, by the length of its legs."""
+  joints = body.joints
+  thighs, shins = joints[:, [1, 2]] - joints[:, [4, 5]], joints[:, [4, 5]] - joints[:, [7, 8]]
+  return _HEIGHT_PER_LEG * float(np.linalg.norm(thighs, axis=-1).mean() + np.linalg.norm(shins, axis=-1).mean())
+
+
 def not_crouched(body: Body) -> float:
-  """Crouch: the pelvis is below 0.78 of its usual height for 0.6 s."""
-  height = body.pelvis / max(float(np.percentile(body.pelvis, 95)), 1e-6)
+  """Crouch: the pelvis is below 0.78 of its usual height, or that of its legs, for 0.6 s."""
+  height = body.pelvis / max(float(np.percentile(body.pelvis, 95)), upright_height(body), 1e-6)
   if body.spans(height < _CROUCHED, least=_CROUCH_SECONDS):
     return 0.0
   return max(_lacks(1 - float(height.min()), 1 - _CROUCHED), 0.1)

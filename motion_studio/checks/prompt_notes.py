@@ -8,7 +8,7 @@ from motion_jax.text.vocabulary import closest_word
 from motion_studio.checks.violations import can_be_checked
 from motion_studio.language import Plan
 from motion_studio.language.hand_places import without_hands
-from motion_studio.language.lexicon import NEGATIONS
+from motion_studio.language.lexicon import BEFORE_ACTIONS, NEGATIONS, PAUSE
 from motion_studio.language.path_shapes import without_shape
 from motion_studio.language.postures import postures_of
 from motion_studio.planning.spans import read_segments
@@ -39,6 +39,9 @@ def notes_of(planner: Any, prompts: Iterable[str | Plan], postures: bool = True)
       notes[f"{shortened(prompt)} is about several people ({found[0]!r}); only one body is made"] = None
     if not isinstance(one, str):
       notes.update(dict.fromkeys(_of_verbs(planner, one)))
+      if (lost := [word for word in _lost_words(planner, one) if word.lower() not in named]):
+        named.update(map(str.lower, lost))
+        notes[_of_words(planner, prompt, lost)] = None
     if (denial := _denial(one)):
       notes[f"{shortened(prompt)} says {denial!r}; a model may do what follows nevertheless"] = None
     for part in [prompt] if isinstance(one, str) else (
@@ -61,15 +64,30 @@ def _denial(prompt):
   return next((word for part in prompt.prompts for word in part.lower().split() if word in NEGATIONS), "")
 
 
+def _lost_words(planner, plan):
+  """Words of no training caption that no action of a plan has: the moonwalk that became "walks"."""
+  kept = {form for action in (*plan.actions, *plan.sampled) for word in _WORD.findall(action.prompt.lower())
+          for form in possible_bases(word)}
+  text = without_shape(plan.text) if _bends(plan) else plan.text
+  unknown = {word: {*possible_bases(word.lower())} for word in planner.model.captions.unknown_words(text)}
+  return [word for word, forms in unknown.items() if kept.isdisjoint(forms) and BEFORE_ACTIONS.isdisjoint(forms)
+          and _WORD.fullmatch(word.lower()) and not planner.meanings.of(verb_of(word.lower()) or word.lower())]
+
+
+def _bends(plan):
+  """Whether a walk is bent to a path, whatever the captions say."""
+  return any(one.kind == "figure-eight" for one in plan.requirements)
+
+
 def _without_postures(plan):
-  """The prompts of a plan without what they say of postures, and of paths to which walks are bent; the gestures that a
-  model samples stay."""
+  """The prompts of a plan without standing still, what they say of postures, and of paths to which walks are bent; the
+  gestures that a model samples stay."""
   named = {plan.single.prompt: plan.text} if plan.is_plain and plan.single else {}
   sampled = {id(segment.action) for segment in read_segments(plan)}
   made = {named.get(action.prompt, action.prompt) for action, place in postures_of(read_segments(plan))
           if place is None or place.place or id(action) not in sampled}
-  bends = any(one.kind == "figure-eight" for one in plan.requirements)
-  return [without_hands(without_shape(prompt) if bends else prompt) for prompt in plan.prompts if prompt not in made]
+  prompts = dict.fromkeys(one.prompt for one in plan.sampled if one.words != PAUSE and one.prompt not in made)
+  return [without_hands(without_shape(prompt) if _bends(plan) else prompt) for prompt in prompts]
 
 
 def _of_verbs(planner, plan):
@@ -88,20 +106,27 @@ def _of_words(planner, prompt, words):
   nearest = planner.nearest_captions(prompt)
   instead = (f"the nearest caption that {planner.model.folder.name} learned from is {shortened(nearest[0][0])}"
              if nearest else "it may be ignored or misunderstood")
-  return f"the model does not know {found} in {shortened(prompt)}: {instead}"
+  return f"the model does not know {found} in {shortened(prompt)}{_how_rare(planner, prompt)}: {instead}"
 
 
 def _of_phrase(planner, action):
   """A note on an action, a plan or a prompt, with known words in an unknown combination; "" for one that is known."""
   prompt = action if isinstance(action, str) else action.text
-  if not planner.model.captions or planner.model.captions.knows(prompt) and not planner.repertoire.is_rare(action):
+  if not planner.model.captions or planner.model.captions.knows(prompt) and not planner.repertoire.rare_words(action):
     return ""  # before the vectors of all captions are needed
   found = planner.repertoire.judge(action)
   if found.known and not found.few or not found.nearest:
     return ""
   learned = "learned little like" if found.known else "not learned"
-  return (f"{planner.model.folder.name} has {learned} {shortened(prompt)}; what it knows nearest is "
-          f"{shortened(found.nearest[0][1])}, so expect something like that")
+  return (f"{planner.model.folder.name} has {learned} {shortened(prompt)}{_how_rare(planner, action)}; what it knows "
+          f"nearest is {shortened(found.nearest[0][1])}, so expect something like that")
+
+
+def _how_rare(planner, action):
+  """How few phrases of the captions have words of an action: " ('hook' in 2 of 2,365 phrases)"; "" of common ones."""
+  counts = planner.repertoire.rare_words(action).items() if planner.repertoire else ()
+  rare = ", ".join(f"{word!r} in {count}" for word, count in counts)
+  return f" ({rare} of {len(planner.repertoire.phrases):,} phrases)" if rare else ""
 
 
 def with_suggestion(model: Any, word: str) -> str:

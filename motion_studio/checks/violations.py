@@ -33,7 +33,6 @@ _THIGH_ANGLE = 45.0  # degrees of both thighs from upright in a seat; captured o
 _STANDING_HEIGHT = 0.92  # of the pelvis after getting up
 _HOLD_SECONDS = 0.5  # of sitting, and of standing after getting up
 _LEAVES_SEAT = 0.4  # of the way up from the lowest point, from which a body that sat gets up
-_HEIGHT_PER_LEG = 1.1  # height of the standing pelvis in lengths of a leg, at least; median of CMU 1.14, of Bandai 1.18
 _CLIMB = 0.25  # metres up or down on stairs
 _SIDEWAYS_SECONDS = 0.8  # of a walk to a side
 _RAISED_SECONDS = 0.3  # of a hand over its shoulder
@@ -182,10 +181,7 @@ def _no_step_back(body):
 
 def _standing_height(body):
   """Height of the pelvis of the standing body: that of most frames or, where it rarely stands, by its legs."""
-  joints = body.joints
-  thighs, shins = joints[:, [1, 2]] - joints[:, [4, 5]], joints[:, [4, 5]] - joints[:, [7, 8]]
-  leg = float(np.linalg.norm(thighs, axis=-1).mean() + np.linalg.norm(shins, axis=-1).mean())
-  return max(np.percentile(joints[:, 0, 1], 90), _HEIGHT_PER_LEG * leg)
+  return max(np.percentile(body.joints[:, 0, 1], 90), posture_violations.upright_height(body))
 
 
 def _moves(body):
@@ -224,6 +220,16 @@ def _not_seated(body):
   lowest, standing = float(height.min()), _standing_height(body)
   rises = float(height[_last(body)].max()) > lowest + _LEAVES_SEAT * max(standing - lowest, 0.0)
   return 0.5 * (rises or not _sits(body)[_last(body)].all())
+
+
+def gets_up(body: Body) -> int:
+  """The frame in which a body gets up after it has come to sit, the number of frames where it stays seated."""
+  height, sits = body.joints[:, 0, 1], _sits(body)
+  stood = int(np.argmin(sits))  # one that begins seated has not come to sit
+  seat = stood + int(np.argmax(sits[stood:]))
+  lowest = float(height[seat:].min())
+  limit = max(lowest + _LEAVES_SEAT * (_standing_height(body) - lowest), float(height[seat]))
+  return seat + int(np.argmax(height[seat:] > limit)) if sits[seat] and (height[seat:] > limit).any() else body.num
 
 
 def _not_up(body):

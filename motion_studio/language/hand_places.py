@@ -67,7 +67,8 @@ _BEAT = 0.3
 _ONE_HAND = dict.fromkeys(("throw", "toss", "hurl"), (("ear", 0.7), ("front", 0.25), ("down", 0.8))) | dict.fromkeys(
     ("hit", "strike", "slap", "swat", "slash"), (("head", 0.6), ("front", 0.25), ("down", 0.8))) | dict.fromkeys(
     ("point", "reach", "grab"), (("front", 0.8),))
-_NO_GESTURE = re.compile(r"\b(?:\w+sel(?:f|ves)|ups|floor|ground|stairs?|steps?|pose|up|down|behind|above|head|back|"
+_NO_GESTURE = re.compile(r"\b(?:\w+sel(?:f|ves)|(?:punch|jab|hook|uppercut|kick|blow)(?:e?s)?|ups|floor|ground|stairs?|"
+                         r"steps?|pose|up|down|behind|above|head|back|"
                          rf"{'|'.join(sorted(lexicon.LIMBS - {'hand', 'hands', 'arm', 'arms'}))})\b")
 _BOTH_HANDS = dict.fromkeys(("push", "shove"), (("chest", 0.7), ("front", 0.5))) | {
     "pull": (("front", 0.8), ("stomach", 0.6)), "catch": (("front", 0.5), ("stomach", 0.5))}

@@ -88,6 +88,7 @@ HALTING_VERBS = {"stop", "pause", "halt", "freeze"}
 PAUSING_VERBS = HALTING_VERBS | {"wait", "rest"}
 # Before "to" and the verb that says the action: "tries to wave".
 BEFORE_TO = PAUSING_VERBS | {"try", "attempt", "manage", "pretend", "look", "decide", "prepare"}
+BEFORE_ACTIONS = BEFORE_TO | set(ASPECTS)
 # Meanings that `motion_jax.text.wordnet` does not have.
 HELD = "held"  # a manner: the pose is kept for a while
 OWN_MEANINGS = {
@@ -110,6 +111,7 @@ DONE_ONCE = set("bow kick turn squat duck raise lift lower throw toss catch pick
 NOT_AT_EASE = {"kick", "raise", "lift", "strike"}  # of these, those after which an arm or a leg may be in the air
 LOW = {"sit", "kneel", "crouch", "lie"}  # after these the body is low, and stays low in a pause
 FROM_THE_FLOOR = {"pick", "place", "drop", "take", "lift"}  # the whole body goes down and up again with the arms
+AT_A_THING = set("open grab press knock wipe screw type".split())  # done with a thing where it stands
 # Seconds of one cycle of actions that a clip shows many times.
 CYCLES = {"wave": 0.8, "clap": 0.6, "nod": 0.8, "shake": 0.6, "punch": 1.0, "jab": 0.8, "stomp": 0.8, "stamp": 0.8}
 # Repetitions of these are sampled one after the other: of 24 kicks and squats 12 have the right number one by one, and
@@ -137,6 +139,7 @@ BODY_PARTS = (("legs", {"leg", "knee", "foot", "feet", "heel", "toe", "ankle", "
               ("torso", {"torso", "hip", "waist", "chest"}),
               ("arms", ARM_PARTS))
 BODY = set().union(*(things for _, things in BODY_PARTS))
+FACE = set("face forehead eyes nose mouth brow lips cheeks".split())
 LIMBS = BODY | {f"{part}s" for part in BODY}
 NO_POSTURE = {"left", "right", "side", "sides", "again", "slightly", "first", "it's"}
 BEFORE_A_LIMB = set("the with on left right both other one".split())

@@ -99,6 +99,11 @@ def _side_steps(verb, words, lower):
   return _action("walk", ["sideways", *way, *found["after"].split()])
 
 
+def _stretch(verb, words, lower):
+  bare = verb == "stretch" and all(word.endswith("ly") or word in ("out", "again") for word in lower)
+  return _action(verb, ["both", "arms", "up", *(word for word in words if word != "out")]) if bare else None
+
+
 def _motion_of_an_action(verb, words, lower):
   found = _MOTION.match(" ".join(lower)) if verb in lexicon.LIGHT_VERBS else None
   meant = found and verb_of(found["verb"])
@@ -182,6 +187,10 @@ RULES = (
         "a man side steps to the left": "walks sideways to the left",
         "someone takes side steps to the right, then waves": "walks sideways to the right | waves",
         "a person steps sideways to their right": "walks sideways to the right"}, _side_steps),
+    Rule("Stretching", "Stretching that names no limb is of both arms, up.", {
+        "a person stretches, then walks": "stretches both arms up | walks",
+        "raising the hands above the head and stretching": "raises the hands above the head | stretches both arms up",
+        "a person is standing and stretching": "stands + stretches both arms up"}, _stretch),
     Rule("Motion of an action", "A motion, movement or gesture of an action is that action.", {
         "a person makes a waving motion with the left arm": "waves with the left arm"}, _motion_of_an_action),
     Rule("Steps at a pace", "Taking slow or quick steps is walking at that pace.", {

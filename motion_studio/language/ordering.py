@@ -56,8 +56,9 @@ def _and_is_simultaneous(group, clause):
   every = [*group, clause]
   if not can_be_simultaneous(group, clause) or any(one.steps for one in group):  # "takes three steps and waves"
     return False
+  # "picks it up and walks on", "walks to the door and opens it"
   if any(one.part == "arms" and one.verb != "lift" and not actions.stays_low(one.verb, one.part, lower(one.words))
-         for one in every):  # "picks it up and walks on"
+         or _is_at_a_thing(one) and lexicon.IDLE.isdisjoint(other.verb for other in every) for one in every):
     return False
   parts = {one.part for one in every}
   if "body" in parts:
@@ -67,6 +68,13 @@ def _and_is_simultaneous(group, clause):
         actions.is_continuous(one.verb, lower(one.words)) or is_participle(one.form)  # "is sitting and clapping"
         for one in every if one.part == "legs")
   return parts == {"arms", "head"} or parts == {"arms"} and {one.verb for one in every} <= lexicon.ONE_ARM_EACH
+
+
+def _is_at_a_thing(clause):
+  """Whether hands act on a thing where it stands, be it with a named hand, and not on the body itself."""
+  words = lower(clause.words)
+  thing = words[:words.index("with")] if "with" in words else words
+  return bool(thing) and clause.verb in lexicon.AT_A_THING and (lexicon.LIMBS | lexicon.FACE).isdisjoint(thing)
 
 
 RULES = (
@@ -84,6 +92,13 @@ RULES = (
     Rule("Main clause without a comma", "After a subordinate clause in front, the main clause begins at its subject.", {
         "after sitting for a while the person gets up and walks away": "sits for a while | gets up | walks away",
         "while walking he waves": "walks + waves"}),
+    Rule("At a thing", "What the hands do at a thing that stands somewhere comes before or after a walk, unless "
+         "\"while\" or a participle says otherwise.", {
+        "a person walks to the door and opens it": "walks to the door | opens it",
+        "a person opens the door and walks through": "opens the door | walks through",
+        "a person walks forward and grabs something": "walks forward | grabs something",
+        "a person walks forward, grabbing things": "walks forward + grabs things",
+        "a person walks and wipes the sweat off his face": "walks + wipes the sweat off his face"}),
     Rule("One body", "What one body cannot do at once stays one action.", {
         "a person turns to the left while walking": "a person turns to the left while walking",
         "a person walks up and down": "a person walks up and down"}),

@@ -1,7 +1,8 @@
 """Actions in plain words: "kicks with the left foot" for "gives a slight kick with his left leg, not very high".
 
 Captions of motion name actions in few ways. Where a model does not do what a sentence says in its own words, another
-attempt gets each action of it that can be checked in the words of captions; manner and place are lost.
+attempt gets each action of it that can be checked in the words of captions; manner, place and subject are lost:
+hands of old people wave below their shoulders in captures.
 """
 from collections.abc import Sequence
 
@@ -37,9 +38,10 @@ def _plain(action: Action, plan: Plan) -> Action:
   action = plan.single if plan.is_plain and plan.single else action
   words = "" if action.is_pose or action.prompt == plan.text and plan.single is None else _words_of(
       requirements_of((action,), action.prompt), action.verb in lexicon.TURNING)
-  if not words or words in (plan.text if plan.is_plain else action.words):
+  subject = "a person" if len(action.subject.split()) > 2 else action.subject or "a person"  # "an old man"
+  said = plan.text if plan.is_plain else action.words
+  if not words or words in said and subject == (action.subject or subject):
     return plan.segments[0].action if plan.is_plain else action
-  subject = action.subject or "a person"
   return action._replace(prompt=f"{subject} {words}", words=words, sides=sides_of(words.split()), reworded=True)
 
 

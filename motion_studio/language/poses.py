@@ -13,7 +13,8 @@ def is_hold(verb, words):
   return verb == "do" and words in ({"not", "move"}, {"nothing"})
 
 
-def _hold(who):
+def hold(who: str) -> Action:
+  """Keeping the pose that the action before ends in."""
   return Action(f"{who} {HOLD}", HOLD, "legs", verb="stand", subject=who)
 
 
@@ -23,7 +24,7 @@ def holding(segment):
   if segment.seconds is None or segment.simultaneous or action.times > 1 or not (
       action.verb in ("raise", "lift") and action.part == "arms" or action.verb in lexicon.LOW):
     return [segment]
-  return [segment._replace(seconds=None), Segment(_hold(action.subject), (), segment.seconds)]
+  return [segment._replace(seconds=None), Segment(hold(action.subject), (), segment.seconds)]
 
 
 def with_poses(segments, who):
@@ -42,7 +43,7 @@ def with_poses(segments, who):
       action = action._replace(prompt=f"{who} {HOLD}", words=HOLD)
     elif low and all(map(_stays_low, (action, *segment.simultaneous))):
       segment = segment._replace(simultaneous=(action, *segment.simultaneous))
-      action = _hold(who)
+      action = hold(who)
     found.append(segment._replace(action=action))
     low = action.verb in lexicon.LOW or low and found[-1].hold_pose
   return tuple(found)

@@ -12,11 +12,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from motion_jax.text.captions import without_subject
+from motion_jax.text.lexicon import WORDS_WITHOUT_MOTION
 from motion_jax.text.morphology import base_form, possible_bases, verb_of
 from motion_jax.text.tagger import tag_words
 from motion_jax.utils import cache
 from motion_studio.language import lexicon
 from motion_studio.language.actions import postures_of
+from motion_studio.language.hand_places import without_hands
 from motion_studio.language.meaning import kind_of
 from motion_studio.language.parser import parse
 from motion_studio.language.plan import Plan
@@ -38,6 +40,9 @@ _MANNER = re.compile(
 _NO_THINGS = set("circle circles direction middle right left "
                  "arm hand wrist elbow fist finger shoulder leg knee foot feet heel toe ankle thigh head chin neck "
                  "torso hip waist chest body back face spot place side way air time direction line person".split())
+_NO_DEEDS = (lexicon.LIGHT_VERBS | lexicon.DIRECTIONS | lexicon.LIMBS | WORDS_WITHOUT_MOTION | set(lexicon.ASPECTS)
+             | set("forth level go come use follow end switch".split())
+             | {verb for verb, meaning in lexicon.OWN_MEANINGS.items() if lexicon.LOST not in meaning.manner})
 # Where something is done: over, under, up a thing; a hand at the face.
 _OVER = re.compile(r"\b(over|onto|under|through|across|into|off|up|down) (?:(?:and|on|onto|over) )*"
                    r"(?:(something|it)|(?:an?|the|some) (?:\w+ )?(\w+))\b")
@@ -49,6 +54,7 @@ _OVER_THE_HEAD = re.compile(r"\b(?:over|above) (?:(?:the|his|her|their|its) )?he
 _WAY = re.compile(r"(?<!with )(?<!with the )\b(left|right|backward|sideways|low|high)s?\b"
                   rf"(?! (?:and \w+ )?(?:{'|'.join(sorted(lexicon.LIMBS))})\b)")
 _LEAPS = ("jump", "hop", "leap", "kick")
+_TOKEN = re.compile("[a-z'-]+")
 _WALKS = {"go", "move", "step"}
 
 
@@ -83,14 +89,15 @@ class Repertoire:
   def _words(self):
     """{base form: number of phrases in which it may stand}."""
     return collections.Counter(form for phrase in self.phrases
-                               for form in {form for word in phrase.split() for form in possible_bases(word)})
+                               for form in {form for word in _TOKEN.findall(phrase) for form in possible_bases(word)})
 
-  def is_rare(self, action: str | Plan) -> bool:
-    """Whether few phrases have the verb of an action, or its thing, such as the backflip that somebody does."""
-    plan = parse(action) if isinstance(action, str) else action
-    words = {kind.split()[0] for kind in _kinds(plan.actions)} | _things(phrase_of(plan.text))
+  def rare_words(self, action: str | Plan) -> dict[str, int]:
+    """{word: number of phrases that have it} of the verbs and nouns of an action that few phrases have, such as the
+    cartwheel that somebody does."""
+    phrase = phrase_of(action if isinstance(action, str) else action.text).lower()
     most = min(_RARE, _RARE_SHARE * len(self.phrases))
-    return any(0 < self._words[word] <= most for word in words)
+    counts = {word: max(self._words[form] for form in possible_bases(word)) for word in _deeds(phrase)}
+    return {word: count for word, count in counts.items() if 0 < count <= most}
 
   def nearest(self, sentence: str, num: int) -> list[tuple[float, str]]:
     """[(cosine, phrase)] of the phrases closest in meaning, the nearest first."""
@@ -119,8 +126,17 @@ class Repertoire:
     alike = [phrase for phrase in near
              if things <= _things(phrase) | _places(phrase) | _ways(phrase) | postures_of(phrase)]
     equal = bool(alike) and nearest[0][0] >= _EQUAL and nearest[0][1] == alike[0]
-    few = len(alike) <= _FEW and not equal or self.is_rare(plan)
+    few = len(alike) <= _FEW and not equal or bool(self.rare_words(plan))
     return Judgement(bool(near) and same, bool(near) and few, nearest)
+
+
+@functools.lru_cache(maxsize=1 << 12)
+def _deeds(phrase):
+  """The verbs and nouns of a phrase as they stand there, without body parts, ways and places of hands: what is done,
+  with which thing, and in the manner of whom."""
+  words = _TOKEN.findall(without_hands(phrase))
+  return [word for word, (base, tag) in zip(words, tag_words(words)) if tag in ("VERB", "NOUN") and not (
+      {base, word} & _NO_DEEDS or base_form(word, _NO_THINGS))]
 
 
 @functools.lru_cache(maxsize=1 << 12)

@@ -10,6 +10,7 @@ from motion_jax.utils.numerals import as_float, require_numbers
 from motion_studio.language import Action, Plan, Segment, parse, pause
 from motion_studio.language.lexicon import COUNTED_ONE_BY_ONE, CYCLES, LOW, PAUSE
 from motion_studio.language.path_shapes import is_gait, min_duration
+from motion_studio.language.poses import hold
 from motion_studio.language.postures import postures_of
 
 LONGEST = 3600     # seconds of a plan
@@ -103,16 +104,18 @@ def with_final_pause(planner: Any, plan: Plan | None, frames: float | None) -> P
 
 
 def with_pauses(planner: Any, rows: Sequence[tuple[str, int]]) -> tuple[Plan, list[int]]:
-  """(plan, frames of its segments) of (prompt, frames): an action that ends by itself is followed by standing still
-  where a second or more of its frames is left."""
+  """(plan, frames of its segments) of (prompt, frames): an action that ends by itself is followed by standing still,
+  and getting down by staying there, where a second or more of its frames is left."""
   segments, counts = [], []
   for prompt, count in rows:
-    took, action = frames_until_done(planner, prompt), parse(prompt).single
+    action = parse(prompt).single or Action(prompt, prompt)
+    took = planner.natural_frames(prompt) if action.verb in LOW else frames_until_done(planner, prompt)
     left = (count - took) / planner.fps if took else 0.0
-    segments.append(Segment(Action(prompt, prompt)))
+    segments.append(Segment(Action(prompt, prompt, action.part, verb=action.verb)))
     counts.append(took if left >= _LEFT else count)
     if left >= _LEFT:
-      segments.append(pause(action.subject if action and action.leaves_at_ease else "", left))
+      after = pause(action.subject if action.leaves_at_ease else "", left)
+      segments.append(after._replace(action=hold(action.subject)) if action.verb in LOW else after)
       counts.append(count - took)
   return Plan(" | ".join(prompt for prompt, _ in rows), tuple(segments)), counts
 

@@ -13,7 +13,7 @@ from motion_jax.motion.pinned_feet import pin_feet
 from motion_jax.motion.retarget import floor_height, mirror
 from motion_jax.motion.skeleton import HUMANML3D
 from motion_jax.motion.smoothing import gaussian_filter1d
-from motion_studio.checks.violations import violation_score
+from motion_studio.checks.violations import gets_up, violation_score
 from motion_studio.language.requirements import Requirement
 from motion_studio.planning.pauses import held_frame, insert_pause
 from motion_studio.planning.rerouting import returning, shaped, stepping, towards
@@ -42,12 +42,16 @@ def corrected(model: Any, motion: Motion, requirements: Sequence[Requirement]) -
 
 
 def _kept_seated(motion, requirements, skeleton):
-  """Joints that hold the seated pose where sitting comes last and the body gets up again."""
+  """Joints that hold the seated pose where sitting comes last and the body gets up again, be it to sit down once more.
+  """
   seated = [one for one in requirements if one.kind == "seated"]
-  if not seated or not violation_score(motion.joints, seated, motion.fps):
+  if not seated:
     return motion.joints
   first = round(motion.captions[-1].start * motion.fps) if motion.captions else 0
-  at = held_frame(motion.joints, first, motion.num_frames, "low", (), skeleton)
+  past = first + gets_up(Body(np.asarray(motion.joints[first:], np.float64), motion.fps))
+  if past == motion.num_frames and not violation_score(motion.joints, seated, motion.fps):
+    return motion.joints
+  at = held_frame(motion.joints, first, past, "low", (), skeleton)
   held, _, _ = insert_pause(motion.joints, at, motion.num_frames - at, skeleton, ends=True, exact=True)
   held = held[:motion.num_frames]
   return motion.joints if violation_score(held, seated, motion.fps) else held

@@ -42,7 +42,8 @@ def sample_independently(model: Any, lists: Sequence[Sequence[tuple[str, int]]],
           for place in range(len(one)) for number in range(takes)]
   if not flat:
     return [found[row] for row in range(len(lists))]
-  folded = jax.numpy.stack([_key(keys[row], place, number) for row, place, number in flat])
+  folded = jax.numpy.stack([take_key(jax.random.fold_in(keys[row], _SEGMENT + place), number)
+                            for row, place, number in flat])
   made = iter(model.sample([lists[row][place][0] for row, place, _ in flat],
                            [lists[row][place][1] + SLACK for row, place, _ in flat], folded,
                            [seeds[row] for row, *_ in flat], cleanup, sampling))
@@ -54,8 +55,8 @@ def sample_independently(model: Any, lists: Sequence[Sequence[tuple[str, int]]],
   return [found[row] for row in range(len(lists))]
 
 
-def _key(key, place, number):
-  key = jax.random.fold_in(key, _SEGMENT + place)
+def take_key(key: jax.Array, number: int) -> jax.Array:
+  """The key of a take of what has this key: that of the first is the key itself."""
   return jax.random.fold_in(key, _TAKE + number) if number else key
 
 

@@ -18,7 +18,7 @@ from motion_studio.language.lexicon import COUNTED_ONE_BY_ONE
 from motion_studio.language.postures import postures_of
 from motion_studio.language.requirements import Requirement, is_counted, requirements_of
 from motion_studio.planning import assembly, durations
-from motion_studio.planning.independent import sample_independently
+from motion_studio.planning.independent import best_takes, sample_independently, take_key
 from motion_studio.planning.job import Job
 from motion_studio.planning.posing import posed
 
@@ -44,10 +44,9 @@ def sample(job: Job, independent: bool = False) -> list[Motion]:
   rest = [i for i in range(len(plans)) if i not in found]
   if rest:
     part = job.select(rest, plans=[plans[i] for i in rest])
-    make: Any = model.sample_segments
-    if independent:
-      make = partial(sample_independently, model, takes=_TAKES, required=_required(part.plans))
-    found |= zip(rest, compose(part, [lengths[i] for i in rest], make, independent))
+    make, takes = (partial(sample_independently, model, takes=_TAKES, required=_required(part.plans)), _TAKES) if (
+        independent) else (model.sample_segments, 1)
+    found |= zip(rest, compose(part, [lengths[i] for i in rest], make, takes))
   return [found[i] for i in range(len(plans))]
 
 
@@ -57,21 +56,20 @@ def _split_repetitions(plan):
   return plan.fully_split() if counts else plan
 
 
-def compose(job: Job, lengths: Sequence[Sequence[int]], sample_segments: Callable, one_by_one: bool = False
-            ) -> list[Motion]:
+def compose(job: Job, lengths: Sequence[Sequence[int]], sample_segments: Callable, takes: int = 1) -> list[Motion]:
   """A motion of each plan, of the given frames per segment.
 
-  sample_segments(lists of (prompt, frames), keys, seeds, cleanup, sampling) -> motions; one_by_one: every repetition
-  that can be counted is a segment of its own.
+  sample_segments(lists of (prompt, frames), keys, seeds, cleanup, sampling) -> motions. takes: of each simultaneous
+  action, of which the best is used; with several, every repetition that can be counted is a segment of its own.
   """
   model, plans, skeleton = job.model, job.plans, job.model.stats.layout.skeleton
   moving = [[(segment, count) for segment, count in zip(plan.segments, frames) if not segment.is_pause]
             or [(plan.segments[0], frames[0])] for plan, frames in zip(plans, lengths)]
-  repetitions = [[repeated(segment.action, count, model.frames_per_latent, one_by_one) for segment, count in row]
+  repetitions = [[repeated(segment.action, count, model.frames_per_latent, takes > 1) for segment, count in row]
                  for row in moving]
   bases = sample_segments([sum(row, []) for row in repetitions], job.keys, job.seeds, job.cleanup, job.sampling)
   spans = [spans_of(base, [len(one) for one in row]) for base, row in zip(bases, repetitions)]
-  layers = _sample_layers(job, lengths, spans)
+  layers = _sample_layers(job, lengths, spans, takes)
   bodies = [assembly.assemble(base.joints, plan.segments, span, frames,
                               [layers.get((row, place), []) for place in range(len(plan.segments))], skeleton)
             for row, (base, plan, span, frames) in enumerate(zip(bases, plans, spans, lengths))]
@@ -108,7 +106,7 @@ def spans_of(base: Motion, sizes: Sequence[int]) -> list[tuple[int, int]]:
   return [(frame(base.captions[end - size].start), frame(base.captions[end - 1].end)) for end, size in zip(ends, sizes)]
 
 
-def _sample_layers(job, lengths, spans):
+def _sample_layers(job, lengths, spans, takes):
   """{(row, segment): [(action, joints)]} of the actions that are layered on segments."""
   model, rows = job.model, [plan.segments for plan in job.plans]
   postures = {id(action) for segments in rows for action, _ in postures_of(segments)} if can_be_checked(model) else ()
@@ -119,13 +117,18 @@ def _sample_layers(job, lengths, spans):
   if not layers:
     return found
   # Numbered within their plan, so that draws do not depend on other plans of the batch.
-  keys = jax.numpy.stack([jax.random.fold_in(job.keys[row], 1 + number) for row, _, number, _ in layers])
-  counts = [max(_layer_frames(rows[row], place, spans[row], lengths[row]), model.frames_per_latent)
-            for row, place, _, _ in layers]
-  made = model.sample([action.prompt_with_count for *_, action in layers], counts, keys, [None] * len(layers),
-                      job.cleanup, job.sampling)
-  for (row, place, _, action), motion in zip(layers, made):
-    found.setdefault((row, place), []).append((action, motion.joints))
+  flat = [(row, number, take) for row, _, number, _ in layers for take in range(takes)]
+  keys = jax.numpy.stack([take_key(jax.random.fold_in(job.keys[row], 1 + number), take) for row, number, take in flat])
+  parts = [(action.prompt_with_count, max(_layer_frames(rows[row], place, spans[row], lengths[row]),
+                                          model.frames_per_latent)) for row, place, _, action in layers]
+  made = model.sample([prompt for prompt, _ in parts for _ in range(takes)],
+                      [count for _, count in parts for _ in range(takes)], keys, [None] * len(flat), job.cleanup,
+                      job.sampling)
+  required = _required(job.plans)
+  for number, (row, place, _, action) in enumerate(layers):
+    best, = best_takes([made[number * takes:(number + 1) * takes]], [parts[number]], required, model.fps,
+                       model.stats.layout.skeleton)
+    found.setdefault((row, place), []).append((action, best.joints))
   return found
 
 

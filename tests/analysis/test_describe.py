@@ -255,6 +255,18 @@ def test_a_hand_that_waves_on_where_the_other_is_lowered_waves():
   assert [event.side for event in waves] == ["left"] and waves[0].start > 1.5
 
 
+@pytest.mark.parametrize("joints, kind, side", [
+    (_wave("left", 5)[26:], "wave", "left"), (_wave("left", 5)[18:], "wave", "left"), (_wave("left", 0)[25:30], "", ""),
+    (_wave("left", 0, 9.0)[22:32].repeat(4, 0), "", ""), (_punch("right")[20:], "punch", "right"),
+    (_hop("left", 2)[18:], "hop", "left"), (_kick("left", (0.2, 1.4))[4:], "kick", "left")])
+def test_what_a_body_does_that_begins_in_the_pose_for_it(joints, kind, side):
+  """With a hand up, fists before the shoulders, on one leg: the way into the pose need not be seen. To be up is not to
+  go up."""
+  events = find_events(joints)
+  assert {(event.kind, event.side) for event in events if event.kind != "still"} == ({(kind, side)} if kind else set())
+  assert find_events(mirror(joints)) == [event._replace(side=mirror_caption(event.side)) for event in events]
+
+
 def test_in_doubt_nothing_is_said():
   both = (_wave("left", 0) + _standing(7)) / 2  # a hand that goes half way up
   assert not any(event.kind in ("raise", "wave") for event in find_events(both))

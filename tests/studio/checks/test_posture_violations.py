@@ -3,6 +3,7 @@ import numpy as np
 import pytest
 
 from motion_jax.data.datasets.synthetic import synthetic_joints
+from motion_jax.motion.retarget import bend
 from motion_studio.checks.violations import violation_score
 from motion_studio.language.requirements import Requirement
 
@@ -40,6 +41,15 @@ def _crouched():
   return made
 
 
+def _low():
+  """Crouched from the first frame to the last, on legs of their own length."""
+  made, stands = _crouched()[35:55], _stands(1)[0]
+  for hip, knee, ankle in ((1, 4, 7), (2, 5, 8)):
+    thigh, shin = (np.linalg.norm(stands[upper] - stands[lower]) for upper, lower in ((hip, knee), (knee, ankle)))
+    made[:, knee] = bend(made[:, hip], made[:, ankle], np.tile([0.0, 0.0, 1.0], (len(made), 1)), thigh, shin)
+  return made
+
+
 def _treading():
   made = _stands()
   for first in (5, 35, 60):
@@ -47,7 +57,8 @@ def _treading():
   return made
 
 
-BODIES = {"stands": _stands, "bent": _bent, "crouched": _crouched, "treads": _treading,
+BODIES = {"stands": _stands, "bent": _bent, "crouched": _crouched,
+          "low from the first frame": _low, "treads": _treading,
           "floats": lambda: _lifted(_lifted(_stands(), 0, slice(20, 60)), 1, slice(20, 60)),
           "left foot up": lambda: _lifted(_stands(), 0, slice(20, 60)), "left": lambda: _going((1, 0)),
           "right": lambda: _going((-1, 0)), "ahead": lambda: _going((0, 1)),
@@ -55,7 +66,9 @@ BODIES = {"stands": _stands, "bent": _bent, "crouched": _crouched, "treads": _tr
 
 
 @pytest.mark.parametrize("kind, side, does, does_not", [
-    ("bend", "", "bent", "stands"), ("crouch", "", "crouched", "stands"), ("treads", "", "treads", "left foot up"),
+    ("bend", "", "bent", "stands"), ("crouch", "", "crouched", "stands"),
+    ("crouch", "", "low from the first frame", "stands"),
+    ("treads", "", "treads", "left foot up"),
     ("foot", "left", "left foot up", "stands"), ("balance", "right", "left foot up", "treads"),
     ("balance", "right", "left foot up", "floats"),
     ("stays", "", "treads", "ahead"), ("return", "", "there and back", "ahead"),

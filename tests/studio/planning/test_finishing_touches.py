@@ -50,6 +50,15 @@ def test_a_body_that_sits_down_last_and_gets_up_again_stays_seated():
   assert np.linalg.norm(np.diff(made.joints, axis=0), axis=-1).max() < 0.15  # it comes to rest, and does not jump
 
 
+def test_a_body_that_gets_up_and_sits_down_once_more_stays_in_its_first_seat():
+  once = _sits_and_rises()
+  made = _finished(_motion(np.concatenate([once, once[:30]])), "a person sits down")
+  np.testing.assert_allclose(made.joints[:12], once[:12], atol=1e-5)
+  assert np.ptp(made.joints[50:, 0, 1]) < 1e-6 < 0.1 < np.ptp(once[50:, 0, 1])
+  seated = _motion(np.concatenate([once[30:], once[:30]]), Caption("a person stands up and sits down"))
+  assert _finished(seated, "a person stands up and sits down") is seated  # it does not come to sit twice
+
+
 def test_a_body_that_may_get_up_does():
   motion = _motion(_sits_and_rises())
   for prompt in ("a person sits down and gets up again", "a person walks", "a person stands up"):

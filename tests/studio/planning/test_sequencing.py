@@ -131,6 +131,10 @@ class TestOfAModel:
     counts = durations.segment_frames(Planner(model), prompts[1], parse(prompts[1]), 72)
     shorter = Recorded(model, max_seconds=(max(counts) + SLACK) / model.fps)
     assert [motion.meta["way"] for motion in make([0, 1], shorter)] == ["stream", "joined"]
+    # Of an action above another one as many takes are made, too.
+    prompts[0] = "a person walks while waving"
+    make([0], recorded := Recorded(model))
+    assert recorded.sampled[-1][0] == ["a person waves"] * 3
 
   def test_simultaneous_actions_share_a_body(self, model, pipeline):
     made = pipeline("a person waves while walking", 36, seed=5, max_attempts=1, **FAST)
@@ -192,6 +196,15 @@ def test_lengths_are_shared_in_proportion():
   assert durations.shared([100, 50], 60, 4) == [40, 20]
   assert durations.shared([1, 1, 98], 20, 4) == [4, 4, 12]
   assert durations.shared([100], 60, 4) == [60]
+
+
+@pytest.mark.parametrize("prompt, then", [
+    ("a person sits down", "holds still"), ("a man kneels", "holds still"), ("a person bows", "stands still"),
+    ("a person walks", None)])
+def test_a_segment_with_more_time_than_it_takes_keeps_its_pose_or_stands(prompt, then):
+  plan, counts = durations.with_pauses(Lengths(), [(prompt, 160)])
+  assert [part.words for part in plan.segments] == [prompt, *([then] if then else [])] and sum(counts) == 160
+  assert not then or plan.segments[1].is_pause and counts[0] == 48
 
 
 def test_clips_with_as_many_repetitions_give_the_length():

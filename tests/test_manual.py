@@ -1,0 +1,81 @@
+"""The examples of the manual do what their page says with the default seed, and print no more than it shows."""
+import contextlib
+import io
+import pathlib
+import re
+import shlex
+import subprocess
+
+import pytest
+
+from motion_jax.text.encoder import load_text_encoder
+from motion_studio import cli
+from motion_studio.language import parse
+from tests.pages import PAGES, TYPED, blocks, name_of, shell_lines
+
+# Lines about this run and not about the motion: time, progress, where files are, the licence of the weights.
+_OF_THE_RUN = re.compile(r"(?:working: |generated in |wrote |see it: |open |These weights ).*\n")
+_NOTE = re.compile(r"(?m)^note: (?!.*by its bones it is in centimetres).*")  # said of every BVH file, its own ones too
+# What makes or shows a motion; commands that serve, train and evaluate have tests of their own.
+_MAKING = ("generate", "multi-prompt", "extend", "edit", "render", "blend", "models")
+_PAGES = ("README", *(name.removesuffix(".md") for name in TYPED), "robots", "sampling")  # typed from the top
+
+
+def consoles(page):
+  """[(command line, lines that it prints)] of the console blocks of a page."""
+  return [(command, printed) for block in blocks(page, "console")
+          for command, printed in re.findall(r"(?m)^\$ (.*)\n((?:(?!\$ ).*\n)*)", block)]
+
+
+def run(words):
+  """What a command prints, to both of its outputs in the order of time, without what is of the run alone."""
+  printed = io.StringIO()
+  with contextlib.redirect_stdout(printed), contextlib.redirect_stderr(printed):
+    status = cli.main(words)
+  assert not status, (words, printed.getvalue())
+  return _OF_THE_RUN.sub("", printed.getvalue())
+
+
+EXAMPLES = [(name_of(page), *example) for page in PAGES for example in consoles(page)]
+
+
+def test_the_manual_has_examples_with_what_they_print():
+  assert {"sentences"} <= {name for name, *_ in EXAMPLES}
+  assert all(shlex.split(command)[0] == "motion-jax" and printed for _, command, printed in EXAMPLES)
+
+
+def test_a_sentence_is_understood_as_its_page_says():
+  for _, command, printed in EXAMPLES:
+    for said in re.findall(r"(?m)^understood as: (.*)", printed):
+      sentence = shlex.split(command)[2]
+      assert parse(sentence).summary == said and not load_text_encoder("cmdm-small").out_of_vocabulary(sentence)
+
+
+@pytest.mark.parametrize("command, printed", [
+    pytest.param(*example, marks=pytest.mark.exhaustive if "generated as" in example[1] else pytest.mark.slow)
+    for _, *example in EXAMPLES])
+def test_an_example_prints_what_its_page_says(command, printed, tmp_path, monkeypatch):
+  monkeypatch.chdir(tmp_path)
+  assert run(shlex.split(command)[1:]) == printed
+
+
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("name", _PAGES)
+def test_the_lines_of_a_page_make_motions_that_need_no_note(name, tmp_path, monkeypatch):
+  """Each does at its default seed what it says, without a word about what is missing."""
+  monkeypatch.chdir(tmp_path)
+  page = next(page for page in PAGES if name_of(page) == name)
+  said = {}
+  for line in shell_lines(page):
+    words = shlex.split(line.splitlines()[0], comments=True)
+    if "motion-jax" not in line:
+      if words[0] in ("printf", "cat", "mkdir", "cp"):
+        subprocess.run(["bash", "-c", line], check=True)
+      continue
+    words = words[[pathlib.Path(word).name for word in words].index("motion-jax") + 1:]
+    if words[0] in _MAKING:
+      said[line] = _NOTE.findall(run(words))
+      made = [one for flag, given in zip(words, words[1:]) if flag == "--out" for one in given.split(",")]
+      stems = {path.stem for path in tmp_path.iterdir()}
+      assert all(pathlib.Path(one).stem in stems or f"{pathlib.Path(one).stem}_0" in stems for one in made), line
+  assert said and not any(said.values()), said
