@@ -120,10 +120,10 @@ def animation(buffer, pose, fps, name) -> dict:
     samplers.append({"input": times, "output": buffer.add(values, FLOAT, shape), "interpolation": "LINEAR"})
     channels.append({"sampler": len(samplers) - 1, "target": {"node": joint, "path": path}})
 
-  add(pose.pelvis, "translation", pose.root, "VEC3")
-  for joint in range(pose.rotations.shape[1]):
+  places, moving = pose.places, pose.moving
+  for joint in range(len(pose.rig.names)):
+    if joint in moving:
+      add(joint, "translation", places[:, joint], "VEC3")
     if np.abs(pose.rotations[:, joint, 1:]).max() > 1e-7:
       add(joint, "rotation", pose.rotations[:, joint, [1, 2, 3, 0]], "VEC4")  # glTF writes w last
-    if joint != pose.pelvis and np.linalg.norm(pose.shifts[:, joint], axis=-1).max() > 5e-4:
-      add(joint, "translation", pose.offsets[joint] + pose.shifts[:, joint], "VEC3")
   return {"name": name, "samplers": samplers, "channels": channels}

@@ -28,8 +28,6 @@ def usda(clip, path, exact=False, rig=None, t_pose=False) -> pathlib.Path:
   offsets[moved.pelvis] = rest[moved.pelvis]
   still = np.tile(np.eye(4), (len(tokens), 1, 1))
   still[:, 3, :3] = offsets
-  places = offsets + moved.shifts
-  places[:, moved.pelvis] = moved.root
   names = json.dumps([name for name in moved.rig.names], ensure_ascii=False)
   caption = clip.captions[0].text if clip.captions else clip.id
   lines = ["#usda 1.0", "(", '  defaultPrim = "Motion"', f"  doc = {_text(caption)}", "  metersPerUnit = 1",
@@ -43,7 +41,7 @@ def usda(clip, path, exact=False, rig=None, t_pose=False) -> pathlib.Path:
            "    rel skel:animationSource = </Motion/Skeleton/Animation>", "",
            '    def SkelAnimation "Animation"', "    {", f"      uniform token[] joints = {json.dumps(tokens)}",
            f"      half3[] scales = [{', '.join(['(1, 1, 1)'] * len(tokens))}]"]
-  lines += _samples("float3[] translations", places) + _samples("quatf[] rotations", moved.rotations)
+  lines += _samples("float3[] translations", moved.places) + _samples("quatf[] rotations", moved.rotations)
   lines += ["    }", "  }"]
   for skin in skins:
     lines += _mesh(skin, [tokens[number] for number in carriers])

@@ -24,7 +24,9 @@ def places_of(moved):
   for joint, parent in enumerate(moved.rig.parents):
     if joint == moved.pelvis:
       places[:, joint] = moved.root
-    elif parent >= 0:
+    elif parent < 0:
+      places[:, joint] = moved.ground
+    else:
       places[:, joint] = places[:, parent] + rot.rotate(moved.turned[:, parent], moved.offsets[joint][None])
   return places
 
