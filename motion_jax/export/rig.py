@@ -87,8 +87,8 @@ def on_rig(clip: Clip, rig: str | Rig | None = None, exact: bool = False, t_pose
 
   Every joint turns with the one of the clip whose place it has; joints in between keep still. A root bone, where the
   rig has one, carries the body over the ground: it moves and turns about the vertical, below the pelvis, smoothly.
-  t_pose: one more frame before the motion, a T-pose on the floor, facing +z. Raises InputError for a rig of 22 joints and a clip of another
-  skeleton.
+  t_pose: one more frame before the motion, a T-pose on the floor, facing +z. Raises InputError for a rig of 22 joints
+  and a clip of another skeleton.
   """
   skeleton = clip.skeleton
   rig = rigs.of_skeleton(skeleton) if rig is None else rigs.get_rig(rig) if isinstance(rig, str) else rig

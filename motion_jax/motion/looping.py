@@ -47,7 +47,7 @@ def looped(joints: Num[Array, "t j 3"], fps: float = 20.0, skeleton: Skeleton = 
 
   Played again and again, the last frame is the first of the next round, moved and turned over the ground. A body that
   hardly travels ends where it began, one that hardly turns ends as it faced. keep_way: the root stays on its way over
-  the ground, and faces as it does, to the centimetre; only poses are changed. Raises ValueError for fewer than 4 frames.
+  the ground, and faces as it does, to the centimetre; only poses are changed. Raises ValueError for under 4 frames.
   """
   joints = np.asarray(joints, np.float64)
   count = len(joints)
@@ -105,9 +105,9 @@ def rounds(points: Num[Array, "t j 3"], pad: int, turn: float) -> Float[np.ndarr
                          placed(points[1:pad + 1], turn, first, last)])
 
 
-def close(places: Num[Array, "t n 3"], turned: Num[Array, "t n 4"], turn: float
-          ) -> tuple[Float[np.ndarray, "t n 3"], Float[np.ndarray, "t n 4"]]:
-  """World places (T, N, 3), the first of them the root's, and rotations (T, N, 4) whose last frame is the first one
+def close(places: Num[Array, "t n 3"], turned: Num[Array, "t m 4"], turn: float
+          ) -> tuple[Float[np.ndarray, "t n 3"], Float[np.ndarray, "t m 4"]]:
+  """World places (T, N, 3), the first of them the root's, and rotations (T, M, 4) whose last frame is the first one
   moved and turned over the ground."""
   places, turned = places.copy(), turned.copy()
   end = places[-1, 0] * [1, 0, 1]

@@ -40,6 +40,7 @@ class Figure:
   out: np.ndarray          # (4,) rotation to the file's world
   scale: float
   origin: np.ndarray       # (3,)
+  root: int | None         # the node of the bone that carries the whole body, above that of the pelvis
 
   @property
   def about(self) -> str:
@@ -71,7 +72,14 @@ def read_figure(path, mapping=None) -> Figure:
   except InputError as error:
     raise InputError(f"{path}: {error}") from None
   _refuse_two(path, document, nodes, names, parents, found, find)
-  return _built(document, nodes, names, found, rest)
+  above = [node for node in _above(document, nodes[found.limbs["pelvis"]]) if node in joints]
+  return _built(document, nodes, names, found, rest, above[-1] if above else None)
+
+
+def _above(document, node):
+  """The nodes above a node, the next one first."""
+  while (node := document.parents[node]) >= 0:
+    yield node
 
 
 def _human_bones(document):
@@ -110,7 +118,7 @@ def _refuse_two(path, document, nodes, names, parents, found, find):
                      "one by one")
 
 
-def _built(document, nodes, names, found, rest):
+def _built(document, nodes, names, found, rest, root):
   path = document.path
   numbers = list(dict.fromkeys([found.limbs["pelvis"], *found.spine, *found.neck, *found.limbs.values()]))
   parts = {joint: numbers.index(number) for joint, number in found.limbs.items()
@@ -147,7 +155,7 @@ def _built(document, nodes, names, found, rest):
     warnings.warn(f"{path}: it has no bones for {named(words, 8)}, which stay as they are", stacklevel=4)
   return Figure(document, nodes, parts, bones, parents, offsets, rot.multiply(inward, turned), (aligned - base) / scale,
                 soles, out, scale, rot.rotate(frame, base) if np.allclose(frame, out) else
-                rot.rotate(out, base) * [1, 0, 1])
+                rot.rotate(out, base) * [1, 0, 1], None if root in nodes else root)
 
 
 def _body_parents(parts, bones, count):
