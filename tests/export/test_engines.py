@@ -4,6 +4,7 @@ import struct
 
 import numpy as np
 import pytest
+from PIL import Image
 from pxr import Usd, UsdSkel
 
 from motion_jax import export
@@ -63,6 +64,16 @@ def test_the_last_key_of_a_loop_is_the_first_at_the_clips_length(name, options, 
   assert np.abs(places[-1] - places[0]).max() < 2e-5 and apart(turned[-1], turned[0]).max() < 0.1
   steps = apart(turned[1:], turned[:-1]).max(1)
   assert steps[-1] < steps[:-1].max() + 0.1, "it is reached at the pace of the motion, not by a jump"
+
+
+def test_a_film_of_a_loop_leaves_out_the_closing_frame(wave, tmp_path):
+  short = wave.replace(joints=looped(wave.joints[:6]))
+  for clip, count in ((short, 5), (short.cut(0, 5), 5)):
+    path, = export.save(clip, tmp_path / "a.gif", size=(32, 32))
+    with Image.open(path) as film:
+      film.seek(film.n_frames - 1)
+      durations = [film.seek(k) or film.info["duration"] for k in range(film.n_frames)]
+    assert sum(durations) == 50 * count
 
 
 def test_a_cycle_begins_at_the_origin_and_keeps_its_speed(travelling, tmp_path):
