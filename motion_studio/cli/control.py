@@ -26,8 +26,8 @@ def add_to(parser):
   shared.add_mapping(group)
   group.add_argument("--loop", action="store_true", help="make a cycle: the last frame, at the clip's length, is the "
                      "first pose again (docs/game-engines.md)")
-  group.add_argument("--in-place", action="store_true", help="keep the root over x = z = 0, as on a treadmill; its speed "
-                     "is printed")
+  group.add_argument("--in-place", action="store_true", help="keep the root over x = z = 0, as on a treadmill; its "
+                     "speed is printed")
 
 
 def constraints_of(args, model):
