@@ -1,4 +1,4 @@
-"""FBX is written by Blender: how it is found and called; and read by ufbx. What Blender writes is in docs/formats.md."""
+"""FBX is written by Blender: how it is called (what it writes is in docs/formats.md); and it is read by ufbx."""
 import warnings
 
 import numpy as np
@@ -66,16 +66,15 @@ def write_fbx(path, scale=1.0, z_up=False, takes=("Take 001",), empty=(), stated
             'P: "Lcl Translation", "Lcl Translation", "", "A",' + ",".join(f"{x:.6f}" for x in at),
             'P: "Lcl Scaling", "Lcl Scaling", "", "A"' + f",{scales[j]}" * 3]
     rows += ['P: "Lcl Rotation", "Lcl Rotation", "", "A",90,0,0'] * (z_up and parent < 0)
-    objects += [f'Model: {1000 + j}, "Model::{name}", "LimbNode" {{', "Version: 232", "Properties70: {", *rows, "}", "}",
+    objects += [f'Model: {1000 + j}, "Model::{name}", "LimbNode" {{', "Properties70: {", *rows, "}", "}",
                 f'NodeAttribute: {1500 + j}, "NodeAttribute::", "LimbNode" {{', 'TypeFlags: "Skeleton"', "}"]
     links += [f"{1000 + j},{1000 + parent if parent >= 0 else 0}", f"{1500 + j},{1000 + j}"]
   times = [round(k * 46186158000 / 20) for k in range(5)]
   for number, take in enumerate(takes):
     base = 5000 + 10 * number
     objects += [f'AnimationStack: {base}, "AnimStack::{take}", "" {{', "Properties70: {",
-                *([f'P: "LocalStop", "KTime", "Time", "",{times[-1]}', 'P: "LocalStart", "KTime", "Time", "",0'] * stated),
-                "}", "}",
-                f'AnimationLayer: {base + 1}, "AnimLayer::BaseLayer", "" {{', "}"]
+                *(f'P: "{key}", "KTime", "Time", "",{time}' for key, time in (("LocalStart", 0), ("LocalStop", times[-1]))
+                  if stated), "}", "}", f'AnimationLayer: {base + 1}, "AnimLayer::BaseLayer", "" {{', "}"]
     links.append(f"{base + 1},{base}")
     if take in empty:
       continue
@@ -83,14 +82,14 @@ def write_fbx(path, scale=1.0, z_up=False, takes=("Take 001",), empty=(), stated
     objects += [f'AnimationCurveNode: {base + 2}, "AnimCurveNode::R", "" {{', "Properties70: {",
                 'P: "d|Z", "Number", "", "A",0', "}", "}", f'AnimationCurve: {base + 3}, "AnimCurve::", "" {{',
                 "Default: 0", "KeyVer: 4008", *list_of("KeyTime", times), *list_of("KeyValueFloat", range(12, 72, 12)),
-                *list_of("KeyAttrFlags", [260]), *list_of("KeyAttrDataFloat", [0] * 4), *list_of("KeyAttrRefCount", [5]),
-                "}"]
+                *list_of("KeyAttrFlags", [260]), *list_of("KeyAttrDataFloat", [0] * 4),
+                *list_of("KeyAttrRefCount", [5]), "}"]
     links += [f"{base + 2},{base + 1}", f'{base + 2},{1000 + names.index("LeftArm")}, "Lcl Rotation"',
               f'{base + 3},{base + 2}, "d|Z"']
   up, front, sign = (2, 1, -1) if z_up else (1, 2, 1)
   settings = [f'P: "{key}", "int", "Integer", "",{value}' for key, value in (
       ("UpAxis", up), ("UpAxisSign", 1), ("FrontAxis", front), ("FrontAxisSign", sign), ("CoordAxis", 0),
-      ("CoordAxisSign", 1), ("TimeMode", 14), ("CustomFrameRate", 20))] + ['P: "UnitScaleFactor", "double", "Number", "",1']
+      ("CoordAxisSign", 1), ("TimeMode", 14), ("CustomFrameRate", 20), ("UnitScaleFactor", 1))]
   lines = ["; FBX 7.4.0 project file", "FBXHeaderExtension: {", "FBXVersion: 7400", "}", "GlobalSettings: {",
            "Properties70: {", *settings, "}", "}", "Objects: {", *objects, "}", "Connections: {",
            *(f'C: "{"OP" if chr(34) in link else "OO"}",{link}' for link in links), "}"]
@@ -99,8 +98,8 @@ def write_fbx(path, scale=1.0, z_up=False, takes=("Take 001",), empty=(), stated
 
 @pytest.mark.parametrize("options, name", [
     ({}, "a.fbx"), ({"scale": 1.25}, "a.fbx"), ({"scale": 0.01}, "a.fbx"), ({"z_up": True}, "a.fbx"),
-    ({"stated": False}, "a.fbx"), ({"takes": ("rest", "Take 001"), "empty": ("rest",)}, "a.fbx"), ({"takes": ("a", "b", "c"), "empty": "a"}, "a.fbx#c"),
-    ({"takes": ("rest",), "empty": ("rest",)}, "a.fbx")])
+    ({"stated": False}, "a.fbx"), ({"takes": ("rest", "Take 001"), "empty": ("rest",)}, "a.fbx"),
+    ({"takes": ("a", "b", "c"), "empty": "a"}, "a.fbx#c"), ({"takes": ("rest",), "empty": ("rest",)}, "a.fbx")])
 def test_a_figure_of_fbx_is_as_large_and_upright_as_its_nodes(options, name, tmp_path):
   """Scales that joints do not inherit, the file's axes, and takes in which nothing moves."""
   pytest.importorskip("ufbx", reason="the extra `fbx-read` brings ufbx")

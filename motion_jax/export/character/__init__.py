@@ -100,6 +100,13 @@ def _local(figure, posed, clip):
   turned = rot.multiply(figure.out[None, None], posed.turned)
   places = rot.rotate(figure.out[None, None], posed.places) * figure.scale + figure.origin
   nodes = list(figure.nodes)
+  for bone, twin in figure.copies:  # turned against the bone as it is at rest
+    _, own, _ = take_apart(rest[figure.nodes[bone]])
+    _, still, _ = take_apart(rest[twin])
+    nodes.append(twin)
+    against = rot.multiply(rot.conjugate(own), still)[None]
+    turned = np.concatenate([turned, rot.multiply(turned[:, bone], against)[:, None]], axis=1)
+    places = np.concatenate([places, places[:, bone, None]], axis=1)
   if figure.root is not None:  # it moves over the ground from where it rests, as the body does
     pelvis = figure.parts["pelvis"]
     ground, facing = root_path(clip, posed.places[:, pelvis], rot.multiply(
