@@ -73,8 +73,9 @@ def write_fbx(path, scale=1.0, z_up=False, takes=("Take 001",), empty=(), stated
   for number, take in enumerate(takes):
     base = 5000 + 10 * number
     objects += [f'AnimationStack: {base}, "AnimStack::{take}", "" {{', "Properties70: {",
-                *(f'P: "{key}", "KTime", "Time", "",{time}' for key, time in (("LocalStart", 0), ("LocalStop", times[-1]))
-                  if stated), "}", "}", f'AnimationLayer: {base + 1}, "AnimLayer::BaseLayer", "" {{', "}"]
+                *(f'P: "{key}", "KTime", "Time", "",{time}' for key, time in (
+                    ("LocalStart", 0), ("LocalStop", times[-1])) if stated), "}", "}",
+                f'AnimationLayer: {base + 1}, "AnimLayer::BaseLayer", "" {{', "}"]
     links.append(f"{base + 1},{base}")
     if take in empty:
       continue
