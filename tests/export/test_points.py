@@ -82,7 +82,7 @@ def test_points_that_no_joint_depends_on_may_have_gaps(kind, gap, tmp_path):
   path, = export.save(walk(6), tmp_path / f"a{kind}")
   mark, heads = ("\t", 3) if kind == ".trc" else (",", 0)
   lines = path.read_text().split("\n")
-  for k, line in enumerate(lines[:-1]):
+  for k in range(len(lines) - 1):
     if k == heads:
       lines[k] += "Wand\t\t" if heads else ",Wand_x,Wand_y,Wand_z"
     elif k >= (6 if heads else 1):
