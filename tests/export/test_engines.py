@@ -67,13 +67,9 @@ def test_the_last_key_of_a_loop_is_the_first_at_the_clips_length(name, options, 
 
 
 def test_a_film_of_a_loop_leaves_out_the_closing_frame(wave, tmp_path):
-  short = wave.replace(joints=looped(wave.joints[:6]))
-  for clip, count in ((short, 5), (short.cut(0, 5), 5)):
-    path, = export.save(clip, tmp_path / "a.gif", size=(32, 32))
-    with Image.open(path) as film:
-      film.seek(film.n_frames - 1)
-      durations = [film.seek(k) or film.info["duration"] for k in range(film.n_frames)]
-    assert sum(durations) == 50 * count
+  path, = export.save(wave.replace(joints=looped(wave.joints[:6])), tmp_path / "a.gif", size=(32, 32))
+  with Image.open(path) as film:
+    assert sum(film.seek(k) or film.info["duration"] for k in range(film.n_frames)) == 50 * 5
 
 
 def test_a_cycle_begins_at_the_origin_and_keeps_its_speed(travelling, tmp_path):
