@@ -105,7 +105,7 @@ def rounds(points: Num[Array, "t j 3"], pad: int, turn: float) -> Float[np.ndarr
                          placed(points[1:pad + 1], turn, first, last)])
 
 
-def close(places: Num[Array, "t n 3"], turned: Num[Array, "t m 4"], turn: float
+def close(places: Float[np.ndarray, "t n 3"], turned: Float[np.ndarray, "t m 4"], turn: float
           ) -> tuple[Float[np.ndarray, "t n 3"], Float[np.ndarray, "t m 4"]]:
   """World places (T, N, 3), the first of them the root's, and rotations (T, M, 4) whose last frame is the first one
   moved and turned over the ground."""
