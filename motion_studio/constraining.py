@@ -155,10 +155,11 @@ def constrain(model: Any, motion: Motion, target: Target, exact: bool) -> Motion
     known = (target.constraints.slice_frames(0, len(joints)) if isinstance(target.constraints, ControlSignal) else
              target.constraints)
     joints = project(joints, known, model.fps, warn=True)
-  joints = finishing.finalize(joints, constraints, model.fps, target.count if is_cycle else None)
+  joints, velocity = finishing.finalize(joints, constraints, model.fps, target.count if is_cycle else None)
+  lost = {"velocity": velocity.tolist()} if any(isinstance(one, InPlace) for one in constraints) else {}
   kinds = [one.kind for one in constraints] if constraints else ["signal"]
   return motion.replace(joints=joints, features=features_of(model, joints),
-                        meta=motion.meta | dict(control=kinds, projected=bool(exact)))
+                        meta=motion.meta | dict(control=kinds, projected=bool(exact)) | lost)
 
 
 def check_skeleton(model: Any) -> None:

@@ -1,4 +1,5 @@
 """Constraints that are applied to the finished motion: kept body parts, loops, motion in place, blending. numpy."""
+import warnings
 from collections.abc import Sequence
 
 import numpy as np
@@ -9,7 +10,7 @@ from motion_jax.control.constraints import Constraint, InPlace, KeepParts, Loop
 from motion_jax.control.signal import rotate_about_y
 from motion_jax.motion.filling import fill_frames
 from motion_jax.motion.layering import put_on
-from motion_jax.motion.looping import in_place, looped
+from motion_jax.motion.looping import in_place, looped, turn_of_round, velocity
 from motion_jax.motion.retarget import retarget, with_lengths
 from motion_jax.motion.retiming import resample
 from motion_jax.motion.skeleton import HUMANML3D, with_own_lengths
@@ -76,15 +77,20 @@ def _regenerated(keep: KeepParts, count: int, fps: float) -> Float[np.ndarray, "
 
 
 def finalize(joints: Num[np.ndarray, "t 22 3"], constraints: Sequence[Constraint], fps: float = 20.0,
-             count: int | None = None) -> Float[np.ndarray, "n 22 3"]:
-  """Applies the constraints that need the whole motion: `Loop` and `InPlace`.
+             count: int | None = None) -> tuple[Float[np.ndarray, "n 22 3"], Float[np.ndarray, "3"]]:
+  """Applies the constraints that need the whole motion, `Loop` and `InPlace`; and the mean velocity over the ground as
+  the body sees it (`looping.velocity`), which a motion in place has lost.
 
-  count: frames of the cycle to search for; None closes the whole motion and keeps its way over the ground.
+  count: frames of the cycle to search for, to which a closing one is added that is the first again; None closes the
+  whole motion and keeps its way over the ground. Warns where a loop in place turns in each round.
   """
   kinds = {type(one) for one in constraints}
   if Loop in kinds:
-    joints = cycle(joints, count, fps) if count else looped(joints, fps, keep_way=True)
-  return in_place(joints) if InPlace in kinds else np.asarray(joints, np.float32)
+    joints = cycle(joints, count + 1, fps) if count else looped(joints, fps, keep_way=True)
+  if {Loop, InPlace} <= kinds and abs(turn := np.degrees(turn_of_round(joints))) % 360 > 1:
+    warnings.warn(f"the body turns by {turn:.0f} degrees in each round of this loop; it faces its beginning again only "
+                  "where the root's turn is played too (root motion)", stacklevel=2)
+  return in_place(joints) if InPlace in kinds else np.asarray(joints, np.float32), velocity(joints, fps)
 
 
 def cycle(joints: Num[np.ndarray, "t 22 3"], count: int, fps: float = 20.0) -> Float[np.ndarray, "n 22 3"]:
@@ -92,14 +98,17 @@ def cycle(joints: Num[np.ndarray, "t 22 3"], count: int, fps: float = 20.0) -> F
 
   It begins and ends where pose and movement of the body are alike, the way between them 0.85 to 1.15 of count frames,
   played at the rate that makes count of them; the rest of the difference fades at both ends. Of the cycles that meet
-  best that with the smoothest seam is taken.
+  best that with the smoothest seam is taken. It begins at x = z = 0 and faces +z on average.
   """
   joints = np.asarray(joints, np.float64)
   if count < 4 or len(joints) < count:
     raise InputError(f"got a motion of {len(joints)} frames for a loop of {count}, expected 4 frames or more, and as "
                      "many in the motion")
   made = (_played(joints[first:last + 1], count, fps) for first, last in _meets(joints, count, fps))
-  return min(made, key=lambda loop: _roughness(loop, fps))
+  best = min(made, key=lambda loop: _roughness(loop, fps)).astype(np.float64)
+  ways = np.exp(1j * angle_of(best))
+  mean = ways.mean() if abs(ways.mean()) > 0.5 else ways[0]  # of a body that spins, as it begins
+  return rotate_about_y(best - best[:1, :1] * [1, 0, 1], np.full((1, 1), -np.angle(mean))).astype(np.float32)
 
 
 def _played(part: np.ndarray, count: int, fps: float) -> Float[np.ndarray, "n 22 3"]:

@@ -38,8 +38,7 @@ def bvh(clip, path, unit="centimetres", exact=False, rig=None, t_pose=False) -> 
   scale = _UNITS[unit]
   pose = on_rig(clip, rig, exact, t_pose)
   names, parents = pose.rig.names, pose.rig.parents
-  moving = np.linalg.norm(pose.shifts, axis=-1).max(0) > 5e-4
-  moving[[0, pose.pelvis]] = True
+  moving = [joint in {0, *pose.moving} for joint in range(len(names))]
   arms = {number for name, number in pose.rig.joints.items() if name.endswith(_ARM)}
   orders = [_ARM_ORDER if j in arms else _ORDER for j in range(len(names))]
   angles = [euler(pose.rotations[:, j], order) for j, order in enumerate(orders)]
@@ -48,7 +47,7 @@ def bvh(clip, path, unit="centimetres", exact=False, rig=None, t_pose=False) -> 
   def write(joint, depth):
     pad, name = "  " * depth, names[joint]
     children = [k for k, parent in enumerate(parents) if parent == joint]
-    channels = [f"{axis}position" for axis in "XYZ"] * int(moving[joint])
+    channels = [f"{axis}position" for axis in "XYZ"] * moving[joint]
     channels += [f"{axis}rotation" for axis in orders[joint]]
     order.append(joint)
     lines.extend([f"{pad}{'JOINT' if depth else 'ROOT'} {name}", f"{pad}{{",
@@ -62,8 +61,7 @@ def bvh(clip, path, unit="centimetres", exact=False, rig=None, t_pose=False) -> 
     lines.append(f"{pad}}}")
 
   write(0, 0)
-  places = pose.offsets + pose.shifts
-  places[:, pose.pelvis] = pose.root
+  places = pose.places
   columns = [np.concatenate(([places[:, j] * scale] if moving[j] else []) + [np.degrees(angles[j])], axis=1)
              for j in order]
   lines += ["MOTION", f"Frames: {len(pose.root)}", f"Frame Time: {1 / clip.fps:.8f}"]

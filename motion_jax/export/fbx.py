@@ -21,14 +21,14 @@ VARIABLE = "MOTION_JAX_BLENDER"
 _SECONDS = 600
 
 
-def fbx(clip, path, exact=False, rig=None, t_pose=False) -> pathlib.Path:
+def fbx(clip, path, exact=False, rig=None, t_pose=False, name=None) -> pathlib.Path:
   """Writes a clip as .fbx: armature, mannequin and one animation, a key per frame, metres, y up.
 
-  rig, exact, t_pose: as of `glb`. Raises InputError where there is no Blender, or where it fails.
+  rig, exact, t_pose, name: as of `glb`. Raises InputError where there is no Blender, or where it fails.
   """
   command = find_blender()
   with tempfile.TemporaryDirectory() as folder, atomic_path(path) as temporary:
-    made = glb(clip, pathlib.Path(folder) / "motion.glb", exact, rig, t_pose)
+    made = glb(clip, pathlib.Path(folder) / "motion.glb", exact, rig, t_pose, name)
     result = pathlib.Path(folder) / "motion.fbx"
     try:
       done = subprocess.run([*command, str(made), str(result), repr(float(clip.fps))], capture_output=True, text=True,

@@ -60,9 +60,9 @@ def npy(clip, path) -> pathlib.Path:
 
 
 def load(path, fps=None, unit="auto", up=None, mapping=None, check=True) -> Clip:
-  """Reads .npz (as `npz` writes, AMASS', Kimodo's, or with a "joints" or "features" key), .npy, .bvh, .amc (its .asf
-  beside it), .csv (joints by name, or a Unitree G1), .trc, .c3d, or the animation of a .glb, .gltf, .vrm or .fbx; of
-  several, walk.glb#NAME or walk.glb#2 is one of them.
+  """Reads .npz (as `npz` writes, AMASS', Kimodo's, a Unitree G1's, or with a "joints" or "features" key), .npy, .bvh,
+  .amc (its .asf beside it), .csv (joints by name, or a Unitree G1), .trc, .c3d, or the animation of a .glb, .gltf,
+  .vrm, .vrma or .fbx; of several, walk.glb#NAME or walk.glb#2 is one of them.
 
   A .npy holds joints (T, 22, 3) or (T, 21, 3), or features (T, F) of a known layout such as HumanML3D's 263. fps: frame
   rate of the file, replacing the one that it states; by default a .npy gets its skeleton's rate, an .amc 120. Nothing
@@ -137,8 +137,7 @@ def _load_npz(path, fps, unit, up, mapping):
       return Clip(joints=joints.astype(np.float32), fps=fps or _HOLOSOMA_FPS, id=path.stem, source=path.name,
                   skeleton=skeleton)
     if {"qpos", "dof_pos", "joint_pos"} & set(keys):
-      raise InputError(f"{path} holds a robot's motion; motion-jax retarget {path.name} --robot ROBOT brings it back "
-                       "to a person's joints")
+      return _of_g1(path, fps)
     raise InputError(f"{path} holds {', '.join(keys[:8]) or 'nothing'}, expected a key joints (T, 22, 3), features, "
                      "posed_joints (Kimodo) or poses and trans (AMASS)")
   about, meta, rows = (_from_json(arrays, key, kind) for key, kind in (("about", dict), ("meta", dict),
@@ -169,6 +168,19 @@ def _load_npz(path, fps, unit, up, mapping):
     raise InputError("its key about holds no texts; write the file again")
   return Clip(joints=joints.astype(np.float32), fps=rate, captions=tuple(captions), skeleton=skeleton,
               features=features, meta=meta, **({"id": path.stem} | about))
+
+
+def _of_g1(path, fps):
+  """The person's joints of a Unitree G1's motion with 29 or 23 joints."""
+  from motion_jax import robots
+  from motion_jax.robots.formats import side_car
+  robot = robots.load("g1")
+  if robots.is_robots(path) and side_car(path).get("robot", "g1") == "g1":
+    for joints in (29, 23):
+      with contextlib.suppress(InputError):
+        return robots.read_npz(path, robot.with_joints(joints), fps).to_clip()
+  raise InputError(f"{path} holds a robot's motion, and not of a Unitree G1; motion-jax retarget {path.name} --robot "
+                   "ROBOT brings it back to a person's joints")
 
 
 def _text(arrays, key) -> str:

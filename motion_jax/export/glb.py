@@ -8,19 +8,23 @@ scene's rate to the motion's first (`asset.extras.fps` in the file), then each k
 """
 import json
 import pathlib
+import re
 import struct
 
 import numpy as np
 
 from motion_jax.export.binding import bind
 from motion_jax.export.body import COLORS
+from motion_jax.motion.looping import is_loop, velocity
 from motion_jax.utils.atomic import atomic_path
 
 FLOAT, SHORT, BYTE = 5126, 5123, 5121
 
 
-def glb(clip, path, exact=False, rig=None, t_pose=False) -> pathlib.Path:
+def glb(clip, path, exact=False, rig=None, t_pose=False, name=None) -> pathlib.Path:
   """Writes a clip as a .glb: nodes named like the joints, one skin, one animation at the clip's rate, metres, y up.
+
+  name: of the animation, by default the caption with "_" for blanks.
 
   rig: names, tree and rest pose of another program (`motion.rigs`), such as "mixamo". Joints only turn,
   and the root moves; exact=True also moves those whose place rotations miss by half a millimetre. t_pose: the
@@ -28,6 +32,7 @@ def glb(clip, path, exact=False, rig=None, t_pose=False) -> pathlib.Path:
   """
   path = pathlib.Path(path)
   moved, own, skins, rest, inverse = bind(clip, exact, rig, t_pose)
+  own = own if 0 in own else [*own, 0]  # a root bone moves no part of the mesh, and is a bone
   buffer = Buffer()
   materials = [_material(skin.group, COLORS[skin.group]) for skin in skins]
   meshes = [_primitive(buffer, skin, number) for number, skin in enumerate(skins)]
@@ -35,22 +40,40 @@ def glb(clip, path, exact=False, rig=None, t_pose=False) -> pathlib.Path:
   nodes = rest_nodes(moved, rest[moved.pelvis])
   nodes.append({"name": "mannequin", "mesh": 0, "skin": 0})
   nodes.append({"name": clip.id, "children": [0]})  # the mesh stands beside it: only joints move a skin
-  asset, caption = describe(clip)
+  asset, about = describe(clip)
   document = {
       "asset": asset,
       "scene": 0, "scenes": [{"nodes": [len(nodes) - 2, len(nodes) - 1]}], "nodes": nodes,
       "materials": materials, "meshes": [{"name": "mannequin", "primitives": meshes}],
       "skins": [{"skeleton": 0, "joints": own, "inverseBindMatrices": inverse}],
-      "animations": [animation(buffer, moved, clip.fps, caption)]}
+      "animations": [animation(buffer, moved, clip.fps, name or clip_name(clip), about)]}
   return write_container(path, document, buffer)
 
 
 def describe(clip):
-  """The asset of a glTF document, and what the animation is called."""
-  caption = clip.captions[0].text if clip.captions else clip.id
-  about = {"fps": float(clip.fps)} | {key: value for key, value in (("caption", caption), ("license", clip.license))
-                                      if value}
-  return {"version": "2.0", "generator": "motion_jax", "extras": about}, caption
+  """The asset of a glTF document, and the extras of its animation: with `facts`, what engines need."""
+  about = {"fps": float(clip.fps)} | ({"caption": clip.captions[0].text} if clip.captions else {})
+  return ({"version": "2.0", "generator": "motion_jax", "extras": about | ({"license": clip.license} if clip.license
+                                                                            else {})}, about | facts(clip))
+
+
+def facts(clip) -> dict:
+  """Whether a clip is a loop, how fast it travels, and its licence.
+
+  speed: metres a second over the ground; velocity: the same as (x, y, z) from the body, x to its left, z ahead. Of a
+  motion in place, those that it had before.
+  """
+  loop = is_loop(clip.joints, clip.skeleton)
+  moving = clip.meta.get("velocity") or (velocity(clip.joints, clip.fps, clip.skeleton).tolist() if loop else None)
+  travel = {"speed": round(float(np.linalg.norm(moving)), 4), "velocity": [round(float(v), 4) for v in moving]
+            } if moving else {}
+  return {"loop": loop} | travel | ({"license": clip.license} if clip.license else {})
+
+
+def clip_name(clip) -> str:
+  """The name of a clip's animation: its caption, or its id, in letters, digits and "_", which every engine takes."""
+  words = re.sub(r"\W+", "_", clip.captions[0].text if clip.captions else clip.id).strip("_")
+  return words[:60].rstrip("_") or "motion"
 
 
 def rest_nodes(moved, pelvis) -> list[dict]:
@@ -111,8 +134,8 @@ def _material(name, color):
                                                  "roughnessFactor": 0.65}}
 
 
-def animation(buffer, pose, fps, name) -> dict:
-  """A RigMotion as a glTF animation of the nodes of `rest_nodes`."""
+def animation(buffer, pose, fps, name, about) -> dict:
+  """A RigMotion as a glTF animation of the nodes of `rest_nodes`. about: its extras."""
   times = buffer.add((np.arange(len(pose.root)) / fps)[:, None], FLOAT, "SCALAR", bounds=True)
   samplers, channels = [], []
 
@@ -120,10 +143,10 @@ def animation(buffer, pose, fps, name) -> dict:
     samplers.append({"input": times, "output": buffer.add(values, FLOAT, shape), "interpolation": "LINEAR"})
     channels.append({"sampler": len(samplers) - 1, "target": {"node": joint, "path": path}})
 
-  add(pose.pelvis, "translation", pose.root, "VEC3")
-  for joint in range(pose.rotations.shape[1]):
+  places, moving = pose.places, pose.moving
+  for joint in range(len(pose.rig.names)):
+    if joint in moving:
+      add(joint, "translation", places[:, joint], "VEC3")
     if np.abs(pose.rotations[:, joint, 1:]).max() > 1e-7:
       add(joint, "rotation", pose.rotations[:, joint, [1, 2, 3, 0]], "VEC4")  # glTF writes w last
-    if joint != pose.pelvis and np.linalg.norm(pose.shifts[:, joint], axis=-1).max() > 5e-4:
-      add(joint, "translation", pose.offsets[joint] + pose.shifts[:, joint], "VEC3")
-  return {"name": name, "samplers": samplers, "channels": channels}
+  return {"name": name, "samplers": samplers, "channels": channels, "extras": about}

@@ -21,6 +21,7 @@ from motion_jax.utils.atomic import atomic_path
 from motion_jax.utils.errors import InputError
 from motion_jax.utils.input_files import load_npz
 from motion_jax.utils.install import pip_install
+from motion_jax.utils.numerals import named
 from motion_jax.utils.text_files import LARGEST_MOTION, read_lines, split_cells
 
 _SECONDS, _MEMORY = 120, 2e9  # of the process that reads a C3D file; bytes of address space, more by the file's size
@@ -161,26 +162,36 @@ def _check_c3d(path):
 
 
 def _clip(path, names, points, fps, unit, up, mapping):
-  """Points (T, N, 3) of a file as the joints of a known skeleton."""
-  if not np.isfinite(points).all():
-    bad = np.argwhere(~np.isfinite(points))[0]
-    raise InputError(f"{path}: point {names[bad[1]]} of frame {bad[0] + 1} is missing; fill gaps first")
+  """Points (T, N, 3) of a file as the joints of a known skeleton. Points that no joint depends on may have gaps."""
   skeleton = HUMANML3D if mapping else skeleton_of(names)
   own = skeleton is not HUMANML3D
-  joints = own_joints(names, points, skeleton) if own else map_joints(names, points, mapping)[0]
+  read = lambda at: own_joints(names, at, skeleton) if own else map_joints(names, at, mapping)[0]
+  gaps = ~np.isfinite(points)
+  if gaps.all():
+    raise InputError(f"{path}: all of its points are missing in all frames")
+  size = np.ptp(points[~gaps]) if gaps.any() else 0.0
+  joints = read(np.where(gaps, np.mean(points[~gaps]), points))
+  if gaps.any():  # whatever stands in the gaps, the joints are the same
+    off = np.abs(read(np.where(gaps, np.mean(points[~gaps]) + size, points)) - joints).max((1, 2))
+    if off.max() > 1e-4 * size:
+      frame = int(np.argmax(off > 1e-4 * size))
+      lost = [name for name, gap in zip(names, gaps[frame].any(-1)) if gap] or ["a joint"]
+      raise InputError(f"{path}: point {named(lost, 4)} of frame {frame + 1} is missing; fill gaps first")
+    warnings.warn(f"{path}: {named([name for name, gap in zip(names, gaps.any((0, 2))) if gap], 6)} have gaps, and no "
+                  "joint depends on them", stacklevel=3)
   joints = plausibility.to_unit(joints, skeleton, unit, up, str(path))
   rate = skeleton.fps if fps is None else fps  # a rate of 0 is refused, not replaced
   return Clip(joints.astype(np.float32), rate, id=path.stem, source=path.name, skeleton=skeleton)
 
 
 def _rows(path, cells, width, first):
-  """Numbers (T, width) of the cells of lines; first: the number of the first line."""
+  """Numbers (T, width) of the cells of lines, NaN of empty ones; first: the number of the first line."""
   for number, row in enumerate(cells, first):
-    if len(row) != width or not all(map(_is_number, row)):
-      raise InputError(f"{path} row {number}: got {len(row)} cells, expected {width} numbers; it is cut or has gaps")
+    if len(row) != width or not all(_is_number(cell) or _is_gap(cell) for cell in row):
+      raise InputError(f"{path} row {number}: got {len(row)} cells, expected {width} numbers; it is cut")
   if not cells:
     raise InputError(f"{path}: it has a header but no frames; it is cut")
-  return np.array(cells, np.float64)
+  return np.array([["nan" if _is_gap(cell) else cell for cell in row] for row in cells], np.float64)
 
 
 def _rate(times, path):
@@ -193,6 +204,10 @@ def _rate(times, path):
 
 def _stated(unit, stated):
   return stated.lower() if unit == "auto" and stated.lower() in plausibility.UNITS else unit
+
+
+def _is_gap(cell):
+  return cell.strip().lower() in ("", "nan")
 
 
 def _is_number(cell):

@@ -2,12 +2,10 @@
 import numpy as np
 
 from motion_jax.data.clip import Clip
+from motion_jax.motion import looping
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.plausibility import check_rate
 from motion_jax.motion.pose import pose_to_joints, to_pose
-from motion_jax.motion.skeleton import facing
-
-_LOOP = 0.01  # metres between the joints of the first and the last frame of a loop, seen from the body
 
 
 def at_rate(clip: Clip, fps: float) -> Clip:
@@ -22,21 +20,15 @@ def at_rate(clip: Clip, fps: float) -> Clip:
     return clip.replace(fps=fps)
   from scipy.interpolate import CubicSpline
   joints, steps = np.asarray(clip.joints, np.float64), clip.num_frames - 1
-  if is_loop(clip):
+  pad = 0
+  if looping.is_loop(joints, clip.skeleton):
     at = np.linspace(0, steps, max(1, round(steps * fps / clip.fps)) + 1)
+    pad = looping.around(len(joints), clip.fps)
+    joints = looping.rounds(joints, pad, looping.turn_of_round(joints, clip.skeleton))
   else:
     at = np.arange(int(np.floor(steps * fps / clip.fps + 1e-6)) + 1) * (clip.fps / fps)
   pose = to_pose(joints, clip.skeleton, clip.fps)
-  spline = lambda values: CubicSpline(np.arange(steps + 1), values)(at)
+  spline = lambda values: CubicSpline(np.arange(len(joints)) - pad, values)(at)
   pose = pose._replace(root=spline(pose.root), shifts=spline(pose.shifts), rotations=rot.unit(spline(pose.rotations)))
   moved = pose_to_joints(pose, clip.skeleton).astype(np.float32)
   return clip.replace(joints=moved, fps=fps, features=None)
-
-
-def is_loop(clip: Clip) -> bool:
-  """Whether a clip ends in the pose in which it begins, wherever it stands and faces then."""
-  ends = np.asarray(clip.joints, np.float64)[[0, -1]]
-  ahead = facing(ends, clip.skeleton)
-  ends = ends - ends[:, :1] * [1, 0, 1]
-  ends = rot.rotate(rot.about_axis(-np.arctan2(ahead[:, 0], ahead[:, 2]), "y")[:, None], ends)
-  return bool(np.linalg.norm(ends[1] - ends[0], axis=-1).max() * clip.skeleton.unit < _LOOP)

@@ -6,20 +6,24 @@ import numpy as np
 from jaxtyping import Float
 
 from motion_jax.data.clip import Clip
-from motion_jax.motion import rigs
+from motion_jax.motion import looping, rigs
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.pose import Pose, pose_to_joints, to_pose, turn_ends
 from motion_jax.motion.retarget import floor_height
 from motion_jax.motion.rigid import fit_pose, rest_offsets
 from motion_jax.motion.rigs import Rig
 from motion_jax.motion.skeleton import Skeleton
+from motion_jax.motion.smoothing import gaussian_filter1d
 from motion_jax.utils.errors import InputError
+
+_ROOT_SECONDS = 0.25  # standard deviation of the Gaussian that makes a root bone's path of the pelvis' one
 
 
 def rigged(clip: Clip, exact: bool = False) -> Pose:
   """The Pose of a clip's rig, metres: the nearest that rotations and a moving root can be, `shifts` zero.
 
-  exact: `shifts` hold the remaining offsets, so that every joint is where the clip has it.
+  exact: `shifts` hold the remaining offsets, so that every joint is where the clip has it. Of a loop the last frame's
+  rotations are those of the first, apart from the root's turn over the ground.
   """
   joints = np.ascontiguousarray(clip.joints, np.float64)
   return _rigged(joints.tobytes(), clip.skeleton, clip.fps, exact)
@@ -29,8 +33,19 @@ def rigged(clip: Clip, exact: bool = False) -> Pose:
 def _rigged(joints: bytes, skeleton: Skeleton, fps: float, exact: bool) -> Pose:
   places, unit = np.frombuffer(joints).reshape(-1, skeleton.num_joints, 3), skeleton.unit
   rest = rest_offsets(places, skeleton, fps)
-  pose = turn_ends((to_pose if exact else fit_pose)(places, skeleton, fps, rest), places * unit, skeleton)
+  solve = lambda x: turn_ends((to_pose if exact else fit_pose)(x, skeleton, fps, rest), x * unit, skeleton)
+  pose = _loop_pose(places, skeleton, fps, solve) if looping.is_loop(places, skeleton) else solve(places)
   return pose._replace(offsets=pose.offsets * unit, shifts=pose.shifts * unit, root=pose.root * unit)
+
+
+def _loop_pose(places, skeleton, fps, solve):
+  """The Pose of a loop, solved with the rounds around it."""
+  turn, pad = looping.turn_of_round(places, skeleton), looping.around(len(places), fps)
+  pose = solve(looping.rounds(places, pad, turn))
+  shifts, root, local, world = (x[pad:-pad].copy() for x in pose[1:])
+  at, world = looping.close(root[:, None], world, turn)
+  shifts[-1], local[-1, 1:], local[-1, 0] = shifts[0], local[0, 1:], world[-1, 0]
+  return Pose(pose.offsets, shifts, at[:, 0], rot.continuous(local), rot.continuous(world))
 
 
 class RigMotion(NamedTuple):
@@ -42,19 +57,38 @@ class RigMotion(NamedTuple):
   root: Float[np.ndarray, "t 3"]         # position of the pelvis
   rotations: Float[np.ndarray, "t n 4"]  # quaternions (w, x, y, z) relative to the parent; signs continuous in time
   turned: Float[np.ndarray, "t n 4"]     # the same in the world
+  ground: Float[np.ndarray, "t 3"] | None = None  # position of the root bone, on the floor, of a rig that has one
 
   @property
   def pelvis(self) -> int:
     """The joint that `root` is the place of."""
     return next(iter(self.rig.joints.values()))
 
+  @property
+  def places(self) -> Float[np.ndarray, "t n 3"]:
+    """Position of each joint relative to its parent."""
+    places = self.offsets + self.shifts
+    places[:, self.pelvis] = self.root
+    if self.ground is not None:
+      places[:, 0] = self.ground
+      places[:, self.pelvis] = rot.rotate(rot.conjugate(self.turned[:, 0]), self.root - self.ground)
+    return places
+
+  @property
+  def moving(self) -> list[int]:
+    """The joints whose positions relative to their parents change by half a millimetre or more, roots included."""
+    far = np.linalg.norm(self.shifts, axis=-1).max(0) > 5e-4
+    far[[self.pelvis] if self.ground is None else [0, self.pelvis]] = True
+    return np.flatnonzero(far).tolist()
+
 
 def on_rig(clip: Clip, rig: str | Rig | None = None, exact: bool = False, t_pose: bool = False) -> RigMotion:
   """A clip on the joints of a rig, which keeps the body's own proportions; None: the clip's skeleton as it is.
 
-  Every joint turns with the one of the clip whose place it has; joints in between keep still. t_pose: one more frame
-  before the motion, a T-pose on the floor, facing +z. Raises InputError for a rig of 22 joints and a clip of another
-  skeleton.
+  Every joint turns with the one of the clip whose place it has; joints in between keep still. A root bone, where the
+  rig has one, carries the body over the ground: it moves and turns about the vertical, below the pelvis, smoothly.
+  t_pose: one more frame before the motion, a T-pose on the floor, facing +z. Raises InputError for a rig of 22 joints
+  and a clip of another skeleton.
   """
   skeleton = clip.skeleton
   rig = rigs.of_skeleton(skeleton) if rig is None else rigs.get_rig(rig) if isinstance(rig, str) else rig
@@ -62,7 +96,39 @@ def on_rig(clip: Clip, rig: str | Rig | None = None, exact: bool = False, t_pose
     raise InputError(f"got rig {rig.name!r} for a motion of {skeleton.num_joints} joints ({skeleton.name}), expected "
                      f"HumanML3D's 22; skeleton {skeleton.name!r} is written without a rig, as .bvh or .glb")
   pose = rigged(clip, exact)
-  return pose_on_rig(_after_t_pose(pose, skeleton) if t_pose else pose, rig, skeleton)
+  moved = pose_on_rig(_after_t_pose(pose, skeleton) if t_pose else pose, rig, skeleton)
+  return moved if moved.pelvis == 0 else _with_root(moved, *root_path(clip, moved.root, moved.turned[:, moved.pelvis]))
+
+
+def root_path(clip: Clip, pelvis: Float[np.ndarray, "t 3"], turned: Float[np.ndarray, "t 4"]
+              ) -> tuple[Float[np.ndarray, "t 3"], Float[np.ndarray, "t 4"]]:
+  """Positions (T, 3) on the floor and rotations (T, 4) about the vertical of a root bone that carries a clip's body.
+
+  pelvis, turned: the pelvis' own in the world, with or without a T-pose before the clip's frames.
+  """
+  early, count = len(pelvis) - clip.num_frames, clip.num_frames
+  flat = np.array([1, 0, 1])
+  points = np.stack([pelvis, pelvis + rot.rotate(turned, np.array([[1.0, 0, 0]]))], axis=1)[early:] * flat
+  pad = min(count - 2, round(4 * _ROOT_SECONDS * clip.fps))
+  if pad > 0:
+    if looping.is_loop(clip.joints, clip.skeleton):
+      long = looping.rounds(points, pad, looping.turn_of_round(clip.joints, clip.skeleton))
+    else:  # as if the ends were passed at a constant speed
+      long = np.concatenate([2 * points[:1] - points[pad:0:-1], points, 2 * points[-1:] - points[-2:-pad - 2:-1]])
+    points = gaussian_filter1d(long, _ROOT_SECONDS * clip.fps, axis=0, mode="nearest")[pad:-pad]
+  points = np.concatenate([pelvis[:early, None] * flat + [[0, 0, 0], [1.0, 0, 0]], points])
+  across = points[:, 1] - points[:, 0]
+  return points[:, 0], rot.continuous(rot.about_axis(np.arctan2(-across[:, 2], across[:, 0]), "y"))
+
+
+def _with_root(moved, ground, facing):
+  """A RigMotion whose root bone goes where `root_path` says."""
+  local, turned = moved.rotations.copy(), moved.turned.copy()
+  local[:, 0] = turned[:, 0] = facing
+  for joint, parent in enumerate(moved.rig.parents):
+    if parent == 0:
+      local[:, joint] = rot.multiply(rot.conjugate(facing), turned[:, joint])
+  return moved._replace(rotations=rot.continuous(local), turned=turned, ground=ground)
 
 
 def pose_on_rig(pose: Pose, rig: Rig, skeleton: Skeleton) -> RigMotion:

@@ -12,14 +12,16 @@ import numpy as np
 
 from motion_jax.export.binding import bind
 from motion_jax.export.body import COLORS
+from motion_jax.export.glb import clip_name, facts
 from motion_jax.utils.atomic import atomic_path
 
 
-def usda(clip, path, exact=False, rig=None, t_pose=False) -> pathlib.Path:
+def usda(clip, path, exact=False, rig=None, t_pose=False, name=None) -> pathlib.Path:
   """Writes a clip as .usda: a SkelRoot with Skeleton, SkelAnimation and meshes, metres, y up, a time code per frame.
 
   rig: names, tree and rest pose of another program (`motion.rigs`), such as "ue5". Joints only turn, and the root
-  moves; exact=True also moves those whose place rotations miss. t_pose: the first frame is a T-pose.
+  moves; exact=True also moves those whose place rotations miss. t_pose: the first frame is a T-pose. name: of the
+  SkelAnimation (`glb.clip_name`).
   """
   path = pathlib.Path(path)
   moved, carriers, skins, rest, inverse = bind(clip, exact, rig, t_pose)
@@ -28,22 +30,24 @@ def usda(clip, path, exact=False, rig=None, t_pose=False) -> pathlib.Path:
   offsets[moved.pelvis] = rest[moved.pelvis]
   still = np.tile(np.eye(4), (len(tokens), 1, 1))
   still[:, 3, :3] = offsets
-  places = offsets + moved.shifts
-  places[:, moved.pelvis] = moved.root
-  names = json.dumps([name for name in moved.rig.names], ensure_ascii=False)
+  names = json.dumps(list(moved.rig.names), ensure_ascii=False)
   caption = clip.captions[0].text if clip.captions else clip.id
+  name, about = re.sub(r"^(?=\d)|[^A-Za-z0-9_]", "_", name or clip_name(clip)), facts(clip)
   lines = ["#usda 1.0", "(", '  defaultPrim = "Motion"', f"  doc = {_text(caption)}", "  metersPerUnit = 1",
            '  upAxis = "Y"', f"  timeCodesPerSecond = {clip.fps:.10g}", f"  framesPerSecond = {clip.fps:.10g}",
-           "  startTimeCode = 0", f"  endTimeCode = {len(moved.root) - 1}", ")", "",
+           "  startTimeCode = 0", f"  endTimeCode = {len(moved.root) - 1}",
+           "  customLayerData = {", f"    bool loop = {int(about['loop'])}",
+           *([f"    double speed = {about['speed']}", f"    double3 velocity = {_row(about['velocity'])}"]
+             if "speed" in about else []), "  }", ")", "",
            'def SkelRoot "Motion" (prepend apiSchemas = ["SkelBindingAPI"])', "{",
            '  def Skeleton "Skeleton" (prepend apiSchemas = ["SkelBindingAPI"])', "  {",
            f"    uniform token[] joints = {json.dumps(tokens)}", f"    uniform token[] jointNames = {names}",
            f"    uniform matrix4d[] bindTransforms = {_matrices(np.linalg.inv(inverse).transpose(0, 2, 1))}",
            f"    uniform matrix4d[] restTransforms = {_matrices(still)}",
-           "    rel skel:animationSource = </Motion/Skeleton/Animation>", "",
-           '    def SkelAnimation "Animation"', "    {", f"      uniform token[] joints = {json.dumps(tokens)}",
+           f"    rel skel:animationSource = </Motion/Skeleton/{name}>", "",
+           f'    def SkelAnimation "{name}"', "    {", f"      uniform token[] joints = {json.dumps(tokens)}",
            f"      half3[] scales = [{', '.join(['(1, 1, 1)'] * len(tokens))}]"]
-  lines += _samples("float3[] translations", places) + _samples("quatf[] rotations", moved.rotations)
+  lines += _samples("float3[] translations", moved.places) + _samples("quatf[] rotations", moved.rotations)
   lines += ["    }", "  }"]
   for skin in skins:
     lines += _mesh(skin, [tokens[number] for number in carriers])

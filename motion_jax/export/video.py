@@ -5,6 +5,7 @@
 import collections
 import concurrent.futures
 import contextlib
+import itertools
 import os
 import pathlib
 import shutil
@@ -17,6 +18,7 @@ import numpy as np
 from motion_jax.export import gif, render
 from motion_jax.export.body import default_colors, make_figure
 from motion_jax.export.scene import body_at, from_above, marks_of
+from motion_jax.motion.looping import is_loop
 from motion_jax.motion.retiming import resample
 from motion_jax.motion.smoothing import gaussian_filter1d
 from motion_jax.utils import progress, stopping
@@ -57,8 +59,11 @@ def video(clip, path, size=None, fps=None, **options) -> pathlib.Path:
   else:  # one palette from four moments: a palette per frame would flicker
     picture, moments = _painter(clip, size, **options), np.linspace(0, clip.num_frames - 1, 4).round().astype(int)
     how = gif.common_palette([picture(t) for t in progress.each(moments, f"choosing the colours of {path.name}")])
+  # Players repeat films: of a loop the last frame, which is the first again, would stand twice as long.
+  count = clip.num_frames - is_loop(clip.joints, clip.skeleton)
   with atomic_path(path) as temporary:
-    images = progress.each(frames(clip, size=size, **options), f"drawing {path.name}", clip.num_frames, "frame")
+    images = progress.each(itertools.islice(frames(clip, size=size, **options), count), f"drawing {path.name}", count,
+                           "frame")
     write(temporary, images, size, clip.fps, how)
   return path
 

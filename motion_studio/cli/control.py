@@ -24,8 +24,10 @@ def add_to(parser):
   group.add_argument("--keep-parts", metavar="PARTS:FILE", help="keep body parts (legs, torso, left_arm, right_arm, "
                      "head, with commas) of this motion file; the prompt controls the others")
   shared.add_mapping(group)
-  group.add_argument("--loop", action="store_true", help="make the last pose equal to the first, for looped playback")
-  group.add_argument("--in-place", action="store_true", help="keep the root over one spot, as on a treadmill")
+  group.add_argument("--loop", action="store_true", help="make a cycle: the last frame, at the clip's length, is the "
+                     "first pose again (docs/game-engines.md)")
+  group.add_argument("--in-place", action="store_true", help="keep the root over x = z = 0, as on a treadmill; its "
+                     "speed is printed")
 
 
 def constraints_of(args, model):

@@ -1,5 +1,6 @@
 """motion-jax generate, multi-prompt, extend and edit: the commands that generate motion."""
 import functools
+import math
 import pathlib
 import time
 
@@ -112,6 +113,11 @@ def _generate(args):
   segments = dict.fromkeys(motion.meta["understood"] for motion in motions if "understood" in motion.meta)
   for text in list(segments)[:_PRINTED]:
     print(f"generated as: {text}")
+  for motion in motions[:_PRINTED]:
+    if "velocity" in motion.meta:
+      left, _, ahead = (round(part, 2) + 0.0 for part in motion.meta["velocity"])
+      print(f"in place: move the character at {math.hypot(left, ahead):.2f} m/s ({ahead:.2f} ahead, {left:.2f} to its "
+            "left)")
   signals = control.drawn(constraints, motions) if constraints else None
   _write(args, model, motions, outputs, start, signals=signals, constraints=constraints)
 

@@ -2,6 +2,7 @@
 import argparse
 import contextlib
 import pathlib
+import re
 
 from motion_jax.utils import progress
 from motion_jax.utils.errors import InputError
@@ -12,6 +13,7 @@ FILMS = (".mp4", ".gif")
 PICTURES = (*FILMS, ".png", ".jpg", ".html")
 RIGS = (".bvh", ".glb", ".usda", ".fbx")
 CHARACTERS = (".glb", ".vrm")
+NAMED = (".glb", ".vrma", ".usda", ".fbx")  # files whose animation has a name
 # What export.load reads; a constant, so that --help starts fast.
 MOTION_FILES = (".npz", ".npy", ".bvh", ".amc", ".csv", ".trc", ".c3d", ".glb", ".gltf", ".vrm", ".vrma",
                 ".fbx")
@@ -126,7 +128,11 @@ def _check_character(args, outputs):
 def add_rig(parser):
   """The flags of files with a rig."""
   parser.add_argument("--character", metavar="FILE", help="your own rigged character, .glb, .gltf or .vrm: each .glb "
-                      "or .vrm of --out is that file with the motions as further animations, named by their prompts")
+                      "or .vrm of --out is that file with the motions as further animations, before those that it has")
+  parser.add_argument("--replace-animations", action="store_true", help="leave out the animations that the file of "
+                      "--character has")
+  parser.add_argument("--name", type=_clip_name, metavar="NAME", help="name of the animation in .glb, .vrma, .usda, "
+                      ".fbx and --character (the prompt, with _ for blanks)")
   parser.add_argument("--character-mapping", metavar="FILE.json", help="names of the character's bones where they are "
                       "not known: {our joint: its bone}; an error message lists them")
   parser.add_argument("--rig", metavar="NAME", help="joint names, tree and rest pose of another program in .bvh, .glb "
@@ -142,6 +148,12 @@ def add_rig(parser):
   parser.add_argument("--exact-joints", action="store_true",
                       help="in .bvh, .glb and .usda, keep exact joint positions with position channels below the root, "
                            "which some programs misread; default: joints only rotate, and the error is printed")
+
+
+def _clip_name(text):
+  if not re.fullmatch(r"[\w.-]{1,60}", text):
+    raise argparse.ArgumentTypeError(f"got {text[:70]!r}, expected up to 60 letters, digits, _, - and ., such as Walk")
+  return text
 
 
 def _three(text):
@@ -166,7 +178,10 @@ def file_options(args, out):
   if kind not in PICTURES and args.out_fps is not None:
     found["fps"] = args.out_fps
   if kind in CHARACTERS and args.character is not None:
-    return found | {"file": args.character, "mapping": args.character_mapping, "t_pose": args.t_pose}
+    return found | {"file": args.character, "mapping": args.character_mapping, "t_pose": args.t_pose,
+                    "name": args.name, "replace": args.replace_animations}
+  if kind in NAMED:
+    found["name"] = args.name
   if kind in RIGS:
     found |= {"exact": args.exact_joints, "rig": args.rig, "t_pose": args.t_pose}
   if out.lower().endswith(".amass.npz") and args.pelvis_offset:

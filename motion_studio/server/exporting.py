@@ -8,7 +8,7 @@ from motion_jax import export
 from motion_jax.control.compiling import compile
 from motion_jax.export import scene
 from motion_jax.models.results import colors_of
-from motion_jax.motion.looping import in_place, looped
+from motion_jax.motion.looping import in_place, looped, velocity
 from motion_jax.motion.skeleton import HUMANML3D
 from motion_jax.utils.errors import InputError
 from motion_studio.server import export_choices, fields
@@ -57,7 +57,8 @@ def variant(clip: Any, trim: Any = None, still: bool = False, loop: bool = False
   if loop:
     clip = clip.replace(joints=looped(clip.joints, clip.fps, clip.skeleton), features=None)
   if still:
-    clip = clip.replace(joints=in_place(clip.joints), features=None)
+    meta = clip.meta | {"velocity": velocity(clip.joints, clip.fps, clip.skeleton).tolist()}
+    clip = clip.replace(joints=in_place(clip.joints), features=None, meta=meta)
   return clip
 
 

@@ -147,11 +147,15 @@ def mirrored(document):
   next(node for node in document["nodes"] if node["name"] == "Armature")["scale"] = [-1, 1, 1]
 
 
-def two_bodies(document):
-  """A second armature with a mesh of its own."""
+def two_bodies(document, apart=1.0, scene=None):
+  """A second armature with a mesh of its own, metres apart, in the same scene or in one more that is not shown."""
   nodes, first = document["nodes"], len(document["nodes"])
   nodes += [node | ({"children": [first + k for k in node["children"]]} if "children" in node else {})
             for node in nodes]
   document["skins"].append(document["skins"][0] | {"joints": [first + k for k in document["skins"][0]["joints"]]})
   nodes[-1] = nodes[-1] | {"skin": 1}
-  document["scenes"][0]["nodes"] += [first + k for k in document["scenes"][0]["nodes"]]
+  top = next(node for node in nodes[first:] if node["name"] == "Armature")
+  top["translation"] = [apart, 0, 0]
+  below = [first + k for k in document["scenes"][0]["nodes"]]
+  document["scenes"] += [{"nodes": below}] if scene == 1 else []
+  document["scenes"][0]["nodes"] += below if scene != 1 else []

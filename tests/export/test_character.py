@@ -98,7 +98,7 @@ def test_nothing_of_the_file_changes_but_what_is_added(tmp_path):
   export.save(CLIP, tmp_path / "one.glb", file=tmp_path / "body.glb")
   export.save([CLIP, CLIP.replace(captions=(Caption("again"),))], tmp_path / "all.glb", file=tmp_path / "one.glb")
   after = Document(tmp_path / "all.glb")
-  assert animation_names(after) == ["a person walks", "a person walks 2", "again"]
+  assert animation_names(after) == ["a_person_walks_2", "again", "a_person_walks"]
   for key, value in before.json.items():
     if key == "buffers":
       continue
@@ -169,6 +169,8 @@ BAD = {
     "cycle": (dict(change=lambda d: (d["nodes"][3].update(children=[0]), d["nodes"][-2].pop("children"))),
               "itself|own"),
     "not finite": (dict(change=lambda d: d["nodes"][0].update(translation=[1e400, 0, 0])), "not finite"),
+    "one matrix less": (dict(change=lambda d: d["accessors"][-1].update(count=d["accessors"][-1]["count"] - 1)),
+                        "25 joints and 24 inverse bind matrices, expected one for each"),
     "text": (dict(change=lambda d: d["nodes"][0].update(translation="far")), "not as the format says"),
     "accessor": (dict(change=lambda d: d["accessors"][0].update(count=10 ** 7)), "outside its buffer"),
 }
@@ -202,6 +204,31 @@ def test_two_bodies_and_cut_files_and_other_endings(tmp_path):
   assert not list(tmp_path.glob("out.*"))
 
 
+@pytest.mark.parametrize("apart, scene, moved", [(0.0, None, True), (5.0, 1, False)])
+def test_clothes_with_a_skeleton_of_their_own_move_along(apart, scene, moved, tmp_path):
+  """What is in a scene that the file does not open with stays as it is."""
+  write_character(tmp_path / "body.glb", CLIP, rolls=2, change=lambda body: two_bodies(body, apart, scene))
+  path, = export.save(CLIP, tmp_path / "out.glb", file=tmp_path / "body.glb")
+  document = Document(path)
+  hands = [node for node in range(len(document.nodes)) if document.name(node) == "mixamorig:LeftHand"]
+  keys = {channel["target"]["node"]: channel["sampler"] for channel in document.json["animations"][0]["channels"]
+          if channel["target"]["path"] == "rotation"}
+  assert len(hands) == 2 and (hands[1] in keys) == moved
+  if moved:
+    first, second = (document.array(document.json["animations"][0]["samplers"][keys[node]]["output"]) for node in hands)
+    np.testing.assert_array_equal(first, second)
+  np.testing.assert_allclose(export.load(path).joints[:, 20], bones(path, "mixamo")[0][:, 20], atol=1e-5)
+
+
+def test_a_skin_may_hold_a_part_of_the_animated_skeleton(tmp_path):
+  path, = export.save(CLIP, tmp_path / "a.glb")
+  document = Document(path)
+  for joints in ([15, 16, 17, 18, 19], [0]):
+    document.json["skins"][0]["joints"] = joints
+    document.write(tmp_path / "b.glb")
+    np.testing.assert_allclose(export.load(tmp_path / "b.glb").joints, export.load(path).joints, atol=1e-6)
+
+
 def test_a_mapping_names_bones_that_no_rig_has(tmp_path):
   def rename(document):
     for number, node in enumerate(document["nodes"]):
@@ -231,9 +258,9 @@ def test_the_command_line_animates_and_reads_back(tmp_path, capsys):
   assert np.ptp((found.joints - JOINTS)[:, [4, 7, 16, 20]], axis=0).max() < 0.005
   shutil.copy(tmp_path / "out.glb", tmp_path / "body.glb")
   run("--character", tmp_path / "body.glb", "--out", tmp_path / "out.glb")
-  with pytest.raises(InputError, match="holds 2 animations .1 'a person walks', 2 'a person walks 2'.; name one"):
+  with pytest.raises(InputError, match="holds 2 animations .1 'a_person_walks_2', 2 'a_person_walks'.; name one"):
     export.load(tmp_path / "out.glb")
-  for name in ("2", "a person walks 2"):
+  for name in ("2", "a_person_walks_2"):
     assert export.load(f"{tmp_path / 'out.glb'}#{name}").num_frames == CLIP.num_frames
   assert run("--character", tmp_path / "body.glb", "--out", tmp_path / "out.bvh")
   assert "no file of --out" in capsys.readouterr().err

@@ -60,7 +60,7 @@ def test_several_clips_and_the_command_line(tmp_path):
 
 @pytest.mark.parametrize("text, sentence", [
     ("", "header"), ("a,b\n1,2\n", "NAME_x"), ("1,2,3\n4,5,6\n", "Unitree"), ("time,hip_x,hip_y,hip_z\n", "no frames"),
-    ("time,hip_x,hip_y,hip_z\n0,1,2\n", "row 2"), ("time,hip_x,hip_y,hip_z\n0,1,nan,2\n", "row 2"),
+    ("time,hip_x,hip_y,hip_z\n0,1,2\n", "row 2"), ("time,hip_x,hip_y,hip_z\n0,1,far,2\n", "row 2"),
     ("time,hip_x,hip_y,hip_z\n0,1,2,3\n0,1,2,3\n", "rise evenly")])
 def test_a_table_that_is_no_motion_is_refused(text, sentence, tmp_path):
   (tmp_path / "a.csv").write_text(text)
@@ -74,6 +74,27 @@ def test_a_gap_is_named(tmp_path):
   export.save(clip, tmp_path / "walk.c3d")
   with pytest.raises(InputError, match="point left_knee of frame 4 is missing"):
     export.load(tmp_path / "walk.c3d")
+
+
+@pytest.mark.parametrize("gap", ["", "nan"])
+@pytest.mark.parametrize("kind", [".csv", ".trc"])
+def test_points_that_no_joint_depends_on_may_have_gaps(kind, gap, tmp_path):
+  path, = export.save(walk(6), tmp_path / f"a{kind}")
+  mark, heads = ("\t", 3) if kind == ".trc" else (",", 0)
+  lines = path.read_text().split("\n")
+  for k in range(len(lines) - 1):
+    if k == heads:
+      lines[k] += "Wand\t\t" if heads else ",Wand_x,Wand_y,Wand_z"
+    elif k >= (6 if heads else 1):
+      lines[k] += mark.join(["", *([gap] * 3 if k % 3 else ["1", "2", "3"])])
+  path.write_text("\n".join(lines))
+  with pytest.warns(UserWarning, match="Wand have gaps, and no joint depends on them"):
+    np.testing.assert_allclose(export.load(path).joints, walk(6).joints, atol=1e-3)
+  cells = lines[-2].split(mark)
+  column = 2 + 3 * HUMANML3D.joints.index("left_knee")
+  path.write_text("\n".join([*lines[:-2], mark.join([*cells[:column], *[gap] * 3, *cells[column + 3:]]), ""]))
+  with pytest.raises(InputError, match="point left_knee.* of frame 6 is missing"):
+    export.load(path)
 
 
 @pytest.mark.parametrize("kind", [".trc", ".c3d"])

@@ -3,9 +3,9 @@ import numpy as np
 import pytest
 
 from motion_jax import export
-from motion_jax.export.rates import at_rate, is_loop
+from motion_jax.export.rates import at_rate
 from motion_jax.export.rig import on_rig
-from motion_jax.motion.looping import looped
+from motion_jax.motion.looping import is_loop, looped
 from motion_jax.motion.skeleton import HUMANML3D, bone_lengths
 from motion_studio import cli
 from tests.export.test_bvh import walk
@@ -84,10 +84,10 @@ def test_another_rate_keeps_bones_and_comes_back(fps):
 def test_a_loop_still_meets_its_beginning():
   clip = walk(40, 0.2)
   clip = clip.replace(joints=looped(clip.joints, clip.fps))
-  assert is_loop(clip) and not is_loop(walk(47, 0.2).cut(0, 33))
+  assert is_loop(clip.joints) and not is_loop(walk(47, 0.2).cut(0, 33).joints)
   for fps in (24, 25, 60):
     other = at_rate(clip, fps)
-    assert is_loop(other) and abs((other.num_frames - 1) / fps - 39 / 20) < 0.5 / fps + 1e-9
+    assert is_loop(other.joints) and abs((other.num_frames - 1) / fps - 39 / 20) < 0.5 / fps + 1e-9
     np.testing.assert_allclose(other.joints[-1], clip.joints[-1], atol=1e-5)
 
 

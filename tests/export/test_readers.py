@@ -126,6 +126,8 @@ def test_a_vrma_is_read_back_by_its_bones_whatever_their_nodes_are_called(tmp_pa
 
 
 def test_files_that_are_only_written_say_so(tmp_path):
+  pictures = {".mp4", ".gif", ".html", ".png", ".jpg"}
+  assert {name for name in export.WRITERS if "." + name.rsplit(".", 1)[1] not in export.READERS} == pictures | {".usda"}
   (tmp_path / "a.usda").write_text("#usda 1.0")
   with pytest.raises(InputError, match="USD files are written and not read"):
     export.load(tmp_path / "a.usda")

@@ -24,7 +24,9 @@ def places_of(moved):
   for joint, parent in enumerate(moved.rig.parents):
     if joint == moved.pelvis:
       places[:, joint] = moved.root
-    elif parent >= 0:
+    elif parent < 0:
+      places[:, joint] = moved.ground
+    else:
       places[:, joint] = places[:, parent] + rot.rotate(moved.turned[:, parent], moved.offsets[joint][None])
   return places
 
@@ -50,7 +52,7 @@ def test_the_skin_of_a_glb_is_the_same_on_every_rig(name, tmp_path):
     skins.append(world @ inverse)
   rig = rigs.get_rig(name)
   assert gltf.nodes[gltf.skins[0].joints[0]].name == rig.names[rig.joints["pelvis"]]
-  np.testing.assert_allclose(skins[1], skins[0], atol=1e-5)
+  np.testing.assert_allclose(skins[1][:, :22], skins[0], atol=1e-5)  # a root bone moves no mesh
 
 
 def test_a_rest_pose_with_lowered_arms(tmp_path):

@@ -102,8 +102,9 @@ def test_parts_of_a_motion_stay_and_the_others_are_made(pipeline, plain):
 @pytest.mark.slow
 def test_loops_and_motions_in_place(pipeline):
   made = pipeline("a person walks", 40, seeds=[3], control=[Loop(), InPlace()])
-  assert made.num_frames == 40 and np.ptp(made.joints[:, 0, [0, 2]], axis=0).max() < 1e-5
-  assert made.meta["control"] == ["loop", "in_place"]
+  assert made.num_frames == 41 and np.abs(made.joints[:, 0, [0, 2]]).max() < 1e-5
+  assert np.abs(made.joints[-1] - made.joints[0]).max() < 1e-4, "the closing frame is the first again"
+  assert made.meta["control"] == ["loop", "in_place"] and made.meta["velocity"][1] == 0
 
 
 def test_what_cannot_be_constrained(pipeline):

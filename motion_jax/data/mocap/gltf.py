@@ -84,6 +84,16 @@ class Document:
       order.extend(self.nodes[node].get("children", ()))
     return order
 
+  @functools.cached_property
+  def shown(self) -> set[int]:
+    """The nodes of the scene that the file opens with; all nodes of a file without scenes."""
+    with self.checked():
+      scenes = self.json.get("scenes") or [{"nodes": [j for j, parent in enumerate(self.parents) if parent < 0]}]
+      below = list(scenes[self.json.get("scene", 0)].get("nodes", ()))
+      for node in below:
+        below.extend(self.nodes[node].get("children", ()))
+      return set(below)
+
   def name(self, node) -> str:
     """A node's name, "node 7" for one without."""
     return str(self.nodes[node].get("name") or f"node {node}")
@@ -157,6 +167,17 @@ class Document:
     if min(first, offset, count) < 0 or stride < size or start + length > len(data):
       raise InputError(f"{self.path}: buffer view {number} ends outside its buffer; {_CUT}")
     return np.ndarray((count, width), dtype, data, start, (stride, dtype.itemsize))
+
+  def bind_matrices(self, skin) -> np.ndarray | None:
+    """The inverse bind matrices (J, 4, 4) of a skin's joints; None where it has none, which means identities."""
+    with self.checked():
+      if "inverseBindMatrices" not in skin:
+        return None
+      found, count = self.array(skin["inverseBindMatrices"]), len(skin["joints"])
+      if found.ndim != 2 or found.shape[1] != 16 or len(found) < count:
+        raise InputError(f"{self.path}: a skin has {count} joints and {len(found)} inverse bind matrices, expected one "
+                         "for each joint; export the file again")
+      return found[:count].reshape(-1, 4, 4).swapaxes(1, 2)
 
   # --- nodes -------------------------------------------------------------------------------------------------------
 

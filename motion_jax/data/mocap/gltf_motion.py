@@ -62,7 +62,8 @@ def _capture(document, number, path):
   fps = float(rate) if isinstance(rate, int | float) and FRAME_RATES[0] <= rate <= FRAME_RATES[1] else _rate(times)
   count = int(np.floor((times[-1] - times[0]) * fps + 1e-3)) + 1
   human = _human_bones(document)
-  bones = {*(human or joints_of(document) or (node for node, _ in tracks))}
+  bones = {*(human or bones_of(document) or (node for node, _ in tracks))}
+  bones = bones & document.shown or bones
   nodes = [node for node in document.order if node in bones]
   check_size(path, count, len(document.nodes))
   rest = document.rest()
@@ -128,6 +129,27 @@ def joints_of(document) -> list[int]:
   """The nodes that are joints of any skin."""
   with document.checked():
     return sorted({joint for skin in document.json.get("skins", ()) for joint in skin["joints"]})
+
+
+def bones_of(document) -> list[int]:
+  """The joints of the skins; all nodes of their trees but meshes where an animation moves further ones of these: skins
+  may hold a part of a skeleton."""
+  bones = set(joints_of(document))
+  with document.checked():
+    moved = {channel["target"].get("node") for animation in document.json.get("animations", ())
+             for channel in animation["channels"]}
+    tops = set()
+    for bone in bones:
+      line = [bone]
+      while document.parents[line[-1]] >= 0:
+        line.append(document.parents[line[-1]])
+      tops.add(next(node for node in reversed(line) if node in bones or node in moved))
+    below = set()
+    for node in document.order:
+      if node in tops or document.parents[node] in below:
+        below.add(node)
+    below = {node for node in below if "mesh" not in document.nodes[node]}
+    return sorted(bones | below if moved & below - bones else bones)
 
 
 def nearest(document, node, among) -> int:

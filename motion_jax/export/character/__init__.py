@@ -11,6 +11,8 @@ from motion_jax.data.mocap.files import read_mapping
 from motion_jax.data.mocap.gltf import ENDINGS, take_apart
 from motion_jax.export.character.figure import Figure, read_figure
 from motion_jax.export.character.posing import Posed, pose_figure
+from motion_jax.export.glb import clip_name, facts
+from motion_jax.export.rig import root_path
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.skeleton import HUMANML3D
 from motion_jax.utils.errors import InputError
@@ -28,11 +30,13 @@ def check_character(file, mapping=None) -> Figure:
   return read_figure(file, read_mapping(mapping))
 
 
-def character(clips, path, file=None, mapping=None, t_pose=False) -> pathlib.Path:
+def character(clips, path, file=None, mapping=None, t_pose=False, name=None, replace=False) -> pathlib.Path:
   """Writes the character of `file` with one more animation for each clip (or one clip), named by its caption.
 
-  path: .glb or .vrm. mapping: {joint of HumanML3D: bone's name}, a dict or a JSON file, for bones whose names are not
-  known (`motion.bones`). t_pose: the first frame is a T-pose. Raises InputError for a file that is no rigged character.
+  They come before the animations that the file has, for most players play the first. path: .glb or .vrm. mapping:
+  {joint of HumanML3D: bone's name}, a dict or a JSON file, for bones whose names are not known (`motion.bones`).
+  t_pose: the first frame is a T-pose. name: of the animation, instead of its caption. replace: without the animations
+  that the file has. Raises InputError for a file that is no rigged character.
   """
   path = pathlib.Path(path)
   if file is None:
@@ -46,13 +50,17 @@ def character(clips, path, file=None, mapping=None, t_pose=False) -> pathlib.Pat
       raise InputError(f"got a motion of skeleton {clip.skeleton.name!r} for a character, expected HumanML3D's 22 "
                        "joints")
   figure = check_character(file, mapping)
+  there = [] if replace else figure.document.json.get("animations", [])
+  added: list[dict] = []
   for clip in clips:
-    _add(figure, pose_figure(figure, clip, t_pose), clip)
+    label = _unused(name or clip_name(clip), [*there, *added])
+    added.append(_animation(figure, pose_figure(figure, clip, t_pose), clip, label))
+  figure.document.json["animations"] = [*added, *there]
   return figure.document.write(path)
 
 
-def _add(figure, posed: Posed, clip):
-  """Adds an animation to the character's document."""
+def _animation(figure, posed: Posed, clip, name):
+  """An animation of the character's document, whose keys are added to its buffer."""
   document, frames = figure.document, len(posed.turned)
   times = document.add((np.arange(frames) / clip.fps)[:, None], "SCALAR", bounds=True)
   samplers, channels = [], []
@@ -61,15 +69,14 @@ def _add(figure, posed: Posed, clip):
     samplers.append({"input": times, "output": document.add(values, shape), "interpolation": "LINEAR"})
     channels.append({"sampler": len(samplers) - 1, "target": {"node": node, "path": kind}})
 
-  for node, moved, turned in _local(figure, posed):
+  for node, moved, turned in _local(figure, posed, clip):
     _without_matrix(document.nodes[node])
     if moved is not None:
       add(node, "translation", moved, "VEC3")
     add(node, "rotation", rot.continuous(turned)[:, [1, 2, 3, 0]], "VEC4")
-  animations = document.json.setdefault("animations", [])
-  caption = clip.captions[0].text if clip.captions else clip.id
-  about = {"fps": float(clip.fps)} | ({"license": clip.license} if clip.license else {})
-  animations.append({"name": _unused(caption, animations), "samplers": samplers, "channels": channels, "extras": about})
+  caption = {"caption": clip.captions[0].text} if clip.captions else {}
+  return {"name": name, "samplers": samplers, "channels": channels,
+          "extras": {"fps": float(clip.fps)} | caption | facts(clip)}
 
 
 def _without_matrix(node):
@@ -82,18 +89,36 @@ def _without_matrix(node):
 def _unused(name, animations):
   """The name, with a number behind it if an animation has it already."""
   there = {one.get("name") for one in animations if isinstance(one, dict)}
-  return name if name not in there else next(f"{name} {number}" for number in range(2, len(there) + 3)
-                                             if f"{name} {number}" not in there)
+  return name if name not in there else next(f"{name}_{number}" for number in range(2, len(there) + 3)
+                                             if f"{name}_{number}" not in there)
 
 
-def _local(figure, posed):
+def _local(figure, posed, clip):
   """(node, places (T, 3) or None, rotations (T, 4)) of each bone, relative to the node that it hangs on in the file."""
   document = figure.document
   rest = document.world(*document.rest())
   turned = rot.multiply(figure.out[None, None], posed.turned)
   places = rot.rotate(figure.out[None, None], posed.places) * figure.scale + figure.origin
-  bone_of = {node: bone for bone, node in enumerate(figure.nodes)}
-  for bone, node in enumerate(figure.nodes):
+  nodes = list(figure.nodes)
+  for bone, twin in figure.copies:  # turned against the bone as it is at rest
+    _, own, _ = take_apart(rest[figure.nodes[bone]])
+    _, still, _ = take_apart(rest[twin])
+    nodes.append(twin)
+    against = rot.multiply(rot.conjugate(own), still)[None]
+    turned = np.concatenate([turned, rot.multiply(turned[:, bone], against)[:, None]], axis=1)
+    places = np.concatenate([places, places[:, bone, None]], axis=1)
+  if figure.root is not None:  # it moves over the ground from where it rests, as the body does
+    pelvis = figure.parts["pelvis"]
+    ground, facing = root_path(clip, posed.places[:, pelvis], rot.multiply(
+        posed.turned[:, pelvis], rot.conjugate(figure.turned[pelvis])[None]))
+    turn = rot.multiply(rot.multiply(figure.out[None], facing), rot.conjugate(figure.out)[None])
+    anchor, still, _ = take_apart(rest[figure.root])
+    nodes.append(figure.root)
+    turned = np.concatenate([turned, rot.multiply(turn, still[None])[:, None]], axis=1)
+    at = rot.rotate(figure.out[None], ground) * figure.scale + figure.origin
+    places = np.concatenate([places, (at + rot.rotate(turn, (anchor - figure.origin)[None]))[:, None]], axis=1)
+  bone_of = {node: bone for bone, node in enumerate(nodes)}
+  for bone, node in enumerate(nodes):
     above = document.parents[node]
     base = above
     while base >= 0 and base not in bone_of:

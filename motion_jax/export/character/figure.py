@@ -5,7 +5,7 @@ import warnings
 import numpy as np
 
 from motion_jax.data.mocap.gltf import Document, Unreadable, take_apart
-from motion_jax.data.mocap.gltf_motion import joints_of, nearest
+from motion_jax.data.mocap.gltf_motion import bones_of, joints_of, nearest
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.bones import Bones, find_bones
 from motion_jax.motion.joint_names import SIDES
@@ -19,6 +19,7 @@ _UPRIGHT = np.cos(np.radians(45))
 _CROOKED = 0.1            # of a leg: how far a rest pose's left side may be from its right one, on average
 _ANKLE = 0.08             # of a leg: the height of an ankle over its sole, where the mesh does not show it
 _MOST_POINTS = 64         # of a sole
+_SAME_PLACE = 0.01        # of the size of all bones: how far those of a second skeleton may be from the first one's
 _UNEVEN = 0.02            # by which the scales of a bone may differ
 
 
@@ -40,6 +41,8 @@ class Figure:
   out: np.ndarray          # (4,) rotation to the file's world
   scale: float
   origin: np.ndarray       # (3,)
+  root: int | None         # the node of the bone that carries the whole body, above that of the pelvis
+  copies: list[tuple[int, int]]  # (bone, node) of further skeletons that move with this one, such as those of clothes
 
   @property
   def about(self) -> str:
@@ -60,7 +63,8 @@ def read_figure(path, mapping=None) -> Figure:
     raise InputError(f"{path}: it has no skin, so its mesh follows no bones; expected a rigged character, for instance "
                      "from Mixamo or VRoid")
   stated = _human_bones(document)
-  nodes = [node for node in document.order if node in {*joints, *stated.values()}]
+  bones = {*bones_of(document), *stated.values()} & document.shown
+  nodes = [node for node in document.order if node in bones]
   rest = document.world(*document.rest())
   parents = [nearest(document, node, nodes) for node in nodes]
   names = [document.name(node) for node in nodes]
@@ -70,8 +74,15 @@ def read_figure(path, mapping=None) -> Figure:
     found = find(range(len(nodes)), mapping=mapping, known={joint: nodes.index(node) for joint, node in stated.items()})
   except InputError as error:
     raise InputError(f"{path}: {error}") from None
-  _refuse_two(path, document, nodes, names, parents, found, find)
-  return _built(document, nodes, names, found, rest)
+  copies = _copies(path, nodes, names, parents, rest, found, find)
+  above = [node for node in _above(document, nodes[found.limbs["pelvis"]]) if node in joints]
+  return _built(document, nodes, names, found, rest, above[-1] if above else None, copies)
+
+
+def _above(document, node):
+  """The nodes above a node, the next one first."""
+  while (node := document.parents[node]) >= 0:
+    yield node
 
 
 def _human_bones(document):
@@ -90,27 +101,44 @@ def _human_bones(document):
     return {joint: node for joint, node in stated.items() if node >= 0}
 
 
-def _refuse_two(path, document, nodes, names, parents, found, find):
-  """Raises InputError if there is a second body beside the one that was found."""
-  own, below = set(), found.limbs["pelvis"]
-  for i in range(len(nodes)):
-    line = [i]
-    while line[-1] >= 0:
-      line.append(parents[line[-1]])
-    if below in line:
-      own.add(i)
-  others = [i for i in range(len(nodes)) if i not in own | set(found.limbs.values())]
-  try:
-    second = find(others) if others else None
-  except InputError:
-    return
-  if second is not None:
-    other = names[others[second.limbs["pelvis"]]]
-    raise InputError(f"{path}: it holds two bodies, below {names[below]!r} and {other!r}, expected one; export them "
-                     "one by one")
+def _copies(path, nodes, names, parents, rest, found, find):
+  """{node of the body: nodes of further skeletons that are its equals in name and place}, such as those of clothes.
+
+  Raises InputError for another body.
+  """
+  pelvis, copies = found.limbs["pelvis"], {}
+  left = [i for i in range(len(nodes)) if pelvis not in _line(parents, i) and i not in found.limbs.values()]
+  size = np.ptp(rest[nodes, :3, 3], axis=0).max()
+  while left:
+    try:
+      second = find(left)
+    except InputError:
+      break
+    other = left[second.limbs["pelvis"]]
+    for joint, number in found.limbs.items():
+      twin = left[second.limbs[joint]] if joint in second.limbs else None
+      if twin is None or names[twin] != names[number] or np.linalg.norm(
+          rest[nodes[twin], :3, 3] - rest[nodes[number], :3, 3]) > _SAME_PLACE * size:
+        raise InputError(f"{path}: it holds two bodies, below {names[pelvis]!r} and {names[other]!r}, expected one; "
+                         "delete one of them and export the file again")
+    twins = {names[i]: i for i in left if other in _line(parents, i)}
+    for i in range(len(nodes)):
+      if pelvis in _line(parents, i) and names[i] in twins:
+        copies.setdefault(nodes[i], []).append(nodes[twins[names[i]]])
+    left = [i for i in left if i not in twins.values() and i != other]
+  return copies
 
 
-def _built(document, nodes, names, found, rest):
+def _line(parents, i):
+  """A bone and those above it."""
+  line = []
+  while i >= 0:
+    line.append(i)
+    i = parents[i]
+  return line
+
+
+def _built(document, nodes, names, found, rest, root, copies):
   path = document.path
   numbers = list(dict.fromkeys([found.limbs["pelvis"], *found.spine, *found.neck, *found.limbs.values()]))
   parts = {joint: numbers.index(number) for joint, number in found.limbs.items()
@@ -147,7 +175,8 @@ def _built(document, nodes, names, found, rest):
     warnings.warn(f"{path}: it has no bones for {named(words, 8)}, which stay as they are", stacklevel=4)
   return Figure(document, nodes, parts, bones, parents, offsets, rot.multiply(inward, turned), (aligned - base) / scale,
                 soles, out, scale, rot.rotate(frame, base) if np.allclose(frame, out) else
-                rot.rotate(out, base) * [1, 0, 1])
+                rot.rotate(out, base) * [1, 0, 1], None if root in nodes else root,
+                [(bone, twin) for bone, node in enumerate(nodes) for twin in copies.get(node, ())])
 
 
 def _body_parents(parts, bones, count):
@@ -218,8 +247,7 @@ def _bind_pose(document, nodes):
   try:
     with document.checked():
       for skin in document.json.get("skins", ()):
-        if "inverseBindMatrices" in skin:
-          inverse = document.array(skin["inverseBindMatrices"]).reshape(-1, 4, 4).swapaxes(1, 2)
+        if (inverse := document.bind_matrices(skin)) is not None:
           for joint, matrix in zip(skin["joints"], inverse):
             matrices.setdefault(joint, matrix)
   except Unreadable:
@@ -316,8 +344,8 @@ def _vertices(document, feet, rest):
     skin = document.json["skins"][node["skin"]]
     joints = skin["joints"]
     matrices = rest[joints]
-    if "inverseBindMatrices" in skin:
-      matrices = matrices @ document.array(skin["inverseBindMatrices"])[:len(joints)].reshape(-1, 4, 4).swapaxes(1, 2)
+    if (inverse := document.bind_matrices(skin)) is not None:
+      matrices = matrices @ inverse
     bones = np.array([-1 if owner[joint] is None else owner[joint] for joint in joints])
     for primitive in document.json["meshes"][node["mesh"]]["primitives"]:
       names = primitive["attributes"]

@@ -14,6 +14,7 @@ from jaxtyping import Float
 from motion_jax.export.character.figure import Figure
 from motion_jax.export.character.neutral import eased, is_own
 from motion_jax.export.rig import rigged
+from motion_jax.motion import looping
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.joint_names import SIDES
 from motion_jax.motion.pose import pose_to_joints
@@ -33,6 +34,23 @@ class Posed(NamedTuple):
 
 def pose_figure(figure: Figure, clip, t_pose: bool = False) -> Posed:
   """A clip of HumanML3D's 22 joints on a character. t_pose: one more frame before it, of the T-pose."""
+  if looping.is_loop(clip.joints, clip.skeleton):
+    turn, pad = looping.turn_of_round(clip.joints, clip.skeleton), looping.around(clip.num_frames, clip.fps)
+    wide = _pose(figure, clip.replace(joints=looping.rounds(clip.joints, pad, turn), features=None))
+    places, turns = looping.close(wide.places[pad:-pad], wide.turned[pad:-pad], turn)
+  else:
+    turns, places = _pose(figure, clip)
+  if t_pose:
+    still = _follow(figure, np.tile([1.0, 0, 0, 0], (1, HUMANML3D.num_joints, 1)),
+                    corrections(figure, rigged(clip).offsets))
+    at = _forward(figure, still)
+    at += np.array([1, 0, 1]) * (places[:1, :1] - at[:, :1])
+    at[..., 1] -= _sole_height(figure, still, at)[0]
+    turns, places = np.concatenate([still, turns]), np.concatenate([at, places])
+  return Posed(turns, places)
+
+
+def _pose(figure, clip):
   pose, skeleton = rigged(clip), HUMANML3D
   joints = pose_to_joints(pose, skeleton)
   turned, size = pose.turned, skeleton.bone_lengths[[4, 7, 5, 8]].sum() / np.linalg.norm(
@@ -50,12 +68,6 @@ def pose_figure(figure: Figure, clip, t_pose: bool = False) -> Posed:
   if not own:  # else its feet are where the motion has them
     turns, places = _stand(figure, joints, turns, places, pose.offsets * size)
   places[..., 1] -= np.percentile(_sole_height(figure, turns, places), _FLOOR_PERCENTILE)
-  if t_pose:
-    still = _follow(figure, np.tile([1.0, 0, 0, 0], (1, skeleton.num_joints, 1)), fixed)
-    at = _forward(figure, still)
-    at += np.array([1, 0, 1]) * (places[:1, :1] - at[:, :1])
-    at[..., 1] -= _sole_height(figure, still, at)[0]
-    turns, places = np.concatenate([still, turns]), np.concatenate([at, places])
   return Posed(turns, places)
 
 
