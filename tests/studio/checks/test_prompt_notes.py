@@ -17,7 +17,7 @@ def test_a_strange_word_is_named_once_before_anything_is_sampled(tiny_run):
       warnings.simplefilter("always")
       pipeline(["a flibbertigibbet walks"] * 2, 24, seed=0)
     notes = [str(warning.message) for warning in caught]
-    assert len(notes) == count and all("'flibbertigibbet'" in note and "nearest of them is '" in note for note in notes)
+    assert len(notes) == count and all("'flibbertigibbet'" in note and "learned from is '" in note for note in notes)
 
 
 def test_without_captions_the_text_encoder_decides(tiny_run, tmp_path):
