@@ -41,49 +41,37 @@ class SnapMoGen(Representation):
     """With the plainest rotations that these joints allow; `from_rotations` takes those of a file."""
     return from_rotations(joints, inverse.world_rotations(joints, SNAPMOGEN), mode)
 
-  def root_path(self, features: Num[A, "*lead t f"], reference: bool = False
-                ) -> tuple[Float[A, "*lead t 4"], Float[A, "*lead t 3"]]:
-    """Heading quaternions (..., T, 4) and root positions (..., T, 3) that the first four columns tell.
-
-    reference: as the released code recovers them, which turns a step by the heading that it ends with, though
-    extraction took the other; a walk along a curve then comes back turned by about one frame's turn.
-    """
+  def root_path(self, features: Num[A, "*lead t f"]) -> tuple[Float[A, "*lead t 4"], Float[A, "*lead t 3"]]:
+    """Heading quaternions (..., T, 4) and root positions (..., T, 3) of the first four columns."""
+    # Parity: the released code turns a step by the heading that it ends with, though its extraction took the other, so
+    # that a walk along a curve comes back turned by about one frame's turn.
     xp = rot.namespace(features)
     if xp is np:
       features = features.astype(np.float64)
     late = lambda a: xp.concatenate([xp.zeros_like(a[..., :1, :]), a[..., :-1, :]], axis=-2)
     heading = rot.about_axis(xp.cumsum(late(features[..., :1])[..., 0], axis=-1), "y")
     step = xp.stack([features[..., 1], xp.zeros_like(features[..., 1]), features[..., 2]], axis=-1)
-    if reference:
-      path = xp.cumsum(rot.rotate(rot.conjugate(heading), late(step)), axis=-2)
-    else:
-      path = late(xp.cumsum(rot.rotate(rot.conjugate(heading), step), axis=-2))
+    path = late(xp.cumsum(rot.rotate(rot.conjugate(heading), step), axis=-2))
     return heading, xp.stack([path[..., 0], features[..., 3], path[..., 2]], axis=-1)
 
-  def recover(self, features: Num[A, "*lead t f"], reference: bool = False) -> Float[A, "*lead t 24 3"]:
+  def recover(self, features: Num[A, "*lead t f"]) -> Float[A, "*lead t 24 3"]:
     """Joints from the position columns; from 148 columns by the rotations."""
     if "positions" not in self.blocks:
-      return self.rotations_to_joints(features, reference=reference)
+      return self.rotations_to_joints(features)
     local = features[..., self["positions"]].reshape(features.shape[:-1] + (24, 3))
-    return _place(local, *self.root_path(features, reference))
+    return _place(local, *self.root_path(features))
 
   def rotations_to_joints(self, features: Num[A, "*lead t f"], offsets: Num[Array, "24 3"] | None = None,
-                          mode: str = "benchmark", reference: bool = False) -> Float[A, "*lead t 24 3"]:
+                          mode: str = "benchmark") -> Float[A, "*lead t 24 3"]:
     self.check(features)
     xp = rot.namespace(features)
-    heading, root = self.root_path(features, reference)
+    heading, root = self.root_path(features)
     turned = rot.matrix_from_6d(features[..., self["rotations"]].reshape(features.shape[:-1] + (24, 6)))
     offsets = xp.asarray(SNAPMOGEN.offsets if offsets is None else offsets, root.dtype)
     local = [root * xp.asarray([0, 1, 0], root.dtype)]
     for joint, parent in enumerate(SNAPMOGEN.parents[1:], 1):
       local.append(local[parent] + turned[..., parent, :, :] @ offsets[joint])
     return _place(xp.stack(local, axis=-2), heading, root)
-
-  def world_rotations(self, features: Num[A, "*lead t f"]) -> Float[A, "*lead t 24 4"]:
-    """World rotations (..., T, 24, 4) that features tell, for a BVH file."""
-    turned = rot.matrix_from_6d(features[..., self["rotations"]].reshape(features.shape[:-1] + (24, 6)))
-    heading, _ = self.root_path(features)
-    return rot.multiply(rot.conjugate(heading)[..., None, :], rot.from_matrix(turned))
 
 
 def from_rotations(joints: Num[A, "*lead t 24 3"], turned: Float[A, "*lead t 24 4"], mode: str = "benchmark"
