@@ -52,8 +52,8 @@ def test_a_port_that_is_taken_is_told(capsys):
 
 
 @pytest.mark.parametrize("words, told", [
-    (["--host", "0.0.0.0"], "--token"), (["--model", "nowhere"], "nowhere"), (["--token", "short"], "8 or more"),
-    (["--host", "192.0.2.1", "--token", "long enough"], "cannot listen on 192.0.2.1")])
+    (["--host", "0.0.0.0"], "--token"), (["--model", "nowhere"], "nowhere"), (["--token", "short"], "16 or more"),
+    (["--host", "192.0.2.1", "--token", "long-enough-a-token"], "cannot listen on 192.0.2.1")])
 def test_what_cannot_be_served_is_told(capsys, words, told):
   assert cli.main(["studio", *words]) == 1
   said = capsys.readouterr().err
