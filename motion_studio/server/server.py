@@ -15,6 +15,7 @@ from typing import Any
 
 from motion_jax.utils import progress
 from motion_jax.utils.errors import InputError
+from motion_jax.utils.home import home_folder
 from motion_jax.utils.install import pip_install
 from motion_studio.server.security import LOOPBACK
 
@@ -38,9 +39,8 @@ def kept_token(folder: pathlib.Path | None = None) -> str:
   It is stored in a file that only the user can read, in $XDG_STATE_HOME or ~/.local/state. If it cannot be stored, each
   call returns a new one. A file that others can read, or without a token, is replaced.
   """
-  state = os.environ.get("XDG_STATE_HOME") or pathlib.Path.home() / ".local" / "state"
-  path = (folder or pathlib.Path(state) / "motion_jax") / "studio-token"
   try:
+    path = (folder or home_folder("XDG_STATE_HOME", ".local/state") / "motion_jax") / "studio-token"
     if path.is_file() and (os.name != "posix" or not path.stat().st_mode & 0o077):
       token = path.read_text("ascii", "replace").strip()
       if len(token) >= _SHORTEST and token.isascii() and token.isprintable():
