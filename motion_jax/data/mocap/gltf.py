@@ -50,7 +50,8 @@ class Document:
       self.json = json.loads(text)
     except (ValueError, RecursionError):
       raise InputError(f"{path}: its JSON cannot be read; {_CUT}") from None
-    version = self.json.get("asset", {}).get("version") if isinstance(self.json, dict) else None
+    asset = self.json.get("asset") if isinstance(self.json, dict) else None
+    version = asset.get("version") if isinstance(asset, dict) else None
     if not isinstance(version, str) or not version.startswith("2."):
       raise InputError(f"{path}: got glTF version {str(version)[:20]}, expected 2.0; export it again as glTF 2.0")
     with self.checked():
