@@ -319,8 +319,8 @@ def damage_zip(rng, data):
   name, file = pick(rng, list(members)), io.BytesIO()
   content = members.pop(name)
   if rng.random() < 0.9:
-    members[name if rng.random() < 0.9 else pick(rng, WORDS).encode("utf-8", "replace").decode()] = damage_bytes(
-        rng, content)
+    other = pick(rng, WORDS[1:]).encode("utf-8", "replace").decode().replace("\0", "x")
+    members[name if rng.random() < 0.9 else other] = damage_bytes(rng, content)
   with zipfile.ZipFile(file, "w", pick(rng, (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED))) as archive:
     for name, content in members.items():
       archive.writestr(name, content)
