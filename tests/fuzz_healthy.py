@@ -129,7 +129,8 @@ def _formats(folder):
   (folder / "map.json").write_text(json.dumps({joint: [joint] for joint in clip.skeleton.joints}))
   shutil.copyfile(fixtures.path("data/plain.fbx"), folder / "a.fbx")
   (folder / "bones.json").write_text(json.dumps(rig_joints("mixamo")))
-  rows = [*(EVERY[i] for i in (0, 5, 7, 8, 9, 10)), dataclasses.replace(EVERY[-1], joints=np.stack([pose(z=0.05 * t) for t in range(3)]))]
+  kept = dataclasses.replace(EVERY[-1], joints=np.stack([pose(z=0.05 * t) for t in range(3)]))
+  rows = [*(EVERY[i] for i in (0, 5, 7, 8, 9, 10)), kept]
   control_files.save(rows, folder / "control.json")
   (folder / "project.json").write_text(json.dumps({
       "format": "motion_jax project", "version": 1, "model": {"name": "tiny", "id": ""}, "seeds": [4, 9], "chosen": 1,

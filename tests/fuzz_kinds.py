@@ -25,7 +25,6 @@ from tests.fuzz_damage import NUMBERS, WORDS, damage, damage_text, deflated_bomb
 from tests.fuzz_formats import FORMATS
 from tests.fuzz_healthy import healthy, put
 
-
 # --- files that hold a motion --------------------------------------------------------------------------------------
 
 
@@ -211,7 +210,7 @@ KINDS = {
     "captures": (3, _build_from("captures", None)), "prompts": (6, prompts), "stories": (5, stories),
     "timelines": (4, timeline_files), "runs": (4, runs), "evaluators": (1, evaluators), "words": (1, words),
     "archives": (6, _data("archive")), "humanml3d": (4, _data("humanml3d")), "snapmogen": (2, _data("snapmogen")),
-    "babel": (2, _data("babel")), "commands": (8, commands)} | {name: (4, kind) for name, kind in FORMATS.items()}
+    "babel": (2, _data("babel")), "commands": (8, commands)} | {name: (2, kind) for name, kind in FORMATS.items()}
 
 
 # --- networks that sample nothing ----------------------------------------------------------------------------------
