@@ -1,17 +1,16 @@
 """Deadlines of connections: uvicorn has none before a request is complete, nor for clients that do not read replies."""
 from typing import Any
 
-from uvicorn.protocols.http.h11_impl import H11Protocol
-
 from motion_studio.server.limits import Limits
 
 
-def protocol(limits: Limits) -> type[H11Protocol]:
+def protocol(limits: Limits) -> Any:
   """uvicorn's HTTP protocol, which closes connections that keep the server waiting.
 
   A connection may go `limits.patience` seconds, or twice as long at most, without completing the headers of a request
   or without reading any of a reply. Of more than `limits.idle` connections without a request the oldest is closed.
   """
+  from uvicorn.protocols.http.h11_impl import H11Protocol
   idle: dict[H11Protocol, float] = {}  # since when each has had no request; the oldest first
 
   class Protocol(H11Protocol):
