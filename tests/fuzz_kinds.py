@@ -248,7 +248,7 @@ def stub_networks():
         advance=advance, constants=lambda *given: (None, None, None), words=lambda *given: (None, None, None),
         control=None, pull=None, generate_whole=motion, chain_segment=latents,
         encode=lambda codec, x: np.zeros((len(x), x.shape[1] // codec.frames_per_latent, dit.latent_dim), np.float32),
-        decode=decode)
+        decode=decode, decode_whole=lambda codec, z, *given: still(codec, *z.shape[:2]))
 
   def still(codec, count, length):
     return np.zeros((count, length * codec.frames_per_latent, codec.net.features), np.float32)
