@@ -281,6 +281,52 @@ def deflated_bomb(members):
   return file + central + struct.pack("<4s4H2LH", b"PK\x05\x06", 0, 0, *[len(members)] * 2, len(central), len(file), 0)
 
 
+# --- JSON inside of binary files -------------------------------------------------------------------------------------
+
+
+def damage_glb(rng, data):
+  """Another JSON chunk of a binary glTF, numbers of its buffer, or bytes anywhere."""
+  size = int.from_bytes(data[12:16], "little")
+  if rng.random() < 0.3 or not 0 < size <= len(data) - 20:
+    return damage_bytes(rng, data)
+  text, rest = data[20:20 + size], data[20 + size:]
+  if rng.random() < 0.8:
+    text = damage_json(rng, text)
+  else:
+    values = struct.pack("<f", pick(rng, (0, -1, 1e30, float("nan"), float("inf"), 1e-30)))
+    at = 8 + 4 * int(rng.integers(max(len(rest) // 4 - 2, 1)))
+    rest = rest[:at] + values + rest[at + 4:]
+  text += b" " * (-len(text) % 4)
+  total = pick(rng, (20 + len(text) + len(rest),) * 20 + (0, 2**32 - 1))
+  return data[:8] + struct.pack("<II", total, len(text)) + data[16:20] + text + rest
+
+
+def damage_safetensors(rng, data):
+  """Another JSON header, or bytes anywhere."""
+  size = int.from_bytes(data[:8], "little")
+  if rng.random() < 0.3 or not 0 < size <= len(data) - 8:
+    return damage_bytes(rng, data)
+  header = damage_json(rng, data[8:8 + size])
+  return len(header).to_bytes(8, "little") + header + data[8 + size:]
+
+
+def damage_zip(rng, data):
+  """Members of a zip that are damaged, gone or of another name; bytes anywhere."""
+  if rng.random() < 0.3:
+    return damage_bytes(rng, data)
+  with zipfile.ZipFile(io.BytesIO(data)) as archive:
+    members = {name: archive.read(name) for name in archive.namelist()}
+  name, file = pick(rng, list(members)), io.BytesIO()
+  content = members.pop(name)
+  if rng.random() < 0.9:
+    other = pick(rng, WORDS[1:]).encode("utf-8", "replace").decode().replace("\0", "x")
+    members[name if rng.random() < 0.9 else other] = damage_bytes(rng, content)
+  with zipfile.ZipFile(file, "w", pick(rng, (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED))) as archive:
+    for name, content in members.items():
+      archive.writestr(name, content)
+  return file.getvalue()
+
+
 # --- by name -----------------------------------------------------------------------------------------------------
 
 
@@ -288,7 +334,9 @@ def damage(rng, name, data):
   """Damage that fits the kind of file, and now and then one that does not."""
   if rng.random() < 0.05:
     return other_file(rng, data)
-  for ending, damaging in ((".npz", damage_npz), (".npy", damage_npy), (".safetensors", damage_bytes)):
+  for ending, damaging in ((".npz", damage_npz), (".npy", damage_npy), (".safetensors", damage_safetensors),
+                           (".glb", damage_glb), (".vrm", damage_glb), (".vrma", damage_glb), (".pt", damage_zip),
+                           (".c3d", damage_bytes)):
     if name.endswith(ending):
       return damaging(rng, data)
   if name.endswith((".json", ".jsonl")):

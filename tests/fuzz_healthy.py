@@ -1,4 +1,6 @@
 """Healthy inputs of every kind, which the fuzzer damages: files as bytes, made once in each process."""
+import collections
+import dataclasses
 import functools
 import json
 import pathlib
@@ -6,8 +8,10 @@ import shutil
 import tempfile
 
 import numpy as np
+from safetensors import numpy as safetensors
 
-from motion_jax import export
+from motion_jax import export, robots
+from motion_jax.control import files as control_files
 from motion_jax.data.datasets import babel, humanml3d, snapmogen
 from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.models import cmdm
@@ -20,8 +24,14 @@ from motion_jax.text.encoder import load_text_encoder
 from motion_jax.training import checkpoint
 from motion_jax.training.setup import untrained
 from motion_jax.utils.config_files import module_fields
+from motion_studio.server import serialization
+from tests import fixtures
 from tests.conftest import load_config
+from tests.control.test_constraints import EVERY, pose
+from tests.convert.test_torch_files import tensor, write
 from tests.data.test_build import write_archive
+from tests.export.characters import rig_joints, with_vrm, write_character
+from tests.robots.test_robots import humanoid, mapping
 
 
 @functools.cache
@@ -103,7 +113,58 @@ def _run(folder):
   checkpoint.save_text(folder, checkpoint.TEXT, json.dumps({"name": "random-init", "fingerprint": fingerprint}))
 
 
+_URDF_LINK = """<link name="{name}"><inertial><mass value="1"/><inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0"
+  iyz="0"/></inertial></link>"""
+_URDF_JOINT = _URDF_LINK + """<joint name="{joint}" type="revolute"><parent link="{parent}"/><child link="{name}"/>
+  <origin xyz="{place}"/><axis xyz="0 1 0"/><limit lower="-2" upper="2" effort="1" velocity="1"/></joint>"""
+
+
+def _formats(folder):
+  """Files of other programs' formats."""
+  clip = _clips(1, 6)[0]
+  for name in ("a.glb", "a.vrma", "a.usda", "a.csv", "a.trc", "a.c3d", "a.amass.npz", "a.bvh"):
+    export.save(clip, folder / name)
+  write_character(folder / "character.glb", clip)
+  write_character(folder / "character.vrm", clip, "vrm", change=with_vrm(1))
+  (folder / "map.json").write_text(json.dumps({joint: [joint] for joint in clip.skeleton.joints}))
+  shutil.copyfile(fixtures.path("data/plain.fbx"), folder / "a.fbx")
+  (folder / "bones.json").write_text(json.dumps(rig_joints("mixamo")))
+  kept = dataclasses.replace(EVERY[-1], joints=np.stack([pose(z=0.05 * t) for t in range(3)]))
+  rows = [*(EVERY[i] for i in (0, 5, 7, 8, 9, 10)), kept]
+  control_files.save(rows, folder / "control.json")
+  (folder / "project.json").write_text(json.dumps({
+      "format": "motion_jax project", "version": 1, "model": {"name": "tiny", "id": ""}, "seeds": [4, 9], "chosen": 1,
+      "blocks": [{"prompt": "a person walks", "seconds": 2.4}], "sampling": {"num_steps": 4}, "cleanup": True,
+      "past": serialization.to_json(clip), "control": control_files.to_json(EVERY[:4]), "edits": [
+          {"take": 0, "prompt": "kicks", "change": [[2, 5]], "seed": 3, "sampling": {}, "model": {"name": "tiny"}}]}))
+  numbers = np.arange(12, dtype=np.float32)
+  safetensors.save_file({"a/w": numbers.reshape(3, 4), "b": numbers[:2]}, folder / "w.safetensors", {"format": "pt"})
+  write(folder / "w.pt", {"net": collections.OrderedDict(w=tensor("0", "FloatStorage", (3, 4))), "it": 3},
+        {"0": numbers})
+
+
+def _robot(folder):
+  """A small humanoid as MJCF and URDF, its mapping, and motions of it."""
+  (folder / "in.xml").write_text(humanoid())
+  (folder / "map.json").write_text(json.dumps({"bodies": mapping(), "stand": {"left_knee": 0.4}, "apart": [
+      [["left_knee"], ["right_knee"]]], "orders": {}, "posture": {"waist": 1.0}, "name": "small", "licence": "x"}))
+  robot = robots.load(folder / "in.xml", mapping())
+  motion = robots.RobotMotion(robot, np.tile(robot.standing(), (5, 1)), 50.0)
+  for form in ("unitree_xyzw", "gmr", "mujoco", "loco_mujoco", "mjlab"):
+    robots.write(motion, folder / "a", form)
+  places = {"left_hip": ("base", "0 0.1 -0.1"), "left_knee": ("left_hip", "0 0 -0.4"),
+            "left_ankle": ("left_knee", "0 0 -0.4"), "left_shoulder": ("chest", "0 0.2 0.3"),
+            "left_elbow": ("left_shoulder", "0 0 -0.3")}
+  places |= {name.replace("left", "right"): (parent.replace("left", "right"), place.replace(" 0.", " -0.", 1))
+             for name, (parent, place) in places.items()}
+  joints = "".join(_URDF_JOINT.format(
+      name=name, joint="waist" if name == "chest" else name, parent=parent, place=place) for name, (parent, place) in (
+          ("chest", ("base", "0 0 0.1")), *places.items()))
+  (folder / "in.urdf").write_text(f'<robot name="small">{_URDF_LINK.format(name="base")}{joints}</robot>')
+
+
 _MAKERS = {
+    "formats": _formats, "robot": _robot,
     "motion": _motion, "acclaim": _acclaim, "captures": _captures, "run": _run,
     "archive": lambda folder: write_archive(folder / "set", 5, 40),
     "humanml3d": lambda folder: humanml3d.write_folder(_clips(), folder / "set", mirror=False),

@@ -8,8 +8,6 @@ import functools
 import io
 import json
 import pathlib
-from collections.abc import Callable
-from typing import NamedTuple
 
 import numpy as np
 
@@ -22,35 +20,10 @@ from motion_jax.models.cmdm import networks
 from motion_jax.motion.cleanup import clean_up
 from motion_jax.text.encoder import load_text_encoder
 from motion_studio.cli import main
+from tests.fuzz_cases import Case, command, damaged
 from tests.fuzz_damage import NUMBERS, WORDS, damage, damage_text, deflated_bomb, encode, pick
+from tests.fuzz_formats import FORMATS
 from tests.fuzz_healthy import healthy, put
-
-
-class Case(NamedTuple):
-  """call() is what is tried, inside its folder; what it may write lies in the sub-folder out."""
-  what: str
-  call: Callable
-
-
-def command(*arguments):
-  """A case that is a command line."""
-  arguments = [str(argument) for argument in arguments]
-  return Case("motion-jax " + " ".join(map(repr, arguments)), lambda: main(arguments))
-
-
-def damaged(rng, files, names=None) -> dict[str, bytes]:
-  """Files of which one or two (of those with these endings) are damaged, or gone."""
-  files = dict(files)
-  for _ in range(1 + (rng.random() < 0.2)):
-    name = pick(rng, [name for name in files if names is None or name.endswith(names)] or list(files))
-    if rng.random() < 0.03 and names is None:
-      del files[name]
-    else:
-      files[name] = damage(rng, name, files[name])
-    if not files:
-      break
-  return files
-
 
 # --- files that hold a motion --------------------------------------------------------------------------------------
 
@@ -237,7 +210,7 @@ KINDS = {
     "captures": (3, _build_from("captures", None)), "prompts": (6, prompts), "stories": (5, stories),
     "timelines": (4, timeline_files), "runs": (4, runs), "evaluators": (1, evaluators), "words": (1, words),
     "archives": (6, _data("archive")), "humanml3d": (4, _data("humanml3d")), "snapmogen": (2, _data("snapmogen")),
-    "babel": (2, _data("babel")), "commands": (8, commands)}
+    "babel": (2, _data("babel")), "commands": (8, commands)} | {name: (2, kind) for name, kind in FORMATS.items()}
 
 
 # --- networks that sample nothing ----------------------------------------------------------------------------------
@@ -275,7 +248,7 @@ def stub_networks():
         advance=advance, constants=lambda *given: (None, None, None), words=lambda *given: (None, None, None),
         control=None, pull=None, generate_whole=motion, chain_segment=latents,
         encode=lambda codec, x: np.zeros((len(x), x.shape[1] // codec.frames_per_latent, dit.latent_dim), np.float32),
-        decode=decode)
+        decode=decode, decode_whole=lambda codec, z, *given: still(codec, *z.shape[:2]))
 
   def still(codec, count, length):
     return np.zeros((count, length * codec.frames_per_latent, codec.net.features), np.float32)

@@ -28,7 +28,7 @@ def run(tmp_path):
     ("sampler.guidance_scale", float("nan"), "got sampler.guidance_scale nan"), ("data.layout", "fulll", "fulll"),
     ("frozen.text", 5, "config.json"), ("stage", {"a": 1}, "holds a FrozenConfigDict as the stage of a run"),
     ("stage", "a\nb", "holds a str as the stage"), ("data.max_frames", 0, "got data.max_frames 0"),
-    ("data", [1], "data is '[1]', expected an object")])
+    ("data", [1], "data is '[1]', expected an object"), ("cleanup", "", "cleanup is '', expected an object")])
 def test_a_config_of_wrong_types_is_one_line(run, path, value, words):
   config = json.loads((run / "config.json").read_text())
   *parents, last = path.split(".")

@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from motion_jax.motion.skeleton import HUMANML3D
+from motion_jax.motion.skeleton import HUMANML3D, facing
 from motion_jax.utils.errors import InputError
 from motion_jax.utils.nearest import did_you_mean
 
@@ -165,6 +165,7 @@ class KeepParts(Constraint):
     _keep(self, "joints", _numbers(self.joints, "the motion whose parts are kept", 3, (3,)))
     if self.joints.shape[1] != 22:
       raise InputError(f"got a motion of {self.joints.shape[1]} joints to keep parts of, expected 22")
+    _check_facing(self.joints, "the motion whose parts are kept")
     parts = (self.parts,) if isinstance(self.parts, str) else tuple(self.parts)
     for part in parts:
       _choice(part, PARTS, "a part")
@@ -205,7 +206,18 @@ def _pose(one: Any, what: str) -> None:
   joints = _numbers(one.joints, f"the joints of {what}", 2, (3,))
   if len(joints) != 22:
     raise InputError(f"got {len(joints)} joints of {what}, expected 22")
+  _check_facing(joints[None], f"the joints of {what}")
   _keep(one, "joints", joints)
+
+
+def _check_facing(joints: np.ndarray, what: str) -> None:
+  """Raises InputError for bodies (T, 22, 3) without a heading: it follows from the lines through hips and shoulders."""
+  with np.errstate(invalid="ignore"):
+    unknown = ~np.isfinite(facing(joints)).all(-1)
+  if unknown.any():
+    frame = f" in frame {int(unknown.argmax())}" if len(joints) > 1 else ""
+    raise InputError(f"got {what} with left and right hip and shoulder in one place, or one above the other{frame}, so "
+                     "that the body faces nowhere; move them apart")
 
 
 def _times(values: Any, what: str) -> Any:

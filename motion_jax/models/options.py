@@ -41,8 +41,7 @@ class Description(NamedTuple):
 def number(help: str, limits: tuple[Any, Any], kind: type = int, unit: str = "", **more: Any) -> Any:
   """A choice that is a number from limits[0] to limits[1], whole or, of kind float, any."""
   def check(value, name):
-    if kind is float:
-      require_numbers([value], name, "a number such as 3")
+    require_numbers([value], name, f"a number{bounds(*limits)}")
     return checked(value, *limits, name, unit, kind)
 
   read = whole(*limits) if kind is int else real(*limits)

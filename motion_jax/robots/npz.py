@@ -80,7 +80,7 @@ def _qpos(path, arrays, robot):
   qpos = _whole(path, arrays["qpos"], robot.model.nq, "qpos")
   names = arrays["joint_names"].ravel().tolist() if "joint_names" in arrays else list(robot.joints)
   names = names[1:] if len(names) == len(robot.joints) + 1 else names  # the root's own joint comes first
-  if set(names) != set(robot.joints):
+  if sorted(names) != sorted(robot.joints):
     raise InputError(f"{path}: its joints are {named(names)}; the robot {robot.name} has {named(robot.joints)}")
   return _joined(robot, qpos[:, :3], qpos[:, 3:7], names, qpos[:, 7:])
 

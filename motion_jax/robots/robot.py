@@ -19,7 +19,7 @@ from motion_jax.motion import rotations as rot
 from motion_jax.robots import description
 from motion_jax.robots.description import SIDES
 from motion_jax.shapes import Array
-from motion_jax.utils.errors import InputError
+from motion_jax.utils.errors import InputError, reading
 from motion_jax.utils.install import pip_install
 from motion_jax.utils.numerals import named
 
@@ -183,8 +183,10 @@ def load(name: str | pathlib.Path, mapping: str | pathlib.Path | Mapping[str, st
     about = description.read(path, mapping)
   parts = {part: description.body_and_point(path, part, value) for part, value in about["bodies"].items()}
   model = _model(path, parts)
-  joints = [model.joint(j).name for j in range(1, model.njnt)]
-  description.check_names(path, about, joints, [model.body(b).name for b in range(1, model.nbody)])
+  with reading(f"{path}: a joint's or body's name", "save the file as UTF-8"):
+    joints, bodies = ([at(i).name for i in range(1, count)] for at, count in (
+        (model.joint, model.njnt), (model.body, model.nbody)))
+  description.check_names(path, about, joints, bodies)
   robot = Robot(about.get("name", path.stem), about.get("title", path.stem), model, parts,
                 dict(about.get("stand", {})), (), tuple(about.get("apart", ())),
                 about.get("orders", {}) | {"fixed": about.get("fixed", {})}, about.get("licence", ""),

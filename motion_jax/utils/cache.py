@@ -19,6 +19,7 @@ import numpy as np
 
 from motion_jax.utils import executables, progress, timing
 from motion_jax.utils.atomic import atomic_path
+from motion_jax.utils.home import home_folder
 from motion_jax.utils.lazy import jax
 
 MOST_FILES = 200  # of each kind; the oldest are removed
@@ -33,22 +34,23 @@ _OPTIONS = ("jax_enable_x64", "jax_default_matmul_precision", "jax_default_prng_
 
 
 def user_folder() -> pathlib.Path:
-  """The user's cache folder: motion_jax in XDG_CACHE_HOME or ~/.cache."""
-  return pathlib.Path(os.environ.get("XDG_CACHE_HOME") or pathlib.Path.home() / ".cache") / "motion_jax"
+  """The user's cache folder: motion_jax in XDG_CACHE_HOME or ~/.cache. Raises OSError for a user without a home."""
+  return home_folder("XDG_CACHE_HOME", ".cache") / "motion_jax"
 
 
 def keep_in_user_cache():
   """Turns on caching on disk, also of compiled code (in JAX_COMPILATION_CACHE_DIR or the cache folder of the user)."""
   global _folder
-  compiled = os.environ.get("JAX_COMPILATION_CACHE_DIR") or os.fspath(user_folder() / "jax")
   try:
+    folder = user_folder()
+    compiled = os.environ.get("JAX_COMPILATION_CACHE_DIR") or os.fspath(folder / "jax")
     os.makedirs(compiled, exist_ok=True)
   except OSError:
-    return  # a read-only home costs time, not the motion
+    return  # a home that is read-only, or none, costs time, not the motion
   jax.config.update("jax_compilation_cache_dir", compiled)
   jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)
   jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
-  _folder = user_folder()
+  _folder = folder
 
 
 @functools.cache

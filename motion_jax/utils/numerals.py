@@ -93,7 +93,8 @@ def _plain(value):
 
 
 def shortened(text, length=40):
-  """A text for a message, cut where it is long."""
+  """A text for a message, in one line and cut where it is long."""
+  text = text if text.isprintable() else "".join(sign if sign.isprintable() else " " for sign in text)
   return text if len(text) <= length else text[:length - 1] + "…"
 
 

@@ -86,9 +86,10 @@ def _called(args):
     return args.run(args)
   except OSError as error:
     # numpy says of a full disk how many bytes it wanted to write and how many it did.
-    if error.errno == errno.ENOSPC or re.fullmatch(r"\d+ requested and \d+ written", str(error)):
-      raise InputError("no space left on the disk to write to; free some, or write to another folder. Nothing "
-                       "half-written is left") from error
+    if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG) or re.fullmatch(r"\d+ requested and \d+ written",
+                                                                                str(error)):
+      raise InputError("no space left on the disk to write to, or a file is larger than it may be; free some, or write "
+                       "to another folder. Nothing half-written is left") from error
     if error.errno != errno.ENAMETOOLONG:
       raise
     name = str(error.filename or "")

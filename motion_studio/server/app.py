@@ -9,7 +9,7 @@ from typing import Any
 
 import anyio.to_thread
 from starlette.applications import Starlette
-from starlette.requests import Request
+from starlette.requests import ClientDisconnect, Request
 from starlette.responses import JSONResponse, Response
 from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
@@ -20,7 +20,7 @@ from motion_jax.utils import progress
 from motion_jax.utils.errors import InputError, reason
 from motion_studio.server import export_choices, exporting, mmcp, openapi, project, suggestions
 from motion_studio.server.library import Library
-from motion_studio.server.limits import Limits, TokenBucket
+from motion_studio.server.limits import ChoiceError, Limits, TokenBucket
 from motion_studio.server.requests import RequestHandler
 from motion_studio.server.security import LOOPBACK, Refused, SecurityMiddleware
 from motion_studio.server.streams import Stream
@@ -116,11 +116,13 @@ class Studio:
         del self.works[name]
 
   def _json(self, work: Any) -> Any:
-    """A handler of JSON bodies that runs work(body) in a thread; an InputError becomes status 400."""
+    """A handler of JSON bodies that runs work(body) in a thread, as it parses and writes JSON, which takes long for
+    large motions; an InputError becomes status 400."""
     async def handle(request: Request) -> Response:
       async def answer():
+        data = await _content(request)
         with self._followed(request):
-          return JSONResponse(await anyio.to_thread.run_sync(work, await _body(request)))
+          return await anyio.to_thread.run_sync(lambda: JSONResponse(work(_parsed(data, self.limits))))
 
       return await _reply(answer)
 
@@ -128,22 +130,23 @@ class Studio:
 
   async def _import(self, request: Request) -> Response:
     async def answer():
-      data, name = await request.body(), request.query_params.get("name", "")
-      return JSONResponse(await anyio.to_thread.run_sync(self.handler.read, data, name))
+      data, name = await _content(request), request.query_params.get("name", "")
+      return await anyio.to_thread.run_sync(lambda: JSONResponse(self.handler.read(data, name)))
 
     return await _reply(answer)
 
   async def _export(self, request: Request) -> Response:
     async def answer():
-      body = await _body(request)
+      data = await _content(request)
 
       def work():
+        body = _parsed(data, self.limits)
         with self.handler.place():
           return exporting.exported(body, self.limits)
 
       with self._followed(request):
-        data, media, name = await anyio.to_thread.run_sync(work)
-      return Response(data, media_type=media, headers={"content-disposition": f'attachment; filename="{name}"'})
+        file, media, name = await anyio.to_thread.run_sync(work)
+      return Response(file, media_type=media, headers={"content-disposition": f'attachment; filename="{name}"'})
 
     return await _reply(answer)
 
@@ -155,8 +158,9 @@ class Studio:
 
   async def _mmcp_generate(self, request: Request) -> Response:
     try:
-      made = await anyio.to_thread.run_sync(mmcp.generate, await _body(request), self.handler)
-      return Response(json.dumps(made), media_type=mmcp.MEDIA)
+      data = await _content(request)
+      return await anyio.to_thread.run_sync(lambda: Response(
+          json.dumps(mmcp.generate(_parsed(data, self.limits), self.handler)), media_type=mmcp.MEDIA))
     except mmcp.MmcpError as error:
       return JSONResponse(error.body(), error.status)
     except Refused as error:
@@ -217,7 +221,7 @@ class Studio:
       if not bucket.take(time.monotonic()):
         return await _end(socket, 1008, f"got more than {self.limits.messages:g} messages a second")
       try:
-        stream.receive(_parsed(text))
+        stream.receive(_parsed(text, self.limits))
       except InputError as error:
         await socket.send_json({"type": "error", "fatal": False, "message": reason(error, 400)})
 
@@ -237,13 +241,22 @@ async def _end(socket, code, message):
   await socket.close(code, message[:100])
 
 
-async def _body(request):
-  return _parsed(await request.body())
-
-
-def _parsed(text):
+async def _content(request):
+  """The body of a request."""
   try:
-    return json.loads(text, parse_constant=_no_number)
+    return await request.body()
+  except ClientDisconnect:
+    raise Refused(400, "the connection was closed before the body was complete") from None
+
+
+def _parsed(data, limits):
+  """JSON. Nothing else runs in Python meanwhile, and short lists take most time and memory, so their count is bounded.
+  """
+  count = sum(data.count(sign if isinstance(data, str) else sign.encode()) for sign in ",[{")
+  if count > limits.values:
+    raise Refused(413, f"got JSON of {count:,} values, expected at most {limits.values:,}")
+  try:
+    return json.loads(data, parse_constant=_no_number)
   except (ValueError, RecursionError) as error:
     raise InputError(f"got no valid JSON ({reason(error, 80)})") from None
 
@@ -260,7 +273,7 @@ async def _reply(answer):
   except progress.Cancelled:
     return _error(409, "this request was cancelled")
   except (InputError, ValueError) as error:
-    return _error(400, reason(error, 400))
+    return _error(422 if isinstance(error, ChoiceError) else 400, reason(error, 400))
 
 
 def _error(status, message):

@@ -18,7 +18,7 @@ from motion_jax.utils.errors import InputError
 from motion_jax.utils.numerals import SEEDS
 from motion_jax.utils.text_files import is_text
 from motion_studio.server import serialization
-from motion_studio.server.limits import Limits
+from motion_studio.server.limits import ChoiceError, Limits
 
 REQUIRED = object()
 _MOST_SPANS, _MOST_CHOICES = 100, 20
@@ -26,7 +26,7 @@ _MOST_SPANS, _MOST_CHOICES = 100, 20
 _NO_CHOICES = frozenset((
     "self", "prompt", "prompts", "segments", "lists", "clip", "clips", "motion", "seed", "seeds", "rng", "seconds",
     "num_frames", "cleanup", "polish", "literal", "plan", "control", "project", "keep", "change", "task", "past",
-    "past_prompt", "hold_until_done", "ease", "rest", "way", "num_past", "paste", "mask"))
+    "past_prompt", "hold_until_done", "ease", "rest", "way", "num_past", "paste", "mask", "negative_prompts"))
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -164,10 +164,10 @@ class Sampling(Field):
   def read(self, value, name, limits):
     if not (isinstance(value, dict) and len(value) <= _MOST_CHOICES and all(
         item is None or type(item) in (int, float, str, bool) for item in value.values())):
-      raise InputError(f"got {name} {str(value)[:40]}, expected an object such as {{\"guidance_scale\": 3}}")
+      raise ChoiceError(f"got {name} {str(value)[:40]}, expected an object such as {{\"guidance_scale\": 3}}")
     if unknown := sorted(_NO_CHOICES & set(value)):
-      raise InputError(f"got {unknown[0]!r} in {name}, which is not a sampling choice; use the request's field of that "
-                       "name, if there is one")
+      raise ChoiceError(f"got {unknown[0]!r} in {name}, which is not a sampling choice; use the request's field of "
+                        "that name, if there is one")
     return {str(key)[:60]: item for key, item in value.items() if item is not None}
 
   def value_schema(self, limits):

@@ -151,4 +151,4 @@ def live_sampling(model: Any, given: dict[str, Any]) -> dict[str, Any]:
   if "lag" in given or "lag" not in model.options.described():
     return given
   steps = given.get("num_steps", model.sampling().num_steps)
-  return given | {"lag": max(1, steps // 2)} if isinstance(steps, int) else given
+  return given | {"lag": max(1, int(steps) // 2)}

@@ -1,15 +1,20 @@
 """Limits of a studio: lengths, counts and rates."""
-import contextlib
 import dataclasses
 import math
+from collections.abc import Mapping
+from typing import Any
 
-from motion_jax.utils.errors import InputError
+from motion_jax.utils.errors import InputError, reason
+from motion_jax.utils.numerals import checked, require_numbers
+
+_MORE = 0, 100  # the bounds of numbers in `Model.more_choices`
 
 
 @dataclasses.dataclass(frozen=True)
 class Limits:
   """Bounds of one studio; a request beyond them is refused with one sentence."""
   body_bytes: int = 32 << 20      # of a request: ten minutes of motion as JSON, or a capture file
+  values: int = 4_000_000         # of a JSON body: half an hour of joints as numbers
   message_bytes: int = 64 << 10   # of one message on a stream
   prompt: int = 1000              # characters
   seconds: float = 120.0          # of a generated motion
@@ -19,7 +24,11 @@ class Limits:
   points: int = 4800              # of all paths and targets of one request
   streams: int = 8                # at the same time
   jobs: int = 2                   # generating requests at the same time; twice as many more may wait
+  connections: int = 128          # at the same time
+  idle: int = 32                  # of them without a request
+  patience: float = 15.0          # seconds for the headers of a request, and between parts of its body
   requests: float = 20.0          # per second from one address, after a burst of three times as many
+  wrong_tokens: float = 5.0       # per second from one address, likewise
   messages: float = 20.0          # per second on a stream, likewise
   unsent: int = 1000              # messages that wait for a page that does not read
 
@@ -39,12 +48,16 @@ class TokenBucket:
     return True
 
 
-@contextlib.contextmanager
-def unknown_choices_as_input_errors():
-  """Reports a sampling choice that the model does not have as a mistake of the request."""
+class ChoiceError(InputError):
+  """A sampling choice that a model does not have, or a value that it does not take."""
+
+
+def check_sampling(model: Any, given: Mapping[str, Any]) -> None:
+  """Raises ChoiceError unless a model takes these sampling choices of a request."""
+  more = {name: value for name, value in given.items() if name in model.more_choices}
   try:
-    yield
-  except TypeError as error:
-    if "choice of sampling" not in str(error) and "has no argument" not in str(error):
-      raise
-    raise InputError(str(error)) from None
+    model.sampling(**{name: value for name, value in given.items() if name not in more})
+    for name, value in more.items():
+      checked(*require_numbers([value], name, "a whole number"), *_MORE, name)
+  except (TypeError, ValueError) as error:
+    raise ChoiceError(f"sampling: {reason(error, 300)}") from None

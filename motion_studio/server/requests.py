@@ -16,7 +16,7 @@ from motion_studio.constraining import implied_frames
 from motion_studio.planning.segments import segments_of
 from motion_studio.server import constraint_report, fields, serialization
 from motion_studio.server.library import Library, live_sampling
-from motion_studio.server.limits import Limits, unknown_choices_as_input_errors
+from motion_studio.server.limits import Limits, check_sampling
 from motion_studio.server.multi_prompt import MultiPromptCache
 from motion_studio.server.request_tables import EDIT, GENERATE, MULTI_PROMPT
 from motion_studio.server.security import Refused
@@ -31,13 +31,13 @@ class RequestHandler:
   def __init__(self, library: Library, limits: Limits) -> None:
     self.library, self.limits, self.multi_prompts = library, limits, MultiPromptCache()
     self._places = threading.Semaphore(limits.jobs)
-    self._waiting = threading.Semaphore(2 * limits.jobs)
+    self._admitted = threading.Semaphore(3 * limits.jobs)
 
   @contextlib.contextmanager
   def place(self):
     """Waits for a free place to run a job. Raises Refused if too many wait already."""
-    if not self._waiting.acquire(blocking=False):
-      raise Refused(429, f"{2 * self.limits.jobs} requests are running already; wait for one of them")
+    if not self._admitted.acquire(blocking=False):
+      raise Refused(429, f"{3 * self.limits.jobs} requests run or wait already; wait for one of them")
     try:
       with progress.part("waiting for another motion that is being generated"):
         while not self._places.acquire(timeout=_CHECKED):
@@ -47,19 +47,20 @@ class RequestHandler:
       finally:
         self._places.release()
     finally:
-      self._waiting.release()
+      self._admitted.release()
 
   def generate(self, body: Any) -> dict[str, Any]:
     """Fields of GENERATE -> {motions, notes, constraints}."""
     request = fields.parse(GENERATE, body, self.limits)
     pipeline, control = self.library.pipeline(request.model, "generate"), list(request.control)
     model = pipeline.model
+    check_sampling(model, request.sampling)
     implied = implied_frames(pipeline.planner, control) if control and request.seconds is None else None
     if implied is not None and implied > self.limits.seconds * model.fps:
       raise InputError(f"control: got what takes {implied / model.fps:.0f} s, expected at most "
                        f"{self.limits.seconds:g} s; give seconds, times or a larger speed")
     seeds = [(request.seed + i) % 2**32 for i in range(request.num_samples)]
-    with self.place(), unknown_choices_as_input_errors(), progress.part("generating the motion"):
+    with self.place(), progress.part("generating the motion"):
       made = pipeline([request.prompt] * len(seeds), seconds=request.seconds, seeds=seeds, plan=request.plan,
                       cleanup=request.cleanup, exact=request.cleanup, control=control or None, **request.sampling)
     report = {"constraints": [constraint_report.report(control, motion) for motion in made]} if control else {}
@@ -71,7 +72,7 @@ class RequestHandler:
     request = fields.parse(MULTI_PROMPT, body, self.limits)
     rows, control = rows_of(request.segments), list(request.control)
     pipeline = self.library.pipeline(request.model, "multi_prompt")
-    with self.place(), unknown_choices_as_input_errors():
+    with self.place():
       motion, reused, same = self.make_multi_prompt(pipeline, rows, request.seed, request.cleanup,
                                                     request.sampling, request.past, control)
     report = {"constraints": constraint_report.report(control, motion)} if control else {}
@@ -83,6 +84,7 @@ class RequestHandler:
 
     past: a motion to continue. control: constraints of the motion.
     """
+    check_sampling(pipeline.model, sampling)
     if past is not None and control:
       raise InputError("got control together with past, a motion to continue; give only one of them")
     if past is not None:
@@ -102,7 +104,7 @@ class RequestHandler:
     if (request.change is None) == (request.keep is None):
       raise InputError("got both or neither of change and keep; give one of them, the frames to regenerate or to keep")
     pipeline = self.library.pipeline(request.model or self._first_with("edit"), "edit")
-    with self.place(), unknown_choices_as_input_errors(), progress.part("generating the span"):
+    with self.place(), progress.part("generating the span"):
       motion = make_edit(pipeline, request.motion, request.prompt, request.change, request.keep, request.seed,
                          request.sampling)
     return {"motion": serialization.to_json(motion), "made": motion.meta["made"]} | notes_and_unknown_words(
@@ -142,6 +144,7 @@ def rows_of(segments: Sequence[SimpleNamespace]) -> list[tuple[str, float | None
 def make_edit(pipeline: Any, clip: Any, prompt: str, change: Any, keep: Any, seed: int, sampling: dict[str, Any]
               ) -> Motion:
   """The clip with regenerated frames in the spans `change`, or outside the spans `keep`; the others are unchanged."""
+  check_sampling(pipeline.model, sampling)
   spans = change if change is not None else keep
   if spans[-1][1] > clip.num_frames:
     raise InputError(f"got spans beyond the {clip.num_frames} frames of the motion")

@@ -1,4 +1,6 @@
 """Checks before any other code sees a request: origin, host, token, rate and size."""
+import asyncio
+import dataclasses
 import hmac
 import json
 import logging
@@ -38,7 +40,7 @@ class SecurityMiddleware:
   def __init__(self, app: Any, token: str, limits: Limits, local: bool, public_url: str | None = None) -> None:
     self._app, self._token, self._limits, self._local = app, token, limits, local
     self._public = urllib.parse.urlsplit(public_url or "").netloc.lower()  # of a proxy in front
-    self._buckets: dict[str, TokenBucket] = {}
+    self._clients: dict[str, _Client] = {}
 
   async def __call__(self, scope, receive, send):
     if scope["type"] not in ("http", "websocket"):
@@ -56,7 +58,7 @@ class SecurityMiddleware:
       await send(message)
 
     try:
-      await self._app(scope, _limited(receive, self._limits.body_bytes), with_headers)
+      await self._app(scope, _limited(receive, self._limits), with_headers)
     except Refused as error:
       await _refuse(scope, receive, send, error)
     except Exception:  # unexpected; the application has sent its reply already
@@ -69,28 +71,40 @@ class SecurityMiddleware:
       raise Refused(403, f"got a request for the host {host[:80]!r}, this studio accepts only this machine: "
                     "open it as 127.0.0.1 or localhost, or name the proxy in front of it by --public-url")
     origin = headers.get("origin")
-    if origin is not None and urllib.parse.urlsplit(origin).netloc.lower() not in {host.lower(), self._public} - {""}:
+    if origin is not None and _place_of(origin) not in {host.lower(), self._public} - {""}:
       raise Refused(403, f"got a request from a page of {origin[:80]!r}, only the studio's own pages may send requests "
                     "and those of a proxy that --public-url names")
     if not scope["path"].startswith(("/v1/", "/mmcp/")):
       return
     query = urllib.parse.parse_qs(scope.get("query_string", b"").decode("latin1"))
     given = headers.get("authorization", "").removeprefix("Bearer ").strip() or query.get("token", [""])[0]
-    if not hmac.compare_digest(given.encode(), self._token.encode()):
+    client, is_right = self._client(scope), hmac.compare_digest(given.encode(), self._token.encode())
+    if not (is_right and client.is_known) and not client.guesses.take(time.monotonic()):
+      raise Refused(429, f"got more than {self._limits.wrong_tokens:g} wrong tokens a second; wait a moment")
+    if not is_right:
       raise Refused(401, "the token is missing or wrong; open the address that the studio printed")
-    if not self._bucket(scope).take(time.monotonic()):
+    client.is_known = True
+    if not client.requests.take(time.monotonic()):
       raise Refused(429, f"got more than {self._limits.requests:g} requests a second; wait a moment")
     length = headers.get("content-length", "0")
-    if not length.isdecimal() or int(length) > self._limits.body_bytes:
+    if not length.isdecimal() or len(length) > 15 or int(length) > self._limits.body_bytes:
       raise Refused(413, f"got a body of {length[:20]} bytes, expected at most {self._limits.body_bytes:,}")
 
-  def _bucket(self, scope):
+  def _client(self, scope):
     address = (scope.get("client") or ("?",))[0]
-    if address not in self._buckets:
-      while len(self._buckets) >= _ADDRESSES:
-        del self._buckets[next(iter(self._buckets))]
-      self._buckets[address] = TokenBucket(self._limits.requests)
-    return self._buckets[address]
+    if address not in self._clients:
+      while len(self._clients) >= _ADDRESSES:
+        del self._clients[next(iter(self._clients))]
+      self._clients[address] = _Client(TokenBucket(self._limits.requests), TokenBucket(self._limits.wrong_tokens))
+    return self._clients[address]
+
+
+@dataclasses.dataclass
+class _Client:
+  """Rates of one address, and whether it has sent the right token: what others guess does not keep it out then."""
+  requests: TokenBucket
+  guesses: TokenBucket
+  is_known: bool = False
 
 
 def _name_of(host):
@@ -101,16 +115,27 @@ def _name_of(host):
     return ""
 
 
-def _limited(receive, most):
-  """A receive function that raises Refused if a body without a content length grows too long."""
-  total = 0
+def _place_of(origin):
+  """Host and port of an Origin header; None if it has none."""
+  try:
+    return urllib.parse.urlsplit(origin).netloc.lower() or None
+  except ValueError:
+    return None
+
+
+def _limited(receive, limits):
+  """A receive function that raises Refused if a body without a content length grows too long, or does not go on."""
+  total, is_complete = 0, False
 
   async def count():
-    nonlocal total
-    message = await receive()
-    total += len(message.get("body", b""))
-    if total > most:
-      raise Refused(413, f"got a body of more than {most:,} bytes")
+    nonlocal total, is_complete
+    try:
+      message = await asyncio.wait_for(receive(), None if is_complete else limits.patience)
+    except TimeoutError:
+      raise Refused(408, f"got no more of the body within {limits.patience:g} s") from None
+    total, is_complete = total + len(message.get("body", b"")), not message.get("more_body", False)
+    if total > limits.body_bytes:
+      raise Refused(413, f"got a body of more than {limits.body_bytes:,} bytes")
     return message
 
   return count

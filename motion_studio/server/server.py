@@ -15,10 +15,11 @@ from typing import Any
 
 from motion_jax.utils import progress
 from motion_jax.utils.errors import InputError
+from motion_jax.utils.home import home_folder
 from motion_jax.utils.install import pip_install
 from motion_studio.server.security import LOOPBACK
 
-_SHORTEST = 8   # characters of a token
+_SHORTEST = 16   # characters of a token
 _PATIENCE = 1.5  # seconds for pages and threads to end
 
 
@@ -38,9 +39,8 @@ def kept_token(folder: pathlib.Path | None = None) -> str:
   It is stored in a file that only the user can read, in $XDG_STATE_HOME or ~/.local/state. If it cannot be stored, each
   call returns a new one. A file that others can read, or without a token, is replaced.
   """
-  state = os.environ.get("XDG_STATE_HOME") or pathlib.Path.home() / ".local" / "state"
-  path = (folder or pathlib.Path(state) / "motion_jax") / "studio-token"
   try:
+    path = (folder or home_folder("XDG_STATE_HOME", ".local/state") / "motion_jax") / "studio-token"
     if path.is_file() and (os.name != "posix" or not path.stat().st_mode & 0o077):
       token = path.read_text("ascii", "replace").strip()
       if len(token) >= _SHORTEST and token.isascii() and token.isprintable():
@@ -118,6 +118,18 @@ def _open(address):
     print("no browser was found; open the address by hand", file=sys.stderr)
 
 
+def settings(studio: Any, app: Any = None) -> Any:
+  """The `uvicorn.Config` of a `Studio`, or of an application around it."""
+  import uvicorn
+
+  from motion_studio.server import connections
+  return uvicorn.Config(app or studio.app(), log_level="warning", access_log=False, lifespan="off",
+                        ws="websockets-sansio",
+                        http=connections.protocol(studio.limits), limit_concurrency=studio.limits.connections,
+                        ws_max_size=2 * studio.limits.message_bytes, ws_per_message_deflate=False,
+                        timeout_graceful_shutdown=1, server_header=False, proxy_headers=False)
+
+
 def _run(names: Sequence[str], host: str, token: str, listener: Any, public_url: str | None = None) -> None:
   import uvicorn
 
@@ -135,13 +147,10 @@ def _run(names: Sequence[str], host: str, token: str, listener: Any, public_url:
       timer.start()
       super().handle_exit(sig, frame)
 
-  config = uvicorn.Config(studio.app(), log_level="warning", access_log=False, lifespan="off", ws="websockets-sansio",
-                          ws_max_size=2 * studio.limits.message_bytes, ws_per_message_deflate=False,
-                          timeout_graceful_shutdown=1, server_header=False, proxy_headers=False)
   logging.getLogger("uvicorn.error").addFilter(_is_news)
   library.start()
   with progress.follow(progress.Work()):  # pages show the progress of requests, not this terminal
-    Server(config).run(sockets=[listener])
+    Server(settings(studio)).run(sockets=[listener])
 
 
 def _is_news(record: logging.LogRecord) -> bool:

@@ -14,7 +14,7 @@ from motion_jax.motion.skeleton import HUMANML3D
 from motion_jax.utils.errors import InputError, reason
 from motion_studio.server import fields, stream_constraints
 from motion_studio.server.library import Library, live_sampling
-from motion_studio.server.limits import Limits, unknown_choices_as_input_errors
+from motion_studio.server.limits import Limits, check_sampling
 from motion_studio.server.poses import RATE, Poses
 from motion_studio.server.request_tables import DEFAULT_AHEAD, MESSAGES
 from motion_studio.server.requests import nearest_caption
@@ -212,10 +212,10 @@ class Stream:
     if pipeline is None:
       return
     model = pipeline.model
+    check_sampling(model, choices["sampling"])
     sampling = live_sampling(model, choices["sampling"])
-    with unknown_choices_as_input_errors():
-      live = pipeline.stream(choices["prompt"], seed=choices["seed"], num_frames=choices["frames"],
-                             cleanup=choices["cleanup"], **sampling)
+    live = pipeline.stream(choices["prompt"], seed=choices["seed"], num_frames=choices["frames"],
+                           cleanup=choices["cleanup"], **sampling)
     poses = choices["pose"] and Poses(choices["pose"], model.stats.layout.skeleton, model.fps)
     for name, value in settings.items():
       setattr(self, name, value)

@@ -34,6 +34,7 @@ def pose(heading=0.0, x=0.0, z=0.0):
   return signals.rotate_about_y(joints, heading) + [x, 0, z]
 
 
+FLAT = pose() * [0, 1, 1]  # without width, so that it faces nowhere
 WALK = np.stack([pose(z=0.05 * t) for t in range(61)])
 EVERY = [
     RootPath([[0, 0], [2, 0], [2, 3]]), RootPath([[0, 0.9, 0], [1, 0.9, 1]], [0, 2], heading=[0, 1.5], between=False),
@@ -64,6 +65,8 @@ WRONG = [
     (lambda: RootPath([[0, 0], [1]]), "not as many in every row"),
     (lambda: Keyframe(pose()[:21], 1.0), "21 joints"),
     (lambda: Keyframe(pose(), 1.0, "here"), "anywhere, world"),
+    *((lambda make=make: make(FLAT), "faces nowhere") for make in (StartPose, EndPose, lambda x: Keyframe(x, 1.0))),
+    (lambda: KeepParts(np.stack([pose(), FLAT]), ("legs",)), "in frame 1, so that the body faces nowhere"),
     (lambda: KeepParts(WALK, ("legs", "tail")), "legs, torso"),
     (lambda: KeepParts(WALK, ()), "none of the parts")]
 

@@ -1,5 +1,6 @@
 """BVH files: forward kinematics against scipy's rotations, odd but legal files, and damaged ones."""
 import pathlib
+import time
 
 import numpy as np
 import pytest
@@ -8,6 +9,8 @@ from scipy.spatial.transform import Rotation
 from motion_jax.data.datasets.synthetic import synthetic_joints
 from motion_jax.data.mocap.asf import amc_clip
 from motion_jax.data.mocap.bvh import bvh_clip, read_bvh
+from motion_jax.data.mocap.files import read_mapping
+from motion_jax.utils.errors import InputError
 from tests.data.bvh_files import bvh_text, write_bvh
 
 TWO = """HIERARCHY
@@ -102,3 +105,31 @@ def test_damaged_files(tmp_path, change, message):
 def test_a_missing_file(tmp_path):
   with pytest.raises(FileNotFoundError, match="none.bvh"):
     read_bvh(tmp_path / "none.bvh")
+
+
+@pytest.mark.parametrize("text, words", [
+    ('{"left_hip": "left_hip", "right_wrist": [["right_wrist"]]}', "right_wrist should be a joint's name or a list"),
+    ('{"head": 5}', "head should be"), ('{"head": []}', "head should be"), ('{"head": {"neck": 1}}', "head should be"),
+    ('{"head": "a", "head": "b"}', "names head twice"), ("[]", "expected an object"), ("{", "no valid JSON")])
+def test_a_mapping_of_wrong_types_is_one_line(tmp_path, text, words):
+  (tmp_path / "m.json").write_text(text)
+  with pytest.raises(InputError, match=r"m\.json.*" + words):
+    read_mapping(tmp_path / "m.json")
+
+
+def test_thousands_of_joints_take_linear_time(tmp_path):
+  """On one line, too: each joint's name ends where its brace opens."""
+  joint = "{ OFFSET 0 0.1 0 CHANNELS 3 Zrotation Xrotation Yrotation "
+  end, count = "End Site { OFFSET 0 1 0 } }", 3000
+  hierarchy = f"ROOT a {joint}" + "".join(f"JOINT b {i} {joint}{end}" for i in range(1, count)) + end
+  (tmp_path / "a.bvh").write_text(f"HIERARCHY {hierarchy}\nMOTION\nFrames: 1\nFrame Time: 0.05\n{'0 ' * 3 * count}")
+  start = time.process_time()
+  capture = read_bvh(tmp_path / "a.bvh")
+  assert time.process_time() - start < 2.5  # 5 where each joint looks at the rest of the line
+  assert capture.names[-3] == f"b {count - 1}" and capture.positions.shape == (1, 2 * count, 3)
+
+
+def test_an_end_site_has_no_joints(tmp_path):
+  (tmp_path / "a.bvh").write_text("HIERARCHY ROOT a { OFFSET 0 0 0 End Site { OFFSET 0 1 0 End Site { OFFSET 0 1 0")
+  with pytest.raises(InputError, match="'Site' is inside an End Site"):
+    read_bvh(tmp_path / "a.bvh")

@@ -69,6 +69,9 @@ def test_every_npz_that_is_written_is_read_back(format, tmp_path):
 
 
 def test_an_npz_of_another_robot_is_one_sentence(robot, tmp_path):
+  np.savez(tmp_path / "c.npz", qpos=standing(robot), joint_names=[*robot.joints, *robot.joints], fps=np.float64(50))
+  with pytest.raises(InputError, match="c.npz: its joints are"):
+    robots.read_npz(tmp_path / "c.npz", robot)
   np.savez(tmp_path / "a.npz", qpos=np.zeros((3, 12)), fps=np.float64(50))
   with pytest.raises(InputError, match=r"a.npz: qpos has the shape \(3, 12\), expected \(frames, "):
     robots.read_npz(tmp_path / "a.npz", robot)

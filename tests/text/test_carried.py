@@ -32,7 +32,7 @@ def test_a_run_opens_with_the_encoder_that_it_carries(own_folder, tmp_path):
   config["frozen"]["text"] = str(own_folder)
   (run / "config.json").write_text(json.dumps(config))
   shutil.rmtree(own_folder)
-  stray = run / "text_encoder" / ".model-abcdefgh.safetensors"  # of a program that was killed
+  stray = run / "text_encoder" / ".model-part-abcdefgh.safetensors"  # of a program that was killed
   stray.touch()
   atomic.remove_strays(run, files)
   assert not stray.exists()

@@ -91,7 +91,7 @@ def test_what_a_kill_left_half_written_is_cleaned_away(ended, tmp_path):
     shutil.copy(path, tmp_path / "stray")
     raise MemoryError
   stray = shutil.copy(tmp_path / "stray", folder / path.name)
-  other = folder / ".notes-abcdefgh.txt"  # not ours
+  other = folder / ".notes-part-abcdefgh.txt"  # not ours
   other.write_text("x")
   remove_strays(folder, report.FILES)
   assert not pathlib.Path(stray).exists() and other.exists() and (folder / "params.safetensors").exists()

@@ -1,5 +1,6 @@
 """Signals, closed pipes and second launches: nothing half-written, one line, and the status that shells expect; modules
 in processes of their own: with our code, without the current folder's, within their memory."""
+import fcntl
 import json
 import os
 import pathlib
@@ -14,8 +15,8 @@ import pytest
 from motion_jax import fit
 from motion_jax.training import loop as train
 from motion_jax.training.saver import Saver
-from motion_jax.utils import child, lock, stopping
-from motion_jax.utils.atomic import atomic_folder
+from motion_jax.utils import atomic, child, lock, stopping
+from motion_jax.utils.atomic import atomic_folder, atomic_path
 from tests import processes
 from tests.conftest import ROOT, devices_env, load_config
 from tests.training.test_train import _config, _equal, _next_batch, _stage, before_each_step
@@ -44,6 +45,37 @@ def test_a_signal_leaves_nothing_half_written(tmp_path, forks, number):
   done = processes.run(["-c", _HALF, tmp_path, int(number)], devices_env(1))
   assert done.returncode == 128 + number and done.stdout == ""
   assert done.stderr == "program: stopped; nothing half-written is left\n"
+  assert [path.name for path in tmp_path.rglob("*")] == ["data", "old.npy"]
+
+
+def test_what_killed_writers_left_is_removed_by_the_next(tmp_path):
+  """Not what another program writes now, nor what is young, nor what is somebody's."""
+  dead = [tmp_path / name for name in (".a-part-abcdefgh.gif", ".a-part-bcdefghi.gif", ".data-part-abcdefgh")]
+  kept = [tmp_path / name for name in (".a-original.gif", ".b-part-abcdefgh.gif")]
+  dead[2].mkdir()
+  for path in (*dead[:2], dead[2] / "half", *kept):
+    path.write_text("half")
+  for path in (*dead, *kept):
+    os.utime(path, (0, 0))
+  (tmp_path / ".a-part-young123.gif").touch()
+  with open(dead[1]) as other:
+    fcntl.flock(other, fcntl.LOCK_EX)
+    with atomic_path(tmp_path / "a.gif") as part:
+      os.utime(part, (0, 0))
+      with atomic_path(tmp_path / "a.gif") as again, atomic_folder(tmp_path / "data"):
+        assert part.exists() and part != again
+  atomic._parts_at_first.cache_clear()
+  assert sorted(path.name for path in tmp_path.iterdir()) == sorted([
+      ".a-part-bcdefghi.gif", ".a-part-young123.gif", "a.gif", "data", *(path.name for path in kept)])
+
+
+def test_a_folder_whose_writer_was_killed_while_it_was_renamed_is_there_again(tmp_path):
+  old = tmp_path / ".data-part-abcdefgh-old"
+  old.mkdir()
+  (old / "old.npy").touch()
+  os.utime(old, (0, 0))
+  with pytest.raises(KeyboardInterrupt), atomic_folder(tmp_path / "data"):
+    raise KeyboardInterrupt
   assert [path.name for path in tmp_path.rglob("*")] == ["data", "old.npy"]
 
 

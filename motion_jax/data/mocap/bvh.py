@@ -4,6 +4,7 @@ Any channel order per joint; position channels on any joint take the place of it
 have them everywhere). End Sites become joints named after their parent with "_end", for some figures keep their toes
 there.
 """
+import collections
 import pathlib
 import warnings
 
@@ -47,12 +48,13 @@ def bvh_clip(path, mapping=None, fps=20.0, source_fps=None, **options) -> Clip:
 
 def _read_hierarchy(path, lines):
   """names, parents, offsets, channels, and the index of the line MOTION."""
-  names, parents, offsets, channels = [], [], [], []
+  names, parents, offsets, channels, ends = [], [], [], [], set()
   open_joints, pending, seen = [], None, False
   for number, line in enumerate(lines, 1):
-    words = line.replace("{", " { ").replace("}", " } ").split()
+    words = collections.deque(line.replace("{", " { ").replace("}", " } ").split())
+    take = lambda count, words=words: [words.popleft() for _ in range(min(count, len(words)))]
     while words:
-      word = words.pop(0)
+      word = words.popleft()
       key = word.upper()
       if key == "HIERARCHY":
         seen = True
@@ -66,8 +68,11 @@ def _read_hierarchy(path, lines):
       elif not seen:
         raise InputError(f"{path} line {number}: got {line.strip()[:40]!r}, expected HIERARCHY; this is no BVH file")
       elif key in ("ROOT", "JOINT", "END"):
-        label = " ".join(words).split("{")[0].strip()
-        words = words[len(label.split()):]
+        label = " ".join(take(next((count for count, other in enumerate(words) if other == "{"), len(words))))
+        if open_joints and open_joints[-1] in ends:
+          raise InputError(f"{path} line {number}: {shortened(label)!r} is inside an End Site, which has no joints")
+        if key == "END":
+          ends.add(len(names))
         parents.append(open_joints[-1] if open_joints else -1)
         names.append(f"{names[parents[-1]]}_end" if key == "END" else label.split(":")[-1])
         offsets.append(np.zeros(3))
@@ -79,16 +84,16 @@ def _read_hierarchy(path, lines):
       elif word == "}" and open_joints:
         open_joints.pop()
       elif key == "OFFSET" and open_joints:
-        offsets[open_joints[-1]] = _numbers(path, number, words[:3], 3)
-        words = words[3:]
+        offsets[open_joints[-1]] = _numbers(path, number, take(3), 3)
       elif key == "CHANNELS" and open_joints:
-        count = int(words[0]) if words and words[0] in _COUNTS else -1
-        own = tuple(name[:1].upper() + name[1:].lower() for name in words[1:1 + count])
-        if len(own) != count or any(name not in _CHANNELS for name in own):
-          raise InputError(f"{path} line {number}: got {shortened(' '.join(words))!r}, expected a count and as many of "
+        given = take(1)
+        count = int(given[0]) if given and given[0] in _COUNTS else 0
+        given += take(count)
+        own = tuple(name[:1].upper() + name[1:].lower() for name in given[1:])
+        if given[:1] != [str(len(own))] or any(name not in _CHANNELS for name in own):
+          raise InputError(f"{path} line {number}: got {shortened(' '.join(given))!r}, expected a count and as many of "
                            f"{', '.join(_CHANNELS)}")
         channels[open_joints[-1]] = own
-        words = words[1 + count:]
       else:
         raise InputError(f"{path} line {number}: {shortened(word)!r} has no place here in a BVH skeleton")
   raise InputError(f"{path} line {len(lines)}: the file ends before MOTION; it is cut or no BVH file")
@@ -154,17 +159,18 @@ def _local(values, offsets, channels):
   local = np.tile(np.array(offsets), (len(values), 1, 1))
   rotations = np.zeros(local.shape[:2] + (4,))
   rotations[..., 0] = 1
-  column = 0
-  for joint, own in enumerate(channels):
-    columns = dict(zip(own, values[:, column:column + len(own)].T))
-    column += len(own)
+  starts = np.cumsum([0, *map(len, channels)])
+  for own in set(channels):  # joints of the same channels together
+    joints = np.array([joint for joint, other in enumerate(channels) if other == own])
+    columns = {name: values[:, starts[joints] + i] for i, name in enumerate(own)}  # (T, K) each; the last of a name
     # MakeHuman writes poses whose position channels are zero: those joints stay where OFFSET puts them.
-    moved = max((np.abs(value).max() for name, value in columns.items() if name.endswith("position")), default=0)
-    stays = joint > 0 and moved < 0.01 * np.linalg.norm(offsets[joint])
+    places = {name[0].lower(): value for name, value in columns.items() if name.endswith("position")}
+    moved = np.max([np.abs(value).max(0) for value in places.values()], axis=0, initial=0)
+    moves = (joints == 0) | (moved >= 0.01 * np.linalg.norm(np.array(offsets)[joints], axis=-1))
+    for axis, value in places.items():
+      local[:, joints[moves], "xyz".index(axis)] = value[:, moves]
     for name, value in columns.items():
-      axis = name[0].lower()
       if name.endswith("rotation"):
-        rotations[:, joint] = rot.multiply(rotations[:, joint], rot.about_axis(np.radians(value), axis))
-      elif not stays:
-        local[:, joint, "xyz".index(axis)] = value
+        turn = rot.about_axis(np.radians(value), name[0].lower())
+        rotations[:, joints] = rot.multiply(rotations[:, joints], turn)
   return local, rotations

@@ -14,7 +14,7 @@ import numpy as np
 
 from motion_jax.motion import rotations as rot
 from motion_jax.utils.atomic import atomic_path
-from motion_jax.utils.errors import InputError, reading
+from motion_jax.utils.errors import InputError, reading, reason
 
 ENDINGS = (".glb", ".gltf", ".vrm")
 MOTIONS = (*ENDINGS, ".vrma")  # files with an animation; a .vrma has no body
@@ -25,6 +25,7 @@ FLOAT = 5126
 _SIZES = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
 _PACKED = ("EXT_meshopt_compression", "KHR_meshopt_compression")
 _ZEROS = 4  # values of an accessor without a buffer for each byte of the file
+_MOST = 1e12  # a place, a scale, or what else a file holds
 _CUT = "the file is cut or damaged, copy or export it again"
 
 
@@ -50,7 +51,8 @@ class Document:
       self.json = json.loads(text)
     except (ValueError, RecursionError):
       raise InputError(f"{path}: its JSON cannot be read; {_CUT}") from None
-    version = self.json.get("asset", {}).get("version") if isinstance(self.json, dict) else None
+    asset = self.json.get("asset") if isinstance(self.json, dict) else None
+    version = asset.get("version") if isinstance(asset, dict) else None
     if not isinstance(version, str) or not version.startswith("2."):
       raise InputError(f"{path}: got glTF version {str(version)[:20]}, expected 2.0; export it again as glTF 2.0")
     with self.checked():
@@ -151,7 +153,13 @@ class Document:
         values[rows] = self._view(what["bufferView"], what.get("byteOffset", 0), dtype, sparse["count"], width)
       if about.get("normalized"):
         return np.maximum(values / np.iinfo(dtype).max, -1.0)
-      return values.astype(np.float64) if dtype.kind == "f" else values
+      if dtype.kind != "f":
+        return values
+      with np.errstate(invalid="ignore"):
+        values = values.astype(np.float64)
+      if not (np.abs(values) < _MOST).all():
+        raise InputError(f"{self.path}: accessor {number} holds NaN, infinity or numbers from {_MOST:g} on; {_CUT}")
+      return values
 
   def _view(self, number, offset, dtype, count, width):
     view = self.json["bufferViews"][number]
@@ -199,8 +207,8 @@ class Document:
           x, y, z, w = node.get("rotation", (0, 0, 0, 1))
           turned[j] = w, x, y, z
       norm = np.linalg.norm(turned, axis=-1, keepdims=True)
-      if not (np.isfinite(moved).all() and np.isfinite(scale).all() and (norm > 1e-6).all()):
-        raise InputError(f"{self.path}: a node is placed by numbers that are not finite; {_CUT}")
+      if not all((np.abs(values) < _MOST).all() for values in (moved, scale, norm)) or not (norm > 1e-6).all():
+        raise InputError(f"{self.path}: a node is placed by numbers that are not finite, or from {_MOST:g} on; {_CUT}")
       return moved, turned / norm, scale
 
   def world(self, moved, turned, scale) -> np.ndarray:
@@ -210,8 +218,15 @@ class Document:
   # --- writing -----------------------------------------------------------------------------------------------------
 
   def add(self, array, shape, bounds=False) -> int:
-    """Appends float32 values (N, K) as accessor type `shape`; returns the accessor's number."""
+    """Appends float32 values (N, K) as accessor type `shape`; returns the accessor's number. Raises InputError for NaN.
+    """
     array = np.ascontiguousarray(array, "<f4")
+    if not np.isfinite(array).all():
+      raise InputError(f"{self.path}: no motion can be put on its bones, as a bone is scaled to nothing; {_CUT}")
+    with self.checked():
+      return self._appended(array, shape, bounds)
+
+  def _appended(self, array, shape, bounds):
     buffers = self.json.setdefault("buffers", [])
     if not hasattr(self, "_added"):
       in_place = self._binary is not None and bool(buffers) and "uri" not in buffers[0]
@@ -239,7 +254,10 @@ class Document:
         "uri" in about and not about["uri"].startswith("data:")
         for about in (*document["buffers"], *document.get("images", ())))):
       document, binary = self._packed(document)
-    text = json.dumps(document, separators=(",", ":"), ensure_ascii=False, allow_nan=False).encode()
+    try:
+      text = json.dumps(document, separators=(",", ":"), ensure_ascii=False, allow_nan=False).encode()
+    except ValueError as error:  # NaN, or a half of a surrogate pair
+      raise InputError(f"{self.path}: its JSON cannot be written again ({reason(error)}); {_CUT}") from None
     text += b" " * (-len(text) % 4)
     chunks = struct.pack("<II", len(text), _JSON) + text
     if binary is not None:

@@ -49,12 +49,13 @@ def character(clips, path, file=None, mapping=None, t_pose=False, name=None, rep
     if clip.skeleton is not HUMANML3D:
       raise InputError(f"got a motion of skeleton {clip.skeleton.name!r} for a character, expected HumanML3D's 22 "
                        "joints")
-  figure = check_character(file, mapping)
-  there = [] if replace else figure.document.json.get("animations", [])
-  added: list[dict] = []
-  for clip in clips:
-    label = _unused(name or clip_name(clip), [*there, *added])
-    added.append(_animation(figure, pose_figure(figure, clip, t_pose), clip, label))
+  with np.errstate(divide="ignore", invalid="ignore", over="ignore"):  # `Document.add` refuses what comes of it
+    figure = check_character(file, mapping)
+    there = [] if replace else figure.document.json.get("animations", [])
+    added: list[dict] = []
+    for clip in clips:
+      label = _unused(name or clip_name(clip), [*there, *added])
+      added.append(_animation(figure, pose_figure(figure, clip, t_pose), clip, label))
   figure.document.json["animations"] = [*added, *there]
   return figure.document.write(path)
 

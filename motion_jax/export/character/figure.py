@@ -71,7 +71,8 @@ def read_figure(path, mapping=None) -> Figure:
   find = lambda chosen, **how: find_bones([names[i] for i in chosen], [nearest(document, nodes[i], [
       nodes[k] for k in chosen]) for i in chosen], rest[[nodes[i] for i in chosen], :3, 3], **how)
   try:
-    found = find(range(len(nodes)), mapping=mapping, known={joint: nodes.index(node) for joint, node in stated.items()})
+    known = {joint: nodes.index(node) for joint, node in stated.items() if node in bones}
+    found = find(range(len(nodes)), mapping=mapping, known=known)
   except InputError as error:
     raise InputError(f"{path}: {error}") from None
   copies = _copies(path, nodes, names, parents, rest, found, find)

@@ -1,6 +1,7 @@
 """The command line: files by extension, prompts from files, one line for every error, nothing half-written."""
 import contextlib
 import io
+import resource
 
 import numpy as np
 import pytest
@@ -46,6 +47,21 @@ def generated(tiny_run, programs, tmp_path_factory):
     assert cli.main(["generate", "a person waves", "--num-frames", "20", "--num-steps", "4", "--guidance-scale", "0",
                      "--model", str(tiny_run), "--out", outputs]) == 0
   return folder, printed.getvalue()
+
+
+@pytest.mark.parametrize("name", ["a.npz", "a.npy", "a.bvh", "a.glb", "a.html", "a.png", "a.gif", "a.vrma", "a.usda"])
+def test_a_full_disk_is_one_line(tmp_path, capsys, name):
+  """The system lets files hold no more than 100 bytes for a while."""
+  export.save(synthetic_clips(seed=0, num=1)[0].cut(0, 2), tmp_path / "in.npz")
+  limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+  resource.setrlimit(resource.RLIMIT_FSIZE, (100, limits[1]))
+  try:
+    status = cli.main(["render", str(tmp_path / "in.npz"), "--out", str(tmp_path / name)])
+  finally:
+    resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+  said = capsys.readouterr().err
+  assert status == 1 and "no space left on the disk" in said and len(said.splitlines()) == 1
+  assert [path.name for path in tmp_path.iterdir()] == ["in.npz"]
 
 
 def test_generate_writes_its_files_and_says_what_it_did(generated):

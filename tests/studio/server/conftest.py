@@ -53,24 +53,30 @@ def client(studio):
 
 
 @contextlib.contextmanager
-def _served(studio, app):
+def _served(studio, app=None):
   """The address of a studio's application behind a real port."""
   import uvicorn
 
   from motion_studio.server import server
   listener = server.take_port("127.0.0.1", 0)
-  port = listener.getsockname()[1]
-  running = uvicorn.Server(uvicorn.Config(app, log_level="error", lifespan="off", ws="websockets-sansio",
-                                          timeout_graceful_shutdown=1))
+  running = uvicorn.Server(server.settings(studio, app))
   thread = threading.Thread(target=lambda: running.run(sockets=[listener]), daemon=True)
   thread.start()
   try:
-    yield server.address_of("127.0.0.1", port, TOKEN)
+    yield server.address_of("127.0.0.1", listener.getsockname()[1], TOKEN)
   finally:
     studio.close()
     running.should_exit = True
     thread.join(20)
   assert not thread.is_alive()
+
+
+@pytest.fixture
+def serve(library):
+  """A function that opens a studio with other limits on a real port -> its address."""
+  from motion_studio.server.app import Studio
+  with contextlib.ExitStack() as stack:
+    yield lambda limits=None: stack.enter_context(_served(Studio(library, TOKEN, limits=limits)))
 
 
 @pytest.fixture

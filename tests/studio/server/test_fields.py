@@ -93,7 +93,8 @@ def test_the_schema_and_the_parser_agree(name):
 
 
 def test_motions_of_control_have_a_limit_of_frames():
-  rows = {"version": 1, "constraints": [{"type": "keep_parts", "parts": ["legs"], "joints": [[[0, 0, 0]] * 22] * 11}]}
+  kept = {"type": "keep_parts", "parts": ["legs"], "joints": [synthetic_clips(0, 1)[0].joints[0].tolist()] * 11}
+  rows = {"version": 1, "constraints": [kept]}
   assert fields.Control().read(rows, "control", Limits(frames=11))
   with pytest.raises(InputError, match="control: got 11 frames to keep parts of, expected at most 10"):
     fields.Control().read(rows, "control", Limits(frames=10))

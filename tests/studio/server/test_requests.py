@@ -3,6 +3,8 @@ import base64
 import io
 import json
 import re
+import threading
+import time
 
 import numpy as np
 import pytest
@@ -53,11 +55,28 @@ def test_generate_is_the_pipeline(client, library):
 @pytest.mark.parametrize("body, words", [
     ({}, "prompt is missing"), ({"prompt": "walks", "num_samples": 1000}, "got num_samples 1000"),
     ({"prompt": "walks", "model": "/etc"}, "this studio has"), ({"prompt": "\ud800"}, "valid JSON|UTF-8"),
-    ({"prompt": "walks", "sampling": {"lagg": 2}}, "has no argument"), ({"segments": []}, "got no segments"),
+    ({"segments": []}, "got no segments"),
     ({"segments": [{"prompt": "walks", "seconds": 60.1}] * 2}, "a motion of 120 s, expected at most 120")])
 def test_what_cannot_be_generated_gets_one_sentence(client, body, words):
   path = "multi-prompt" if "segments" in body else "generate"
   assert re.search(words, refusal(client.post(f"/v1/{path}", content=json.dumps(body))))
+
+
+@pytest.mark.parametrize("model, choices", [
+    ("tiny", {"lagg": 2, "num_steps": "x", "guidance_scale": True, "lag": 1.5, "control_steps": "2", "refinements": 101,
+              "solver": 5}),
+    ("editor", {"guidance_scale": "2", "temperature": "x", "shared_noise": "", "num_iterations": "2",
+                "unmasked_only": 2})])
+def test_sampling_choices_of_a_wrong_kind_are_a_422(client, model, choices):
+  for name, value in choices.items():
+    body = {"prompt": "a person walks", "seconds": 1, "model": model, "sampling": {name: value}}
+    assert name in refusal(client.post("/v1/generate", json=body), 422)
+  wrong = {"model": model, "sampling": dict([next(iter(choices.items()))])}
+  if model == "tiny":
+    assert refusal(client.post("/v1/multi-prompt", json=wrong | {"segments": [{"prompt": "walks"}]}), 422)
+  else:
+    motion = serialization.to_json(synthetic_clips(seed=0, num=1)[0])
+    assert refusal(client.post("/v1/edit", json=wrong | {"prompt": "a", "motion": motion, "change": [[0, 8]]}), 422)
 
 
 def test_no_json_is_told(client):
@@ -267,11 +286,17 @@ def test_what_is_no_motion_is_not_read(client, name, data, told):
 
 
 def test_too_many_at_once_are_told_to_wait(client, studio, walk):
+  """Two run, four wait, the seventh is refused."""
+  body, replies = {"motion": walk[1], "format": "npy"}, []
   with studio.handler.place(), studio.handler.place():
-    for _ in range(2):
-      studio.handler._waiting.acquire()
-    told = refusal(client.post("/v1/export", json={"motion": walk[1], "format": "npy"}), 429)
-    assert "wait for one of them" in told
-    for _ in range(2):
-      studio.handler._waiting.release()
-  assert client.post("/v1/export", json={"motion": walk[1], "format": "npy"}).status_code == 200
+    waiting = [threading.Thread(target=lambda: replies.append(client.post("/v1/export", json=body).status_code))
+               for _ in range(4)]
+    for thread in waiting:
+      thread.start()
+    while studio.handler._admitted._value:
+      time.sleep(0.01)
+    assert "6 requests run or wait already" in refusal(client.post("/v1/export", json=body), 429)
+    assert not replies
+  for thread in waiting:
+    thread.join(20)
+  assert replies == [200] * 4

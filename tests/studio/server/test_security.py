@@ -1,14 +1,20 @@
 """What a studio refuses before anything else looks at it."""
+import asyncio
+import contextlib
 import math
+import socket
+import time
 import types
+import urllib.parse
 
 import pytest
 from starlette.testclient import TestClient, WebSocketDenialResponse
 
+from motion_jax.export.html import VIEWER
 from motion_jax.utils.errors import InputError
-from motion_studio.server import security, server
+from motion_studio.server import app, security, server
 from motion_studio.server.app import ASSETS, Studio
-from motion_studio.server.limits import TokenBucket
+from motion_studio.server.limits import Limits, TokenBucket
 from tests.studio.server.conftest import BASE, SOCKET, TOKEN, refusal
 
 
@@ -36,7 +42,7 @@ def test_a_stream_takes_the_token_too(stranger):
 
 
 @pytest.mark.parametrize("origin", ["http://evil.example", "http://127.0.0.1:9", "http://localhost:8765", "null",
-                                    "http://127.0.0.1:8765.evil.example"])
+                                    "http://127.0.0.1:8765.evil.example", "http://["])
 def test_other_pages_may_not_ask(client, origin):
   assert "only the studio's own pages" in refusal(client.get("/v1/status", headers={"origin": origin}), 403)
   address = f"{SOCKET}/v1/stream?token={TOKEN}"
@@ -74,11 +80,11 @@ def test_pages_of_a_named_proxy_may_ask(library):
 
 def test_other_machines_need_a_token():
   server.check_address("127.0.0.1", None)
-  server.check_address("0.0.0.0", "long enough")
+  server.check_address("0.0.0.0", "long-enough-a-token")
   with pytest.raises(InputError, match="--token"):
     server.check_address("0.0.0.0", None)
-  with pytest.raises(InputError, match="8 or more"):
-    server.check_address("127.0.0.1", "short")
+  with pytest.raises(InputError, match="16 or more"):
+    server.check_address("127.0.0.1", "fifteen-letters")
 
 
 def test_bodies_have_a_limit(studio, client):
@@ -94,6 +100,68 @@ def test_requests_have_a_rate(client, monkeypatch):
   late = [reply for reply in replies if reply.status_code != 200]
   assert late and "requests a second" in refusal(late[0], 429) and late[0].headers["retry-after"] == "1"
   assert sum(reply.status_code == 200 for reply in replies) >= 60
+
+
+def test_guessed_tokens_have_a_rate_that_spares_known_addresses(studio, stranger, client, monkeypatch):
+  """A right guess after too many wrong ones is refused too; an address that has sent the token before is not."""
+  monkeypatch.setattr(security, "time", types.SimpleNamespace(monotonic=lambda: 0.0))
+  guess = lambda token: stranger.get("/v1/status", headers={"authorization": f"Bearer {token}"}).status_code
+  assert [guess(f"guess {i}") for i in range(16)] == [401] * 15 + [429] and guess(TOKEN) == 429
+  assert client.get("/v1/status").status_code == 200  # the same limits, another application
+  assert [client.get("/v1/status?token=x", headers={"authorization": ""}).status_code for _ in range(16)][-1] == 429
+  assert client.get("/v1/status").status_code == 200
+
+
+def test_json_of_very_many_values_is_refused_and_no_json_is_parsed_in_the_event_loop(client, monkeypatch):
+  content, loops = b"[" * 4_000_001, []
+  assert "4,000,001 values, expected at most 4,000,000" in refusal(client.post("/v1/generate", content=content), 413)
+  monkeypatch.setattr(app.json, "loads", lambda *_, **__: loops.append(asyncio._get_running_loop()))
+  for path in ("/v1/generate", "/v1/multi-prompt", "/v1/edit", "/v1/export", "/v1/project", "/mmcp/generate"):
+    client.post(path, content=b"{}")
+  assert loops == [None] * 6
+
+
+def test_a_broken_upload_is_no_fault(address, caplog):
+  """Sent in part and given up: no traceback."""
+  url = urllib.parse.urlsplit(address)
+  for path in ("v1/import?name=a.npz", "v1/generate?", "mmcp/generate?"):
+    with socket.create_connection((url.hostname, url.port)) as broken:
+      broken.sendall(f"POST /{path}&token={TOKEN} HTTP/1.1\r\nhost: {url.netloc}\r\n".encode()
+                     + b"content-length: 99\r\n\r\n{")
+      time.sleep(0.1)
+  time.sleep(0.3)
+  assert not caplog.records
+
+
+def test_connections_that_wait_are_closed(serve, caplog):
+  """Without a request, with half of its headers, half of its body, or a reply that is not read; 300 shut nobody out."""
+  url = urllib.parse.urlsplit(serve(Limits(patience=0.3, idle=4)))
+  connect = lambda: socket.create_connection((url.hostname, url.port), timeout=10)
+  whole = f"GET /v1/status?token={TOKEN} HTTP/1.1\r\nhost: {url.netloc}\r\n".encode()
+  silent = [connect() for _ in range(40)]
+  with connect() as half:
+    half.sendall(whole)
+    with connect() as page:
+      page.sendall(whole + b"\r\n")
+      assert page.recv(99).startswith(b"HTTP/1.1 200"), "others are served meanwhile"
+      page.sendall(whole)  # half of a second request
+      while page.recv(9999):
+        pass
+    assert half.recv(9) == b""
+  for one in silent:
+    with one, contextlib.suppress(ConnectionResetError):
+      assert one.recv(9) == b""
+  with connect() as body:
+    body.sendall(whole.replace(b"GET /v1/status?", b"POST /v1/import?name=a.npz&") + b"content-length: 9\r\n\r\n{")
+    assert b"408" in body.recv(99)
+  with connect() as deaf, contextlib.suppress(ConnectionResetError):
+    deaf.sendall(100 * (whole.replace(b"v1/status", b"viewer.js") + b"\r\n"))
+    time.sleep(1.2)
+    read = 0
+    while part := deaf.recv(1 << 20):
+      read += len(part)
+    assert read < 100 * VIEWER.stat().st_size
+  assert not [record for record in caplog.records if record.exc_info]
 
 
 def test_a_bucket_fills_again():

@@ -9,6 +9,7 @@ import time
 import numpy as np
 import pytest
 
+from motion_jax.utils import cache
 from motion_jax.utils.errors import InputError
 from motion_studio import cli
 from motion_studio.client import Client, joints_of
@@ -52,8 +53,8 @@ def test_a_port_that_is_taken_is_told(capsys):
 
 
 @pytest.mark.parametrize("words, told", [
-    (["--host", "0.0.0.0"], "--token"), (["--model", "nowhere"], "nowhere"), (["--token", "short"], "8 or more"),
-    (["--host", "192.0.2.1", "--token", "long enough"], "cannot listen on 192.0.2.1")])
+    (["--host", "0.0.0.0"], "--token"), (["--model", "nowhere"], "nowhere"), (["--token", "short"], "16 or more"),
+    (["--host", "192.0.2.1", "--token", "long-enough-a-token"], "cannot listen on 192.0.2.1")])
 def test_what_cannot_be_served_is_told(capsys, words, told):
   assert cli.main(["studio", *words]) == 1
   said = capsys.readouterr().err
@@ -82,6 +83,20 @@ def test_the_token_is_kept_for_the_user_alone(tmp_path):
   blocked.write_text("")
   for place in (blocked, blocked / "below"):
     assert server.kept_token(place) != server.kept_token(place)
+
+
+def test_a_user_without_a_home_gets_a_token_and_no_cache(monkeypatch):
+  """As in a container whose user has no name."""
+  def nameless(number):
+    raise KeyError(number)
+
+  monkeypatch.setattr("pwd.getpwuid", nameless)
+  for name in ("HOME", "XDG_STATE_HOME", "XDG_CACHE_HOME"):
+    monkeypatch.delenv(name, raising=False)
+  assert len(server.kept_token()) >= 16 and server.kept_token() != server.kept_token()
+  monkeypatch.setattr(cache, "_folder", None)
+  cache.keep_in_user_cache()
+  assert cache._folder is None
 
 
 def test_addresses_can_be_opened():

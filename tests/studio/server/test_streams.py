@@ -222,8 +222,9 @@ def test_what_cannot_be_gets_one_sentence_and_the_stream_lives(page, message, to
 def test_choices_that_cannot_be_leave_the_motion_that_runs(page):
   page.send(type="start", prompt="a person walks", seed=1, speed=0, ahead=2)
   page.more(2)
-  page.send(type="start", prompt="a person jumps", seed=2, speed=1, sampling={"bogus": 1})
-  assert "bogus" in page.until(type="error")["message"]
+  for name, value in (("bogus", 1), ("num_steps", "x"), ("guidance_scale", True), ("lag", 1.5)):
+    page.send(type="start", prompt="a person jumps", seed=2, speed=1, sampling={name: value})
+    assert name in page.until(type="error", fatal=False)["message"]
   page.more(4)
   page.send(type="restart")
   page.until(type="started", run=2, seed=1, ahead=2)
