@@ -33,8 +33,9 @@ caption, since = np.zeros((1, c["width"]), np.int32), np.full((1, c["width"]), -
 joints = []
 for step in range(c["age"] - 1 + num_blocks):
   noise = normal(seed, step, (1, c["block"], c["latent_dim"]))
-  clean = run("step", noise=noise, steps=np.array(step, np.int32), past=np.array(0, np.int32), caption=caption,
-              since=since, **text, text_mask=np.stack([mask] * c["captions"]))["clean"]
+  clean = run("step", noise=noise, steps=np.array(step, np.int32), past=np.array(0, np.int32),
+              length=np.array(num_blocks * c["block"], np.int32), caption=caption, since=since, **text,
+              text_mask=np.stack([mask] * c["captions"]))["clean"]
   if step >= c["age"] - 1:  # the first blocks are still noisy
     joints.append(run("joints", features=run("decoder", latents=clean)["features"])["joints"][0])
 np.save(out, np.concatenate(joints))

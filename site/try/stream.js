@@ -88,7 +88,7 @@ export class Stream {
     const oldest = steps < 0 ? steps : Math.max(steps - age, 0);
     const slots = Array.from({length: width}, (_, i) => this.script.findLast((one) => one.from <= oldest + i)?.slot ?? this.script[0].slot);
     const noise = steps < 0 ? this.past[steps + this.past.length] : normal(this.seed + this.changes, steps, block * channels);
-    const inputs = {noise, steps: [steps], past: [this.past.length * block], caption: slots, since: Array(width).fill(ANY), ...this.bank};
+    const inputs = {noise, steps: [steps], past: [this.past.length * block], length: [-ANY], caption: slots, since: Array(width).fill(ANY), ...this.bank};
     const tensors = Object.fromEntries(Object.entries(inputs).map(([key, data]) => [key, this.tensor('step', key, data)]));
     const {made, state} = await this.advance('step', this.window, tensors);
     this.window = state;

@@ -89,9 +89,9 @@ def _step(model, plan, scale):
   state = streaming.first_state(dit, plan.layout, 1, np)
   heads = (dit.depth, words, dit.num_heads, dit.width // dit.num_heads)
 
-  def step(latents, cache_k, cache_v, oldest_k, oldest_v, noise, steps, past, caption, since, text_k, text_v,
+  def step(latents, cache_k, cache_v, oldest_k, oldest_v, noise, steps, past, length, caption, since, text_k, text_v,
            text_mask):
-    now = streaming.window_at(plan, steps, past, caption, since)
+    now = streaming.window_at(plan, steps, past, caption, since, length[None])
     before = streaming.Stream(steps, latents, (cache_k, cache_v), (oldest_k, oldest_v), latents, past)
     before = streaming.begin(plan.layout, before, now, noise[:, None])
     side_by_side = lambda a: jnp.moveaxis(a, 0, 1).reshape(dit.depth, 1, CAPTIONS * words, *heads[2:])
@@ -105,7 +105,7 @@ def _step(model, plan, scale):
       "latents": np.zeros_like(state.latents, np.float32),
       "cache_k": state.cache[0], "cache_v": state.cache[1], "oldest_k": state.oldest[0], "oldest_v": state.oldest[1],
       "noise": np.zeros((1, size, dit.latent_dim), np.float32), "steps": np.zeros((), np.int32),
-      "past": np.zeros((), np.int32),
+      "past": np.zeros((), np.int32), "length": np.full((), 2**30, np.int32),
       "caption": np.zeros((1, plan.width), np.int32), "since": np.full((1, plan.width), -2**30, np.int32),
       "text_k": np.zeros((CAPTIONS, *heads), np.float32), "text_v": np.zeros((CAPTIONS, *heads), np.float32),
       "text_mask": np.zeros((CAPTIONS, words), bool)}
@@ -114,6 +114,7 @@ def _step(model, plan, scale):
       "noise": "of the block that begins, number `steps`; a given clean block where that is negative",
       "steps": "how many steps were done before; negative while given blocks are filled in",
       "past": "how many latents were given before block 0",
+      "length": "latents of the motion, behind which nothing is seen; 2^30: no end",
       "caption": "which caption each block of the window has; its first block is max(steps - age, 0)",
       "since": "the first block that each block of the window sees; -2^30: any",
       "text_k": "keys of the captions, from the graph `text`", "text_v": "their values",

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Int
 
 from motion_jax.control.signal import ControlSignal
-from motion_jax.models.cmdm import multi_prompt, streaming
+from motion_jax.models.cmdm import multi_prompt, offline, streaming
 from motion_jax.models.cmdm.loop import SamplingLoop
 from motion_jax.models.cmdm.networks import CmdmNetworks
 from motion_jax.models.cmdm.offline import CAPTIONS
@@ -37,8 +37,9 @@ class LiveStream(PromptedStream):
                segments: Segments, num_frames: int | None = None, cleanup: bool = False,
                contrast: Contrast | None = None) -> None:
     """segments: [(prompt, frames)] in sequence, the last without end."""
-    self._model, self._plan, self.num_frames, self._contrast = model, plan, num_frames, contrast
+    self._model, self._plan, self.num_frames, self._contrast = model, plan, None, contrast
     self._loop = SamplingLoop(model, plan, np.array([sampling.guidance_scale]), keys)
+    self._set_end(num_frames)
     self._frames, self._given = 0, 0  # frames: that are decided; given: of them, once cleaned
     self._drift = np.zeros(2)  # x and z by which the cleanup, that lets feet not slide, has moved the body
     self._waiting = np.zeros((0, 2))  # x and z of the body, as decoded, in frames that wait for their cleanup
@@ -49,6 +50,11 @@ class LiveStream(PromptedStream):
     (prompt, *_), self._waiting_prompts = self._scheduled(segments, 0)
     self._bank = [prompt] * CAPTIONS
     self._encode()
+
+  def _set_end(self, num_frames: int | None) -> None:
+    self.num_frames = num_frames
+    self._loop.lengths = (None if num_frames is None else
+                          offline.latents_of([num_frames], self._model.vae.frames_per_latent))
 
   def __repr__(self) -> str:
     said = self._bank[self._script[-1][1]]
@@ -164,12 +170,14 @@ class LiveStream(PromptedStream):
   def fork(self, num_frames: int | None = None) -> "LiveStream":
     """A second stream that continues from here, to the same motion bit for bit; the two are independent.
 
-    num_frames: frames that it ends with, counted from the beginning of this one; None is without end.
+    num_frames: frames that it ends with, counted from the beginning of this one; None is without end. Where that is
+    within a block, its frames there see no latent after the end, as those of a motion of this length.
     """
     other = copy.copy(self)
-    other.num_frames, other._bank, other._script = num_frames, list(self._bank), list(self._script)
+    other._bank, other._script = list(self._bank), list(self._script)
     other._waiting_prompts = list(self._waiting_prompts)
     other._loop, other._cleaner = copy.copy(self._loop), copy.deepcopy(self._cleaner)
+    other._set_end(num_frames)
     return other
 
   def _encode(self) -> None:

@@ -18,6 +18,7 @@ from motion_jax.models.cmdm.networks import CmdmNetworks
 from motion_jax.models.moving_path import Path, continue_path, heading_of
 from motion_jax.nets.causal_dit import Text
 
+_ENDLESS = 2**30  # latents
 _LENGTH = 50  # latents whose constraints are compiled together; longer ones by doubling
 
 
@@ -31,11 +32,14 @@ class SamplingLoop:
       features = loop.decode(block)
   """
 
-  def __init__(self, model: CmdmNetworks, plan: streaming.Plan, scale: Float[np.ndarray, " b"], keys: Any) -> None:
-    """scale (B,): of guidance; keys (B,), or their data (B, 2): one per motion."""
+  def __init__(self, model: CmdmNetworks, plan: streaming.Plan, scale: Float[np.ndarray, " b"], keys: Any,
+               lengths: Int[np.ndarray, " b"] | None = None) -> None:
+    """scale (B,): of guidance; keys (B,), or their data (B, 2): one per motion. lengths (B,): latents of each motion
+    (`streaming.window_at`); None: no end."""
     self.model, self.plan, self.batch = model, plan, len(keys)
     self._keys = keys if isinstance(keys, np.ndarray) else np.asarray(jax.random.key_data(keys))
     self._scale = np.asarray(scale, np.float32)
+    self.lengths = lengths
     self._constants = model.constants_of(plan)
     self._state = streaming.first_state(model.dit, plan.layout, self.batch, np)
     self._decoder = self._decoder_before = _decoder_state(model, self.batch) if model.vae.causal else None
@@ -46,6 +50,15 @@ class SamplingLoop:
     self._tokens_from = 0
     self._signal: ControlSignal | None = None
     self._control_steps = 0
+
+  @property
+  def lengths(self) -> Int[np.ndarray, " b"]:
+    """Latents of each motion. None sets motions without end."""
+    return self._lengths
+
+  @lengths.setter
+  def lengths(self, lengths: Int[np.ndarray, " b"] | None) -> None:
+    self._lengths = np.full(self.batch, _ENDLESS) if lengths is None else np.asarray(lengths)
 
   @property
   def steps(self) -> int:
@@ -136,7 +149,7 @@ class SamplingLoop:
     self._state = self._state._replace(steps=np.int32(-len(blocks)), past=np.int32(count))
     captions = np.full((self.batch, self.plan.width), caption)
     for block in blocks:
-      now = streaming.window_at(self.plan, self.steps, count, captions, self._any())
+      now = streaming.window_at(self.plan, self.steps, count, captions, self._any(), self.lengths)
       self._advance(now, block, 0, 1, None)
       self._state = self._state._replace(steps=np.int32(now.steps + 1))
 
@@ -152,7 +165,7 @@ class SamplingLoop:
     """
     plan, age = self.plan, self.plan.age
     since = self._any() if since is None else since
-    now = streaming.window_at(plan, self.steps, int(self._state.past), caption, since)
+    now = streaming.window_at(plan, self.steps, int(self._state.past), caption, since, self.lengths)
     given, control = np.zeros((self.batch, plan.block, self.model.dit.latent_dim), np.float32), self.control
     if self._signal is None:
       self._advance(now, given, 0, plan.lag, control)

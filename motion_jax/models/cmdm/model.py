@@ -75,7 +75,7 @@ class CmdmModel(CmdmNetworks):
       control = dict(signal=signal, control_steps=control_steps, refinements=refinements)
       about |= dict(control_steps=control_steps, refinements=refinements)
     made = multi.run(self, plan, chosen, [[prompt] for prompt in prompts], np.zeros((len(prompts), blocks), np.int32),
-                     keys, contrast, frames=frames, **control)
+                     frames, keys, contrast, **control)
     captions = [captions_in_a_row([prompt], [count], self.fps) for prompt, count in zip(prompts, frames)]
     return make_motions(self, made, frames, captions, seeds, about, cleanup)
 

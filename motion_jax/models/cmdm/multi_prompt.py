@@ -76,22 +76,24 @@ def stream(model: CmdmNetworks, plan: streaming.Plan, sampling: CmdmSampling, pr
   frames_per_block = plan.block * model.frames_per_latent
   blocks, totals = zip(*(borders(counts, frames_per_block) for counts in frames))
   segment = _segments(blocks, max(map(sum, blocks)))
-  features = run(model, plan, sampling, prompts, segment, keys, contrast, frames=totals)
+  features = run(model, plan, sampling, prompts, segment, totals, keys, contrast)
   ends = [np.minimum(np.cumsum(counts) * frames_per_block, total).tolist() for counts, total in zip(blocks, totals)]
   return features, totals, ends
 
 
 def run(model: CmdmNetworks, plan: streaming.Plan, sampling: CmdmSampling, prompts: Sequence[Sequence[str]],
-        segment: Int[np.ndarray, "b n"], keys: jax.Array, contrast: Contrast | None = None, **control: Any
-        ) -> Float[Array, "b t f"]:
-  """Normalized features of motions whose blocks have the captions that segment (B, num_blocks) says; control: of
-  `offline.Request`. A plan without a lag cleans all latents together, by a program for each length."""
+        segment: Int[np.ndarray, "b n"], frames: Sequence[int], keys: jax.Array, contrast: Contrast | None = None,
+        **control: Any) -> Float[Array, "b t f"]:
+  """Normalized features of motions of B numbers of frames, whose blocks have the captions that segment (B, num_blocks)
+  says; control: of `offline.Request`. A plan without a lag cleans all latents together, by a program for each length.
+  """
   length = segment.shape[1] * plan.block
   plan = plan._replace(context=min(plan.context, max(model.context, length)))  # no more than there is
   if plan.lag:
     key_data = np.asarray(jax.random.key_data(keys))
     scale = np.full(len(prompts), sampling.guidance_scale, np.float32)
-    return offline.sample(model, plan, offline.Request(prompts, segment, key_data, scale, contrast, **control))
+    return offline.sample(model, plan, offline.Request(prompts, segment, frames, key_data, scale, contrast,
+                                                         **control))
   num_blocks = -(-segment.shape[1] // _BUCKET) * _BUCKET
   segment = np.pad(segment, ((0, 0), (0, num_blocks - segment.shape[1])), mode="edge")
   plan = plan._replace(context=max(plan.context, num_blocks * plan.block))
@@ -105,7 +107,8 @@ def run(model: CmdmNetworks, plan: streaming.Plan, sampling: CmdmSampling, promp
                      ) if control_steps else {}
   return model.compiled.generate_whole(
       plan.fitted(num_blocks), num_blocks, model.params, model.codec, text_emb=text_emb, text_mask=text_mask,
-      scale=sampling.guidance_scale, keys=keys, segment=segment, **guidance)
+      scale=sampling.guidance_scale, keys=keys, segment=segment,
+      lengths=offline.latents_of(frames, model.frames_per_latent), **guidance)
 
 
 def chain(model: CmdmNetworks, plan: streaming.Plan, sampling: CmdmSampling, prompts: Sequence[Sequence[str]],
@@ -188,9 +191,9 @@ def extend(model: CmdmNetworks, plan: streaming.Plan, sampling: CmdmSampling, jo
   given = past.shape[1]
   if way == "stream":
     blocks, total = borders(frames, plan.block * frames_per_latent)
-    request = offline.Request([[past_prompt, *prompts]], _segments([blocks], sum(blocks)) + 1, keys,
-                              np.array([sampling.guidance_scale]), contrast)  # caption 0 is the past's
-    loop = SamplingLoop(model, plan, request.scale, keys)
+    request = offline.Request([[past_prompt, *prompts]], _segments([blocks], sum(blocks)) + 1,
+                              [total], keys, np.array([sampling.guidance_scale]), contrast)  # caption 0 is the past's
+    loop = SamplingLoop(model, plan, request.scale, keys, offline.latents_of([total], frames_per_latent))
     new = np.concatenate(list(offline.blocks(loop, request, past)), axis=1)
     ends = np.minimum(np.cumsum(blocks) * plan.block * frames_per_latent, total)
   else:

@@ -21,20 +21,25 @@ CAPTIONS = 4  # different captions that a window shows before its step is compil
 
 
 class Request(NamedTuple):
-  """Motions to sample: captions of each, which of them each block has (M, N), a key and a guidance scale each.
+  """Motions to sample: captions of each, which of them each block has (M, N), frames of each (M,), a key and a
+  guidance scale each.
 
-  signal (M, T): constraints that they are held to, by control_steps and refinements (`CmdmModel`). frames (M,): of
-  each, after which a tokenizer that looks both ways decodes nothing; None: all blocks.
+  signal (M, T): constraints that they are held to, by control_steps and refinements (`CmdmModel`).
   """
   prompts: Sequence[Sequence[str]]
   segment: Int[np.ndarray, "m n"]
+  frames: Sequence[int]
   keys: jax.Array | np.ndarray
   scale: Float[np.ndarray, " m"]
   contrast: Contrast | None = None
   signal: ControlSignal | None = None
   control_steps: int = 0
   refinements: int = 0
-  frames: Sequence[int] | None = None
+
+
+def latents_of(frames: Sequence[int], frames_per_latent: int) -> Int[np.ndarray, " b"]:
+  """How many latents motions of these numbers of frames have."""
+  return -(-np.asarray(frames) // frames_per_latent)
 
 
 def captions_seen(segment: Int[np.ndarray, "b n"], width: int) -> int:
@@ -47,7 +52,7 @@ def captions_seen(segment: Int[np.ndarray, "b n"], width: int) -> int:
 
 
 def sample(model: CmdmNetworks, plan: streaming.Plan, request: Request) -> Float[np.ndarray, "m t f"]:
-  """Normalized features (M, frames, F) of whole blocks.
+  """Normalized features (M, frames, F) of whole blocks; those after a motion's own length mean nothing.
 
   Motions of half a window's length and less have a window of that width: a second program, which runs twice as fast."""
   half, parts = -(-plan.width // 2), []
@@ -55,14 +60,15 @@ def sample(model: CmdmNetworks, plan: streaming.Plan, request: Request) -> Float
   for index in batches(len(request.prompts), SIZES):
     signal = select(request.signal, index)
     parts.append(_batch(model, plan, request._replace(
-        prompts=[request.prompts[i] for i in index], segment=request.segment[index], keys=request.keys[index],
-        scale=np.asarray(request.scale)[index], signal=signal,
-        frames=None if request.frames is None else [request.frames[i] for i in index])))
+        prompts=[request.prompts[i] for i in index], segment=request.segment[index],
+        frames=np.asarray(request.frames)[index], keys=request.keys[index], scale=np.asarray(request.scale)[index],
+        signal=signal)))
   return joined(parts, len(request.prompts))
 
 
 def _batch(model, plan, request):
-  loop, control = SamplingLoop(model, plan, request.scale, request.keys), request.signal
+  loop, control = SamplingLoop(model, plan, request.scale, request.keys,
+                               latents_of(request.frames, model.frames_per_latent)), request.signal
   if control is not None:
     control = control if not control.is_empty else None
     loop.hold(control, request.control_steps, np.zeros((loop.batch, 3), np.float32))

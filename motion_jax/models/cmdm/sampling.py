@@ -20,17 +20,18 @@ from motion_jax.shapes import Array
 
 def generate(dit: CausalDiT, plan: streaming.Plan, num_blocks: int, params: Any, codec: VaeCodec, *,
              text_emb: Float[Array, "b *g s e"], text_mask: Bool[Array, "b *g s"], scale: Any, keys: jax.Array,
-             segment: Int[Array, "b {num_blocks}"] | None = None, control: ControlSignal | None = None,
-             guide: Guide | None = None) -> Float[Array, "b t f"]:
+             segment: Int[Array, "b {num_blocks}"] | None = None, lengths: Int[Array, " b"] | None = None,
+             control: ControlSignal | None = None, guide: Guide | None = None) -> Float[Array, "b t f"]:
   """Normalized features (B, frames, F) of num_blocks blocks, by frame-wise sampling (lag < num_steps) or block after
   block (lag = num_steps). keys (B,): one per motion. Pure; dit, plan and num_blocks are static.
 
   With segment (B, num_blocks), text_emb (B, G, S, E) and text_mask (B, G, S) are G captions a motion, and segment says
-  which of them each block has. control, of the frames that are made, is for a network that was trained to keep to it;
+  which of them each block has. lengths (B,): latents of each motion, behind which nothing is seen; None: whole blocks.
+  control, of the frames that are made, is for a network that was trained to keep to it;
   guide, of as many, pulls any.
   """
   sampler = streaming.bind(dit, plan, params, text_emb=text_emb, text_mask=text_mask, scale=scale, keys=keys,
-                           control=told_of(codec, control))
+                           control=told_of(codec, control), lengths=lengths)
   if guide is None:
     return codec.decode(sampler.sample(num_blocks, segment=segment))
   guide = guide.over((num_blocks + plan.width) * plan.block * codec.frames_per_latent)  # as far as a window reaches
@@ -39,8 +40,8 @@ def generate(dit: CausalDiT, plan: streaming.Plan, num_blocks: int, params: Any,
 
 def generate_whole(dit: CausalDiT, plan: streaming.Plan, num_blocks: int, params: Any, codec: VaeCodec, *,
                    text_emb: Float[Array, "b *g s e"], text_mask: Bool[Array, "b *g s"], scale: Any, keys: jax.Array,
-                   segment: Int[Array, "b {num_blocks}"] | None = None, control: ControlSignal | None = None,
-                   guide: Guide | None = None) -> Float[Array, "b t f"]:
+                   segment: Int[Array, "b {num_blocks}"] | None = None, lengths: Int[Array, " b"] | None = None,
+                   control: ControlSignal | None = None, guide: Guide | None = None) -> Float[Array, "b t f"]:
   """The same by the plain loop over all latents at once; a plan of lag 0 cleans them all together.
 
   What `generate` is tested against, and the full-sequence schedule of the paper's ablation. guide pulls finished
@@ -55,6 +56,8 @@ def generate_whole(dit: CausalDiT, plan: streaming.Plan, num_blocks: int, params
   since = streaming.seen_since(plan, segment)
   if since is not None:
     attn_mask &= jnp.arange(length) // plan.block >= jnp.repeat(since, plan.block, axis=1)[:, None, :, None]
+  if lengths is not None:
+    attn_mask &= padding_mask(lengths, length)[:, None, None, :] | jnp.eye(length, dtype=bool)
   velocity = plain_velocity(dit, params, text_emb, text_mask, attn_mask, scale, plan.guided, told_of(codec, control))
   if plan.solver in ddpm_forcing.SOLVERS:
     # Parity: algorithm 2 of the paper, whose steps draw fresh noise; the code's, and our default, are Euler's.
@@ -132,15 +135,17 @@ def chain_segment(dit: CausalDiT, plan: streaming.Plan, length: int, params: Any
 def extend(dit: CausalDiT, plan: streaming.Plan, num_blocks: int, params: Any, *, text_emb: Float[Array, "b g s e"],
            text_mask: Bool[Array, "b g s"], scale: Any, keys: jax.Array, past: Float[Array, "b p c"], count: Any,
            segment: Int[Array, "b {num_blocks}"], past_segment: Int[Array, "b k"],
-           control: Float[Array, "b l n"] | None = None) -> Float[Array, "b l c"]:
+           control: Float[Array, "b l n"] | None = None, lengths: Int[Array, " b"] | None = None
+           ) -> Float[Array, "b l c"]:
   """Clean latents (B, num_blocks * block, C) that go on from the last `count` of past (B, P, C), itself clean.
 
   The past is kept at t = 1 in the cache. text_emb (B, G, S, E), text_mask (B, G, S); segment (B, num_blocks) and
-  past_segment (B, P / block) say which caption each block has; control: see `streaming.bind`.
+  past_segment (B, P / block) say which caption each block has; control, lengths (of the new latents): see
+  `streaming.bind`.
   """
   # Parity: the paper's clean past in the context (equation 12); `chained` is what the code does instead.
   sampler = streaming.bind(dit, plan, params, text_emb=text_emb, text_mask=text_mask, scale=scale, keys=keys,
-                           control=control)
+                           control=control, lengths=lengths)
   state = sampler.prefill(sampler.init(), past=past, count=count, caption=past_segment)
   return sampler.sample(num_blocks, segment=segment, state=state)
 

@@ -140,14 +140,15 @@ def oldest_block(plan: Plan, steps: Any) -> Any:
   return xp.where(steps < 0, steps, xp.maximum(steps - plan.age, 0))
 
 
-def window_at(plan: Plan, steps: Any, past: Any, caption: Int[Array, "b w"], since: Int[Array, "b w"] | None = None
-              ) -> Window:
+def window_at(plan: Plan, steps: Any, past: Any, caption: Int[Array, "b w"], since: Int[Array, "b w"] | None = None,
+              lengths: Int[Array, " b"] | None = None) -> Window:
   """The window of the step after `steps` others, behind `past` given latents, traced if any argument is.
 
   caption (B, W): which of the captions in text each of its blocks is made with. since (B, W): the first block that each
-  sees, `seen_since`; None: all within the context.
+  sees, `seen_since`; None: all within the context. lengths (B,): latents of each motion; those that fill up its last
+  block, or run on beside a longer motion, are seen by themselves alone. None: no end.
   """
-  xp = jnp if any(isinstance(a, jax.Array) for a in (steps, past, caption, since)) else np
+  xp = jnp if any(isinstance(a, jax.Array) for a in (steps, past, caption, since, lengths)) else np
   size, slots, within = plan.block, xp.arange(plan.ring), xp.arange(plan.block)
   base = oldest_block(plan, steps)
   blocks = base + xp.arange(plan.width)
@@ -160,7 +161,11 @@ def window_at(plan: Plan, steps: Any, past: Any, caption: Int[Array, "b w"], sin
   mask = ((apart >= 0) & (apart < plan.context // size) & (positions + base * size >= -past))[None, None]
   if since is not None:
     mask = mask & (spread(seen) >= spread(since)[:, None, :, None])
-    mask = xp.concatenate([mask, mask]) if plan.guided else mask
+  if lengths is not None:
+    key, query = positions + base * size, spread(blocks) * size + xp.tile(within, len(blocks))
+    mask = mask & ((key < xp.asarray(lengths)[:, None, None, None]) | (key == query[:, None]))
+  if plan.guided and not (since is None and lengths is None):
+    mask = xp.concatenate([mask, mask])
   levels = xp.where(blocks < 0, plan.num_steps, (steps - blocks) * plan.lag)
   number = lambda a: xp.asarray(a, xp.int32)
   return Window(number(steps), xp.asarray((steps <= 0) | (steps > plan.age)), number((base - 1) % plan.ring * size),
@@ -290,6 +295,7 @@ class Sampler:
   keys: Any
   control: Any = None        # (B, blocks * block, N) of `CausalDiT.control_tokens`, from block control_first on
   control_first: Any = 0
+  lengths: Any = None        # (B,) latents of each motion, see `window_at`; None: no end
   guide: Any = None          # a `guiding.Guide`, which pulls latents of flows towards constraints
 
   def init(self) -> Stream:
@@ -321,7 +327,8 @@ class Sampler:
     at = oldest_block(self.plan, state.steps) + jnp.arange(self.plan.width) + offset
     of_window = lambda rows: rows[:, jnp.clip(at, 0, rows.shape[1] - 1)]
     caption = jnp.zeros((len(self.keys), self.plan.width), jnp.int32) if caption is None else of_window(caption)
-    return window_at(self.plan, state.steps, state.past, caption, None if since is None else of_window(since))
+    return window_at(self.plan, state.steps, state.past, caption, None if since is None else of_window(since),
+                     self.lengths)
 
   def _advanced(self, state, now, given, count):
     """The state one block further, of `count` iterations."""
@@ -355,7 +362,7 @@ class Sampler:
     The first plan.age - 1 steps give none. caption, since (B, W): of the window's blocks, see `window_at`.
     """
     caption = jnp.zeros((len(self.keys), self.plan.width), jnp.int32) if caption is None else caption
-    return self._stepped(state, window_at(self.plan, state.steps, state.past, caption, since))
+    return self._stepped(state, window_at(self.plan, state.steps, state.past, caption, since, self.lengths))
 
   def _stepped(self, state, now):
     plan = self.plan
@@ -384,14 +391,14 @@ class Sampler:
 
 def bind(dit: FrameWiseNetwork, plan: Plan, params: Any, *, text_emb: Float[Array, "b *g s e"] | None = None,
          text_mask: Bool[Array, "b *g s"] | None = None, scale: Any = 1.0, keys: jax.Array,
-         control: Float[Array, "b l n"] | None = None) -> Sampler:
+         control: Float[Array, "b l n"] | None = None, lengths: Int[Array, " b"] | None = None) -> Sampler:
   """A sampler for captions text_emb (B, S, E), text_mask (B, S), or G of them a motion, see `encode_text`; None for a
-  network without captions. control (B, L, N): of `control.conditioning.features`."""
+  network without captions. control (B, L, N): of `control.conditioning.features`. lengths: see `window_at`."""
   params = dit.stack_layers(params)
   return Sampler(dit, plan, params, make_constants(dit, params, plan),
                  None if text_emb is None or text_mask is None else encode_text(
                      dit, params, text_emb, text_mask, plan.guided), scale, keys,
-                 None if control is None else control_tokens(dit, plan, params, control))
+                 None if control is None else control_tokens(dit, plan, params, control), lengths=lengths)
 
 
 def control_tokens(dit: Net, plan: Plan, params: Any, control: Float[Array, "b l n"]) -> Float[Array, "b _ width"]:

@@ -42,6 +42,7 @@ def _random(name, array, rng):
     return np.arange(array.shape[-1]) < rng.integers(1, array.shape[-1], (*array.shape[:-1], 1))
   if array.dtype == np.int32:
     return {"ids": rng.integers(4, 400, array.shape), "steps": np.array(rng.integers(20, 40)), "past": np.array(0),
+            "length": np.array(rng.integers(60, 90)),
             "caption": rng.integers(0, 4, array.shape), "since": np.full(array.shape, 20)}[name].astype(np.int32)
   return rng.normal(size=array.shape).astype(np.float32)
 

@@ -1,10 +1,17 @@
 """Motion of any length, number and kind comes of one step program, and is what the pure sampler makes."""
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import motion_jax as mj
+from motion_jax.diffusion import samplers
+from motion_jax.diffusion.schedules import staircase
 from motion_jax.models import cmdm
+from motion_jax.models.cmdm import streaming
+from motion_jax.models.cmdm.loop import SamplingLoop
+from motion_jax.nets.masks import block_causal_mask
+from tests.models.cmdm.test_multi_prompt import shaken
 
 pytestmark = pytest.mark.slow
 FAST = dict(num_steps=4, lag=2)
@@ -12,7 +19,7 @@ FAST = dict(num_steps=4, lag=2)
 
 @pytest.fixture(scope="module")
 def model(tiny_run):
-  return mj.load(tiny_run)
+  return shaken(mj.load(tiny_run))
 
 
 def test_one_program_serves_all_lengths_and_kinds(model):
@@ -41,3 +48,46 @@ def test_a_motion_is_that_of_the_pure_sampler(model):
       model.dit, plan, 7, model.params, model.codec, text_emb=emb, text_mask=mask, scale=chosen.guidance_scale,
       keys=jax.random.key(6)[None])
   np.testing.assert_allclose(model.stats.denormalize(np.asarray(pure))[0], alone[0].features, atol=2e-5)
+
+
+def test_a_last_block_that_is_not_whole_is_the_same_on_every_path(model):
+  """26 latents, of which the last block has two: alone, beside a longer motion, streamed, as several prompts, and by
+  the plain loop over 26 latents, which has no third one."""
+  prompt, options = "a person waves", dict(cleanup=False, **FAST)
+  alone = model.generate(prompt, num_frames=104, seeds=[6], **options)[0]
+  both = model.generate([prompt, "a person runs"], num_frames=[104, 160], seeds=[6, 7], **options)
+  streamed = np.concatenate(list(model.stream(prompt, num_frames=104, seed=6, **FAST)))
+  several = model.multi_prompt([(prompt, 104 / model.fps)], seed=6, **options)
+  for joints in (both[0].joints[:104], streamed, several.joints):
+    np.testing.assert_allclose(joints, alone.joints, atol=2e-5)
+  emb, mask = model.encode_words([prompt])
+  noise = jnp.concatenate([streaming.block_noise(jax.random.key(6)[None], i, model.plan_of(**FAST)[0],
+                                                 model.dit.latent_dim) for i in range(9)], axis=1)[:, :26]
+  made = {}
+  for schedule in ("fss", "full"):
+    plan, chosen, _, _ = model.plan_of(schedule=schedule, **FAST)
+    velocity = cmdm.plain_velocity(model.dit, model.params, emb, mask, block_causal_mask(26, plan.block),
+                                   chosen.guidance_scale)
+    latents = jax.jit(lambda x, times: samplers.euler(velocity, x, times))(
+        noise, staircase(plan.num_steps, 26, plan.lag, plan.block))
+    made[schedule] = model.stats.denormalize(np.asarray(model.codec.decode(latents)))[0]
+  np.testing.assert_allclose(made["fss"], alone.features, atol=2e-5)
+  full = model.generate(prompt, num_frames=104, seeds=[6], schedule="full", **options)[0]
+  np.testing.assert_allclose(made["full"], full.features, atol=2e-5)
+
+
+def test_a_continued_motion_does_not_see_what_fills_up_its_last_block(model, monkeypatch):
+  """Nor does that block's noise matter: with other noise behind the end, the motion is the same."""
+  past = model.generate("a person walks", num_frames=72, seed=0, **FAST)[0].joints
+  make = lambda: model.extend(past, "a person sits", num_frames=44, seed=1, **FAST).joints
+  made, draw = make(), SamplingLoop.step
+
+  def step(loop, *args):  # the noise of latents from the 11th on is another
+    at, block = 11 - loop.base * loop.plan.block, draw(loop, *args)
+    latents = np.array(loop._state.latents)
+    latents[:, max(at, 0):] += 1.0
+    loop._state = loop._state._replace(latents=latents)
+    return block
+
+  monkeypatch.setattr(SamplingLoop, "step", step)
+  np.testing.assert_array_equal(make(), made)
