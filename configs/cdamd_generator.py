@@ -18,7 +18,8 @@ steps) and a size, as in mardm_ddpm_67 or kit_tiny.
 paper, each with a name in ablations/cdamd:
 
   Table I   --config.loss.prior_levels=1 (first VQ), 2 (two VQ, the default: its best FID), 4 (all VQ)
-  Table IV  --config.loss.mask=dccm (the default), causal (CM), bcm
+  Table IV  --config.loss.mask=dccm (the default), causal (CM), bcm; sampled under the same mask, as the paper's text
+            says, with --config.sampler.mask, or by an evaluation's --sampling mask=dccm
   Table V   --config.loss.prior_levels=0 (without CMP); --config.loss.mask=causal (without DCCA)
 
 How levels are put together: --config.model.transformer.separate_levels.
@@ -78,10 +79,10 @@ def get_config(name="full"):
   config.optimizer = common.optimizer(learning_rate=2e-4, schedule="cosine", final_rate=1e-6,
                                       warmup_steps=2_000, beta2=0.99, weight_decay=1e-5, ema_decay=0.9999)
   config.train = common.epochs(500, log_every=100, num_saves=40, remat=False, attention="xla", sample_every=20_000)
-  # The benchmark's own: solver dopri5, unmasked_only False.
+  # The benchmark's own: solver dopri5, unmasked_only False. Edits are sampled under the mask of training.
   config.cleanup = common.cleanup()
-  config.sampler = dict(num_iterations=10, guidance_scale=4.0, order="random", mask="causal", edit_mask="bcm",
-                        solver="midpoint", num_steps=10, unmasked_only=True)
+  config.sampler = dict(num_iterations=10, guidance_scale=4.0, order="random", mask="causal", solver="midpoint",
+                        num_steps=10, unmasked_only=True)
   if size == "large":
     config.model.transformer.update(width=1024, depth=8, ff_width=4096, dropout=0.1)
   elif size in ("small", "mini", "laptop"):
@@ -149,7 +150,7 @@ def _make_mardm(config, size, data, ddpm):
   falls = 20_000 if data == "kit" else 50_000
   config.optimizer.update(schedule="step", boundaries=(falls if size == "full" else falls / 180_000,))
   config.sampler.update(num_iterations=18, guidance_scale=2.5 if data == "kit" else 4.5, order="random",
-                        mask="bidirectional", edit_mask="bidirectional")
+                        mask="bidirectional")
   if ddpm:
     config.loss.diffusion = "ddpm"
     config.sampler.update(solver="ddpm", num_steps=50)

@@ -188,7 +188,7 @@ DEFAULTS: dict[str, dict[str, Any]] = {
                                    "quantizer.learn": "means", "data.one_per_clip": False},
     "cdamd.generator": _TEXT_ITEMS | _STORE | _CONTRAST | {
         "train.remat": False, "train.attention": "xla", "frozen.text_level": "sentence", "frozen.length": "",
-        "length": {}, "loss.mask_draw": "count", "data.vary_subject": 0.0, "sampler.edit_mask": "bcm"},
+        "length": {}, "loss.mask_draw": "count", "data.vary_subject": 0.0},
     "cdamd.length": {"data.vary_subject": 0.0},
     "mdm.denoiser": _MDM, "mdm.dip": _MDM, "mld.vae": {}, "mld.denoiser": {}, "mld.frames": {},
     "motionstreamer.tokenizer": {}, "motionstreamer.generator": {},

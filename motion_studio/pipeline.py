@@ -256,7 +256,7 @@ class Pipeline:
     keys, seeds = keys_of(rng, seeds, len(clips), seed)
     sampling = self._sampling(sampling | (dict(mask=mask) if mask else {}))
     if "mask" in self.model.options.described():
-      sampling = {"mask": self.model.config.sampler.edit_mask} | sampling
+      sampling = {"mask": self.model.edit_mask} | sampling
     job = Job(self.planner, texts, [None] * len(texts), keys, seeds, sampling, [[] for _ in texts], cleanup=cleanup,
               warns=self.warns, plans=plans)
     return editing.edited(job, clips, lambda count: requested_frames(count, task, keep, change),

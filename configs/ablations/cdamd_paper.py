@@ -17,7 +17,7 @@ CORRUPTION = {"loss.mask_rate": 0.88 / 0.9}
 LATENTS = {"loss.mask_draw": "latent"}
 PRIOR = {"loss.prior_drop": "item"}
 ORDER = {"sampler.order": "left_to_right"}
-INFERENCE = {"sampler.mask": "dccm", "sampler.edit_mask": "dccm"}
+INFERENCE = {"sampler.mask": "dccm"}
 WORDS = {"frozen.text_level": "words"}
 # 1,024 is no multiple of the 6 heads that the paper names; 8 are the nearest that it is one of.
 SIZE = {"transformer.width": 1024, "transformer.depth": 8, "transformer.num_heads": 8, "transformer.ff_width": 4096,
@@ -31,7 +31,7 @@ ROWS = {  # row -> {stage: {field: value}}
     "paper": {"autoencoder": RECONSTRUCTION, "rvq": CODES,
               "generator": CORRUPTION | LATENTS | PRIOR | ORDER | INFERENCE | WORDS | SIZE | EULER},
     # the generator, in training
-    "paper-mask": {"generator": {"loss.mask": "causal", "sampler.mask": "causal", "sampler.edit_mask": "causal"}},
+    "paper-mask": {"generator": {"loss.mask": "causal", "sampler.mask": "causal"}},
     "paper-mask-per-latent": {"generator": LATENTS},
     "paper-corruption": {"generator": CORRUPTION},
     "paper-prior": {"generator": PRIOR},

@@ -37,6 +37,10 @@ def test_cdamds_rows_change_what_they_name():
   loss = lambda row: CDAMD["get_config"](row).loss
   assert [loss(row).prior_levels for row in ("one-vq", "default", "all-vq", "no-prior")] == [1, 2, 4, 0]
   assert [loss(row).mask for row in ("default", "cm", "bcm", "mardm")] == ["dccm", "causal", "bcm", "bidirectional"]
+  masks = lambda row: (loss(row).mask, CDAMD["get_config"](row).sampler.mask)
+  assert {row: masks(row) for row in ("one-vq", "dccm-inference", "bcm", "bcm-inference", "cm")} == {
+      "one-vq": ("dccm", "causal"), "dccm-inference": ("dccm", "dccm"), "bcm": ("bcm", "causal"),
+      "bcm-inference": ("bcm", "bcm"), "cm": ("causal", "causal")}
   row, named = CDAMD["get_config"]("mardm/generator/full"), load_config("cdamd_generator", "mardm")
   assert all(row[part] == named[part] for part in ("sampler", "loss", "optimizer", "model", "paper_row"))
   # a share of its steps; docs/papers/cdamd.md#mardm

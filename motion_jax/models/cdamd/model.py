@@ -73,6 +73,11 @@ class CdamdModel(TextToMotionModel):
     self.codec = AutoencoderCodec.of(self.autoencoder, self.frozen)
     self.programs = Programs(self.net, self.length)
 
+  @property
+  def edit_mask(self) -> str:
+    """The mask of edits: what the run was trained with, of several ("dccm+bcm") the last."""
+    return self.config.loss.mask.split("+")[-1]
+
   def estimated_frames(self, prompt: str) -> int | None:
     """The median length by the length estimator, at most that of training; None for a run without one."""
     if self.length is None:
@@ -124,7 +129,7 @@ class CdamdModel(TextToMotionModel):
         given = features_of(self, np.concatenate([past, np.repeat(past[-1:], count, axis=0)]))
         new = np.arange(len(given)) >= len(past)
         rng = jax.random.fold_in(jax.random.fold_in(key, i + 1), len(joints))
-        sampling = sampling | dict(mask=sampling.get("mask") or self.config.sampler.edit_mask)
+        sampling = sampling | dict(mask=sampling.get("mask") or self.edit_mask)
         made, _ = self.inpaint([given], [new], [prompt], keys_of(rng, None, 1)[0], sampling)
         known, shown = (np.array(layout.to_joints(x)) for x in (given, made[0]))
         new_joints = join(shown, known, ~new)
@@ -157,7 +162,7 @@ class CdamdModel(TextToMotionModel):
     model (`utils.spans.spans_of` reads "0:1.5s"), the same in every clip. meta["made"] lists the new frames. The motion
     stands where the model begins, at the origin facing +Z, and kept frames have been through the autoencoder;
     `models.pasting` puts new frames into the clip itself. mask: which latents a new one attends to, of `nets.masks`;
-    by default config.sampler.edit_mask.
+    by default the one that the run was trained with.
     """
     # Parity: the released code pastes nothing back, either.
     prompts = self.prompts_of(prompts) if prompts else []
@@ -166,7 +171,7 @@ class CdamdModel(TextToMotionModel):
     if sum(choice is not None for choice in (task, keep, change)) != 1:
       raise ValueError("say what to make by one of task, keep and change")
     keys, seeds = keys_of(rng, seeds, len(clips), seed)
-    sampling["mask"] = mask or self.config.sampler.edit_mask
+    sampling["mask"] = mask or self.edit_mask
     sources, unit = [clip_of(clip, self.stats.layout) for clip in clips], self.frames_per_latent
     features = [clip.features if clip is not one and clip.features is not None else
                 features_of(self, on_our_body(clip, self.fps, self.stats.layout.skeleton))

@@ -149,11 +149,11 @@ def _generator_config(tokenizer, gen, layout, diffusion):
   Source: docs/papers/cdamd.md#generation.
   """
   kit, ddpm = layout.skeleton.name == "kit", diffusion == "ddpm"
-  sampler = dict(num_iterations=10, guidance_scale=2.0 if kit else 4.0, order="random", mask="causal", edit_mask="bcm")
+  sampler = dict(num_iterations=10, guidance_scale=2.0 if kit else 4.0, order="random", mask="causal")
   mask = "dccm"
   if gen.fields["transformer"]["kind"] == "mardm":
     mask = "bidirectional"
-    sampler |= dict(num_iterations=18, guidance_scale=2.5 if kit else 4.5, mask=mask, edit_mask=mask)
+    sampler |= dict(num_iterations=18, guidance_scale=2.5 if kit else 4.5, mask=mask)
   sampler |= dict(solver="ddpm", num_steps=50) if ddpm else dict(solver="midpoint", num_steps=10)
   data = dict(layout=layout.name, mode="benchmark", min_frames=24 if kit else 40, max_frames=196)
   config = dict(stage="cdamd.generator", tokenizer=tokenizer.fields, model=gen.fields, data=data,
