@@ -56,9 +56,9 @@ class Sequence(NamedTuple):
 
 
 class Reference(NamedTuple):
-  """The real side: Gaussians of clips and of transitions, the mean jerk curve of the crops, and the level of AUJ."""
+  """The real side: a Gaussian of clips, embedded transitions (N, E), the mean jerk curve of these, the level of AUJ."""
   pieces: scores.Moments
-  transitions: scores.Moments
+  transitions: np.ndarray
   curve: np.ndarray
   level: float
 
@@ -127,7 +127,7 @@ def reference_of(sequences: Iterable[Sequence], embed: Embed, protocol: LongHori
     moving.append(_placed(physics.cut_transitions(sequence.joints, borders, protocol.width), protocol, skeleton))
   curve = protocol.jerk_scale * physics.jerk_curve(np.concatenate(moving))
   level = float(curve.mean()) if protocol.real_jerk is None else protocol.real_jerk
-  return Reference(scores.moments(np.concatenate(pieces)), scores.moments(np.concatenate(crops)), curve, level)
+  return Reference(scores.moments(np.concatenate(pieces)), np.concatenate(crops), curve, level)
 
 
 def reference(motions: SequenceOf[Array], joints: SequenceOf[Array], embed: Embed, rng: np.random.Generator,
@@ -143,7 +143,7 @@ def reference(motions: SequenceOf[Array], joints: SequenceOf[Array], embed: Embe
   crops, moving = _crops(motions, joints, rng, protocol, skeleton)
   curve = protocol.jerk_scale * physics.jerk_curve(moving)
   level = float(curve.mean()) if protocol.real_jerk is None else protocol.real_jerk
-  return Reference(scores.moments(embed(pieces)), scores.moments(embed(crops)), curve, level)
+  return Reference(scores.moments(embed(pieces)), np.asarray(embed(crops)), curve, level)
 
 
 def score(sequences: Iterable[Sequence], real: Reference, embed: Embed, rng: np.random.Generator,
@@ -153,7 +153,8 @@ def score(sequences: Iterable[Sequence], real: Reference, embed: Embed, rng: np.
 
   embed(list of motions) -> (N, E); rng: numpy generator for the draws of diversity. embed_text_space: what is held
   against texts, where FID is of another vector. Metrics: top1 .. top3, matching, fid, diversity of the pieces;
-  transition_fid, transition_diversity, transition_distance, peak_jerk, auj of the transitions.
+  transition_fid, transition_kid (`scores.kernel_distance`, which needs no covariance), transition_diversity,
+  transition_distance, peak_jerk, auj of the transitions.
   """
   beside_text = embed_text_space or embed
   pieces, transitions, away, found, count = [], [], [], np.zeros(protocol.top_k), 0
@@ -212,7 +213,9 @@ def transition_row(motions: SequenceOf[Array], joints: Num[Array, "n w j 3"], re
   """What is said of transitions alone: motions, a list of (width, ..), and their joints (N, width, J, 3)."""
   curve = protocol.jerk_scale * physics.jerk(_placed(joints, protocol, skeleton)).mean(0)
   steps = [physics.transition_distance(one, [protocol.width // 2], skeleton) for one in joints]
-  return {"transition_fid": scores.fid(real.transitions, embed(list(motions))),
+  made = embed(list(motions))
+  return {"transition_fid": scores.fid(scores.moments(real.transitions), made),
+          "transition_kid": scores.kernel_distance(real.transitions, made),
           "transition_distance": float(np.concatenate(steps).mean()), "peak_jerk": physics.peak_jerk(curve),
           "auj": physics.area_under_jerk(curve, real.level)}
 
@@ -236,9 +239,11 @@ def _scores(precision, away, pieces, transitions, jerks, steps, real, rng, proto
   curve = protocol.jerk_scale * jerks.mean(0)
   row = {f"top{k + 1}": float(share) for k, share in enumerate(precision)}
   row["matching"] = float(np.concatenate(away).mean())
-  for prefix, features, gaussian in (("", pieces, real.pieces), ("transition_", transitions, real.transitions)):
+  for prefix, features, gaussian in (
+      ("", pieces, real.pieces), ("transition_", transitions, scores.moments(real.transitions))):
     draws = scores.draw_pairs(rng, len(features), min(protocol.diversity_draws, len(features)))
     row |= {f"{prefix}fid": scores.fid(gaussian, features), f"{prefix}diversity": scores.diversity(features, *draws)}
-  row |= {"transition_distance": float(np.concatenate(steps).mean()), "peak_jerk": physics.peak_jerk(curve),
+  row |= {"transition_kid": scores.kernel_distance(real.transitions, transitions),
+          "transition_distance": float(np.concatenate(steps).mean()), "peak_jerk": physics.peak_jerk(curve),
           "auj": physics.area_under_jerk(curve, real.level)}
   return Scores(row, curve)

@@ -175,6 +175,20 @@ def frechet_distance(mean1: Num[Array, " e"], cov1: Num[Array, "e e"], mean2: Nu
   return float(apart @ apart + np.trace(cov1) + np.trace(cov2) - 2 * roots.sum())
 
 
+def kernel_distance(real: Num[Array, "n e"], made: Num[Array, "m e"]) -> float:
+  """Squared maximum mean discrepancy of the rows of real (N, E) and made (M, E), kernel (x . y / E + 1)^3.
+
+  Unbiased for any N and M of 2 or more, and below 0 by chance where the two are alike; a Frechet distance is biased
+  upward, and of fewer than E + 1 rows its covariance has no full rank. Source: Binkowski et al. 2018, KID.
+  """
+  real, made = _rows(real), _rows(made)
+  if min(len(real), len(made)) < 2:
+    raise ValueError(f"got {len(real)} real and {len(made)} made embeddings, a kernel distance needs 2 or more of each")
+  kernel = lambda a, b: (a @ b.T / real.shape[1] + 1) ** 3
+  within = lambda a: (kernel(a, a).sum() - np.trace(kernel(a, a))) / (len(a) * (len(a) - 1))
+  return float(within(real) + within(made) - 2 * kernel(real, made).mean())
+
+
 def draw_pairs(rng: np.random.Generator, count: int, size: int) -> tuple[np.ndarray, np.ndarray]:
   """Two independent draws of size out of count without replacement, from a numpy generator."""
   if count < size:

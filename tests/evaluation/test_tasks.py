@@ -71,10 +71,11 @@ def test_long_motions(tiny_run, archive, evaluator, tmp_path):
   protocol = small("long-horizon", sequences=2, segments=3, transition_frames=20, real_jerk=None)
   result = judged([tiny_run], [archive], protocol, evaluator, tmp_path, sampling=dict(num_steps=2), controls=True)
   spliced = {one["metric"]: one["ok"] for one in result.controls["expected"] if one["control"] == "spliced"}
-  assert spliced == dict.fromkeys(("transition_fid", "transition_distance", "peak_jerk", "auj"), True)
+  assert spliced == dict.fromkeys(("transition_fid", "transition_kid", "transition_distance", "peak_jerk", "auj"), True)
   for name in ("real", tiny_run.name):
     assert set(long_horizon.LongHorizon.METRICS) <= set(result.rows[name])
   assert result.rows["real"]["fid"]["mean"] == pytest.approx(0, abs=1e-6)
+  assert any("of 4 transitions" in note and "transition KID" in note for note in result.notes)
   assert len(result.curves[f"jerk across transitions, {tiny_run.name}"]["y"]) == 17
 
 

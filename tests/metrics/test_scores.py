@@ -79,6 +79,17 @@ def test_frechet_distance_of_gaussians_is_its_closed_form():
   assert scores.fid(few, few) == pytest.approx(0, abs=1e-9)
 
 
+def test_kernel_distance_is_unbiased_and_sees_a_shift():
+  """Of 12 rows in 128 dimensions, where a Frechet distance of equal distributions is far from 0."""
+  rng = np.random.default_rng(0)
+  draw = lambda shift=0.0: rng.normal(size=(12, 128)) + shift
+  same, moved = ([scores.kernel_distance(draw(), draw(shift)) for _ in range(40)] for shift in (0.0, 0.5))
+  assert abs(np.mean(same)) < 3 * np.std(same) / np.sqrt(40) and np.mean(moved) > 5 * np.std(same)
+  assert scores.fid(scores.moments(draw()), draw()) > 50
+  one = np.eye(2)  # kernels: (1 / 2 + 1)^3 of a row with itself, 1 of the two
+  assert scores.kernel_distance(one, one) == pytest.approx(1 + 1 - 2 * (1.5**3 + 1) / 2)
+
+
 def test_streaming_moments_are_those_of_the_whole():
   features = draw(0, 101, 7) + 1e3
   chunks = [scores.moments(chunk) for chunk in np.split(features, [1, 2, 40, 41, 90])]

@@ -33,8 +33,8 @@ class PromptSequence(NamedTuple):
 
 class LongHorizon(Task):
   FILES = ("one motion of all `segments` in a row, each of a caption and its frames; prompts change at those frames")
-  METRICS = ("top1", "top2", "top3", "fid", "matching", "diversity", "transition_fid", "transition_diversity",
-             "transition_distance", "peak_jerk", "auj")
+  METRICS = ("top1", "top2", "top3", "fid", "matching", "diversity", "transition_fid", "transition_kid",
+             "transition_diversity", "transition_distance", "peak_jerk", "auj")
   OPTIONS = ("way", "cleanup", "ease")  # the last two: as a person sees it, features of the cleaned, eased joints
 
   def __init__(self, harness):
@@ -76,7 +76,10 @@ class LongHorizon(Task):
                             f"replication {replication + 1}", BATCH)
     scored = long_horizon.score(self._pieces(made, prompts, frames, model.stats.layout), self._reference(replication),
                                 *self._scoring(replication, self._rules))
-    return Found({"": scored.row}, {"": scored.curve})
+    count, size = sum(len(one.captions) - 1 for one in prompts), self._reference(replication).transitions.shape[1]
+    note = {"": f"its transition FID is of {count} transitions in {size} dimensions, whose covariance has no full "
+                "rank: compare transition KID, which needs none"} if count <= size else {}
+    return Found({"": scored.row}, {"": scored.curve}, notes=note)
 
   def wanted(self, replication, reader):
     prompts = self.sequences(replication)
@@ -115,7 +118,8 @@ class LongHorizon(Task):
         lambda x: [layout.from_joints_in_place(one, evaluator.mode) for one in x])
     rows = {name: long_horizon.transition_row(read(x), x * skeleton.unit, self._reference(replication), self._embed(),
                                               rules, skeleton) for name, x in (("real", crops), ("spliced", spliced))}
-    return Damaged(rows, {"spliced": {"transition_fid": 1, "transition_distance": 1, "peak_jerk": 1, "auj": 1}})
+    return Damaged(rows, {"spliced": dict.fromkeys(
+        ("transition_fid", "transition_kid", "transition_distance", "peak_jerk", "auj"), 1)})
 
   @property
   def notes(self):

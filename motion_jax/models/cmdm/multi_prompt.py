@@ -15,6 +15,7 @@ from motion_jax.models.cmdm.guiding import Guide
 from motion_jax.models.cmdm.loop import SamplingLoop, decode_all
 from motion_jax.models.cmdm.networks import CmdmNetworks
 from motion_jax.models.cmdm.options import CmdmSampling
+from motion_jax.models.cmdm.sampling import words_of_latents
 from motion_jax.motion.cleanup import clean_up
 from motion_jax.motion.representations import to_features, to_joints
 from motion_jax.shapes import Array
@@ -85,7 +86,8 @@ def run(model: CmdmNetworks, plan: streaming.Plan, sampling: CmdmSampling, promp
         segment: Int[np.ndarray, "b n"], frames: Sequence[int], keys: jax.Array, contrast: Contrast | None = None,
         **control: Any) -> Float[Array, "b t f"]:
   """Normalized features of motions of B numbers of frames, whose blocks have the captions that segment (B, num_blocks)
-  says; control: of `offline.Request`. A plan without a lag cleans all latents together, by a program for each length.
+  says; control: of `offline.Request`. A plan without a lag cleans all latents together, by a program for each length;
+  of motions longer than those of training, without constraints, as many as these have (`_windows`).
   """
   length = segment.shape[1] * plan.block
   plan = plan._replace(context=min(plan.context, max(model.context, length)))  # no more than there is
@@ -94,6 +96,8 @@ def run(model: CmdmNetworks, plan: streaming.Plan, sampling: CmdmSampling, promp
     scale = np.full(len(prompts), sampling.guidance_scale, np.float32)
     return offline.sample(model, plan, offline.Request(prompts, segment, frames, key_data, scale, contrast,
                                                          **control))
+  if length > model.context and not control:
+    return decode_all(model, _windows(model, plan, sampling, prompts, segment, lengths, keys, contrast))
   num_blocks = -(-segment.shape[1] // _BUCKET) * _BUCKET
   segment = np.pad(segment, ((0, 0), (0, num_blocks - segment.shape[1])), mode="edge")
   plan = plan._replace(context=max(plan.context, num_blocks * plan.block))
@@ -109,6 +113,34 @@ def run(model: CmdmNetworks, plan: streaming.Plan, sampling: CmdmSampling, promp
       plan.fitted(num_blocks), num_blocks, model.params, model.codec, text_emb=text_emb, text_mask=text_mask,
       scale=sampling.guidance_scale, keys=keys, segment=segment,
       lengths=offline.latents_of(frames, model.frames_per_latent), **guidance)
+
+
+def _windows(model, plan, sampling, prompts, segment, lengths, keys, contrast):
+  """Clean latents (B, L, C) by a plan that cleans all together, no more of them than a motion of training has.
+
+  The first half of each further window is the last half of the one before, with fresh noise of the window's level in
+  every step (`continuation`), as the network knows it; latents have their own captions.
+  """
+  _demand_euler(plan)
+  size, block = model.context, plan.block
+  plan, keep, shown = plan._replace(context=size), size // block // 2 * block, np.repeat(segment, block, axis=1)
+  text_emb, text_mask = captions_of(model, prompts, contrast)
+  seen = None if plan.memory is None else block * np.repeat(streaming.seen_since(plan, segment), block, axis=1)
+  made = np.zeros((len(prompts), 0, model.dit.latent_dim), np.float32)
+  while made.shape[1] < shown.shape[1]:
+    past = made[:, -keep:]
+    start = made.shape[1] - past.shape[1]
+    places = np.minimum(start + np.arange(size), shown.shape[1] - 1)
+    part, since = shown[:, places], None if seen is None else np.maximum(seen[:, places] - start, 0)
+    own = part - part[:, :1]
+    at = np.minimum(part[:, :1] + np.arange(1 << int(own.max()).bit_length()), text_mask.shape[1] - 1)
+    of_window = lambda a: np.take_along_axis(a, at.reshape(at.shape + (1,) * (a.ndim - 2)), axis=1)
+    emb, mask = words_of_latents(of_window(text_emb), of_window(text_mask), own)
+    made = np.concatenate([made, np.asarray(model.compiled.chain_segment(
+        plan, size, model.params, text_emb=emb, text_mask=mask, scale=sampling.guidance_scale,
+        lengths=np.clip(lengths - made.shape[1], 1, size - past.shape[1]), past=past, since=since,
+        keys=jax.vmap(lambda key, start=start: jax.random.fold_in(key, start))(keys)))], axis=1)
+  return made[:, :shown.shape[1]]
 
 
 def chain(model: CmdmNetworks, plan: streaming.Plan, sampling: CmdmSampling, prompts: Sequence[Sequence[str]],
@@ -131,10 +163,15 @@ def chain(model: CmdmNetworks, plan: streaming.Plan, sampling: CmdmSampling, pro
   return decode_all(model, latents, totals), totals, ends
 
 
+def _demand_euler(plan):
+  if plan.solver != "euler":
+    raise ValueError(f"got solver {plan.solver!r}: a past that gets fresh noise in every step, as of way 'chain' and of "
+                     "schedule 'full' behind the first window, goes with euler alone")
+
+
 def _chained(model, plan, sampling, prompts, counts, made, keys, contrast, num_past):
   """Lists of latents (N, C), one per segment of each motion, behind those that are in `made` already."""
-  if plan.solver != "euler":
-    raise ValueError(f"got solver {plan.solver!r}: the chained way noises afresh in every step and knows only euler")
+  _demand_euler(plan)
   text_emb, text_mask = captions_of(model, prompts, contrast)
   made = [list(parts) for parts in made]
   for i in range(max(map(len, counts))):

@@ -99,20 +99,23 @@ def plain_velocity(dit: CausalDiT, params: Any, text_emb: Float[Array, "b s e"],
 
 
 def chained(dit: CausalDiT, plan: streaming.Plan, params: Any, *, text_emb: Float[Array, "b s e"],
-            text_mask: Bool[Array, "b s"], scale: Any, lengths: Int[Array, " b"], past: Float[Array, "b p c"],
-            noise: Float[Array, "b l c"], fresh: Callable[[Any], Array], times: Float[Array, "m l"] | None = None
-            ) -> Float[Array, "b n c"]:
+            text_mask: Bool[Array, "b *l s"], scale: Any, lengths: Int[Array, " b"], past: Float[Array, "b p c"],
+            noise: Float[Array, "b l c"], fresh: Callable[[Any], Array], times: Float[Array, "m l"] | None = None,
+            since: Int[Array, "b l"] | None = None) -> Float[Array, "b n c"]:
   """New latents (B, N, C) behind a past (B, P, C) as the released code makes them: plain recompute, past re-noised.
+  text_mask (B, S), or (B, P + N, S) where latents have captions of their own.
 
   noise (B, P + N, C) and fresh(m) alike: see `continuation.renoised`; lengths (B,) of the new latents, those beyond
   mean nothing. P = 0 is the first segment of a chain, an ordinary run. Positions restart in every segment, and
-  blocks count from the window's start.
+  blocks count from the window's start. since (B, P + N): the first latent that each sees; None: any.
   """
   length, given = noise.shape[1], past.shape[1]
   if times is None:
     times = jnp.asarray(schedules.staircase(plan.num_steps, length, plan.lag, plan.block))
   context = plan.context + -(-given // plan.block) * plan.block  # the past comes on top, 1 + 48 in the code
   attn_mask = sliding_mask(length, plan.block, context) & padding_mask(given + lengths, length)[:, None, None, :]
+  if since is not None:
+    attn_mask &= jnp.arange(length) >= since[:, None, :, None]
   velocity = plain_velocity(dit, params, text_emb, text_mask, attn_mask, scale, plan.guided)
   if not given:
     return samplers.euler(velocity, noise, times)
@@ -120,8 +123,8 @@ def chained(dit: CausalDiT, plan: streaming.Plan, params: Any, *, text_emb: Floa
 
 
 def chain_segment(dit: CausalDiT, plan: streaming.Plan, length: int, params: Any, *, text_emb: Float[Array, "b s e"],
-                  text_mask: Bool[Array, "b s"], scale: Any, lengths: Int[Array, " b"], past: Float[Array, "b p c"],
-                  keys: jax.Array) -> Float[Array, "b n c"]:
+                  text_mask: Bool[Array, "b *l s"], scale: Any, lengths: Int[Array, " b"], past: Float[Array, "b p c"],
+                  keys: jax.Array, since: Int[Array, "b l"] | None = None) -> Float[Array, "b n c"]:
   """`chained` for a window of `length`, past included; its noise belongs to a motion's key and a latent's place."""
   def fresh(m):
     keys_now = jax.vmap(lambda key: jax.random.fold_in(key, m))(keys)
@@ -129,7 +132,7 @@ def chain_segment(dit: CausalDiT, plan: streaming.Plan, length: int, params: Any
     return jnp.concatenate(blocks, axis=1)[:, :length]
 
   return chained(dit, plan, params, text_emb=text_emb, text_mask=text_mask, scale=scale, lengths=lengths, past=past,
-                 noise=fresh(0), fresh=lambda m: fresh(m + 1))
+                 noise=fresh(0), fresh=lambda m: fresh(m + 1), since=since)
 
 
 def extend(dit: CausalDiT, plan: streaming.Plan, num_blocks: int, params: Any, *, text_emb: Float[Array, "b g s e"],

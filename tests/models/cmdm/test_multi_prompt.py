@@ -76,6 +76,25 @@ def test_without_memory_the_words_before_are_forgotten(model):
 
 
 @pytest.mark.slow
+def test_one_level_makes_long_motions_in_windows_of_training(model, monkeypatch):
+  """Of 48 latents, the first half of each known: no latent has a place or a neighbour that training did not show."""
+  lengths, segment = [], model.compiled.chain_segment
+  watched = lambda plan, length, *args, **given: lengths.append((length, given["past"].shape[1])) or segment(
+      plan, length, *args, **given)
+  monkeypatch.setattr(model, "compiled", model.compiled._replace(chain_segment=watched))
+  story = [("a person walks", 5.0), ("a person waves", 6.0), ("a person sits", 4.0)]
+  make = lambda seeds, *stories: model.multi_prompts(stories, seeds=seeds, num_steps=4, schedule="full")
+  alone = make([2], story)[0]
+  assert lengths == [(48, 0), (48, 24), (48, 24)] and alone.num_frames == 300
+  both = make([1, 2], [("a person runs", 10.0)], story)
+  assert np.abs(both[1].joints - alone.joints).max() < 1e-4
+  other = make([2], [*story[:2], ("a person runs", 4.0)])[0].joints
+  assert np.abs(other[-70:] - alone.joints[-70:]).max() > 1e-4 and np.abs(other[:190] - alone.joints[:190]).max() < 1e-5
+  with pytest.raises(ValueError, match="goes with euler alone"):
+    model.multi_prompt(story, seed=0, num_steps=4, schedule="full", solver="heun")
+
+
+@pytest.mark.slow
 def test_a_motion_of_several_prompts_does_not_know_its_batch_mates(model):
   alone = model.multi_prompt(PROMPTS, seed=5, **FAST)
   both = model.multi_prompts([[("a person runs", 4.0)], PROMPTS], seeds=[1, 5], **FAST)
