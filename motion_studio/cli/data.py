@@ -52,6 +52,17 @@ def add_to(commands):
                         help="frame rate of the capture files, overrides the one in the files (.amc has none: 120)")
   shared.add_mapping(describe)
   describe.set_defaults(run=_describe)
+  split = data.add_parser("split", help="make a test split that training has not seen",
+                          description="Writes copies of archives with another split. By captions, test rows keep the "
+                          "sentences that no train row has, mirrored or with another subject; by subjects, whole "
+                          "subjects (or actors, styles, clips) are assigned anew first, for models that are trained "
+                          "on it.")
+  split.add_argument("folder", nargs="+", help="archives: folders with motions.npz and captions.jsonl")
+  split.add_argument("--out", required=True, metavar="FOLDER", help="folder to write, with a folder for each archive")
+  split.add_argument("--by", choices=("captions", "subjects"), default="captions",
+                     help="what training has not seen (captions)")
+  split.add_argument("--overwrite", action="store_true", help="replace existing folders")
+  split.set_defaults(run=_split)
   doctor = data.add_parser("doctor", help="check a data folder and suggest fixes")
   doctor.add_argument("folder", help="a data folder of any supported data set")
   doctor.set_defaults(run=_doctor)
@@ -65,6 +76,15 @@ def _build(args):
                     overwrite=args.overwrite, faults=faults))
   print(f"check it: motion-jax data doctor {args.out}")
   return _left_out(faults)
+
+
+def _split(args):
+  from motion_jax.data import split
+  print(split.split(args.folder, args.out, args.by, args.overwrite))
+  print("judge a model on it: motion-jax evaluate --model cmdm-small --data "
+        + " ".join(str(pathlib.Path(args.out) / pathlib.Path(folder).name) for folder in args.folder)
+        if args.by == "captions" else
+        "train on it before you judge a model on it: those that ship have seen all subjects")
 
 
 def _left_out(faults):
