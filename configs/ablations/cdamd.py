@@ -25,8 +25,8 @@ ROWS = {
     "all-vq": ({"1": "CDAMD (all VQ)"}, "coordinates", {"loss.prior_levels": 4}),
     "cm": ({"4": "CM", "5": "w/o DCCA"}, "coordinates", {"loss.prior_levels": 1, "loss.mask": "causal"}),
     "bcm": ({"4": "BCM"}, "coordinates", {"loss.prior_levels": 1, "loss.mask": "bcm"}),
-    # The same runs, sampled under the mask that they were trained with, as the paper's text says; the released code, and
-    # so the rows above, always samples under the causal one. "cm" has one mask in both.
+    # The same runs, sampled under the mask that they were trained with, as the paper says. The released code, and
+    # so the rows above, always sample under the causal one; "cm" has one mask in both.
     "dccm-inference": ({"4": "DCCM"}, "coordinates", {"loss.prior_levels": 1, "sampler.mask": "dccm"}),
     "bcm-inference": ({"4": "BCM"}, "coordinates",
                       {"loss.prior_levels": 1, "loss.mask": "bcm", "sampler.mask": "bcm"}),

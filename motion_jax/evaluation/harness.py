@@ -231,16 +231,19 @@ class Harness:
     return two_sample.compare(self.real_windows(replication), windows_of(
         motions, self.drawn(replication).frames, layout))
 
-  def fid_of_halves(self, replication, draws=10) -> float:
-    """FID between two disjoint halves of the real motions, the mean of some draws: the distance of two samples of half
-    the size that differ only by chance. A model that is given the real captions and lengths may score lower.
+  def halves(self, replication, draws=10) -> dict[str, float]:
+    """FID and KID between two disjoint halves of the real motions, means of some draws: the distances of two samples of
+    half the size that differ only by chance. A model that is given the real captions and lengths may score lower. Empty
+    for fewer than 4 motions.
     """
     embedded, rng = self.embedded(replication), self.rng(replication, HALVES)
     real, half = embedded.real if embedded.real_for_fid is None else embedded.real_for_fid, self.count // 2
     if half < 2:
-      return float("nan")
+      return {}
     orders = [rng.permutation(self.count) for _ in range(draws)]
-    return float(np.mean([scores.fid(real[order[:half]], real[order[half:2 * half]]) for order in orders]))
+    parts = [(real[order[:half]], real[order[half:2 * half]]) for order in orders]
+    return {name: float(np.mean([distance(*part) for part in parts]))
+            for name, distance in (("fid", scores.fid), ("kid", scores.kernel_distance))}
 
   def multimodality(self, replication, generations, layout):
     """generations: for each caption a list of motions [(rows, F)], with the lengths of the first items of the draw."""

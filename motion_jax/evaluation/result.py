@@ -10,6 +10,7 @@ from typing import Any, NotRequired, Self, TypedDict
 from motion_jax.training import checkpoint
 from motion_jax.utils.atomic import atomic_path
 
+HALVES = "two halves of real"  # a row: how far apart motions are that differ by chance alone
 FILE = "results.json"
 
 

@@ -94,6 +94,7 @@ def generation_scores(batches: Iterable[Batch], protocol: Protocol, pairs: Diver
   real_for_fid, made_for_fid = map(join, ("real_for_fid", "made_for_fid") if apart else ("real", "made"))
   row = {"fid": scores.fid(real_for_fid, made_for_fid),
          "fid_unit": scores.fid(scores.units(real_for_fid), scores.units(made_for_fid)),
+         "kid": scores.kernel_distance(real_for_fid, made_for_fid),
          "diversity": scores.diversity(made_for_fid, *pairs.made),
          "real_diversity": scores.diversity(real_for_fid, *pairs.real)}
   for prefix, motion in (("", made), ("real_", real)):

@@ -11,6 +11,7 @@ from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.evaluation import external, run
 from motion_jax.evaluation.harness import Harness
 from motion_jax.evaluation.request import Request, resolve
+from motion_jax.evaluation.result import HALVES
 from motion_jax.evaluation.tasks import control
 from motion_jax.evaluation.tasks.editing import kept_spans
 from motion_jax.evaluators.evaluator import fresh_evaluator
@@ -115,7 +116,7 @@ def test_real_motions_that_come_back_as_they_were_are_perfect(tmp_path, archive,
     assert joints.shape == (line["frames"], 22, 3)
     save(tmp_path, line, joints)
   found = rows(tmp_path, [archive], protocol, evaluator)
-  assert set(found) == {"real", "shuffled", *names}
+  assert set(found) == {"real", HALVES, "shuffled", *names}
   for row in names:
     assert found[row]["fid"] == pytest.approx(0, abs=1e-4)
     assert found[row]["top1"] == pytest.approx(found["real"]["top1"])
@@ -132,7 +133,7 @@ def test_a_task_of_editing_may_be_left_out_but_not_all(tmp_path, archive, evalua
     if line["task"] == "prefix":
       assert line["keep"] == kept_spans("prefix", line["frames"])
       save(tmp_path, line, np.load(tmp_path / line["motion"]))
-  assert set(rows(tmp_path, [archive], protocol, evaluator)) == {"real", "shuffled", "prefix: theirs"}
+  assert set(rows(tmp_path, [archive], protocol, evaluator)) == {"real", HALVES, "shuffled", "prefix: theirs"}
 
 
 @pytest.mark.parametrize("task, spans", [("inpainting", [[0, 12], [36, 48]]), ("suffix", [[24, 48]])])

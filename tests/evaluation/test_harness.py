@@ -83,7 +83,7 @@ def test_each_sign_of_a_wrong_evaluator_is_reported(harness, monkeypatch, real, 
   monkeypatch.setattr(harness, "protocol", dataclasses.replace(harness.protocol, pool=32))
   monkeypatch.setattr(harness, "real_scores", lambda replication: GOOD | real)
   monkeypatch.setattr(harness, "shuffled_scores", lambda replication: dict(top3=0.6, matching=2.0, clip_score=0.4))
-  monkeypatch.setattr(harness, "fid_of_halves", lambda replication: halves)
+  monkeypatch.setattr(harness, "halves", lambda replication: dict(fid=halves))
   monkeypatch.setattr(sanity.scores, "fid", lambda *given: 100.0)
   found = sanity.check(harness)["failures"]
   assert (not found) if words is None else (len(found) == 1 and words in found[0])
@@ -94,7 +94,7 @@ def test_few_clips_are_judged_where_the_evaluator_knows_their_captions(harness, 
   """Halves of a few clips differ by luck, and shuffled captions may fit by luck: neither says that something is off."""
   monkeypatch.setattr(harness, "real_scores", lambda replication: GOOD)
   monkeypatch.setattr(harness, "shuffled_scores", lambda replication: dict(top3=0.9, matching=0.9, clip_score=0.4))
-  monkeypatch.setattr(harness, "fid_of_halves", lambda replication: 1e9)
+  monkeypatch.setattr(harness, "halves", lambda replication: dict(fid=1e9))
   monkeypatch.setattr(sanity.scores, "fid", lambda *given: 100.0)
   monkeypatch.setattr(harness, "share_of_nearer_shuffles", lambda replication: share)
   found = sanity.check(harness)
@@ -137,7 +137,7 @@ def test_shuffled_captions_are_all_those_of_their_pools(harness):
 def test_halves_of_the_real_motions_share_none(harness, monkeypatch):
   seen = []
   monkeypatch.setattr("motion_jax.evaluation.harness.scores.fid", lambda a, b: seen.append((a, b)) or 1.0)
-  assert harness.fid_of_halves(0, draws=3) == 1.0 and len(seen) == 3
+  assert harness.halves(0, draws=3)["fid"] == 1.0 and len(seen) == 3
   for a, b in seen:
     assert len(a) == len(b) == 4 and not set(map(tuple, a)) & set(map(tuple, b))
 

@@ -8,8 +8,9 @@ import pytest
 
 from motion_jax.evaluation import aggregates, protocols, request, run
 from motion_jax.evaluation import test_set as test_set_lib
+from motion_jax.evaluation.report import tables
 from motion_jax.evaluation.request import Request
-from motion_jax.evaluation.result import Result
+from motion_jax.evaluation.result import HALVES, Result
 from motion_jax.evaluators.evaluator import fresh_evaluator
 from motion_studio import cli
 from tests import processes
@@ -37,7 +38,8 @@ def again(judged, tiny_run, archive, evaluators, out, **options):
 def test_a_result_has_rows_intervals_and_its_provenance(judged, tiny_run):
   result, out = judged
   row = result.rows[tiny_run.name]
-  assert result.row_order == ["real", tiny_run.name] and "shuffled" in result.rows
+  assert result.row_order == ["real", tiny_run.name] and {"shuffled", HALVES} <= set(result.rows)
+  assert f"| {HALVES} |" in tables.markdown(result)
   assert len(row["fid"]["values"]) == 2 and len(row["multimodality"]["values"]) == 1
   assert row["fid"]["mean"] == pytest.approx(np.mean(row["fid"]["values"]))
   assert row["fid"]["interval"] == pytest.approx(12.7062 * np.std(row["fid"]["values"], ddof=1) / np.sqrt(2), rel=1e-5)

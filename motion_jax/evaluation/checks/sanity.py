@@ -22,7 +22,7 @@ def check(harness, replication=0) -> Sanity:
   rng, size = harness.rng(replication, NOISE), evaluator.layout.dim
   frames = embedded.drawn.frames
   noise = harness.embed_for_fid([evaluator.stats.denormalize(rng.normal(size=(m, size))) for m in frames], frames)
-  fid_halves = harness.fid_of_halves(replication)
+  fid_halves = harness.halves(replication).get("fid", math.nan)
   fid_noise = scores.fid(embedded.real if embedded.real_for_fid is None else embedded.real_for_fid, noise)
   top = f"top{harness.protocol.top_k}"
   chance = harness.protocol.top_k / harness.protocol.pool

@@ -12,7 +12,7 @@ import pathlib
 from typing import NamedTuple
 
 from motion_jax.evaluation.report import notes as said
-from motion_jax.evaluation.result import Result
+from motion_jax.evaluation.result import HALVES, Result
 
 REAL = "GT"  # the papers' name for the row of real motions
 
@@ -27,6 +27,7 @@ class Metric(NamedTuple):
 METRICS = {
     "top1": Metric("R@1", "up"), "top2": Metric("R@2", "up"), "top3": Metric("R@3", "up"),
     "fid": Metric("FID", "down"), "fid_unit": Metric("FID, unit vectors", "down"),
+    "kid": Metric("KID", "down"),
     "matching": Metric("MM-Dist", "down"), "multimodality": Metric("MModality", "up"),
     "diversity": Metric("Diversity", "real"), "clip_score": Metric("CLIP-score", "up"),
     "reconstruction_fid": Metric("rec. FID", "down"), "mpjpe": Metric("MPJPE", "down"),
@@ -160,7 +161,7 @@ class Cell(NamedTuple):
 
 
 class Line(NamedTuple):
-  """A row as shown; kind: "real", "ours", "paper" or "paper real"."""
+  """A row as shown; kind: "real", "halves" of the real motions, "ours", "paper" or "paper real"."""
   name: str
   kind: str
   cells: list[Cell]
@@ -185,8 +186,11 @@ def compare(result: Result) -> Comparison:
   metrics, paper = list(result.metrics), result.paper
   against, printed, notes = ({}, {}, []) if paper is None else _printed(result, paper)
   lines = []
-  for name in result.row_order:
-    kind = "real" if name == "real" else "ours"
+  names = list(result.row_order)
+  if HALVES in result.rows and "real" in names:
+    names.insert(names.index("real") + 1, HALVES)
+  for name in names:
+    kind = {"real": "real", HALVES: "halves"}.get(name, "ours")
     cells = [_cell(metric, result.rows[name].get(metric), against.get(name, {})) for metric in metrics]
     lines.append(Line(name, kind, cells))
   for name, row in printed.items():

@@ -9,6 +9,7 @@ from motion_jax.evaluation import samples
 from motion_jax.evaluation.candidates import Candidate
 from motion_jax.evaluation.differences import ByMotion
 from motion_jax.evaluation.harness import Harness
+from motion_jax.evaluation.result import HALVES
 from motion_jax.metrics import two_sample
 from motion_jax.metrics.physics import IN_ROWS
 from motion_jax.motion.representations import to_joints
@@ -93,7 +94,7 @@ class Task:
 
 class ClipTask(Task):
   """A task whose motions are as long as the items of the test set, and evaluated as a whole."""
-  METRICS = ("top1", "top2", "top3", "fid", "fid_unit", "matching", "diversity", "multimodality", "clip_score",
+  METRICS = ("top1", "top2", "top3", "fid", "fid_unit", "kid", "matching", "diversity", "multimodality", "clip_score",
              *IN_ROWS)
   SET_APART = tuple(f"auc_{kind}" for kind in two_sample.KINDS)  # of tasks that call `set_apart`
 
@@ -107,8 +108,10 @@ class ClipTask(Task):
     return [np.asarray(to_joints(features, reader.layout), np.float32) for features in real]
 
   def real(self, replication):
-    """Rows of the real motions, and of them with shuffled captions."""
-    return Found({"real": self.harness.real_scores(replication), "shuffled": self.harness.shuffled_scores(replication)})
+    """Rows of the real motions, of two halves of them against each other, and of them with shuffled captions."""
+    halves = self.harness.halves(replication)
+    return Found({"real": self.harness.real_scores(replication)} | ({HALVES: halves} if halves else {})
+                 | {"shuffled": self.harness.shuffled_scores(replication)})
 
   def real_set_apart(self, replication):
     """AUC of one half of the real motions against the other, as part of their row (`metrics.two_sample`)."""

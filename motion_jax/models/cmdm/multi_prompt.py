@@ -134,8 +134,8 @@ def _windows(model, plan, sampling, prompts, segment, lengths, keys, contrast):
     part, since = shown[:, places], None if seen is None else np.maximum(seen[:, places] - start, 0)
     own = part - part[:, :1]
     at = np.minimum(part[:, :1] + np.arange(1 << int(own.max()).bit_length()), text_mask.shape[1] - 1)
-    of_window = lambda a: np.take_along_axis(a, at.reshape(at.shape + (1,) * (a.ndim - 2)), axis=1)
-    emb, mask = words_of_latents(of_window(text_emb), of_window(text_mask), own)
+    rows = np.arange(len(at))[:, None]
+    emb, mask = words_of_latents(text_emb[rows, at], text_mask[rows, at], own)
     made = np.concatenate([made, np.asarray(model.compiled.chain_segment(
         plan, size, model.params, text_emb=emb, text_mask=mask, scale=sampling.guidance_scale,
         lengths=np.clip(lengths - made.shape[1], 1, size - past.shape[1]), past=past, since=since,
@@ -165,8 +165,8 @@ def chain(model: CmdmNetworks, plan: streaming.Plan, sampling: CmdmSampling, pro
 
 def _demand_euler(plan):
   if plan.solver != "euler":
-    raise ValueError(f"got solver {plan.solver!r}: a past that gets fresh noise in every step, as of way 'chain' and of "
-                     "schedule 'full' behind the first window, goes with euler alone")
+    raise ValueError(f"got solver {plan.solver!r}: a past with fresh noise in every step (way 'chain', and schedule "
+                     "'full' after its first window) goes with euler alone")
 
 
 def _chained(model, plan, sampling, prompts, counts, made, keys, contrast, num_past):
