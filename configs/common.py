@@ -222,7 +222,7 @@ def set_fields(config, fields):
 
 
 def as_the_paper_writes(config):
-  """The config, locked, without a printed row: the papers' numbers are those of their released code."""
+  """The config, locked, without a printed row: which side made the papers' numbers is not known."""
   if "paper_row" in config:
     paper_tables.with_rows(config, {})
   return config.lock()

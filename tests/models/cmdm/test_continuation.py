@@ -74,7 +74,8 @@ def whole_after(dit, params, text_emb, text_mask, attn_mask, past, noise, times,
 
 @pytest.mark.slow
 def test_a_clean_past_is_kept_exactly():
-  """Cached = recomputed, for a past that is longer than the cache and no whole number of blocks."""
+  """Cached = recomputed, for a past that is longer than the cache and no whole number of blocks; behind it also for a
+  motion whose last block is not whole."""
   given, context, num_blocks = 13, 9, 4
   dit, plan, params, constants, text_emb, text_mask, keys = setting(6, 2, 3, context, num_blocks)
   sampler = streaming.Sampler(dit, plan, params, constants, encode_text(dit, params, text_emb, text_mask), SCALE, keys)
@@ -90,4 +91,9 @@ def test_a_clean_past_is_kept_exactly():
   expected = whole_after(dit, params, text_emb, text_mask, mask, padded, noise_of(keys, plan, num_blocks),
                          staircase(6, length, 2, 3), SCALE)
   assert_close(made, expected, 1e-5)
+  ended = jax.jit(lambda state: sampler.replace(lengths=np.full(2, length - 1)).sample(num_blocks, state=state))(
+      behind(padded))
+  shorter = whole_after(dit, params, text_emb, text_mask, mask[..., :-1, :-1], padded,
+                        noise_of(keys, plan, num_blocks)[:, :-1], staircase(6, length - 1, 2, 3), SCALE)
+  assert_close(ended[:, :-1], shorter, 1e-5)
   assert float(jnp.abs(run(behind(-padded)) - made).max()) > 1e-2  # the past matters
