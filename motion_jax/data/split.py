@@ -25,9 +25,9 @@ def split(folders, out, by="captions", overwrite=False) -> str:
   """Writes a copy of each archive, with another split, to a folder of its name in `out`; returns a summary.
 
   by "captions": train and val rows stay, test rows keep the sentences that no train row of any folder has, and those
-  without any are left out; models that were trained on the archives can be judged. by "subjects": rows are assigned
-  anew by whole subjects (where an archive names none, by actors, styles or clips), in an order that only their names
-  decide, and then as before; for models that are trained on this split. Raises InputError for what is no archive.
+  without any are left out; models that were trained on the archives can be judged. by "subjects": whole subjects (where
+  an archive names none, actors, styles or clips) are assigned to splits first, in an order that only their names
+  decide; for models that are trained on this split. Raises InputError for what is no archive.
   """
   if by not in WAYS:
     raise InputError(f"got by {by!r}, expected {' or '.join(WAYS)}")

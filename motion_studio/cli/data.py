@@ -55,8 +55,8 @@ def add_to(commands):
   split = data.add_parser("split", help="make a test split that training has not seen",
                           description="Writes copies of archives with another split. By captions, test rows keep the "
                           "sentences that no train row has, mirrored or with another subject; by subjects, whole "
-                          "subjects (or actors, styles, clips) are assigned anew first, for models that are trained "
-                          "on it.")
+                          "subjects (or actors, styles, clips) are assigned to splits first, for models that are "
+                          "trained on it.")
   split.add_argument("folder", nargs="+", help="archives: folders with motions.npz and captions.jsonl")
   split.add_argument("--out", required=True, metavar="FOLDER", help="folder to write, with a folder for each archive")
   split.add_argument("--by", choices=("captions", "subjects"), default="captions",
