@@ -1,4 +1,4 @@
-"""CMDM's Tables 1 and 6 from the authors' released weights, by this library and by their PyTorch code on the same noise.
+"""CMDM's Tables 1 and 6 from the authors' weights, by this library and by their PyTorch code on the same noise.
 
   python benchmarks/released_cmdm.py --code CMDM --files CMDM --text-encoder DISTILBERT --torch-python PYTHON --out OUT
 

@@ -1,4 +1,4 @@
-"""CMDM's released code on prompts and noise of `released_cmdm.py`: run by a Python that has torch, einops and transformers.
+"""CMDM's released code on prompts and noise of `released_cmdm.py`, for a Python with torch, einops and transformers.
 
   python benchmarks/released_cmdm_torch.py sample --code CMDM --files FOLDER --text-encoder FOLDER --prompts FOLDER
   python benchmarks/released_cmdm_torch.py lookalikes --code CMDM --files FOLDER
@@ -31,7 +31,7 @@ def modules(code, text_encoder=None):
     except ImportError:
       sys.modules[name] = types.ModuleType(name)
       setattr(sys.modules[name], attribute, None)
-  from models import Causal_DiT, VAE
+  from models import VAE, Causal_DiT
   load = Causal_DiT.load_bert  # of a name on the hub
   Causal_DiT.load_bert = lambda _: torch.nn.Identity() if text_encoder is None else load(str(text_encoder))
   return Causal_DiT.dit, VAE.vae
@@ -78,7 +78,7 @@ def lookalikes(args):
   torch.manual_seed(0)
   dit, vae = modules(args.code)
   ae, model = vae(input_width=263, output_emb_width=64), dit(input_dim=64, cond_mode="text")
-  for name, one in model.named_parameters():  # gates that begin at 0 would hide mistakes
+  for one in model.parameters():  # gates that begin at 0 would hide mistakes
     if not one.any():
       torch.nn.init.normal_(one, std=0.02)
   state = {name: value for name, value in model.state_dict().items() if not name.startswith("clip_model.")}

@@ -6,7 +6,8 @@
 
 ROW[/STAGE[/SIZE]] as in ablations/cmdm, which knows these rows, too; a stage that a row does not change is that of its
 row "default". Which sentence of the paper each row follows, and where we had to choose a reading:
-docs/papers/paper-and-code.md. No printed row is claimed for any of these: which side made the printed numbers is not known.
+docs/papers/paper-and-code.md. No printed row is claimed for any of these: which side made the printed numbers is not
+known.
 
 Expected: no number of these rows has been recorded; `tiny` alone is run, by the tests.
 """

@@ -97,7 +97,7 @@ def run(model: CmdmNetworks, plan: streaming.Plan, sampling: CmdmSampling, promp
     return offline.sample(model, plan, offline.Request(prompts, segment, frames, key_data, scale, contrast,
                                                          **control))
   if length > model.context and not control:
-    return decode_all(model, _windows(model, plan, sampling, prompts, segment, lengths, keys, contrast))
+    return decode_all(model, _windows(model, plan, sampling, prompts, segment, frames, keys, contrast), frames)
   num_blocks = -(-segment.shape[1] // _BUCKET) * _BUCKET
   segment = np.pad(segment, ((0, 0), (0, num_blocks - segment.shape[1])), mode="edge")
   plan = plan._replace(context=max(plan.context, num_blocks * plan.block))
@@ -115,7 +115,7 @@ def run(model: CmdmNetworks, plan: streaming.Plan, sampling: CmdmSampling, promp
       lengths=offline.latents_of(frames, model.frames_per_latent), **guidance)
 
 
-def _windows(model, plan, sampling, prompts, segment, lengths, keys, contrast):
+def _windows(model, plan, sampling, prompts, segment, frames, keys, contrast):
   """Clean latents (B, L, C) by a plan that cleans all together, no more of them than a motion of training has.
 
   The first half of each further window is the last half of the one before, with fresh noise of the window's level in
@@ -126,7 +126,8 @@ def _windows(model, plan, sampling, prompts, segment, lengths, keys, contrast):
   plan, keep, shown = plan._replace(context=size), size // block // 2 * block, np.repeat(segment, block, axis=1)
   text_emb, text_mask = captions_of(model, prompts, contrast)
   seen = None if plan.memory is None else block * np.repeat(streaming.seen_since(plan, segment), block, axis=1)
-  made = np.zeros((len(prompts), 0, model.dit.latent_dim), np.float32)
+  made, lengths = np.zeros((len(prompts), 0, model.dit.latent_dim), np.float32), offline.latents_of(
+      frames, model.frames_per_latent)
   while made.shape[1] < shown.shape[1]:
     past = made[:, -keep:]
     start = made.shape[1] - past.shape[1]
