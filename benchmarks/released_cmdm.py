@@ -2,7 +2,7 @@
 
   python benchmarks/released_cmdm.py --code CMDM --files CMDM --text-encoder DISTILBERT --torch-python PYTHON --out OUT
 
-docs/papers/released-cmdm.md says where the files come from. What it does, each step once (a second call goes on):
+docs/papers/released-cmdm.md says where the files come from. What it does, each step once (a second call continues):
 converts tokenizer, denoiser and evaluators; exports the prompts of the protocol's draws and the noise that this
 library's sampler begins with; has PYTHON run the authors' `generate` on them; judges both by `cmdm-259` (Table 1) and
 `cmdm-67` (Table 6); writes OUT/README.md with both tables and how far the motions are apart.

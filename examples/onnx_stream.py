@@ -30,11 +30,10 @@ words = run("text", ids=np.pad(ids, (0, len(mask) - len(ids)))[None].astype(np.i
 # One caption, in the first of the places that a window has; a change of prompt fills another one.
 text = {name: np.stack([words[name]] * c["captions"]) for name in ("text_k", "text_v")}
 caption, since = np.zeros((1, c["width"]), np.int32), np.full((1, c["width"]), -2**30, np.int32)
-joints = []
+ends, joints = {"past": np.array(0, np.int32), "length": np.array(num_blocks * c["block"], np.int32)}, []
 for step in range(c["age"] - 1 + num_blocks):
   noise = normal(seed, step, (1, c["block"], c["latent_dim"]))
-  clean = run("step", noise=noise, steps=np.array(step, np.int32), past=np.array(0, np.int32),
-              length=np.array(num_blocks * c["block"], np.int32), caption=caption, since=since, **text,
+  clean = run("step", noise=noise, steps=np.array(step, np.int32), **ends, caption=caption, since=since, **text,
               text_mask=np.stack([mask] * c["captions"]))["clean"]
   if step >= c["age"] - 1:  # the first blocks are still noisy
     joints.append(run("joints", features=run("decoder", latents=clean)["features"])["joints"][0])
