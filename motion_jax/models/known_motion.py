@@ -105,14 +105,14 @@ def clip_of(motion: Any, layout: Representation) -> Clip:
   """
   if isinstance(motion, Clip):
     return motion
-  if isinstance(motion, Array):
+  if hasattr(motion, "__array__"):  # of numpy, JAX and others
     array = np.asarray(motion)
     if array.ndim == 3 and array.shape[1:] == (layout.skeleton.num_joints, 3):
       return Clip(array, layout.fps, skeleton=layout.skeleton, id="joints")
     if array.ndim == 2 and array.shape[-1] == layout.dim:
       return Clip(np.asarray(layout.to_joints(array)), layout.fps, skeleton=layout.skeleton, features=array,
                   id="features")
-  got = f"an array of shape {motion.shape}" if isinstance(motion, Array) else format_value(motion)
+  got = f"an array of shape {motion.shape}" if hasattr(motion, "__array__") else format_value(motion)
   raise InputError(f"got {got} as the motion, expected a Clip (motion_jax.export.load reads files), joints (frames, "
                    f"{layout.skeleton.num_joints}, 3), or {layout.name!r} features (frames, {layout.dim}), at "
                    f"{layout.fps:g} frames a second")

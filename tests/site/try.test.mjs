@@ -42,7 +42,7 @@ test('a stream keeps state, changes prompt behind clean blocks and goes on from 
   const about = {constants: {captions: 2, words: 3, age: 2, width: 3, block: 1, latent_dim: 2, frames_per_block: 1}, graphs: {
     text: {state: {}, inputs: [tensor('ids', 'int32', [1, 3]), tensor('mask', 'bool', [1, 3])]},
     step: {state: {latents: {next: 'later', start: 0}}, inputs: [tensor('latents', 'float32', [1]), tensor('noise', 'float32', [1, 1, 2]),
-      tensor('steps', 'int32', []), tensor('past', 'int32', []), tensor('caption', 'int32', [1, 3]), tensor('since', 'int32', [1, 3]),
+      tensor('steps', 'int32', []), tensor('past', 'int32', []), tensor('length', 'int32', []), tensor('caption', 'int32', [1, 3]), tensor('since', 'int32', [1, 3]),
       tensor('text_k', 'float32', [2, 1]), tensor('text_v', 'float32', [2, 1]), tensor('text_mask', 'bool', [2, 3])]},
     decoder: {state: {}, inputs: [tensor('latents', 'float32', [1, 1, 2])]},
     joints: {state: {place: {next: 'next_place', start: [5]}}, inputs: [tensor('features', 'float32', [1]), tensor('place', 'float32', [1])]}}};
