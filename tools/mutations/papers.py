@@ -48,7 +48,7 @@ MUTATIONS = (
     ("papers-term-weight", "motion_jax/diffusion/paths.py", "(errors * latent_mask.sum(1)).sum()", "errors.sum()",
      (f"{PATHS}::test_further_terms_weigh_a_clip_by_its_real_latents",)),
     # --- sampling and its training --------------------------------------------------------------------------------
-    ("papers-first-words", "motion_jax/models/cmdm/streaming.py", "xp.where(begins == 0, _ANY, begins - plan.memory)",
+    ("papers-first-words", "motion_jax/models/cmdm/plan.py", "xp.where(begins == 0, _ANY, begins - plan.memory)",
      "begins - plan.memory", (f"{STREAMING}::test_what_a_window_shows_and_a_block_sees",)),
     ("papers-sixth-caption", "motion_jax/models/cmdm/offline.py",
      "self._shown[row, places[row]] = np.array(index)[own]", "pass", (

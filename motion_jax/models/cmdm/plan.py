@@ -1,8 +1,16 @@
 """The choices of frame-wise sampling: all of them, and those that the program of a step depends on."""
 from typing import Any, NamedTuple
 
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Int
+
 from motion_jax.diffusion.samplers import SOLVERS
 from motion_jax.models.cmdm import ddpm_forcing
+from motion_jax.shapes import Array
+
+_ANY = -2**30  # before all blocks that there are
 
 
 class Layout(NamedTuple):
@@ -70,3 +78,16 @@ def make_plan(num_steps: int, lag: int, block: int, context: int, num_blocks: in
   plan = Plan(num_steps, lag, block, context, -(-num_steps // lag) + 1, guided, solver,
               None if memory is None else memory // block)
   return plan.fitted(num_blocks) if num_blocks else plan
+
+
+def seen_since(plan: Plan, segment: Int[Array, "b n"] | None) -> Int[Array, "b n"] | None:
+  """The first block that each block sees, by the plan's memory of what was made with other captions; None: any.
+
+  segment (B, N): rising, which caption each block has. What is made with the first one sees all that was given before.
+  """
+  if plan.memory is None or segment is None:
+    return None
+  xp = jnp if isinstance(segment, jax.Array) else np
+  starts = xp.where(xp.diff(segment, axis=1, prepend=-1) != 0, xp.arange(segment.shape[1]), 0)
+  begins = jax.lax.cummax(starts, axis=1) if xp is jnp else np.maximum.accumulate(starts, axis=1)
+  return xp.where(begins == 0, _ANY, begins - plan.memory)

@@ -37,10 +37,9 @@ from motion_jax.models.cmdm import ddpm_forcing
 from motion_jax.models.cmdm.plan import Layout as Layout
 from motion_jax.models.cmdm.plan import Plan as Plan
 from motion_jax.models.cmdm.plan import make_plan as make_plan
+from motion_jax.models.cmdm.plan import seen_since as seen_since
 from motion_jax.nets.frame_wise import FrameWiseNetwork
 from motion_jax.shapes import Array, Net
-
-_ANY = -2**30  # before all blocks that there are
 
 
 class Stream(NamedTuple):
@@ -121,19 +120,6 @@ def fresh_noise(keys: jax.Array, blocks: Int[Array, " w"], levels: Int[Array, " 
   return noise.reshape(len(keys), -1, channels)
 
 
-def seen_since(plan: Plan, segment: Int[Array, "b n"] | None) -> Int[Array, "b n"] | None:
-  """The first block that each block sees, by the plan's memory of what was made with other captions; None: any.
-
-  segment (B, N): rising, which caption each block has. What is made with the first one sees all that was given before.
-  """
-  if plan.memory is None or segment is None:
-    return None
-  xp = jnp if isinstance(segment, jax.Array) else np
-  starts = xp.where(xp.diff(segment, axis=1, prepend=-1) != 0, xp.arange(segment.shape[1]), 0)
-  begins = jax.lax.cummax(starts, axis=1) if xp is jnp else np.maximum.accumulate(starts, axis=1)
-  return xp.where(begins == 0, _ANY, begins - plan.memory)
-
-
 def oldest_block(plan: Plan, steps: Any) -> Any:
   """The oldest block of the window after a number of steps; negative while a past is filled in."""
   xp = jnp if isinstance(steps, jax.Array) else np
@@ -144,9 +130,9 @@ def window_at(plan: Plan, steps: Any, past: Any, caption: Int[Array, "b w"], sin
               lengths: Int[Array, " b"] | None = None) -> Window:
   """The window of the step after `steps` others, behind `past` given latents, traced if any argument is.
 
-  caption (B, W): which of the captions in text each of its blocks is made with. since (B, W): the first block that each
-  sees, `seen_since`; None: all within the context. lengths (B,): latents of each motion; those that fill up its last
-  block, or run on beside a longer motion, are seen by themselves alone. None: no end.
+  caption (B, W): which of the captions in text each block has. since (B, W): the first block that each sees,
+  `seen_since`; None: all within the context. lengths (B,): latents of each motion; those that fill up its last block,
+  or run on beside a longer motion, are seen by themselves alone. None: no end.
   """
   xp = jnp if any(isinstance(a, jax.Array) for a in (steps, past, caption, since, lengths)) else np
   size, slots, within = plan.block, xp.arange(plan.ring), xp.arange(plan.block)
@@ -162,8 +148,8 @@ def window_at(plan: Plan, steps: Any, past: Any, caption: Int[Array, "b w"], sin
   if since is not None:
     mask = mask & (spread(seen) >= spread(since)[:, None, :, None])
   if lengths is not None:
-    key, query = positions + base * size, spread(blocks) * size + xp.tile(within, len(blocks))
-    mask = mask & ((key < xp.asarray(lengths)[:, None, None, None]) | (key == query[:, None]))
+    key = positions + base * size
+    mask = mask & ((key < xp.asarray(lengths)[:, None, None, None]) | (key == key[-plan.width * size:, None]))
   if plan.guided and not (since is None and lengths is None):
     mask = xp.concatenate([mask, mask])
   levels = xp.where(blocks < 0, plan.num_steps, (steps - blocks) * plan.lag)
@@ -327,15 +313,15 @@ class Sampler:
     at = oldest_block(self.plan, state.steps) + jnp.arange(self.plan.width) + offset
     of_window = lambda rows: rows[:, jnp.clip(at, 0, rows.shape[1] - 1)]
     caption = jnp.zeros((len(self.keys), self.plan.width), jnp.int32) if caption is None else of_window(caption)
-    return window_at(self.plan, state.steps, state.past, caption, None if since is None else of_window(since),
-                     self.lengths)
+    since = None if since is None else of_window(since)
+    return window_at(self.plan, state.steps, state.past, caption, since, self.lengths)
 
   def _advanced(self, state, now, given, count):
     """The state one block further, of `count` iterations."""
-    dit, plan, control = self.dit, self.plan, None
-    if self.control is not None:
+    dit, plan, control = self.dit, self.plan, self.control
+    if control is not None:
       first = (now.blocks[0] - self.control_first) * plan.block
-      control = jax.lax.dynamic_slice_in_dim(self.control, first, plan.width * plan.block, axis=1)
+      control = jax.lax.dynamic_slice_in_dim(control, first, plan.width * plan.block, axis=1)
       control = jnp.where(now.steps < 0, 0, control)
     state = begin(plan.layout, state, now, first_latents(dit, plan.layout, self.keys, now, given))
     run = lambda state, first, last: iterate(dit, plan.layout, self.params, self.constants, self.text, self.scale,
@@ -395,10 +381,9 @@ def bind(dit: FrameWiseNetwork, plan: Plan, params: Any, *, text_emb: Float[Arra
   """A sampler for captions text_emb (B, S, E), text_mask (B, S), or G of them a motion, see `encode_text`; None for a
   network without captions. control (B, L, N): of `control.conditioning.features`. lengths: see `window_at`."""
   params = dit.stack_layers(params)
-  return Sampler(dit, plan, params, make_constants(dit, params, plan),
-                 None if text_emb is None or text_mask is None else encode_text(
-                     dit, params, text_emb, text_mask, plan.guided), scale, keys,
-                 None if control is None else control_tokens(dit, plan, params, control), lengths=lengths)
+  text = None if text_emb is None or text_mask is None else encode_text(dit, params, text_emb, text_mask, plan.guided)
+  tokens = None if control is None else control_tokens(dit, plan, params, control)
+  return Sampler(dit, plan, params, make_constants(dit, params, plan), text, scale, keys, tokens, lengths=lengths)
 
 
 def control_tokens(dit: Net, plan: Plan, params: Any, control: Float[Array, "b l n"]) -> Float[Array, "b _ width"]:
