@@ -122,7 +122,7 @@ def _windows(model, plan, sampling, prompts, segment, frames, keys, contrast):
   every step (`continuation`), as the network knows it; latents have their own captions.
   """
   _demand_euler(plan)
-  size, block = model.context, plan.block
+  size, block, segment = model.context, plan.block, np.asarray(segment)
   plan, keep, shown = plan._replace(context=size), size // block // 2 * block, np.repeat(segment, block, axis=1)
   text_emb, text_mask = captions_of(model, prompts, contrast)
   seen = None if plan.memory is None else block * np.repeat(streaming.seen_since(plan, segment), block, axis=1)
