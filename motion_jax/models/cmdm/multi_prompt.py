@@ -122,10 +122,11 @@ def _windows(model, plan, sampling, prompts, segment, frames, keys, contrast):
   every step (`continuation`), as the network knows it; latents have their own captions.
   """
   _demand_euler(plan)
-  size, block, segment = model.context, plan.block, np.asarray(segment)
+  size, block = model.context, plan.block
   plan, keep, shown = plan._replace(context=size), size // block // 2 * block, np.repeat(segment, block, axis=1)
   text_emb, text_mask = captions_of(model, prompts, contrast)
-  seen = None if plan.memory is None else block * np.repeat(streaming.seen_since(plan, segment), block, axis=1)
+  seen = streaming.seen_since(plan, segment)
+  seen = None if seen is None else block * np.repeat(np.asarray(seen), block, axis=1)
   made, lengths = np.zeros((len(prompts), 0, model.dit.latent_dim), np.float32), offline.latents_of(
       frames, model.frames_per_latent)
   while made.shape[1] < shown.shape[1]:
