@@ -16,8 +16,10 @@ from motion_jax.models.cmdm.loop import SamplingLoop, decode_all
 from motion_jax.models.cmdm.networks import CmdmNetworks
 from motion_jax.models.cmdm.options import CmdmSampling
 from motion_jax.models.cmdm.sampling import words_of_latents
+from motion_jax.models.results import cleanup_record
 from motion_jax.motion.cleanup import clean_up
 from motion_jax.motion.representations import to_features, to_joints
+from motion_jax.motion.step_records import Record
 from motion_jax.shapes import Array
 from motion_jax.text.contrast import Contrast
 
@@ -217,8 +219,8 @@ def encode_past(model: CmdmNetworks, joints: Num[np.ndarray, "t j 3"], count: in
 def extend(model: CmdmNetworks, plan: streaming.Plan, sampling: CmdmSampling, joints: Num[np.ndarray, "t j 3"],
            past_prompt: str, prompts: Sequence[str], frames: Sequence[int], keys: jax.Array,
            contrast: Contrast | None = None, way: str = "stream", num_past: int | None = None, cleanup: bool = True
-           ) -> tuple[Float[np.ndarray, "n j 3"], list[int]]:
-  """What comes after joints (T, J, 3): (joints (P + N, J, 3), frames at which segments end).
+           ) -> tuple[Float[np.ndarray, "n j 3"], list[int], list[Record]]:
+  """What comes after joints (T, J, 3): (joints (P + N, J, 3), frames at which segments end, records of the cleanup).
 
   The new latents are decoded behind those of the past: the first P of these frames show the end of the given motion,
   but for the tokenizer's error and where on the ground it is.
@@ -245,6 +247,9 @@ def extend(model: CmdmNetworks, plan: streaming.Plan, sampling: CmdmSampling, jo
   features = model.stats.denormalize(whole)[0, :border + int(ends[-1])]
   shadow = to_joints(features, model.stats.layout)
   contacts = model.stats.layout.contacts(features)
+  steps: list[Record] = []
   if cleanup and model.stats.layout.has_fixed_bones and contacts is not None:
+    before, count = shadow, int(ends[-1])
     shadow = clean_up(shadow, contacts, model.stats.layout.skeleton, smoothing=model.smoothing)
-  return shadow, ends.tolist()
+    steps.append(cleanup_record(before[-count:], shadow[-count:], model.stats.layout.skeleton, len(joints)))
+  return shadow, ends.tolist(), steps
