@@ -66,8 +66,9 @@ def _steps_of(clips):
   """What was done to the motions (`motion.step_records`), a line for each step, as an element that opens on a click."""
   rows = [f"motion {number}: {line}" if len(clips) > 1 else line
           for number, clip in enumerate(clips, 1) for line in lines(clip.meta)]
-  return f"<details id=\"steps\"><summary>steps</summary><div>{html_lib.escape(chr(10).join(rows))}</div></details>\n" if (
-      rows) else ""
+  if not rows:
+    return ""
+  return f'<details id="steps"><summary>steps</summary><div>{html_lib.escape(chr(10).join(rows))}</div></details>\n'
 
 
 def resting_body(skeleton: Skeleton = HUMANML3D) -> dict:

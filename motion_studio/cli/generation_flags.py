@@ -26,7 +26,8 @@ def add_steps(parser, names):
   """--without and --explain: the steps after and around sampling."""
   parser.add_argument("--without", metavar="STEPS", type=functools.partial(_steps, names=names), default=frozenset(),
                       help=f"leave out steps, with commas: {', '.join(names)}")
-  parser.add_argument("--explain", action="store_true", help="print what each step did, in which frames and by how much")
+  parser.add_argument("--explain", action="store_true", help="print what each step did, in which frames and by how "
+                      "much")
 
 
 def _steps(text, names):

@@ -19,6 +19,7 @@ from motion_jax.utils.numerals import SEEDS
 from motion_jax.utils.text_files import is_text
 from motion_studio.server import serialization
 from motion_studio.server.limits import ChoiceError, Limits
+from motion_studio.step_names import left_out
 
 REQUIRED = object()
 _MOST_SPANS, _MOST_CHOICES = 100, 20
@@ -26,7 +27,8 @@ _MOST_SPANS, _MOST_CHOICES = 100, 20
 _NO_CHOICES = frozenset((
     "self", "prompt", "prompts", "segments", "lists", "clip", "clips", "motion", "seed", "seeds", "rng", "seconds",
     "num_frames", "cleanup", "polish", "literal", "plan", "control", "project", "keep", "change", "task", "past",
-    "past_prompt", "hold_until_done", "ease", "rest", "way", "num_past", "paste", "mask", "negative_prompts"))
+    "past_prompt", "hold_until_done", "ease", "rest", "way", "num_past", "paste", "mask", "without",
+    "negative_prompts"))
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -139,6 +141,20 @@ class Switch(Field):
 
   def value_schema(self, limits):
     return {"type": "boolean"}
+
+
+@dataclasses.dataclass(frozen=True)
+class Steps(Field):
+  """Names of steps to leave out."""
+  names: tuple[str, ...]
+
+  def read(self, value, name, limits):
+    if not isinstance(value, list | str):
+      raise InputError(f"got {name} {str(value)[:40]!r}, expected a list of steps, some of {', '.join(self.names)}")
+    return left_out(value, self.names)
+
+  def value_schema(self, limits):
+    return {"type": "array", "items": {"type": "string", "enum": list(self.names)}}
 
 
 @dataclasses.dataclass(frozen=True)
