@@ -19,7 +19,6 @@ from motion_jax.utils.numerals import SEEDS
 from motion_jax.utils.text_files import is_text
 from motion_studio.server import serialization
 from motion_studio.server.limits import ChoiceError, Limits
-from motion_studio.step_names import left_out
 
 REQUIRED = object()
 _MOST_SPANS, _MOST_CHOICES = 100, 20
@@ -149,9 +148,11 @@ class Steps(Field):
   names: tuple[str, ...]
 
   def read(self, value, name, limits):
-    if not isinstance(value, list | str):
-      raise InputError(f"got {name} {str(value)[:40]!r}, expected a list of steps, some of {', '.join(self.names)}")
-    return left_out(value, self.names)
+    unknown = [one for one in value if one not in self.names] if isinstance(value, list) else [value]
+    if unknown:
+      raise InputError(f"got {str(unknown[0])[:40]!r} in {name}, expected a list of steps, some of "
+                       f"{', '.join(self.names)}")
+    return frozenset(value)
 
   def value_schema(self, limits):
     return {"type": "array", "items": {"type": "string", "enum": list(self.names)}}

@@ -45,7 +45,7 @@ def generated(tiny_run, programs, tmp_path_factory):
     patch.setenv("XDG_CACHE_HOME", str(programs))
     patch.setattr(TextToMotionModel, "limits", "It cannot fly.")
     assert cli.main(["generate", "a person waves", "--num-frames", "20", "--num-steps", "4", "--guidance-scale", "0",
-                     "--model", str(tiny_run), "--out", outputs]) == 0
+                     "--without", "pose", "--explain", "--model", str(tiny_run), "--out", outputs]) == 0
   return folder, printed.getvalue()
 
 
@@ -71,6 +71,8 @@ def test_generate_writes_its_files_and_says_what_it_did(generated):
     assert file["joints"].shape == (20, 22, 3) and file["features"].shape == (20, 263)
   assert (folder / "a.bvh").read_text().startswith("HIERARCHY")
   assert "parameters on cpu" in printed and "guidance 0, seed" in printed
+  assert "plan: one action\nsample: one pass of the network\ncleanup: feet pinned, tremor removed, frames 0 to 19, " in (
+      printed) and "pose" not in printed
   assert printed.splitlines()[-1] == "It cannot fly." and "a.bvh" in printed.splitlines()[-3]
 
 
