@@ -225,12 +225,15 @@ class Pipeline:
     return gathered(job.motions)
 
   def stream(self, prompt: str, *, plan: bool = True, hold_until_done: bool = False, cleanup: bool = True,
-             num_frames: int | None = None, **options: Any) -> PlannedStream:
-    """A live stream of a prompt, action by action, the last without end; see `PlannedStream`. options: of
-    `model.stream`."""
+             num_frames: int | None = None, without: str | Iterable[str] = (), **options: Any) -> PlannedStream:
+    """A live stream of a prompt, action by action, the last without end; see `PlannedStream`. without: names of steps
+    to leave out, of `step_names.EXTEND`. options: of `model.stream`."""
     self._require("stream")
+    out = left_out(without, EXTEND) | _switched_off(plan, cleanup)
+    plan, cleanup = "plan" not in out, "cleanup" not in out
     prompt, = self.model.prompts_of(prompt)
-    self.warn([prompt], plan)
+    if "warn" not in out:
+      self.warn([prompt], plan)
     segments: Any = prompt
     if plan:
       segments = [(one, None if count is None else count / self.model.fps) for one, count in prompts_in_sequence(
