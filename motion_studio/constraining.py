@@ -132,7 +132,7 @@ def sample_guided(targets: Sequence[Target], fps: float, sample: Callable[[list[
 
 def sample_job(job: Job, targets: Sequence[Target]) -> Sequence[Motion]:
   """The motions of a job, one pass each, guided towards their targets."""
-  longer = [target.frames_to_sample(job.planner.fps) for target in targets]
+  longer = [int(round(count)) for count in job.frames if count is not None]
 
   def sample(rows):
     stacked = signals.stack([one.slice_frames(0, max(longer)) for one in rows])

@@ -107,5 +107,5 @@ def _shaped(joints, motion, requirements, skeleton):
 _CORRECTIONS = (
     ("kept seated", _kept_seated), ("left and right exchanged", _mirrored),
     ("steps taken in place or to the side", _rerouted(stepping)), ("jumps moved to the side", _rerouted(_jumping)),
-    ("way back led to the beginning", _rerouted(returning)), ("walk bent to its shape", _shaped),
+    ("way back turned to the beginning", _rerouted(returning)), ("walk bent to its shape", _shaped),
     ("put on the floor", _on_the_floor))

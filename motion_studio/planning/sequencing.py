@@ -75,7 +75,9 @@ def compose(job: Job, lengths: Sequence[Sequence[int]], sample_segments: Callabl
   bodies = [assembly.assemble(base.joints, plan.segments, span, frames,
                               [layers.get((row, place), []) for place in range(len(plan.segments))], skeleton)
             for row, (base, plan, span, frames) in enumerate(zip(bases, plans, spans, lengths))]
-  return [_described(model, base, plan, *body) for base, plan, body in zip(bases, plans, bodies)]
+  layered = [[action.words for place in range(len(plan.segments)) for action, _ in layers.get((row, place), ())]
+             for row, plan in enumerate(plans)]
+  return [_described(model, *one) for one in zip(bases, plans, layered, bodies)]
 
 
 def repeated(action: Any, count: int, least: int, one_by_one: bool = False) -> list[tuple[str, int]]:
@@ -146,14 +148,16 @@ def described(plan: Plan, frames: Sequence[int], fps: float) -> str:
   return " | ".join(f"{segment.words} ({count / fps:.1f} s)" for segment, count in zip(plan.segments, frames))
 
 
-def _described(model, base, plan, joints, spans):
+def _described(model, base, plan, layered, body):
   """The motion with a caption per segment, its plan in meta["understood"], and features of its joints."""
+  joints, spans = body
   captions = captions_in_a_row([segment.prompt for segment in plan.segments], [past for _, past in spans], model.fps)
   meta = base.meta | dict(prompt=plan.text, understood=described(plan, [b - a for a, b in spans], model.fps))
   if joints is base.joints:
     return base.replace(captions=captions, meta=meta)
-  parts = [action.words for segment in plan.segments for action in segment.simultaneous]
-  pauses = sum(segment.is_pause for segment in plan.segments)
-  did = [f"body parts of {', '.join(parts)} layered"] * bool(parts) + [f"{pauses} pauses inserted"] * bool(pauses)
-  return base.replace(joints=joints, features=features_of(model, joints), captions=captions, meta=added(
-      meta, record("sample", " and ".join(did), base.joints, joints, base.skeleton)))
+  pauses = any(segment.is_pause for segment in plan.segments)
+  did = " and ".join([f"body parts of {', '.join(layered)} layered"] * bool(layered) + ["pauses inserted"] * pauses)
+  # A pause moves nothing: what comes after it comes later.
+  done = record("sample", did) | {"num_frames": [base.num_frames, len(joints)]} if pauses else (
+      record("sample", did, base.joints, joints, base.skeleton))
+  return base.replace(joints=joints, features=features_of(model, joints), captions=captions, meta=added(meta, done))
