@@ -190,6 +190,8 @@ export function bind(studio) {
     put("numbers", inLive ? liveText(live) : "");
     const unchanged = same ? `${same} frames unchanged · ` : "";
     put("figures", !details ? "" : inLive ? liveDetails(live) : unchanged + stepsText(multiPrompt.shown));
+    const about = details && !inLive ? stepsText(multiPrompt.shown, "\n") : "";
+    if ($("figures").title !== about) $("figures").title = about;
     $("undo").disabled = !studio.state.past.length;
     $("redo").disabled = !studio.state.future.length;
     if ($("cleanup").checked !== studio.state.project.cleanup) $("cleanup").checked = studio.state.project.cleanup;

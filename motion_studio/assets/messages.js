@@ -68,10 +68,10 @@ export function liveDetails(live) {
   );
 }
 
-/** What each step did to a motion, in one line: the records of its meta. */
-export function stepsText(motion) {
+/** What each step did to a motion: the records of its meta, one after the other or, joined by "\n", one a line. */
+export function stepsText(motion, joint = " · ") {
   const rows = Array.isArray(motion?.meta?.steps) ? motion.meta.steps : [];
-  return rows.map(({ step, did, cm }) => `${step}: ${did}${cm ? ` (up to ${cm} cm)` : ""}`).join(" · ");
+  return rows.map(({ step, did, cm }) => `${step}: ${did}${cm ? ` (up to ${cm} cm)` : ""}`).join(joint);
 }
 
 /** The legend of the strip below the blocks: [[kind, text]]. */
