@@ -3,6 +3,7 @@ import collections
 import hashlib
 import math
 import pathlib
+import shlex
 
 import numpy as np
 import tqdm
@@ -219,8 +220,8 @@ def _find_captions(folder):
     if (folder / f"captions{suffix}").is_file():
       return folder / f"captions{suffix}"
   raise FileNotFoundError(f"{folder} has no captions.csv, .tsv or .jsonl with the columns file, caption and perhaps "
-                          f"start, end, split; motion-jax data describe {folder} --out {folder / 'captions.csv'} "
-                          "describes the motions by their joints")
+                          f"start, end, split; motion-jax data describe {shlex.quote(str(folder))} "
+                          f"--out {shlex.quote(str(folder / 'captions.csv'))} describes the motions by their joints")
 
 
 def _id(name):

@@ -2,6 +2,7 @@
 import contextlib
 import json
 import pathlib
+import shlex
 import warnings
 from collections.abc import Callable
 
@@ -179,8 +180,8 @@ def _of_g1(path, fps):
     for joints in (29, 23):
       with contextlib.suppress(InputError):
         return robots.read_npz(path, robot.with_joints(joints), fps).to_clip()
-  raise InputError(f"{path} holds a robot's motion, and not of a Unitree G1; motion-jax retarget {path.name} --robot "
-                   "ROBOT brings it back to a person's joints")
+  raise InputError(f"{path} holds a robot's motion, and not of a Unitree G1; motion-jax retarget "
+                   f"{shlex.quote(str(path))} --robot ROBOT brings it back to a person's joints")
 
 
 def _text(arrays, key) -> str:

@@ -103,4 +103,4 @@ def test_which_way_a_person_faces_changes_nothing_but_the_root():
   ahead, back = (robots.retarget(Clip(joints=rot.rotate(
       rot.about_axis(np.radians(degrees), "y")[None, None], joints).astype(np.float32), fps=20), g1).angles
       for degrees in (0, 180))
-  assert np.abs(back - ahead).mean() < 0.1  # of an arm another way may be found
+  assert np.abs(back - ahead).max() < 1e-4
