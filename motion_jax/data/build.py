@@ -82,6 +82,10 @@ def read_captures(folder, captions=None, mapping=None, fps=20.0, progress=False,
       rows.setdefault(found[0], []).append(row)
     else:
       unknown.append(row["file"])
+  if there := [name for name in unknown if (folder / name).is_file()]:
+    stem = pathlib.Path(there[0]).stem
+    raise InputError(f"the captions of {folder} name {named(there, 3)}, and data build reads {' or '.join(READERS)}; "
+                     f"motion-jax render {shlex.quote(there[0])} --out {shlex.quote(stem)}.bvh makes one of them")
   if unknown:
     raise InputError(f"the captions name files that {folder} lacks: {named(unknown, 3)}; it has "
                      f"{named(files, 3)}")

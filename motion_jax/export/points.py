@@ -3,6 +3,8 @@
 All hold where joints are and not how they turn. Any of them is read by the names of its points, as a .bvh is; `mapping`
 names those that are not known.
 """
+import errno
+import os
 import pathlib
 import re
 import struct
@@ -66,6 +68,8 @@ def c3d(clip, path) -> pathlib.Path:
   file["data"]["points"] = points
   with atomic_path(path) as temporary:
     file.write(str(temporary))
+    if not _is_whole(temporary):  # ezc3d does not say when the disk is full
+      raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
   return pathlib.Path(path)
 
 
@@ -152,7 +156,8 @@ def load_trc(path, fps, unit, up, mapping) -> Clip:
 
 def load_c3d(path, fps, unit, up, mapping) -> Clip:
   """The points of a C3D file. Needs the extra `c3d`."""
-  _check_c3d(path)
+  if not _is_whole(path):
+    raise InputError(f"{path} is cut or no C3D file")
   with tempfile.TemporaryDirectory() as folder:
     out = pathlib.Path(folder, "points.npz")
     try:
@@ -172,15 +177,14 @@ def load_c3d(path, fps, unit, up, mapping) -> Clip:
                _stated(unit, file["units"].item()), up or "y", mapping)
 
 
-def _check_c3d(path):
-  """Refuses a file that ends before its frames do, which ezc3d fills with zeros. Source: c3d.org, header section."""
+def _is_whole(path):
+  """Whether a C3D file ends where its frames do: ezc3d fills a cut one with zeros. Source: c3d.org, header section."""
   data = path.read_bytes()[:512]
   if len(data) == 512 and data[1] == 0x50:
     points, analog, first, last, _, scale, start = struct.unpack_from("<4Hhfh", data, 2)
     size = (4 * points + analog) * (4 if scale < 0 else 2) * (last - first + 1) + 512 * (start - 1)
-    if path.stat().st_size >= size:
-      return
-  raise InputError(f"{path} is cut or no C3D file")
+    return path.stat().st_size >= size
+  return False
 
 
 def _clip(path, names, points, fps, unit, up, mapping):
