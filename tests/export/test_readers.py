@@ -35,9 +35,9 @@ def test_a_body_that_lies_gets_a_note_with_the_flag_that_makes_it_stand(kind, tu
                      tmp_path / f"a{kind}")[0]
   lying, said = notes(path)
   assert not upright(lying)
-  up = re.search(r"--up (-?[xyz])", " ".join(said))
-  assert up and up[1].removeprefix("-") in "xyz"
-  standing, said = notes(path, up=up[1])
+  up = re.search(r"--up(?: |=-)([xyz]) .up='(-?[xyz])'", " ".join(said))
+  assert up and up[2].removeprefix("-") == up[1]
+  standing, said = notes(path, up=up[2])
   assert upright(standing) and not any("--up" in text for text in said)
   upright_path = export.save(CLIP, tmp_path / f"b{kind}")[0]
   assert not any("--up" in text for text in notes(upright_path)[1])
