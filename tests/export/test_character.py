@@ -1,5 +1,6 @@
 """A user's own character: it comes back whole, and moves as the motion does."""
 import json
+import re
 import shutil
 
 import numpy as np

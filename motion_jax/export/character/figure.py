@@ -121,7 +121,7 @@ def _copies(path, nodes, names, parents, rest, found, find):
   for group in groups.values():
     twins = {}
     for i in group:
-      same = next(filter(None, ([k for k in body if spelt(names[k]) == spelt(names[i])] for spelt in (str, _unmarked))), [])
+      same = [k for k in body if _unmarked(names[k]) == _unmarked(names[i])]
       twins |= {i: min(same, key=functools.partial(apart, i))} if same else {}
     if all(apart(*pair) < _SAME_PLACE * np.ptp(places, axis=0).max() for pair in twins.items()):
       for i, k in twins.items():
