@@ -217,6 +217,8 @@ def test_clothes_with_a_skeleton_of_their_own_move_along(apart, scene, moved, re
     for node in document["nodes"][count:]:
       node["name"] = rename(node["name"])
   write_character(tmp_path / "body.glb", CLIP, rolls=2, change=dress)
+  figure = check_character(tmp_path / "body.glb")  # a copy's Spine_1 once counted as Spine1, which nothing turned
+  assert {*figure.parts.values(), *figure.bones.spine, *figure.bones.neck} == set(range(len(figure.nodes)))
   path, = export.save(CLIP, tmp_path / "out.glb", file=tmp_path / "body.glb")
   document = Document(path)
   hands = [node for node in range(len(document.nodes)) if "LeftHand" in document.name(node)]

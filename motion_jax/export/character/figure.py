@@ -152,9 +152,11 @@ def _line(parents, i):
 
 def _built(document, nodes, names, found, rest, root, copies):
   path = document.path
-  numbers = list(dict.fromkeys([found.limbs["pelvis"], *found.spine, *found.neck, *found.limbs.values()]))
-  parts = {joint: numbers.index(number) for joint, number in found.limbs.items()
-           if joint not in ("spine1", "spine2", "spine3", "neck")}
+  # Of the trunk counts what lies on the way to the head: a bone called so elsewhere follows no joint.
+  limbs = {joint: number for joint, number in found.limbs.items() if joint not in (
+      "spine1", "spine2", "spine3", "neck")}
+  numbers = list(dict.fromkeys([limbs["pelvis"], *found.spine, *found.neck, *limbs.values()]))
+  parts = {joint: numbers.index(number) for joint, number in limbs.items()}
   bones = Bones(parts, tuple(map(numbers.index, found.spine)), tuple(map(numbers.index, found.neck)), found.label)
   parents = _body_parents(parts, bones, len(numbers))
   order = sorted(range(len(numbers)), key=lambda bone: _depth(parents, bone))
