@@ -137,7 +137,6 @@ def _held(handle):
       os.close(handle)
 
 
-<<<<<<< HEAD
 def _parts(folder):
   """{stem: [paths]} of what is being written in a folder, or was by programs that have been killed."""
   parts = {}
@@ -173,16 +172,3 @@ def _remove(part, path):
     part.replace(path)  # the program was killed between the two renamings of `atomic_folder`
   else:
     shutil.rmtree(part)
-=======
-  with stopping.undone_by(vanish):
-    try:
-      with _naming_a_full_disk(path):
-        yield folder
-      folder.chmod(0o755)  # mkdtemp's 0700 would keep it from other users
-      if path.exists():
-        path.replace(old)
-      folder.replace(path)
-    finally:
-      with contextlib.suppress(OSError):
-        vanish()
->>>>>>> c04f1c5c (files: a full disk is said by all writers; printed commands run as they stand)
