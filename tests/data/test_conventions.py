@@ -71,8 +71,8 @@ def test_a_set_pose_before_the_motion_is_left_out(tmp_path, degrees, arms):
 
 def test_what_is_captured_is_not_left_out(tmp_path):
   """A T-pose that is held, or from which an arm comes down at an even speed, and a walk, start with motion; a first
-  frame that is straight on one side alone, or the same on both but bent, is no pose that a program sets, however far the
-  next one is."""
+  frame that is straight on one side alone, or the same on both but bent, is no pose that a program sets, however far
+  the next one is."""
   held = np.zeros((60, 3))
   held[10:, 0] = np.linspace(0, 70, 50)
   still = {"LeftArm": -held, "RightArm": held}
