@@ -164,3 +164,10 @@ def test_the_scripts_at_the_top_are_the_commands(tmp_path):
     done = subprocess.run([sys.executable, str(ROOT / script), *words], env=devices_env(1), cwd=tmp_path,
                           capture_output=True, text=True, check=False)
     assert done.returncode == 0 and told in done.stdout and (words != ["--help"] or f"usage: {script} " in done.stdout)
+
+
+def test_values_that_begin_with_a_dash_are_values():
+  args = cli.parse(["render", "a.npy", "--up", "-z", "--out", "b.npz"])
+  assert args.up == "-z" and args.out == "b.npz"
+  with pytest.raises(SystemExit):
+    cli.parse(["render", "a.npy", "--up", "--out", "b.npz"])
