@@ -1,10 +1,14 @@
 """The papers' ablations at small scale: every row trained alike, evaluated by our own benchmark, claims with verdicts.
 
-  python benchmarks/study.py --archives path/to/cmu path/to/bandai --out runs/study [--papers cmdm cdamd] [--seeds 3]
-      [--steps tokenizer=1500 denoiser=500 ...] [--only ROW ...] [--max_seconds N]
+  python benchmarks/study.py --archives path/to/cmu path/to/bandai --out runs/study [--papers cmdm cdamd]
+      [--registration docs/benchmark/registered/mini.toml] [--only ROW ...] [--max_seconds N]
   ... --part 0/2 in one shell, --part 1/2 in another: two processes share the work
   ... --again                                         evaluates again the rows that other code evaluated
+  ... --amend "why"                                   takes a registration that has changed since there are results
   ... --report                                        only writes study.json and study.md
+
+What is claimed, which metric decides, how many seeds and steps: the registration says it, before there are results
+(benchmarks/study_registration.py). Flags that differ from it are listed in the report.
 
 Rows: CMDM's Table 4 with its sampling rows, CDAMD's Tables I, IV, V and MARDM, by the configs of configs/ablations/.
 The same command continues where it stopped; finished parts are not repeated. The folder holds PAPER/seedN/ROW/ with a
@@ -33,6 +37,7 @@ import time
 
 import jax
 import study_plan
+import study_registration
 import study_report
 from absl import logging
 
@@ -208,7 +213,7 @@ def write_json(folder, name, content):
 # --- a study -----------------------------------------------------------------------------------------------------
 
 
-def run_study(settings, out, part=(0, 1), only=(), max_seconds=None, force=False, again=False):
+def run_study(settings, out, registration, part=(0, 1), only=(), max_seconds=None, force=False, again=False):
   """Does the rows of a part, and writes study.json and study.md after each. Returns whether all of them are done.
 
   again: rows that another commit evaluated are evaluated again; their motions are kept.
@@ -236,9 +241,9 @@ def run_study(settings, out, part=(0, 1), only=(), max_seconds=None, force=False
       except FloatingPointError as error:  # reported, and tried again the next time
         print(f"  {error}", flush=True)
         whole = False
-      write_report(out)
+      write_report(out, registration)
       jax.clear_caches()  # every row compiles functions of its own; a process that kept them all would run out of maps
-  write_report(out)
+  write_report(out, registration)
   return whole
 
 
@@ -283,18 +288,34 @@ def hashes_of(settings) -> dict:
   return found
 
 
-def write_report(out):
+def results_in(out):
+  """The files of scores of a study's folder."""
+  return sorted(pathlib.Path(out).glob("*/seed*/*/scores.json"))
+
+
+def write_report(out, registration):
   """study.json and study.md from the rows that are done, by whichever process."""
-  found = [checkpoint.load_json(path.parent, path.name) for path in sorted(out.glob("*/seed*/*/scores.json"))]
+  found = [checkpoint.load_json(path.parent, path.name) for path in results_in(out)]
   real = checkpoint.load_json(out, REAL) if (out / REAL).is_file() else {}
-  study = study_report.summarize(checkpoint.load_json(out, SETTINGS), found, real)
+  settings = checkpoint.load_json(out, SETTINGS)
+  study = study_report.summarize(settings, found, real, registration,
+                                 checkpoint.load_json(out, study_registration.FILE))
+  study["notes"] = [f"Not as registered: {name} is {settings[name]}, registered is {value}."
+                    for name, value in registration.settings.get("study", {}).items() if settings[name] != value]
   write_json(out, "study.json", study)
   checkpoint.save_text(out, "study.md", study_report.markdown(study))
 
 
 def parse(argv=None):
-  defaults = study_plan.Settings(())
-  parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+  """(registration, Settings, arguments, part); defaults are those of the registration."""
+  first = argparse.ArgumentParser(add_help=False)
+  first.add_argument("--registration", default=str(study_plan.ROOT / "docs/benchmark/registered/mini.toml"),
+                     help="claims, seeds and steps of the study (%(default)s)")
+  known, _ = first.parse_known_args(argv)
+  registration = study_registration.load(known.registration)
+  registered = dict(registration.settings.get("study", {}))
+  defaults = dataclasses.replace(study_plan.Settings(()), **registered)
+  parser = argparse.ArgumentParser(description=__doc__.splitlines()[0], parents=[first])
   add = parser.add_argument
   add("--archives", nargs="+", required=True, help="folders of motion_jax.data.datasets.archive")
   add("--out", required=True, help="folder of the study; an existing one is continued")
@@ -303,7 +324,7 @@ def parse(argv=None):
   add("--steps", nargs="+", default=[], metavar="STAGE=N", help=f"by default {defaults.steps}")
   add("--size", default=defaults.size, choices=("small", "mini", "tiny"), help="of the models")
   add("--repeats", type=int, default=defaults.repeats, help="passes over the test clips for a row")
-  add("--samples", type=int, help="fewer test clips, for a trial")
+  add("--samples", type=int, default=defaults.samples, help="fewer test clips, for a trial")
   add("--stories", type=int, default=defaults.stories)
   add("--segments", type=int, default=defaults.segments, help="prompts of a story")
   add("--teacher", default=defaults.teacher, help="folder of a teacher that was trained on these archives")
@@ -315,6 +336,7 @@ def parse(argv=None):
   add("--again", action="store_true", help="evaluate again the rows that another commit evaluated, from their motions")
   add("--force", action="store_true", help="go on though evaluators do not look right on the real clips")
   add("--report", action="store_true", help="train and judge nothing, write the report of what is there")
+  add("--amend", metavar="WHY", help="take a registration that has changed since there are results; the report prints why")
   args = parser.parse_args(argv)
   steps = dict(defaults.steps)
   for text in args.steps:
@@ -327,20 +349,21 @@ def parse(argv=None):
     raise ValueError(f"got --part {args.part}, expected one such as 0/2")
   fields = {field.name: getattr(args, field.name) for field in dataclasses.fields(defaults) if field.name != "steps"}
   fields |= dict(steps=steps, archives=tuple(args.archives), papers=tuple(args.papers))
-  return study_plan.Settings(**fields), args, (int(index), int(count))
+  return registration, study_plan.Settings(**fields), args, (int(index), int(count))
 
 
 def main():
   logging.set_verbosity(logging.WARNING)  # orbax tells every step of a save
   try:
-    settings, args, part = parse()
+    registration, settings, args, part = parse()
     out = pathlib.Path(args.out)
+    study_registration.keep(registration, out, bool(results_in(out)), args.amend)
     if args.report:
-      write_report(out)
+      write_report(out, registration)
     else:
       # Seeds and rows compile the same functions again.
       jax.config.update("jax_compilation_cache_dir", str((out / "compiled").absolute()))
-      done = run_study(settings, out, part, args.only, args.max_seconds, args.force, args.again)
+      done = run_study(settings, out, registration, part, args.only, args.max_seconds, args.force, args.again)
       print("all rows of this part are done" if done else "some rows are missing; run the same command again")
   except (ValueError, FileNotFoundError) as error:
     sys.exit(f"study.py: {error}")
