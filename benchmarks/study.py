@@ -336,7 +336,8 @@ def parse(argv=None):
   add("--again", action="store_true", help="evaluate again the rows that another commit evaluated, from their motions")
   add("--force", action="store_true", help="go on though evaluators do not look right on the real clips")
   add("--report", action="store_true", help="train and judge nothing, write the report of what is there")
-  add("--amend", metavar="WHY", help="take a registration that has changed since there are results; the report prints why")
+  add("--amend", metavar="WHY",
+      help="take a registration that has changed since there are results; the report prints why")
   args = parser.parse_args(argv)
   steps = dict(defaults.steps)
   for text in args.steps:

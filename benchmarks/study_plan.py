@@ -13,9 +13,9 @@ from motion_jax.runs import PRETRAINED
 ROOT = pathlib.Path(__file__).resolve().parents[1]
 ABLATIONS = {paper: runpy.run_path(str(ROOT / "configs" / "ablations" / f"{paper}.py")) for paper in ("cmdm", "cdamd")}
 
-# (paper, printed table) -> {row of configs/ablations: the printed row that it repeats}. "no-dcca" of Table V is "cm" of
-# Table IV, and the paper's CDAMD is its model with one VQ level in both (docs/papers/cdamd.md#printed-numbers). The rows
-# of Table IV are sampled under the causal mask, as the released code does, and again under the mask of their training.
+# (paper, printed table) -> {row of configs/ablations: the printed row that it repeats}. "no-dcca" of Table V is "cm"
+# of Table IV, and the paper's CDAMD is its model with one VQ level in both (docs/papers/cdamd.md#printed-numbers).
+# Rows of Table IV are sampled under the causal mask, as in the released code, and again under that of their training.
 TABLES = {
     ("cmdm", "4"): {
         "default": "CMDM", "vae": "VAE w/o MA", "c-vae": "C-VAE w/o MA", "one-level": "w/ Full-Seq. Diff.",

@@ -11,8 +11,8 @@ A registration is a TOML file (docs/benchmark/registered/):
   [[claims]]                   text; table of the paper; metric, the primary one; rows = [A, "lower" or "higher", B];
                                printed = [metric, row A, row B] as the paper's table has them; margin
 
-The margin is the size of the paper's relative effect, |A - B| / B of the printed numbers, rounded to three digits. A file
-that says another one is refused.
+The margin is the size of the paper's relative effect, |A - B| / B of the printed numbers, rounded to three digits. A
+file that says another one is refused.
 """
 import dataclasses
 import datetime
@@ -89,7 +89,8 @@ def _claim(one, paper, rows) -> Claim:
   if way not in WAYS:
     raise ValueError(f"claim {claim.text!r}: got {way!r}, expected {' or '.join(WAYS)}")
   if claim.metric not in tables.METRICS and not claim.metric.startswith("held_out"):
-    raise ValueError(f"claim {claim.text!r}: got the metric {claim.metric!r}, expected one of {', '.join(tables.METRICS)}")
+    raise ValueError(f"claim {claim.text!r}: got the metric {claim.metric!r}, expected one of "
+                     f"{', '.join(tables.METRICS)}, or held_out_loss")
   if rows and not {a, b} <= set(rows):
     raise ValueError(f"claim {claim.text!r}: got the rows {a} and {b}, expected some of {', '.join(rows)}")
   try:
@@ -119,9 +120,9 @@ def keep(registration, out, has_results, amend=None) -> dict:
   if before and before["sha256"] == now["sha256"]:
     return before
   if before and has_results and not (amend or "").strip():
-    raise ValueError(f"{registration.path} has changed since there are results in {out} (sha256 {before['sha256'][:12]} "
-                     f"then, {now['sha256'][:12]} now): go back to the registered file, take another --out, or say why "
-                     'with --amend "why", which the report prints')
+    raise ValueError(f"{registration.path} has changed since there are results in {out} (sha256 "
+                     f"{before['sha256'][:12]} then, {now['sha256'][:12]} now): go back to the registered file, take "
+                     'another --out, or say why with --amend "why", which the report prints')
   amendments = before["amendments"] if before else []
   if before and has_results:
     amendments = [*amendments, dict(why=amend.strip(), date=_today(), **{f"was_{k}": before[k] for k in (
@@ -143,7 +144,7 @@ def lines(kept) -> list[str]:
 
 
 def _today():
-  return datetime.datetime.now(datetime.timezone.utc).strftime("%Y-%m-%d %H:%M UTC")
+  return datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d %H:%M UTC")
 
 
 def _committed(path) -> dict:

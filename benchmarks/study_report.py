@@ -31,7 +31,7 @@ def over_seeds(values) -> dict:
 
 
 def effects_of(registration, numbers) -> list:
-  """[(claim, effect or None, number of seeds)] of a registration; numbers: {paper: {row: {seed: {metric: number}}}}.
+  """[(claim, effect or None, seeds, fewest seeds)]; numbers: {paper: {row: {seed: {metric: number}}}}.
 
   What counts is the difference of the two rows in each seed, which share batches, captions and noise.
   """
@@ -42,19 +42,20 @@ def effects_of(registration, numbers) -> list:
     seeds = sorted(a.keys() & b.keys())
     effect = study_verdicts.over_seeds([a[one] for one in seeds], [b[one] for one in seeds],
                                        registration.settings["alpha"]) if seeds else None
-    found.append((claim, effect, len(seeds)))
+    found.append((claim, effect, len(seeds), registration.settings["fewest"]["seeds"]))
   return found
 
 
-def judged(registration, effects, fewest) -> list[dict]:
-  """Claims with their verdicts as plain values, from [(claim, effect or None, count of what it is over)].
+def judged(effects, alpha) -> list[dict]:
+  """Claims with their verdicts as plain values, from [(claim, effect or None, count of what it is over, the fewest that
+  have a verdict)].
 
   Holm's correction is over all claims of the registration: one that was not run counts as a test that showed nothing.
   """
-  alpha = registration.settings["alpha"]
-  corrected = study_verdicts.holm([effect.p if effect else 1.0 for _, effect, _ in effects])
+  corrected = study_verdicts.holm([effect.p if effect and count >= fewest else 1.0
+                                   for _, effect, count, fewest in effects])
   rows = []
-  for (claim, effect, count), p in zip(effects, corrected):
+  for (claim, effect, count, fewest), p in zip(effects, corrected):
     if not count:
       verdict = study_verdicts.Verdict(study_verdicts.UNDECIDED, NOT_RUN)
     elif count < fewest:
@@ -93,12 +94,12 @@ def judge_again(study, registration, kept=None) -> dict:
   numbers = {paper: {row: {seed: _means(one) for seed, one in of.items()} for row, of in some.items()}
              for paper, some in study["rows"].items()}
   table = {paper: {row: _row(of.values()) for row, of in some.items()} for paper, some in numbers.items()}
-  papers = study["settings"]["papers"]
-  effects = [one for one in effects_of(registration, numbers) if one[0].source[0] in papers]
+  claims = judged(effects_of(registration, numbers), registration.settings["alpha"])
   about = dict(registration=kept or dict(file=registration.path.name, sha256=registration.sha256),
                rules=registration.settings["rules"].strip(), alpha=registration.settings["alpha"])
   rest = {key: value for key, value in study.items() if key not in ("table", "claims", *about)}
-  return rest | about | dict(table=table, claims=judged(registration, effects, registration.settings["fewest"]["seeds"]))
+  return rest | about | dict(
+      table=table, claims=[one for one in claims if one["source"][0] in study["settings"]["papers"]])
 
 
 def _means(one):
@@ -149,16 +150,16 @@ def _table(study, source, names):
   real = {metric: value for of in study["real"].values() for metric, value in of.items()}
   head = ["row", *(f"ours: {tables.heading(m)}" for m in metrics), *(f"paper: {tables.heading(m)}" for m in metrics),
           "seeds"]
-  body = [["real", *(_number(real.get(m) and {"mean": real[m]["mean"]}, m) for m in metrics), *[""] * len(metrics), ""]]
+  body = [["real", *(number(real.get(m) and {"mean": real[m]["mean"]}, m) for m in metrics), *[""] * len(metrics), ""]]
   for row, name in names.items():
     found, paper_row = ours.get(row, {}), printed.rows[name]
     seeds = max((len(value["values"]) for value in found.values()), default=0)
-    body.append([f"{name} (`{row}`)", *(_number(found.get(m), m) for m in metrics),
-                 *(_number(paper_row[m], m) for m in metrics), str(seeds)])
-  return [f"## {paper.upper()}, rows of Table {table}", "", *_grid(head, body)]
+    body.append([f"{name} (`{row}`)", *(number(found.get(m), m) for m in metrics),
+                 *(number(paper_row[m], m) for m in metrics), str(seeds)])
+  return [f"## {paper.upper()}, rows of Table {table}", "", *grid(head, body)]
 
 
-def _number(value, metric):
+def number(value, metric):
   if not value or value.get("mean") is None:
     return "–"
   digits = value.get("digits", tables.METRICS[metric].digits if metric in tables.METRICS else 3)
@@ -184,14 +185,14 @@ def claims_section(claims, alpha) -> list[str]:
                  ours, "–" if not effect else f"{one['p_holm']:.3g}",
                  one["verdict"] + (f" ({one['remark']})" if one["remark"] else "")])
   return ["## The papers' claims", "",
-          f"Effects in per cent of the second row, with intervals at {100 * (1 - alpha):g} %; p by Holm's correction over "
-          f"all claims. **Shown**: p is below {alpha:g} on the claimed side. **Excluded within the margin**: the interval "
-          "ends before the paper's relative effect, so that an effect of its size is excluded at this scale. "
-          "**Undecided**: neither. Intervals are not corrected for their number: if all effects were of the paper's size, about "
-          f"one in {2 / alpha:g} would be excluded by chance. Of "
+          f"Effects in per cent of the second row, with intervals at {100 * (1 - alpha):g} %; p by Holm's correction "
+          f"over all claims. **Shown**: p is below {alpha:g} on the claimed side. **Excluded within the margin**: the "
+          "interval ends before the paper's relative effect, so that an effect of its size is excluded at this scale. "
+          "**Undecided**: neither. Intervals are not corrected for their number: if all effects were of the paper's "
+          f"size, about one in {2 / alpha:g} would be excluded by chance. Of "
           f"{len(claims)} claims " + ", ".join(f"{count[name]} {name}" for name in names)
           + (f"; of {opposite} the opposite is shown" if opposite else "") + ".", "",
-          *_grid(["claim", "table", "metric", "rows", "paper, %", "ours, %", "p (Holm)", "verdict"], body)]
+          *grid(["claim", "table", "metric", "rows", "paper, %", "ours, %", "p (Holm)", "verdict"], body)]
 
 
 def label(metric):
@@ -208,7 +209,7 @@ def _runs(rows):
       last = ", ".join(f"{name} {value:.4g}" for name, value in run["last"].items()
                        if name == "loss" or name.startswith("held_out"))
       body.append([f"`{run['folder']}`", str(run["steps"]), last, f"{run['seconds'] / 60:.1f}"])
-  return ["## What was trained", "", *_grid(["run", "steps", "at the end", "minutes"], body)]
+  return ["## What was trained", "", *grid(["run", "steps", "at the end", "minutes"], body)]
 
 
 def _all_runs(rows):
@@ -223,7 +224,7 @@ def _judged_by(study):
   return ["## What judged", "", *lines]
 
 
-def _grid(head, body):
+def grid(head, body):
   return ["| " + " | ".join(head) + " |", "| --- " * len(head) + "|", *("| " + " | ".join(row) + " |" for row in body)]
 
 

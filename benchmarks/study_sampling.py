@@ -4,11 +4,12 @@
       --archives path/to/cmu path/to/bandai --out runs/schedules [--max_seconds N]
   ... --report          only writes study.json and study.md, of the pools and stories that all rows have
 
-The same command continues where it stopped. A pool is 32 test clips or 4 stories; all rows sample a pool before the next
-one begins, clips before stories, so that rows are compared on the same captions whenever it stops. A registration that
-has changed since there are samples is refused unless --amend says why.
+The same command continues where it stopped. A pool is 32 test clips or 4 stories; all rows sample a pool before the
+next one begins, so that rows are compared on the same captions whenever it stops. A registration that has changed since
+there are samples is refused unless --amend says why.
 """
 import argparse
+import json
 import pathlib
 import sys
 import time
@@ -18,14 +19,21 @@ import numpy as np
 import study
 import study_plan
 import study_registration
+import study_report
+import study_verdicts
 
 from motion_jax import loading
-from motion_jax.evaluation import provenance, samples
+from motion_jax.evaluation import aggregates, differences, provenance, samples
 from motion_jax.evaluation.candidates import Candidate, check_options, hash_of
+from motion_jax.evaluation.harness import Harness
 from motion_jax.evaluation.tasks.long_horizon import multi_prompt_generator, ways_of
+from motion_jax.metrics import long_horizon, physics
+from motion_jax.training import checkpoint
 
 POOL = {"clips": 32, "stories": 4}
 TASKS = {"clips": "texts", "stories": "stories"}
+CLIP_METRICS = ("top1", "top3", "fid", "matching", "clip_score", "skating", "jerk")
+STORY_METRICS = ("transition_fid", "transition_kid", "peak_jerk", "auj")
 
 
 class Sampling:
@@ -57,52 +65,137 @@ class Sampling:
         kind=kind, model=self.hash, sampling=candidate.options, seed=harness.seed, items=harness.test_set.words_hash,
         segments=self.settings["segments"] if kind == "stories" else None), provenance.maker(candidate.devices))
 
+  def has(self, row, kind, pool):
+    return self.store(row, kind).path(f"{row}_{kind}{pool:02d}", 0).is_file()
+
+  def complete(self, kind):
+    """How many pools, counted from the first, all rows have."""
+    count = 0
+    while count < self.settings[kind] // POOL[kind] and all(self.has(row, kind, count) for row in self.rows):
+      count += 1
+    return count
+
   def jobs(self, row, kind):
     """(all jobs, make(jobs)) of a row, in the order of the draw."""
     task, candidate = self.task(kind), self.rows[row]
+    jobs = next(iter(task.wanted(0, None))).jobs
     if kind == "clips":
-      return next(iter(task.wanted(0, None))).jobs, candidate.generator()
+      return jobs, candidate.generator()
     prompts, options = task.sequences(0), ways_of(candidate, task.protocol.way)
-    counts = [self.model.segment_frames(one.frames.tolist(), options["way"]) for one in prompts]
     timed = [list(zip(one.captions, (one.frames / self.model.stats.layout.fps).tolist())) for one in prompts]
-    jobs = task.wanted(0, None)
-    jobs = next(iter(jobs)).jobs._replace(frames=[int(sum(part)) for part in counts])
-    return jobs, multi_prompt_generator(candidate, timed, options)
+    return (jobs._replace(frames=[int(sum(part)) for part in self.frames_of(row, prompts)]),
+            multi_prompt_generator(candidate, timed, options))
 
-  def sample(self, row, kind, pool, only_read=False):
-    """Motions [(rows, F)] of a pool, from its file or sampled; None where there is none and only_read."""
+  def frames_of(self, row, prompts):
+    """The frames of each prompt as the row makes them."""
+    way = ways_of(self.rows[row], self.task("stories").protocol.way)["way"]
+    return [self.model.segment_frames(one.frames.tolist(), way) for one in prompts]
+
+  def sample(self, row, kind, pool):
+    """Motions [(rows, F)] of a pool, from its file or sampled."""
     jobs, make = self.jobs(row, kind)
     part = samples.Jobs(*(one[pool * POOL[kind]:(pool + 1) * POOL[kind]] for one in jobs))
-    store, name = self.store(row, kind), f"{row}_{kind}{pool:02d}"
-    if only_read and not store.path(name, 0).is_file():
-      return None
-    return samples.sample(make, store, name, part, batch=POOL[kind])
+    return samples.sample(make, self.store(row, kind), f"{row}_{kind}{pool:02d}", part, batch=POOL[kind])
 
   def run(self, seconds=None):
-    """Samples pool after pool; returns whether all are there."""
+    """Samples pool after pool, until all are there or the time is over."""
     began = time.monotonic()
     for kind, pool in self.pools():
       for row in self.rows:
-        if self.sample_if_missing(row, kind, pool, began, seconds) is None:
+        if self.has(row, kind, pool):
+          continue
+        if seconds is not None and time.monotonic() - began > seconds:
           print("time is over; the same command continues", flush=True)
-          return False
-    return True
+          return
+        before, processor = time.monotonic(), time.process_time()
+        motions = self.sample(row, kind, pool)
+        print(f"{time.strftime('%H:%M:%S')} {row} {kind} {pool}: {len(motions)} motions, "
+              f"{sum(map(len, motions))} frames, {time.monotonic() - before:.0f} s, "
+              f"{time.process_time() - processor:.0f} s of processor time", flush=True)
 
-  def sample_if_missing(self, row, kind, pool, began, seconds):
-    if self.store(row, kind).path(f"{row}_{kind}{pool:02d}", 0).is_file():
-      return True
-    if seconds is not None and time.monotonic() - began > seconds:
-      return None
-    before, cpu = time.monotonic(), time.process_time()
-    motions = self.sample(row, kind, pool)
-    frames = sum(map(len, motions))
-    print(f"{time.strftime('%H:%M:%S')} {row} {kind} {pool}: {len(motions)} motions, {frames} frames, "
-          f"{time.monotonic() - before:.0f} s, {time.process_time() - cpu:.0f} s of processor time", flush=True)
-    return True
+  # --- numbers -----------------------------------------------------------------------------------------------------
 
-  @property
-  def has_results(self):
-    return any((self.out / "samples").glob("*/*.npz"))
+  def clips(self):
+    """{row: `harness.Judged`} of the clips that all rows have; {} where there are none."""
+    pools, whole = self.complete("clips"), self.task("clips").harness
+    if not pools:
+      return {}
+    harness = Harness(whole.protocol, whole.evaluator, whole.clip_evaluator, whole.test_set, whole.seed,
+                      pools * POOL["clips"])
+    return {row: harness.judged(0, [motion for pool in range(pools) for motion in self.sample(row, "clips", pool)],
+                                self.model.stats.layout) for row in self.rows}
+
+  def stories(self):
+    """{row: (`long_horizon.Scores` of all stories together, [of each])} of the stories that all rows have."""
+    pools, task, found = self.complete("stories"), self.task("stories"), {}
+    prompts = task.sequences(0)[:pools * POOL["stories"]]
+    for row in self.rows if pools else ():
+      motions = [motion for pool in range(pools) for motion in self.sample(row, "stories", pool)]
+      pieces = list(task._pieces(motions, prompts, self.frames_of(row, prompts), self.model.stats.layout))
+      score = lambda some: long_horizon.score(some, task._reference(0), *task._scoring(0, task._rules))
+      found[row] = score(pieces), [score([one]) for one in pieces]
+    return found
+
+  def summary(self, registration, kept):
+    """All results as plain values."""
+    clips, stories = self.clips(), self.stories()
+    draws, alpha, fewest = (registration.settings[name] for name in ("draws", "alpha", "fewest"))
+    level = self.task("stories")._reference(0).level if stories else None
+    auj = lambda curves: physics.area_under_jerk(curves.mean(0), level)
+    effects = []
+    for claim in registration.claims:
+      found = clips if claim.metric in CLIP_METRICS else stories
+      if not found:
+        effects.append((claim, None, 0, 1))
+        continue
+      if found is clips:
+        a, b = (clips[row].by_motion.values[claim.metric] for row in (claim.a, claim.b))
+      else:
+        a, b = (np.stack([one.curve for one in stories[row][1]]) for row in (claim.a, claim.b))
+      statistic, kind = (np.mean, "clips") if found is clips else (auj, "stories")
+      effects.append((claim, study_verdicts.over_clusters(a, b, statistic, draws, alpha), len(a), fewest[kind]))
+    table = {"clips": {row: differences.over_clips([one.by_motion]) for row, one in clips.items()},
+             "stories": {row: {metric: _over_stories(metric, *one, auj) for metric in STORY_METRICS}
+                         for row, one in stories.items()}}
+    return dict(registration=kept, rules=registration.settings["rules"].strip(), alpha=registration.settings["alpha"],
+                title=registration.settings["title"], model=self.settings["model"], model_hash=self.hash,
+                samples={"clips": self.complete("clips") * POOL["clips"], "stories": self.complete("stories") *
+                         POOL["stories"], "segments": self.settings["segments"]},
+                registered={kind: self.settings[kind] for kind in POOL}, rows=registration.rows, table=table,
+                claims=study_report.judged(effects, registration.settings["alpha"]), made_by=self.makers())
+
+  def makers(self):
+    """Code and machines that sampled."""
+    made = [maker for row in self.rows for kind in POOL if self.complete(kind)
+            for maker in self.store(row, kind).makers]
+    return [json.loads(one) for one in dict.fromkeys(json.dumps(maker, sort_keys=True) for maker in made)]
+
+
+def _over_stories(metric, whole, each, auj):
+  """{"mean", "interval"} of a metric of all stories; interval: half of the 95 % one over stories, of AUJ alone."""
+  if metric != "auj" or len(each) < 2:
+    return dict(mean=whole.row[metric], interval=None)
+  curves, rng = np.stack([one.curve for one in each]), np.random.default_rng(0)
+  drawn = [auj(curves[rng.integers(len(each), size=len(each))]) for _ in range(1000)]
+  return dict(mean=whole.row[metric], interval=float(1.96 * np.std(drawn)))
+
+
+def markdown(study) -> str:
+  """study.md."""
+  counts, registered = study["samples"], study["registered"]
+  lines = [f"# {study['title']}", "", *study_registration.lines(study["registration"]), "", study["rules"], "",
+           f"Sampled with every row: **{counts['clips']} of {registered['clips']} clips, {counts['stories']} of "
+           f"{registered['stories']} stories** of {counts['segments']} prompts; one seed. Numbers are of our own "
+           "benchmark and compare with nothing on HumanML3D."]
+  for kind, metrics in (("clips", CLIP_METRICS), ("stories", STORY_METRICS)):
+    if study["table"][kind]:
+      lines += ["", f"## {kind.capitalize()}", "", f"± is half of a 95 % interval, by a bootstrap over {kind}.", "",
+                *study_report.grid(["row", *map(study_report.label, metrics)], [
+                    [f"`{row}`", *(study_report.number(of.get(metric), metric) for metric in metrics)]
+                    for row, of in study["table"][kind].items()])]
+  lines += ["", *study_report.claims_section(study["claims"], study["alpha"]), "", "## What sampled", "",
+            *(f"- code {one.get('code')}, jax {one.get('jax')}, {one.get('device')}" for one in study["made_by"])]
+  return "\n".join(lines) + "\n"
 
 
 def parse(argv=None):
@@ -122,13 +215,17 @@ def main(argv=None):
   try:
     registration = study_registration.load(args.registration)
     out = pathlib.Path(args.out)
-    study_registration.keep(registration, out, any((out / "samples").glob("*/*.npz")), args.amend)
+    kept = study_registration.keep(registration, out, any((out / "samples").glob("*/*.npz")), args.amend)
     jax.config.update("jax_compilation_cache_dir", str((out / "compiled").absolute()))
     sampling = Sampling(registration, args.archives, out)
     if not args.report:
       sampling.run(args.max_seconds)
+    study = aggregates.json_ready(sampling.summary(registration, kept))
+    checkpoint.save_text(out, "study.json", json.dumps(study, indent=1, allow_nan=False) + "\n")
+    checkpoint.save_text(out, "study.md", markdown(study))
   except (ValueError, FileNotFoundError) as error:
     sys.exit(f"study_sampling.py: {error}")
+  print(f"wrote {out}/study.md, study.json")
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Verdicts on registered claims, as pure functions: effects with intervals and p-values, Holm's correction, three verdicts.
+"""Verdicts on registered claims, as pure functions: effects with intervals, Holm's correction, three verdicts.
 
 Effects are relative, (a - b) / b, as the margin is. An effect is tested twice: is it there (two-sided, against 0, with
 Holm's correction over all claims of a registration), and is one of the paper's size excluded (the interval against the
@@ -29,7 +29,7 @@ class Verdict(NamedTuple):
 
 
 def holm(p_values: Sequence[float]) -> np.ndarray:
-  """p-values (N,) corrected for N tests, in their order: N times the least, N - 1 times the next one, .. (Holm 1979)."""
+  """p-values (N,) corrected for N tests: N times the least, N - 1 times the next one, .. (Holm 1979)."""
   p = np.asarray(p_values, np.float64)
   order = np.argsort(p, kind="stable")
   raised = np.maximum.accumulate((len(p) - np.arange(len(p))) * p[order])
@@ -39,7 +39,7 @@ def holm(p_values: Sequence[float]) -> np.ndarray:
 
 
 def over_seeds(a: Sequence[float], b: Sequence[float], alpha: float = 0.05) -> Effect | None:
-  """The effect over paired seeds (N,) by Student's t of their differences, relative to the mean of b; None for one seed.
+  """The effect over paired seeds (N,) by Student's t, relative to the mean of b; None for one seed.
 
   The mean of b counts as known: its own error is small against that of the difference of two rows that lie close.
   """
@@ -58,8 +58,8 @@ def over_clusters(a: np.ndarray, b: np.ndarray, statistic: Callable[[np.ndarray]
                   draws: int = 10_000, alpha: float = 0.05, seed: int = 0) -> Effect | None:
   """The effect by a bootstrap over clusters (clips or stories), the same ones of both rows; None for one cluster.
 
-  a, b (N, ..): a cluster per row; statistic: of such rows a number. The interval is of percentiles; the p-value is twice
-  the share of draws on the other side of 0, at least 2 / (draws + 1).
+  a, b (N, ..): a cluster per row; statistic: of such rows a number. The interval is of percentiles; the p-value is
+  twice the share of draws on the other side of 0, at least 2 / (draws + 1).
   """
   a, b = np.asarray(a, np.float64), np.asarray(b, np.float64)
   if a.shape != b.shape:
@@ -74,7 +74,8 @@ def over_clusters(a: np.ndarray, b: np.ndarray, statistic: Callable[[np.ndarray]
   base = statistic(b)
   low, high = np.quantile(found, [alpha / 2, 1 - alpha / 2])
   other = min((found <= 0).sum(), (found >= 0).sum())
-  return Effect(float((statistic(a) - base) / base), float(low), float(high), float(min(1, 2 * (other + 1) / (draws + 1))))
+  p = min(1, 2 * (other + 1) / (draws + 1))
+  return Effect(float((statistic(a) - base) / base), float(low), float(high), float(p))
 
 
 def judge(effect: Effect | None, way: str, margin: float, p: float, alpha: float = 0.05) -> Verdict:
@@ -89,7 +90,8 @@ def judge(effect: Effect | None, way: str, margin: float, p: float, alpha: float
   sign = 1 if way == "higher" else -1
   toward, low, high = sign * effect.value, *sorted((sign * effect.low, sign * effect.high))
   if p < alpha and toward > 0:
-    return Verdict(SHOWN, "smaller than the paper's" if high < margin else "larger than the paper's" if low > margin else "")
+    size = "smaller than the paper's" if high < margin else "larger than the paper's" if low > margin else ""
+    return Verdict(SHOWN, size)
   if high >= margin:
     return Verdict(UNDECIDED)
   if p < alpha:
