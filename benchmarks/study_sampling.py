@@ -126,14 +126,16 @@ class Sampling:
                                 self.model.stats.layout) for row in self.rows}
 
   def stories(self):
-    """{row: (`long_horizon.Scores` of all stories together, [of each])} of the stories that all rows have."""
+    """{row: (numbers of all stories together, mean jerk across the transitions of each (S, W))} of the stories that
+    all rows have."""
     pools, task, found = self.complete("stories"), self.task("stories"), {}
+    rules, skeleton = task._rules, task.harness.evaluator.layout.skeleton
     prompts = task.sequences(0)[:pools * POOL["stories"]]
     for row in self.rows if pools else ():
       motions = [motion for pool in range(pools) for motion in self.sample(row, "stories", pool)]
       pieces = list(task._pieces(motions, prompts, self.frames_of(row, prompts), self.model.stats.layout))
-      score = lambda some: long_horizon.score(some, task._reference(0), *task._scoring(0, task._rules))
-      found[row] = score(pieces), [score([one]) for one in pieces]
+      scored = long_horizon.score(pieces, task._reference(0), *task._scoring(0, rules))
+      found[row] = scored.row, np.stack([jerk_across(one, rules, skeleton) for one in pieces])
     return found
 
   def summary(self, registration, kept):
@@ -151,7 +153,7 @@ class Sampling:
       if found is clips:
         a, b = (clips[row].by_motion.values[claim.metric] for row in (claim.a, claim.b))
       else:
-        a, b = (np.stack([one.curve for one in stories[row][1]]) for row in (claim.a, claim.b))
+        a, b = (stories[row][1] for row in (claim.a, claim.b))
       statistic, kind = (np.mean, "clips") if found is clips else (auj, "stories")
       effects.append((claim, study_verdicts.over_clusters(a, b, statistic, draws, alpha), len(a), fewest[kind]))
     table = {"clips": {row: differences.over_clips([one.by_motion]) for row, one in clips.items()},
@@ -171,13 +173,21 @@ class Sampling:
     return [json.loads(one) for one in dict.fromkeys(json.dumps(maker, sort_keys=True) for maker in made)]
 
 
-def _over_stories(metric, whole, each, auj):
+def jerk_across(story, rules, skeleton):
+  """Mean jerk (W,) across the transitions of a `long_horizon.Sequence`, as its score has it of all."""
+  borders = np.cumsum(long_horizon.whole_units(story.frames, rules))[:-1]
+  cut = physics.cut_transitions(story.joints, borders, rules.width)
+  moved = [long_horizon.placed(one, skeleton) for one in cut] if rules.placed else cut
+  return rules.jerk_scale * physics.jerk(np.stack(moved)).mean(0)
+
+
+def _over_stories(metric, numbers, curves, auj):
   """{"mean", "interval"} of a metric of all stories; interval: half of the 95 % one over stories, of AUJ alone."""
-  if metric != "auj" or len(each) < 2:
-    return dict(mean=whole.row[metric], interval=None)
-  curves, rng = np.stack([one.curve for one in each]), np.random.default_rng(0)
-  drawn = [auj(curves[rng.integers(len(each), size=len(each))]) for _ in range(1000)]
-  return dict(mean=whole.row[metric], interval=float(1.96 * np.std(drawn)))
+  if metric != "auj" or len(curves) < 2:
+    return dict(mean=numbers[metric], interval=None)
+  rng = np.random.default_rng(0)
+  drawn = [auj(curves[rng.integers(len(curves), size=len(curves))]) for _ in range(1000)]
+  return dict(mean=numbers[metric], interval=float(1.96 * np.std(drawn)))
 
 
 def markdown(study) -> str:
