@@ -55,9 +55,12 @@ class Sampling:
     return self.bench.task(TASKS[kind], self.settings["seed"])
 
   def pools(self):
-    """[(kind, number)] in the order of sampling: as many pools of clips as of stories, and what is left."""
+    """[(kind, number)] in the order of sampling: first those without which there is no verdict, clips before stories,
+    then a pool of clips and one of stories in turn."""
     counts = {kind: self.settings[kind] // POOL[kind] for kind in POOL}
-    return [(kind, i) for i in range(max(counts.values())) for kind in POOL if i < counts[kind]]
+    first = [(kind, i) for kind in POOL for i in range(-(-self.settings["fewest"][kind] // POOL[kind]))]
+    rest = [(kind, i) for i in range(max(counts.values())) for kind in POOL if i < counts[kind]]
+    return list(dict.fromkeys(first + rest))
 
   def store(self, row, kind):
     harness, candidate = self.task(kind).harness, self.rows[row]
