@@ -53,6 +53,7 @@ from motion_jax.evaluation.tasks.generation import Generation
 from motion_jax.evaluation.tasks.long_horizon import LongHorizon
 from motion_jax.evaluation.test_set import read_test_set
 from motion_jax.evaluators.evaluator import load_evaluator, shipped_names
+from motion_jax.models.cmdm.setup import not_sampled
 from motion_jax.training import checkpoint
 from motion_jax.training.metrics import read_metrics
 
@@ -170,6 +171,8 @@ def train_run(one, settings, out, parts, clock, failed):
   print(f"  {one.folder}: {settings.steps[one.stage]} steps", flush=True)
   folder.mkdir(parents=True, exist_ok=True)
   config, begin = study_plan.config_of(one, settings, out, parts), time.monotonic()
+  for note in not_sampled(config) if one.stage == "denoiser" else ():
+    print(f"  note: {note}", flush=True)
   before = checkpoint.load_json(folder, TIME)["seconds"] if (folder / TIME).is_file() else 0.0
   try:
     with open(folder / "log.txt", "a", encoding="utf-8") as log, contextlib.redirect_stdout(log):

@@ -162,6 +162,14 @@ def test_rows_that_differ_in_sampling_alone_are_trained_once():
   assert study_plan.row_of("cmdm", "one-level", 0).runs[-1].row == "one-level"
 
 
+def test_a_row_that_cannot_be_sampled_says_so_before_training(tmp_path, monkeypatch, capsys):
+  run = study_plan.row_of("cmdm", "vae", 0).runs[-1]
+  (tmp_path / run.folder).mkdir(parents=True)
+  monkeypatch.setattr(study.training, "run", lambda *args, **options: pytest.fail(capsys.readouterr().out))
+  with pytest.raises(pytest.fail.Exception, match="note: the tokenizer looks both ways.*whole motions alone"):
+    study.train_run(run, study_plan.Settings(("a",)), tmp_path, {"tokenizer": "t"}, study.Clock(), set())
+
+
 # --- sampling --------------------------------------------------------------------------------------------------------
 
 SMALL = '''
@@ -194,6 +202,13 @@ rows = ["b", "higher", "a"]
 printed = ["auj", "w/ Full-Seq. Diff.", "CMDM"]
 margin = 0.714
 '''
+
+
+def test_a_row_that_the_model_cannot_sample_is_refused_before_sampling(tmp_path):
+  text = (REGISTERED / "schedules.toml").read_text().replace('"ar", num_steps = 50', '"arr", num_steps = 50')
+  (tmp_path / "own.toml").write_text(text)
+  with pytest.raises(ValueError, match="got schedule 'arr'"):
+    study_sampling.Sampling(study_registration.load(tmp_path / "own.toml"), ["a"], tmp_path, bench=SimpleNamespace())
 
 
 @pytest.mark.slow
