@@ -49,6 +49,7 @@ from motion_jax.evaluation.candidates import Candidate, hash_of
 from motion_jax.evaluation.checks import sanity
 from motion_jax.evaluation.harness import Harness
 from motion_jax.evaluation.tasks.base import Task
+from motion_jax.evaluation.tasks.editing import Editing
 from motion_jax.evaluation.tasks.generation import Generation
 from motion_jax.evaluation.tasks.long_horizon import LongHorizon
 from motion_jax.evaluation.test_set import read_test_set
@@ -86,11 +87,12 @@ class Stopped(Exception):
 class Bench:
   """The test clips and evaluators, read once for all rows."""
 
-  def __init__(self, settings, force=False):
-    self.settings, self.force, self.read, self.tasks = settings, force, {}, {}
+  def __init__(self, settings, force=False, more_readers=()):
+    """more_readers: further representations in which edits are given their real clips."""
+    self.settings, self.force, self.more_readers, self.read, self.tasks = settings, force, more_readers, {}, {}
 
   def task(self, name, seed) -> Task:
-    """Of "texts" or of "stories"; raises ValueError where the evaluators do not look right on real clips.
+    """Of "texts", "edits" or "stories"; raises ValueError where the evaluators do not look right on real clips.
 
     Each seed of the study has captions, cuts, noise and stories of its own, the same for all rows: intervals over
     seeds know of that luck as well, and rows of a seed are still pairs.
@@ -108,14 +110,17 @@ class Bench:
   def _read(self, name):
     if name not in self.read:
       protocol = self._protocol(name).on("archive")
-      readers = [load_evaluator(self.settings.evaluator), self._clip() if name == "texts" else None]
-      test_set = read_test_set(self.settings.archives, protocol, [one for one in readers if one])
+      readers = [load_evaluator(self.settings.evaluator), self._clip() if name != "stories" else None]
+      more = self.more_readers if name == "edits" else ()
+      test_set = read_test_set(self.settings.archives, protocol, [*(one for one in readers if one), *more])
       self.read[name] = protocol, readers, test_set
     return self.read[name]
 
   def _protocol(self, name):
     if name == "texts":
       return protocols.get_protocol("archives-66").without_multimodality()
+    if name == "edits":
+      return protocols.get_protocol("editing")
     return dataclasses.replace(protocols.get_protocol("long-horizon"), sequences=self.settings.stories,
                                segments=self.settings.segments, real_jerk=None, way="stream")
 
@@ -128,7 +133,7 @@ class Bench:
 
   def real(self):
     """{"texts", "stories": {metric: number}} of the real clips, in the places of the first seed's first repeat."""
-    return {name: _numbers([self.task(name, 0).real(0).rows["real"]], name) for name in _TASKS}
+    return {name: _numbers([self.task(name, 0).real(0).rows["real"]], name) for name in ("texts", "stories")}
 
   def scores(self, row, folder, clock):
     """{metric: {"mean", "interval", "values"}} over repeats of a row, and the provenance of its texts."""
@@ -146,7 +151,7 @@ class Bench:
                                       self.settings.repeats, candidate.devices)
 
 
-_TASKS = {"texts": Generation, "stories": LongHorizon}
+_TASKS = {"texts": Generation, "edits": Editing, "stories": LongHorizon}
 
 
 def _numbers(repeats, name):

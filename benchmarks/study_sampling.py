@@ -1,10 +1,11 @@
-"""A registered study of what costs sampling alone: rows of one trained model, generation and long motions.
+"""A registered study of what costs sampling alone: rows of one trained model, generation, edits and long motions.
 
   python benchmarks/study_sampling.py --registration docs/benchmark/registered/schedules.toml \
       --archives path/to/cmu path/to/bandai --out runs/schedules [--max_seconds N]
   ... --report          only writes study.json and study.md, of the pools and stories that all rows have
 
-The same command continues where it stopped. A pool is 32 test clips or 4 stories; all rows sample a pool before the
+The same command continues where it stopped. A pool is 32 test clips, 32 edits or 4 stories; all rows sample a pool
+before the
 next one begins, so that rows are compared on the same captions whenever it stops. A registration that has changed since
 there are samples is refused unless --amend says why.
 """
@@ -26,12 +27,13 @@ from motion_jax import loading
 from motion_jax.evaluation import aggregates, differences, provenance, samples
 from motion_jax.evaluation.candidates import Candidate, check_options, hash_of
 from motion_jax.evaluation.harness import Harness
+from motion_jax.evaluation.tasks.editing import editor
 from motion_jax.evaluation.tasks.long_horizon import multi_prompt_generator, ways_of
 from motion_jax.metrics import long_horizon, physics
 from motion_jax.training import checkpoint
 
-POOL = {"clips": 32, "stories": 4}
-TASKS = {"clips": "texts", "stories": "stories"}
+POOL = {"clips": 32, "edits": 32, "stories": 4}
+TASKS = {"clips": "texts", "edits": "edits", "stories": "stories"}
 CLIP_METRICS = ("top1", "top3", "fid", "matching", "clip_score", "skating", "jerk")
 STORY_METRICS = ("transition_fid", "transition_kid", "peak_jerk", "auj")
 
@@ -43,13 +45,17 @@ class Sampling:
     self.settings, self.out = registration.settings, pathlib.Path(out)
     self.model = loading.load(self.settings["model"])
     self.hash = hash_of(self.model)
+    self.kinds = [kind for kind in POOL if self.settings.get(kind)]
+    self.rows, self.edit_tasks = {}, {}
     for name, options in registration.rows.items():
+      options = dict(options)
+      self.edit_tasks[name] = options.pop("task", None)
       check_options(f"row {name}", self.model, (), options)
-    self.rows = {name: Candidate(name, self.model, self.hash, self.out / "samples", None, dict(options),
-                                 tuple(jax.local_devices()), show=False)
-                 for name, options in registration.rows.items()}
-    self.bench = bench or study.Bench(study_plan.Settings(
-        tuple(archives), stories=self.settings["stories"], segments=self.settings["segments"]))
+      self.rows[name] = Candidate(name, self.model, self.hash, self.out / "samples", None, options,
+                                  tuple(jax.local_devices()), show=False)
+    sizes = {name: self.settings[name] for name in ("stories", "segments") if name in self.settings}
+    self.bench = bench or study.Bench(study_plan.Settings(tuple(archives), **sizes),
+                                      more_readers=[next(iter(self.rows.values())).reader])
 
   def task(self, kind):
     return self.bench.task(TASKS[kind], self.settings["seed"])
@@ -57,16 +63,18 @@ class Sampling:
   def pools(self):
     """[(kind, number)] in the order of sampling: first those without which there is no verdict, clips before stories,
     then a pool of clips and one of stories in turn."""
-    counts = {kind: self.settings[kind] // POOL[kind] for kind in POOL}
-    first = [(kind, i) for kind in POOL for i in range(-(-self.settings["fewest"][kind] // POOL[kind]))]
-    rest = [(kind, i) for i in range(max(counts.values())) for kind in POOL if i < counts[kind]]
+    counts = {kind: self.settings[kind] // POOL[kind] for kind in self.kinds}
+    first = [(kind, i) for kind in counts for i in range(-(-self.settings["fewest"][kind] // POOL[kind]))]
+    rest = [(kind, i) for i in range(max(counts.values())) for kind in counts if i < counts[kind]]
     return list(dict.fromkeys(first + rest))
 
   def store(self, row, kind):
     harness, candidate = self.task(kind).harness, self.rows[row]
     return samples.Store(candidate.folder, dict(
         kind=kind, model=self.hash, sampling=candidate.options, seed=harness.seed, items=harness.test_set.words_hash,
-        segments=self.settings["segments"] if kind == "stories" else None), provenance.maker(candidate.devices))
+        segments=self.settings["segments"] if kind == "stories" else None,
+        **({"task": self.edit_tasks[row], "data": harness.test_set.hash} if kind == "edits" else {})),
+        provenance.maker(candidate.devices))
 
   def has(self, row, kind, pool):
     return self.store(row, kind).path(f"{row}_{kind}{pool:02d}", 0).is_file()
@@ -74,13 +82,17 @@ class Sampling:
   def complete(self, kind):
     """How many pools, counted from the first, all rows have."""
     count = 0
-    while count < self.settings[kind] // POOL[kind] and all(self.has(row, kind, count) for row in self.rows):
+    while count < self.settings.get(kind, 0) // POOL[kind] and all(self.has(row, kind, count) for row in self.rows):
       count += 1
     return count
 
   def jobs(self, row, kind):
     """(all jobs, make(jobs)) of a row, in the order of the draw."""
     task, candidate = self.task(kind), self.rows[row]
+    if kind == "edits":
+      drawn = task.harness.drawn(0)
+      return (samples.jobs_of(task.test_set, drawn, task.harness.seed, 0), editor(
+          candidate, task.protocol, drawn.cut(task.test_set.of(candidate.reader)), self.edit_tasks[row]))
     jobs = next(iter(task.wanted(0, None))).jobs
     if kind == "clips":
       return jobs, candidate.generator()
@@ -118,23 +130,27 @@ class Sampling:
 
   # --- numbers -----------------------------------------------------------------------------------------------------
 
-  def clips(self):
-    """{row: `harness.Judged`} of the clips that all rows have; {} where there are none."""
-    pools, whole = self.complete("clips"), self.task("clips").harness
+  def clips(self, kind):
+    """{row: `harness.Judged`} of the clips or edits that all rows have; {} where there are none."""
+    pools = self.complete(kind)
     if not pools:
       return {}
+    whole = self.task(kind).harness
     harness = Harness(whole.protocol, whole.evaluator, whole.clip_evaluator, whole.test_set, whole.seed,
-                      pools * POOL["clips"])
-    return {row: harness.judged(0, [motion for pool in range(pools) for motion in self.sample(row, "clips", pool)],
+                      pools * POOL[kind])
+    return {row: harness.judged(0, [motion for pool in range(pools) for motion in self.sample(row, kind, pool)],
                                 self.model.stats.layout) for row in self.rows}
 
   def stories(self):
     """{row: (numbers of all stories together, mean jerk across the transitions of each (S, W))} of the stories that
     all rows have."""
-    pools, task, found = self.complete("stories"), self.task("stories"), {}
+    pools, found = self.complete("stories"), {}
+    if not pools:
+      return {}
+    task = self.task("stories")
     rules, skeleton = task._rules, task.harness.evaluator.layout.skeleton
     prompts = task.sequences(0)[:pools * POOL["stories"]]
-    for row in self.rows if pools else ():
+    for row in self.rows:
       motions = [motion for pool in range(pools) for motion in self.sample(row, "stories", pool)]
       pieces = list(task._pieces(motions, prompts, self.frames_of(row, prompts), self.model.stats.layout))
       scored = long_horizon.score(pieces, task._reference(0), *task._scoring(0, rules))
@@ -143,7 +159,8 @@ class Sampling:
 
   def summary(self, registration, kept):
     """All results as plain values."""
-    clips, stories = self.clips(), self.stories()
+    clip_kind = "edits" if "edits" in self.kinds else "clips"
+    clips, stories = self.clips(clip_kind), self.stories()
     draws, alpha, fewest = (registration.settings[name] for name in ("draws", "alpha", "fewest"))
     level = self.task("stories")._reference(0).level if stories else None
     auj = lambda curves: physics.area_under_jerk(curves.mean(0), level)
@@ -157,21 +174,21 @@ class Sampling:
         a, b = (clips[row].by_motion.values[claim.metric] for row in (claim.a, claim.b))
       else:
         a, b = (stories[row][1] for row in (claim.a, claim.b))
-      statistic, kind = (np.mean, "clips") if found is clips else (auj, "stories")
+      statistic, kind = (np.mean, clip_kind) if found is clips else (auj, "stories")
       effects.append((claim, study_verdicts.over_clusters(a, b, statistic, draws, alpha), len(a), fewest[kind]))
-    table = {"clips": {row: differences.over_clips([one.by_motion]) for row, one in clips.items()},
+    table = {clip_kind: {row: differences.over_clips([one.by_motion]) for row, one in clips.items()},
              "stories": {row: {metric: _over_stories(metric, *one, auj) for metric in STORY_METRICS}
                          for row, one in stories.items()}}
     return dict(registration=kept, rules=registration.settings["rules"].strip(), alpha=registration.settings["alpha"],
                 title=registration.settings["title"], model=self.settings["model"], model_hash=self.hash,
-                samples={"clips": self.complete("clips") * POOL["clips"], "stories": self.complete("stories") *
-                         POOL["stories"], "segments": self.settings["segments"]},
-                registered={kind: self.settings[kind] for kind in POOL}, rows=registration.rows, table=table,
+                samples={kind: self.complete(kind) * POOL[kind] for kind in self.kinds},
+                segments=self.settings.get("segments"),
+                registered={kind: self.settings[kind] for kind in self.kinds}, rows=registration.rows, table=table,
                 claims=study_report.judged(effects, registration.settings["alpha"]), made_by=self.makers())
 
   def makers(self):
     """Code and machines that sampled."""
-    made = [maker for row in self.rows for kind in POOL if self.complete(kind)
+    made = [maker for row in self.rows for kind in self.kinds if self.complete(kind)
             for maker in self.store(row, kind).makers]
     return [json.loads(one) for one in dict.fromkeys(json.dumps(maker, sort_keys=True) for maker in made)]
 
@@ -197,11 +214,12 @@ def markdown(study) -> str:
   """study.md."""
   counts, registered = study["samples"], study["registered"]
   lines = [f"# {study['title']}", "", *study_registration.lines(study["registration"]), "", study["rules"], "",
-           f"Sampled with every row: **{counts['clips']} of {registered['clips']} clips, {counts['stories']} of "
-           f"{registered['stories']} stories** of {counts['segments']} prompts; one seed. Numbers are of our own "
-           "benchmark and compare with nothing on HumanML3D."]
-  for kind, metrics in (("clips", CLIP_METRICS), ("stories", STORY_METRICS)):
-    if study["table"][kind]:
+           "Sampled with every row: **" + ", ".join(
+               f"{counts[kind]} of {registered[kind]} {kind}"
+               + (f" of {study['segments']} prompts" if kind == "stories" else "") for kind in counts)
+           + "**; one seed. Numbers are of our own benchmark and compare with nothing on HumanML3D."]
+  for kind, metrics in (("clips", CLIP_METRICS), ("edits", CLIP_METRICS), ("stories", STORY_METRICS)):
+    if study["table"].get(kind):
       lines += ["", f"## {kind.capitalize()}", "", f"± is half of a 95 % interval, by a bootstrap over {kind}.", "",
                 *study_report.grid(["row", *map(study_report.label, metrics)], [
                     [f"`{row}`", *(study_report.number(of.get(metric), metric) for metric in metrics)]

@@ -235,11 +235,11 @@ def test_a_study_of_sampling_continues_and_reports(tmp_path, monkeypatch, capsys
   assert not capsys.readouterr().out
   kept = study_registration.keep(registration, tmp_path / "out", False)
   summary = sampling.summary(registration, kept)
-  assert summary["samples"] == {"clips": 8, "stories": 4, "segments": 2}
+  assert summary["samples"] == {"clips": 8, "stories": 4}
   matching, auj = summary["claims"]
   rows = summary["table"]["clips"]
   assert matching["effect"]["value"] == pytest.approx(rows["a"]["matching"]["mean"] / rows["b"]["matching"]["mean"] - 1)
   stories = summary["table"]["stories"]
   assert auj["effect"]["value"] == pytest.approx(stories["b"]["auj"]["mean"] / stories["a"]["auj"]["mean"] - 1)
   page = study_sampling.markdown(summary)
-  assert "**8 of 8 clips, 4 of 4 stories**" in page and "| `b` |" in page
+  assert "**8 of 8 clips, 4 of 4 stories of 2 prompts**" in page and "| `b` |" in page
