@@ -118,7 +118,7 @@ def keep(registration, out, has_results, amend=None) -> dict:
   before = checkpoint.load_json(out, FILE) if (out / FILE).is_file() else None
   now = dict(file=registration.path.name, sha256=registration.sha256, **_committed(registration.path))
   if before and before["sha256"] == now["sha256"]:
-    return before
+    return before | {"commit": now["commit"] or before["commit"]}
   if before and has_results and not (amend or "").strip():
     raise ValueError(f"{registration.path} has changed since there are results in {out} (sha256 "
                      f"{before['sha256'][:12]} then, {now['sha256'][:12]} now): go back to the registered file, take "

@@ -5,9 +5,8 @@
   ... --report          only writes study.json and study.md, of the pools and stories that all rows have
 
 The same command continues where it stopped. A pool is 32 test clips, 32 edits or 4 stories; all rows sample a pool
-before the
-next one begins, so that rows are compared on the same captions whenever it stops. A registration that has changed since
-there are samples is refused unless --amend says why.
+before the next one begins, so that rows are compared on the same captions whenever it stops. A registration that has
+changed since there are samples is refused unless --amend says why.
 """
 import argparse
 import json
