@@ -7,7 +7,10 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from motion_jax import loading
+from motion_jax.evaluation.candidates import Reader
 from motion_jax.evaluation.harness import Harness
+from motion_jax.evaluation.tasks.editing import Editing
 from motion_jax.evaluation.tasks.generation import Generation
 from motion_jax.evaluation.tasks.long_horizon import LongHorizon
 from motion_jax.evaluation.test_set import read_test_set
@@ -243,3 +246,50 @@ def test_a_study_of_sampling_continues_and_reports(tmp_path, monkeypatch, capsys
   assert auj["effect"]["value"] == pytest.approx(stories["b"]["auj"]["mean"] / stories["a"]["auj"]["mean"] - 1)
   page = study_sampling.markdown(summary)
   assert "**8 of 8 clips, 4 of 4 stories of 2 prompts**" in page and "| `b` |" in page
+
+
+EDITS = '''
+name = "small-edits"
+title = "Small edits"
+paper = "cdamd"
+model = "{model}"
+seed = 0
+edits = 8
+draws = 50
+alpha = 0.05
+fewest = {{edits = 4}}
+rules = "none"
+[rows]
+prefix = {{task = "prefix", mask = "causal"}}
+suffix = {{task = "suffix", mask = "causal"}}
+[[claims]]
+text = "what keeps the second half matches better"
+table = "3"
+metric = "matching"
+rows = ["suffix", "lower", "prefix"]
+printed = ["matching", "suffix: CDAMD", "prefix: CDAMD"]
+margin = 0.077
+'''
+
+
+@pytest.mark.slow
+def test_a_study_of_edits(tmp_path, monkeypatch):
+  """Rows differ in what they keep: the clips are those of the draw, and only what is not kept is new."""
+  monkeypatch.setattr(study_sampling, "POOL", {"edits": 4, "stories": 2})
+  run = small.random_run(tmp_path / "run", "cdamd_generator", num_iterations=2, num_steps=1, solver="euler")
+  archive = small.write_archive(tmp_path / "data", small.make_clips())
+  (tmp_path / "edits.toml").write_text(EDITS.format(model=run))
+  registration = study_registration.load(tmp_path / "edits.toml")
+  model, evaluator, protocol = loading.load(run), fresh_evaluator("t2m"), small.small("editing").on("archive")
+  reader = Reader("", model.stats.layout, model.config.data.mode)
+  task = Editing(Harness(protocol, evaluator, None, read_test_set([archive], protocol, [evaluator, reader]), 0))
+  sampling = study_sampling.Sampling(registration, [archive], tmp_path / "out",
+                                     SimpleNamespace(task=lambda name, seed: task))
+  sampling.run()
+  summary = sampling.summary(registration, study_registration.keep(registration, tmp_path / "out", False))
+  assert summary["samples"] == {"edits": 8} and set(summary["table"]) == {"edits", "stories"}
+  assert summary["claims"][0]["count"] == 8
+  assert "**8 of 8 edits**; one seed" in study_sampling.markdown(summary)
+  frames = sampling.jobs("prefix", "edits")[0].frames[0]
+  prefix, suffix = (sampling.sample(row, "edits", 0)[0][:frames] for row in ("prefix", "suffix"))
+  assert not np.allclose(prefix[-4:], suffix[-4:])
