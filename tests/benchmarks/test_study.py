@@ -92,6 +92,17 @@ def test_the_first_study_by_the_three_verdicts():
   np.testing.assert_allclose([dccm["effect"]["value"], dccm["margin"]], [-0.043, 0.645], atol=6e-4)
 
 
+@pytest.mark.parametrize("name", ["schedules", "edits"])
+def test_pages_of_sampling_are_those_of_their_json(name):
+  """And of the registration as it is in the repository."""
+  path = ROOT / "docs" / "benchmark" / f"study_{name}.json"
+  kept = json.loads(path.read_text())
+  assert path.with_suffix(".md").read_text() == study_sampling.markdown(kept)
+  registration = study_registration.load(REGISTERED / f"{name}.toml")
+  assert kept["registration"]["sha256"] == registration.sha256 or kept["registration"]["amendments"]
+  assert [one["text"] for one in kept["claims"]] == [one.text for one in registration.claims]
+
+
 # --- registrations ---------------------------------------------------------------------------------------------------
 
 
