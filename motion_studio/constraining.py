@@ -18,6 +18,7 @@ from motion_jax.control.project import check_length, project
 from motion_jax.control.signal import ControlSignal
 from motion_jax.models.results import Motion, features_of
 from motion_jax.motion.skeleton import HUMANML3D
+from motion_jax.motion.step_records import added, record
 from motion_jax.utils.errors import InputError
 from motion_studio.language import Plan
 from motion_studio.planning import durations, path_ends
@@ -131,7 +132,7 @@ def sample_guided(targets: Sequence[Target], fps: float, sample: Callable[[list[
 
 def sample_job(job: Job, targets: Sequence[Target]) -> Sequence[Motion]:
   """The motions of a job, one pass each, guided towards their targets."""
-  longer = [target.frames_to_sample(job.planner.fps) for target in targets]
+  longer = [int(round(count)) for count in job.frames if count is not None]
 
   def sample(rows):
     stacked = signals.stack([one.slice_frames(0, max(longer)) for one in rows])
@@ -144,9 +145,13 @@ def sample_job(job: Job, targets: Sequence[Target]) -> Sequence[Motion]:
 
 
 def constrain(model: Any, motion: Motion, target: Target, exact: bool) -> Motion:
-  """The sampled motion placed in the world, with its kept parts, brought to its constraints if exact, made a loop."""
+  """The sampled motion placed in the world, with its kept parts, brought to its constraints if exact, made a loop.
+
+  Its record states what changed once it was placed; of a loop that was cut out of it only the lengths.
+  """
   constraints = [] if isinstance(target.constraints, ControlSignal) else target.constraints
-  joints, is_cycle = signals.to_world_frame(motion.joints, target.place), finds_its_cycle(target.constraints)
+  placed, is_cycle = signals.to_world_frame(motion.joints, target.place), finds_its_cycle(target.constraints)
+  joints = placed
   for one in constraints:
     if isinstance(one, KeepParts):
       joints = finishing.with_parts(joints, one, model.fps)
@@ -158,8 +163,11 @@ def constrain(model: Any, motion: Motion, target: Target, exact: bool) -> Motion
   joints, velocity = finishing.finalize(joints, constraints, model.fps, target.count if is_cycle else None)
   lost = {"velocity": velocity.tolist()} if any(isinstance(one, InPlace) for one in constraints) else {}
   kinds = [one.kind for one in constraints] if constraints else ["signal"]
-  return motion.replace(joints=joints, features=features_of(model, joints),
-                        meta=motion.meta | dict(control=kinds, projected=bool(exact)) | lost)
+  did = f"{', '.join(kinds)} {'met' if exact else 'placed, not met exactly'}"
+  done = record("constrain", did) | {"num_frames": [len(placed), len(joints)]} if is_cycle else (
+      record("constrain", did, placed, joints))
+  return motion.replace(joints=joints, features=features_of(model, joints), meta=added(
+      motion.meta | dict(control=kinds, projected=bool(exact)) | lost, done))
 
 
 def check_skeleton(model: Any) -> None:

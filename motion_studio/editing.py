@@ -7,7 +7,6 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any, NamedTuple
 
-import jax
 import numpy as np
 
 from motion_jax.control.constraints import KeepParts
@@ -15,7 +14,7 @@ from motion_jax.control.finishing import with_parts
 from motion_jax.models import pasting
 from motion_jax.models.results import Motion, Motions, gathered
 from motion_jax.motion.skeleton import bone_lengths
-from motion_jax.utils import progress
+from motion_jax.motion.step_records import added, record
 from motion_studio.checks import resampling
 from motion_studio.checks.reports import report, unmet_requirements
 from motion_studio.checks.violations import can_be_checked, excess_speed, violation_score
@@ -33,59 +32,52 @@ class Made(NamedTuple):
   distortion: float
 
 
-def edited(job: Job, clips: Sequence[Any], new: Callable[[int], np.ndarray], max_attempts: int, task: str = "spans"
-           ) -> Motions:
+def edited(job: Job, clips: Sequence[Any], new: Callable[[int], np.ndarray], max_attempts: int, task: str = "spans",
+           corrects: bool = True) -> Motions:
   """Clips (see `known_motion.clip_of`) whose frames new(num_frames) -> (T,) are sampled from the prompts of a job, the
-  best of up to max_attempts each; attempts are recorded in meta["attempts"] as in `checks.resampling`."""
-  model, fps, count = job.model, job.planner.fps, len(job.prompts)
+  best of up to max_attempts each; attempts are recorded in meta["attempts"] as in `checks.resampling`.
+
+  corrects: the legs of the clip are kept where the prompt is about the upper body and new legs slide.
+  """
+  model, fps = job.model, job.planner.fps
   edits = [pasting.prepare(model, clip, new) for clip in clips]
   prompts = [_network_prompt(prompt, plan) for prompt, plan in zip(job.prompts, job.plans)]
   checked = max_attempts > 1 and can_be_checked(model)
   required = [plan.requirements if plan and checked else [] for plan in job.plans]
-  keeps_legs = [checked and job.cleanup and plan is not None and moves_upper_body(plan) for plan in job.plans]
+  keeps_legs = [corrects and can_be_checked(model) and job.cleanup and plan is not None and moves_upper_body(plan)
+                for plan in job.plans]
 
-  def make(rows, keys, sampling):
+  def made(row, features, about):
+    motion = pasting.paste(model, edits[row], job.prompts[row], job.seeds[row], features, job.cleanup,
+                           about | dict(task=task))
+    motion = motion.replace(meta=motion.meta | {"steps": [*job.records[row], *motion.meta["steps"]]})
+    if keeps_legs[row] and sliding(motion):
+      motion = on_own_legs(motion, edits[row].known.joints, partial(pasting.features_of_edit, model, edits[row]))
+    slides = 0.0 if any(one.kind == "run" for one in required[row]) else sliding(motion)
+    return Made(motion, _distortion(model, features, edits[row].new_in_window) + slides)
+
+  def attempts(rows, number, factor):
+    part = job.select(rows, keys=resampling.keys_again(job, rows, number),
+                      sampling=resampling.reweighed(model, job.sampling, factor)) if number else job
     decoded, about = model.inpaint([edits[i].features for i in rows], [edits[i].new_in_window for i in rows],
-                                   [prompts[i] for i in rows], keys, sampling)
-    motions = [pasting.paste(model, edits[i], job.prompts[i], job.seeds[i], features, job.cleanup,
-                             about | dict(task=task)) for i, features in zip(rows, decoded)]
-    motions = [on_own_legs(motion, edits[i].known.joints, partial(pasting.features_of_edit, model, edits[i]))
-               if keeps_legs[i] and sliding(motion) else motion for i, motion in zip(rows, motions)]
-    return [Made(motion, _distortion(model, features, edits[i].new_in_window) + (
-        0.0 if any(one.kind == "run" for one in required[i]) else sliding(motion)))
-            for i, motion, features in zip(rows, motions, decoded)]
+                                   [prompts[i] for i in rows], part.keys, part.sampling)
+    found = [made(i, features, about) for i, features in zip(rows, decoded)]
+    scores = [_score(one, required[i], fps) for i, one in zip(rows, found)]
+    return [resampling.Attempt(one, score, resampling.attempt_record(part, place, number, score))
+            for place, (one, score) in enumerate(zip(found, scores))]
 
-  best = [(_score(made, one, fps), made) for made, one in zip(make(range(count), job.keys, job.sampling), required)]
-  attempts, kept = [[_record(job, i, 0, score, job.sampling)] for i, (score, _) in enumerate(best)], [0] * count
-  for number in range(1, max_attempts):
-    rows = [i for i, (score, _) in enumerate(best) if score]
-    # Too much guidance distorts the body, or makes it too fast; an action that does not show needs more of it. Where
-    # both is so, attempts take turns.
-    missed = [best[i][0] > best[i][1].distortion + _excess(best[i][1], required[i], fps) for i in rows]
-    softer = [i for i, misses in zip(rows, missed) if not misses or best[i][1].distortion and number % 2 == 0]
-    for some, factor in (([i for i in rows if i not in softer], resampling.LOUDER), (softer, resampling.SOFTER)):
-      if not some:
-        continue
-      keys = jax.numpy.stack([jax.random.fold_in(job.keys[i], resampling.FIRST_RESAMPLED + number) for i in some])
-      sampling = resampling.reweighed(model, job.sampling, factor)
-      with progress.part(f"attempt {number + 1} of {max_attempts}, as the last new frames are not all that the prompt "
-                         "needs"):
-        again = make(some, keys, sampling)
-      for i, made in zip(some, again):
-        score = _score(made, required[i], fps)
-        attempts[i].append(_record(job, i, number, score, sampling))
-        if score < best[i][0]:
-          best[i], kept[i] = (score, made), number
-  motions = [made.motion for _, made in best]
+  def overdoes(row, number, best):
+    """Too much guidance distorts the body, or makes it too fast; an action that does not show needs more of it. Where
+    both is so, attempts take turns."""
+    misses = best.score > best.motion.distortion + _excess(best.motion, required[row], fps)
+    return not misses or bool(best.motion.distortion) and number % 2 == 0
+
+  found = resampling.best_of(attempts, overdoes, len(job.prompts), max_attempts)
+  motions = [one.best.motion.motion for one in found]
   unmet = [_unmet(motion, one, fps) + gliding_reports(motion, one, checked) for motion, one in zip(motions, required)]
   if job.warns:
     report([motion.meta["prompt"] for motion in motions], unmet, max_attempts)
-  return gathered([resampling.with_attempts(*one) for one in zip(motions, attempts, kept, unmet)])
-
-
-def _record(job, row, number, score, sampling):
-  return dict(number=number + 1, seed=job.seeds[row], prompt=job.prompts[row],
-              guidance_scale=resampling.guidance_scale(job.model, sampling), violation_score=round(float(score), 4))
+  return gathered([resampling.with_attempts(motion, *one, checked) for motion, *one in zip(motions, found, unmet)])
 
 
 def _network_prompt(prompt: str, plan: Plan | None) -> str:
@@ -111,7 +103,8 @@ def on_own_legs(motion: Motion, clip: np.ndarray, features: Callable[[np.ndarray
   keep = KeepParts(clip, ("legs",), motion.fps, spans)
   joints = with_parts(motion.joints, keep, motion.fps)
   return motion.replace(joints=joints, features=features(joints),
-                        meta=motion.meta | dict(legs="kept"))
+                        meta=added(motion.meta | dict(legs="kept"), record(
+                            "correct", "legs of the clip kept", motion.joints, joints, motion.skeleton)))
 
 
 def _distortion(model, decoded, new):

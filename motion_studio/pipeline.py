@@ -15,6 +15,7 @@ from motion_jax.models import arguments
 from motion_jax.models.base import Frames, Prompts, cannot, each, keys_of
 from motion_jax.models.pasting import Spans, requested_frames
 from motion_jax.models.results import Motion, Motions, gathered
+from motion_jax.motion.step_records import record
 from motion_jax.shapes import Array
 from motion_jax.utils.errors import InputError
 from motion_jax.utils.numerals import as_float, checked, require_numbers
@@ -25,14 +26,16 @@ from motion_studio.constraining import is_constrained, target_frames
 from motion_studio.language import Plan
 from motion_studio.planning import durations, sequencing
 from motion_studio.planning.independent import sample_independently
-from motion_studio.planning.job import Job
+from motion_studio.planning.job import Job, plan_records
 from motion_studio.planning.planner import Planner
 from motion_studio.planning.segments import prompts_in_sequence, segments_of
+from motion_studio.step_names import EDIT, EXTEND, GENERATE, MULTI_PROMPT, left_out
 from motion_studio.streaming import PlannedStream
 
 Step = Callable[[Job], None]
 Segments = Sequence[tuple[str, float | None]]  # prompts and their seconds
-STEPS = (steps.Plan(), steps.Warn(), steps.CleanUp(), steps.Sample(), steps.Check(), steps.Constrain())
+STEPS = (steps.Plan(), steps.Warn(), steps.CleanUp(), steps.Sample(), steps.Pose(), steps.Correct(), steps.Check(),
+         steps.Constrain())
 
 
 class Pipeline:
@@ -43,10 +46,12 @@ class Pipeline:
     motions = pipeline(["a person waves", "a person kicks"], seconds=4)
 
   Plan: the prompt becomes segments, simultaneous actions and durations. Warn: of words the model has not learned.
-  CleanUp: feet are pinned. Sample: one pass of the network for each part; parts are joined. Check: best of four
+  CleanUp: feet are pinned. Sample: one pass of the network for each part; parts are joined. Pose: hands, trunk and
+  course come to where the plan has them. Correct: small faults are mended, such as left for right. Check: best of four
   attempts. Constrain: paths and poses are met exactly.
-  Leave a step out of the list, or add a function of a `Job`, to change what is done; what was done stands in a motion's
-  meta. `Pipeline(model, steps=[steps.Sample()])` is `model.generate`.
+  Leave a step out of the list, or out of a call by its name, as in pipeline(prompt, without=("correct", "pose")), or
+  add a function of a `Job`, to change what is done. motion.meta["steps"] lists what each step did, in which frames and
+  by how much. `Pipeline(model, steps=[steps.Sample()])` is `model.generate`.
   """
 
   def __init__(self, model: Any = "cmdm-small", steps: Iterable[Step] = STEPS) -> None:
@@ -120,22 +125,25 @@ class Pipeline:
   def __call__(self, prompts: Prompts | Plan | Sequence[Plan], num_frames: Frames = None, *,
                seconds: Frames = None, rng: jax.Array | None = None, seeds: Iterable[int] | None = None,
                seed: int | None = None, control: Any = None, exact: bool = True, plan: bool = True,
-               cleanup: bool = True, max_attempts: int | None = None, **sampling: Any) -> Any:
+               cleanup: bool = True, max_attempts: int | None = None, without: str | Iterable[str] = (),
+               **sampling: Any) -> Any:
     """A Motion of one prompt, or Motions of a list of prompts or plans.
 
     num_frames or seconds: of all motions or of each; by default as long as the plan takes, or the constraints imply.
     rng, seed, seeds: see `model.generate`. control: constraints (`motion_jax.control`) for all motions, a list of them
-    for each, a file or a signal; exact: they are met exactly, not only guided towards. plan, cleanup: False leaves
-    these steps out; max_attempts: instead of the number of the Check step. sampling: choices of the model.
+    for each, a file or a signal; exact: they are met exactly, not only guided towards. without: names of steps to
+    leave out, of `step_names.GENERATE`; plan, cleanup: False leaves out these. max_attempts: instead of the number of
+    the Check step. sampling: choices of the model.
     """
     single = isinstance(prompts, str | Plan)
     given = [prompts] if single else list(prompts) if isinstance(prompts, list | tuple) else prompts
+    done = list(self._steps(without, plan, cleanup, max_attempts))
     plans = [one if isinstance(one, Plan) else None for one in given]
     texts = self.model.prompts_of([one.text if isinstance(one, Plan) else one for one in given])
     keys, seeds = keys_of(rng, seeds, len(texts), seed)
     job = Job(self.planner, texts, self._frames(texts, num_frames, seconds), keys, seeds, self._sampling(sampling),
-              constraints_of(control, len(texts)), exact=exact, warns=self.warns, plans=plans)
-    for step in self._steps(plan, cleanup, max_attempts):
+              constraints_of(control, len(texts)), exact=exact, warns=self.warns, plans=plans, steps=done)
+    for step in done:
       step(job)
     made = gathered([motion.replace(id=f"motion_{i}", meta=motion.meta | (dict(note=note) if note else {}))
                      for i, (motion, note) in enumerate(zip(job.motions, job.notes))])
@@ -150,13 +158,16 @@ class Pipeline:
               for one in each(seconds, prompts)]
     return each(num_frames, prompts)
 
-  def _steps(self, plan=True, cleanup=True, max_attempts=None):
+  def _steps(self, without=(), plan=True, cleanup=True, max_attempts=None):
     """The steps of one call."""
+    out = left_out(without, [name for name in dict.fromkeys((*GENERATE, *map(steps.name_of, self.steps)))
+                             if name != steps.Sample.name])
+    out |= _switched_off(plan, cleanup)
     for step in self.steps:
-      if isinstance(step, steps.Check) and max_attempts is not None:
-        yield dataclasses.replace(step, max_attempts=checked(max_attempts, 1, 100, "max_attempts"))
-      elif (plan or not isinstance(step, steps.Plan)) and (cleanup or not isinstance(step, steps.CleanUp)):
-        yield step
+      if steps.name_of(step) in out:
+        continue
+      checks = isinstance(step, steps.Check) and max_attempts is not None
+      yield dataclasses.replace(step, max_attempts=checked(max_attempts, 1, 100, "max_attempts")) if checks else step
 
   def multi_prompt(self, segments: Segments, **options: Any) -> Motion:
     """One motion of several prompts in sequence, [("a person walks", 4.0), ("he sits down", None), ...] in seconds; see
@@ -166,16 +177,19 @@ class Pipeline:
   def multi_prompts(self, lists: Iterable[Segments], *, rng: jax.Array | None = None,
                     seeds: Iterable[int] | None = None, seed: int | None = None, way: str = "stream",
                     cleanup: bool = True, plan: bool = True, rest: bool = False, hold_until_done: bool = False,
-                    ease: bool = False, **sampling: Any) -> Motions:
+                    ease: bool = False, without: str | Iterable[str] = (), **sampling: Any) -> Motions:
     """A motion of each of several lists of segments; None is the usual length of a prompt.
 
     plan: a prompt of several actions is as many segments, which share its seconds. way: "stream" and, for a model that
     has it, "chain" are the model's (`CmdmModel.multi_prompts`), "joined" samples each segment independently and joins
     them where poses meet, up to 14 frames from where they should. rest: an action that ends by itself, such as a bow,
     is followed by standing still until its seconds are over. hold_until_done: such an action gets at least its usual
-    time. ease: sudden changes of speed where prompts change are spread over 0.4 s.
+    time. ease: sudden changes of speed where prompts change are spread over 0.4 s. without: names of steps to leave
+    out, of `step_names.MULTI_PROMPT`.
     """
     self._require("multi_prompt")
+    out = left_out(without, MULTI_PROMPT) | _switched_off(plan, cleanup)
+    plan, cleanup = "plan" not in out, "cleanup" not in out
     lists = [list(one) for one in lists]
     for one in lists:
       self.model.segments_of(one)  # raises
@@ -185,7 +199,8 @@ class Pipeline:
     if way not in (known := (*(own or ("stream",)), "joined")):
       raise InputError(f"got way {way!r}, {self.model.id} knows {', '.join(known)}")
     choice = {"way": way} if own else {}
-    self.warn([prompt for one in lists for prompt, _ in one], plan)
+    if "warn" not in out:
+      self.warn([prompt for one in lists for prompt, _ in one], plan)
     rows = [segments_of(self.planner, one, plan) for one in lists]
     keys, seeds = keys_of(rng, seeds, len(rows), seed)
     sampling = self._sampling(sampling)
@@ -197,20 +212,28 @@ class Pipeline:
       return (sample_independently(self.model, *given) if way == "joined" else
               self.model.sample_segments(*given, **choice, ease=ease))
 
+    planned = [[record("plan", " | ".join(prompt for prompt, _ in row))] if plan else [] for row in rows]
     if not rest:
-      return gathered(list(sample_segments(rows, keys, seeds, cleanup, sampling)))
+      return gathered([_after(records, motion) for records, motion in zip(
+          planned, sample_segments(rows, keys, seeds, cleanup, sampling))])
     plans, lengths = zip(*(durations.with_pauses(self.planner, row) for row in rows))
     job = Job(self.planner, [one.text for one in plans], [None] * len(rows), keys, seeds, sampling,
-              [[] for _ in rows], cleanup=cleanup, plans=list(plans))
-    return gathered(sequencing.compose(job, lengths, sample_segments))
+              [[] for _ in rows], cleanup=cleanup, plans=list(plans), scheduled=list(plans))
+    job.motions = list(map(_after, planned, sequencing.compose(job, lengths, sample_segments)))
+    if "pose" not in out:
+      steps.Pose()(job)
+    return gathered(job.motions)
 
   def stream(self, prompt: str, *, plan: bool = True, hold_until_done: bool = False, cleanup: bool = True,
-             num_frames: int | None = None, **options: Any) -> PlannedStream:
-    """A live stream of a prompt, action by action, the last without end; see `PlannedStream`. options: of
-    `model.stream`."""
+             num_frames: int | None = None, without: str | Iterable[str] = (), **options: Any) -> PlannedStream:
+    """A live stream of a prompt, action by action, the last without end; see `PlannedStream`. without: names of steps
+    to leave out, of `step_names.EXTEND`. options: of `model.stream`."""
     self._require("stream")
+    out = left_out(without, EXTEND) | _switched_off(plan, cleanup)
+    plan, cleanup = "plan" not in out, "cleanup" not in out
     prompt, = self.model.prompts_of(prompt)
-    self.warn([prompt], plan)
+    if "warn" not in out:
+      self.warn([prompt], plan)
     segments: Any = prompt
     if plan:
       segments = [(one, None if count is None else count / self.model.fps) for one, count in prompts_in_sequence(
@@ -219,17 +242,23 @@ class Pipeline:
     return PlannedStream(live, self, plan, hold_until_done)
 
   def extend(self, clip: Clip | Array, prompt: str | Segments, num_frames: int | None = None, *,
-             seconds: float | None = None, plan: bool = True, cleanup: bool = True, **options: Any) -> Motion:
-    """Continues an existing motion as the plan of a prompt, or of segments, says. options: of `model.extend`."""
+             seconds: float | None = None, plan: bool = True, cleanup: bool = True,
+             without: str | Iterable[str] = (), **options: Any) -> Motion:
+    """Continues an existing motion as the plan of a prompt, or of segments, says. without: names of steps to leave out,
+    of `step_names.EXTEND`. options: of `model.extend`."""
     self._require("extend")
+    out = left_out(without, EXTEND) | _switched_off(plan, cleanup)
+    plan, cleanup = "plan" not in out, "cleanup" not in out
     if isinstance(prompt, str):
       if num_frames is not None or seconds is not None:
         seconds = self.model.frames_of([prompt], num_frames, seconds)[0] / self.model.fps
       prompt = [(prompt, seconds)]
     self.model.segments_of(prompt)  # raises
-    self.warn([one for one, _ in prompt], plan)
+    if "warn" not in out:
+      self.warn([one for one, _ in prompt], plan)
     rows = [(one, count / self.model.fps) for one, count in segments_of(self.planner, prompt, plan)]
-    return self.model.extend(clip, rows, cleanup=cleanup, **self._with_contrast(options))
+    planned = [record("plan", " | ".join(one for one, _ in rows))] if plan else []
+    return _after(planned, self.model.extend(clip, rows, cleanup=cleanup, **self._with_contrast(options)))
 
   def edit(self, clip: Clip | Array, prompt: str, task: str | None = None, **options: Any) -> Motion:
     """An existing motion with new frames or spans made as a prompt says, all others unchanged; see `edits`."""
@@ -238,8 +267,10 @@ class Pipeline:
   def edits(self, clips: Sequence[Clip | Array], prompts: Sequence[str], task: str | None = None, *,
             keep: Spans | None = None, change: Spans | None = None, rng: jax.Array | None = None,
             seeds: Iterable[int] | None = None, seed: int | None = None, cleanup: bool = True, plan: bool = True,
-            max_attempts: int = MAX_ATTEMPTS, mask: str | None = None, **sampling: Any) -> Motions:
-    """Clips with new frames, each as its prompt says, the best of up to max_attempts.
+            max_attempts: int = MAX_ATTEMPTS, mask: str | None = None, without: str | Iterable[str] = (),
+            **sampling: Any) -> Motions:
+    """Clips with new frames, each as its prompt says, the best of up to max_attempts. without: names of steps to leave
+    out, of `step_names.EDIT`.
 
     clips and what is new (task, keep or change): see the model's `edits`. All other frames come back as and where they
     were, resampled if the clip's rate is another; new ones continue them on the clip's own body, with feet pinned
@@ -250,18 +281,31 @@ class Pipeline:
       raise InputError(f"got {len(prompts)} prompts for {len(clips)} clips; give one for each")
     if sum(choice is not None for choice in (task, keep, change)) != 1:
       raise InputError("say what to make by one of task, keep and change")
+    out = left_out(without, EDIT) | _switched_off(plan, cleanup)
     texts = self.model.prompts_of(prompts)
-    plans = [self.planner.plan(one) if plan else None for one in texts]
-    self.warn(texts, plan=False)
+    plans = [None if "plan" in out else self.planner.plan(one) for one in texts]
+    if "warn" not in out:
+      self.warn(texts, plan=False)
     keys, seeds = keys_of(rng, seeds, len(clips), seed)
     sampling = self._sampling(sampling | (dict(mask=mask) if mask else {}))
     if "mask" in self.model.options.described():
       sampling = {"mask": self.model.edit_mask} | sampling
-    job = Job(self.planner, texts, [None] * len(texts), keys, seeds, sampling, [[] for _ in texts], cleanup=cleanup,
-              warns=self.warns, plans=plans)
-    return editing.edited(job, clips, lambda count: requested_frames(count, task, keep, change),
-                          checked(max_attempts, 1, 100, "max_attempts"), task or "spans")
+    job = Job(self.planner, texts, [None] * len(texts), keys, seeds, sampling, [[] for _ in texts],
+              cleanup="cleanup" not in out, warns=self.warns, plans=plans, records=list(map(plan_records, plans)))
+    attempts = 1 if "check" in out else checked(max_attempts, 1, 100, "max_attempts")
+    return editing.edited(job, clips, lambda count: requested_frames(count, task, keep, change), attempts,
+                          task or "spans", corrects="correct" not in out)
 
   def blend(self, first: Clip, second: Clip, seconds: float = 1.0) -> Clip:
     """The first motion followed by the second, which is moved on the ground to continue it, blended over `seconds`."""
     return blended(first, second, seconds)[0]
+
+
+def _switched_off(plan, cleanup):
+  """The steps that plan and cleanup leave out."""
+  return {name for name, on in (("plan", plan), ("cleanup", cleanup)) if not on}
+
+
+def _after(records, motion):
+  """The motion with records of what was done before it was sampled."""
+  return motion.replace(meta=motion.meta | {"steps": [*records, *motion.meta.get("steps", ())]})

@@ -28,7 +28,7 @@ LAYERS = {
         ("evaluation",),
         ("__init__",)],
     "motion_studio": [
-        ("language",),
+        ("language", "step_names"),
         ("checks", "planning"),
         ("blending", "constraining", "editing", "streaming"),
         ("steps",),

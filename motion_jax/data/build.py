@@ -3,6 +3,7 @@ import collections
 import hashlib
 import math
 import pathlib
+import shlex
 
 import numpy as np
 import tqdm
@@ -81,6 +82,10 @@ def read_captures(folder, captions=None, mapping=None, fps=20.0, progress=False,
       rows.setdefault(found[0], []).append(row)
     else:
       unknown.append(row["file"])
+  if there := [name for name in unknown if (folder / name).is_file()]:
+    stem = pathlib.Path(there[0]).stem
+    raise InputError(f"the captions of {folder} name {named(there, 3)}, and data build reads {' or '.join(READERS)}; "
+                     f"motion-jax render {shlex.quote(there[0])} --out {shlex.quote(stem)}.bvh makes one of them")
   if unknown:
     raise InputError(f"the captions name files that {folder} lacks: {named(unknown, 3)}; it has "
                      f"{named(files, 3)}")
@@ -219,8 +224,8 @@ def _find_captions(folder):
     if (folder / f"captions{suffix}").is_file():
       return folder / f"captions{suffix}"
   raise FileNotFoundError(f"{folder} has no captions.csv, .tsv or .jsonl with the columns file, caption and perhaps "
-                          f"start, end, split; motion-jax data describe {folder} --out {folder / 'captions.csv'} "
-                          "describes the motions by their joints")
+                          f"start, end, split; motion-jax data describe {shlex.quote(str(folder))} "
+                          f"--out {shlex.quote(str(folder / 'captions.csv'))} describes the motions by their joints")
 
 
 def _id(name):

@@ -2,6 +2,7 @@
 import contextlib
 import json
 import pathlib
+import shlex
 import warnings
 from collections.abc import Callable
 
@@ -27,6 +28,7 @@ from motion_jax.utils.input_files import PickledError, load_npy, load_npz, npz_n
 from motion_jax.utils.plugins import Registry
 
 _HOLOSOMA_FPS = 30.0
+_OWN_AXIS = ".bvh", ".amc"  # their readers derive the upward axis and say so
 
 
 def npz(clip, path) -> pathlib.Path:
@@ -101,7 +103,8 @@ def load(path, fps=None, unit="auto", up=None, mapping=None, check=True) -> Clip
       warnings.warn(f"{found}; {model} generated it so, as models do that were trained too little", stacklevel=2)
   elif check:
     plausibility.check(clip.joints, clip.skeleton, clip.fps, str(path))
-    if up is None and plausibility.upward_axis(clip.joints, clip.skeleton) not in ("y", ""):
+    if up is None and path.suffix.lower() not in _OWN_AXIS and plausibility.upward_axis(
+        clip.joints, clip.skeleton) not in ("y", ""):
       _tell_upward_axis(read_as, path)
   return clip
 
@@ -115,7 +118,8 @@ def _tell_upward_axis(read_as, path):
         break
   else:
     return
-  warnings.warn(f"{path}: the body lies, or the file's upward axis is {up.removeprefix('-')}; --up {up} (up={up!r}) "
+  flag = f"--up={up}" if up.startswith("-") else f"--up {up}"
+  warnings.warn(f"{path}: the body lies, or the file's upward axis is {up.removeprefix('-')}; {flag} (up={up!r}) "
                 "reads it so that it stands", stacklevel=3)
 
 
@@ -179,8 +183,8 @@ def _of_g1(path, fps):
     for joints in (29, 23):
       with contextlib.suppress(InputError):
         return robots.read_npz(path, robot.with_joints(joints), fps).to_clip()
-  raise InputError(f"{path} holds a robot's motion, and not of a Unitree G1; motion-jax retarget {path.name} --robot "
-                   "ROBOT brings it back to a person's joints")
+  raise InputError(f"{path} holds a robot's motion, and not of a Unitree G1; motion-jax retarget "
+                   f"{shlex.quote(str(path))} --robot ROBOT brings it back to a person's joints")
 
 
 def _text(arrays, key) -> str:

@@ -15,6 +15,7 @@ import numpy as np
 
 from motion_jax.export.binding import bind
 from motion_jax.export.body import COLORS
+from motion_jax.export.files import plain
 from motion_jax.motion.looping import is_loop, velocity
 from motion_jax.utils.atomic import atomic_path
 
@@ -58,7 +59,7 @@ def describe(clip):
 
 
 def facts(clip) -> dict:
-  """Whether a clip is a loop, how fast it travels, and its licence.
+  """Whether a clip is a loop, how fast it travels, its licence, and what each step did to it (`motion.step_records`).
 
   speed: metres a second over the ground; velocity: the same as (x, y, z) from the body, x to its left, z ahead. Of a
   motion in place, those that it had before.
@@ -67,7 +68,8 @@ def facts(clip) -> dict:
   moving = clip.meta.get("velocity") or (velocity(clip.joints, clip.fps, clip.skeleton).tolist() if loop else None)
   travel = {"speed": round(float(np.linalg.norm(moving)), 4), "velocity": [round(float(v), 4) for v in moving]
             } if moving else {}
-  return {"loop": loop} | travel | ({"license": clip.license} if clip.license else {})
+  steps = {"steps": plain(clip.meta["steps"])} if clip.meta.get("steps") else {}
+  return {"loop": loop} | travel | steps | ({"license": clip.license} if clip.license else {})
 
 
 def clip_name(clip) -> str:

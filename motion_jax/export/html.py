@@ -18,6 +18,7 @@ from motion_jax.export.scene import distance, parts_of
 from motion_jax.motion.joint_names import ARMS, LEGS
 from motion_jax.motion.pose import t_pose
 from motion_jax.motion.skeleton import HUMANML3D, Skeleton
+from motion_jax.motion.step_records import lines
 from motion_jax.utils.atomic import atomic_path
 
 if TYPE_CHECKING:
@@ -57,8 +58,17 @@ def html_page(clip, title=None, colors=None, control=None, way_points=()) -> str
   page = (_ASSETS / "viewer.html").read_text(encoding="utf-8")
   # A "<" in a caption must not end the script element: in JSON it may be written as \u003c.
   values = {"@TITLE@": html_lib.escape(title), "@DATA@": json.dumps(data, ensure_ascii=False).replace("<", "\\u003c"),
-            "@VIEWER@": VIEWER.read_text(encoding="utf-8")}
+            "@STEPS@": _steps_of(clips), "@VIEWER@": VIEWER.read_text(encoding="utf-8")}
   return re.sub("|".join(values), lambda found: values[found[0]], page)  # one pass: values are not searched again
+
+
+def _steps_of(clips):
+  """What was done to the motions (`motion.step_records`), a line for each step, as an element that opens on a click."""
+  rows = [f"motion {number}: {line}" if len(clips) > 1 else line
+          for number, clip in enumerate(clips, 1) for line in lines(clip.meta)]
+  if not rows:
+    return ""
+  return f'<details id="steps"><summary>steps</summary><div>{html_lib.escape(chr(10).join(rows))}</div></details>\n'
 
 
 def resting_body(skeleton: Skeleton = HUMANML3D) -> dict:

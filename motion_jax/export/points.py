@@ -3,6 +3,8 @@
 All hold where joints are and not how they turn. Any of them is read by the names of its points, as a .bvh is; `mapping`
 names those that are not known.
 """
+import errno
+import os
 import pathlib
 import re
 import struct
@@ -66,23 +68,32 @@ def c3d(clip, path) -> pathlib.Path:
   file["data"]["points"] = points
   with atomic_path(path) as temporary:
     file.write(str(temporary))
+    if not _is_whole(temporary):  # ezc3d does not say when the disk is full
+      raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
   return pathlib.Path(path)
 
 
 def load_csv(path, fps, unit, up, mapping) -> Clip:
   """A table that names its columns as `csv` does; one of numbers alone is a robot's (`motion_jax.robots`)."""
   lines = [line for line in read_lines(path, "CSV file", LARGEST_MOTION) if line.strip()]
+  notes = [line.lstrip("# ") for line in lines if line.startswith("#")]  # numpy.savetxt writes the header so
+  lines = [line for line in lines if not line.startswith("#")]
   head, *cells = split_cells(lines) or [[]]
-  if head and all(map(_is_number, head)):
+  is_bare = bool(head) and all(map(_is_number, head))
+  if is_bare and notes and any(map(_COORDINATE.fullmatch, split_cells(notes[-1:])[0])):
+    lines, is_bare = [notes[-1], *lines], False
+    head, *cells = split_cells(lines)
+  if is_bare:
     from motion_jax import robots
     if len(head) not in (36, 30):
       raise InputError(f"{path}: got {len(head)} numbers a row and no header, expected 36 or 30 (a Unitree G1: root "
                        "position, quaternion, 29 or 23 angles), or a header of columns NAME_x, NAME_y, NAME_z")
     return robots.read_csv(path, robots.load("g1").with_joints(len(head) - 7), None, fps).to_clip()
-  columns = {}  # {(name, axis): column}
+  columns, units = {}, set()  # {(name, axis): column}
   for number, title in enumerate(head):
     if match := _COORDINATE.fullmatch(title):
       columns[match["name"], match["axis"].lower()] = number
+      units.add(match["unit"] or "")
   names = [name for name, axis in columns if axis == "x" and {(name, "y"), (name, "z")} <= columns.keys()]
   if not names:
     raise InputError(f"{path}: got the header {lines[0][:60] if lines else ''!r}, expected columns NAME_x, NAME_y, "
@@ -91,21 +102,36 @@ def load_csv(path, fps, unit, up, mapping) -> Clip:
   points = rows[:, [[columns[name, axis] for axis in "xyz"] for name in names]]
   if fps is None:
     fps = _rate_of_table(path, head, rows)
-  return _clip(path, names, points, fps, unit, up or "y", mapping)
+  return _clip(path, names, points, fps, _stated(unit, units.pop()) if len(units) == 1 else unit, up or "y", mapping)
 
 
-# Columns of coordinates, pelvis_x, pelvis.X, "pelvis x"; and of times, time, Time, "t [s]", time_ms.
-_COORDINATE = re.compile(r"(?P<name>.*[^ _.:-])[ _.:-](?P<axis>[xyzXYZ])")
-_TIME = re.compile(r"(?:time|timestamps?|t|seconds?)(?:[ _]?[\[(]?(?:s|sec|seconds|(?P<milli>ms|milliseconds))[\])]?)?",
-                   re.IGNORECASE)
+# Columns of coordinates: pelvis_x, pelvis.X, pelvisX, "pelvis x (mm)", pelvis_pos_x, pelvis[x], pelvis.Xposition.
+_POSITION = "(?i:pos|position|translation|location|loc|t)"
+_COORDINATE = re.compile(rf"(?P<name>.*?[^\W_])(?:[ _.:\[(-]+(?:{_POSITION}[ _.:-]*)?|(?<=[a-z0-9])(?=[XYZ]))"
+                         rf"(?P<axis>[xyzXYZ])[\])]?(?:[ _.]?{_POSITION})?"
+                         r"(?:[ _]*[\[(]?(?P<unit>mm|cm|m|in|ft)[\])]?)?")
+# Columns of times: time, Time, t, "Time [s]", time_ms, seconds; seconds of a unit.
+_TIMES = "time", "time stamp", "timestamp", "timestamps", "t", "elapsed", "elapsed time"
+_UNITS_OF_TIME = {unit: seconds for units, seconds in (
+    ("s sec secs second seconds", 1.0), ("ms msec millisecond milliseconds", 1e-3),
+    ("us usec µs μs microseconds", 1e-6), ("ns nsec nanoseconds", 1e-9)) for unit in units.split()}
+
+
+def _time_unit(title):
+  """Seconds of the unit of a column of times; None for another column."""
+  words = " ".join(re.findall(r"[^\W_]+", title.lower()))
+  name, _, unit = words.rpartition(" ")
+  if words in _TIMES:
+    return 1.0
+  return _UNITS_OF_TIME.get(unit) if name in _TIMES or not name and len(unit) > 1 else None
 
 
 def _rate_of_table(path, head, rows):
   """The rate by a column of times; None, with a warning, where there is none."""
-  times = [(number, match) for number, title in enumerate(head) if (match := _TIME.fullmatch(title))]
+  times = [(number, unit) for number, title in enumerate(head) if (unit := _time_unit(title))]
   if times and len(rows) > 1:
-    number, match = times[0]
-    return _rate(rows[:, number] / (1000 if match["milli"] else 1), path)
+    number, unit = times[0]
+    return _rate(rows[:, number] * unit, path)
   if len(rows) > 1:
     warnings.warn(f"{path} has no column of times, taken as {HUMANML3D.fps:g} frames a second; --fps (fps=) sets "
                   "another rate", stacklevel=2)
@@ -130,7 +156,8 @@ def load_trc(path, fps, unit, up, mapping) -> Clip:
 
 def load_c3d(path, fps, unit, up, mapping) -> Clip:
   """The points of a C3D file. Needs the extra `c3d`."""
-  _check_c3d(path)
+  if not _is_whole(path):
+    raise InputError(f"{path} is cut or no C3D file")
   with tempfile.TemporaryDirectory() as folder:
     out = pathlib.Path(folder, "points.npz")
     try:
@@ -150,15 +177,14 @@ def load_c3d(path, fps, unit, up, mapping) -> Clip:
                _stated(unit, file["units"].item()), up or "y", mapping)
 
 
-def _check_c3d(path):
-  """Refuses a file that ends before its frames do, which ezc3d fills with zeros. Source: c3d.org, header section."""
+def _is_whole(path):
+  """Whether a C3D file ends where its frames do: ezc3d fills a cut one with zeros. Source: c3d.org, header section."""
   data = path.read_bytes()[:512]
   if len(data) == 512 and data[1] == 0x50:
     points, analog, first, last, _, scale, start = struct.unpack_from("<4Hhfh", data, 2)
     size = (4 * points + analog) * (4 if scale < 0 else 2) * (last - first + 1) + 512 * (start - 1)
-    if path.stat().st_size >= size:
-      return
-  raise InputError(f"{path} is cut or no C3D file")
+    return path.stat().st_size >= size
+  return False
 
 
 def _clip(path, names, points, fps, unit, up, mapping):

@@ -4,7 +4,7 @@ import warnings
 
 import numpy as np
 
-from motion_jax.data.datasets.babel import read_poses
+from motion_jax.data.datasets.babel import RATES, read_poses
 from motion_jax.data.mocap.capture import forward_kinematics
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.plausibility import with_y_up
@@ -17,8 +17,9 @@ from motion_jax.utils.errors import InputError
 from motion_jax.utils.input_files import load_npz, npz_names
 
 KIMODO_FPS, _VIDEO_FPS = 30.0, 30.0
-# {AMASS' name: that of tools that read video}
-_VIDEO_NAMES = {"root_orient": "global_orient", "pose_body": "body_pose", "trans": ("transl", "trans"), "poses": "pose"}
+# {AMASS' name: those of tools that read video}; what is of the world comes before what is of the camera.
+_VIDEO_NAMES = {"root_orient": ("root_orient", "global_orient"), "pose_body": ("pose_body", "body_pose"),
+                "trans": ("trans_world", "transl", "trans"), "poses": ("pose_world", "poses", "pose")}
 # Of SMPL's pelvis at rest from the model's origin, metres: what AMASS' trans is counted from.
 _PELVIS = np.array([0.0, -0.22, 0.03])
 _TO_AMASS = np.array([[-1.0, 0, 0], [0, 0, 1], [0, 1, 0]])  # y up, facing +z -> z up, facing +y
@@ -26,12 +27,17 @@ _TO_AMASS = np.array([[-1.0, 0, 0], [0, 0, 1], [0, 1, 0]])  # y up, facing +z ->
 
 def is_amass(keys) -> bool:
   """Whether a .npz with these keys holds the poses of a body model, as AMASS' files do, or those of video tools."""
-  return "trans" in keys and ("poses" in keys or {"root_orient", "pose_body"} <= set(keys)) or is_of_video(keys)
+  return _has_own_names(keys) or is_of_video(keys)
 
 
 def is_of_video(keys) -> bool:
   """Whether these keys are those of SMPL's poses as tools that read video name them (GVHMR, WHAM, TRAM; ROMP, VIBE)."""
-  return {"global_orient", "body_pose", "transl"} <= set(keys) or {"pose", "trans"} <= set(keys)
+  there = {name for name, others in _VIDEO_NAMES.items() if set(others) & set(keys)}
+  return not _has_own_names(keys) and ({"root_orient", "pose_body", "trans"} <= there or {"poses", "trans"} <= there)
+
+
+def _has_own_names(keys):
+  return "trans" in keys and ("poses" in keys or {"root_orient", "pose_body"} <= set(keys))
 
 
 def read_amass(path, up=None, fps=None):
@@ -40,11 +46,14 @@ def read_amass(path, up=None, fps=None):
   up: the upward axis, by default "z", of video tools "y". fps: the rate of a file that states none. The body's own
   shape (betas) takes the SMPL body model, which is not here.
   """
-  of_video = is_of_video(npz_names(path))
-  if of_video and fps is None:
+  keys = npz_names(path)
+  of_video, states_rate = is_of_video(keys), bool(set(RATES) & set(keys))
+  if not (states_rate or fps or of_video):
+    raise InputError(f"{path} states no rate ({', '.join(RATES)}); give it by --fps (fps=)")
+  if not (states_rate or fps):
     warnings.warn(f"{path} states no rate, taken as {_VIDEO_FPS:g} frames a second; --fps (fps=) sets another",
                   stacklevel=2)
-  poses = read_poses(path, _VIDEO_NAMES if of_video else {}, (fps or _VIDEO_FPS) if of_video else None)
+  poses = read_poses(path, _VIDEO_NAMES if of_video else {}, fps or _VIDEO_FPS)
   pelvis = load_npz(path, ("pelvis_offset",)).get("pelvis_offset", _PELVIS)
   if pelvis.shape != (3,):
     raise InputError(f"{path}: got pelvis_offset {pelvis.shape}, expected (3,)")
@@ -105,4 +114,4 @@ def pickled(path) -> str:
   what, more, code = _CONVERSIONS[{".pickle": ".pkl", ".pth": ".pt"}.get(kind, kind)]
   return (f"{path} holds pickled Python objects and is not opened, as that could run code; where you trust it, this "
           f"makes plain files of {what}: python -c \"import {more}numpy as np; d = "
-          f"{code.replace('FILE', repr(pathlib.Path(path).name))}\"")
+          f"{code.replace('FILE', repr(str(path)))}\"")

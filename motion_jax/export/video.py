@@ -5,6 +5,7 @@
 import collections
 import concurrent.futures
 import contextlib
+import io
 import itertools
 import os
 import pathlib
@@ -175,8 +176,10 @@ def strip(clip, path, num=8, height=360, azimuth=None, caption=None, colors=None
   rows = [_strip(one, num, height, azimuth, caption, colors, spread, signal) for one, signal in zip(clips, signals)]
   width = max(needed for needed, _ in rows)
   rows = [draw(width) for _, draw in rows]
+  data = io.BytesIO()  # on a full disk Pillow would write half a JPEG without a word
+  Image.fromarray(np.concatenate(rows)).save(data, "PNG" if path.suffix.lower() == ".png" else "JPEG")
   with atomic_path(path) as temporary:
-    Image.fromarray(np.concatenate(rows)).save(temporary)
+    temporary.write_bytes(data.getvalue())
   return path
 
 

@@ -13,7 +13,8 @@ from jaxtyping import Bool, Float
 
 from motion_jax.data.clip import Caption, Clip
 from motion_jax.models.known_motion import KnownMotion, at_rate, clip_of
-from motion_jax.models.results import Motion, Motions, captions_with, features_of, gathered
+from motion_jax.models.results import Motion, Motions, captions_with, cleanup_record, features_of, gathered
+from motion_jax.motion import step_records
 from motion_jax.motion.cleanup import clean_up
 from motion_jax.motion.filling import fill_frames, in_spans, runs_of
 from motion_jax.utils.errors import InputError
@@ -96,8 +97,10 @@ def paste(model: "TextToMotionModel", edit: Edit, prompt: str, seed: int | None,
   layout = model.stats.layout
   made, shown = (np.array(layout.to_joints(x), np.float64) for x in (decoded, edit.features))
   known, new = edit.known.cut(edit.start, edit.window.stop), edit.new_in_window
+  steps = [step_records.record("sample", "new frames sampled between kept ones")]
   if cleanup and layout.has_fixed_bones:
-    made = clean_up(made, layout.contacts(decoded), layout.skeleton, smoothing=model.smoothing)
+    before, made = made, clean_up(made, layout.contacts(decoded), layout.skeleton, smoothing=model.smoothing)
+    steps.append(cleanup_record(before, made, layout.skeleton, edit.start))
   if cleanup:
     made = known.own_body(made, shown)
   joints = np.array(edit.known.joints)
@@ -115,7 +118,7 @@ def paste(model: "TextToMotionModel", edit: Edit, prompt: str, seed: int | None,
   return Motion(joints, model.fps, captions, id=edit.clip.id, source=model.id,
                 license=edit.clip.license or model.license, skeleton=layout.skeleton,
                 features=features_of_edit(model, edit, joints),
-                meta=dict(prompt=prompt, seed=seed, cleanup=bool(cleanup)) | about | dict(
+                meta=dict(prompt=prompt, seed=seed, cleanup=bool(cleanup), steps=steps) | about | dict(
                     edited=edit.clip.source or edit.clip.id, made=runs))
 
 

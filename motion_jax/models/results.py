@@ -11,9 +11,11 @@ from jaxtyping import Float, Num
 
 from motion_jax import export
 from motion_jax.data.clip import Caption, Clip
+from motion_jax.motion import step_records
 from motion_jax.motion.blending import eased
 from motion_jax.motion.cleanup import clean_up
 from motion_jax.motion.representations import to_features, to_joints
+from motion_jax.motion.skeleton import Skeleton
 from motion_jax.utils import timing
 
 if TYPE_CHECKING:
@@ -113,18 +115,32 @@ def make_motions(model: "TextToMotionModel", made: Any, frames: Sequence[int], c
     for i, count in enumerate(frames):
       borders = [round(caption.start * model.fps) for caption in captions[i][1:]]
       joints[i, :count] = eased(joints[i, :count], borders, model.fps)
+  steps = [[step_records.record("sample", _sampled(own))] for own in captions]
   if cleanup and layout.has_fixed_bones:
     with timing.part("cleanup"):
       for i, count in enumerate(frames):
-        joints[i, :count] = clean_up(joints[i, :count], layout.contacts(features[i, :count]), layout.skeleton,
+        before = joints[i, :count].copy()
+        joints[i, :count] = clean_up(before, layout.contacts(features[i, :count]), layout.skeleton,
                                      smoothing=model.smoothing)
+        steps[i].append(cleanup_record(before, joints[i, :count], layout.skeleton))
   mask = np.arange(length) < np.array(frames)[:, None]
   made = tuple(
       Motion(joints[i, :count], model.fps, captions[i], id=f"motion_{i}", source=model.id, license=model.license,
              skeleton=layout.skeleton, features=features[i, :count],
-             meta=dict(prompt=" | ".join(c.text for c in captions[i]), seed=seeds[i], cleanup=bool(cleanup)) | about)
+             meta=dict(prompt=" | ".join(c.text for c in captions[i]), seed=seeds[i], cleanup=bool(cleanup),
+                     steps=steps[i]) | about)
       for i, count in enumerate(frames))
   return Motions(joints * mask[..., None, None], mask, features * mask[..., None], made, decoded)
+
+
+def _sampled(captions):
+  return "one pass of the network" if len(captions) <= 1 else f"{len(captions)} prompts in sequence"
+
+
+def cleanup_record(before: Num[np.ndarray, "t j 3"], after: Num[np.ndarray, "t j 3"], skeleton: Skeleton,
+                   start: int = 0) -> step_records.Record:
+  """What `motion.cleanup` changed in joints that begin at a frame of their motion."""
+  return step_records.record("cleanup", "feet pinned, tremor removed", before, after, skeleton, start=start)
 
 
 def features_of(model: "TextToMotionModel", joints: Num[np.ndarray, "t j 3"]) -> Float[np.ndarray, "t f"]:
@@ -144,11 +160,14 @@ def gathered(motions: Sequence[Motion]) -> Motions:
 
 
 def go_on(model: "TextToMotionModel", clip: Clip, past: Num[np.ndarray, "t j 3"], new: Num[np.ndarray, "n j 3"],
-          captions: Sequence[Caption], about: dict[str, Any]) -> Motion:
-  """One Motion of a clip's joints (T, J, 3) and new ones behind them, with the captions of both."""
+          captions: Sequence[Caption], about: dict[str, Any], *steps: step_records.Record) -> Motion:
+  """One Motion of a clip's joints (T, J, 3) and new ones behind them, with the captions of both. steps: records of what
+  was done to the new ones."""
   border, end = len(past) / model.fps, (len(past) + len(new)) / model.fps
   before = tuple(c if c.start or c.end else Caption(c.text, 0.0, border) for c in clip.captions)
   after = tuple(Caption(c.text, c.start + border, c.end + border if c.end else end) for c in captions)
   return Motion(np.concatenate([past.astype(np.float32), new]), model.fps, before + after, id=clip.id,
                 source=f"{clip.source or clip.id}, then {model.id}", license=clip.license or model.license,
-                skeleton=model.stats.layout.skeleton, meta=about | {"past_frames": len(past)})
+                skeleton=model.stats.layout.skeleton, meta={"steps": [step_records.record(
+                    "sample", f"{len(new)} frames after the {len(past)} of the motion"), *steps]} | about | {
+                        "past_frames": len(past)})

@@ -19,6 +19,10 @@ _TRUNK = np.cumsum([-_HEIGHT["left_hip"], *(_HEIGHT[joint] for joint in _SPINE)]
 _COINCIDENT, _LEVEL = 0.01, 0.05   # parts of a leg: joints that are one; a pelvis that lies between the hips
 _ASIDE = 0.25                      # of the way to the shoulder that a collar lies aside; SMPL's 0.39
 _SHORTEST, _FOOT = 0.07, (0.07, 0.16)  # parts of a leg: a foot at least; one that is made, down and ahead
+# {joint: its names among points that hang on nothing}
+_MARKERS = {"head": ("head", "headtop", "tophead", "skull"), "neck": ("neck",)} | {
+    f"{side}_foot": tuple(f"{side} {name}" for name in ("bigtoe", "toe", "toebase", "toes", "forefoot", "toetip"))
+    for side in SIDES}
 _TOES = "toe", "ball", "forefoot", "metatarsal", "foot"
 
 
@@ -65,9 +69,10 @@ class NamedBody:
     if "pelvis" not in joints and pelvis is not None:
       self._take("pelvis", pelvis)
     if chest is None:  # points of a table or markers, which hang on nothing: these go by their names alone
-      for joint in ("head", "neck"):
-        if joint not in joints and joint in self.tree.keys:
-          self._take(joint, self.tree.keys.index(joint))
+      for joint, names in _MARKERS.items():
+        at = next((self.tree.index[name] for name in names if name in self.tree.index), None)
+        if joint not in joints and at is not None:
+          self._take(joint, at)
     line = self._spine_and_head(pelvis, chest)
     if "head" not in joints:
       if not line:

@@ -24,6 +24,7 @@ _LONGEST = 1.5          # metres, the longest bone
 ODD = 0.36              # from here on a warning, and the unit cannot be derived from the bones
 _OTHER_ORDER = 0.6      # from here on an error
 _LOST_BONE = 1.0        # the most that one bone counts, for it may have no length
+_NO_LENGTH, _MOST = 0.01, 0.75  # of the usual length; the share of bones that must have one
 _STRETCH = 0.3          # metres by which a bone may change its length without a warning
 _FARTHEST = 100_000     # metres from the origin, where float32 resolves centimetres
 _COUNTABLE = 1e15       # numbers from here on count as infinite: their squares would be
@@ -181,13 +182,18 @@ def _lengths(joints, skeleton):
 
 
 def _size(lengths, skeleton):
-  """(bones of a body in metres relative to the skeleton's, by the median bone; mean |log| of what differs)."""
+  """(bones of a body in metres relative to the skeleton's, by the median bone; mean |log| of what differs).
+
+  A few bones without length, such as collars that lie in the neck, say nothing about the order of the joints.
+  """
   own = skeleton.bone_lengths[1:] * skeleton.unit
   ratio = np.median(lengths, axis=0)[own > 1e-6] / own[own > 1e-6]
   size = float(np.median(ratio))
   if not 0 < size < np.inf:
     return size, 0.0
-  return size, float(np.minimum(np.abs(np.log(np.maximum(ratio / size, 1e-9))), _LOST_BONE).mean())
+  off = np.minimum(np.abs(np.log(np.maximum(ratio / size, 1e-9))), _LOST_BONE)
+  has_length = ratio > _NO_LENGTH * size
+  return size, float(off[has_length].mean() if has_length.mean() > _MOST else off.mean())
 
 
 def _array(joints, skeleton, name):

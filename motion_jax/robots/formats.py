@@ -6,6 +6,7 @@ axes, units, rate, source and licence.
 """
 import json
 import pathlib
+import shlex
 import warnings
 from collections.abc import Callable
 from typing import NamedTuple
@@ -227,7 +228,8 @@ def _rows(path, width):
   from motion_jax.utils.text_files import read_lines, split_cells
   if not path.is_file():
     raise FileNotFoundError(f"there is no file {path}")
-  numbered = [(number, line) for number, line in enumerate(read_lines(path), 1) if line.strip()]
+  numbered = [(number, line) for number, line in enumerate(read_lines(path), 1)
+              if line.strip() and not line.startswith("#")]
   rows = []
   for (number, line), cells in zip(numbered, split_cells([line for _, line in numbered])):
     try:
@@ -259,7 +261,7 @@ def _guess(path, robot, qpos_as):
   if upright[best] < 0.5 or upright[best] - upright[other] < 0.3:
     raise InputError(f"{path}: nothing in the file says whether its quaternions are (w, x, y, z) or (x, y, z, w): the "
                      f"pelvis is upright by {upright['wxyz']:.2f} and {upright['xyzw']:.2f}; state it: motion-jax "
-                     f"retarget {path.name} --quaternion wxyz (or xyzw)")
+                     f"retarget {shlex.quote(str(path))} --quaternion wxyz (or xyzw)")
   return best
 
 

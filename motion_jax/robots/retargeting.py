@@ -131,7 +131,6 @@ class Solver:
     for side, stands in zip(SIDES, target.planted):
       # A leg that swings past gives way to one that stands.
       self.tasks[f"{side}_ankle"].set_position_cost(_STANDING if stands else _WEIGHTS["ankle"][0])
-      self.tasks[f"{side}_knee"].set_target(_pose(_LEVEL, target.limbs[f"{side}_knee"]))
     first = not self._begun
     if first:  # half a turn away, the joints would wind up to their limits on the way, and stay there
       self.configuration.update(self._standing_at(target))
@@ -156,6 +155,8 @@ class Solver:
     for _ in range(rounds):
       self._aim_arms(configuration, target)
       self._aim_feet(configuration, target)
+      for side in SIDES:
+        self._place(configuration, f"{side}_knee", target.limbs[f"{side}_knee"])
       velocity = mink.solve_ik(configuration, self._all, step, "daqp", damping=1e-3, limits=limits,
                                constraints=self._constraints)
       configuration.integrate_inplace(velocity, step)
@@ -183,6 +184,12 @@ class Solver:
     """Metres by which the worse hand is off its target."""
     return max(float(np.linalg.norm(self.tasks[f"{side}_wrist"].compute_error(configuration)[:3])) for side in SIDES)
 
+  def _place(self, configuration, part, place):
+    """Aims a part at a place, turned as it is now: a turn in the world would make the error depend on the heading."""
+    import mink
+    now = configuration.get_transform_frame_to_world(SITE + part, "site")
+    self.tasks[part].set_target(mink.SE3.from_rotation_and_translation(now.rotation(), place))
+
   def _aim_arms(self, configuration, target):
     """Elbows and wrists by the directions of the arms, from where the robot's own shoulders are by now."""
     data, model = configuration.data, self.robot.model
@@ -191,8 +198,8 @@ class Solver:
       upper, fore = target.arms[side]
       shoulder = data.xpos[torso] + data.xmat[torso].reshape(3, 3) @ self._shoulders[side]
       elbow = shoulder + self.sizes.upper_arm * upper
-      self.tasks[f"{side}_elbow"].set_target(_pose(_LEVEL, elbow))
-      self.tasks[f"{side}_wrist"].set_target(_pose(_LEVEL, elbow + self.sizes.forearm * fore))
+      self._place(configuration, f"{side}_elbow", elbow)
+      self._place(configuration, f"{side}_wrist", elbow + self.sizes.forearm * fore)
 
   def _aim_feet(self, configuration, target):
     """Ankles by their targets, higher where the sole, turned as the robot's ankle can be, would be in the floor."""

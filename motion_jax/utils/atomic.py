@@ -1,5 +1,6 @@
 """Files and folders that are written completely or not at all."""
 import contextlib
+import errno
 import functools
 import os
 import pathlib
@@ -18,6 +19,19 @@ except ImportError:  # Windows: what killed programs leave behind stays there
 _PART = "-part-"  # in the name of what is being written: .walk-part-a1b2c3d4.npz becomes walk.npz
 _OURS = re.compile(r"\.(.+)-part-[a-z0-9_]{8}(-old|\.[^.]*)?")
 _YOUNG = 60.0     # seconds in which another program may not have locked its file yet
+# What libraries that write say of a full disk: numpy how many bytes it wanted to write and how many it did.
+_FULL = re.compile(r"\d+ requested and \d+ written|.*(No space left|Disk quota exceeded|File too large).*", re.DOTALL)
+
+
+@contextlib.contextmanager
+def _naming_a_full_disk(path):
+  """Raises OSError with ENOSPC for a full disk, whatever a library without errno raises."""
+  try:
+    yield
+  except Exception as error:
+    if getattr(error, "errno", None) is not None or not _FULL.fullmatch(str(error)):
+      raise
+    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path)) from error
 
 
 @contextlib.contextmanager
@@ -35,8 +49,9 @@ def atomic_path(path):
   vanish = functools.partial(pathlib.Path(name).unlink, missing_ok=True)
   with stopping.undone_by(vanish), _held(handle):
     try:
-      yield pathlib.Path(name)
-      _flush(name)
+      with _naming_a_full_disk(path):
+        yield pathlib.Path(name)
+        _flush(name)
       os.chmod(name, 0o644)  # mkstemp's 0600 would keep the file from other users
       os.replace(name, path)
     finally:
@@ -65,7 +80,8 @@ def atomic_folder(path):
 
   with stopping.undone_by(vanish), _held(os.open(folder, os.O_RDONLY) if fcntl else None):
     try:
-      yield folder
+      with _naming_a_full_disk(path):
+        yield folder
       folder.chmod(0o755)  # mkdtemp's 0700 would keep it from other users
       if path.exists():
         path.replace(old)

@@ -27,11 +27,11 @@ _SURROGATE = re.compile("[\ud800-\udfff]")
 
 
 def split_cells(lines) -> list[list[str]]:
-  """The cells of the lines of a table of numbers, stripped. They are separated by what the first line has: tabs,
-  semicolons (then a comma in a number is its decimal point), commas or blanks."""
+  """The cells of the lines of a table of numbers, stripped, without quotation marks. They are separated by what the
+  first line has: tabs, semicolons (then a comma in a number is its decimal point), commas or blanks."""
   first = lines[0] if lines else ""
   separator = next((mark for mark in ("\t", ";", ",") if mark in first), None)
-  rows = [[cell.strip() for cell in line.split(separator)] for line in lines]
+  rows = [[cell.strip().strip("\"'").strip() for cell in line.split(separator)] for line in lines]
   if separator == ";":
     rows = [[cell.replace(",", ".") if _DECIMAL_COMMA.fullmatch(cell) else cell for cell in row] for row in rows]
   return rows

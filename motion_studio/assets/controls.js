@@ -1,6 +1,6 @@
 // The buttons and check boxes of the page, and its status line.
 import { isPath } from "./control.js";
-import { liveDetails, liveText, statusOf } from "./messages.js";
+import { liveDetails, liveText, statusOf, stepsText } from "./messages.js";
 
 const $ = (id) => document.getElementById(id);
 const LOOKS = ["follow", "path", "steps", "ghosts", "sticks", "edits"];
@@ -188,7 +188,10 @@ export function bind(studio) {
     const details = $("details").checked,
       same = multiPrompt.reply?.same_frames;
     put("numbers", inLive ? liveText(live) : "");
-    put("figures", !details ? "" : inLive ? liveDetails(live) : same ? `${same} frames unchanged` : "");
+    const unchanged = same ? `${same} frames unchanged · ` : "";
+    put("figures", !details ? "" : inLive ? liveDetails(live) : unchanged + stepsText(multiPrompt.shown));
+    const about = details && !inLive ? stepsText(multiPrompt.shown, "\n") : "";
+    if ($("figures").title !== about) $("figures").title = about;
     $("undo").disabled = !studio.state.past.length;
     $("redo").disabled = !studio.state.future.length;
     if ($("cleanup").checked !== studio.state.project.cleanup) $("cleanup").checked = studio.state.project.cleanup;

@@ -68,6 +68,12 @@ export function liveDetails(live) {
   );
 }
 
+/** What each step did to a motion: the records of its meta, one after the other or, joined by "\n", one a line. */
+export function stepsText(motion, joint = " · ") {
+  const rows = Array.isArray(motion?.meta?.steps) ? motion.meta.steps : [];
+  return rows.map(({ step, did, cm }) => `${step}: ${did}${cm ? ` (up to ${cm} cm)` : ""}`).join(joint);
+}
+
 /** The legend of the strip below the blocks: [[kind, text]]. */
 export function legendOf(pieces) {
   const names = { kept: "kept", new: "regenerated", there: "generated", flight: "in progress" };

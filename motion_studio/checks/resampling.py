@@ -1,16 +1,16 @@
 """Best of n: motions that violate requirements of their prompts are sampled again, and the best attempt is kept."""
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 
 from motion_jax.models.results import Motion
+from motion_jax.motion.step_records import added, record
 from motion_jax.utils import progress
 from motion_studio.checks.reports import report, unmet_requirements
 from motion_studio.checks.violations import excess_speed, violation_score
 from motion_studio.language.path_shapes import with_explicit_side
-from motion_studio.planning.finishing_touches import corrected
-from motion_studio.planning.job import Job
+from motion_studio.planning.job import Job, plan_records
 
 LOUDER = 2.0  # factor on the guidance scale of another attempt; of 24 punches with a named hand 6 show without, 16 with
 SOFTER = 0.5  # factor where a motion overdoes its prompt and violates nothing else
@@ -18,72 +18,108 @@ FIRST_RESAMPLED = 1 << 20  # added to an attempt's number, so that its key is un
 _INDEPENDENT = 2  # attempts before segments are sampled independently
 
 
-def best_of(job: Job, sample: Callable[..., Sequence[Motion]], max_attempts: int) -> list[Motion]:
-  """The motions of a job, each the best of its attempts by violation score, of equals the first.
+class Attempt(NamedTuple):
+  """A sampled motion, how far it is from its prompt (0: it is met), and its record for meta["attempts"]."""
+  motion: Any
+  score: float
+  record: dict[str, Any]
 
-  sample(job, independent=False) -> motions. A motion that violates a requirement is sampled again, by the key
-  fold_in(key, 2^20 + attempt): with twice the guidance scale, or half of it where the motion is only too fast, with a
-  side for a circle that has none, and from the third attempt on in plain words, with segments sampled independently.
+
+class Best(NamedTuple):
+  """The attempts at a motion, and the number of the best one."""
+  attempts: list[Attempt]
+  kept: int = 0
+
+  @property
+  def best(self) -> Attempt:
+    return self.attempts[self.kept]
+
+
+def best_of(sample: Callable[[Sequence[int], int, float], Sequence[Attempt]],
+            overdoes: Callable[[int, int, Attempt], bool], count: int, max_attempts: int) -> list[Best]:
+  """Each of `count` motions the best of its attempts by score, of equals the first; one that scores 0 is not sampled
+  again.
+
+  sample(rows, number, factor): attempt `number`, from 0, at these motions, with the guidance scale times a factor,
+  which is `SOFTER` where overdoes(row, number, best so far), else `LOUDER`.
+  """
+  found = [Best([attempt]) for attempt in sample(range(count), 0, 1.0)]
+  for number in range(1, max_attempts):
+    rows = [i for i, one in enumerate(found) if one.best.score]
+    softer = [i for i in rows if overdoes(i, number, found[i].best)]
+    for some, factor in (([i for i in rows if i not in softer], LOUDER), (softer, SOFTER)):
+      if not some:
+        continue
+      with progress.part(f"attempt {number + 1} of {max_attempts}, as the last one does not show all of the prompt"):
+        again = sample(some, number, factor)
+      for i, attempt in zip(some, again):
+        attempts, kept = found[i]
+        found[i] = Best([*attempts, attempt], number if attempt.score < attempts[kept].score else kept)
+  return found
+
+
+def resampled(job: Job, sample: Callable[[Job], Sequence[Motion]], max_attempts: int) -> list[Motion]:
+  """The motions of a job, each the best of its attempts by violation score.
+
+  sample(job) -> motions, sampled, posed and corrected. A motion that violates a requirement is sampled again, by the
+  key fold_in(key, 2^20 + attempt): with twice the guidance scale, or half of it where the motion is only too fast, with
+  a side for a circle that has none, and from the third attempt on in plain words, with segments sampled independently.
   All attempts are recorded in meta["attempts"], what the best one still violates in meta["unmet"] and, where warnings
   are read, in a warning.
   """
-  required = [plan.requirements if plan else [] for plan in job.plans]
+  required = job.required
 
-  def scored(motions, rows):
-    motions = [corrected(job.model, motion, required[i]) for i, motion in zip(rows, motions)]
-    return [(violation_score(motion.joints, required[i], job.planner.fps), motion)
-            for i, motion in zip(rows, motions)]
+  def attempts(rows, number, factor):
+    part = _again(job, rows, number, factor) if number else job
+    motions = sample(part) if number else job.motions
+    scores = [violation_score(motion.joints, required[i], job.planner.fps) for i, motion in zip(rows, motions)]
+    return [Attempt(motion, score, attempt_record(part, place, number, score) | dict(independent=part.independent))
+            for place, (motion, score) in enumerate(zip(motions, scores))]
 
-  everyone = range(len(job.prompts))
-  best = scored(job.motions, everyone)
-  attempts = [[_record(job, i, 0, score)] for i, (score, _) in enumerate(best)]
-  kept = [0 for _ in best]
-
-  def resample(rows, number, factor):
-    keys = jax.numpy.stack([jax.random.fold_in(job.keys[i], FIRST_RESAMPLED + number) for i in rows])
-    prompts = [said_again(job.prompts[i], required[i], number) for i in rows]
-    plans = [job.plans[i] if prompt == job.prompts[i] else job.planner.with_postures(job.planner.plan(prompt))
-             for i, prompt in zip(rows, prompts)]
-    if number >= _INDEPENDENT:
-      plans = [plan and job.planner.in_plain_words(plan) for plan in plans]
-    again = job.select(rows, prompts=prompts, plans=plans, keys=keys,
-                       sampling=reweighed(job.model, job.sampling, factor), motions=[])
-    with progress.part(f"attempt {number + 1} of {max_attempts}, as the last motion does not show all of the prompt"):
-      made = sample(again, number >= _INDEPENDENT)
-    for place, (i, (score, motion)) in enumerate(zip(rows, scored(made, rows))):
-      attempts[i].append(_record(again, place, number, score))
-      if score < best[i][0]:
-        best[i], kept[i] = (score, motion), number
-
-  for number in range(1, max_attempts):
-    rows = [i for i, (score, _) in enumerate(best) if score]
-    if not rows:
-      break
-    # Too fast and nothing else; an action that does not show needs more guidance first.
-    over = [i for i in rows if best[i][0] <= excess_speed(best[i][1].joints, required[i], job.planner.fps)]
-    for some, factor in (([i for i in rows if i not in over], LOUDER), (over, SOFTER)):
-      if some:
-        resample(some, number, factor)
-  motions = [motion for _, motion in best]
+  # Too fast and nothing else; an action that does not show needs more guidance first.
+  overdoes = lambda row, _, best: best.score <= excess_speed(best.motion.joints, required[row], job.planner.fps)
+  found = best_of(attempts, overdoes, len(job.prompts), max_attempts)
+  motions = [one.best.motion for one in found]
   unmet = [unmet_requirements(motion.joints, one, job.planner.fps) for motion, one in zip(motions, required)]
   if job.warns:
     report(job.prompts, unmet, max_attempts)
-  motions = [motion.replace(meta=motion.meta | dict(prompt=prompt)) if missing else motion
-             for prompt, motion, missing in zip(job.prompts, motions, unmet)]
-  return [with_attempts(*one) for one in zip(motions, attempts, kept, unmet)]
+  motions = [with_attempts(*one) for one in zip(motions, found, unmet)]
+  return [motion.replace(meta=motion.meta | dict(prompt=prompt)) if missing else motion
+          for prompt, motion, missing in zip(job.prompts, motions, unmet)]
 
 
-def with_attempts(motion: Motion, attempts: Sequence[dict[str, Any]], kept: int, unmet: Sequence[str]) -> Motion:
-  """The motion with the record of its attempts, of which number `kept` is this one, and requirements it violates."""
-  found = [one | dict(kept=number == kept) for number, one in enumerate(attempts)]
-  return motion.replace(meta=motion.meta | dict(attempts=found) | (dict(unmet=list(unmet)) if unmet else {}))
+def _again(job, rows, number, factor):
+  """The job of another attempt."""
+  required = job.required
+  prompts = [said_again(job.prompts[i], required[i], number) for i in rows]
+  plans = [job.plans[i] if prompt == job.prompts[i] else job.planner.with_postures(job.planner.plan(prompt))
+           for i, prompt in zip(rows, prompts)]
+  if number >= _INDEPENDENT:
+    plans = [plan and job.planner.in_plain_words(plan) for plan in plans]
+  return job.select(rows, prompts=prompts, plans=plans, keys=keys_again(job, rows, number), motions=[],
+                    records=[plan_records(plan) for plan in plans],
+                    sampling=reweighed(job.model, job.sampling, factor), independent=number >= _INDEPENDENT,
+                    requirements=[required[i] for i in rows])
 
 
-def _record(job, row, number, score):
+def keys_again(job: Job, rows: Sequence[int], number: int) -> jax.Array:
+  """The keys of another attempt."""
+  return jax.numpy.stack([jax.random.fold_in(job.keys[i], FIRST_RESAMPLED + number) for i in rows])
+
+
+def with_attempts(motion: Motion, found: Best, unmet: Sequence[str], checked: bool = True) -> Motion:
+  """The best motion with the records of all attempts, of the check, and of requirements that it violates."""
+  attempts = [one.record | dict(kept=number == found.kept) for number, one in enumerate(found.attempts)]
+  did = f"attempt {found.kept + 1} of {len(attempts)} kept"
+  steps = [record("check", did, score=(found.attempts[0].score, found.best.score))] if checked else []
+  return motion.replace(meta=added(motion.meta, *steps) | dict(attempts=attempts) | (
+      dict(unmet=list(unmet)) if unmet else {}))
+
+
+def attempt_record(job: Job, row: int, number: int, score: float) -> dict[str, Any]:
   """An attempt as a motion's meta has it."""
   return dict(number=number + 1, seed=job.seeds[row], prompt=job.prompts[row],
-              guidance_scale=guidance_scale(job.model, job.sampling), independent=number >= _INDEPENDENT,
-              violation_score=round(float(score), 4))
+              guidance_scale=guidance_scale(job.model, job.sampling), violation_score=round(float(score), 4))
 
 
 def said_again(prompt: str, requirements: Sequence[Any], number: int) -> str:

@@ -4,7 +4,6 @@ Nothing heavy is imported before a command runs, so that `--help` and a mistyped
 """
 import errno
 import gc
-import re
 import sys
 import warnings
 
@@ -85,11 +84,9 @@ def _called(args):
   try:
     return args.run(args)
   except OSError as error:
-    # numpy says of a full disk how many bytes it wanted to write and how many it did.
-    if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG) or re.fullmatch(r"\d+ requested and \d+ written",
-                                                                                str(error)):
-      raise InputError("no space left on the disk to write to, or a file is larger than it may be; free some, or write "
-                       "to another folder. Nothing half-written is left") from error
+    if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
+      raise InputError(f"no space left on the disk to write {error.filename or 'to'}, or a file is larger than it may "
+                       "be; free some, or write to another folder. Nothing half-written is left") from error
     if error.errno != errno.ENAMETOOLONG:
       raise
     name = str(error.filename or "")

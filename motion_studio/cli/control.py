@@ -3,6 +3,7 @@ import re
 
 from motion_jax.utils.errors import InputError
 from motion_jax.utils.numerals import real, shortened
+from motion_studio.cli import generation_flags as flags
 from motion_studio.cli import shared
 
 _METRES = real(-1e4, 1e4, "metres")
@@ -83,7 +84,7 @@ def regenerate_parts(args, clip, pipeline, sampling):
              for first, past in spans_of(args.change or [], len(joints), model.fps)] or None
   parts = tuple(part.strip() for part in args.keep_parts.split(","))
   seeds = [args.seed + i for i in range(args.num_samples)]
-  return pipeline([args.prompt] * args.num_samples, seeds=seeds, cleanup=not args.no_cleanup,
+  return pipeline([args.prompt] * args.num_samples, seeds=seeds, without=flags.without_of(args),
                   control=[KeepParts(joints, parts, model.fps, spans)], **sampling)
 
 

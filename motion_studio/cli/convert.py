@@ -1,4 +1,6 @@
 """motion-jax convert: the authors' PyTorch weights as run folders."""
+import shlex
+
 from motion_jax.utils.numerals import whole
 
 
@@ -77,51 +79,41 @@ def add_to(commands):
 def _convert_cmdm(args):
   from motion_jax.models.cmdm.weights import write_cmdm
   _print_converted(args, write_cmdm(args.out, args.tokenizer, args.stats, args.denoiser, args.text_encoder,
-                                 args.weights, args.heads, args.block))
-  if args.denoiser:
-    print(f"try it: motion-jax generate \"a person waves\" --model {args.out}")
+                                 args.weights, args.heads, args.block), args.denoiser)
 
 
 def _convert_cdamd(args):
   from motion_jax.models.cdamd.weights import write_cdamd
-  _print_converted(args, write_cdamd(args.out, args.tokenizer, args.stats, args.generator, args.rvq,
-                                  args.length, args.text_encoder, args.weights, args.heads, args.diffusion))
-  if args.generator:
-    print(f"try it: motion-jax generate \"a person waves\" --model {args.out}")
+  _print_converted(args, write_cdamd(args.out, args.tokenizer, args.stats, args.generator, args.rvq, args.length,
+                                     args.text_encoder, args.weights, args.heads, args.diffusion), args.generator)
 
 
 def _convert_momask(args):
   from motion_jax.models.momask.weights import write_momask
   _print_converted(args, write_momask(args.out, args.tokenizer, args.stats, args.masked, args.residual, args.length,
-                                      args.text_encoder, args.heads))
-  if args.masked:
-    print(f"try it: motion-jax generate \"a person waves\" --model {args.out}")
+                                      args.text_encoder, args.heads), args.masked)
 
 
 def _convert_t2m_gpt(args):
   from motion_jax.models.t2m_gpt.weights import write_t2m_gpt
-  _print_converted(args, write_t2m_gpt(args.out, args.tokenizer, args.stats, args.gpt, args.text_encoder, args.heads))
-  if args.gpt:
-    print(f"try it: motion-jax generate \"a person waves\" --model {args.out}")
+  _print_converted(args, write_t2m_gpt(args.out, args.tokenizer, args.stats, args.gpt, args.text_encoder, args.heads),
+                   args.gpt)
 
 
 def _convert_mdm(args):
   from motion_jax.models.mdm.weights import write_mdm
-  _print_converted(args, write_mdm(args.out, args.file, args.stats, args.text_encoder, args.weights, args.heads))
-  print(f"try it: motion-jax generate \"a person waves\" --model {args.out}")
+  _print_converted(args, write_mdm(args.out, args.file, args.stats, args.text_encoder, args.weights, args.heads), True)
 
 
 def _convert_mld(args):
   from motion_jax.models.mld.weights import write_mld
-  _print_converted(args, write_mld(args.out, args.file, args.stats, args.text_encoder, args.heads))
-  print(f"try it: motion-jax generate \"a person waves\" --model {args.out}")
+  _print_converted(args, write_mld(args.out, args.file, args.stats, args.text_encoder, args.heads), True)
 
 
 def _convert_motionstreamer(args):
   from motion_jax.models.motionstreamer.weights import write_motionstreamer
   _print_converted(args, write_motionstreamer(args.out, args.tokenizer, args.generator, args.stats, args.text_encoder,
-                                              args.heads))
-  print(f"try it: motion-jax generate \"a person waves\" --model {args.out}")
+                                              args.heads), True)
 
 
 def _convert_teacher(args):
@@ -134,5 +126,7 @@ def _convert_evaluator(args):
   _print_converted(args, write_evaluator(args.out, args.file, args.stats, args.heads, args.glove, args.text_encoder))
 
 
-def _print_converted(args, networks):
+def _print_converted(args, networks, generates=None):
   print(*networks, f"wrote {args.out}", sep="\n")
+  if generates:
+    print(f"try it: motion-jax generate \"a person waves\" --model {shlex.quote(args.out)}")

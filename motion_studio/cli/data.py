@@ -1,5 +1,6 @@
 """motion-jax data: build, encode and check training data."""
 import pathlib
+import shlex
 import sys
 
 from motion_jax.utils.install import pip_install
@@ -74,7 +75,7 @@ def _build(args):
   print(build.build(args.source, args.out, captions=args.captions, mapping=args.mapping, mode=args.mode,
                     mirror=not args.no_mirror, fps=args.resample, source_fps=args.fps,
                     overwrite=args.overwrite, faults=faults))
-  print(f"check it: motion-jax data doctor {args.out}")
+  print(f"check it: motion-jax data doctor {shlex.quote(args.out)}")
   return _left_out(faults)
 
 
@@ -97,7 +98,7 @@ def _left_out(faults):
 def _records(args):
   from motion_jax.data import records
   print(records.write(args.folder, args.out, args.layout, args.mode, not args.no_mirror, args.overwrite))
-  print(f"train on it: motion-jax train --data {args.out} ...")
+  print(f"train on it: motion-jax train --data {shlex.quote(args.out)} ...")
 
 
 def _encode(args):
@@ -105,7 +106,7 @@ def _encode(args):
   from motion_jax import fit
   shared.cache_compiled_code()
   print(fit.encode(config, args.out))
-  print(f"train on it: motion-jax train --config {args.config} ... --config.data.store={args.out}")
+  print(f"train on it: motion-jax train --config {args.config} ... --config.data.store={shlex.quote(args.out)}")
 
 
 def _describe(args):
@@ -122,7 +123,7 @@ def _describe(args):
   print(f"{len(rows)} motions, {silent} of them without a certain action")
   if args.out:
     print(f"wrote {describe_folders.write_table(rows, args.out)} captions to {args.out}\n"
-          f"next: motion-jax data build {args.folder} FOLDER --captions {args.out}")
+          f"next: motion-jax data build {shlex.quote(args.folder)} FOLDER --captions {shlex.quote(args.out)}")
   return _left_out(faults)
 
 

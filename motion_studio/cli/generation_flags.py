@@ -1,4 +1,5 @@
 """Flags of the commands that generate motion; sampling choices of all methods come from their `SamplingOptions`."""
+import argparse
 import functools
 import json
 import pathlib
@@ -9,6 +10,7 @@ from motion_jax.utils.errors import InputError
 from motion_jax.utils.numerals import MOTIONS, SEEDS, whole
 from motion_studio.checks import MAX_ATTEMPTS
 from motion_studio.cli import shared
+from motion_studio.step_names import left_out
 
 # Methods whose models cannot run a command.
 _WHOLE = ("cdamd", "mld", "momask", "t2m_gpt")
@@ -18,6 +20,26 @@ WITHOUT = {"multi-prompt": _WHOLE, "extend": _WHOLE, "edit": ("cmdm", "mld", "mo
 def add_planning(parser):
   parser.add_argument("--no-plan", action="store_true", help="pass each prompt to the model unchanged; default: "
                       "prompts with several actions, such as \"walks, then waves\", are planned action by action")
+
+
+def add_steps(parser, names):
+  """--without and --explain: the steps after and around sampling."""
+  parser.add_argument("--without", metavar="STEPS", type=functools.partial(_steps, names=names), default=frozenset(),
+                      help=f"leave out steps, with commas: {', '.join(names)}")
+  parser.add_argument("--explain", action="store_true", help="print what each step did, in which frames and by how "
+                      "much")
+
+
+def _steps(text, names):
+  try:
+    return left_out(text, names)
+  except InputError as error:
+    raise argparse.ArgumentTypeError(str(error)) from None
+
+
+def without_of(args):
+  """The steps that --without, --no-plan and --no-cleanup leave out."""
+  return args.without | {name for name in ("plan", "cleanup") if getattr(args, f"no_{name}", False)}
 
 
 def add_attempts(parser, what, checks):

@@ -7,6 +7,7 @@ import time
 from motion_jax.utils import progress, timing
 from motion_jax.utils.errors import InputError
 from motion_jax.utils.numerals import MOTIONS, real, whole
+from motion_studio import step_names
 from motion_studio.cli import control, shared
 from motion_studio.cli import generation_flags as flags
 from motion_studio.cli.prompts import read_prompts, read_sequences
@@ -28,6 +29,7 @@ def add_to(commands):
   length.add_argument("--num-frames", type=whole(1, 72_000), help="length in frames")
   flags.add_planning(generate)
   flags.add_attempts(generate, "a motion", "its prompt, such as the number of jumps")
+  flags.add_steps(generate, step_names.GENERATE)
   control.add_to(generate)
   flags.add_common(generate, "generate", "motion.html")
   generate.set_defaults(run=_generate)
@@ -45,6 +47,7 @@ def add_to(commands):
   several.add_argument("--hold-until-done", action="store_true", help="give single actions, such as a kick, at least "
                        "the length of training clips of them")
   flags.add_planning(several)
+  flags.add_steps(several, step_names.MULTI_PROMPT)
   several.add_argument("--ease", action="store_true", help="spread sudden speed changes between prompts over 0.4 s")
   flags.add_common(several, "multi-prompt", "multi_prompt.html")
   several.set_defaults(run=_multi_prompt)
@@ -58,6 +61,7 @@ def add_to(commands):
                       help="stream (default): the past stays clean in the cache; chain: one past latent is noised "
                            "again in each step, as in the released code")
   flags.add_planning(extend)
+  flags.add_steps(extend, step_names.EXTEND)
   shared.add_reading(extend)
   flags.add_common(extend, "extend", "extended.html")
   extend.set_defaults(run=_extend)
@@ -77,6 +81,7 @@ def add_to(commands):
   edit.add_argument("--no-paste", action="store_true", help="return kept frames as the autoencoder decodes them, "
                     "not as they are in the file")
   flags.add_attempts(edit, "new frames", "the prompt")
+  flags.add_steps(edit, step_names.EDIT)
   shared.add_reading(edit)
   flags.add_common(edit, "edit", "edited.html")
   edit.set_defaults(run=_edit, model="cdamd-small")
@@ -92,11 +97,13 @@ def _generate(args):
   if args.seconds is not None or args.num_frames is not None:
     length = args.num_frames if args.num_frames is not None else args.seconds * model.fps
     rows = [(prompt, length) for prompt, _ in rows]
-  constraints = control.constraints_of(args, model)
+  constraints, without = control.constraints_of(args, model), flags.without_of(args)
+  plain = "plan" in without
   with timing.part("text"), progress.part("reading the prompts"):
-    plans = {prompt: prompt if args.no_plan else pipeline.plan(prompt, postures=not constraints)
+    plans = {prompt: prompt if plain else pipeline.plan(prompt, postures=not constraints)
              for prompt, _ in dict.fromkeys(rows)}
-    pipeline.warn(plans.values(), plan=False, postures=not constraints)
+    if "warn" not in without:
+      pipeline.warn(plans.values(), plan=False, postures=not constraints)
     schedules = {row: pipeline.schedule(plans[row[0]], row[1], constraints) for row in dict.fromkeys(rows)}
     frames = [sum(schedules[row][1]) for row in rows]
   for plan, _ in list(schedules.values())[:_PRINTED]:
@@ -108,8 +115,8 @@ def _generate(args):
   motions = []
   for batch in progress.each(_batches(frames, model), "generating motions", unit="batch"):
     motions += pipeline([plans[prompt] for prompt, _ in rows[batch]], frames[batch], seeds=seeds[batch],
-                        cleanup=not args.no_cleanup, max_attempts=args.max_attempts, control=constraints or None,
-                        exact=not args.no_cleanup, plan=not args.no_plan, **flags.sampling_of(args, model))
+                        without=without, max_attempts=args.max_attempts, control=constraints or None,
+                        exact=not args.no_cleanup, **flags.sampling_of(args, model))
   segments = dict.fromkeys(motion.meta["understood"] for motion in motions if "understood" in motion.meta)
   for text in list(segments)[:_PRINTED]:
     print(f"generated as: {text}")
@@ -135,9 +142,9 @@ def _multi_prompt(args):
   motions = []
   for batch in progress.each(_batches([_length(pipeline, one) for one in lists], model), "generating motions",
                              unit="batch"):
-    motions += pipeline.multi_prompts(lists[batch], way=args.way, cleanup=not args.no_cleanup, seeds=seeds[batch],
+    motions += pipeline.multi_prompts(lists[batch], way=args.way, without=flags.without_of(args), seeds=seeds[batch],
                                       rest=args.rest, hold_until_done=args.hold_until_done, ease=args.ease,
-                                      plan=not args.no_plan, **flags.sampling_of(args, model))
+                                      **flags.sampling_of(args, model))
   for caption in motions[0].captions if len(lists) == args.num_samples else ():
     print(f"{caption.start:6.1f} to {caption.end:5.1f} s  {caption.text}")
   _write(args, model, motions, outputs, start)
@@ -157,8 +164,8 @@ def _extend(args):
   more = {name: value for name in ("past_prompt", "way") if (value := getattr(args, name)) is not None}
   if more and not model.ways:
     raise InputError(f"got --{min(more).replace('_', '-')} for the model {model.id}, which has no such choice")
-  motions = [pipeline.extend(clip, segments, seed=args.seed + i, cleanup=not args.no_cleanup, plan=not args.no_plan,
-                             **more, **flags.sampling_of(args, model))
+  more |= flags.sampling_of(args, model)
+  motions = [pipeline.extend(clip, segments, seed=args.seed + i, without=flags.without_of(args), **more)
              for i in progress.each(range(args.num_samples), "generating motions", unit="motion")]
   _write(args, model, motions, outputs, start)
 
@@ -181,9 +188,13 @@ def _edit(args):
   with shared.value_of(flag, " ".join(texts)):
     spans = spans_of(texts, frames, model.fps) or None
   keep, change = (spans, None) if args.keep else (None, spans)
-  edit = model.edit if args.no_paste else functools.partial(pipeline.edit, max_attempts=args.max_attempts)
+  if args.no_paste and args.without:
+    raise InputError("got --without with --no-paste, which is one pass of the network without those steps; use "
+                     "--no-cleanup to leave out the cleanup")
+  edit = functools.partial(model.edit, cleanup=not args.no_cleanup) if args.no_paste else functools.partial(
+      pipeline.edit, max_attempts=args.max_attempts, without=flags.without_of(args))
   motions = [edit(clip, args.prompt, args.task, keep=keep, change=change, seed=args.seed + i,
-                  cleanup=not args.no_cleanup, **flags.sampling_of(args, model))
+                  **flags.sampling_of(args, model))
              for i in progress.each(range(args.num_samples), "generating motions", unit="motion")]
   for first, past in motions[0].meta["made"]:
     print(f"new frames: {first / model.fps:.1f} to {past / model.fps:.1f} s")
@@ -249,9 +260,13 @@ def _print_model(model, args, what):
 
 
 def _write(args, model, motions, outputs, start, colors=None, signals=None, constraints=()):
-  """Writes the motions to the outputs. colors (T, 3) of the body, and constraints and their signals, are for pictures.
+  """Writes the motions to the outputs; with --explain prints what was done to them. colors (T, 3) of the body, and
+  constraints and their signals, are for pictures.
   """
+  from motion_jax.motion.step_records import lines
   print(f"generated in {time.time() - start:.1f} s")
+  for number, motion in enumerate(motions[:_PRINTED] if args.explain else (), 1):
+    print(*(f"motion {number}: " * (len(motions) > 1) + line for line in lines(motion.meta)), sep="\n")
   clips = [motion.replace(id=f"{pathlib.Path(outputs[0]).stem}_{i}") for i, motion in enumerate(motions)]
   with timing.part("files"), progress.part("writing files"):
     written = [path for out in outputs for path in _write_one(args, clips, out, colors, signals, constraints)]

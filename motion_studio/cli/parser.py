@@ -30,7 +30,7 @@ class Parser(argparse.ArgumentParser):
     return found
 
   def parse_known_args(self, args=None, namespace=None):
-    return super().parse_known_args(args if args is None else list(map(self._with_dashes, args)), namespace)
+    return super().parse_known_args(args if args is None else self._joined(map(self._with_dashes, args)), namespace)
 
   def _of_command(self, found):
     """The parser of the sub-command that was parsed, or this one."""
@@ -38,6 +38,18 @@ class Parser(argparse.ArgumentParser):
       if isinstance(action, argparse._SubParsersAction) and getattr(found, action.dest, None) in action.choices:
         return action.choices[getattr(found, action.dest)]._of_command(found)
     return self
+
+  def _joined(self, arguments):
+    """The arguments with --up -z and --at -1,2 as one each: argparse takes what begins with a dash for a flag."""
+    joined: list[str] = []
+    for argument in arguments:
+      action = self._option_string_actions.get(joined[-1]) if joined else None
+      if action is not None and action.nargs is None and (
+          re.match(r"-[\d.]", argument) or argument[:1] == "-" and argument in (action.choices or ())):
+        joined[-1] += f"={argument}"
+      else:
+        joined.append(argument)
+    return joined
 
   def _with_dashes(self, argument):
     """The argument with dashes in its flag's name, where that makes it a flag of this parser."""

@@ -30,8 +30,8 @@ def add_to(commands):
                         "(50); formats whose readers expect a rate are resampled to it")
   retarget.add_argument("--quaternion", choices=("xyzw", "wxyz"), help="quaternion order of a robot's .csv; by default "
                         "it is read off the pelvis, which stands upright")
-  retarget.add_argument("--out", help="stem of the files to write (FILE without its ending); of a robot's .csv, the "
-                        "motion file to write: .npz .bvh .glb .mp4 .html ...")
+  retarget.add_argument("--out", help="stem of the files to write (FILE without its ending); of a robot's file, the "
+                        "motion file to write: .npz (without an ending), .bvh .glb .mp4 .html ...")
   retarget.add_argument("--picture", metavar="FILE", help="also draw the robot: .png (a strip), .mp4 or .gif")
   shared.add_reading(retarget)
   retarget.set_defaults(run=_retarget)
@@ -69,8 +69,8 @@ def _retarget(args):
   from motion_jax import export
   if args.picture:
     export.check_output(args.picture)
-  outputs = [export.check_output(part) for part in (args.out or f"{path.with_suffix('')}_joints.npz").split(",")
-             ] if back else []
+  outputs = [export.check_output(part if pathlib.Path(part).suffix else f"{part}.npz")
+             for part in (args.out or f"{path.with_suffix('')}_joints.npz").split(",")] if back else []
   from motion_jax import robots
   robot = robots.load(args.robot, args.robot_mapping).with_joints(args.joints)
   if back:

@@ -3,6 +3,7 @@ import argparse
 import contextlib
 import pathlib
 import re
+import shlex
 
 from motion_jax.utils import progress
 from motion_jax.utils.errors import InputError
@@ -270,4 +271,4 @@ def print_files(written):
   if first.endswith(".html"):
     print(f"open {first} in a browser; no network is needed")
   elif first.endswith((".npz", ".npy", ".bvh")):
-    print(f"see it: motion-jax render {first}")
+    print(f"see it: motion-jax render {shlex.quote(first)}")

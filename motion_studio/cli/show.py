@@ -1,5 +1,6 @@
 """motion-jax render and models: what there is to see."""
 import pathlib
+import shlex
 
 from motion_jax.utils.errors import InputError
 from motion_studio.cli import shared
@@ -71,8 +72,8 @@ def _nearest_rig(args):
   if args.write_mapping:
     with atomic_path(args.write_mapping) as temporary:
       temporary.write_text(json.dumps(mapping, indent=1) + "\n")
-    print(f"wrote {args.write_mapping}; correct and fill it in, then: motion-jax render {path} --mapping "
-          f"{args.write_mapping}")
+    print(f"wrote {args.write_mapping}; correct and fill it in, then: motion-jax render "
+          f"{shlex.quote(str(path))} --mapping {shlex.quote(args.write_mapping)}")
 
 
 def _abilities(name):

@@ -13,6 +13,7 @@ from motion_jax.motion.pinned_feet import pin_feet
 from motion_jax.motion.retarget import floor_height, mirror
 from motion_jax.motion.skeleton import HUMANML3D
 from motion_jax.motion.smoothing import gaussian_filter1d
+from motion_jax.motion.step_records import added, record
 from motion_studio.checks.violations import gets_up, violation_score
 from motion_studio.language.requirements import Requirement
 from motion_studio.planning.pauses import held_frame, insert_pause
@@ -26,22 +27,20 @@ _HANGS = re.compile(r"\b(?:hang|dangl|bars?\b|swings on|rid(?:es|ing)|swim|fl(?:
 
 
 def corrected(model: Any, motion: Motion, requirements: Sequence[Requirement]) -> Motion:
-  """The motion with the corrections it needs; the same object where it needs none."""
-  skeleton = model.stats.layout.skeleton
-  joints = _mirrored(_kept_seated(motion, requirements, skeleton), motion, requirements, skeleton)
-  for correct in (stepping, _jumping, returning):
-    joints = correct(joints, motion.fps, requirements, skeleton)
-  joints = shaped(joints, motion.fps, requirements, skeleton, one_action=len(motion.captions) <= 1)
-  height = float(floor_height(joints, skeleton))
-  if height > _FLOATS and not _HANGS.search(motion.captions[0].text if motion.captions else ""):
-    lowest = joints[:, list(HUMANML3D.left_feet + HUMANML3D.right_feet), 1].min()
-    joints = joints - np.array([0, lowest, 0], joints.dtype)
-  if joints is motion.joints:
-    return motion
-  return motion.replace(joints=joints, features=features_of(model, joints))
+  """The motion with the corrections it needs, each recorded with the violation scores before and after; the same object
+  where it needs none."""
+  joints, records, score = motion.joints, [], None
+  for did, correct in _CORRECTIONS:
+    before, joints = joints, correct(joints, motion, requirements, model.stats.layout.skeleton)
+    if joints is not before:
+      old = violation_score(before, requirements, motion.fps) if score is None else score
+      score = violation_score(joints, requirements, motion.fps)
+      records.append(record("correct", did, before, joints, motion.skeleton, (old, score)))
+  return motion if joints is motion.joints else motion.replace(
+      joints=joints, features=features_of(model, joints), meta=added(motion.meta, *records))
 
 
-def _kept_seated(motion, requirements, skeleton):
+def _kept_seated(joints, motion, requirements, skeleton):
   """Joints that hold the seated pose where sitting comes last and the body gets up again, be it to sit down once more.
   """
   seated = [one for one in requirements if one.kind == "seated"]
@@ -86,3 +85,27 @@ def _jumping(joints, fps, requirements, skeleton):
   pairs = [feet[:, [left, right]] for left, right in zip(skeleton.left_feet, skeleton.right_feet)]
   moved = pin_feet(moved, *pairs, skeleton)
   return joints if violation_score(moved, wanted, fps) else moved.astype(joints.dtype)
+
+
+def _on_the_floor(joints, motion, _, skeleton):
+  """Joints whose feet come down to the floor, where they never did; not of a body that hangs, rides or swims."""
+  height = float(floor_height(joints, skeleton))
+  if height <= _FLOATS or _HANGS.search(motion.captions[0].text if motion.captions else ""):
+    return joints
+  lowest = joints[:, list(HUMANML3D.left_feet + HUMANML3D.right_feet), 1].min()
+  return joints - np.array([0, lowest, 0], joints.dtype)
+
+
+def _rerouted(change):
+  return lambda joints, motion, requirements, skeleton: change(joints, motion.fps, requirements, skeleton)
+
+
+def _shaped(joints, motion, requirements, skeleton):
+  return shaped(joints, motion.fps, requirements, skeleton, one_action=len(motion.captions) <= 1)
+
+
+_CORRECTIONS = (
+    ("kept seated", _kept_seated), ("left and right exchanged", _mirrored),
+    ("steps taken in place or to the side", _rerouted(stepping)), ("jumps moved to the side", _rerouted(_jumping)),
+    ("way back turned to the beginning", _rerouted(returning)), ("walk bent to its shape", _shaped),
+    ("put on the floor", _on_the_floor))

@@ -12,6 +12,7 @@ import numpy as np
 
 from motion_jax.models.results import Motion, captions_in_a_row, features_of
 from motion_jax.motion.skeleton import HUMANML3D, Skeleton
+from motion_jax.motion.step_records import largest, record
 from motion_studio.checks.violations import violation_score
 from motion_studio.language.requirements import Requirement, is_counted, once
 from motion_studio.planning.joining import SLACK, joined
@@ -89,6 +90,9 @@ def _joined(model, segments, parts):
   joints, ends = joined([part.joints for part in parts], np.cumsum([count for _, count in segments]).tolist(),
                         model.stats.layout.skeleton)
   joints, prompts = joints.astype(np.float32), [prompt for prompt, _ in segments]
+  cleaned = [one for part in parts for one in part.meta.get("steps", ()) if one["step"] == "cleanup"]
+  steps = [record("sample", f"{len(parts)} prompts sampled independently and joined where poses meet"),
+           *([largest(cleaned)] if cleaned else [])]
   return parts[0].replace(
       joints=joints, features=features_of(model, joints), captions=captions_in_a_row(prompts, ends, model.fps),
-      meta=parts[0].meta | dict(prompt=" | ".join(prompts), way="joined"))
+      meta=parts[0].meta | dict(prompt=" | ".join(prompts), way="joined", steps=steps))

@@ -9,8 +9,15 @@ from motion_jax.control.constraints import Constraint
 from motion_jax.control.signal import ControlSignal
 from motion_jax.models.base import select_keys
 from motion_jax.models.results import Motion
+from motion_jax.motion.step_records import Record, record
 from motion_studio.language import Plan
+from motion_studio.language.requirements import Requirement
 from motion_studio.planning.planner import Planner
+
+
+def plan_records(plan: Plan | None) -> list[Record]:
+  """[the record of a plan]: its segments, for a reader."""
+  return [] if plan is None else [record("plan", "one action" if plan.is_plain else plan.summary)]
 
 
 @dataclasses.dataclass
@@ -34,11 +41,23 @@ class Job:
   targets: list[Any] = dataclasses.field(default_factory=list)  # `constraining.Target` of those with constraints
   notes: list[str] = dataclasses.field(default_factory=list)  # on constraints that do not fit a prompt
   motions: list[Motion] = dataclasses.field(default_factory=list)
+  scheduled: list[Plan | None] = dataclasses.field(default_factory=list)  # plans as sampled, with their pauses
+  guided: list[bool] = dataclasses.field(default_factory=list)  # sampled in one pass that follows its constraints
+  requirements: list[Sequence[Requirement]] = dataclasses.field(default_factory=list)  # instead of those of the plans
+  records: list[list[Record]] = dataclasses.field(default_factory=list)  # of steps before there is a motion
+  independent: bool = False          # whether segments are sampled independently of one another
+  steps: Sequence[Any] = ()          # all that the job goes through
 
   def __post_init__(self) -> None:
     count = len(self.prompts)
     self.plans, self.targets = self.plans or [None] * count, self.targets or [None] * count
-    self.notes = self.notes or [""] * count
+    self.notes, self.guided = self.notes or [""] * count, self.guided or [False] * count
+    self.scheduled, self.records = self.scheduled or [None] * count, self.records or [[] for _ in range(count)]
+
+  @property
+  def required(self) -> list[Sequence[Requirement]]:
+    """What each motion has to meet."""
+    return self.requirements or [plan.requirements if plan else [] for plan in self.plans]
 
   @property
   def model(self) -> Any:
@@ -50,5 +69,7 @@ class Job:
     own = dict(prompts=some(self.prompts), frames=some(self.frames), keys=select_keys(self.keys, rows),
                seeds=some(self.seeds), constraints=some(self.constraints), plans=some(self.plans),
                targets=some(self.targets), notes=some(self.notes),
+               scheduled=some(self.scheduled), guided=some(self.guided), records=some(self.records),
+               requirements=some(self.requirements) if self.requirements else [],
                motions=some(self.motions) if self.motions else [])
     return dataclasses.replace(self, **(own | changed))

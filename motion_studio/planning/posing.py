@@ -3,6 +3,7 @@ from collections.abc import Callable
 from typing import Any
 
 from motion_jax.models.results import Motion, features_of
+from motion_jax.motion.step_records import added, record
 from motion_studio.checks.violations import can_be_checked
 from motion_studio.language import Action, Plan
 from motion_studio.language.lexicon import PAUSE
@@ -12,16 +13,22 @@ from motion_studio.planning.leaning import with_lean
 from motion_studio.planning.spans import read_segments
 from motion_studio.planning.steering import with_steering
 
+_CHANGES = (("walks turned to their side", with_steering), ("trunk leant", with_lean),
+            ("hands brought to their places", with_hands))
+
 
 def posed(model: Any, motion: Motion, plan: Plan | None) -> Motion:
-  """The motion of a plan with walks, trunk and hands where its words have them; the same object where they are there.
-  """
+  """The motion of a plan with walks, trunk and hands where its words have them, each change recorded; the same object
+  where they are there."""
   if plan is None or not can_be_checked(model):
     return motion
-  joints = motion.joints
-  for change in (with_steering, with_lean, with_hands):
-    joints = change(motion.replace(joints=joints), plan)
-  return motion if joints is motion.joints else motion.replace(joints=joints, features=features_of(model, joints))
+  joints, records = motion.joints, []
+  for did, change in _CHANGES:
+    before, joints = joints, change(motion.replace(joints=joints), plan)
+    if joints is not before:
+      records.append(record("pose", did, before, joints, motion.skeleton))
+  return motion if joints is motion.joints else motion.replace(
+      joints=joints, features=features_of(model, joints), meta=added(motion.meta, *records))
 
 
 def standing(plan: Plan, knows: Callable[[str], bool], can: Callable[[str], bool]) -> Plan:

@@ -1,8 +1,8 @@
 """Plans become motions: segments in sequence by the method's own means, simultaneous actions as layers on one body.
 
 Simultaneous actions are sampled as motions of the same length, and arms, head or torso of one are put on the other
-(`assembly`); postures need no sample (`posing`). A plan of one plain action is one pass of the network with the prompt
-as it was written.
+(`assembly`); postures need no sample, but another step (`posing`). A plan of one plain action is one pass of the
+network with the prompt as it was written.
 """
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -12,6 +12,7 @@ import jax
 import numpy as np
 
 from motion_jax.models.results import Motion, captions_in_a_row, features_of
+from motion_jax.motion.step_records import added, record
 from motion_studio.checks.violations import can_be_checked
 from motion_studio.language import Action, Plan
 from motion_studio.language.lexicon import COUNTED_ONE_BY_ONE
@@ -20,13 +21,13 @@ from motion_studio.language.requirements import Requirement, is_counted, require
 from motion_studio.planning import assembly, durations
 from motion_studio.planning.independent import best_takes, sample_independently, take_key
 from motion_studio.planning.job import Job
-from motion_studio.planning.posing import posed
 
 _TAKES = 3  # of each segment that is sampled independently
 
 
 def sample(job: Job, independent: bool = False) -> list[Motion]:
-  """A motion of each plan of a job; prompts without a plan, or with a plain one, in one pass each.
+  """A motion of each plan of a job, whose schedules it fills in; prompts without a plan, or with a plain one, in one
+  pass each.
 
   independent: segments, and repetitions of one action, are sampled independently, three takes each, and the best are
   joined (`independent`).
@@ -35,12 +36,13 @@ def sample(job: Job, independent: bool = False) -> list[Motion]:
   plans = [_split_repetitions(plan) for plan in job.plans] if independent else job.plans
   plans = [durations.with_final_pause(planner, plan, count) for plan, count in zip(plans, job.frames)]
   lengths = [durations.segment_frames(planner, *one) for one in zip(job.prompts, plans, job.frames)]
+  job.scheduled = plans
   plain = [i for i, plan in enumerate(plans) if plan is None or plan.is_plain]
   found: dict[int, Motion] = {}
   if plain:
     part = job.select(plain)
-    made = model.sample(part.prompts, [lengths[i][0] for i in plain], part.keys, part.seeds, job.cleanup, job.sampling)
-    found |= {i: posed(model, motion, plans[i]) for i, motion in zip(plain, made)}
+    found |= zip(plain, model.sample(part.prompts, [lengths[i][0] for i in plain], part.keys, part.seeds, job.cleanup,
+                                     job.sampling))
   rest = [i for i in range(len(plans)) if i not in found]
   if rest:
     part = job.select(rest, plans=[plans[i] for i in rest])
@@ -73,8 +75,9 @@ def compose(job: Job, lengths: Sequence[Sequence[int]], sample_segments: Callabl
   bodies = [assembly.assemble(base.joints, plan.segments, span, frames,
                               [layers.get((row, place), []) for place in range(len(plan.segments))], skeleton)
             for row, (base, plan, span, frames) in enumerate(zip(bases, plans, spans, lengths))]
-  return [posed(model, _described(model, base, plan, *body), plan)
-          for base, plan, body in zip(bases, plans, bodies)]
+  layered = [[action.words for place in range(len(plan.segments)) for action, _ in layers.get((row, place), ())]
+             for row, plan in enumerate(plans)]
+  return [_described(model, *one) for one in zip(bases, plans, layered, bodies)]
 
 
 def repeated(action: Any, count: int, least: int, one_by_one: bool = False) -> list[tuple[str, int]]:
@@ -145,10 +148,16 @@ def described(plan: Plan, frames: Sequence[int], fps: float) -> str:
   return " | ".join(f"{segment.words} ({count / fps:.1f} s)" for segment, count in zip(plan.segments, frames))
 
 
-def _described(model, base, plan, joints, spans):
+def _described(model, base, plan, layered, body):
   """The motion with a caption per segment, its plan in meta["understood"], and features of its joints."""
+  joints, spans = body
   captions = captions_in_a_row([segment.prompt for segment in plan.segments], [past for _, past in spans], model.fps)
   meta = base.meta | dict(prompt=plan.text, understood=described(plan, [b - a for a, b in spans], model.fps))
   if joints is base.joints:
     return base.replace(captions=captions, meta=meta)
-  return base.replace(joints=joints, features=features_of(model, joints), captions=captions, meta=meta)
+  pauses = any(segment.is_pause for segment in plan.segments)
+  did = " and ".join([f"body parts of {', '.join(layered)} layered"] * bool(layered) + ["pauses inserted"] * pauses)
+  # A pause moves nothing: what comes after it comes later.
+  done = record("sample", did) | {"num_frames": [base.num_frames, len(joints)]} if pauses else (
+      record("sample", did, base.joints, joints, base.skeleton))
+  return base.replace(joints=joints, features=features_of(model, joints), captions=captions, meta=added(meta, done))

@@ -26,7 +26,8 @@ _MOST_SPANS, _MOST_CHOICES = 100, 20
 _NO_CHOICES = frozenset((
     "self", "prompt", "prompts", "segments", "lists", "clip", "clips", "motion", "seed", "seeds", "rng", "seconds",
     "num_frames", "cleanup", "polish", "literal", "plan", "control", "project", "keep", "change", "task", "past",
-    "past_prompt", "hold_until_done", "ease", "rest", "way", "num_past", "paste", "mask", "negative_prompts"))
+    "past_prompt", "hold_until_done", "ease", "rest", "way", "num_past", "paste", "mask", "without",
+    "negative_prompts"))
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -139,6 +140,22 @@ class Switch(Field):
 
   def value_schema(self, limits):
     return {"type": "boolean"}
+
+
+@dataclasses.dataclass(frozen=True)
+class Steps(Field):
+  """Names of steps to leave out."""
+  names: tuple[str, ...]
+
+  def read(self, value, name, limits):
+    unknown = [one for one in value if one not in self.names] if isinstance(value, list) else [value]
+    if unknown:
+      raise InputError(f"got {str(unknown[0])[:40]!r} in {name}, expected a list of steps, some of "
+                       f"{', '.join(self.names)}")
+    return frozenset(value)
+
+  def value_schema(self, limits):
+    return {"type": "array", "items": {"type": "string", "enum": list(self.names)}}
 
 
 @dataclasses.dataclass(frozen=True)

@@ -18,6 +18,7 @@ import numpy as np
 from motion_jax.control.signal import ControlSignal
 from motion_jax.models.cmdm.multi_prompt import borders
 from motion_jax.models.results import Motion, captions_in_a_row
+from motion_jax.motion.step_records import record
 from motion_jax.utils import progress
 
 _EVERY = 8    # blocks between two copies of a stream
@@ -105,7 +106,9 @@ def _make(pipeline, take, segments, seed, cleanup, sampling, hold):
   ends = np.minimum(np.cumsum(blocks) * per_block, total).tolist()
   prompts = [prompt for prompt, _ in segments]
   about = model.sampling(**sampling).about() | dict(model=model.id, way="stream")
+  steps = [record("sample", f"{len(prompts)} prompts in sequence, block by block"),
+           *([record("cleanup", "feet pinned, tremor removed, block by block")] if cleanup else [])]
   motion = Motion(joints, model.fps, captions_in_a_row(prompts, ends, model.fps), id="multi_prompt", source=model.id,
                   license=model.license, skeleton=model.stats.layout.skeleton,
-                  meta=dict(prompt=" | ".join(prompts), seed=seed, cleanup=bool(cleanup)) | about)
+                  meta=dict(prompt=" | ".join(prompts), seed=seed, cleanup=bool(cleanup), steps=steps) | about)
   return motion, reused

@@ -1,4 +1,5 @@
 """The fields of all requests, of stream messages and of project files (docs/protocol.md)."""
+from motion_studio import step_names
 from motion_studio.server import export_choices
 from motion_studio.server.fields import (
   Bytes,
@@ -11,6 +12,7 @@ from motion_studio.server.fields import (
   Record,
   Sampling,
   Spans,
+  Steps,
   Switch,
   Text,
   seed,
@@ -25,6 +27,11 @@ _SAMPLING = Sampling(default={}, about="sampling choices; /v1/models lists those
 _CONTROL = Control(default=(), about="constraints, docs/control.md")
 _CLEANUP = Switch(default=True, about="foot-skate cleanup, smoothing and exact constraints")
 
+
+def _without(names):
+  return Steps(names, default=(), about="steps to leave out")
+
+
 SEGMENT = {"prompt": Prompt(), "seconds": _SECONDS}
 _SEGMENTS = Listed(Record(SEGMENT), "blocks", '[{"prompt": "a person walks", "seconds": 4}]')
 
@@ -32,15 +39,16 @@ GENERATE = {
     "prompt": Prompt(), "model": _MODEL, "seconds": _SECONDS, "seed": seed(),
     "num_samples": Number(1, "takes", whole=True, default=1, about="sample i uses seed + i"),
     "cleanup": _CLEANUP, "plan": Switch(default=True, about="false: the prompt is passed to the model unchanged"),
-    "sampling": _SAMPLING, "control": _CONTROL}
+    "sampling": _SAMPLING, "control": _CONTROL, "without": _without(step_names.GENERATE)}
 MULTI_PROMPT = {
     "segments": _SEGMENTS, "model": _MODEL, "seed": seed(), "cleanup": _CLEANUP, "sampling": _SAMPLING,
-    "past": MotionField(default=None, about="the motion to continue"), "control": _CONTROL}
+    "past": MotionField(default=None, about="the motion to continue"), "control": _CONTROL,
+    "without": _without(step_names.EXTEND)}
 EDIT = {
     "motion": MotionField(), "prompt": Prompt(),
     "change": Spans(default=None, about="spans [first, past] in frames to regenerate; either change or keep"),
     "keep": Spans(default=None, about="spans [first, past] in frames to keep"),
-    "model": _MODEL, "seed": seed(), "sampling": _SAMPLING}
+    "model": _MODEL, "seed": seed(), "sampling": _SAMPLING, "without": _without(step_names.EDIT)}
 EXPORT = {
     "motion": MotionField(), "format": Choice(tuple(export_choices.formats())),
     "name": Text(1000, default=None, about="of the file"),

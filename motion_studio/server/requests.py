@@ -2,13 +2,14 @@
 import contextlib
 import tempfile
 import threading
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 from motion_jax import export
 from motion_jax.models.results import Motion
+from motion_jax.motion.step_records import record
 from motion_jax.utils import progress
 from motion_jax.utils.errors import InputError
 from motion_studio.checks.reports import note_of
@@ -62,10 +63,11 @@ class RequestHandler:
     seeds = [(request.seed + i) % 2**32 for i in range(request.num_samples)]
     with self.place(), progress.part("generating the motion"):
       made = pipeline([request.prompt] * len(seeds), seconds=request.seconds, seeds=seeds, plan=request.plan,
-                      cleanup=request.cleanup, exact=request.cleanup, control=control or None, **request.sampling)
+                      cleanup=request.cleanup, exact=request.cleanup, control=control or None, without=request.without,
+                      **request.sampling)
     report = {"constraints": [constraint_report.report(control, motion) for motion in made]} if control else {}
     return {"motions": [serialization.to_json(motion) for motion in made]} | report | notes_and_unknown_words(
-        pipeline, [request.prompt], notes_of(made), request.plan)
+        pipeline, [request.prompt], notes_of(made), request.plan and "plan" not in request.without, request.without)
 
   def multi_prompt(self, body: Any) -> dict[str, Any]:
     """Fields of MULTI_PROMPT -> {motion, reused_frames, same_frames, notes, unknown, segments, constraints}."""
@@ -74,29 +76,33 @@ class RequestHandler:
     pipeline = self.library.pipeline(request.model, "multi_prompt")
     with self.place():
       motion, reused, same = self.make_multi_prompt(pipeline, rows, request.seed, request.cleanup,
-                                                    request.sampling, request.past, control)
+                                                    request.sampling, request.past, control, request.without)
     report = {"constraints": constraint_report.report(control, motion)} if control else {}
     return {"motion": serialization.to_json(motion), "reused_frames": reused, "same_frames": same} | report | (
-        segment_notes(pipeline, [prompt for prompt, _ in rows]))
+        segment_notes(pipeline, [prompt for prompt, _ in rows], request.without))
 
-  def make_multi_prompt(self, pipeline, rows, seed, cleanup, sampling, past=None, control=()):
+  def make_multi_prompt(self, pipeline, rows, seed, cleanup, sampling, past=None, control=(), without=()):
     """(motion, frames that were reused, frames equal to the motion before) of rows (prompt, seconds or None).
 
-    past: a motion to continue. control: constraints of the motion.
+    past: a motion to continue. control: constraints of the motion. without: steps that are left out.
     """
     check_sampling(pipeline.model, sampling)
+    cleanup = cleanup and "cleanup" not in without
     if past is not None and control:
       raise InputError("got control together with past, a motion to continue; give only one of them")
     if past is not None:
-      return pipeline.extend(past, rows, seed=seed, cleanup=cleanup, **sampling), 0, past.num_frames
-    model, segments = pipeline.model, segments_of(pipeline.planner, rows)
+      motion = pipeline.extend(past, rows, seed=seed, cleanup=cleanup, without=without, **sampling)
+      return motion, 0, past.num_frames
+    model, segments = pipeline.model, segments_of(pipeline.planner, rows, "plan" not in without)
     if sum(frames for _, frames in segments) > self.limits.seconds * model.fps:
       raise InputError(f"got a motion of {sum(frames for _, frames in segments) / model.fps:.0f} s, expected at most "
                        f"{self.limits.seconds:g}")
     sampling = live_sampling(model, sampling)
-    if control:
-      return *constraint_report.made(self.multi_prompts, pipeline, segments, seed, cleanup, sampling, control), 0
-    return self.multi_prompts.make(pipeline, segments, seed, cleanup, sampling)
+    given = pipeline, segments, seed, cleanup, sampling
+    motion, reused, same = (*constraint_report.made(self.multi_prompts, *given, control), 0) if control else (
+        self.multi_prompts.make(*given))
+    planned = [] if "plan" in without else [record("plan", " | ".join(prompt for prompt, _ in segments))]
+    return motion.replace(meta=motion.meta | {"steps": [*planned, *motion.meta["steps"]]}), reused, same
 
   def edit(self, body: Any) -> dict[str, Any]:
     """Fields of EDIT -> {motion, made, notes}."""
@@ -106,9 +112,9 @@ class RequestHandler:
     pipeline = self.library.pipeline(request.model or self._first_with("edit"), "edit")
     with self.place(), progress.part("generating the span"):
       motion = make_edit(pipeline, request.motion, request.prompt, request.change, request.keep, request.seed,
-                         request.sampling)
+                         request.sampling, request.without)
     return {"motion": serialization.to_json(motion), "made": motion.meta["made"]} | notes_and_unknown_words(
-        pipeline, [request.prompt], notes_of([motion]))
+        pipeline, [request.prompt], notes_of([motion]), without=request.without)
 
   def _first_with(self, ability):
     """The name of the first model with an ability, or None."""
@@ -141,8 +147,8 @@ def rows_of(segments: Sequence[SimpleNamespace]) -> list[tuple[str, float | None
   return [(one.prompt, one.seconds) for one in segments]
 
 
-def make_edit(pipeline: Any, clip: Any, prompt: str, change: Any, keep: Any, seed: int, sampling: dict[str, Any]
-              ) -> Motion:
+def make_edit(pipeline: Any, clip: Any, prompt: str, change: Any, keep: Any, seed: int, sampling: dict[str, Any],
+              without: Collection[str] = ()) -> Motion:
   """The clip with regenerated frames in the spans `change`, or outside the spans `keep`; the others are unchanged."""
   check_sampling(pipeline.model, sampling)
   spans = change if change is not None else keep
@@ -153,7 +159,7 @@ def make_edit(pipeline: Any, clip: Any, prompt: str, change: Any, keep: Any, see
   spans = [(first, min(max(round(past * rate), first + 1), frames))
            for first, past in ((min(round(first * rate), frames - 1), past) for first, past in spans)]
   which = dict(change=spans) if change is not None else dict(keep=spans)
-  edited = pipeline.edit(clip, prompt, seed=seed, **which, **sampling)
+  edited = pipeline.edit(clip, prompt, seed=seed, without=without, **which, **sampling)
   return edited.replace(source=clip.source or edited.source, meta=edited.meta | dict(said=prompt))
 
 
@@ -166,22 +172,26 @@ def notes_of(motions: Sequence[Any]) -> list[str]:
   return found
 
 
-def notes_and_unknown_words(pipeline: Any, prompts: list[str], notes: Sequence[str] = (), plan: bool = True
-                            ) -> dict[str, Any]:
-  """{notes, unknown}: notes about the prompts and the motions, and words that the model does not know."""
+def notes_and_unknown_words(pipeline: Any, prompts: list[str], notes: Sequence[str] = (), plan: bool = True,
+                            without: Collection[str] = ()) -> dict[str, Any]:
+  """{notes, unknown}: notes about the prompts and the motions, and words that the model does not know; without the step
+  "warn" only those about the motions."""
+  if "warn" in without:
+    return {"notes": [*notes]}
   captions = pipeline.model.captions  # of a prompt in another language its note says all
   unknown = sorted({word for prompt in filter(captions.is_english, prompts) for word in captions.unknown_words(prompt)})
   return {"notes": [*pipeline.notes(prompts, plan), *notes]} | ({"unknown": unknown[:20]} if unknown else {})
 
 
-def segment_notes(pipeline: Any, prompts: Sequence[str]) -> dict[str, Any]:
+def segment_notes(pipeline: Any, prompts: Sequence[str], without: Collection[str] = ()) -> dict[str, Any]:
   """{notes, unknown, segments}: segments has {notes, unknown, nearest} of each prompt, nearest the training caption
   that is closest in meaning, "" for a prompt without notes."""
-  of_prompt = {prompt: notes_and_unknown_words(pipeline, [prompt]) for prompt in dict.fromkeys(prompts)}
+  of_prompt = {prompt: notes_and_unknown_words(pipeline, [prompt], without=without)
+               for prompt in dict.fromkeys(prompts)}
   segments = [{"notes": of_prompt[prompt]["notes"], "unknown": of_prompt[prompt].get("unknown", []),
                "nearest": nearest_caption(pipeline, prompt) if any(of_prompt[prompt].values()) else ""}
               for prompt in prompts]
-  return notes_and_unknown_words(pipeline, list(prompts)) | {"segments": segments}
+  return notes_and_unknown_words(pipeline, list(prompts), without=without) | {"segments": segments}
 
 
 def nearest_caption(pipeline: Any, prompt: str) -> str:

@@ -87,6 +87,14 @@ def test_files_that_do_not_belong_together_are_refused(released, tmp_path):
     write_momask(tmp_path / "run", released["vq"], released["stats"],
                  save(tmp_path / "other.tar", "t2m_transformer", other | {
                      name: array[:30] for name, array in other.items() if "poseFinal" in name}), num_heads=3)
+  residual = part(Fixture(fixtures.path("momask/pipeline.npz")).params, "res.")
+  narrow = save(tmp_path / "narrow.tar", "res_transformer",
+                residual | {"cond_emb.weight": residual["cond_emb.weight"][:, :20]})
+  length = Fixture(fixtures.path("cdamd/length_estimator.npz")).params | {"output.0.weight": np.ones((512, 20))}
+  for what, files in {"residual transformer": dict(residual_file=narrow), "length estimator": dict(
+      length_file=save(tmp_path / "length.tar", "estimator", length))}.items():
+    with pytest.raises(ValueError, match=f"{what} reads 20 numbers of text, the masked transformer 512; they are of"):
+      write_momask(tmp_path / "run", released["vq"], released["stats"], released["masked"], num_heads=3, **files)
   with pytest.raises(ValueError, match="makes no motion without --masked"):
     write_momask(tmp_path / "run", released["vq"], released["stats"], residual_file=released["residual"])
   assert not (tmp_path / "run").exists()

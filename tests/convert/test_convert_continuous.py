@@ -85,7 +85,8 @@ def widened(state):
     (dict(noise_schedule="linear", diffusion_steps=4), "variances above 1"), (dict(sigma_small=False), "sigma_small"),
     (dict(emb_policy="concat"), "emb_policy is 'concat', expected 'add'"),
     (dict(unconstrained=True), "without captions"), (dict(diffusion_steps=[4]), "diffusion_steps is"),
-    (dict(cond_mask_prob=3), "cond_mask_prob 3"), (dict(text_encoder_type="t5"), "text_encoder_type is 't5'")])
+    (dict(cond_mask_prob=3), "cond_mask_prob 3"), (dict(cond_mask_prob=1.0), "0 to below 1"),
+    (dict(diffusion_steps=10**9), "1 to 100000"), (dict(text_encoder_type="t5"), "text_encoder_type is 't5'")])
 def test_options_of_mdm_that_cannot_be_followed_are_refused(options, words, tmp_path):
   file, stats, text = mdm_file(tmp_path, **options)
   with pytest.raises(InputError, match=words):

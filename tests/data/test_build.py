@@ -1,5 +1,6 @@
 """data build: from an archive, or from files and a table of captions, to a folder; bad tables leave nothing behind."""
 import json
+import re
 
 import numpy as np
 import pytest
@@ -88,6 +89,11 @@ def test_a_bad_file_does_not_lose_a_folder(captures, tmp_path, capsys):
   printed = capsys.readouterr()
   assert "2 clips" in printed.out and "not read: walk.bvh: line" in printed.err and "cut" in printed.err
   assert {clip.id for clip in read_folder(tmp_path / "out")} == {"day_1_wave", "Mday_1_wave"}
+  (captures / "walk.bvh").write_text(re.sub(r"Frames: \d+", "Frames: 1", "\n".join(text.split("\n")[:text.split(
+      "MOTION")[0].count("\n") + 4])))
+  assert cli.main(["data", "build", str(captures), str(tmp_path / "still")]) == 1
+  assert "not read: walk.bvh: it has 1 frame at 20 frames a second, expected 2 or more" in capsys.readouterr().err
+  assert {clip.id for clip in read_folder(tmp_path / "still")} == {"day_1_wave", "Mday_1_wave"}
   (captures / "day 1" / "wave.bvh").write_text("nothing")
   assert cli.main(["data", "build", str(captures), str(tmp_path / "none")]) == 1
   assert "none of 2 files can be read; of the first, day 1/wave.bvh: line 1" in capsys.readouterr().err
@@ -129,6 +135,10 @@ def test_missing_things(captures, tmp_path):
     build(tmp_path / "empty", tmp_path / "out")
   (captures / "captions.csv").write_text("file,caption\nmissing.bvh,walks\n")
   with pytest.raises(ValueError, match="files that .* lacks: missing.bvh"):
+    build(captures, tmp_path / "out", progress=False)
+  (captures / "take.c3d").write_bytes(b"")
+  (captures / "captions.csv").write_text("file,caption\ntake.c3d,walks\n")
+  with pytest.raises(ValueError, match="name take.c3d, .*reads .bvh or .*; motion-jax render take.c3d --out take.bvh"):
     build(captures, tmp_path / "out", progress=False)
   (captures / "captions.csv").unlink()
   with pytest.raises(FileNotFoundError, match="no captions.csv.*data describe"):

@@ -70,13 +70,16 @@ def test_a_set_pose_before_the_motion_is_left_out(tmp_path, degrees, arms):
 
 
 def test_what_is_captured_is_not_left_out(tmp_path):
-  """A T-pose that is held, and a walk, start with motion; a first frame that is straight on one side alone, or the same
-  on both but bent, is no pose that a program sets, however far the next one is."""
+  """A T-pose that is held, or from which an arm comes down at an even speed, and a walk, start with motion; a first
+  frame that is straight on one side alone, or the same on both but bent, is no pose that a program sets, however far
+  the next one is."""
   held = np.zeros((60, 3))
   held[10:, 0] = np.linspace(0, 70, 50)
   still = {"LeftArm": -held, "RightArm": held}
-  for turns in ({}, still):
-    assert bvh_clip(write_figure(tmp_path / "a.bvh", turns=turns, frames=60), fps=20.0).num_frames == 60
+  even = {"LeftArm": np.arange(60)[:, None] * np.array([[-6.0, 0, 0]])}
+  for turns in ({}, still, even):
+    path = write_figure(tmp_path / "a.bvh", turns=turns, frames=60, swings=turns is not even)
+    assert bvh_clip(path, fps=20.0).num_frames == 60
   then = {"LeftArm": (-75, 0, 0), "RightArm": (75, 0, 0), "LeftForeArm": (0, 0, 0), "RightForeArm": (0, 0, 0)}
   aside = then | {"LeftArm": (30, 0, 0)}
   bent = {"LeftArm": (-40, 0, 0), "RightArm": (40, 0, 0), "LeftForeArm": (0, -60, 0), "RightForeArm": (0, 60, 0)}

@@ -1,5 +1,6 @@
 """A user's own character: it comes back whole, and moves as the motion does."""
 import json
+import re
 import shutil
 
 import numpy as np
@@ -204,13 +205,23 @@ def test_two_bodies_and_cut_files_and_other_endings(tmp_path):
   assert not list(tmp_path.glob("out.*"))
 
 
-@pytest.mark.parametrize("apart, scene, moved", [(0.0, None, True), (5.0, 1, False)])
-def test_clothes_with_a_skeleton_of_their_own_move_along(apart, scene, moved, tmp_path):
-  """What is in a scene that the file does not open with stays as it is."""
-  write_character(tmp_path / "body.glb", CLIP, rolls=2, change=lambda body: two_bodies(body, apart, scene))
+@pytest.mark.parametrize("apart, scene, moved, rename", [
+    (0.0, None, True, str), (5.0, 1, False, str), (0.0, None, True, "{}_1".format), (0.0, None, True, "{}.001".format),
+    (0.0, None, True, lambda name: name.replace("mixamorig:", "clothes:")),
+    (0.0, None, True, lambda name: name if re.search("Shoulder|Arm|Hand", name) else f"other {name}")])
+def test_clothes_with_a_skeleton_of_their_own_move_along(apart, scene, moved, rename, tmp_path):
+  """Whole or, as of gloves, in part. What is in a scene that the file does not open with stays as it is."""
+  def dress(document):
+    count = len(document["nodes"])
+    two_bodies(document, apart, scene)
+    for node in document["nodes"][count:]:
+      node["name"] = rename(node["name"])
+  write_character(tmp_path / "body.glb", CLIP, rolls=2, change=dress)
+  figure = check_character(tmp_path / "body.glb")  # a copy's Spine_1 once counted as Spine1, which nothing turned
+  assert {*figure.parts.values(), *figure.bones.spine, *figure.bones.neck} == set(range(len(figure.nodes)))
   path, = export.save(CLIP, tmp_path / "out.glb", file=tmp_path / "body.glb")
   document = Document(path)
-  hands = [node for node in range(len(document.nodes)) if document.name(node) == "mixamorig:LeftHand"]
+  hands = [node for node in range(len(document.nodes)) if "LeftHand" in document.name(node)]
   keys = {channel["target"]["node"]: channel["sampler"] for channel in document.json["animations"][0]["channels"]
           if channel["target"]["path"] == "rotation"}
   assert len(hands) == 2 and (hands[1] in keys) == moved

@@ -1,4 +1,5 @@
 """save and load: what goes out comes back, and what is no motion is refused with a reason."""
+import errno
 import os
 
 import numpy as np
@@ -9,6 +10,7 @@ from motion_jax.data.clip import Caption
 from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.motion.representations import to_features
 from motion_jax.motion.skeleton import SNAPMOGEN
+from motion_jax.utils.atomic import atomic_path
 
 
 @pytest.fixture(scope="module")
@@ -29,6 +31,15 @@ def test_npz_keeps_everything(clip, tmp_path):
   with np.load(path, allow_pickle=False) as file:
     assert {"joints", "fps", "prompt", "seed", "model_id", "skeleton", "features"} <= set(file.files)
     assert str(file["prompt"]) == "a person walks" and int(file["seed"]) == 7
+
+
+@pytest.mark.parametrize("words", ["11835 requested and 11232 written", "I/O error: No space left on device (28)",
+                                   "I/O error: File too large (os error 27)"])
+def test_a_full_disk_has_one_error_whatever_a_library_says_of_it(words, tmp_path):
+  with pytest.raises(OSError) as error, atomic_path(tmp_path / "a.npz"):
+    raise RuntimeError(words)
+  assert error.value.errno == errno.ENOSPC and error.value.filename == str(tmp_path / "a.npz")
+  assert not list(tmp_path.iterdir())
 
 
 def test_a_generated_motion_that_is_no_person_s_is_read_with_a_warning(clip, tmp_path):

@@ -1,4 +1,5 @@
 """Files of other programs are read right, or with one note that says what to do."""
+import itertools
 import re
 import warnings
 
@@ -34,9 +35,9 @@ def test_a_body_that_lies_gets_a_note_with_the_flag_that_makes_it_stand(kind, tu
                      tmp_path / f"a{kind}")[0]
   lying, said = notes(path)
   assert not upright(lying)
-  up = re.search(r"--up (-?[xyz])", " ".join(said))
-  assert up and up[1].removeprefix("-") in "xyz"
-  standing, said = notes(path, up=up[1])
+  up = re.search(r"--up(?: |=-)([xyz]) .up='(-?[xyz])'", " ".join(said))
+  assert up and up[2].removeprefix("-") == up[1]
+  standing, said = notes(path, up=up[2])
   assert upright(standing) and not any("--up" in text for text in said)
   upright_path = export.save(CLIP, tmp_path / f"b{kind}")[0]
   assert not any("--up" in text for text in notes(upright_path)[1])
@@ -61,7 +62,8 @@ def write_table(path, head, separator=",", times=None):
 
 
 @pytest.mark.parametrize("title, step", [("time", 0.02), ("Time", 0.02), ("Time (s)", 0.02), ("t", 0.02),
-                                         ("timestamp_ms", 20), ("time [ms]", 20)])
+                                         ("timestamp_ms", 20), ("time [ms]", 20), ("Time [msec]", 20),
+                                         ("seconds", 0.02), ("time_us", 2e4), ("timestamp_ns", 2e7), ("elapsed", 0.02)])
 def test_the_rate_of_a_table_is_that_of_its_times(title, step, tmp_path):
   path = write_table(tmp_path / "a.csv", [title, *TABLE], times=step * np.arange(CLIP.num_frames))
   clip, said = notes(path)
@@ -74,11 +76,11 @@ def test_a_table_without_a_rate_says_so(tmp_path):
   assert not notes(tmp_path / "a.csv", fps=30)[1]
 
 
-@pytest.mark.parametrize("spell", [str.upper, lambda name: name.replace("_x", ".x").replace("_y", ".y").replace(
-    "_z", ".z"), lambda name: name[:-1] + name[-1].upper()])
-@pytest.mark.parametrize("separator", [",", ";", "\t"])
-def test_tables_of_any_separator_and_spelling_are_read(separator, spell, tmp_path):
-  path = write_table(tmp_path / "a.csv", ["time", *map(spell, TABLE)], separator, np.arange(CLIP.num_frames) / 20)
+@pytest.mark.parametrize("separator, spelt", [*itertools.product(",;\t", ("{0}.{1}", "{0}_{2}")), *itertools.product(
+    ",", ("{0}{2}", "{0}[{1}]", "{0}_{1} (m)", "{0}_pos_{1}", "{0}.{2}position", '"{0}_{1}"', "{3}_{2}"))])
+def test_tables_of_any_separator_and_spelling_are_read(separator, spelt, tmp_path):
+  head = [spelt.format(name[:-2], name[-1], name[-1].upper(), name[:-2].upper()) for name in TABLE]
+  path = write_table(tmp_path / "a.csv", ["time", *head], separator, np.arange(CLIP.num_frames) / 20)
   np.testing.assert_allclose(notes(path)[0].joints, CLIP.joints, atol=1e-5)
 
 
@@ -93,14 +95,24 @@ def test_poses_of_video_tools_are_amass_poses_with_y_up(tmp_path):
   offset = np.array([0.0, -0.22, 0.03])  # of the pelvis, which `trans` leaves out
   moved = (arrays["trans"] + offset) @ turn.T - offset
   np.savez(tmp_path / "gvhmr.npz", global_orient=root, body_pose=arrays["pose_body"], transl=moved)
-  np.savez(tmp_path / "romp.npz", pose=np.concatenate([root, arrays["pose_body"], np.zeros((len(root), 6))], 1),
-           trans=moved)
-  for name in ("gvhmr", "romp"):
+  romp = dict(pose=np.concatenate([root, arrays["pose_body"], np.zeros((len(root), 6))], 1), trans=moved)
+  np.savez(tmp_path / "romp.npz", **romp)
+  matrices = [rot.to_matrix(rot.from_vector(part.reshape(len(root), -1, 3))) for part in (root, arrays["pose_body"])]
+  np.savez(tmp_path / "matrices.npz", global_orient=matrices[0], body_pose=matrices[1], trans=moved)
+  np.savez(tmp_path / "wham.npz", pose=romp["pose"] * 0.5, trans=moved * [1, -1, -1], pose_world=romp["pose"],
+           trans_world=moved)
+  for name in ("gvhmr", "romp", "matrices", "wham"):
     clip, said = notes(tmp_path / f"{name}.npz")
     assert clip.fps == 30 and any("--fps" in text for text in said) and upright(clip)
     bones = lambda joints: np.linalg.norm(joints[:, 1:] - joints[:, :1], axis=-1)
     np.testing.assert_allclose(bones(clip.joints), bones(export.load(path).joints), atol=1e-4)
-  assert not any("--fps" in text for text in notes(tmp_path / "romp.npz", fps=25)[1])
+    np.savez(tmp_path / f"{name}.npz", **np.load(tmp_path / f"{name}.npz"), fps=25.0)
+    clip, said = notes(tmp_path / f"{name}.npz")
+    assert clip.fps == 25 and not any("--fps" in text for text in said)
+  np.savez(tmp_path / "bare.npz", poses=arrays["poses"], trans=arrays["trans"])
+  with pytest.raises(InputError, match="states no rate .*--fps"):
+    export.load(tmp_path / "bare.npz")
+  assert notes(tmp_path / "bare.npz", fps=25)[0].fps == 25
 
 
 def test_a_native_reader_that_crashes_is_one_sentence(tmp_path):
@@ -133,15 +145,14 @@ def test_files_that_are_only_written_say_so(tmp_path):
     export.load(tmp_path / "a.usda")
 
 
-def test_markers_without_a_tree_have_their_head_by_name(tmp_path):
-  """HALPE's points, as Pose2Sim writes them."""
+def test_markers_without_a_tree_have_head_and_toes_by_name(tmp_path):
+  """HALPE's points, as Pose2Sim names them, below a header as numpy.savetxt writes it."""
   names = {f"{side}_{joint}": f"{side[0].upper()}{theirs}" for side in ("left", "right") for joint, theirs in (
       ("hip", "Hip"), ("knee", "Knee"), ("ankle", "Ankle"), ("foot", "BigToe"), ("shoulder", "Shoulder"),
       ("elbow", "Elbow"), ("wrist", "Wrist"))} | {"neck": "Neck", "head": "Head"}
   index = [HUMANML3D.joints.index(joint) for joint in names]
   rows = CLIP.joints[:, index].reshape(CLIP.num_frames, -1)
   head = [f"{name}_{axis}" for name in names.values() for axis in "xyz"]
-  np.savetxt(tmp_path / "a.csv", rows, delimiter=",", header=",".join(head), comments="")
+  np.savetxt(tmp_path / "a.csv", rows, delimiter=",", header=",".join(head))
   read = export.load(tmp_path / "a.csv", fps=20)
-  kept = [joint for joint in index if joint not in (10, 11)]  # toes are made ahead of the ankles
-  np.testing.assert_allclose(read.joints[:, kept], CLIP.joints[:, kept], atol=1e-5)
+  np.testing.assert_allclose(read.joints[:, index], CLIP.joints[:, index], atol=1e-5)

@@ -60,7 +60,7 @@ def test_a_notebook_shows_the_viewer(motion):
 @pytest.mark.parametrize("arguments, words", [
     ((5,), "a person waves"), ((None,), "list of them"), (("walks", "x"), "num_frames, expected a number"),
     (("walks", ["x"]), "such as 120"), (dict(seconds="x"), "such as 6.0"), (dict(rng=5), "jax.random.key(5)"),
-    (dict(seeds=5), "seeds=[5]"), (dict(seeds=["x"]), "expected an integer"), (dict(guidance_scale="x"), "such as 3"),
+    (dict(seeds=5), "seeds=[5]"), (dict(seeds=["x"]), "expected an integer"), (dict(guidance_scale="x"), "from -100 to 100"),
     (dict(rng=np.zeros((2, 2), np.uint32)), "expected a key")])
 def test_the_wrong_type_says_what_to_pass(models, arguments, words):
   given, named = (arguments, {}) if isinstance(arguments, tuple) else (("a person walks",), arguments)

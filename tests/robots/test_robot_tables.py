@@ -1,5 +1,7 @@
 """Robots' tables and side-cars of other programs, and motions that face any way."""
 import json
+import re
+import shlex
 
 import numpy as np
 import pytest
@@ -9,6 +11,7 @@ from motion_jax.data.clip import Clip
 from motion_jax.data.datasets.synthetic import synthetic_joints
 from motion_jax.motion import rotations as rot
 from motion_jax.utils.errors import InputError
+from motion_studio import cli
 from tests.robots.test_robots import humanoid, mapping
 
 
@@ -95,6 +98,19 @@ def test_a_description_of_wrong_types_is_one_sentence(wrong, tmp_path):
     robots.load(tmp_path / "small.xml", {"bodies": mapping()} | wrong)
 
 
+def test_what_is_printed_runs_in_any_folder_and_for_names_with_blanks(tmp_path, capsys):
+  """Of a robot's table that shows no order of its quaternions; a stem without an ending becomes a .npz file."""
+  g1 = robots.load("g1")
+  path = write_table(tmp_path / "my walk.csv", g1, standing(g1), "xyzw", separator=" ")
+  path.write_text(f"# made by hand\n{path.read_text()}")
+  assert cli.main(["render", str(path)]) == 1
+  command = shlex.split(re.search(r"motion-jax (retarget .*xyz) \(or", capsys.readouterr().err)[1])
+  assert cli.main([*command, "--out", str(tmp_path / "on foot")]) == 0
+  seen = re.search(r"see it: motion-jax (.*)", capsys.readouterr().out)[1]
+  assert shlex.split(seen) == ["render", str(tmp_path / "on foot.npz")]
+  assert cli.main([*shlex.split(seen), "--out", str(tmp_path / "b.bvh")]) == 0
+
+
 @pytest.mark.slow
 def test_which_way_a_person_faces_changes_nothing_but_the_root():
   """Half a turn from the robot's own heading, the joints of a G1 wound up to their limits and stayed there."""
@@ -103,4 +119,4 @@ def test_which_way_a_person_faces_changes_nothing_but_the_root():
   ahead, back = (robots.retarget(Clip(joints=rot.rotate(
       rot.about_axis(np.radians(degrees), "y")[None, None], joints).astype(np.float32), fps=20), g1).angles
       for degrees in (0, 180))
-  assert np.abs(back - ahead).mean() < 0.1  # of an arm another way may be found
+  assert np.abs(back - ahead).max() < 1e-4

@@ -37,9 +37,12 @@ MUTATIONS = (
     ("export-new-clips-first", "motion_jax/export/character/__init__.py", "[*added, *there]", "[*there, *added]",
      ("tests/export/test_engines.py::test_clips_have_names_without_blanks_and_new_ones_come_first",)),
     ("export-clothes", "motion_jax/export/character/figure.py",
-     "copies.setdefault(nodes[i], []).append(nodes[twins[names[i]]])", "pass",
+     "copies.setdefault(nodes[k], []).append(nodes[i])", "pass",
      ("tests/export/test_character.py::test_clothes_with_a_skeleton_of_their_own_move_along",)),
     # --- robots ---------------------------------------------------------------------------------------------------
+    ("export-robot-places", "motion_jax/robots/retargeting.py", "from_rotation_and_translation(now.rotation(), place)",
+     "from_rotation_and_translation(mink.SO3.identity(), place)",
+     ("tests/robots/test_robot_tables.py::test_which_way_a_person_faces_changes_nothing_but_the_root",)),
     ("export-gmr-quaternion", "motion_jax/robots/formats.py",
      '"root_rot": np.roll(motion.qpos[:, 3:7], -1, axis=1), "dof_pos"', '"root_rot": motion.qpos[:, 3:7], "dof_pos"',
      (f"{ROBOTS}::test_npz_formats_hold_the_motion",)),

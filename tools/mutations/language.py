@@ -32,13 +32,15 @@ MUTATIONS = (
     ("language-half-circle", "motion_studio/checks/path_violations.py",
      "max(least - abs(total), abs(total) - most, 0.0)", "max(least - abs(total), 0.0)",
      (f"{PATHS}::test_half_a_circle_zigzags_and_straight_ways",)),
-    ("language-first-of-equals", "motion_studio/checks/resampling.py", "if score < best[i][0]:",
-     "if score <= best[i][0]:",
+    ("language-first-of-equals", "motion_studio/checks/resampling.py", "attempt.score < attempts[kept].score",
+     "attempt.score <= attempts[kept].score",
      ("tests/studio/checks/test_resampling.py::test_of_equals_the_first_is_kept_and_all_attempts_are_recorded",)),
     # --- pipeline, streams, edits -----------------------------------------------------------------------------------
-    ("language-cleanup", "motion_studio/pipeline.py", " and (cleanup or not isinstance(step, steps.CleanUp)):", ":",
+    ("language-cleanup", "motion_studio/pipeline.py", "      if steps.name_of(step) in out:", "      if False:",
      ("tests/studio/test_pipeline.py::"
       "test_sampling_alone_is_the_models_generate_one_motion_of_a_prompt_and_several_of_a_list",)),
+    ("step-records-cm", "motion_jax/motion/step_records.py", "100 * float(away.max())", "100 * float(away.mean())",
+     ("tests/motion/test_step_records.py::test_a_change_is_measured_in_frames_centimetres_and_degrees",)),
     ("language-fork", "motion_studio/streaming.py",
      "self.live.fork(num_frames), self._pipeline, self._plan, self._hold_until_done)",
      "self.live.fork(num_frames), self._pipeline, self._plan)",

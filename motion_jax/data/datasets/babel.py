@@ -85,6 +85,7 @@ def read_annotations(folder, split="train") -> dict:
   return table
 
 
+RATES = "fps", "mocap_framerate", "mocap_frame_rate"
 _MOST_RADIANS = 1000.0  # of a rotation vector, whose turns beyond pi mean nothing
 
 
@@ -102,18 +103,19 @@ def read_recording(path) -> Recording:
 def read_poses(path, names=None, fps=None) -> Recording:
   """A motion file at its own rate: poses (T, 66 or more) or root_orient and pose_body, trans (T, 3), and the rate.
 
-  names: {one of these: what it is called in the file, or several such names}. fps: the rate of a file that states none.
+  Rotations may be matrices (T, ..., 3, 3). names: {one of these: what it is called in the file, or several such names}.
+  fps: the rate of a file that states none.
   """
   path = pathlib.Path(path)
   if not path.is_file():
     raise FileNotFoundError(f"there is no file {path}; expected SMPL poses and trans, as AMASS files hold them")
-  rates = ("fps", "mocap_framerate", "mocap_frame_rate")
   there = set(npz_names(path))
   called = {name: next((other for other in _several((names or {}).get(name, name)) if other in there), name)
             for name in ("poses", "root_orient", "pose_body", "trans")}
-  file = load_npz(path, (*called.values(), *rates), required=(called["trans"],))
+  file = load_npz(path, (*called.values(), *RATES), required=(called["trans"],))
   file = {name: file[other] for name, other in called.items() if other in file} | {
-      name: file[name] for name in rates if name in file}
+      name: file[name] for name in RATES if name in file}
+  file |= {name: _vectors(file[name]) for name in ("poses", "root_orient", "pose_body") if name in file}
   if "poses" not in file and {"root_orient", "pose_body"} <= set(file):
     root, body = file["root_orient"], file["pose_body"]
     if root.ndim != 2 or body.ndim != 2 or len(root) != len(body):
@@ -121,7 +123,7 @@ def read_poses(path, names=None, fps=None) -> Recording:
     file["poses"] = np.concatenate([root, body], axis=1)
   if "poses" not in file:
     raise InputError(f"{path} lacks poses; it holds {', '.join(npz_names(path))}")
-  rate = next((name for name in rates if name in file), None)
+  rate = next((name for name in RATES if name in file), None)
   if rate is None and fps is not None:
     rate, file["fps"] = "fps", np.float64(fps)
   if rate is None:
@@ -129,7 +131,7 @@ def read_poses(path, names=None, fps=None) -> Recording:
   poses, translation, fps = (np.asarray(file[name], np.float64) for name in ("poses", "trans", rate))
   if fps.size != 1:
     raise InputError(f"{path}: got a rate of shape {fps.shape}, expected one number of frames a second")
-  poses, fps = poses.reshape(len(poses) if poses.ndim else 0, -1) if poses.size else poses[None], float(fps.item())
+  fps = float(fps.item())
   if poses.ndim != 2 or poses.shape[1] < 66 or translation.shape != (len(poses), 3) or not len(poses):
     raise ValueError(f"{path}: got poses {poses.shape} and trans {translation.shape}, expected (T, 66 or more) and "
                      "(T, 3)")
@@ -139,6 +141,14 @@ def read_poses(path, names=None, fps=None) -> Recording:
   if not 0 < fps < np.inf:
     raise InputError(f"{path} has {fps:g} frames a second, expected a rate")
   return Recording(rot.from_vector(poses[:, :66].reshape(-1, 22, 3)), translation, fps)
+
+
+def _vectors(rotations):
+  """Rotation vectors (T, 3 N) of vectors (T, ..., 3) or matrices (T, ..., 3, 3)."""
+  rotations = np.asarray(rotations, np.float64)
+  if rotations.ndim > 2 and rotations.shape[-2:] == (3, 3):
+    rotations = rot.to_vector(rot.from_matrix(rotations))
+  return rotations.reshape(len(rotations), -1) if rotations.ndim > 1 and rotations.size else rotations
 
 
 def _several(names):

@@ -1,5 +1,6 @@
 """The known data sets, one line each and those of other packages, and which of them a folder is."""
 import pathlib
+import shlex
 
 from motion_jax.data.datasets.archive import Archive
 from motion_jax.data.datasets.babel import Babel
@@ -47,6 +48,6 @@ def dataset_of(folder) -> Dataset:
   files = [path for path in folder.rglob("*") if path.suffix.lower() in READERS]
   raise FileNotFoundError(
       f"{folder} holds {len(files)} files of motion capture; make a data folder of them first: motion-jax data build "
-      f"{folder} data/mine" if files else
+      f"{shlex.quote(str(folder))} data/mine" if files else
       f"{folder} is no data folder: expected one of "
       f"{', '.join(one.holds for one in DATASETS.values() if one.in_folders)}; motion-jax data build makes one")

@@ -1,5 +1,6 @@
 """Animations of glTF files (.glb, .gltf, .vrm) as motion capture."""
 import pathlib
+import shlex
 
 import numpy as np
 
@@ -30,7 +31,7 @@ def choose(names, wanted, path) -> int:
   if wanted is None:
     if len(names) > 1:
       raise InputError(f"{path}: it holds {len(names)} animations ({listed}); name one behind the file: "
-                       f"\"{path}#1\", or #NAME")
+                       f"{shlex.quote(f'{path}#1')}, or #NAME")
     return 0
   if str(wanted) in names:
     return names.index(str(wanted))

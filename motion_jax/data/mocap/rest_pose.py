@@ -10,6 +10,7 @@ from motion_jax.motion.skeleton import HUMANML3D, body_axes
 
 _JUMP = 20.0      # degrees that a joint turns from the pose to the motion, at least,
 _SUDDEN = 4.0     # and how many times as much as in the frames behind
+_FASTER = 1.5     # times as much as in the next step, where the pose is that of rest: motions may begin in it
 _CROOKED = 0.05   # of the legs' length: how far a set pose's left side may be from its right one, on average
 _BENT = 15.0      # degrees by which its elbows and knees may be bent
 
@@ -33,7 +34,7 @@ def starts_with_a_pose(capture, joints=None, skeleton=HUMANML3D) -> bool:
     return False
   q, steps = capture.rotations, _steps(capture)
   moving = _angles(rot.multiply(rot.conjugate(q[:1]), q)).max(0) > 1
-  if moving.any() and _angles(q[0, moving]).mean() < 2 and steps[0] > 5:
+  if moving.any() and _angles(q[0, moving]).mean() < 2 and steps[0] > max(5, _FASTER * steps[1]):
     return True
   usual = np.percentile(steps[4:] if len(steps) > 8 else steps[1:], 90)  # the first ones may be smeared
   return joints is not None and steps[0] > max(_JUMP, _SUDDEN * usual) and _is_set(joints[0], skeleton)

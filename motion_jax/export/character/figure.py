@@ -1,5 +1,8 @@
 """A rigged character of a glTF file: its bones by the parts of a body, at rest, in the frame and size of motions."""
+import collections
 import dataclasses
+import functools
+import re
 import warnings
 
 import numpy as np
@@ -103,31 +106,39 @@ def _human_bones(document):
 
 
 def _copies(path, nodes, names, parents, rest, found, find):
-  """{node of the body: nodes of further skeletons that are its equals in name and place}, such as those of clothes.
+  """{node of the body: nodes of further skeletons that are its equals in name and place}, such as those of clothes,
+  whole or in part.
 
   Raises InputError for another body.
   """
-  pelvis, copies = found.limbs["pelvis"], {}
-  left = [i for i in range(len(nodes)) if pelvis not in _line(parents, i) and i not in found.limbs.values()]
-  size = np.ptp(rest[nodes, :3, 3], axis=0).max()
-  while left:
-    try:
-      second = find(left)
-    except InputError:
-      break
-    other = left[second.limbs["pelvis"]]
-    for joint, number in found.limbs.items():
-      twin = left[second.limbs[joint]] if joint in second.limbs else None
-      if twin is None or names[twin] != names[number] or np.linalg.norm(
-          rest[nodes[twin], :3, 3] - rest[nodes[number], :3, 3]) > _SAME_PLACE * size:
-        raise InputError(f"{path}: it holds two bodies, below {names[pelvis]!r} and {names[other]!r}, expected one; "
-                         "delete one of them and export the file again")
-    twins = {names[i]: i for i in left if other in _line(parents, i)}
-    for i in range(len(nodes)):
-      if pelvis in _line(parents, i) and names[i] in twins:
-        copies.setdefault(nodes[i], []).append(nodes[twins[names[i]]])
-    left = [i for i in left if i not in twins.values() and i != other]
-  return copies
+  pelvis, places, copies = found.limbs["pelvis"], rest[nodes, :3, 3], {}
+  body = [i for i in range(len(nodes)) if pelvis in _line(parents, i)]
+  groups = collections.defaultdict(list)  # {the topmost bone of a skeleton: its bones}
+  for i in range(len(nodes)):
+    if i not in body and i not in found.limbs.values():
+      groups[_line(parents, i)[-1]].append(i)
+  apart = lambda i, k: np.linalg.norm(places[i] - places[k])
+  for group in groups.values():
+    twins = {}
+    for i in group:
+      same = [k for k in body if _unmarked(names[k]) == _unmarked(names[i])]
+      twins |= {i: min(same, key=functools.partial(apart, i))} if same else {}
+    if all(apart(*pair) < _SAME_PLACE * np.ptp(places, axis=0).max() for pair in twins.items()):
+      for i, k in twins.items():
+        copies.setdefault(nodes[k], []).append(nodes[i])
+        group.remove(i)
+  left = [i for group in groups.values() for i in group]
+  try:
+    other = left[find(left).limbs["pelvis"]]
+  except InputError:
+    return copies
+  raise InputError(f"{path}: it holds two bodies, below {names[pelvis]!r} and {names[other]!r}, expected one; delete "
+                   "one of them and export the file again")
+
+
+def _unmarked(name):
+  """A bone's name without what programs put around that of a copy: clothes:Hips, Hips.001, Hips_1."""
+  return re.sub(r"[._]\d+$", "", name.rpartition(":")[2])
 
 
 def _line(parents, i):
@@ -141,9 +152,11 @@ def _line(parents, i):
 
 def _built(document, nodes, names, found, rest, root, copies):
   path = document.path
-  numbers = list(dict.fromkeys([found.limbs["pelvis"], *found.spine, *found.neck, *found.limbs.values()]))
-  parts = {joint: numbers.index(number) for joint, number in found.limbs.items()
-           if joint not in ("spine1", "spine2", "spine3", "neck")}
+  # Of the trunk counts what lies on the way to the head: a bone called so elsewhere follows no joint.
+  limbs = {joint: number for joint, number in found.limbs.items() if joint not in (
+      "spine1", "spine2", "spine3", "neck")}
+  numbers = list(dict.fromkeys([limbs["pelvis"], *found.spine, *found.neck, *limbs.values()]))
+  parts = {joint: numbers.index(number) for joint, number in limbs.items()}
   bones = Bones(parts, tuple(map(numbers.index, found.spine)), tuple(map(numbers.index, found.neck)), found.label)
   parents = _body_parents(parts, bones, len(numbers))
   order = sorted(range(len(numbers)), key=lambda bone: _depth(parents, bone))

@@ -20,7 +20,16 @@ from motion_jax.models.cdamd.guiding import Settling
 from motion_jax.models.cdamd.options import CdamdSampling
 from motion_jax.models.known_motion import clip_of, on_our_body
 from motion_jax.models.pasting import Spans
-from motion_jax.models.results import Motion, Motions, captions_in_a_row, features_of, gathered, make_motions
+from motion_jax.models.results import (
+  Motion,
+  Motions,
+  captions_in_a_row,
+  cleanup_record,
+  features_of,
+  gathered,
+  make_motions,
+)
+from motion_jax.motion import step_records
 from motion_jax.motion.blending import join, laid_over
 from motion_jax.motion.cleanup import clean_up
 from motion_jax.motion.filling import in_spans, runs_of
@@ -136,10 +145,12 @@ class CdamdModel(TextToMotionModel):
         joints = np.concatenate([joints, laid_over(new_joints.astype(np.float64), past, len(past))]).astype(np.float32)
       prompts.append(prompt)
       ends.append(len(joints))
+    steps = [step_records.record("sample", f"{len(prompts)} prompts in sequence")]
     if cleanup and layout.has_fixed_bones:
-      joints = clean_up(joints, skeleton=layout.skeleton, smoothing=self.smoothing)
+      before, joints = joints, clean_up(joints, skeleton=layout.skeleton, smoothing=self.smoothing)
+      steps.append(cleanup_record(before, joints, layout.skeleton))
     return motion.replace(joints=joints, features=features_of(self, joints), meta=motion.meta | dict(
-        cleanup=bool(cleanup)), captions=captions_in_a_row(prompts, ends, self.fps))
+        cleanup=bool(cleanup), steps=steps), captions=captions_in_a_row(prompts, ends, self.fps))
 
   @arguments.checked
   def edit(self, clip: Editable, prompt: str, task: str | None = None, *, keep: Spans | None = None,

@@ -157,11 +157,11 @@ class CmdmModel(CmdmNetworks):
     known = KnownMotion.of(at_rate(clip, self.fps, self.stats.layout.skeleton), self.stats.layout.skeleton)
     own = [caption.text for caption in clip.captions if caption.text.strip()]
     past_prompt = past_prompt or (own[-1] if own else prompts[0])
-    made, ends = multi.extend(self, plan, chosen, known.on_model, past_prompt, prompts, counts, keys, contrast, way,
-                              num_past, cleanup)
+    made, ends, steps = multi.extend(self, plan, chosen, known.on_model, past_prompt, prompts, counts, keys, contrast,
+                                     way, num_past, cleanup)
     about |= dict(prompt=" | ".join(prompts), seed=seeds[0], way=way, cleanup=bool(cleanup), past_prompt=past_prompt)
     new = known.continued(made, ends[-1], self.fps, cleanup)
-    return go_on(self, clip, known.joints, new, captions_in_a_row(prompts, ends, self.fps), about)
+    return go_on(self, clip, known.joints, new, captions_in_a_row(prompts, ends, self.fps), about, *steps)
 
   @arguments.checked
   def stream(self, prompt: str | Segments, *, rng: jax.Array | None = None, seed: int | None = None,

@@ -16,8 +16,10 @@ from motion_jax.models.cmdm.loop import SamplingLoop, decode_all
 from motion_jax.models.cmdm.networks import CmdmNetworks
 from motion_jax.models.cmdm.options import CmdmSampling
 from motion_jax.models.cmdm.sampling import words_of_latents
+from motion_jax.models.results import cleanup_record
 from motion_jax.motion.cleanup import clean_up
 from motion_jax.motion.representations import to_features, to_joints
+from motion_jax.motion.step_records import Record
 from motion_jax.shapes import Array
 from motion_jax.text.contrast import Contrast
 
@@ -122,10 +124,11 @@ def _windows(model, plan, sampling, prompts, segment, frames, keys, contrast):
   every step (`continuation`), as the network knows it; latents have their own captions.
   """
   _demand_euler(plan)
-  size, block, segment = model.context, plan.block, np.asarray(segment)
+  size, block = model.context, plan.block
   plan, keep, shown = plan._replace(context=size), size // block // 2 * block, np.repeat(segment, block, axis=1)
   text_emb, text_mask = captions_of(model, prompts, contrast)
-  seen = None if plan.memory is None else block * np.repeat(streaming.seen_since(plan, segment), block, axis=1)
+  seen = streaming.seen_since(plan, segment)
+  seen = None if seen is None else block * np.repeat(np.asarray(seen), block, axis=1)
   made, lengths = np.zeros((len(prompts), 0, model.dit.latent_dim), np.float32), offline.latents_of(
       frames, model.frames_per_latent)
   while made.shape[1] < shown.shape[1]:
@@ -216,8 +219,8 @@ def encode_past(model: CmdmNetworks, joints: Num[np.ndarray, "t j 3"], count: in
 def extend(model: CmdmNetworks, plan: streaming.Plan, sampling: CmdmSampling, joints: Num[np.ndarray, "t j 3"],
            past_prompt: str, prompts: Sequence[str], frames: Sequence[int], keys: jax.Array,
            contrast: Contrast | None = None, way: str = "stream", num_past: int | None = None, cleanup: bool = True
-           ) -> tuple[Float[np.ndarray, "n j 3"], list[int]]:
-  """What comes after joints (T, J, 3): (joints (P + N, J, 3), frames at which segments end).
+           ) -> tuple[Float[np.ndarray, "n j 3"], list[int], list[Record]]:
+  """What comes after joints (T, J, 3): (joints (P + N, J, 3), frames at which segments end, records of the cleanup).
 
   The new latents are decoded behind those of the past: the first P of these frames show the end of the given motion,
   but for the tokenizer's error and where on the ground it is.
@@ -244,6 +247,9 @@ def extend(model: CmdmNetworks, plan: streaming.Plan, sampling: CmdmSampling, jo
   features = model.stats.denormalize(whole)[0, :border + int(ends[-1])]
   shadow = to_joints(features, model.stats.layout)
   contacts = model.stats.layout.contacts(features)
+  steps: list[Record] = []
   if cleanup and model.stats.layout.has_fixed_bones and contacts is not None:
+    before, count = shadow, int(ends[-1])
     shadow = clean_up(shadow, contacts, model.stats.layout.skeleton, smoothing=model.smoothing)
-  return shadow, ends.tolist()
+    steps.append(cleanup_record(before[-count:], shadow[-count:], model.stats.layout.skeleton, len(joints)))
+  return shadow, ends.tolist(), steps

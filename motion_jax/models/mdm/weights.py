@@ -15,6 +15,7 @@ WEIGHTS = {"ema": ("model_avg", "model"), "model": ("model",)}
 # {text_encoder_type of args.json: (encoder, level, word pieces that are read of a caption; 0 for all)}.
 # Parity: CLIP's captions are cut to 20 word pieces and the two special ones (docs/papers/mdm.md).
 TEXT = {"clip": ("clip-vit-base-patch32", "sentence", 22), "bert": ("distilbert-base-uncased", "words", 0)}
+_MOST_STEPS = 100_000
 # args.json: {option: (default, of the released scripts, kinds)}.
 _OPTIONS: dict[str, tuple[Any, tuple[type, ...]]] = {
     "diffusion_steps": (1000, (int,)), "noise_schedule": ("cosine", (str,)), "sigma_small": (True, (bool,)),
@@ -101,9 +102,9 @@ def _options(file):
     raise InputError(f"{path}: emb_policy is {options['emb_policy']!r}, expected 'add': the time added to the text")
   if options["unconstrained"]:
     raise InputError(f"{path}: it was trained without captions (unconstrained); there is no text to generate from")
-  if not 0 <= options["cond_mask_prob"] <= 1 or options["diffusion_steps"] < 1:
+  if not 0 <= options["cond_mask_prob"] < 1 or not 1 <= options["diffusion_steps"] <= _MOST_STEPS:
     raise InputError(f"{path}: got cond_mask_prob {options['cond_mask_prob']} and diffusion_steps "
-                     f"{options['diffusion_steps']}, expected 0 to 1, and at least 1")
+                     f"{options['diffusion_steps']}, expected 0 to below 1, and 1 to {_MOST_STEPS}")
   return options
 
 

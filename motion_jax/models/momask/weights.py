@@ -88,20 +88,24 @@ def write_momask(out: str | pathlib.Path, tokenizer_file: str | pathlib.Path, st
     if more.fields["num_levels"] != quantizer["num_levels"]:
       raise ValueError(f"the residual transformer knows {more.fields['num_levels']} levels of codes, the RVQ-VAE has "
                        f"{quantizer['num_levels']}; they are of different trainings")
+    _demand_text(more.what, more.fields["text_dim"], made)
     frozen["residual"], config["residual"] = more.params, more.fields
     networks.append(more)
   if length_file is not None:
     estimator = length_estimator(length_file)
-    text_dim = estimator.params["params"]["layer0"]["kernel"].shape[0]
-    if text_dim != made.fields["text_dim"]:
-      raise ValueError(f"the length estimator reads {text_dim} numbers of text, the masked transformer "
-                       f"{made.fields['text_dim']}; they are of different trainings, or leave --length out")
+    _demand_text(estimator.what, estimator.params["params"]["layer0"]["kernel"].shape[0], made)
     frozen["length"], config["length"] = estimator.params, estimator.fields
     networks.append(estimator)
   files = text_files(text, made.fields["text_dim"], "masked transformer", f"{TEXT} has 512", level="sentence")
   config["frozen"] = dict(text=str(text or TEXT), text_level="sentence", tokenizer=checkpoint.FROZEN)
   write(out, config, networks, made.params, stats, frozen, files)
   return networks
+
+
+def _demand_text(what, text_dim, made):
+  if text_dim != made.fields["text_dim"]:
+    raise ValueError(f"the {what} reads {text_dim} numbers of text, the {made.what} {made.fields['text_dim']}; they "
+                     "are of different trainings, or leave it out")
 
 
 def _demand_codes(made, quantizer):

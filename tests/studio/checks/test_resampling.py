@@ -8,7 +8,7 @@ import pytest
 from motion_jax.data.datasets.synthetic import synthetic_joints
 from motion_jax.models.results import Motion
 from motion_jax.motion.representations import get_layout
-from motion_studio.checks.resampling import best_of
+from motion_studio.checks.resampling import resampled
 from motion_studio.language import parse
 from motion_studio.language.plain_words import in_plain_words
 from motion_studio.planning.job import Job
@@ -31,9 +31,9 @@ class Sampler:
     self.planner = SimpleNamespace(model=self.model, fps=20.0, plan=parse, in_plain_words=in_plain_words,
                                    with_postures=lambda plan: plan)
 
-  def __call__(self, job, independent=False):
+  def __call__(self, job):
     self.jobs.append(job)
-    self.independent.append(independent)
+    self.independent.append(job.independent)
     return [Motion(joints_of("jump" if self.jumps(prompt) else "walk") if self.joints is None else self.joints, 20.0)
             for prompt in job.prompts]
 
@@ -43,7 +43,7 @@ class Sampler:
     job = Job(self.planner, prompts, [None] * len(prompts), keys, list(range(len(prompts))), sampling,
               [[]] * len(prompts), warns=warns, plans=[parse(prompt) for prompt in prompts])
     job.motions = self(job)
-    return best_of(job, self, max_attempts)
+    return resampled(job, self, max_attempts)
 
   @property
   def prompts(self):

@@ -45,13 +45,14 @@ def generated(tiny_run, programs, tmp_path_factory):
     patch.setenv("XDG_CACHE_HOME", str(programs))
     patch.setattr(TextToMotionModel, "limits", "It cannot fly.")
     assert cli.main(["generate", "a person waves", "--num-frames", "20", "--num-steps", "4", "--guidance-scale", "0",
-                     "--model", str(tiny_run), "--out", outputs]) == 0
+                     "--without", "pose", "--explain", "--model", str(tiny_run), "--out", outputs]) == 0
   return folder, printed.getvalue()
 
 
-@pytest.mark.parametrize("name", ["a.npz", "a.npy", "a.bvh", "a.glb", "a.html", "a.png", "a.gif", "a.vrma", "a.usda"])
+@pytest.mark.parametrize("name", ["a.npz", "a.npy", "a.bvh", "a.glb", "a.html", "a.png", "a.gif", "a.vrma", "a.usda",
+                                  "a.csv", "a.trc", "a.c3d", "a.jpg"])
 def test_a_full_disk_is_one_line(tmp_path, capsys, name):
-  """The system lets files hold no more than 100 bytes for a while."""
+  """The system lets files hold no more than 100 bytes for a while; ezc3d and Pillow's JPEG do not look at it."""
   export.save(synthetic_clips(seed=0, num=1)[0].cut(0, 2), tmp_path / "in.npz")
   limits = resource.getrlimit(resource.RLIMIT_FSIZE)
   resource.setrlimit(resource.RLIMIT_FSIZE, (100, limits[1]))
@@ -71,6 +72,8 @@ def test_generate_writes_its_files_and_says_what_it_did(generated):
     assert file["joints"].shape == (20, 22, 3) and file["features"].shape == (20, 263)
   assert (folder / "a.bvh").read_text().startswith("HIERARCHY")
   assert "parameters on cpu" in printed and "guidance 0, seed" in printed
+  lines = "plan: one action\nsample: one pass of the network\ncleanup: feet pinned, tremor removed, frames 0 to 19, "
+  assert lines in printed and "pose" not in printed
   assert printed.splitlines()[-1] == "It cannot fly." and "a.bvh" in printed.splitlines()[-3]
 
 

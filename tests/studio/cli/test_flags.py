@@ -10,7 +10,7 @@ import pytest
 
 from motion_jax.models import registry
 from motion_jax.utils import config_files, overrides
-from motion_studio import cli
+from motion_studio import cli, step_names
 from motion_studio.cli import control, generation_flags
 from tests.conftest import ROOT, devices_env
 from tests.export.test_bvh import bent
@@ -84,6 +84,20 @@ def test_a_wrong_constraint_names_its_flag(words, says):
   assert says in str(error.value)
 
 
+@pytest.mark.parametrize("words, names", [
+    ("generate x", step_names.GENERATE), ("multi-prompt x", step_names.MULTI_PROMPT),
+    ("extend x --prompt y", step_names.EXTEND), ("edit x --prompt y", step_names.EDIT)])
+def test_steps_are_left_out_by_name_and_an_unknown_one_names_them(words, names, capsys):
+  args = cli.parse([*words.split(), "--without", "Clean-Up,warn"])
+  assert generation_flags.without_of(args) == {"cleanup", "warn"} and not args.explain
+  assert generation_flags.without_of(cli.parse([*words.split(), "--no-cleanup"])) == {"cleanup"}
+  with pytest.raises(SystemExit):
+    cli.parse([*words.split(), "--without", "corect"])
+  error = capsys.readouterr().err
+  assert f"got the step 'corect' to leave out, expected some of {', '.join(names)};" in error
+  assert len(error.splitlines()) == 1
+
+
 def test_a_sentence_without_quotes_is_shown_how_to_be_given(capsys):
   with pytest.raises(SystemExit):
     cli.parse(["generate", "a", "person", "bows twice", ""])
@@ -150,3 +164,10 @@ def test_the_scripts_at_the_top_are_the_commands(tmp_path):
     done = subprocess.run([sys.executable, str(ROOT / script), *words], env=devices_env(1), cwd=tmp_path,
                           capture_output=True, text=True, check=False)
     assert done.returncode == 0 and told in done.stdout and (words != ["--help"] or f"usage: {script} " in done.stdout)
+
+
+def test_values_that_begin_with_a_dash_are_values():
+  args = cli.parse(["render", "a.npy", "--up", "-z", "--out", "b.npz"])
+  assert args.up == "-z" and args.out == "b.npz"
+  with pytest.raises(SystemExit):
+    cli.parse(["render", "a.npy", "--up", "--out", "b.npz"])

@@ -13,6 +13,7 @@ from motion_jax.models.results import Motion
 from motion_jax.motion.representations import get_layout
 from motion_jax.motion.retarget import mirror, retarget
 from motion_jax.motion.root_paths import bent, course
+from motion_jax.motion.step_records import change_between
 from motion_studio.checks.violations import violation_score
 from motion_studio.language import parse
 from motion_studio.language.path_shapes import BENT
@@ -48,6 +49,9 @@ def test_a_body_that_sits_down_last_and_gets_up_again_stays_seated():
   np.testing.assert_allclose(made.joints[:12], motion.joints[:12], atol=1e-6)
   assert np.abs(np.diff(made.joints[60:], axis=0)).max() < 1e-6 and made.features.shape == (80, 263)
   assert np.linalg.norm(np.diff(made.joints, axis=0), axis=-1).max() < 0.15  # it comes to rest, and does not jump
+  assert made.meta["steps"] == [
+      {"step": "correct", "did": "kept seated"} | change_between(motion.joints, made.joints) | {
+          "score": [violation_score(motion.joints, required), 0.0]}]
 
 
 def test_a_body_that_gets_up_and_sits_down_once_more_stays_in_its_first_seat():

@@ -83,7 +83,9 @@ class TestOfAModel:
     made = pipeline("a person walks up and down", 24, seed=3, max_attempts=1, **FAST)
     plain = sampled(model, "a person walks up and down", 24, 3)[0]
     np.testing.assert_array_equal(made.joints, plain.joints)
-    assert made.meta == plain.meta and made.captions == plain.captions
+    names = [row["step"] for row in made.meta["steps"]]
+    assert names == ["plan", "sample", "cleanup", "pose", "correct"] and made.meta["steps"][1:3] == plain.meta["steps"]
+    assert made.meta | dict(steps=0) == plain.meta | dict(steps=0) and made.captions == plain.captions
 
   def test_actions_in_sequence_are_a_motion_of_several_prompts(self, model, pipeline):
     prompts = ["a person walks", "a person walks, then waves"]

@@ -65,3 +65,6 @@ def test_blocks_are_edited_with_the_habits_of_editors(timeline):
   page.control(webdriver.Keys.CONTROL, "z")
   page.wait("stale === false && window.__studio.busy === null")
   assert page.prompts() == ["a person jumps", "a person runs"] and not page.get("errors")
+  page.find("#details").click()  # what each step did, in one line each
+  page.wait("busy === null && document.getElementById('figures').textContent.includes('sample: 2 prompts in sequence')")
+  assert page.find("#figures").get_attribute("title").splitlines()[0] == "plan: a person jumps | a person runs"

@@ -18,6 +18,7 @@ from motion_jax.motion.looping import in_place
 from motion_jax.motion.rigs import all_rigs
 from motion_jax.motion.skeleton import bone_lengths
 from motion_jax.utils import progress
+from motion_studio import step_names
 from motion_studio.server import serialization
 from tests.studio.server.characters import CHARACTERS, character
 from tests.studio.server.conftest import refusal
@@ -41,6 +42,20 @@ def test_models_and_status(client, library):
   assert models["tiny"]["id"] == library.model("tiny", "stream").id and models["tiny"]["sampling"]["lag"]["usual"]
   status = client.get("/v1/status").json()
   assert status["streams"] == 0 and status["models"] == {"tiny": "ready", "editor": "ready"}
+
+
+@pytest.mark.parametrize("path, body, stays", [
+    ("generate", {"prompt": "a person walks, then waves", "seconds": 2}, ["sample", "constrain"]),
+    ("multi-prompt", {"segments": [{"prompt": "a person walks, then waves", "seconds": 2}]}, ["sample"])])
+def test_steps_are_in_replies_and_left_out_by_name(client, path, body, stays):
+  body = body | {"model": "tiny", "sampling": {"num_steps": 4}}
+  names = lambda reply: [row["step"] for row in (reply.get("motion") or reply["motions"][0])["meta"]["steps"]]
+  every = client.post(f"/v1/{path}", json=body).json()
+  assert names(every)[:3] == ["plan", "sample", "cleanup"]
+  out = [name for name in (step_names.GENERATE if path == "generate" else step_names.EXTEND) if name not in stays]
+  assert names(client.post(f"/v1/{path}", json=body | {"without": out}).json()) == stays[:1]
+  told = refusal(client.post(f"/v1/{path}", json=body | {"without": ["corect"]}))
+  assert "'corect'" in told and "plan, warn, cleanup" in told
 
 
 def test_generate_is_the_pipeline(client, library):

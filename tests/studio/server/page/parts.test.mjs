@@ -14,7 +14,7 @@ import { read, readSeed } from "./sampling.js";
 import { between, indexAt, panned, showing, zoomed } from "./scale.js";
 import { initial, keyOf, placed, reduce, saved, snapped } from "./state.js";
 import { MultiPrompt, joined } from "./multi_prompt.js";
-import { legendOf, liveDetails, liveText, remarkOf, statusOf, workText } from "./messages.js";
+import { legendOf, liveDetails, liveText, remarkOf, statusOf, stepsText, workText } from "./messages.js";
 import { shares } from "./shares.js";
 
 const acted = (...actions) => actions.reduce(reduce, initial());
@@ -625,6 +625,9 @@ test("the page says in plain words how it goes, and figures on demand", () => {
   page.starved = false;
   assert.match(liveText(page), /slower than it plays/);
   assert.match(liveDetails(page), /0.0 s ahead, 0.6 s in flight, block 9 ms, 1 pauses/);
+  const steps = [{ step: "sample", did: "one pass" }, { step: "pose", did: "trunk leant", cm: 12.3 }];
+  assert.equal(stepsText({ meta: { steps } }), "sample: one pass · pose: trunk leant (up to 12.3 cm)");
+  assert.equal(stepsText(null) + stepsText({ meta: { steps: 3 } }), "");
   assert.equal(workText({ doing: "making the motion", of: 120, share: 0.25, seconds: 4.2 }), "25 %, 4 s: making the motion");
   assert.equal(workText({ doing: "compiling", of: 0, share: 0.4, seconds: 9 }), "about 40 %, 9 s: compiling");
   const multiPrompt = { busy: null, stale: true };
