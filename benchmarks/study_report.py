@@ -235,8 +235,14 @@ def main(argv=None):
   args = parser.parse_args(argv)
   try:
     registration = study_registration.load(args.registration)
-    study = judge_again(json.loads(args.study.read_text(encoding="utf-8")), registration)
-  except (ValueError, KeyError, FileNotFoundError) as error:
+    study = json.loads(args.study.read_text(encoding="utf-8"))
+    if not {"settings", "rows", "judged_by"} <= set(study):
+      raise ValueError(f"{args.study} is no study.json of benchmarks/study.py, whose rows are judged here; studies of "
+                       "sampling are judged by study_sampling.py --report")
+    study = judge_again(study, registration)
+  except OSError as error:
+    sys.exit(f"study_report.py: cannot read {args.study} ({error.strerror}), expected a study.json")
+  except ValueError as error:
     sys.exit(f"study_report.py: {error}")
   checkpoint.save_text(args.study.parent, args.study.name, json.dumps(study, indent=1, allow_nan=False) + "\n")
   checkpoint.save_text(args.study.parent, args.study.with_suffix(".md").name, markdown(study))

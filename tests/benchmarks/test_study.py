@@ -163,6 +163,14 @@ def test_a_changed_registration_ends_the_commands(tmp_path, capsys):
     study_sampling.main(["--registration", str(tmp_path / "own.toml"), "--archives", "a", "--out", str(out)])
 
 
+@pytest.mark.parametrize("name, message", [
+    ("study_edits", "is no study.json of benchmarks/study.py"), ("none", "cannot read .*none.json")])
+def test_what_is_no_study_is_not_judged(name, message):
+  path = ROOT / "docs" / "benchmark" / f"{name}.json"
+  with pytest.raises(SystemExit, match=message):
+    study_report.main([str(path), "--registration", str(REGISTERED / "mini-first.toml")])
+
+
 def test_a_study_takes_its_settings_from_the_registration():
   registration, settings, _, _ = study.parse(["--archives", "a", "--out", "b", "--seeds", "2"])
   assert registration.path.name == "mini.toml" and settings.seeds == 2 and settings.size == "mini"
