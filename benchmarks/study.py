@@ -1,10 +1,14 @@
 """The papers' ablations at small scale: every row trained alike, evaluated by our own benchmark, claims with verdicts.
 
-  python benchmarks/study.py --archives path/to/cmu path/to/bandai --out runs/study [--papers cmdm cdamd] [--seeds 3]
-      [--steps tokenizer=1500 denoiser=500 ...] [--only ROW ...] [--max_seconds N]
+  python benchmarks/study.py --archives path/to/cmu path/to/bandai --out runs/study [--papers cmdm cdamd]
+      [--registration docs/benchmark/registered/mini.toml] [--only ROW ...] [--max_seconds N]
   ... --part 0/2 in one shell, --part 1/2 in another: two processes share the work
   ... --again                                         evaluates again the rows that other code evaluated
+  ... --amend "why"                                   takes a registration that has changed since there are results
   ... --report                                        only writes study.json and study.md
+
+What is claimed, which metric decides, how many seeds and steps: the registration says it, before there are results
+(benchmarks/study_registration.py). Flags that differ from it are listed in the report.
 
 Rows: CMDM's Table 4 with its sampling rows, CDAMD's Tables I, IV, V and MARDM, by the configs of configs/ablations/.
 The same command continues where it stopped; finished parts are not repeated. The folder holds PAPER/seedN/ROW/ with a
@@ -33,6 +37,7 @@ import time
 
 import jax
 import study_plan
+import study_registration
 import study_report
 from absl import logging
 
@@ -44,10 +49,12 @@ from motion_jax.evaluation.candidates import Candidate, hash_of
 from motion_jax.evaluation.checks import sanity
 from motion_jax.evaluation.harness import Harness
 from motion_jax.evaluation.tasks.base import Task
+from motion_jax.evaluation.tasks.editing import Editing
 from motion_jax.evaluation.tasks.generation import Generation
 from motion_jax.evaluation.tasks.long_horizon import LongHorizon
 from motion_jax.evaluation.test_set import read_test_set
 from motion_jax.evaluators.evaluator import load_evaluator, shipped_names
+from motion_jax.models.cmdm.setup import not_sampled
 from motion_jax.training import checkpoint
 from motion_jax.training.metrics import read_metrics
 
@@ -80,11 +87,12 @@ class Stopped(Exception):
 class Bench:
   """The test clips and evaluators, read once for all rows."""
 
-  def __init__(self, settings, force=False):
-    self.settings, self.force, self.read, self.tasks = settings, force, {}, {}
+  def __init__(self, settings, force=False, more_readers=()):
+    """more_readers: further representations in which edits are given their real clips."""
+    self.settings, self.force, self.more_readers, self.read, self.tasks = settings, force, more_readers, {}, {}
 
   def task(self, name, seed) -> Task:
-    """Of "texts" or of "stories"; raises ValueError where the evaluators do not look right on real clips.
+    """Of "texts", "edits" or "stories"; raises ValueError where the evaluators do not look right on real clips.
 
     Each seed of the study has captions, cuts, noise and stories of its own, the same for all rows: intervals over
     seeds know of that luck as well, and rows of a seed are still pairs.
@@ -102,14 +110,17 @@ class Bench:
   def _read(self, name):
     if name not in self.read:
       protocol = self._protocol(name).on("archive")
-      readers = [load_evaluator(self.settings.evaluator), self._clip() if name == "texts" else None]
-      test_set = read_test_set(self.settings.archives, protocol, [one for one in readers if one])
+      readers = [load_evaluator(self.settings.evaluator), self._clip() if name != "stories" else None]
+      more = self.more_readers if name == "edits" else ()
+      test_set = read_test_set(self.settings.archives, protocol, [*(one for one in readers if one), *more])
       self.read[name] = protocol, readers, test_set
     return self.read[name]
 
   def _protocol(self, name):
     if name == "texts":
       return protocols.get_protocol("archives-66").without_multimodality()
+    if name == "edits":
+      return protocols.get_protocol("editing")
     return dataclasses.replace(protocols.get_protocol("long-horizon"), sequences=self.settings.stories,
                                segments=self.settings.segments, real_jerk=None, way="stream")
 
@@ -122,7 +133,7 @@ class Bench:
 
   def real(self):
     """{"texts", "stories": {metric: number}} of the real clips, in the places of the first seed's first repeat."""
-    return {name: _numbers([self.task(name, 0).real(0).rows["real"]], name) for name in _TASKS}
+    return {name: _numbers([self.task(name, 0).real(0).rows["real"]], name) for name in ("texts", "stories")}
 
   def scores(self, row, folder, clock):
     """{metric: {"mean", "interval", "values"}} over repeats of a row, and the provenance of its texts."""
@@ -140,7 +151,7 @@ class Bench:
                                       self.settings.repeats, candidate.devices)
 
 
-_TASKS = {"texts": Generation, "stories": LongHorizon}
+_TASKS = {"texts": Generation, "edits": Editing, "stories": LongHorizon}
 
 
 def _numbers(repeats, name):
@@ -165,6 +176,8 @@ def train_run(one, settings, out, parts, clock, failed):
   print(f"  {one.folder}: {settings.steps[one.stage]} steps", flush=True)
   folder.mkdir(parents=True, exist_ok=True)
   config, begin = study_plan.config_of(one, settings, out, parts), time.monotonic()
+  for note in not_sampled(config) if one.stage == "denoiser" else ():
+    print(f"  note: {note}", flush=True)
   before = checkpoint.load_json(folder, TIME)["seconds"] if (folder / TIME).is_file() else 0.0
   try:
     with open(folder / "log.txt", "a", encoding="utf-8") as log, contextlib.redirect_stdout(log):
@@ -208,7 +221,7 @@ def write_json(folder, name, content):
 # --- a study -----------------------------------------------------------------------------------------------------
 
 
-def run_study(settings, out, part=(0, 1), only=(), max_seconds=None, force=False, again=False):
+def run_study(settings, out, registration, part=(0, 1), only=(), max_seconds=None, force=False, again=False):
   """Does the rows of a part, and writes study.json and study.md after each. Returns whether all of them are done.
 
   again: rows that another commit evaluated are evaluated again; their motions are kept.
@@ -236,9 +249,9 @@ def run_study(settings, out, part=(0, 1), only=(), max_seconds=None, force=False
       except FloatingPointError as error:  # reported, and tried again the next time
         print(f"  {error}", flush=True)
         whole = False
-      write_report(out)
+      write_report(out, registration)
       jax.clear_caches()  # every row compiles functions of its own; a process that kept them all would run out of maps
-  write_report(out)
+  write_report(out, registration)
   return whole
 
 
@@ -283,18 +296,34 @@ def hashes_of(settings) -> dict:
   return found
 
 
-def write_report(out):
+def results_in(out):
+  """The files of scores of a study's folder."""
+  return sorted(pathlib.Path(out).glob("*/seed*/*/scores.json"))
+
+
+def write_report(out, registration):
   """study.json and study.md from the rows that are done, by whichever process."""
-  found = [checkpoint.load_json(path.parent, path.name) for path in sorted(out.glob("*/seed*/*/scores.json"))]
+  found = [checkpoint.load_json(path.parent, path.name) for path in results_in(out)]
   real = checkpoint.load_json(out, REAL) if (out / REAL).is_file() else {}
-  study = study_report.summarize(checkpoint.load_json(out, SETTINGS), found, real)
+  settings = checkpoint.load_json(out, SETTINGS)
+  study = study_report.summarize(settings, found, real, registration,
+                                 checkpoint.load_json(out, study_registration.FILE))
+  study["notes"] = [f"Not as registered: {name} is {settings[name]}, registered is {value}."
+                    for name, value in registration.settings.get("study", {}).items() if settings[name] != value]
   write_json(out, "study.json", study)
   checkpoint.save_text(out, "study.md", study_report.markdown(study))
 
 
 def parse(argv=None):
-  defaults = study_plan.Settings(())
-  parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+  """(registration, Settings, arguments, part); defaults are those of the registration."""
+  first = argparse.ArgumentParser(add_help=False)
+  first.add_argument("--registration", default=str(study_plan.ROOT / "docs/benchmark/registered/mini.toml"),
+                     help="claims, seeds and steps of the study (%(default)s)")
+  known, _ = first.parse_known_args(argv)
+  registration = study_registration.load(known.registration)
+  registered = dict(registration.settings.get("study", {}))
+  defaults = dataclasses.replace(study_plan.Settings(()), **registered)
+  parser = argparse.ArgumentParser(description=__doc__.splitlines()[0], parents=[first])
   add = parser.add_argument
   add("--archives", nargs="+", required=True, help="folders of motion_jax.data.datasets.archive")
   add("--out", required=True, help="folder of the study; an existing one is continued")
@@ -303,7 +332,7 @@ def parse(argv=None):
   add("--steps", nargs="+", default=[], metavar="STAGE=N", help=f"by default {defaults.steps}")
   add("--size", default=defaults.size, choices=("small", "mini", "tiny"), help="of the models")
   add("--repeats", type=int, default=defaults.repeats, help="passes over the test clips for a row")
-  add("--samples", type=int, help="fewer test clips, for a trial")
+  add("--samples", type=int, default=defaults.samples, help="fewer test clips, for a trial")
   add("--stories", type=int, default=defaults.stories)
   add("--segments", type=int, default=defaults.segments, help="prompts of a story")
   add("--teacher", default=defaults.teacher, help="folder of a teacher that was trained on these archives")
@@ -315,6 +344,8 @@ def parse(argv=None):
   add("--again", action="store_true", help="evaluate again the rows that another commit evaluated, from their motions")
   add("--force", action="store_true", help="go on though evaluators do not look right on the real clips")
   add("--report", action="store_true", help="train and judge nothing, write the report of what is there")
+  add("--amend", metavar="WHY",
+      help="take a registration that has changed since there are results; the report prints why")
   args = parser.parse_args(argv)
   steps = dict(defaults.steps)
   for text in args.steps:
@@ -327,20 +358,21 @@ def parse(argv=None):
     raise ValueError(f"got --part {args.part}, expected one such as 0/2")
   fields = {field.name: getattr(args, field.name) for field in dataclasses.fields(defaults) if field.name != "steps"}
   fields |= dict(steps=steps, archives=tuple(args.archives), papers=tuple(args.papers))
-  return study_plan.Settings(**fields), args, (int(index), int(count))
+  return registration, study_plan.Settings(**fields), args, (int(index), int(count))
 
 
 def main():
   logging.set_verbosity(logging.WARNING)  # orbax tells every step of a save
   try:
-    settings, args, part = parse()
+    registration, settings, args, part = parse()
     out = pathlib.Path(args.out)
+    study_registration.keep(registration, out, bool(results_in(out)), args.amend)
     if args.report:
-      write_report(out)
+      write_report(out, registration)
     else:
       # Seeds and rows compile the same functions again.
       jax.config.update("jax_compilation_cache_dir", str((out / "compiled").absolute()))
-      done = run_study(settings, out, part, args.only, args.max_seconds, args.force, args.again)
+      done = run_study(settings, out, registration, part, args.only, args.max_seconds, args.force, args.again)
       print("all rows of this part are done" if done else "some rows are missing; run the same command again")
   except (ValueError, FileNotFoundError) as error:
     sys.exit(f"study.py: {error}")

@@ -13,18 +13,19 @@ from motion_jax.runs import PRETRAINED
 ROOT = pathlib.Path(__file__).resolve().parents[1]
 ABLATIONS = {paper: runpy.run_path(str(ROOT / "configs" / "ablations" / f"{paper}.py")) for paper in ("cmdm", "cdamd")}
 
-# (paper, printed table) -> {printed row: row of configs/ablations}. "no-dcca" of Table V is "cm" of Table IV, and the
-# paper's CDAMD is its model with one VQ level in both (docs/papers/cdamd.md#printed-numbers).
+# (paper, printed table) -> {row of configs/ablations: the printed row that it repeats}. "no-dcca" of Table V is "cm"
+# of Table IV, and the paper's CDAMD is its model with one VQ level in both (docs/papers/cdamd.md#printed-numbers).
+# Rows of Table IV are sampled under the causal mask, as in the released code, and again under that of their training.
 TABLES = {
     ("cmdm", "4"): {
-        "CMDM": "default", "VAE w/o MA": "vae", "C-VAE w/o MA": "c-vae", "w/ Full-Seq. Diff.": "one-level",
-        "w/o adaLN": "no-adaln", "w/o ROPE": "no-rope", "w/o adaLN + ROPE": "no-adaln-no-rope", "w/o FSS": "ar",
-        **{f"FSS K={steps}, L={lag}": f"fss-{steps}-{lag}" for steps in (50, 20) for lag in (1, 5, 10)}},
-    ("cdamd", "1"): {"CDAMD (first VQ)": "one-vq", "CDAMD (two VQ)": "default", "CDAMD (all VQ)": "all-vq",
-                     "MARDM-SiT-XL": "mardm"},
-    ("cdamd", "4"): {"DCCM": "one-vq", "BCM": "bcm", "CM": "cm"},
-    ("cdamd", "5"): {"CDAMD": "one-vq", "w/o CMP": "no-prior", "w/o DCCA": "cm", "CDAMD, 263 features": "263",
-                     "w/o CMP, 263 features": "263-no-prior", "w/o DCCA, 263 features": "263-no-dcca"},
+        "default": "CMDM", "vae": "VAE w/o MA", "c-vae": "C-VAE w/o MA", "one-level": "w/ Full-Seq. Diff.",
+        "no-adaln": "w/o adaLN", "no-rope": "w/o ROPE", "no-adaln-no-rope": "w/o adaLN + ROPE", "ar": "w/o FSS",
+        **{f"fss-{steps}-{lag}": f"FSS K={steps}, L={lag}" for steps in (50, 20) for lag in (1, 5, 10)}},
+    ("cdamd", "1"): {"one-vq": "CDAMD (first VQ)", "default": "CDAMD (two VQ)", "all-vq": "CDAMD (all VQ)",
+                     "mardm": "MARDM-SiT-XL"},
+    ("cdamd", "4"): {"one-vq": "DCCM", "bcm": "BCM", "cm": "CM", "dccm-inference": "DCCM", "bcm-inference": "BCM"},
+    ("cdamd", "5"): {"one-vq": "CDAMD", "no-prior": "w/o CMP", "cm": "w/o DCCA", "263": "CDAMD, 263 features",
+                     "263-no-prior": "w/o CMP, 263 features", "263-no-dcca": "w/o DCCA, 263 features"},
 }
 PAPERS = tuple(dict.fromkeys(paper for paper, _ in TABLES))
 STEPS = {"tokenizer": 1500, "denoiser": 500, "autoencoder": 1500, "rvq": 1500, "generator": 500}
@@ -85,26 +86,38 @@ class Row(NamedTuple):
 
 def names_of(paper) -> list[str]:
   """The rows of a paper, in the order of its tables; the one that others share a run with comes first."""
-  found = [row for (of, _), rows in TABLES.items() if of == paper for row in rows.values()]
-  return list(dict.fromkeys(["default", *found]))
+  rows = [row for (of, _), table in TABLES.items() if of == paper for row in table]
+  return list(dict.fromkeys(["default", *rows]))
 
 
 def row_of(paper, name, seed) -> Row:
   """A row with its runs."""
+  rows = ABLATIONS[paper]["ROWS"]
   if paper == "cmdm":
-    changes = ABLATIONS["cmdm"]["ROWS"][name][1]
-    tokenizer = name if "tokenizer" in changes else "default"
-    of_denoiser = changes.get("denoiser", {})
-    sampling = {path.partition(".")[2]: value for path, value in of_denoiser.items() if path.startswith("sampler.")}
-    trained = "default" if sampling and len(sampling) == len(of_denoiser) else name
-    parts = [("tokenizer", tokenizer), ("denoiser", trained)]
+    changes, of_denoiser = rows[name][1], rows[name][1].get("denoiser", {})
+    trained, sampling = _trained_as(name, of_denoiser, {row: one[1].get("denoiser", {}) for row, one in rows.items()
+                                                        if one[1].keys() <= {"denoiser"}})
+    parts = [("tokenizer", name if "tokenizer" in changes else "default"), ("denoiser", trained)]
   else:
-    layout = ABLATIONS["cdamd"]["ROWS"][name][1]
-    home, sampling = ABLATIONS["cdamd"]["HOMES"][layout], {}
-    parts = [("autoencoder", home), ("rvq", home), ("generator", name)]
+    layout = rows[name][1]
+    home = ABLATIONS["cdamd"]["HOMES"][layout]
+    trained, sampling = _trained_as(name, rows[name][2], {row: one[2] for row, one in rows.items()
+                                                          if one[1] == layout and row != "mardm"})
+    parts = [("autoencoder", home), ("rvq", home), ("generator", trained)]
     if not ABLATIONS["cdamd"]["get_config"](name).loss.prior_levels:
       del parts[1]
   return Row(paper, name, seed, tuple(Run(paper, row, stage, seed) for stage, row in parts), sampling)
+
+
+def _trained_as(name, changes, others):
+  """(row whose run `name` is sampled from, its choices of sampling): another row, where it differs in sampling alone.
+
+  Otherwise the row is its own, and is sampled as its config says.
+  """
+  sampling = {path.partition(".")[2]: value for path, value in changes.items() if path.startswith("sampler.")}
+  trained = {path: value for path, value in changes.items() if not path.startswith("sampler.")}
+  same = next((row for row, other in others.items() if other == trained), None) if sampling else None
+  return (same, sampling) if same else (name, {})
 
 
 def plan(settings, part=(0, 1), only=()) -> list[Row]:

@@ -1,74 +1,24 @@
-"""What a study says: rows with intervals over seeds, claims with verdicts, as JSON and as tables beside the papers'."""
+"""What a study says: rows with intervals over seeds, claims with verdicts, as JSON and as tables beside the papers'.
+
+  python benchmarks/study_report.py STUDY.json --registration FILE    judges a study.json again, from its rows
+"""
+import argparse
 import collections
+import json
 import math
 import pathlib
-from typing import NamedTuple
+import sys
 
 import numpy as np
+import study_registration
+import study_verdicts
 from scipy.stats import t as student
 from study_plan import TABLES, names_of
 
 from motion_jax.evaluation.report import tables
+from motion_jax.training import checkpoint
 
-SHOWS, DOES_NOT, OPPOSITE = "shows", "does not show", "the opposite shows"
-ONE_SEED, NOT_RUN = "no verdict: one seed", "no verdict: not run"
-
-
-class Claim(NamedTuple):
-  """`metric` of row `a` is `way` ("lower" or "higher") than that of row `b`; source is (paper, printed table)."""
-  text: str
-  source: tuple[str, str]
-  metric: str
-  a: str
-  way: str
-  b: str
-
-
-_CMDM, _LEVELS, _MASKS, _PARTS = ("cmdm", "4"), ("cdamd", "1"), ("cdamd", "4"), ("cdamd", "5")
-CLAIMS = (
-    Claim("alignment with a teacher lowers FID", _CMDM, "fid", "default", "lower", "c-vae"),
-    Claim("alignment with a teacher raises R@1", _CMDM, "top1", "default", "higher", "c-vae"),
-    Claim("alignment with a teacher lowers the FID of transitions", _CMDM, "transition_fid", "default", "lower",
-          "c-vae"),
-    Claim("a causal tokenizer lowers FID", _CMDM, "fid", "c-vae", "lower", "vae"),
-    Claim("a causal tokenizer raises R@1", _CMDM, "top1", "c-vae", "higher", "vae"),
-    Claim("a causal tokenizer lowers the FID of transitions", _CMDM, "transition_fid", "c-vae", "lower", "vae"),
-    Claim("a causal tokenizer lowers AUJ", _CMDM, "auj", "c-vae", "lower", "vae"),
-    Claim("one level for the whole sequence raises AUJ", _CMDM, "auj", "one-level", "higher", "default"),
-    Claim("one level for the whole sequence raises the FID of transitions", _CMDM, "transition_fid", "one-level",
-          "higher", "default"),
-    Claim("AdaLN lowers FID", _CMDM, "fid", "default", "lower", "no-adaln"),
-    Claim("AdaLN lowers AUJ", _CMDM, "auj", "default", "lower", "no-adaln"),
-    Claim("rotary positions lower FID", _CMDM, "fid", "default", "lower", "no-rope"),
-    Claim("rotary positions lower AUJ", _CMDM, "auj", "default", "lower", "no-rope"),
-    Claim("without AdaLN and rotary positions FID is higher", _CMDM, "fid", "no-adaln-no-rope", "higher", "default"),
-    Claim("without AdaLN and rotary positions the FID of transitions is higher", _CMDM, "transition_fid",
-          "no-adaln-no-rope", "higher", "default"),
-    Claim("frame-wise sampling has a lower FID than AR", _CMDM, "fid", "default", "lower", "ar"),
-    Claim("frame-wise sampling has a higher R@1 than AR", _CMDM, "top1", "default", "higher", "ar"),
-    Claim("frame-wise sampling has a lower AUJ than AR", _CMDM, "auj", "default", "lower", "ar"),
-    Claim("of 50 steps a lag of 5 has a lower AUJ than one of 2", _CMDM, "auj", "fss-50-5", "lower", "default"),
-    Claim("of 50 steps a lag of 10 has a higher FID than one of 2", _CMDM, "fid", "fss-50-10", "higher", "default"),
-    Claim("50 steps have a lower FID than 20 at lag 5", _CMDM, "fid", "fss-50-5", "lower", "fss-20-5"),
-    Claim("50 steps have a lower FID than 20 at lag 10", _CMDM, "fid", "fss-50-10", "lower", "fss-20-10"),
-    Claim("two VQ levels have a lower FID than one", _LEVELS, "fid", "default", "lower", "one-vq"),
-    Claim("all VQ levels have a lower R@1 than two", _LEVELS, "top1", "all-vq", "lower", "default"),
-    Claim("one VQ level has the better matching than two", _LEVELS, "matching", "one-vq", "lower", "default"),
-    Claim("CDAMD has a lower FID than MARDM", _LEVELS, "fid", "one-vq", "lower", "mardm"),
-    Claim("CDAMD has a higher R@1 than MARDM", _LEVELS, "top1", "one-vq", "higher", "mardm"),
-    Claim("DCCM has a lower FID than BCM", _MASKS, "fid", "one-vq", "lower", "bcm"),
-    Claim("DCCM has a lower FID than the causal mask", _MASKS, "fid", "one-vq", "lower", "cm"),
-    Claim("BCM has a lower FID than the causal mask", _MASKS, "fid", "bcm", "lower", "cm"),
-    Claim("BCM has the better matching than DCCM", _MASKS, "matching", "bcm", "lower", "one-vq"),
-    Claim("DCCM has a higher R@1 than the causal mask", _MASKS, "top1", "one-vq", "higher", "cm"),
-    Claim("without the prior FID is worse", _PARTS, "fid", "no-prior", "higher", "one-vq"),
-    Claim("without the prior matching is worse", _PARTS, "matching", "no-prior", "higher", "one-vq"),
-    Claim("without the prior FID is worse on 263 features, too", _PARTS, "fid", "263-no-prior", "higher", "263"),
-    Claim("without dual-constrained attention FID is worse on 263 features, too", _PARTS, "fid", "263-no-dcca",
-          "higher", "263"),
-    Claim("coordinates have a lower FID than 263 features", _PARTS, "fid", "one-vq", "lower", "263"),
-    Claim("263 features have the better matching than coordinates", _PARTS, "matching", "263", "lower", "one-vq"),
-)
+NOT_RUN = "not run"
 
 
 def over_seeds(values) -> dict:
@@ -80,61 +30,83 @@ def over_seeds(values) -> dict:
   return dict(mean=float(values.mean()), interval=half, values=values.tolist())
 
 
-def judged(claim, rows) -> dict:
-  """A claim's verdict; rows: {row: {seed: {metric: number}}} of its paper.
+def effects_of(registration, numbers) -> list:
+  """[(claim, effect or None, seeds, fewest seeds)]; numbers: {paper: {row: {seed: {metric: number}}}}.
 
-  What counts is the difference of the two rows in each seed, which share tokenizer, batches, captions and noise: the
-  claim shows where its 95 % interval lies on the claimed side of 0, the opposite shows where it lies on the other.
+  What counts is the difference of the two rows in each seed, which share batches, captions and noise.
   """
-  a, b = ({seed: found[claim.metric] for seed, found in rows.get(row, {}).items() if claim.metric in found}
-          for row in (claim.a, claim.b))
-  seeds = sorted(a.keys() & b.keys())
-  if not seeds:
-    return dict(verdict=NOT_RUN, difference=None)
-  difference = over_seeds([a[seed] - b[seed] for seed in seeds])
-  if difference["interval"] is None:
-    return dict(verdict=ONE_SEED, difference=difference)
-  toward = difference["mean"] * (1 if claim.way == "higher" else -1)
-  if abs(toward) <= difference["interval"]:
-    return dict(verdict=DOES_NOT, difference=difference)
-  return dict(verdict=SHOWS if toward > 0 else OPPOSITE, difference=difference)
+  found = []
+  for claim in registration.claims:
+    a, b = ({seed: of[claim.metric] for seed, of in numbers.get(claim.source[0], {}).get(row, {}).items()
+             if claim.metric in of} for row in (claim.a, claim.b))
+    seeds = sorted(a.keys() & b.keys())
+    effect = study_verdicts.over_seeds([a[one] for one in seeds], [b[one] for one in seeds],
+                                       registration.settings["alpha"]) if seeds else None
+    found.append((claim, effect, len(seeds), registration.settings["fewest"]["seeds"]))
+  return found
 
 
-def in_print(claim) -> dict:
-  """The two numbers that a claim is about, as the paper prints them: {"a": .., "b": ..}."""
-  printed = {row: name for name, row in TABLES[claim.source].items()}
-  return {side: tables.paper_row(*claim.source, printed[row])[claim.metric]
-          for side, row in (("a", claim.a), ("b", claim.b))}
+def judged(effects, alpha) -> list[dict]:
+  """Claims with their verdicts as plain values, from [(claim, effect or None, count of what it is over, the fewest that
+  have a verdict)].
+
+  Holm's correction is over all claims of the registration: one that was not run counts as a test that showed nothing.
+  """
+  corrected = study_verdicts.holm([effect.p if effect and count >= fewest else 1.0
+                                   for _, effect, count, fewest in effects])
+  rows = []
+  for (claim, effect, count, fewest), p in zip(effects, corrected):
+    if not count:
+      verdict = study_verdicts.Verdict(study_verdicts.UNDECIDED, NOT_RUN)
+    elif count < fewest:
+      verdict = study_verdicts.Verdict(study_verdicts.UNDECIDED, f"{count} where {fewest} are registered")
+    else:
+      verdict = study_verdicts.judge(effect, claim.way, claim.margin, p, alpha)
+    rows.append(dict(
+        text=claim.text, source=list(claim.source), metric=claim.metric, a=claim.a, way=claim.way, b=claim.b,
+        printed=list(claim.printed), margin=claim.margin, paper=claim.in_print, count=count,
+        effect=effect and effect._asdict(), p_holm=float(p), verdict=verdict.verdict, remark=verdict.remark))
+  return rows
 
 
-def summarize(settings, found, real) -> dict:
-  """All that a study found, as plain values.
+def summarize(settings, scored, real, registration, kept=None) -> dict:
+  """All results of a study, as plain values.
 
-  settings: a dict; found: the contents of scores.json files; real: {task: scores of real motions}. Of folders only the
-  names are kept: their contents are identified by hash, and their paths are private.
+  settings: a dict; scored: the contents of scores.json files; real: {task: scores of real motions}; kept: as of
+  `study_registration.keep`. Of folders only the names are kept: their contents are identified by hash, and their paths
+  are private.
   """
   settings = settings | dict(archives=[pathlib.Path(folder).name for folder in settings["archives"]],
                              teacher=pathlib.Path(settings["teacher"]).name)
   rows = {}  # {paper: {row: {seed: content}}}, in the order of the tables
-  for one in sorted(found, key=lambda one: (names_of(one["paper"]).index(one["row"]), one["seed"])):
+  for one in sorted(scored, key=lambda one: (names_of(one["paper"]).index(one["row"]), one["seed"])):
     rows.setdefault(one["paper"], {}).setdefault(one["row"], {})[one["seed"]] = one
-  numbers = {paper: {row: {seed: _means(one) for seed, one in of.items()} for row, of in some.items()}
-             for paper, some in rows.items()}
-  table = {paper: {row: _row(of.values()) for row, of in some.items()} for paper, some in numbers.items()}
-  claims = [claim._asdict() | {"paper": in_print(claim)} | judged(claim, numbers.get(claim.source[0], {}))
-            for claim in CLAIMS if claim.source[0] in settings["papers"]]
-  commits = collections.Counter(str((one.get("record") or {}).get("code")) for one in found)
+  commits = collections.Counter(str((one.get("record") or {}).get("code")) for one in scored)
+  record = next((one["record"] for one in reversed(scored) if one.get("record")), None)
   rows = {paper: {row: {seed: {key: value for key, value in one.items() if key != "record"} for seed, one in of.items()}
                   for row, of in some.items()} for paper, some in rows.items()}
-  record = next((one["record"] for one in reversed(found) if one.get("record")), None)
-  return dict(settings=settings, real=real, table=table, claims=claims, rows=rows, judged_by=dict(commits),
-              record=record)
+  return judge_again(dict(settings=settings, real=real, rows=rows, judged_by=dict(commits), record=record),
+                     registration, kept)
+
+
+def judge_again(study, registration, kept=None) -> dict:
+  """A study with tables and claims computed from its rows."""
+  numbers = {paper: {row: {seed: _means(one) for seed, one in of.items()} for row, of in some.items()}
+             for paper, some in study["rows"].items()}
+  table = {paper: {row: _row(of.values()) for row, of in some.items()} for paper, some in numbers.items()}
+  claims = judged(effects_of(registration, numbers), registration.settings["alpha"])
+  about = dict(registration=kept or dict(file=registration.path.name, sha256=registration.sha256),
+               rules=registration.settings["rules"].strip(), alpha=registration.settings["alpha"])
+  rest = {key: value for key, value in study.items() if key not in ("table", "claims", *about)}
+  return rest | about | dict(
+      table=table, claims=[one for one in claims if one["source"][0] in study["settings"]["papers"]])
 
 
 def _means(one):
-  """{metric: mean over repeats} of what is finite."""
-  return {metric: value["mean"] for metric, value in one["scores"].items()
-          if value["mean"] is not None and math.isfinite(value["mean"])}
+  """{metric: mean over repeats} of what is finite, and the held-out numbers of the run that makes the motion."""
+  held_out = {name: value for name, value in one["runs"][-1]["last"].items() if name.startswith("held_out")}
+  return held_out | {metric: value["mean"] for metric, value in one["scores"].items()
+                     if value["mean"] is not None and math.isfinite(value["mean"])}
 
 
 def _row(of_seeds):
@@ -159,12 +131,14 @@ def markdown(study) -> str:
       f"Every row has the same steps ({steps}), data and batches. Each number of ours is a mean over up to "
       f"{settings['seeds']} seeds, of which each trains tokenizers of its own, ± half of the 95 % interval over seeds "
       f"(Student's t); {settings['repeats']} pass(es) over the test clips and {settings['stories']} stories of "
-      f"{settings['segments']} prompts a seed. Real motions: one number each."]
+      f"{settings['segments']} prompts a seed. Real motions: one number each.", "",
+      *(study_registration.lines(study["registration"]) if "commit" in study["registration"] else [
+          f"Claims: `{study['registration']['file']}`."]), "", study["rules"]]
   parts += [line for note in study.get("notes", ()) for line in ("", f"**{note}**")]
   for source, names in TABLES.items():
-    if any(row in study["table"].get(source[0], {}) for row in names.values()):
+    if any(row in study["table"].get(source[0], {}) for row in names):
       parts += ["", *_table(study, source, names)]
-  parts += ["", *_claims(study["claims"]), "", *_runs(study["rows"]), "", *_judged_by(study)]
+  parts += ["", *claims_section(study["claims"], study["alpha"]), "", *_runs(study["rows"]), "", *_judged_by(study)]
   return "\n".join(parts) + "\n"
 
 
@@ -172,20 +146,20 @@ def _table(study, source, names):
   """Lines of a printed table: our rows, then the same rows of the paper."""
   paper, table = source
   ours, printed = study["table"][paper], tables.paper_table(*source)
-  metrics = [metric for metric in printed.metrics if any(metric in ours.get(row, {}) for row in names.values())]
+  metrics = [metric for metric in printed.metrics if any(metric in ours.get(row, {}) for row in names)]
   real = {metric: value for of in study["real"].values() for metric, value in of.items()}
   head = ["row", *(f"ours: {tables.heading(m)}" for m in metrics), *(f"paper: {tables.heading(m)}" for m in metrics),
           "seeds"]
-  body = [["real", *(_number(real.get(m) and {"mean": real[m]["mean"]}, m) for m in metrics), *[""] * len(metrics), ""]]
-  for name, row in names.items():
+  body = [["real", *(number(real.get(m) and {"mean": real[m]["mean"]}, m) for m in metrics), *[""] * len(metrics), ""]]
+  for row, name in names.items():
     found, paper_row = ours.get(row, {}), printed.rows[name]
     seeds = max((len(value["values"]) for value in found.values()), default=0)
-    body.append([f"{name} (`{row}`)", *(_number(found.get(m), m) for m in metrics),
-                 *(_number(paper_row[m], m) for m in metrics), str(seeds)])
-  return [f"## {paper.upper()}, rows of Table {table}", "", *_grid(head, body)]
+    body.append([f"{name} (`{row}`)", *(number(found.get(m), m) for m in metrics),
+                 *(number(paper_row[m], m) for m in metrics), str(seeds)])
+  return [f"## {paper.upper()}, rows of Table {table}", "", *grid(head, body)]
 
 
-def _number(value, metric):
+def number(value, metric):
   if not value or value.get("mean") is None:
     return "–"
   digits = value.get("digits", tables.METRICS[metric].digits if metric in tables.METRICS else 3)
@@ -193,21 +167,37 @@ def _number(value, metric):
   return f"{value['mean']:.{digits}f}" + ("" if half is None else f" ± {half:.{digits}f}")
 
 
-def _claims(claims):
-  tried = [one for one in claims if one["verdict"] in (SHOWS, DOES_NOT, OPPOSITE)]
-  count = {verdict: sum(one["verdict"] == verdict for one in tried) for verdict in (SHOWS, DOES_NOT, OPPOSITE)}
+def claims_section(claims, alpha) -> list[str]:
+  """Lines of the claims' table and of what the three verdicts mean."""
+  names = (study_verdicts.SHOWN, study_verdicts.EXCLUDED, study_verdicts.UNDECIDED)
+  count = collections.Counter(one["verdict"] for one in claims)
+  opposite = sum(one["remark"] == study_verdicts.OPPOSITE for one in claims)
+  percent = lambda value: f"{100 * value:+.1f}"
   body = []
   for one in claims:
-    a, b = (f"{one['paper'][side]['mean']:.{one['paper'][side]['digits']}f}" for side in "ab")
-    body.append([one["text"], f"{one['source'][0].upper()} {one['source'][1]}", tables.label(one["metric"]),
-                 f"`{one['a']}` {one['way']} than `{one['b']}`", f"{a}, {b}",
-                 _number(one["difference"], one["metric"]), one["verdict"]])
+    sign = 1 if one["way"] == "higher" else -1
+    effect = one["effect"]
+    ours = "–" if not effect else f"{percent(effect['value'])} [{percent(effect['low'])}, {percent(effect['high'])}]"
+    body.append([one["text"], f"{one['source'][0].upper()} {one['source'][1]}", label(one["metric"]),
+                 f"`{one['a']}` {one['way']} than `{one['b']}`",
+                 percent(sign * one["margin"]) + ("" if one["printed"][0] == one["metric"] else
+                                                  f" (of {label(one['printed'][0])})"),
+                 ours, "–" if not effect else f"{one['p_holm']:.3g}",
+                 one["verdict"] + (f" ({one['remark']})" if one["remark"] else "")])
   return ["## The papers' claims", "",
-          "Ours: the first row less the second, mean over seeds ± half of the 95 % interval of the differences; rows "
-          "of a seed share all else. A claim that does not show at this scale is a finding, not a "
-          f"failure. Of {len(tried)} claims {count[SHOWS]} show, {count[DOES_NOT]} do not, of {count[OPPOSITE]} the "
-          "opposite shows; if nothing made a difference, one in forty would show, and as many the other way.", "",
-          *_grid(["claim", "table", "metric", "rows", "paper", "ours", "verdict"], body)]
+          f"Effects in per cent of the second row, with intervals at {100 * (1 - alpha):g} %; p by Holm's correction "
+          f"over all claims. **Shown**: p is below {alpha:g} on the claimed side. **Excluded within the margin**: the "
+          "interval ends before the paper's relative effect, so that an effect of its size is excluded at this scale. "
+          "**Undecided**: neither. Intervals are not corrected for their number: if all effects were of the paper's "
+          f"size, about one in {2 / alpha:g} would be excluded by chance. Of "
+          f"{len(claims)} claims " + ", ".join(f"{count[name]} {name}" for name in names)
+          + (f"; of {opposite} the opposite is shown" if opposite else "") + ".", "",
+          *grid(["claim", "table", "metric", "rows", "paper, %", "ours, %", "p (Holm)", "verdict"], body)]
+
+
+def label(metric):
+  """The label of a metric, or its name, such as held_out_loss."""
+  return tables.label(metric) if metric in tables.METRICS else metric.replace("_", " ")
 
 
 def _runs(rows):
@@ -219,7 +209,7 @@ def _runs(rows):
       last = ", ".join(f"{name} {value:.4g}" for name, value in run["last"].items()
                        if name == "loss" or name.startswith("held_out"))
       body.append([f"`{run['folder']}`", str(run["steps"]), last, f"{run['seconds'] / 60:.1f}"])
-  return ["## What was trained", "", *_grid(["run", "steps", "at the end", "minutes"], body)]
+  return ["## What was trained", "", *grid(["run", "steps", "at the end", "minutes"], body)]
 
 
 def _all_runs(rows):
@@ -234,5 +224,30 @@ def _judged_by(study):
   return ["## What judged", "", *lines]
 
 
-def _grid(head, body):
+def grid(head, body):
   return ["| " + " | ".join(head) + " |", "| --- " * len(head) + "|", *("| " + " | ".join(row) + " |" for row in body)]
+
+
+def main(argv=None):
+  parser = argparse.ArgumentParser(description="Judges a study again, from the rows in its JSON file.")
+  parser.add_argument("study", type=pathlib.Path, help="a study.json; the .md of the same name is written, too")
+  parser.add_argument("--registration", required=True)
+  args = parser.parse_args(argv)
+  try:
+    registration = study_registration.load(args.registration)
+    study = json.loads(args.study.read_text(encoding="utf-8"))
+    if not {"settings", "rows", "judged_by"} <= set(study):
+      raise ValueError(f"{args.study} is no study.json of benchmarks/study.py, whose rows are judged here; studies of "
+                       "sampling are judged by study_sampling.py --report")
+    study = judge_again(study, registration)
+  except OSError as error:
+    sys.exit(f"study_report.py: cannot read {args.study} ({error.strerror}), expected a study.json")
+  except ValueError as error:
+    sys.exit(f"study_report.py: {error}")
+  checkpoint.save_text(args.study.parent, args.study.name, json.dumps(study, indent=1, allow_nan=False) + "\n")
+  checkpoint.save_text(args.study.parent, args.study.with_suffix(".md").name, markdown(study))
+  print(f"wrote {args.study}, {args.study.with_suffix('.md')}")
+
+
+if __name__ == "__main__":
+  main()
