@@ -40,7 +40,7 @@ FAILURES = RESULTS[2:]
 
 
 class Outcome(NamedTuple):
-  """What came of a case: one of RESULTS, the words that were said, what was run, processor seconds, peak MB."""
+  """What came of a case: one of RESULTS, the words that were said, what was run, processor seconds, MB that it took."""
   result: str
   told: str = ""
   what: str = ""
@@ -65,7 +65,7 @@ def run_case(kind, seed, number, folder, show=False) -> Outcome:
     (made / "made.npz").write_bytes(b"before")
   before, out, err = _contents(made), io.StringIO(), io.StringIO()
   _reset_peak()
-  start, here = time.process_time(), os.getcwd()
+  held, start, here = _peak(), time.process_time(), os.getcwd()  # a test's process holds what other tests left
   try:
     os.chdir(folder)
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err), warnings.catch_warnings():
@@ -80,7 +80,7 @@ def run_case(kind, seed, number, folder, show=False) -> Outcome:
     result, told = "traceback", "".join(traceback.format_exception(error))[-3000:]
   finally:
     os.chdir(here)
-  seconds, megabytes = time.process_time() - start, _peak()
+  seconds, megabytes = time.process_time() - start, _peak() - held
   after = _contents(made)
   if result == "refused" and after != before:
     result, told = "half-written", f"{sorted(after.keys() ^ before.keys()) or 'changed'} after: {told}"

@@ -41,12 +41,13 @@ def test_shapes_and_what_a_motion_knows(model, motions):
 
 
 def test_a_motion_does_not_know_its_batch_mates_nor_its_end(model):
-  """Alone, in a batch and as the start of a longer one: the same motion. Scale 1 is a network without guidance."""
+  """Alone, in a batch and, but for a last block that is not whole, as the start of a longer one: the same motion. Scale
+  1 is a network without guidance."""
   make = lambda frames, seed, **sampling: model.generate("a person waves", frames, seeds=[seed], **sampling)[0].joints
   alone = make(40, 5)
   batch = model.generate(["a person runs", "a person waves"], num_frames=[47, 40], seeds=[1, 5])[1].joints
   assert np.abs(alone - batch).max() < 1e-5
-  assert np.abs(alone - make(100, 5)[:40]).max() < 1e-5 and np.abs(alone - make(40, 6)).max() > 1e-4
+  assert np.abs(alone[:36] - make(100, 5)[:36]).max() < 1e-5 and np.abs(alone - make(40, 6)).max() > 1e-4
   unguided = make(40, 5, guidance_scale=1.0)
   assert np.abs(make(40, 5, guidance_scale=1.0000001) - unguided).max() < 1e-4 < np.abs(unguided - alone).max()
 

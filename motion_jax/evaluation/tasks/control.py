@@ -43,6 +43,7 @@ class Control(Generation):
            "frames, and one for each path of the pelvis, none moved nor turned afterwards; a joint or path without "
            "folders is left out")
   OPTIONS = ("control_steps", "refinements", "joints", "exact")
+  TEXT_TO_MOTION = False
   FITS_GIVEN = True
 
   @staticmethod
