@@ -41,7 +41,7 @@ def modules(code, text_encoder=None):
 def sample(args):
   """Writes the features, not normalized, of each line of prompts.jsonl, from the noise beside it."""
   dit, vae = modules(args.code, args.text_encoder)
-  files, read = pathlib.Path(args.files), lambda path: torch.load(path, map_location="cpu", weights_only=False)
+  files, read = pathlib.Path(args.files), lambda path: torch.load(path, map_location="cpu", weights_only=True)
   ae = vae(input_width=263, output_emb_width=64)
   ae.load_state_dict(read(files / TOKENIZER)["ae"], strict=False)
   model = dit(input_dim=ae.output_emb_width, cond_mode="text", sampling_timesteps=args.num_steps)
