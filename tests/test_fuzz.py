@@ -63,7 +63,7 @@ def test_a_case_is_the_same_again(tmp_path):
 
 @pytest.mark.parametrize("result, misdeed", [
     ("traceback", lambda: {}["x"]), ("not our words", lambda: int("x")),
-    ("over 2 GB", lambda: np.zeros(500_000_000, np.uint8).fill(1)),
+    pytest.param("over 2 GB", lambda: np.zeros(500_000_000, np.uint8).fill(1), marks=pytest.mark.slow),
     ("half-written", lambda: (pathlib.Path("out/a.npy").write_bytes(b"1"), cli.main(["render", "nothing.npy"]))),
     ("half-written", lambda: pathlib.Path("out/.a-x1.npy").write_bytes(b"1")),
     ("refused", lambda: cli.main(["render", "nothing.npy"])), ("refused", lambda: cli.main(["render"])),
