@@ -258,7 +258,7 @@ def bomb_of(rng):
 
 @functools.cache
 def _packed_zeros(block, count, start):
-  """(packed bytes, checksum) of start and of so many blocks of zeros, without ever holding them."""
+  """(packed bytes, checksum) of start and of blocks of zeros behind it, which are never held."""
   packer, crc = zlib.compressobj(9, zlib.DEFLATED, -15), zlib.crc32(start)
   first, again = (packer.compress(part) + packer.flush(zlib.Z_FULL_FLUSH) for part in (start, bytes(block)))
   for _ in range(count):

@@ -54,7 +54,7 @@ def test_an_order_that_puts_the_body_into_the_floor_is_none(robot, tmp_path):
 
 @pytest.mark.parametrize("format", ["gmr", "mujoco", "loco_mujoco", "mjlab", "beyondmimic"])
 def test_every_npz_that_is_written_is_read_back(format, tmp_path):
-  """Also without the .json beside it, by which the order of joints is not told."""
+  """Also without the .json beside it, which states the order of joints."""
   (tmp_path / "small.xml").write_text(humanoid())
   about = {"bodies": mapping()}
   robot = robots.load(tmp_path / "small.xml", about)
