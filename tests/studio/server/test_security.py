@@ -134,7 +134,7 @@ def test_a_broken_upload_is_no_fault(address, caplog):
 
 
 def test_connections_that_wait_are_closed(serve, caplog):
-  """Without a request, with half of its headers, half of its body, or a reply that is not read: other clients are served."""
+  """Without a request, with half of its headers or body, or a reply that is not read: other clients are served."""
   url = urllib.parse.urlsplit(serve(Limits(patience=0.3, idle=4)))
   connect = lambda: socket.create_connection((url.hostname, url.port), timeout=10)
   whole = f"GET /v1/status?token={TOKEN} HTTP/1.1\r\nhost: {url.netloc}\r\n".encode()
