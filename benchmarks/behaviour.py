@@ -31,8 +31,8 @@ from caption_rules import DEVELOPMENT, FINAL
 from motion_jax import export
 from motion_jax.data.datasets.archive import read_archive
 from motion_jax.metrics.physics import planted_speed
-from motion_studio import Pipeline, steps
-from motion_studio.checks import MAX_ATTEMPTS
+from motion_jax_studio import Pipeline, steps
+from motion_jax_studio.checks import MAX_ATTEMPTS
 
 MOST = 24  # motions in one batch
 BLIND = {"blind": caption_rules_blind, "blind2": caption_rules_blind2, "blind3": caption_rules_blind3}

@@ -24,7 +24,7 @@ from motion_jax.metrics.physics import planted_speed, skating_ratio
 from motion_jax.models.base import keys_of
 from motion_jax.motion.retarget import retarget
 from motion_jax.motion.skeleton import HUMANML3D
-from motion_studio import Pipeline
+from motion_jax_studio import Pipeline
 
 COLUMNS = "mean error, m", "worst, m", "skating", "planted, m/s", "fastest joint, m/s", "ms a motion"
 WALKS = ("a person walks", "a person walks forward")

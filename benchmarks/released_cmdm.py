@@ -24,7 +24,7 @@ from motion_jax.evaluation.result import Result
 from motion_jax.evaluation.run import evaluate, export_prompts
 from motion_jax.models.base import keys_of
 from motion_jax.models.cmdm.streaming import block_noise
-from motion_studio import cli
+from motion_jax_studio import cli
 
 HERE = pathlib.Path(__file__).resolve().parent
 PROTOCOLS = {"cmdm-259": 259, "cmdm-67": 67}

@@ -18,7 +18,7 @@ from PIL import Image
 
 from motion_jax import export, robots
 from motion_jax.data.clip import Caption, Clip
-from motion_studio import Pipeline
+from motion_jax_studio import Pipeline
 
 PROMPTS = ["a person walks forward", "a person runs", "a person waves the right hand",
            "a person kicks with the right leg", "a person sits down", "a person jumps", "a person turns left",

@@ -16,7 +16,7 @@ import time
 
 import numpy as np
 
-from motion_studio.client import Client
+from motion_jax_studio.client import Client
 
 PROMPTS = ("a person walks forward", "a person jumps up", "a person waves the right hand", "a person sits down",
            "a person turns left", "a person runs forward")
@@ -111,8 +111,8 @@ def main():
   parser.add_argument("--out", help="a .json file for the figures")
   args = parser.parse_args()
   began = time.monotonic()
-  studio = subprocess.Popen([sys.executable, "-m", "motion_studio.cli", "studio", "--port", "0", "--model", args.model],
-                            stdout=subprocess.PIPE, text=True)
+  studio = subprocess.Popen([sys.executable, "-m", "motion_jax_studio.cli", "studio", "--port", "0",
+                             "--model", args.model], stdout=subprocess.PIPE, text=True)
   try:
     client = Client(studio.stdout.readline().split("is at ")[1].strip())
     found = {"seconds_to_address": round(time.monotonic() - began, 2)}

@@ -30,8 +30,8 @@ from motion_jax.evaluation.report import page, tables
 from motion_jax.evaluation.request import Request
 from motion_jax.training.saver import progress
 from motion_jax.utils.errors import InputError
-from motion_studio import Pipeline, steps
-from motion_studio.cli import sweep
+from motion_jax_studio import Pipeline, steps
+from motion_jax_studio.cli import sweep
 
 FRAMES, PROMPT, ROUNDS = 120, "a person walks forward", 5
 SCORES = ("top1", "top3", "fid", "matching", "skating", "jerk")

@@ -29,7 +29,7 @@ import tomllib
 
 import machine  # benchmarks/machine.py, beside this file
 
-from motion_studio.client import Client
+from motion_jax_studio.client import Client
 
 ROOT = pathlib.Path(__file__).parents[1]
 WALK = "a person walks forward"

@@ -13,7 +13,7 @@ import time
 import mujoco
 import numpy as np
 
-from motion_studio.client import Client
+from motion_jax_studio.client import Client
 
 TICK = 0.02
 address, seconds = sys.argv[1], float(sys.argv[2]) if len(sys.argv) > 2 else 10.0

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
   from motion_jax.models.base import Model
   from motion_jax.models.results import Motion
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 __all__ = ["Caption", "Clip", "Model", "Motion", "cdamd", "cmdm", "control", "data", "diffusion", "draw", "export",
            "load", "metrics", "models", "motion", "nets", "quant", "text"]

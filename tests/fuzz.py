@@ -97,7 +97,7 @@ def run_case(kind, seed, number, folder, show=False) -> Outcome:
 
 def _judged(call):
   """(result, told) of call(), whose errors the command line would catch."""
-  from motion_studio import cli
+  from motion_jax_studio import cli
   known, full = cli.KNOWN_ERRORS, cli._out_of_memory
   cli.KNOWN_ERRORS, cli._out_of_memory = (), lambda error: False  # they come here, with where they were raised
   try:
@@ -125,7 +125,7 @@ def _raised_by_us(error):
   while last.tb_next is not None:
     last = last.tb_next
   code = last.tb_frame.f_code
-  return (code.co_filename.startswith((str(ROOT / "motion_jax"), str(ROOT / "motion_studio")))
+  return (code.co_filename.startswith((str(ROOT / "motion_jax"), str(ROOT / "motion_jax_studio")))
           and code.co_code[last.tb_lasti] == opcode.opmap["RAISE_VARARGS"])
 
 

@@ -2,7 +2,7 @@
 from collections.abc import Callable
 from typing import NamedTuple
 
-from motion_studio.cli import main
+from motion_jax_studio.cli import main
 from tests.fuzz_damage import damage, pick
 
 

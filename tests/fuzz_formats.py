@@ -9,8 +9,8 @@ from motion_jax.control import compiling, files
 from motion_jax.convert.state import load_state
 from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.export.character import character
-from motion_studio.server import project
-from motion_studio.server.limits import Limits
+from motion_jax_studio.server import project
+from motion_jax_studio.server.limits import Limits
 from tests.fuzz_cases import Case, command, damaged
 from tests.fuzz_damage import damage, pick
 from tests.fuzz_healthy import healthy, put

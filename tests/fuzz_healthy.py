@@ -24,7 +24,7 @@ from motion_jax.text.encoder import load_text_encoder
 from motion_jax.training import checkpoint
 from motion_jax.training.setup import untrained
 from motion_jax.utils.config_files import module_fields
-from motion_studio.server import serialization
+from motion_jax_studio.server import serialization
 from tests import fixtures
 from tests.conftest import load_config
 from tests.control.test_constraints import EVERY, pose

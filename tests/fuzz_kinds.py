@@ -19,7 +19,7 @@ from motion_jax.models import cmdm, results
 from motion_jax.models.cmdm import networks
 from motion_jax.motion.cleanup import clean_up
 from motion_jax.text.encoder import load_text_encoder
-from motion_studio.cli import main
+from motion_jax_studio.cli import main
 from tests.fuzz_cases import Case, command, damaged
 from tests.fuzz_damage import NUMBERS, WORDS, damage, damage_text, deflated_bomb, encode, pick
 from tests.fuzz_formats import FORMATS

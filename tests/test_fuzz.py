@@ -6,7 +6,7 @@ import shutil
 import numpy as np
 import pytest
 
-from motion_studio import cli
+from motion_jax_studio import cli
 from tests import fuzz, fuzz_formats, fuzz_kinds
 from tests.conftest import some_of
 from tests.fuzz_healthy import healthy

@@ -27,7 +27,7 @@ LAYERS = {
         ("loading", "fit", "pictures", "retrieval"),
         ("evaluation",),
         ("__init__",)],
-    "motion_studio": [
+    "motion_jax_studio": [
         ("language", "step_names"),
         ("checks", "planning"),
         ("blending", "constraining", "editing", "streaming"),
@@ -84,7 +84,7 @@ def _pointing_down(path, names):
   allowed = rank[part] - (package == "motion_jax" and rank[part] == 1)
   names = [name.split(".") for name in names]
   return [".".join(name) for name in names
-          if package == "motion_jax" and name[0] == "motion_studio"
+          if package == "motion_jax" and name[0] == "motion_jax_studio"
           or name[0] == package and len(name) > 1 and name[1] != part and rank.get(name[1], -1) > allowed]
 
 
@@ -168,7 +168,7 @@ for room, name in {COMPONENTS}.items():
     print(room, *(name for name in sys.modules if name.split(".")[0] == "motion_jax"), flush=True)
     os._exit(0)
   os.wait()
-import motion_studio.cli, motion_studio.pipeline, motion_jax.fit, motion_jax.evaluation.run
+import motion_jax_studio.cli, motion_jax_studio.pipeline, motion_jax.fit, motion_jax.evaluation.run
 jax.config.update("jax_num_cpu_devices", 3)
 print("devices", jax.device_count())
 """

@@ -9,8 +9,8 @@ import subprocess
 import pytest
 
 from motion_jax.text.encoder import load_text_encoder
-from motion_studio import cli
-from motion_studio.language import parse
+from motion_jax_studio import cli
+from motion_jax_studio.language import parse
 from tests.pages import PAGES, TYPED, blocks, name_of, shell_lines
 
 # Lines about this run and not about the motion: time, progress, where files are, the licence of the weights.

@@ -7,10 +7,10 @@ import argparse
 import pathlib
 import re
 
-from motion_studio import cli
+from motion_jax_studio import cli
 
 ROOT = pathlib.Path(__file__).parents[1]
-ASSETS = ROOT / "motion_studio" / "assets"
+ASSETS = ROOT / "motion_jax_studio" / "assets"
 BANNED = re.compile(r"\b(told|asked|anew|led|whoever|nobody|so many|goes on|of it all|"
                     r"who (is|are|has|sits|walks|does|asks|wants|stays|gets))\b", re.IGNORECASE)
 CLEAN = ("motion_jax/training", "motion_jax/fit.py", "configs", "motion_jax/nets",
@@ -18,14 +18,15 @@ CLEAN = ("motion_jax/training", "motion_jax/fit.py", "configs", "motion_jax/nets
          "motion_jax/analysis", "motion_jax/utils", "motion_jax/retrieval.py", "motion_jax/export", "motion_jax/data",
          "motion_jax/motion", "motion_jax/models",
          "motion_jax/text", "motion_jax/latents.py", "motion_jax/shapes.py",
-         "motion_studio/language", "motion_studio/checks", "motion_studio/planning", "motion_studio/pipeline.py",
-         "motion_studio/steps.py", "motion_studio/constraining.py", "motion_studio/editing.py",
-         "motion_studio/streaming.py", "motion_studio/blending.py",
+         "motion_jax_studio/language", "motion_jax_studio/checks", "motion_jax_studio/planning",
+         "motion_jax_studio/pipeline.py", "motion_jax_studio/steps.py", "motion_jax_studio/constraining.py",
+         "motion_jax_studio/editing.py",
+         "motion_jax_studio/streaming.py", "motion_jax_studio/blending.py",
          "motion_jax/evaluation", "motion_jax/evaluators",
          "motion_jax/runs.py", "motion_jax/paper_tables.py", "motion_jax/charts.py", "tools",
          "benchmarks", "examples",
-         "motion_studio/server", "motion_studio/cli", "motion_studio/client.py", "blender")
-WORD_LISTS = ("motion_jax/text/lexicon.py", "motion_studio/language/lexicon.py")  # data, not prose
+         "motion_jax_studio/server", "motion_jax_studio/cli", "motion_jax_studio/client.py", "blender")
+WORD_LISTS = ("motion_jax/text/lexicon.py", "motion_jax_studio/language/lexicon.py")  # data, not prose
 UNFINISHED = ("docs/benchmark/control", "docs/reference")
 PAGES = [path for path in sorted({*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"),
                                   *(ROOT / "motion_jax" / "pretrained").glob("*/README.md")})

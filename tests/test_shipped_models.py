@@ -2,7 +2,7 @@
 import pytest
 
 from motion_jax import loading, runs
-from motion_studio import cli
+from motion_jax_studio import cli
 from tests.conftest import some_of
 
 MAKERS = [name for name in runs.shipped_names() if runs.about(name)["for"] == "text to motion"]

@@ -18,7 +18,7 @@ from motion_jax import fit as training
 from motion_jax.training import checkpoint
 from motion_jax.training.metrics import read_metrics
 from motion_jax.utils import config_files, overrides
-from motion_studio import cli
+from motion_jax_studio import cli
 from tests.conftest import ROOT, load_config, some_of
 from tests.pages import CARDS, LANDING, MORE, PAGES, TYPED, blocks, commands, name_of, shell_lines
 from tools.site import notebooks
@@ -144,7 +144,7 @@ def test_python_of_the_pages_and_notebooks_names_what_there_is(name):
 
 
 OF_PAGES = {name: script for name, script in SCRIPTS.items() if script and name in map(name_of, PAGES)}
-OF_LIBRARY, APPLICATION, OF_APPLICATION = OF_PAGES.pop("README").partition("from motion_studio import Pipeline")
+OF_LIBRARY, APPLICATION, OF_APPLICATION = OF_PAGES.pop("README").partition("from motion_jax_studio import Pipeline")
 OF_PAGES |= {"README, library": OF_LIBRARY, "README, application": APPLICATION + OF_APPLICATION}
 
 

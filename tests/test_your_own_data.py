@@ -8,7 +8,7 @@ from motion_jax import export, fit
 from motion_jax.data import build, sources
 from motion_jax.data.datasets import humanml3d
 from motion_jax.data.datasets.synthetic import synthetic_clips
-from motion_studio import cli
+from motion_jax_studio import cli
 from tests.configs.test_tiny_sizes import traced_training
 from tests.conftest import ROOT, load_config
 

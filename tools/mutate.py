@@ -25,7 +25,7 @@ import time
 from typing import NamedTuple
 
 ROOT = pathlib.Path(__file__).parents[1]
-COPIED = ("motion_jax", "motion_studio", "tests", "configs", "tools", "benchmarks", "examples", "blender", "site",
+COPIED = ("motion_jax", "motion_jax_studio", "tests", "configs", "tools", "benchmarks", "examples", "blender", "site",
           "docs", "launch.py", "eval.py", "pyproject.toml", "README.md")
 MUTATIONS = ROOT / "tools" / "mutations"
 LIMIT = 600  # seconds for the tests of one mutation: one that never ends is noticed, too

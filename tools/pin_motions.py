@@ -16,7 +16,7 @@ import numpy as np
 
 import motion_jax as mj
 from motion_jax.data.mirror import mirror_legs
-from motion_studio import Pipeline
+from motion_jax_studio import Pipeline
 
 PROMPTS = (
     "a person walks forward", "a person waves the right hand", "a person kicks twice with the right leg",

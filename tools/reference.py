@@ -4,7 +4,7 @@
   python tools/reference.py --check    name the pages that are out of date; exit status 1 if there are any
 
 Rooms are read from their source, without importing them: signatures stand in the pages as they stand in the code.
-Commands are read from the parsers of motion_studio.cli.
+Commands are read from the parsers of motion_jax_studio.cli.
 """
 import argparse
 import ast
@@ -17,8 +17,8 @@ from typing import NamedTuple
 
 ROOT = pathlib.Path(__file__).parents[1]
 OUT = ROOT / "docs" / "reference"
-PACKAGES = ("motion_jax", "motion_studio")
-HIDDEN = ("motion_jax.utils", "motion_studio.cli")  # helpers of our own; the commands have pages
+PACKAGES = ("motion_jax", "motion_jax_studio")
+HIDDEN = ("motion_jax.utils", "motion_jax_studio.cli")  # helpers of our own; the commands have pages
 NOTE = "<!-- Written by tools/reference.py from the source; edit the docstrings instead. -->"
 LONGEST = 100  # characters of a constant's value that are shown
 
@@ -161,7 +161,7 @@ def room_page(room):
 
 def commands():
   """{"data build": (its parser, what it does), ...} of all commands."""
-  from motion_studio import cli
+  from motion_jax_studio import cli
 
   def below(parser, words, about):
     nested = [action for action in parser._actions if isinstance(action, argparse._SubParsersAction)]

@@ -5,10 +5,10 @@
 import pathlib
 import textwrap
 
-from motion_studio.language import grammar
+from motion_jax_studio.language import grammar
 
 PAGE = pathlib.Path(__file__).parents[1] / "docs" / "sentences.md"
-BEGIN = "<!-- The grammar: written by tools/sentences_page.py from motion_studio/language; edit the rules instead. -->"
+BEGIN = "<!-- The grammar: written by tools/sentences_page.py from the rules; edit those instead. -->"
 END = "<!-- End of the grammar. -->"
 WIDTH = 120
 

@@ -1,4 +1,4 @@
-"""Makes motion_studio/assets/suggestions.json: what the shipped model can do, each with a small moving figure.
+"""Makes motion_jax_studio/assets/suggestions.json: what the shipped model can do, each with a small moving figure.
 
   python tools/suggestions.py
 
@@ -14,9 +14,9 @@ import numpy as np
 
 from motion_jax.motion.skeleton import HUMANML3D
 from motion_jax.utils import cache
-from motion_studio import Pipeline
+from motion_jax_studio import Pipeline
 
-OUT = pathlib.Path(__file__).parents[1] / "motion_studio" / "assets" / "suggestions.json"
+OUT = pathlib.Path(__file__).parents[1] / "motion_jax_studio" / "assets" / "suggestions.json"
 SECONDS, FPS, SCALE = 4.0, 8, 60  # length of a figure, frames a second, steps a metre
 SIDE = np.radians(25.0)           # from where the body is seen, 0 is in front of it
 

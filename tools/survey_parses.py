@@ -10,7 +10,7 @@ import pathlib
 
 import numpy as np
 
-from motion_studio import Pipeline
+from motion_jax_studio import Pipeline
 
 
 def main():

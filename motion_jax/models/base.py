@@ -199,7 +199,7 @@ class TextToMotionModel(Able):
     method's `options`, by default those of its config. Raises ValueError for an empty prompt, or a length that is not
     positive or more than an hour.
 
-    Plans, prompt checks, several attempts and exact constraints are the application's: `motion_studio.Pipeline`.
+    Plans, prompt checks, several attempts and exact constraints are the application's: `motion_jax_studio.Pipeline`.
     """
     prompts = self.prompts_of(prompts)
     frames = self.frames_of(prompts, num_frames, seconds)

@@ -22,9 +22,9 @@ from motion_jax.motion.retarget import bend, mirror
 from motion_jax.motion.retiming import resample
 from motion_jax.motion.skeleton import HUMANML3D
 from motion_jax.utils.errors import InputError
-from motion_studio import cli
-from motion_studio.checks.violations import violation_score as score
-from motion_studio.language.requirements import Requirement
+from motion_jax_studio import cli
+from motion_jax_studio.checks.violations import violation_score as score
+from motion_jax_studio.language.requirements import Requirement
 
 J = {name: number for number, name in enumerate(HUMANML3D.joints)}
 

@@ -20,7 +20,7 @@ from motion_jax.nets.causal_vae import CausalVAE
 from motion_jax.text import bert
 from motion_jax.text.encoder import load_text_encoder
 from motion_jax.training import checkpoint
-from motion_studio import cli
+from motion_jax_studio import cli
 from tests import fixtures
 from tests.golden import Fixture
 from tests.nets.test_causal_dit import captions

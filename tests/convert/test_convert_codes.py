@@ -7,7 +7,7 @@ import pytest
 from motion_jax import runs
 from motion_jax.models.momask.weights import masked, write_momask
 from motion_jax.models.t2m_gpt.weights import gpt, write_t2m_gpt
-from motion_studio import cli
+from motion_jax_studio import cli
 from tests import fixtures
 from tests.convert.test_torch_files import tensor, write
 from tests.golden import Fixture

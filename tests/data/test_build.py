@@ -11,7 +11,7 @@ from motion_jax.data.datasets.humanml3d import read_folder
 from motion_jax.data.datasets.synthetic import synthetic_clips, synthetic_joints
 from motion_jax.data.mocap.files import read_mapping
 from motion_jax.motion.skeleton import HUMANML3D
-from motion_studio import cli
+from motion_jax_studio import cli
 from tests.data.bvh_files import write_bvh
 
 

@@ -13,7 +13,7 @@ from motion_jax.data.datasets.records import RecordedFeatures
 from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.utils.errors import InputError
 from motion_jax.utils.install import pip_install
-from motion_studio import cli
+from motion_jax_studio import cli
 from tests.conftest import load_config
 
 tfds = pytest.importorskip("tensorflow_datasets")

@@ -7,7 +7,7 @@ from motion_jax.data import split
 from motion_jax.data.datasets.archive import read_archive
 from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.data.split import group_of
-from motion_studio import cli
+from motion_jax_studio import cli
 from tests.data.test_build import write_archive
 
 SAID = [  # split, subject, sentences

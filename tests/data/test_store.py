@@ -13,7 +13,7 @@ from motion_jax.training import checkpoint
 from motion_jax.training.metrics import read_metrics
 from motion_jax.training.setup import untrained
 from motion_jax.utils.errors import InputError
-from motion_studio import cli
+from motion_jax_studio import cli
 from tests.conftest import load_config
 
 

@@ -12,7 +12,7 @@ from motion_jax.data.clip import Caption, Clip
 from motion_jax.data.datasets.synthetic import synthetic_joints
 from motion_jax.evaluation.report import page as report
 from motion_jax.evaluation.result import Result
-from motion_studio import cli
+from motion_jax_studio import cli
 
 EVIL = "</p><script>alert(1)</script> \"it's\" a & b"
 

@@ -12,7 +12,7 @@ from motion_jax.evaluation.report import tables
 from motion_jax.evaluation.request import Request
 from motion_jax.evaluation.result import HALVES, Result
 from motion_jax.evaluators.evaluator import fresh_evaluator
-from motion_studio import cli
+from motion_jax_studio import cli
 from tests import processes
 from tests.conftest import devices_env
 from tests.evaluation.small import SMALL, make_clips, write_archive  # noqa: F401  other rooms take them from here

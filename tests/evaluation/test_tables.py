@@ -6,7 +6,7 @@ import pytest
 
 from motion_jax.evaluation.report import tables
 from motion_jax.evaluation.result import Result
-from motion_studio import cli
+from motion_jax_studio import cli
 
 
 def _result(**changes) -> Result:

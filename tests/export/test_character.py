@@ -16,7 +16,7 @@ from motion_jax.motion import rotations as rot
 from motion_jax.motion.pose import pose_to_joints
 from motion_jax.motion.skeleton import HUMANML3D, KIT
 from motion_jax.utils.errors import InputError
-from motion_studio import cli
+from motion_jax_studio import cli
 from tests.export.characters import mirrored, rig_joints, two_bodies, with_vrm, write_character
 from tests.export.test_bvh import walk
 

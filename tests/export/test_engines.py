@@ -17,7 +17,7 @@ from motion_jax.data.mocap.gltf import Document
 from motion_jax.data.mocap.gltf_motion import animation_names, read_gltf
 from motion_jax.export.rig import on_rig
 from motion_jax.motion.looping import looped
-from motion_studio import cli
+from motion_jax_studio import cli
 from tests.export.characters import write_character
 from tests.export.test_bvh import walk
 from tests.export.test_character import apart

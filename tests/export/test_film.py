@@ -8,7 +8,7 @@ from PIL import Image
 from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.export import frame, npz, video
 from motion_jax.motion.retiming import resample
-from motion_studio import cli
+from motion_jax_studio import cli
 
 SIZE = (96, 72)
 

@@ -6,7 +6,7 @@ import pytest
 from motion_jax import export
 from motion_jax.motion.skeleton import HUMANML3D, KIT
 from motion_jax.utils.errors import InputError
-from motion_studio import cli
+from motion_jax_studio import cli
 from tests.export.test_bvh import walk
 
 KINDS = [".csv", ".trc", ".c3d"]

@@ -7,7 +7,7 @@ from motion_jax.export.rates import at_rate
 from motion_jax.export.rig import on_rig
 from motion_jax.motion.looping import is_loop, looped
 from motion_jax.motion.skeleton import HUMANML3D, bone_lengths
-from motion_studio import cli
+from motion_jax_studio import cli
 from tests.export.test_bvh import walk
 from tests.export.test_rigs import places_of
 

@@ -9,7 +9,7 @@ from motion_jax.motion import rigs
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.skeleton import KIT
 from motion_jax.utils.errors import InputError
-from motion_studio import cli
+from motion_jax_studio import cli
 from tests.export.test_bvh import walk
 from tests.export.test_glb import read, world_matrices
 

@@ -8,7 +8,7 @@ from motion_jax.data.clip import Caption, Clip
 from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.loading import load
 from motion_jax.models.results import Motion, Motions
-from motion_studio import cli
+from motion_jax_studio import cli
 
 FAST = dict(num_steps=2, lag=1)
 

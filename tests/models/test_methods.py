@@ -30,7 +30,7 @@ from motion_jax.models.cmdm.options import CmdmSampling
 from motion_jax.motion.skeleton import HUMANML3D
 from motion_jax.nets.masks import LATENT_MASKS
 from motion_jax.utils.input_files import tensor_sizes
-from motion_studio import Pipeline, cli
+from motion_jax_studio import Pipeline, cli
 from tests.conftest import ROOT, load_config, some_of
 
 MODELS = ROOT / "motion_jax" / "models"
@@ -286,7 +286,7 @@ def test_abilities_are_those_of_the_methods():
     object.__new__(TextToMotionModel).can("fly")
   asked = re.compile(r"inspect\.signature|hasattr\((\w+\.)*(model|loaded|subject)\b|"
                      r"isinstance\((\w+\.)*(model|loaded), (?!nn)\w*Model")
-  for folder in ("motion_jax/evaluation", "motion_studio/cli", "motion_jax/models", "benchmarks"):
+  for folder in ("motion_jax/evaluation", "motion_jax_studio/cli", "motion_jax/models", "benchmarks"):
     for path in (ROOT / folder).rglob("*.py"):
       assert not asked.search(path.read_text()), path
 
@@ -312,6 +312,6 @@ def test_choices_are_those_that_there_are_and_by_default_the_configs():
 
 
 def test_the_command_line_reads_choices_without_jax():
-  code = ("import sys, motion_studio.cli; from motion_jax.models import registry; registry.options(); "
+  code = ("import sys, motion_jax_studio.cli; from motion_jax.models import registry; registry.options(); "
           "sys.exit('jax' in sys.modules)")
   assert subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=False).returncode == 0

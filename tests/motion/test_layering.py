@@ -6,7 +6,7 @@ from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.layering import acting, put_on
 from motion_jax.motion.skeleton import HUMANML3D, bone_lengths
-from motion_studio.planning.pauses import held_frame, insert_pause
+from motion_jax_studio.planning.pauses import held_frame, insert_pause
 
 ARMS = {"right": [14, 17, 19, 21], "left": [13, 16, 18, 20]}
 

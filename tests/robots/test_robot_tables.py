@@ -11,7 +11,7 @@ from motion_jax.data.clip import Clip
 from motion_jax.data.datasets.synthetic import synthetic_joints
 from motion_jax.motion import rotations as rot
 from motion_jax.utils.errors import InputError
-from motion_studio import cli
+from motion_jax_studio import cli
 from tests.robots.test_robots import humanoid, mapping
 
 

@@ -15,7 +15,7 @@ from motion_jax.robots.retargeting import Solver
 from motion_jax.robots.robot import from_robot_axes, to_robot_axes
 from motion_jax.robots.targets import DELAY, targets_of
 from motion_jax.utils.errors import InputError
-from motion_studio import cli
+from motion_jax_studio import cli
 from tests import fixtures
 from tests.conftest import ROOT
 

@@ -10,9 +10,9 @@ from motion_jax.control.constraints import EffectorTarget, InPlace, KeepParts, K
 from motion_jax.control.signal import none
 from motion_jax.motion.skeleton import HUMANML3D
 from motion_jax.utils.errors import InputError
-from motion_studio import Pipeline, cli
-from motion_studio.constraining import implied_frames, target_frames
-from motion_studio.planning.planner import Planner
+from motion_jax_studio import Pipeline, cli
+from motion_jax_studio.constraining import implied_frames, target_frames
+from motion_jax_studio.planning.planner import Planner
 from tests.studio.planning.test_sequencing import Recorded
 
 

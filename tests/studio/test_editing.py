@@ -5,8 +5,8 @@ import pytest
 from motion_jax.data.datasets.synthetic import synthetic_joints
 from motion_jax.models.results import Motion
 from motion_jax.motion.skeleton import HUMANML3D, bone_lengths
-from motion_studio import editing
-from motion_studio.language import parse
+from motion_jax_studio import editing
+from motion_jax_studio.language import parse
 
 FPS, FRAMES = 20.0, 120
 LEGS = [1, 2, 4, 5, 7, 8, 10, 11]

@@ -6,7 +6,7 @@ import motion_jax
 from motion_jax.control import paths
 from motion_jax.control.signal import ControlSignal
 from motion_jax.metrics.physics import skating_ratio
-from motion_studio import Pipeline
+from motion_jax_studio import Pipeline
 
 WORDS = ["a person walks", "a person walks forward"]
 

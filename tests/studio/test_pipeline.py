@@ -8,10 +8,10 @@ from motion_jax.control import RootPath
 from motion_jax.loading import load
 from motion_jax.motion.step_records import change_between
 from motion_jax.utils.errors import InputError
-from motion_studio import Pipeline, steps
-from motion_studio.pipeline import STEPS
-from motion_studio.planning.planner import Planner
-from motion_studio.step_names import EDIT, GENERATE, MULTI_PROMPT, left_out
+from motion_jax_studio import Pipeline, steps
+from motion_jax_studio.pipeline import STEPS
+from motion_jax_studio.planning.planner import Planner
+from motion_jax_studio.step_names import EDIT, GENERATE, MULTI_PROMPT, left_out
 
 FAST = dict(num_steps=3, lag=2)
 

@@ -4,9 +4,9 @@ import pytest
 
 from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.loading import load
-from motion_studio import Pipeline
-from motion_studio.language import parse
-from motion_studio.planning.segments import prompts_in_sequence
+from motion_jax_studio import Pipeline
+from motion_jax_studio.language import parse
+from motion_jax_studio.planning.segments import prompts_in_sequence
 from tests.models.cmdm.test_multi_prompt import shaken
 from tests.studio.planning.test_sequencing import Lengths
 

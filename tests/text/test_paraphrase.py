@@ -9,7 +9,7 @@ from motion_jax.data import sources
 from motion_jax.data.mirror import mirror_caption
 from motion_jax.text.paraphrase import paraphrases
 from motion_jax.training import setup
-from motion_studio.language import parse
+from motion_jax_studio.language import parse
 from tests.conftest import ROOT
 
 COUNTS = {"once": 1, "one time": 1, "twice": 2, "two times": 2, "2 times": 2, "three times": 3, "3 times": 3,

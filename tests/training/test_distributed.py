@@ -256,7 +256,7 @@ def test_a_process_that_fails_is_not_waited_for(tmp_path, who):
 
 _SIGNALLED = """
 import os, signal, sys
-from motion_studio import cli
+from motion_jax_studio import cli
 from motion_jax.training import distributed, loop
 
 class Agreement(distributed.Agreement):
@@ -293,7 +293,7 @@ def test_processes_that_get_a_signal_save_the_same_step_and_continue(tmp_path, w
     assert not saved  # there was nothing to lose
   else:
     assert max(map(int, saved)) == (step + 1 if step else 1)
-  module = "-m", "motion_studio.cli"
+  module = "-m", "motion_jax_studio.cli"
   printed = together(tmp_path, 2, *module, *command(folder, "--simulate-devices=1"))
   assert "of 2 processes" in printed[0]
   assert all("[Gloo]" in line for line in printed[1].splitlines())  # of the library that connects them

@@ -7,7 +7,7 @@ import pytest
 from motion_jax import fit
 from motion_jax.training import loop
 from motion_jax.utils.errors import InputError
-from motion_studio.cli import main
+from motion_jax_studio.cli import main
 from tests.conftest import load_config
 from tests.training.test_train import _config, _next_batch, _stage
 

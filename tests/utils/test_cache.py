@@ -9,7 +9,7 @@ import pytest
 
 from motion_jax import export, loading
 from motion_jax.utils import cache, executables
-from motion_studio import cli
+from motion_jax_studio import cli
 from tests.evaluation.small import random_run
 
 

@@ -4,7 +4,7 @@ import argparse
 import pytest
 
 from motion_jax.utils.numerals import NumberError, checked, real, whole
-from motion_studio.cli import evaluate
+from motion_jax_studio.cli import evaluate
 from tests.studio.cli.test_flags import FLAGS
 
 NO_NUMBERS = ("nan", "inf", "-inf", "1e400", "-1e400", "٣", "²", "1_000", "0x10", "", "ten", "1,5", "9" * 5000, "--")

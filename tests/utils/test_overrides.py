@@ -4,7 +4,7 @@ import sys
 import pytest
 
 from motion_jax.utils import config_files, overrides
-from motion_studio import cli
+from motion_jax_studio import cli
 from tests.conftest import ROOT
 
 TINY = f"{ROOT}/configs/cmdm_tokenizer.py:tiny"

@@ -128,7 +128,7 @@ class Hook:
       except BaseException:
         pass
 sys.meta_path.insert(0, Hook())
-from motion_studio import cli
+from motion_jax_studio import cli
 sys.exit(cli.main({arguments}))
 """
   done = subprocess.run([sys.executable, "-c", script], env=devices_env(1), capture_output=True, text=True, check=False)
@@ -139,7 +139,7 @@ sys.exit(cli.main({arguments}))
 def test_a_reader_that_has_gone_is_no_error():
   read, write = os.pipe()
   os.close(read)
-  done = subprocess.run([sys.executable, "-m", "motion_studio.cli", "--help"], env=devices_env(1), stdout=write,
+  done = subprocess.run([sys.executable, "-m", "motion_jax_studio.cli", "--help"], env=devices_env(1), stdout=write,
                         stderr=subprocess.PIPE, cwd=ROOT, check=False)
   os.close(write)
   assert done.stderr == b"" and done.returncode in (0, stopping.PIPE_CLOSED)

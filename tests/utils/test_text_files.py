@@ -9,7 +9,7 @@ from motion_jax.data.mocap.bvh import bvh_clip
 from motion_jax.data.mocap.files import read_mapping
 from motion_jax.export import bvh
 from motion_jax.utils import text_files
-from motion_studio import cli
+from motion_jax_studio import cli
 
 SENTENCE = "eine Übung – “langsam”"
 

@@ -14,10 +14,10 @@ from motion_jax.control import RootPath
 from motion_jax.control.compiling import compile
 from motion_jax.export.html import VIEWER
 from motion_jax.models.results import colors_of
-from motion_studio import Pipeline
+from motion_jax_studio import Pipeline
 from tools.site.nav import ROOT
 
-SOURCES = ("motion_jax", "motion_studio")  # what motions depend on
+SOURCES = ("motion_jax", "motion_jax_studio")  # what motions depend on
 # Small frames: no bar, no caption; the page around them has it. A click or a key still pauses.
 STYLE = "<style>#bar, #caption { display: none !important; }</style></head>"
 

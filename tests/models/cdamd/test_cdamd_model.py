@@ -15,7 +15,7 @@ from motion_jax.motion.representations import to_joints
 from motion_jax.motion.retarget import with_lengths
 from motion_jax.motion.skeleton import HUMANML3D, bone_lengths
 from motion_jax.utils.spans import spans_of
-from motion_studio import Pipeline, cli
+from motion_jax_studio import Pipeline, cli
 from tests.conftest import load_config
 
 pytestmark = pytest.mark.slow

@@ -13,7 +13,7 @@ from motion_jax.models.results import features_of
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.blending import laid_over
 from motion_jax.motion.skeleton import HUMANML3D, bone_lengths
-from motion_studio import cli
+from motion_jax_studio import cli
 
 FAST = dict(num_steps=6, lag=2)
 PROMPTS = [("a person walks", 1.2), ("a person waves", 1.3), ("a person sits", 0.7)]

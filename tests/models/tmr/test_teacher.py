@@ -33,7 +33,7 @@ from motion_jax.training import checkpoint
 from motion_jax.training.optimizers import make_optimizer
 from motion_jax.training.setup import untrained
 from motion_jax.training.stage import DEVICES
-from motion_studio import cli
+from motion_jax_studio import cli
 from tests import fixtures
 from tests.conftest import brief_run, load_config, some_of
 from tests.convert.test_convert import run, save_nested, stats_folder, text_folder

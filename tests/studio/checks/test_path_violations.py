@@ -2,12 +2,12 @@
 import numpy as np
 
 from motion_jax.analysis.signals import Body
-from motion_studio.checks.path_violations import path_violation
-from motion_studio.checks.violations import excess_speed
-from motion_studio.checks.violations import violation_score as score
-from motion_studio.language import parse
-from motion_studio.language.path_shapes import KINDS, PathShape
-from motion_studio.language.requirements import Requirement
+from motion_jax_studio.checks.path_violations import path_violation
+from motion_jax_studio.checks.violations import excess_speed
+from motion_jax_studio.checks.violations import violation_score as score
+from motion_jax_studio.language import parse
+from motion_jax_studio.language.path_shapes import KINDS, PathShape
+from motion_jax_studio.language.requirements import Requirement
 from tests.studio.sentences import in_words, table
 
 

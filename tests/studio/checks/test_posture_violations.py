@@ -4,8 +4,8 @@ import pytest
 
 from motion_jax.data.datasets.synthetic import synthetic_joints
 from motion_jax.motion.retarget import bend
-from motion_studio.checks.violations import violation_score
-from motion_studio.language.requirements import Requirement
+from motion_jax_studio.checks.violations import violation_score
+from motion_jax_studio.language.requirements import Requirement
 
 
 def _joints(action, frames=80):

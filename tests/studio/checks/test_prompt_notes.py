@@ -6,7 +6,7 @@ import warnings
 import pytest
 
 from motion_jax.loading import load
-from motion_studio import Pipeline
+from motion_jax_studio import Pipeline
 from tests.studio.test_constraining import Refusing
 
 

@@ -3,9 +3,9 @@ import numpy as np
 import pytest
 
 from motion_jax.data.datasets.synthetic import synthetic_joints
-from motion_studio.checks.reports import note_of, report, unmet_requirements
-from motion_studio.language import parse
-from motion_studio.server.requests import notes_of
+from motion_jax_studio.checks.reports import note_of, report, unmet_requirements
+from motion_jax_studio.language import parse
+from motion_jax_studio.server.requests import notes_of
 from tests.analysis.test_describe import _jump, _kick, _walk, _wave
 from tests.studio.checks.test_resampling import JUMPS, Sampler
 

@@ -3,7 +3,7 @@ import types
 
 import pytest
 
-from motion_studio.checks.prompt_notes import notes_of, with_suggestion
+from motion_jax_studio.checks.prompt_notes import notes_of, with_suggestion
 from tests.studio.captioned import Captioned
 from tests.studio.sentences import table
 

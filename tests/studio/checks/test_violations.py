@@ -3,10 +3,10 @@ import numpy as np
 
 from motion_jax.analysis.events import Event, find_events
 from motion_jax.data.datasets.synthetic import synthetic_joints
-from motion_studio.checks.violations import events_of, excess_speed
-from motion_studio.checks.violations import violation_score as score
-from motion_studio.language import parse
-from motion_studio.language.requirements import Requirement
+from motion_jax_studio.checks.violations import events_of, excess_speed
+from motion_jax_studio.checks.violations import violation_score as score
+from motion_jax_studio.language import parse
+from motion_jax_studio.language.requirements import Requirement
 from tests.studio.sentences import in_words, table
 
 

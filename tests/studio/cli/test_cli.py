@@ -11,9 +11,9 @@ from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.export import bvh
 from motion_jax.models.base import TextToMotionModel
 from motion_jax.models.results import Motion
-from motion_studio import cli
-from motion_studio.cli import make
-from motion_studio.pipeline import Pipeline
+from motion_jax_studio import cli
+from motion_jax_studio.cli import make
+from motion_jax_studio.pipeline import Pipeline
 from tests.export.test_bvh import bent
 
 

@@ -10,8 +10,8 @@ import pytest
 
 from motion_jax.models import registry
 from motion_jax.utils import config_files, overrides
-from motion_studio import cli, step_names
-from motion_studio.cli import control, generation_flags
+from motion_jax_studio import cli, step_names
+from motion_jax_studio.cli import control, generation_flags
 from tests.conftest import ROOT, devices_env
 from tests.export.test_bvh import bent
 

@@ -10,7 +10,7 @@ from tests.conftest import ROOT, devices_env
 # Run main, then print which of the modules named after the marker were imported.
 CODE = """
 import json, sys
-from motion_studio import cli
+from motion_jax_studio import cli
 at = sys.argv.index("HEAVY")
 try:
   status = cli.main(sys.argv[1:at])

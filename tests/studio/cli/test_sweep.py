@@ -8,8 +8,8 @@ from motion_jax.training import saver, setup
 from motion_jax.training.metrics import append_metrics
 from motion_jax.utils import config_files, overrides
 from motion_jax.utils.errors import InputError
-from motion_studio import cli
-from motion_studio.cli import sweep
+from motion_jax_studio import cli
+from motion_jax_studio.cli import sweep
 
 STAGES = """def get_sweep(size='tiny'):
   return {'one/all': ('mdm_denoiser:tiny', {}, 1.0),

@@ -1,7 +1,7 @@
 """The grammar: each rule does what its examples say, and each is needed for one of them."""
 import pytest
 
-from motion_studio.language import ellipsis, grammar, light_verbs, parse
+from motion_jax_studio.language import ellipsis, grammar, light_verbs, parse
 
 LISTS = [(light_verbs, "RULES"), (ellipsis, "CONTINUATIONS"), (ellipsis, "VERBLESS")]
 

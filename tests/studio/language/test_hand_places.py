@@ -1,6 +1,6 @@
 """Words say where hands are, and other words about hands do not."""
-from motion_studio.language import parse
-from motion_studio.language.hand_places import places_of, without_hands
+from motion_jax_studio.language import parse
+from motion_jax_studio.language.hand_places import places_of, without_hands
 from tests.studio.sentences import table
 
 LEFT, RIGHT, BOTH = ("left",), ("right",), ("left", "right")

@@ -4,8 +4,8 @@ import types
 import pytest
 
 from motion_jax.text.encoder import load_text_encoder
-from motion_studio.language import parse
-from motion_studio.language.meaning import Meanings, is_a, kind_of
+from motion_jax_studio.language import parse
+from motion_jax_studio.language.meaning import Meanings, is_a, kind_of
 from tests.studio.sentences import table
 
 CAPTIONS = 20 * ["a person walks backward", "a person runs", "someone turns left", "a person raises both hands"]

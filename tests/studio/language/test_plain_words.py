@@ -1,6 +1,6 @@
 """Another attempt says an action that can be measured in the words of captions."""
-from motion_studio.language import parse
-from motion_studio.language.plain_words import in_plain_words
+from motion_jax_studio.language import parse
+from motion_jax_studio.language.plain_words import in_plain_words
 from tests.studio.sentences import table
 
 

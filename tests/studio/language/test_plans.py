@@ -3,7 +3,7 @@ import time
 
 import pytest
 
-from motion_studio.language import parse
+from motion_jax_studio.language import parse
 from tests.studio.sentences import table
 
 

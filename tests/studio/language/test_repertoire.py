@@ -3,8 +3,8 @@ import re
 
 import pytest
 
-from motion_studio import Pipeline
-from motion_studio.language.repertoire import Repertoire, phrase_of
+from motion_jax_studio import Pipeline
+from motion_jax_studio.language.repertoire import Repertoire, phrase_of
 from tests.studio.captioned import Captioned
 from tests.studio.sentences import table
 

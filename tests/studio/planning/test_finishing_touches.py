@@ -14,10 +14,10 @@ from motion_jax.motion.representations import get_layout
 from motion_jax.motion.retarget import mirror, retarget
 from motion_jax.motion.root_paths import bent, course
 from motion_jax.motion.step_records import change_between
-from motion_studio.checks.violations import violation_score
-from motion_studio.language import parse
-from motion_studio.language.path_shapes import BENT
-from motion_studio.planning import finishing_touches
+from motion_jax_studio.checks.violations import violation_score
+from motion_jax_studio.language import parse
+from motion_jax_studio.language.path_shapes import BENT
+from motion_jax_studio.planning import finishing_touches
 from tests.studio.checks.test_violations import _joints, _seated
 
 MODEL = SimpleNamespace(stats=SimpleNamespace(layout=get_layout("full")),

@@ -8,9 +8,9 @@ from motion_jax.data.datasets.synthetic import synthetic_joints
 from motion_jax.models.results import Motion
 from motion_jax.motion.reaching import bring_hands, distance_to_place
 from motion_jax.motion.retarget import retarget
-from motion_studio.language import parse
-from motion_studio.planning.hands import with_hands
-from motion_studio.planning.posing import standing
+from motion_jax_studio.language import parse
+from motion_jax_studio.planning.hands import with_hands
+from motion_jax_studio.planning.posing import standing
 
 WALK = retarget(synthetic_joints("walk", 120, np.random.default_rng(1)))
 

@@ -7,13 +7,13 @@ from motion_jax.data.datasets.synthetic import synthetic_joints
 from motion_jax.loading import load
 from motion_jax.models.results import Motion
 from motion_jax.motion.skeleton import KIT
-from motion_studio.checks.violations import violation_score
-from motion_studio.language import parse
-from motion_studio.language.requirements import once
-from motion_studio.planning import sequencing
-from motion_studio.planning.independent import best_takes
-from motion_studio.planning.job import Job
-from motion_studio.planning.planner import Planner
+from motion_jax_studio.checks.violations import violation_score
+from motion_jax_studio.language import parse
+from motion_jax_studio.language.requirements import once
+from motion_jax_studio.planning import sequencing
+from motion_jax_studio.planning.independent import best_takes
+from motion_jax_studio.planning.job import Job
+from motion_jax_studio.planning.planner import Planner
 
 FAST = dict(num_steps=3, lag=2)
 REQUIRED = {prompt: parse(prompt).requirements for prompt in (

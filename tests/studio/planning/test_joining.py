@@ -5,7 +5,7 @@ import pytest
 from motion_jax.data.datasets.synthetic import synthetic_joints
 from motion_jax.metrics.physics import planted_speed
 from motion_jax.motion.splicing import REACH
-from motion_studio.planning.joining import SLACK, joined
+from motion_jax_studio.planning.joining import SLACK, joined
 
 FRAMES = 60
 

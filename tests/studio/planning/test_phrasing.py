@@ -1,8 +1,8 @@
 """Prompts in the words of kinematic captions: a direction for a walk, a hand for a punch."""
 from ml_collections import ConfigDict
 
-from motion_studio.language import parse
-from motion_studio.planning.phrasing import (
+from motion_jax_studio.language import parse
+from motion_jax_studio.planning.phrasing import (
   going_forward,
   in_words_of_captions,
   wants_words_of_captions,

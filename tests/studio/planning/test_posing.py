@@ -11,11 +11,11 @@ from motion_jax.motion.leaning import lean, leans
 from motion_jax.motion.reaching import distance_to_place
 from motion_jax.motion.representations import get_layout
 from motion_jax.motion.retarget import retarget
-from motion_studio.language import Segment, parse
-from motion_studio.language.leaning import lean_of
-from motion_studio.planning.finishing_touches import corrected
-from motion_studio.planning.posing import posed, standing
-from motion_studio.steps import Plan
+from motion_jax_studio.language import Segment, parse
+from motion_jax_studio.language.leaning import lean_of
+from motion_jax_studio.planning.finishing_touches import corrected
+from motion_jax_studio.planning.posing import posed, standing
+from motion_jax_studio.steps import Plan
 from tests.studio.planning.test_finishing_touches import MODEL
 
 _yes, _no = lambda prompt: True, lambda prompt: False

@@ -14,13 +14,13 @@ from motion_jax.models.base import keys_of
 from motion_jax.models.results import features_of
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.skeleton import HUMANML3D
-from motion_studio import Pipeline, cli
-from motion_studio.language import parse
-from motion_studio.planning import assembly, durations, sequencing
-from motion_studio.planning.independent import SLACK
-from motion_studio.planning.job import Job
-from motion_studio.planning.planner import Planner
-from motion_studio.planning.posing import standing
+from motion_jax_studio import Pipeline, cli
+from motion_jax_studio.language import parse
+from motion_jax_studio.planning import assembly, durations, sequencing
+from motion_jax_studio.planning.independent import SLACK
+from motion_jax_studio.planning.job import Job
+from motion_jax_studio.planning.planner import Planner
+from motion_jax_studio.planning.posing import standing
 
 FAST = dict(num_steps=3, lag=2)
 ARMS = [14, 17, 19, 21, 13, 16, 18, 20]

@@ -18,7 +18,7 @@ BASE, SOCKET = "http://127.0.0.1:8765", "ws://127.0.0.1:8765"
 def library(tiny_run, tiny_generator):
   """Two models of random weights, ready: "tiny" streams, "editor" edits."""
   from motion_jax import loading
-  from motion_studio.server.library import Library
+  from motion_jax_studio.server.library import Library
   folders = {"tiny": tiny_run, "editor": tiny_generator}
 
   def load(name):
@@ -37,7 +37,7 @@ def library(tiny_run, tiny_generator):
 
 @pytest.fixture
 def studio(library):
-  from motion_studio.server.app import Studio
+  from motion_jax_studio.server.app import Studio
   studio = Studio(library, TOKEN)
   yield studio
   streams = list(studio.streams)
@@ -57,7 +57,7 @@ def _served(studio, app=None):
   """The address of a studio's application behind a real port."""
   import uvicorn
 
-  from motion_studio.server import server
+  from motion_jax_studio.server import server
   listener = server.take_port("127.0.0.1", 0)
   running = uvicorn.Server(server.settings(studio, app))
   thread = threading.Thread(target=lambda: running.run(sockets=[listener]), daemon=True)
@@ -74,7 +74,7 @@ def _served(studio, app=None):
 @pytest.fixture
 def serve(library):
   """A function that opens a studio with other limits on a real port -> its address."""
-  from motion_studio.server.app import Studio
+  from motion_jax_studio.server.app import Studio
   with contextlib.ExitStack() as stack:
     yield lambda limits=None: stack.enter_context(_served(Studio(library, TOKEN, limits=limits)))
 

@@ -10,7 +10,7 @@ import types
 import numpy as np
 import pytest
 
-from motion_studio.client import Client
+from motion_jax_studio.client import Client
 from tests.conftest import ROOT
 from tests.studio.server.conftest import TOKEN
 

@@ -8,8 +8,8 @@ import pytest
 from motion_jax.control.constraints import EffectorTarget, Keyframe, Loop, RootPath
 from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.utils.errors import InputError
-from motion_studio.server import stream_constraints, streams
-from motion_studio.server.limits import Limits
+from motion_jax_studio.server import stream_constraints, streams
+from motion_jax_studio.server.limits import Limits
 from tests.studio.server.conftest import refusal
 from tests.studio.server.test_project import PROJECT
 from tests.studio.server.test_requests import joints_of

@@ -6,9 +6,9 @@ import pytest
 
 from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.utils.errors import InputError
-from motion_studio.server import fields, openapi, serialization
-from motion_studio.server.limits import Limits
-from motion_studio.server.request_tables import EDIT, EXPORT, GENERATE, MESSAGES, MULTI_PROMPT, PROJECT
+from motion_jax_studio.server import fields, openapi, serialization
+from motion_jax_studio.server.limits import Limits
+from motion_jax_studio.server.request_tables import EDIT, EXPORT, GENERATE, MESSAGES, MULTI_PROMPT, PROJECT
 
 LIMITS = Limits(prompt=30, blocks=3)
 MOTION = serialization.to_json(synthetic_clips(seed=0, num=1)[0])

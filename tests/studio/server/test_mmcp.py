@@ -12,8 +12,8 @@ from motion_jax.motion import rotations as rot
 from motion_jax.motion.contacts import feet_stand
 from motion_jax.motion.pose import Pose, pose_to_joints
 from motion_jax.motion.skeleton import HUMANML3D
-from motion_studio.pipeline import Pipeline
-from motion_studio.server import mmcp_constraints
+from motion_jax_studio.pipeline import Pipeline
+from motion_jax_studio.server import mmcp_constraints
 
 
 @pytest.fixture

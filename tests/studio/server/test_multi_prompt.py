@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 
 from motion_jax.motion.cleanup import LOOK_AHEAD
-from motion_studio.server.multi_prompt import MultiPromptCache
+from motion_jax_studio.server.multi_prompt import MultiPromptCache
 
 WALK, WAVE, JUMP = "a person walks", "a person waves", "a person jumps"
 

@@ -11,7 +11,7 @@ import pytest
 from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.export.html import VIEWER, resting_body
 from motion_jax.motion.pose import to_pose
-from motion_studio.server.app import ASSETS
+from motion_jax_studio.server.app import ASSETS
 from tests.studio.server import characters
 
 NODE = shutil.which("node")

@@ -8,8 +8,8 @@ import pytest
 
 from motion_jax.export.rig_stream import RigStream
 from motion_jax.utils.errors import InputError
-from motion_studio.client import Client
-from motion_studio.server.poses import Poses
+from motion_jax_studio.client import Client
+from motion_jax_studio.server.poses import Poses
 from tests.conftest import ROOT
 
 START = {"seed": 3, "speed": 0, "frames": 60}

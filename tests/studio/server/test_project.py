@@ -6,10 +6,10 @@ import pytest
 
 from motion_jax import export
 from motion_jax.utils.errors import InputError
-from motion_studio import cli
-from motion_studio.server import library as model_library
-from motion_studio.server import project
-from motion_studio.server.limits import Limits
+from motion_jax_studio import cli
+from motion_jax_studio.server import library as model_library
+from motion_jax_studio.server import project
+from motion_jax_studio.server.limits import Limits
 from tests.studio.server.conftest import refusal
 from tests.studio.server.test_requests import joints_of
 

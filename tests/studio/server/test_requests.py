@@ -18,8 +18,8 @@ from motion_jax.motion.looping import in_place
 from motion_jax.motion.rigs import all_rigs
 from motion_jax.motion.skeleton import bone_lengths
 from motion_jax.utils import progress
-from motion_studio import step_names
-from motion_studio.server import serialization
+from motion_jax_studio import step_names
+from motion_jax_studio.server import serialization
 from tests.studio.server.characters import CHARACTERS, character
 from tests.studio.server.conftest import refusal
 
@@ -121,7 +121,7 @@ def test_notes_are_of_prompts_and_of_what_no_attempt_shows(client, library, monk
   edit = {"model": "editor", "motion": serialization.to_json(motion), "change": [[8, 24]]}
   for name, body in (("generate", {"model": "tiny"}), ("edit", edit)):
     with monkeypatch.context() as patch:
-      patch.setattr("motion_studio.server.requests.make_edit",
+      patch.setattr("motion_jax_studio.server.requests.make_edit",
                     lambda *_: missed.replace(meta=missed.meta | dict(made=[])))
       patch.setattr(type(library.pipeline("tiny", "generate")), "__call__", lambda *_, **__: [missed])
       notes = client.post(f"/v1/{name}", json=body | {"prompt": "two people dance"}).json()["notes"]

@@ -12,9 +12,9 @@ from starlette.testclient import TestClient, WebSocketDenialResponse
 
 from motion_jax.export.html import VIEWER
 from motion_jax.utils.errors import InputError
-from motion_studio.server import app, security, server
-from motion_studio.server.app import ASSETS, Studio
-from motion_studio.server.limits import Limits, TokenBucket
+from motion_jax_studio.server import app, security, server
+from motion_jax_studio.server.app import ASSETS, Studio
+from motion_jax_studio.server.limits import Limits, TokenBucket
 from tests.studio.server.conftest import BASE, SOCKET, TOKEN, refusal
 
 

@@ -11,10 +11,10 @@ import pytest
 
 from motion_jax.utils import cache
 from motion_jax.utils.errors import InputError
-from motion_studio import cli
-from motion_studio.client import Client, joints_of
-from motion_studio.server import server
-from motion_studio.server.library import Library
+from motion_jax_studio import cli
+from motion_jax_studio.client import Client, joints_of
+from motion_jax_studio.server import server
+from motion_jax_studio.server.library import Library
 from tests.conftest import devices_env
 
 
@@ -38,7 +38,7 @@ def test_the_client_streams_says_and_asks(address):
 
 
 def test_the_client_needs_no_jax():
-  code = "import motion_studio.client, sys; assert not {'jax', 'starlette', 'scipy'} & set(sys.modules)"
+  code = "import motion_jax_studio.client, sys; assert not {'jax', 'starlette', 'scipy'} & set(sys.modules)"
   assert subprocess.run([sys.executable, "-c", code], env=devices_env(1), check=False).returncode == 0
 
 
@@ -128,8 +128,8 @@ def test_the_address_comes_at_once_and_the_end_within_two_seconds(tiny_run, tmp_
   from websockets.sync.client import connect
   env, port, addresses = devices_env(1) | {"XDG_STATE_HOME": str(tmp_path)}, "0", set()
   for number in (signal.SIGINT, signal.SIGTERM):
-    program = subprocess.Popen([sys.executable, "-m", "motion_studio.cli", "studio", "--model", str(tiny_run), "--port",
-                                port], env=env, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    program = subprocess.Popen([sys.executable, "-m", "motion_jax_studio.cli", "studio", "--model", str(tiny_run),
+                                "--port", port], env=env, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     try:
       line = program.stdout.readline()
       match = re.fullmatch(r"the studio is at (http://(127\.0\.0\.1:(\d+))/\?token=\S{16,})\n", line)

@@ -11,8 +11,8 @@ import pytest
 from starlette.websockets import WebSocketDisconnect
 
 from motion_jax.utils.errors import InputError
-from motion_studio.server import app, serialization, streams
-from motion_studio.server.limits import Limits
+from motion_jax_studio.server import app, serialization, streams
+from motion_jax_studio.server.limits import Limits
 from tests.studio.server.conftest import SOCKET, TOKEN
 
 URL = f"{SOCKET}/v1/stream?token={TOKEN}"
@@ -231,7 +231,7 @@ def test_choices_that_cannot_be_leave_the_motion_that_runs(page):
 
 
 def test_messages_that_wait_are_bounded():
-  from motion_studio.server.library import Library
+  from motion_jax_studio.server.library import Library
   stream = streams.Stream(Library(["never"]), Limits(), lambda message: None)  # whose model is never ready
   try:
     stream.receive({"type": "start", "prompt": "a person walks"})
@@ -317,7 +317,7 @@ def test_a_crash_in_one_stream_leaves_the_others(client, monkeypatch):
 @pytest.mark.slow
 def test_a_model_that_follows_prompts_alone_is_ready_to_stream(random_run):
   """What is compiled in advance draws no path for it."""
-  from motion_studio.server.library import Library
+  from motion_jax_studio.server.library import Library
   library = Library([str(random_run("dip"))])
   library.start().join(300)
   slot = library.slot(None)

@@ -1,0 +1,142 @@
+"""Best of n: motions that violate requirements of their prompts are sampled again, and the best attempt is kept."""
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import jax
+
+from motion_jax.models.results import Motion
+from motion_jax.motion.step_records import added, record
+from motion_jax.utils import progress
+from motion_jax_studio.checks.reports import report, unmet_requirements
+from motion_jax_studio.checks.violations import excess_speed, violation_score
+from motion_jax_studio.language.path_shapes import with_explicit_side
+from motion_jax_studio.planning.job import Job, plan_records
+
+LOUDER = 2.0  # factor on the guidance scale of another attempt; of 24 punches with a named hand 6 show without, 16 with
+SOFTER = 0.5  # factor where a motion overdoes its prompt and violates nothing else
+FIRST_RESAMPLED = 1 << 20  # added to an attempt's number, so that its key is unique
+_INDEPENDENT = 2  # attempts before segments are sampled independently
+
+
+class Attempt(NamedTuple):
+  """A sampled motion, how far it is from its prompt (0: it is met), and its record for meta["attempts"]."""
+  motion: Any
+  score: float
+  record: dict[str, Any]
+
+
+class Best(NamedTuple):
+  """The attempts at a motion, and the number of the best one."""
+  attempts: list[Attempt]
+  kept: int = 0
+
+  @property
+  def best(self) -> Attempt:
+    return self.attempts[self.kept]
+
+
+def best_of(sample: Callable[[Sequence[int], int, float], Sequence[Attempt]],
+            overdoes: Callable[[int, int, Attempt], bool], count: int, max_attempts: int) -> list[Best]:
+  """Each of `count` motions the best of its attempts by score, of equals the first; one that scores 0 is not sampled
+  again.
+
+  sample(rows, number, factor): attempt `number`, from 0, at these motions, with the guidance scale times a factor,
+  which is `SOFTER` where overdoes(row, number, best so far), else `LOUDER`.
+  """
+  found = [Best([attempt]) for attempt in sample(range(count), 0, 1.0)]
+  for number in range(1, max_attempts):
+    rows = [i for i, one in enumerate(found) if one.best.score]
+    softer = [i for i in rows if overdoes(i, number, found[i].best)]
+    for some, factor in (([i for i in rows if i not in softer], LOUDER), (softer, SOFTER)):
+      if not some:
+        continue
+      with progress.part(f"attempt {number + 1} of {max_attempts}, as the last one does not show all of the prompt"):
+        again = sample(some, number, factor)
+      for i, attempt in zip(some, again):
+        attempts, kept = found[i]
+        found[i] = Best([*attempts, attempt], number if attempt.score < attempts[kept].score else kept)
+  return found
+
+
+def resampled(job: Job, sample: Callable[[Job], Sequence[Motion]], max_attempts: int) -> list[Motion]:
+  """The motions of a job, each the best of its attempts by violation score.
+
+  sample(job) -> motions, sampled, posed and corrected. A motion that violates a requirement is sampled again, by the
+  key fold_in(key, 2^20 + attempt): with twice the guidance scale, or half of it where the motion is only too fast, with
+  a side for a circle that has none, and from the third attempt on in plain words, with segments sampled independently.
+  All attempts are recorded in meta["attempts"], what the best one still violates in meta["unmet"] and, where warnings
+  are read, in a warning.
+  """
+  required = job.required
+
+  def attempts(rows, number, factor):
+    part = _again(job, rows, number, factor) if number else job
+    motions = sample(part) if number else job.motions
+    scores = [violation_score(motion.joints, required[i], job.planner.fps) for i, motion in zip(rows, motions)]
+    return [Attempt(motion, score, attempt_record(part, place, number, score) | dict(independent=part.independent))
+            for place, (motion, score) in enumerate(zip(motions, scores))]
+
+  # Too fast and nothing else; an action that does not show needs more guidance first.
+  overdoes = lambda row, _, best: best.score <= excess_speed(best.motion.joints, required[row], job.planner.fps)
+  found = best_of(attempts, overdoes, len(job.prompts), max_attempts)
+  motions = [one.best.motion for one in found]
+  unmet = [unmet_requirements(motion.joints, one, job.planner.fps) for motion, one in zip(motions, required)]
+  if job.warns:
+    report(job.prompts, unmet, max_attempts)
+  motions = [with_attempts(*one) for one in zip(motions, found, unmet)]
+  return [motion.replace(meta=motion.meta | dict(prompt=prompt)) if missing else motion
+          for prompt, motion, missing in zip(job.prompts, motions, unmet)]
+
+
+def _again(job, rows, number, factor):
+  """The job of another attempt."""
+  required = job.required
+  prompts = [said_again(job.prompts[i], required[i], number) for i in rows]
+  plans = [job.plans[i] if prompt == job.prompts[i] else job.planner.with_postures(job.planner.plan(prompt))
+           for i, prompt in zip(rows, prompts)]
+  if number >= _INDEPENDENT:
+    plans = [plan and job.planner.in_plain_words(plan) for plan in plans]
+  return job.select(rows, prompts=prompts, plans=plans, keys=keys_again(job, rows, number), motions=[],
+                    records=[plan_records(plan) for plan in plans],
+                    sampling=reweighed(job.model, job.sampling, factor), independent=number >= _INDEPENDENT,
+                    requirements=[required[i] for i in rows])
+
+
+def keys_again(job: Job, rows: Sequence[int], number: int) -> jax.Array:
+  """The keys of another attempt."""
+  return jax.numpy.stack([jax.random.fold_in(job.keys[i], FIRST_RESAMPLED + number) for i in rows])
+
+
+def with_attempts(motion: Motion, found: Best, unmet: Sequence[str], checked: bool = True) -> Motion:
+  """The best motion with the records of all attempts, of the check, and of requirements that it violates."""
+  attempts = [one.record | dict(kept=number == found.kept) for number, one in enumerate(found.attempts)]
+  did = f"attempt {found.kept + 1} of {len(attempts)} kept"
+  steps = [record("check", did, score=(found.attempts[0].score, found.best.score))] if checked else []
+  return motion.replace(meta=added(motion.meta, *steps) | dict(attempts=attempts) | (
+      dict(unmet=list(unmet)) if unmet else {}))
+
+
+def attempt_record(job: Job, row: int, number: int, score: float) -> dict[str, Any]:
+  """An attempt as a motion's meta has it."""
+  return dict(number=number + 1, seed=job.seeds[row], prompt=job.prompts[row],
+              guidance_scale=guidance_scale(job.model, job.sampling), violation_score=round(float(score), 4))
+
+
+def said_again(prompt: str, requirements: Sequence[Any], number: int) -> str:
+  """The prompt of another attempt: a circle without a side gets one, as some models know only such circles."""
+  either = any(one.kind == "circle" and not one.side for one in requirements)
+  return with_explicit_side(prompt, number) if either else prompt
+
+
+def guidance_scale(model: Any, sampling: dict[str, Any]) -> float:
+  """The guidance scale that choices of sampling mean for a model: the one given, else its own."""
+  given = sampling.get("guidance_scale")
+  return float(model.sampling().guidance_scale if given is None else given)
+
+
+def reweighed(model: Any, sampling: dict[str, Any], factor: float) -> dict[str, Any]:
+  """The choices of sampling with the model's guidance scale times factor, but at least 1; unchanged where a scale is
+  given, or the model has no guidance."""
+  scale = guidance_scale(model, sampling)
+  return sampling if scale <= 1 or sampling.get("guidance_scale") is not None else (
+      dict(sampling) | dict(guidance_scale=max(factor * scale, 1.0)))

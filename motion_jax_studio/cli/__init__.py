@@ -1,0 +1,115 @@
+"""The command line `motion-jax`: a module per group of commands, a function per command.
+
+Nothing heavy is imported before a command runs, so that `--help` and a mistyped command answer at once.
+"""
+import errno
+import gc
+import sys
+import warnings
+
+import motion_jax
+from motion_jax.utils import progress, stopping
+from motion_jax.utils.errors import InputError
+from motion_jax.utils.numerals import shortened
+from motion_jax_studio.cli import blend, convert, data, evaluate, export, make, retrieve, robot, show, studio, train
+from motion_jax_studio.cli.parser import Parser
+from motion_jax_studio.cli.prompts import read_prompts, read_sequences
+
+__all__ = ["main", "parse", "read_prompts", "read_sequences"]
+
+# Errors that a user can fix. Errors of libraries are translated where they occur (`errors.reading`); any other
+# exception is a fault of the program and keeps its traceback.
+KNOWN_ERRORS = (ValueError, OSError, FloatingPointError)
+
+
+def main(argv=None, command=None, program=None):
+  """Runs a sub-command; returns the exit status. An error that the user can fix is printed in one line.
+
+  command: the arguments belong to this sub-command, as in the script `program`, which runs no other one.
+  """
+  # What is imported stays: the collector, which looks through it again and again, would take a fifth of the start.
+  gc.set_threshold(50_000, 20, 50)
+  trains = "train" in (command, *(sys.argv[1:] if argv is None else argv)[:1])
+  with stopping.at_once(program or "motion-jax", resumable=trains):
+    try:
+      args = parse(argv, command, program)
+      status = _run(args)
+    except BrokenPipeError:
+      return stopping.pipe_closed()
+    except SystemExit:  # --help and mistakes in the arguments
+      stopping.flush()
+      raise
+    return stopping.flush() or status
+
+
+def parse(argv=None, command=None, program=None):
+  """The parsed arguments of `main`; mistakes in them end the program with one line."""
+  parser, argv = _parser(), list(sys.argv[1:] if argv is None else argv)
+  if command is not None:
+    parser = _commands_of(parser)[command]
+    parser.prog = program
+    parser.set_defaults(command=command)
+  args = parser.parse_args(argv)
+  args.program = program or f"motion-jax {args.command}"
+  return args
+
+
+def _run(args):
+  shown = set()  # each warning is printed once
+
+  def show(message, *_, **__):
+    if str(message) not in shown:
+      shown.add(str(message))
+      print(f"note: {message}", file=sys.stderr)
+
+  warnings.showwarning = show
+  if getattr(args, "command", None) not in ("train", "evaluate"):  # these print their own progress
+    progress.show()
+  try:
+    return _called(args) or 0
+  except BrokenPipeError:
+    raise
+  except KNOWN_ERRORS as error:
+    print(f"{args.program}: {error}", file=sys.stderr)
+    return 1
+  except Exception as error:
+    if not _out_of_memory(error):
+      raise
+    print(f"{args.program}: this takes more memory than there is; try fewer or shorter motions", file=sys.stderr)
+    return 1
+
+
+def _called(args):
+  """Runs the command; returns its exit status. Reports file names that are too long."""
+  try:
+    return args.run(args)
+  except OSError as error:
+    if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
+      raise InputError(f"no space left on the disk to write {error.filename or 'to'}, or a file is larger than it may "
+                       "be; free some, or write to another folder. Nothing half-written is left") from error
+    if error.errno != errno.ENAMETOOLONG:
+      raise
+    name = str(error.filename or "")
+    raise InputError(f"got the file name {shortened(name)!r} of {len(name)} characters, longer than a file's may be; "
+                     "give a shorter one") from error
+
+
+def _out_of_memory(error):
+  """Whether numpy or jax ran out of memory; jax raises a RuntimeError."""
+  return isinstance(error, MemoryError) or isinstance(error, RuntimeError) and "RESOURCE_EXHAUSTED" in str(error)
+
+
+def _parser():
+  parser = Parser(prog="motion-jax", description="Text-to-motion generation in JAX. Flags may be "
+                  "written with dashes or underscores.")
+  parser.add_argument("--version", action="version", version=f"motion-jax {motion_jax.__version__}",
+                      help="print the version")
+  commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+  for group in (make, blend, studio, show, data, train, evaluate, convert, export, retrieve, robot):
+    group.add_to(commands)
+  return parser
+
+
+def _commands_of(parser):
+  """{name: its parser} of the sub-commands."""
+  return next(action.choices for action in parser._actions if action.dest == "command")

@@ -1,0 +1,130 @@
+"""Flags of the commands that generate motion; sampling choices of all methods come from their `SamplingOptions`."""
+import argparse
+import functools
+import json
+import pathlib
+
+import motion_jax
+from motion_jax.models import registry
+from motion_jax.utils.errors import InputError
+from motion_jax.utils.numerals import MOTIONS, SEEDS, whole
+from motion_jax_studio.checks import MAX_ATTEMPTS
+from motion_jax_studio.cli import shared
+from motion_jax_studio.step_names import left_out
+
+# Methods whose models cannot run a command.
+_WHOLE = ("cdamd", "mld", "momask", "t2m_gpt")
+WITHOUT = {"multi-prompt": _WHOLE, "extend": _WHOLE, "edit": ("cmdm", "mld", "motionstreamer", "t2m_gpt")}
+
+
+def add_planning(parser):
+  parser.add_argument("--no-plan", action="store_true", help="pass each prompt to the model unchanged; default: "
+                      "prompts with several actions, such as \"walks, then waves\", are planned action by action")
+
+
+def add_steps(parser, names):
+  """--without and --explain: the steps after and around sampling."""
+  parser.add_argument("--without", metavar="STEPS", type=functools.partial(_steps, names=names), default=frozenset(),
+                      help=f"leave out steps, with commas: {', '.join(names)}")
+  parser.add_argument("--explain", action="store_true", help="print what each step did, in which frames and by how "
+                      "much")
+
+
+def _steps(text, names):
+  try:
+    return left_out(text, names)
+  except InputError as error:
+    raise argparse.ArgumentTypeError(str(error)) from None
+
+
+def without_of(args):
+  """The steps that --without, --no-plan and --no-cleanup leave out."""
+  return args.without | {name for name in ("plan", "cleanup") if getattr(args, f"no_{name}", False)}
+
+
+def add_attempts(parser, what, checks):
+  parser.add_argument("--max-attempts", type=whole(1, 100), default=MAX_ATTEMPTS, help=f"how many times to "
+                      f"sample {what} at most, until the checks of {checks} pass ({MAX_ATTEMPTS})")
+
+
+def add_common(parser, command, out):
+  """Flags of all commands that generate motion."""
+  parser.add_argument("--num-samples", type=whole(*MOTIONS), default=1,
+                      help="number of samples per prompt; sample i uses seed SEED + i (1)")
+  parser.add_argument("--seed", type=whole(*SEEDS), default=0,
+                      help="random seed; the same seed gives the same motion (0)")
+  for name, methods in _choices(command).items():
+    known = next(iter(methods.values()))
+    texts = list(dict.fromkeys(one.help for one in methods.values()))
+    text = texts[0] if len(texts) == 1 else "; ".join(f"{_title(method)}: {one.help}"
+                                                     for method, one in methods.items())
+    only_one = len(methods) == 1 < len(_methods(command))
+    group = _group(parser, next(iter(methods))) if only_one else parser
+    group.add_argument(f"--{name.replace('_', '-')}", type=None if known.read is str else known.read,
+                       choices=known.choices, help=text + _defaults(name, methods))
+  parser.add_argument("--no-cleanup", action="store_true",
+                      help="return the network's output: no foot-skate cleanup, smoothing or exact constraints")
+  parser.add_argument("--model", default="cmdm-small",
+                      help="a run folder or a shipped model; see motion-jax models (%(default)s)")
+  shared.add_out(parser, out, "wave.mp4,wave.bvh")
+  shared.add_rig(parser)
+  shared.add_film(parser, "in films and pictures")
+  parser.add_argument("--timings", action="store_true", help="print where the time went")
+
+
+def _defaults(name, methods):
+  """The values of a sampling choice in the shipped models of these methods, for its help text."""
+  found = {}
+  for model, method, sampler in _samplers():
+    if method in methods:
+      value = sampler.get(methods[method].key or name, methods[method].usual)
+      if value is not None:
+        found.setdefault(f"{value:g}" if isinstance(value, float) else str(value).lower(), []).append(model)
+  values = "; ".join(value if len(found) == 1 else f"{value} for {', '.join(names)}" for value, names in found.items())
+  return f" (shipped models: {values})" if values else ""
+
+
+@functools.cache
+def _samplers():
+  """[(name, method, config.sampler)] of the shipped models; only their configs are read."""
+  found = []
+  for path in sorted((pathlib.Path(motion_jax.__file__).parent / "pretrained").glob("*/config.json")):
+    config = json.loads(path.read_text(encoding="utf-8"))
+    if "sampler" in config:
+      found.append((path.parent.name, config["stage"].partition(".")[0], config["sampler"]))
+  return found
+
+
+def _methods(command):
+  """The methods with models that can run a command."""
+  return [method for method in registry.METHODS if method not in WITHOUT.get(command, ())]
+
+
+def _choices(command):
+  """{name: {method: Description}} of the sampling choices that a command accepts."""
+  found, options = {}, registry.options()
+  for method in _methods(command):
+    for name, known in options[method].described().items():
+      found.setdefault(name, {})[method] = known
+  return found
+
+
+def _title(method):
+  """A method as its paper writes it."""
+  written = {"momask": "MoMask", "motionstreamer": "MotionStreamer", "t2m_gpt": "T2M-GPT"}
+  return written.get(method, method.upper())
+
+
+def _group(parser, method):
+  title = f"{_title(method)} models"
+  return next((group for group in parser._action_groups if group.title == title), None) or (
+      parser.add_argument_group(title))
+
+
+def sampling_of(args, model):
+  """The sampling choices on the command line; refuses those that the model's method does not have."""
+  given = {name: getattr(args, name) for name in _choices(args.command) if getattr(args, name) is not None}
+  unknown = [f"--{name.replace('_', '-')}" for name in given if name not in model.options.described()]
+  if unknown:
+    raise InputError(f"got {', '.join(unknown)} for the model {model.id}, which has no such choice")
+  return given

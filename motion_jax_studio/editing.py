@@ -1,0 +1,160 @@
+"""Edits as an animator needs them: new frames where they were requested, all others as and where they were.
+
+The frames are sampled and pasted back by the library (`models.pasting`); here they are scored by what the prompt
+requires, by the lengths of the bones and by sliding feet, and sampled again until an attempt is fit for use.
+"""
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from motion_jax.control.constraints import KeepParts
+from motion_jax.control.finishing import with_parts
+from motion_jax.models import pasting
+from motion_jax.models.results import Motion, Motions, gathered
+from motion_jax.motion.skeleton import bone_lengths
+from motion_jax.motion.step_records import added, record
+from motion_jax_studio.checks import resampling
+from motion_jax_studio.checks.reports import report, unmet_requirements
+from motion_jax_studio.checks.violations import can_be_checked, excess_speed, violation_score
+from motion_jax_studio.language import Plan
+from motion_jax_studio.planning.job import Job
+
+_DISTORTED = 0.25  # share of its length that a bone may be off in one of ten new frames
+_SLIDES = 0.3     # metres a second that the slower foot slides on average at most, but in runs
+_SHORTEST = 0.5  # seconds in which an action can be seen
+
+
+class Made(NamedTuple):
+  """An edited motion, and how far its new frames are from those of a body: 0 where they are fit for use."""
+  motion: Motion
+  distortion: float
+
+
+def edited(job: Job, clips: Sequence[Any], new: Callable[[int], np.ndarray], max_attempts: int, task: str = "spans",
+           corrects: bool = True) -> Motions:
+  """Clips (see `known_motion.clip_of`) whose frames new(num_frames) -> (T,) are sampled from the prompts of a job, the
+  best of up to max_attempts each; attempts are recorded in meta["attempts"] as in `checks.resampling`.
+
+  corrects: the legs of the clip are kept where the prompt is about the upper body and new legs slide.
+  """
+  model, fps = job.model, job.planner.fps
+  edits = [pasting.prepare(model, clip, new) for clip in clips]
+  prompts = [_network_prompt(prompt, plan) for prompt, plan in zip(job.prompts, job.plans)]
+  checked = max_attempts > 1 and can_be_checked(model)
+  required = [plan.requirements if plan and checked else [] for plan in job.plans]
+  keeps_legs = [corrects and can_be_checked(model) and job.cleanup and plan is not None and moves_upper_body(plan)
+                for plan in job.plans]
+
+  def made(row, features, about):
+    motion = pasting.paste(model, edits[row], job.prompts[row], job.seeds[row], features, job.cleanup,
+                           about | dict(task=task))
+    motion = motion.replace(meta=motion.meta | {"steps": [*job.records[row], *motion.meta["steps"]]})
+    if keeps_legs[row] and sliding(motion):
+      motion = on_own_legs(motion, edits[row].known.joints, partial(pasting.features_of_edit, model, edits[row]))
+    slides = 0.0 if any(one.kind == "run" for one in required[row]) else sliding(motion)
+    return Made(motion, _distortion(model, features, edits[row].new_in_window) + slides)
+
+  def attempts(rows, number, factor):
+    part = job.select(rows, keys=resampling.keys_again(job, rows, number),
+                      sampling=resampling.reweighed(model, job.sampling, factor)) if number else job
+    decoded, about = model.inpaint([edits[i].features for i in rows], [edits[i].new_in_window for i in rows],
+                                   [prompts[i] for i in rows], part.keys, part.sampling)
+    found = [made(i, features, about) for i, features in zip(rows, decoded)]
+    scores = [_score(one, required[i], fps) for i, one in zip(rows, found)]
+    return [resampling.Attempt(one, score, resampling.attempt_record(part, place, number, score))
+            for place, (one, score) in enumerate(zip(found, scores))]
+
+  def overdoes(row, number, best):
+    """Too much guidance distorts the body, or makes it too fast; an action that does not show needs more of it. Where
+    both is so, attempts take turns."""
+    misses = best.score > best.motion.distortion + _excess(best.motion, required[row], fps)
+    return not misses or bool(best.motion.distortion) and number % 2 == 0
+
+  found = resampling.best_of(attempts, overdoes, len(job.prompts), max_attempts)
+  motions = [one.best.motion.motion for one in found]
+  unmet = [_unmet(motion, one, fps) + gliding_reports(motion, one, checked) for motion, one in zip(motions, required)]
+  if job.warns:
+    report([motion.meta["prompt"] for motion in motions], unmet, max_attempts)
+  return gathered([resampling.with_attempts(motion, *one, checked) for motion, *one in zip(motions, found, unmet)])
+
+
+def _network_prompt(prompt: str, plan: Plan | None) -> str:
+  """The prompt as the network gets it: a plan of one action in its own words, any other as it is."""
+  if plan is None or len(plan.segments) > 1 or plan.segments[0].simultaneous or plan.segments[0].is_pause:
+    return prompt
+  return plan.segments[0].action.prompt_with_count
+
+
+def moves_upper_body(plan: Plan) -> bool:
+  """Whether a plan has actions of arms or head only, which leave the legs free."""
+  parts = {action.part for action in plan.actions}
+  return bool(parts) and parts <= {"arms", "head"}
+
+
+def on_own_legs(motion: Motion, clip: np.ndarray, features: Callable[[np.ndarray], Any]) -> Motion:
+  """The motion with its new upper body above the legs that clip (T, J, 3) has in these frames; features(joints).
+
+  A network that samples the middle of a walk as "waves" makes a body that stands; the kept frames after it are metres
+  ahead, so it would glide there.
+  """
+  spans = [(first / motion.fps, past / motion.fps) for first, past in motion.meta["made"]]
+  keep = KeepParts(clip, ("legs",), motion.fps, spans)
+  joints = with_parts(motion.joints, keep, motion.fps)
+  return motion.replace(joints=joints, features=features(joints),
+                        meta=added(motion.meta | dict(legs="kept"), record(
+                            "correct", "legs of the clip kept", motion.joints, joints, motion.skeleton)))
+
+
+def _distortion(model, decoded, new):
+  """How far the bones of new frames are from their lengths, as sampled: 0 for those of a usual motion."""
+  joints = np.asarray(model.stats.layout.to_joints(decoded), np.float64)
+  skeleton = model.stats.layout.skeleton
+  usual = np.median(bone_lengths(joints, skeleton), axis=0)[1:]
+  off = np.abs(bone_lengths(joints[new], skeleton)[:, 1:] / np.maximum(usual, 1e-9) - 1).max(1)
+  return float(np.clip(np.percentile(off, 90) - _DISTORTED, 0.0, 1.0))
+
+
+def sliding(motion: Motion) -> float:
+  """How much faster than usual, metres a second, the slower of both feet slides over the ground in new frames."""
+  skeleton = motion.skeleton
+  ankles = motion.joints[:, [skeleton.left_feet[0], skeleton.right_feet[0]]][..., [0, 2]].astype(np.float64)
+  steps = np.linalg.norm(np.diff(ankles, axis=0), axis=-1).min(1) * motion.fps * skeleton.unit
+  slides = [steps[max(first - 1, 0):past].mean() for first, past in motion.meta["made"] if len(steps)]
+  return float(np.clip(max(slides, default=0.0) - _SLIDES, 0.0, 1.0))
+
+
+def gliding_reports(motion: Motion, requirements: Sequence[Any], checked: bool) -> list[str]:
+  """[what is wrong] with new frames in which a body that makes no steps has to travel to the kept frames."""
+  if not checked or any(one.kind == "run" for one in requirements) or not sliding(motion):
+    return []
+  first, past = max(motion.meta["made"], key=lambda span: span[1] - span[0])
+  root = motion.joints[[max(first - 1, 0), min(past, len(motion.joints) - 1)], 0][:, [0, 2]]
+  return [f"the feet slide, for the kept frames are {np.linalg.norm(root[1] - root[0]):.1f} m apart; say how the body "
+          "gets there, as in \"walks forward, then ...\""]
+
+
+def _spans(motion):
+  """The joints of each new span in which something can be seen, or else of all of the motion."""
+  spans = [motion.joints[first:past] for first, past in motion.meta["made"]]
+  return [joints for joints in spans if len(joints) > _SHORTEST * motion.fps] or [motion.joints]
+
+
+def _score(made, requirements, fps):
+  """Violation score of the span that shows the prompt best, and how distorted the new frames are."""
+  if not requirements:
+    return made.distortion
+  missed = min(violation_score(joints, requirements, fps) for joints in _spans(made.motion))
+  return missed + made.distortion
+
+
+def _excess(made, requirements, fps):
+  return min(excess_speed(joints, requirements, fps) for joints in _spans(made.motion))
+
+
+def _unmet(motion, requirements, fps):
+  if not requirements:
+    return []
+  best = min(_spans(motion), key=lambda joints: violation_score(joints, requirements, fps))
+  return unmet_requirements(best, requirements, fps)

@@ -1,0 +1,244 @@
+"""A text becomes clauses: cut at connectors and participles, then joined again where a part is no action of its own."""
+import re
+
+from motion_jax.text.morphology import is_participle, verb_of
+from motion_jax.text.tagger import tag_words
+from motion_jax_studio.language import lexicon
+from motion_jax_studio.language.clause import (
+  can_be_simultaneous,
+  clause_of,
+  is_person,
+  keeps_limbs,
+  lower,
+  unknown_verb,
+)
+from motion_jax_studio.language.connectors import connector_at, stronger
+from motion_jax_studio.language.counting import with_numbers
+from motion_jax_studio.language.ellipsis import completed
+from motion_jax_studio.language.meaning import is_a
+
+_TOKEN = re.compile(r"\d+(?:\.\d+)?|\w+(?:['’-]\w+)*|\S", re.UNICODE)
+_NOT = re.compile(r"(?i)\b(do|does|did)n['’]t\b")
+_HELD_LIMBS = re.compile(r"(?i)with (?:[a-z]+ ){0,3}(?:arms?|hands?)\b(?! (?:down )?(?:by|at|to|on) (?:\w+ )?sides?\b)")
+_SUBORDINATE = ("before", "after", "while", "until")
+_LONGEST_SUBJECT = 5  # words: "the tired old man"
+_LONGEST_CLAUSE = 40  # words after which a participle begins no further clause
+
+
+def fragments_of(text):
+  """The text cut at its connectors: [(name of the connector before it, the connector's tokens, tokens)].
+
+  The name is "" for the first fragment.
+  """
+  tokens = _TOKEN.findall(lexicon.spelt(_NOT.sub(r"\1 not", text)))
+  words = [token.lower().replace("’", "'") for token in tokens]
+  found, kind, start, at = [], "", 0, 0
+  between = []  # tokens of the connectors since the last fragment
+  while at < len(tokens):
+    length, here = connector_at(words, at)
+    begins = "" if length else _begins_at_verb(words, start, at)
+    if begins:
+      found.append((kind, between, tokens[start:at]))
+      kind, between, start = begins, [], at
+    if length:
+      if at > start:
+        found.append((kind, between, tokens[start:at]))
+        kind, between = "", []
+      kind, between = stronger(kind, here), [*between, *tokens[at:at + length]]
+      start = at + length
+    at += length or 1
+  if start < len(tokens):
+    found.append((kind, between, tokens[start:]))
+  return _with_subjects(found)
+
+
+def _with_subjects(fragments):
+  """The fragments, of which one that is only a subject begins the next one: "he" and "sits" of "he then sits"."""
+  found: list = []
+  for kind, between, tokens in fragments:
+    if len(found) > 1 and _is_subject(lower(found[-1][2])):
+      before, words, subject = found.pop()
+      kind, between, tokens = stronger(before, kind), [*words, *between], [*subject, *tokens]
+    found.append((kind, between, tokens))
+  return found
+
+
+def _is_subject(words):
+  return words in ([one] for one in lexicon.SUBJECT_PRONOUNS) or (
+      words[0] in lexicon.DETERMINERS and words[-1] in lexicon.PEOPLE - {"one"} and len(words) <= _LONGEST_SUBJECT)
+
+
+def _begins_at_verb(words, start, at):
+  """The connector that is left out before this word of a fragment: "while" in "walks forward waving both hands", "then"
+  in "turns around walks back"; "" where no action begins."""
+  return ("while" if _begins_at_participle(words, start, at) else
+          "then" if _begins_at_finite_verb(words, start, at) else "")
+
+
+def _begins_at_finite_verb(words, start, at):
+  """Whether a verb in the third person follows a whole clause."""
+  verb = verb_of(words[at])
+  if at - start < 2 or verb in ("", words[at]) or not words[at].endswith("s") or (
+      words[at] in {"jacks", *lexicon.PATH_NOUNS} or words[at - 1] in lexicon.PEOPLE):
+    return False
+  clause, before = clause_of(words[start:at]), tag_words(words[start:at])[-1][1]
+  if words[at] in lexicon.STAIRS and (before != "NOUN" or words[at - 1] in lexicon.NUMBERS or (
+      words[at + 1:at + 2] not in ([one] for one in lexicon.DIRECTIONS))):
+    return False  # "walks up the steps", but not "stands with the arms at the sides, steps forward"
+  if clause is None or clause.form.endswith("ed") or clause.verb in lexicon.WITH_ACTIONS_AS_OBJECTS:
+    return False
+  if words[at - 1] == clause.form:  # "a person standing scratches his head"
+    return is_participle(clause.form) and bool(clause.subject)
+  return before in ("ADV", "NOUN") or words[at - 1] in lexicon.DIRECTIONS | {"out"}
+
+
+def _begins_at_participle(words, start, at):
+  """Whether an action of arms or head begins at this word of a fragment."""
+  if not 2 <= at - start <= _LONGEST_CLAUSE or not is_participle(words[at]) or keeps_limbs(words, at) or (
+      (lexicon.BEFORE_A_PARTICIPLE | lexicon.POSSESSIVES) & {words[at - 1], verb_of(words[at - 1])}):
+    return False
+  last_tag = tag_words(words[start:at])[-1][1]
+  clause, own = clause_of(words[start:at]), clause_of(words[at:at + 4])
+  return last_tag not in ("ADP", "DET", "ADJ", "NUM", "AUX") and clause is not None and own is not None and (
+      own.part in ("arms", "head")) and can_be_simultaneous([clause], own)
+
+
+def clauses_of(fragments, keep_together):
+  """[(connector, clause)] of fragments; a fragment that is no action of its own is joined to the one before it.
+
+  keep_together: whether words are one action although they could be two. The connector of a main clause that follows
+  its subordinate clause is "main before" and the like, that of the latter "lead before".
+  """
+  fragments = [(kind, between, list(tokens)) for kind, between, tokens in _with_main_clause(fragments)]
+  result: list = []  # [kind, tokens, clause or None]
+  lead = ""          # a subordinate clause in front waits for its main clause
+  subject: list[str] = []  # of a clause in front that is no action
+  beside: list[str] = []   # what that says of limbs: "with the arms out"
+  for place, (kind, between, tokens) in enumerate(fragments):
+    clause = clause_of(tokens)
+    if clause is None and not result and fragments[place + 1:] and fragments[place + 1][0] == "then" and (
+        state := _state_of(tokens)):
+      subject = state
+      continue  # "is ready, then walks"
+    if clause is None and (kind == "then" or _begins_with_object(tokens[1:])) or (
+        kind == "then" and clause.subject and not is_person(clause.subject)):
+      clause = unknown_verb(tokens) or clause
+    if clause and subject and not result:
+      kept = beside if clause.part == "legs" else []
+      kind, clause, subject, beside = "", clause._replace(
+          subject=clause.subject or subject, words=[*clause.words, *kept]), [], []
+    if not result and clause and place + 1 < len(fragments) and _is_no_action(clause, fragments[place + 1]):
+      subject = clause.subject
+      beside = clause.words if _HELD_LIMBS.match(" ".join(clause.words)) else []
+      continue
+    if not result:
+      lead = kind if kind in _SUBORDINATE else ""
+      result.append([lead and f"lead {lead}" or "", tokens, clause])
+      continue
+    previous = result[-1]
+    if previous[2] is None and kind == "," and clause and is_participle(clause.form) and (
+        is_person(previous[1])) and not lead:
+      result[-1] = ["lead while", tokens, clause._replace(subject=previous[1])]  # "a person, walking forward, waves"
+      lead = "while"
+      continue
+    more = None if previous[2] is None else completed([one for _, _, one in result if one], kind, tokens, clause)
+    clause = clause if more is None else more
+    is_own = more is not None or clause is not None and previous[2] is not None and (
+        _stands_alone(kind, clause, tokens, previous))
+    if is_own and kind in ("and", "while") and keep_together(" ".join([*previous[1], *between, *tokens])):
+      is_own = False
+    if not is_own:
+      _join(previous, [*between, *tokens], clause)
+      continue
+    if lead and kind in (",", "then", "and") and (kind != "and" or clause.subject):
+      kind, lead = f"main {lead}", ""
+    result.append([kind, tokens, clause])
+  return [(kind, clause and with_numbers(clause)) for kind, _, clause in result]
+
+
+def _state_of(tokens):
+  """The subject of a fragment that says how somebody is, and names no action: "a man" of "a man is ready"; else []."""
+  words = lower(tokens)
+  at = next((at for at, word in enumerate(words) if word in lexicon.BEING), 0)
+  return tokens[:at] if at and is_person(words[:at]) else []
+
+
+def _is_no_action(clause, then):
+  """Whether a clause in front says no more than where somebody is: "starts in a spot", "a man standing" (waves),
+  "from a standing position"."""
+  if clause.verb in lexicon.STARTING:
+    return clause.words[:1] and clause.words[0].lower() in lexicon.AT_A_PLACE
+  kind, between, _ = then
+  if clause.verb in lexicon.IDLE and lower(clause.before)[:1] == ["from"]:
+    return True
+  return clause.verb in lexicon.IDLE and is_participle(clause.form) and kind == "then" and not between
+
+
+def _join(previous, tokens, clause):
+  """Adds tokens, whose own clause is given, to the fragment [kind, tokens, clause] before them."""
+  previous[1] += tokens
+  if previous[2] is not None:
+    again = clause_of(previous[1])
+    if previous[2].reworded or again is not None and again.reworded:
+      previous[2] = again  # "takes a bow and a step back", "goes ahead and to the left without turning"
+    else:
+      previous[2].words.extend(tokens)
+  elif clause is not None:
+    previous[2] = clause_of(previous[1])
+
+
+def _with_main_clause(fragments):
+  """The fragments, the first cut where its main clause begins without a comma: "after she sits she gets up"."""
+  if not fragments or fragments[0][0] not in _SUBORDINATE:
+    return fragments
+  (kind, between, tokens), *rest = fragments
+  words = lower(tokens)
+  for at in range(1, len(words)):
+    clause = clause_of(tokens[at:]) if words[at] in lexicon.SUBJECT_PRONOUNS | lexicon.DETERMINERS else None
+    subject = lower(clause.subject) if clause is not None else []
+    begins = subject and subject[-1] in lexicon.PEOPLE and not is_participle(clause.form) and not (
+        lexicon.DETERMINERS & set(subject[1:]))
+    if begins and len(subject) <= _LONGEST_SUBJECT and clause_of(tokens[:at]) is not None:
+      return [(kind, between, tokens[:at]), (",", [","], tokens[at:]), *rest]
+  return fragments
+
+
+def _stands_alone(kind, clause, tokens, previous):
+  """Whether a fragment after a connector is an action, and not more words of the one before."""
+  if clause.subject and not is_person(clause.subject):
+    return False
+  if clause.verb == "land" and is_a(previous[2].verb, "jump", "hop"):
+    return False  # "jumps up, then lands"
+  if kind == "and" and not previous[2].words and previous[2].verb in lexicon.OF_AN_OBJECT and clause.words:
+    return False  # "lifts and bends his right leg"
+  if kind == "," and is_participle(clause.form) and not can_be_simultaneous([previous[2]], clause):
+    return clause.verb in lexicon.HALTING_VERBS  # "walks, stopping", but not "walks, turning left"
+  if kind in ("and", ","):
+    if _ends_in_nouns(previous[2]) or clause.verb in lexicon.LIGHT_VERBS and (
+        lexicon.PATH_NOUNS & set(lower(clause.words))):
+      return False  # "walks and makes a u-turn"
+    if clause.form.endswith("ed") and not clause.subject and not previous[2].form.endswith("ed") and not (
+        _begins_with_object(clause.words)):
+      return False  # "walks forward, directed to the right", but not "sits down and crossed his legs"
+    begins = is_participle(lower(tokens)[0])
+    if not begins and is_participle(clause.form) and clause.verb == previous[2].verb and not clause.words:
+      return False  # "walks forward and keeps walking"
+    if begins and kind == "and" and previous[2].form != clause.form and not (
+        is_participle(previous[2].form) or "is" in previous[2].subject or previous[0] in ("while", ",")):
+      return False  # "walks with jumping and singing"
+    return bool(verb_of(clause.form.lower()) or previous[2].words and _begins_with_object(clause.words))
+  if kind == "while" and not previous[0].startswith("lead") and not can_be_simultaneous([previous[2]], clause):
+    return False  # "turns left while walking"
+  if kind in _SUBORDINATE:
+    return bool(clause.subject or is_participle(clause.form) or kind == "until" or not clause.before)
+  return True
+
+
+def _begins_with_object(words):
+  return lower(words[:1]) in ([one] for one in {"both", *lexicon.DETERMINERS, *lexicon.POSSESSIVES, *lexicon.LIMBS})
+
+
+def _ends_in_nouns(clause):
+  """Whether a clause ends in a thing that looks like a verb: "throws punches" (and kicks)."""
+  last = clause.words[-1].lower() if clause.words else ""
+  return last.endswith("s") and verb_of(last) not in ("", "cross") and last not in ("arms", "hands", "steps")

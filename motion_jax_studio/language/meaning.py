@@ -1,0 +1,133 @@
+"""What a verb means in the verbs that a model knows: one mechanism for synonyms and for kinds of an action.
+
+  Meanings(captions, encoder).of("retreat")  ->  Meaning("walk", ("backward",), 0.85)
+
+A model knows the verbs of its training captions. Another verb stands for the known one whose features the text encoder
+finds most alike, and where the encoder has not learned it for the surest one of WordNet (`motion_jax.text.wordnet`), if
+captions have words for the manner of it: to amble is to walk slowly, and to tiptoe is no walk that "walk" describes.
+Below `SURE` a verb has no meaning here: the model gets the words as they are.
+"""
+import collections
+import functools
+import re
+from collections.abc import Iterable
+from typing import Any, NamedTuple
+
+from motion_jax.text import wordnet
+from motion_jax.text.encoder import SYNONYM
+from motion_jax.text.lexicon import ACTIONS, VERBS
+from motion_jax.text.morphology import is_participle, possible_bases, present_participle, third_person, verb_of
+from motion_jax.text.wordnet import Target
+from motion_jax_studio.language import lexicon
+from motion_jax_studio.language.actions import part_of
+
+SURE = SYNONYM  # confidence from which a verb is replaced
+_CLOSE = 0.2  # what the confidence of a kind may lack to that of the surest one
+_ENOUGH, _WELL = 3, 20  # captions that name an action which a model knows, and which it knows well
+_HELD_SECONDS = 1.5  # of a pose such as a crouch, where no time is given
+_PLAIN = frozenset("slowly quickly forward backward".split())  # words of manner that every model's captions have
+_NO_TARGETS = frozenset(VERBS[""]) | frozenset(
+    "do perform play practice take get put place hold go come move cover".split())
+
+
+_NO_LEGS = VERBS["arms"] | VERBS["torso"] | VERBS["head"] | VERBS[""]  # swings, also of the body
+_OBJECTS = frozenset("it them him her".split())
+_WAYS = frozenset("forward forwards ahead along back backward backwards sideways up down left right around away"
+                  .split())
+
+
+class Meaning(NamedTuple):
+  """A known verb, the words of manner and direction that another verb adds to it, and how sure that is (0 to 1)."""
+  verb: str
+  manner: tuple[str, ...]
+  confidence: float
+
+
+@functools.lru_cache(maxsize=1 << 12)
+def _stands_for(verb):
+  return (lexicon.OWN_MEANINGS[verb],) if verb in lexicon.OWN_MEANINGS else wordnet.targets(verb)
+
+
+@functools.lru_cache(maxsize=1 << 12)
+def kind_of(verb: str, *kinds: str) -> Target | None:
+  """The one of some verbs of which a verb is a kind, with its manner: walk and "slowly" for stroll; None where it is
+  none of them."""
+  if verb in kinds:
+    return Target(verb, 1.0)
+  found = () if verb in _NO_LEGS else _stands_for(verb)
+  return next((one for one in found if one.verb in kinds and one.confidence >= max(SURE, found[0].confidence - _CLOSE)),
+              None)
+
+
+def is_a(verb: str, *kinds: str) -> bool:
+  """Whether a verb is one of some kinds of action: to sprint is to run."""
+  return kind_of(verb, *kinds) is not None
+
+
+def pace_of(word: str) -> str:
+  """"quickly" or "slowly" for an adjective or adverb of pace, as brisk and leisurely are; "" for another word."""
+  return lexicon.OWN_PACES[word] if word in lexicon.OWN_PACES else wordnet.pace_of(word)
+
+
+class Meanings:
+  """The actions that a model's training captions name, and what other verbs mean in them."""
+
+  def __init__(self, captions: Iterable[str], encoder: Any) -> None:
+    self._captions, self._encoder = captions, encoder
+
+  @functools.cached_property
+  def words(self) -> collections.Counter:
+    """{word: how often captions have it}."""
+    return collections.Counter(re.findall(r"[a-z]+", " ".join(self._captions).lower()))
+
+  @functools.cached_property
+  def verbs(self) -> collections.Counter:
+    """{verb: how often captions name it}, of those that they name often enough: the actions that the model knows."""
+    counts: collections.Counter = collections.Counter()
+    for word, count in self.words.items():
+      counts[verb_of(word)] += count
+    return collections.Counter({verb: count for verb, count in counts.items() if verb and count >= _ENOUGH})
+
+  @functools.lru_cache(maxsize=1 << 10)  # noqa: B019  (as long as the model lives)
+  def of(self, verb: str) -> Meaning | None:
+    """The meaning of a verb in base form; None of one that the model knows, and of one that means nothing it knows."""
+    if verb in self.verbs or verb in _NO_TARGETS or not self._targets:
+      return None
+    known = self.verbs if verb in lexicon.OWN_MEANINGS else self._targets
+    table = [one for one in _stands_for(verb) if one.verb in known]
+    forms = {verb, third_person(verb), present_participle(verb)}
+    if verb not in lexicon.OWN_MEANINGS and not forms.isdisjoint(self._encoder.known_words):
+      near = verb_of(self._encoder.synonym(third_person(verb), [third_person(one) for one in self._targets]))
+      table = [Target(near, SYNONYM, one.manner) for one in table if one.verb == near] or [Target(near, SYNONYM)]
+    said = [one for one in table if one.verb and self._says(one.manner)]
+    best = max(said, key=lambda one: one.confidence, default=None)
+    return None if best is None or best.confidence < SURE else Meaning(best.verb, best.manner, best.confidence)
+
+  @functools.cached_property
+  def _targets(self):
+    return sorted(verb for verb, count in self.verbs.items() if count >= _WELL and verb in ACTIONS - _NO_TARGETS)
+
+  def _says(self, manner):
+    """Whether captions have words for a manner."""
+    return all(word in _PLAIN or word == lexicon.HELD or any(form in self.words for form in possible_bases(word))
+               for word in manner)
+
+
+def translated(clause: Any, meanings: Meanings | None) -> Any:
+  """The clause in the words that a model knows: "retreats to the door" becomes "walks backward to the door"."""
+  meaning = meanings.of(clause.verb) if meanings is not None else None
+  if meaning is None or part_of(meaning.verb, clause.words) != part_of(meaning.verb, ()):  # "rotates the wrists"
+    return clause
+  if part_of(meaning.verb, ()) == "legs" and clause.words and (
+      clause.words[0].lower() in lexicon.POSSESSIVES | {"it", "them", "something", "someone", "somebody"}):
+    return clause  # "returns his left foot"
+  if lexicon.HELD in meaning.manner:  # keeps its verb, and with it all that is known of the pose
+    form = present_participle(meaning.verb) if is_participle(clause.form) else third_person(meaning.verb)
+    return clause._replace(form=form, reworded=True, seconds=clause.seconds or _HELD_SECONDS)
+  said = {word.lower() for word in (*clause.before, *clause.words)}
+  way = [word for word in meaning.manner if word in _WAYS and said.isdisjoint(_WAYS)]
+  manner = [word for word in meaning.manner if word not in _WAYS and not any(map(pace_of, said))]
+  form = present_participle(meaning.verb) if is_participle(clause.form) else meaning.verb
+  first = next((at for at, word in enumerate(clause.words) if word.lower() not in _WAYS | _OBJECTS), len(clause.words))
+  words = [*way, *clause.words[:first], *manner, *clause.words[first:]]  # "walks backward slowly to the door"
+  return clause._replace(verb=meaning.verb, form=form, words=words, reworded=True)

@@ -1,0 +1,206 @@
+"""A sentence becomes a Plan, by rule: no language model and no learning.
+
+  parse("After sitting down, an old man walks forward while waving, then stops.").summary
+  -> sits down | walks forward + waves | stands still, all of them of "an old man"
+
+The steps, one file each: the text is cut into clauses (`clauses`, with `connectors`, `light_verbs`, `ellipsis` and
+`counting`), the clauses are put in order (`ordering`), made into segments (here), and poses are kept (`poses`). Words
+that no rule covers stay with the action before them: "up and down", "back and forth", "with anger and pride".
+"""
+import re
+from collections.abc import Callable
+
+from motion_jax.text.morphology import is_participle, is_past, third_person, verb_of
+from motion_jax_studio.language import actions, lexicon
+from motion_jax_studio.language.clause import lower
+from motion_jax_studio.language.clauses import clauses_of, fragments_of
+from motion_jax_studio.language.counting import without
+from motion_jax_studio.language.lexicon import HOLD, PAUSE
+from motion_jax_studio.language.meaning import Meanings, is_a, translated
+from motion_jax_studio.language.ordering import in_order, subject_of
+from motion_jax_studio.language.plan import Plan
+from motion_jax_studio.language.poses import holding, is_hold, with_poses
+from motion_jax_studio.language.rule import Rule
+from motion_jax_studio.language.segments import Action, Segment, pause
+
+_ON_THE_WAY = re.compile(r" on (?:the|his|her|their) way\Z")
+_TURN_TO_A_SIDE = re.compile(r"(?:\w+ly )?(?:turns?|walks? and makes? a) (?:\w+ly )?(?:to (?:the|his|her|their) )?"
+                             rf"(?:left|right)(?: turn)?(?:{_ON_THE_WAY.pattern})?")
+_WAY_BACK = re.compile(r"((?:\w+ly )?\w+) back\b(?!wards?\b| and forth)"
+                       r"(?: (?:to|the way|where|towards?|in the)\b.*)?")
+_NOT_FORWARD = frozenset("backward backwards back sideways turns turn circle around diagonally".split())
+_HANDS_UP = re.compile(r"\bwith (?:(?:his|her|their|its|the|a|an|one|both) )*((?:left |right )?)(hands?|arms?) "
+                       r"(?:(?:held|stretched|lifted) )?(?:raised|lifted|up|in the air|high|overhead|"
+                       r"(?:above|over) (?:(?:his|her|their|the) )?head)(?: (?:up|high|in the air))?\b")
+
+
+def parse(text: str, known: Callable[[str], bool] | None = None, meanings: Meanings | None = None) -> Plan:
+  """The Plan of a sentence, or of several; one segment with the text as it is where it cannot be split.
+
+  known: whether a model has learned such words as one action; these stay together ("walks and turns left"), and so does
+  any turn to a side on one's way. meanings: of verbs, in those that the model knows.
+  """
+  fragments = fragments_of(text)
+  clauses = [clause and translated(clause, meanings) for _, clause in clauses_of(fragments, lambda text: True)]
+  whole = tuple(_action(clause, lower(clause.subject) or lexicon.DEFAULT_SUBJECT)
+                for clause in clauses if clause is not None)
+  split = _segments(text, fragments, lambda text: False, meanings)
+  segments = split if known is None else _on_the_way(_segments(text, fragments, known, meanings), text)
+  all_actions = whole if split is None else tuple(
+      action for segment in split for action in (segment.action, *segment.simultaneous))
+  single = whole[0] if len(whole) == len(clauses) == 1 else None
+  plain = (Segment(Action(text, text)),)
+  return Plan(text, segments or plain, all_actions, single, split or plain)
+
+
+def _segments(text, fragments, known, meanings):
+  """The segments of a text, None where it stays as it is."""
+  joined = [] if known(text) else [
+      (kind, clause and translated(clause, meanings)) for kind, clause in clauses_of(fragments, known)]
+  clauses = [clause for _, clause in joined]
+  if not clauses or None in clauses:
+    return None
+  subject = subject_of(clauses)
+  groups = subject and in_order(joined)
+  if not groups:
+    return None
+  who = " ".join(subject)
+  segments = [part for group in groups for part in holding(_segment(group, subject))]
+  if any(clause.steps for clause in groups[-1]) and segments[-1].seconds:  # after its steps the body stands there
+    segments.append(pause(who, None))
+  found = with_poses(_with_ways_back(segments), who)
+  return None if Plan(text, found).is_plain else found
+
+
+def _with_ways_back(segments):
+  """The segments, of which a turn before a walk back goes around, and the walk is one ahead, to where one came from."""
+  found = list(segments)
+  for place, (turn, back) in enumerate(zip(segments, segments[1:])):
+    one, other = turn.action, back.action
+    if not (_WAY_BACK.match(other.words) and is_a(other.verb, "walk", "run")) or turn.simultaneous or not (
+        one.verb in lexicon.TURNING or one.verb == "swing" and "around" in one.words.split()):
+      continue
+    sides = {"left", "right"} & set(one.words.lower().split())
+    words = " ".join(["turns around", *(f"to the {side}" for side in sides if len(sides) == 1)])
+    found[place] = turn._replace(action=one._replace(
+        prompt=f"{one.subject} {words}", words=words, part="legs", verb="turn", reworded=True))
+    words = _WAY_BACK.sub(r"\1 forward", other.words)
+    found[place + 1] = back._replace(action=other._replace(
+        prompt=f"{other.subject} {words}", words=words, reworded=True, goes_back=True))
+  return found
+
+
+def _on_the_way(segments, text):
+  """The segments, of which a walk or run and a turn to a side after it are one, as captions say them: "walks forward
+  and turns left"; None where no more than the text is left. A turn before another walk is an action of its own."""
+  found: list[Segment] = []
+  for segment, after in zip(segments or (), [*(segments or ())[1:], None]):
+    before, turn = found[-1] if found else None, segment.action
+    walks_on = after is not None and is_a(after.action.verb, "walk", "run")
+    if before and _goes_on(before) and not any((walks_on, segment.simultaneous, segment.seconds, turn.times > 1)) and (
+        _TURN_TO_A_SIDE.fullmatch(turn.words)):
+      words = _ON_THE_WAY.sub("", f"{before.action.words} and {turn.words}")
+      found[-1] = before._replace(action=before.action._replace(
+          prompt=f"{before.action.subject} {words}", words=words,
+          reworded=before.action.reworded or turn.reworded and "turn" not in text.lower()))
+    else:
+      found.append(segment)
+  return tuple(found) if found and not Plan(text, tuple(found)).is_plain else None
+
+
+def _goes_on(segment):
+  """Whether a segment is a walk or run forward and nothing else."""
+  action = segment.action
+  return is_a(action.verb, "walk", "run") and not any((segment.simultaneous, segment.seconds, action.times > 1)) and (
+      _NOT_FORWARD.isdisjoint(action.words.split()))
+
+
+def _segment(group, subject):
+  """The Segment of simultaneous clauses; the one whose part comes first in PARTS is the base of the motion."""
+  ordered = sorted(group, key=lambda clause: actions.PARTS.index(clause.part) if clause.part else -1)
+  found = []
+  for clause in ordered:
+    action = _action(clause, subject)
+    hands = _HANDS_UP.search(action.words.lower()) if action.part == "legs" else None
+    found += [action] if hands is None else _with_hands_up(action, hands)
+  seconds = [clause.seconds for clause in ordered if clause.seconds is not None]
+  if not seconds and found[0].words in (PAUSE, HOLD):
+    words = " ".join(lower(ordered[0].words))
+    seconds = [time for name, time in lexicon.PAUSE_SECONDS.items() if name in words]
+  return Segment(found[0], tuple(found[1:]), seconds[0] if seconds else None)
+
+
+def _with_hands_up(action, hands):
+  """The action without "with the right hand raised", and the raised hand as a pose."""
+  words, side, several = without(action.words, hands), hands[1].strip(), hands[2].endswith("s")
+  raised = f"raises the {side} hand" if side else "raises both hands" if several else "raises a hand"
+  sides = (side,) if side else ("left", "right") if several else ()
+  return [action._replace(words=words, prompt=f"{action.subject} {words}"),
+          Action(f"{action.subject} {raised}", raised, "arms", sides, is_pose=True, subject=action.subject)]
+
+
+def _action(clause, subject):
+  """The Action of a clause, with the subject of the sentence."""
+  who, words = " ".join(subject), _words_of(clause, subject)
+  said = [word for word in lower(clause.words) if word.isalpha()]
+  in_the_past = _is_past(clause) and (not clause.subject or clause.subject[-1].lower() in lexicon.PEOPLE)
+  rest = set(said) - lexicon.SHORT_TIMES
+  keeps_a_limb = bool(actions.postures_of(words))
+  stands = clause.verb in ("stand", "stay") and said[:1] == ["still"] or (
+      clause.verb == "stand" and not clause.words and not is_participle(clause.form))
+  pauses = clause.verb in lexicon.PAUSING_VERBS and not (clause.verb == "rest" and rest) or (
+      clause.verb in ("finish", "quit") and not said)
+  if (stands or pauses) and not keeps_a_limb:
+    return Action(f"{who} {PAUSE}", PAUSE, "legs", verb="stand", reworded=clause.reworded, subject=who)
+  if pauses:  # "stops with the arms crossed"
+    clause = clause._replace(verb="stand", form="stand", words=["still", *clause.words])
+    words = _words_of(clause, subject)
+  if is_hold(clause.verb, rest):
+    return Action(f"{who} {words}", HOLD, "legs", verb="stand", subject=who)
+  return Action(f"{who} {words}", words, clause.part, actions.sides_of(lower(clause.words)), clause.times, clause.verb,
+                reworded=clause.reworded or in_the_past, counts_steps=clause.steps, subject=who)
+
+
+def _is_past(clause):
+  """Whether a clause is in the past tense; a passive stays as it is, and so does "a blind folded person"."""
+  return is_past(clause.form) and not {"is", "are", *lexicon.DETERMINERS} & set(lower(clause.before))
+
+
+def _words_of(clause, subject):
+  """The words of a clause without its subject, the verb in the third person: "slowly walks forward"."""
+  is_plural = subject[-1] in lexicon.PLURAL_SUBJECTS or (
+      len(subject) > 1 and lexicon.NUMBERS.get(subject[0], 1) > 1)
+  form = clause.form
+  if form == clause.verb or is_participle(form) or _is_past(clause):
+    base = clause.verb if form == clause.verb else verb_of(form)
+    form = base if is_plural else third_person(base)
+  words = " ".join([*lower(clause.before), form, *clause.words])
+  return re.sub(r"\s+([,.;:!?%)])", r"\1", words).rstrip(" .,;:!?-–—").replace("( ", "(")
+
+
+RULES = (
+    Rule("Past tense", "Captions are in the present tense, and so is what the model gets; passives stay as they are.", {
+        "the person walked forward and then turned around": "walks forward | turns around",
+        "a person was pushed, then he fell": "is pushed | falls",
+        "a person sits down and crossed his legs": "sits down | crosses his legs"}),
+    Rule("Raised hands", "\"with the right hand raised\": the hand stays up during the action.", {
+        "a person walks with the right hand raised": "walks + raises the right hand",
+        "a person walks with both arms up then sits": "walks + raises both hands | sits",
+        "a person with the left hand raised walks, then sits": "walks + raises the left hand | sits"}),
+    Rule("Kept limbs", "How a limb is kept or moves beside an action is no action of its own.", {
+        "a person with knees bent raises the left hand, then bows": "raises the left hand | bows",
+        "a man walks with his arms swinging, then sits": "walks with his arms swinging | sits",
+        "a kneeling man raises the left hand, then stands up": "raises the left hand | stands up"}),
+    Rule("Other verbs", "A word in the third person with an object is an action, although no list has it.", {
+        "a person walks forward, clasps hands and bows": "walks forward | clasps hands | bows",
+        "a man steps back and shields his face": "walks backward [0.8] | shields his face"}),
+    Rule("Backing away", "Backing up, away or off is walking backward.", {
+        "a person was backing away, then bows": "walks backward | bows",
+        "a person bows and backs up slowly": "bows | walks backward slowly"}),
+    Rule("Ways back",
+         "A turn before a walk back goes around, and the walk goes ahead, to where the body came from.", {
+        "a person walks forward, turns and walks back to where he started":
+            "walks forward | turns around | walks forward",
+        "a man walks forward, then turns to walk back": "walks forward | turns around | walks forward",
+        "someone runs ahead, spins to the left and runs back": "runs ahead | turns around to the left | runs forward"}),
+)

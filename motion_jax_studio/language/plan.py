@@ -1,0 +1,68 @@
+"""The Plan of a sentence: segments one after the other, and the actions that happen at the same time in each."""
+import dataclasses
+import functools
+
+from motion_jax_studio.language.path_shapes import PathShape, min_duration, path_shapes_of
+from motion_jax_studio.language.requirements import Requirement, requirements_of
+from motion_jax_studio.language.segments import Action, Segment
+
+
+@dataclasses.dataclass(frozen=True)
+class Plan:
+  """What a sentence asks for: made once by `parse`, and passed on to whatever needs the meaning of the sentence.
+
+  Two readings are kept. `segments` is for generation: words that a model has learned as one action stay together.
+  `actions` is for checks: all actions of the text, whatever any model has learned.
+  """
+  text: str
+  segments: tuple[Segment, ...]
+  actions: tuple[Action, ...] = ()
+  single: Action | None = None  # the text read as one action by its first verb; None where that cannot be
+  split: tuple[Segment, ...] = ()  # the segments where no action is kept together because a model has learned it
+
+  @property
+  def sampled(self) -> tuple[Action, ...]:
+    """The actions that a model samples, in order; a pause only where it is all there is."""
+    first, *others = self.segments
+    return tuple(one for part in self.segments for one in part.sampled) if others else (
+        first.action, *first.simultaneous)
+
+  @property
+  def prompts(self) -> list[str]:
+    """The prompts that a model gets, one per sampled action, without duplicates."""
+    return list(dict.fromkeys(one.prompt for one in self.sampled))
+
+  @property
+  def summary(self) -> str:
+    """The segments for a reader: "walks forward + waves | stands still [2]", with durations in seconds."""
+    return " | ".join(one.words + (f" [{one.seconds:g}]" if one.seconds else "") for one in self.segments)
+
+  @property
+  def is_plain(self) -> bool:
+    """Whether it is one action and nothing else, so that a model gets the text as it was written."""
+    first = self.segments[0]
+    return len(self.segments) == 1 and not first.simultaneous and first.action.times == 1 and (
+        first.seconds is None and not first.action.reworded)
+
+  @functools.cached_property
+  def requirements(self) -> list[Requirement]:
+    """What a motion of this text has to show, as far as it can be measured on joints."""
+    return requirements_of(self.actions, self.text)
+
+  @functools.cached_property
+  def path_shapes(self) -> list[PathShape]:
+    """Shape and pace of the path that the text describes."""
+    return path_shapes_of(self.actions)
+
+  @property
+  def min_duration(self) -> float:
+    """Seconds that the path takes at least: time for a full circle; 0 for other paths."""
+    return min_duration(self.actions)
+
+  def with_segments(self, segments: tuple[Segment, ...]) -> "Plan":
+    """The same plan with other segments; what the text asks for stays."""
+    return dataclasses.replace(self, segments=tuple(segments))
+
+  def fully_split(self) -> "Plan":
+    """The plan in which no action is kept together because a model has learned it."""
+    return self.with_segments(self.split or self.segments)

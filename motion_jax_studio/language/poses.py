@@ -1,0 +1,90 @@
+"""Pauses and poses that are kept: a body that sits stays seated while it waits, and arms may act above it."""
+from motion_jax_studio.language import actions, lexicon
+from motion_jax_studio.language.clause import lower
+from motion_jax_studio.language.lexicon import HOLD, PAUSE
+from motion_jax_studio.language.rule import Rule
+from motion_jax_studio.language.segments import Action, Segment
+
+
+def is_hold(verb, words):
+  """Whether a verb and the words after it say that nothing moves: "stays seated", "holds the pose", "does not move"."""
+  if verb in ("stay", "remain", "hold", "keep"):
+    return words <= lexicon.POSE_WORDS and (verb in ("stay", "remain") or bool(words & lexicon.POSE_NOUNS))
+  return verb == "do" and words in ({"not", "move"}, {"nothing"})
+
+
+def hold(who: str) -> Action:
+  """Keeping the pose that the action before ends in."""
+  return Action(f"{who} {HOLD}", HOLD, "legs", verb="stand", subject=who)
+
+
+def holding(segment):
+  """The segments of an action with a duration: a raised hand or a low body is kept so long."""
+  action = segment.action
+  if segment.seconds is None or segment.simultaneous or action.times > 1 or not (
+      action.verb in ("raise", "lift") and action.part == "arms" or action.verb in lexicon.LOW):
+    return [segment]
+  return [segment._replace(seconds=None), Segment(hold(action.subject), (), segment.seconds)]
+
+
+def with_poses(segments, who):
+  """The segments, in which a pause or an action of arms and head keeps the low pose before it.
+
+  With no pose before it a hold is a pause, but for "stays seated", which is an action then.
+  """
+  found, low = [], False
+  for segment in map(_without_beside, _without_repeated_pauses(segments)):
+    action, before = segment.action, found[-1] if found else None
+    if action.words == HOLD and before is None and lexicon.LOW_POSES & set(action.prompt.split()):
+      action = action._replace(words=action.prompt.removeprefix(who + " "))
+    elif action.words == HOLD and (before is None or segment.simultaneous and not low):
+      action = action._replace(prompt=f"{who} {PAUSE}", words=PAUSE, reworded=True)
+    elif action.words == PAUSE and (low or before is not None and before.hold_pose and not segment.simultaneous):
+      action = action._replace(prompt=f"{who} {HOLD}", words=HOLD)
+    elif low and all(map(_stays_low, (action, *segment.simultaneous))):
+      segment = segment._replace(simultaneous=(action, *segment.simultaneous))
+      action = hold(who)
+    found.append(segment._replace(action=action))
+    low = action.verb in lexicon.LOW or low and found[-1].hold_pose
+  return tuple(found)
+
+
+def _without_beside(segment):
+  """The segment without pauses and holds beside its action: "steps back while holding still" steps back."""
+  return segment._replace(simultaneous=tuple(one for one in segment.simultaneous if one.words not in (PAUSE, HOLD)))
+
+
+def _stays_low(action):
+  return actions.stays_low(action.verb, action.part, lower(action.words.split()))
+
+
+def _without_repeated_pauses(segments):
+  """The segments, of which a pause without a duration after another pause is left out: "stops and stands still"."""
+  return [one for one, before in zip(segments, (None, *segments))
+          if before is None or not (one.is_pause and before.is_pause and one.seconds is None)]
+
+
+RULES = (
+    Rule("Pause", "\"stops\", \"pauses\", \"waits\", \"stands still\": the body stands still, 2 s where no duration is "
+         "given.", {
+             "a person walks, pauses for two seconds, then runs": "walks | stands still [2] | runs",
+             "a person walks, stops and then waves": "walks | stands still | waves"}),
+    Rule("Kept pose", "\"stays there\", \"remains seated\", \"holds it up\", \"does not move\": the pose is kept, "
+         "2 s (a moment 1 s, a while 4 s).", {
+             "a person sits down on a chair, stays there and stands up again":
+                 "sits down on a chair | holds still | stands up again",
+             "a person raises the left arm and holds it up": "raises the left arm | holds still",
+             "a person walks, then does not move for a moment": "walks | holds still [1]",
+             "a person remains standing": "stands still"}),
+    Rule("Pause of a low body", "A body that sits, kneels or lies keeps its pose in a pause.", {
+        "a man sits down and waits": "sits down | holds still",
+        "a person sits down, rests for a while and stands up": "sits down | holds still [4] | stands up"}),
+    Rule("Duration of a pose", "A duration of raising a hand, or of sitting, is that of the pose.", {
+        "a person raises the left arm for three seconds": "raises the left arm | holds still [3]",
+        "a person sits for five seconds, then walks": "sits | holds still [5] | walks"}),
+    Rule("Arms above a low pose", "Arms and head act above the pose, which is kept until the legs act.", {
+        "a person sits down and waves": "sits down | holds still + waves",
+        "a person sits down, lifts the left arm and nods, then stands up":
+            "sits down | holds still + lifts the left arm | holds still + nods | stands up",
+        "a person kneels and lifts a box": "kneels | lifts a box"}),
+)

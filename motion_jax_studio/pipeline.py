@@ -1,0 +1,311 @@
+"""The application's door: from a prompt to a motion that shows what it asks for."""
+import dataclasses
+import os
+import warnings
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any
+
+import jax
+
+from motion_jax.control.files import constraints_of
+from motion_jax.data.clip import Clip
+from motion_jax.data.mirror import mirror_legs
+from motion_jax.loading import load
+from motion_jax.models import arguments
+from motion_jax.models.base import Frames, Prompts, cannot, each, keys_of
+from motion_jax.models.pasting import Spans, requested_frames
+from motion_jax.models.results import Motion, Motions, gathered
+from motion_jax.motion.step_records import record
+from motion_jax.shapes import Array
+from motion_jax.utils.errors import InputError
+from motion_jax.utils.numerals import as_float, checked, require_numbers
+from motion_jax_studio import editing, steps
+from motion_jax_studio.blending import blended
+from motion_jax_studio.checks import MAX_ATTEMPTS, prompt_notes
+from motion_jax_studio.constraining import is_constrained, target_frames
+from motion_jax_studio.language import Plan
+from motion_jax_studio.planning import durations, sequencing
+from motion_jax_studio.planning.independent import sample_independently
+from motion_jax_studio.planning.job import Job, plan_records
+from motion_jax_studio.planning.planner import Planner
+from motion_jax_studio.planning.segments import prompts_in_sequence, segments_of
+from motion_jax_studio.step_names import EDIT, EXTEND, GENERATE, MULTI_PROMPT, left_out
+from motion_jax_studio.streaming import PlannedStream
+
+Step = Callable[[Job], None]
+Segments = Sequence[tuple[str, float | None]]  # prompts and their seconds
+STEPS = (steps.Plan(), steps.Warn(), steps.CleanUp(), steps.Sample(), steps.Pose(), steps.Correct(), steps.Check(),
+         steps.Constrain())
+
+
+class Pipeline:
+  """A model with all that turns its samples into motion for use, as a list of steps.
+
+    pipeline = Pipeline("cmdm-small")
+    motion = pipeline("a person walks while waving, then sits down", seed=0)
+    motions = pipeline(["a person waves", "a person kicks"], seconds=4)
+
+  Plan: the prompt becomes segments, simultaneous actions and durations. Warn: of words the model has not learned.
+  CleanUp: feet are pinned. Sample: one pass of the network for each part; parts are joined. Pose: hands, trunk and
+  course come to where the plan has them. Correct: small faults are mended, such as left for right. Check: best of four
+  attempts. Constrain: paths and poses are met exactly.
+  Leave a step out of the list, or out of a call by its name, as in pipeline(prompt, without=("correct", "pose")), or
+  add a function of a `Job`, to change what is done. motion.meta["steps"] lists what each step did, in which frames and
+  by how much. `Pipeline(model, steps=[steps.Sample()])` is `model.generate`.
+  """
+
+  def __init__(self, model: Any = "cmdm-small", steps: Iterable[Step] = STEPS) -> None:
+    """model: a shipped name, a run folder, or a model that was loaded."""
+    self.model = load(model) if isinstance(model, str | os.PathLike) else model
+    self.steps = tuple(steps)
+    self.planner = Planner(self.model)
+    self.warns = True  # False where warnings would not be read
+
+  def __repr__(self) -> str:
+    return f"Pipeline({self.model!r}, steps=[{', '.join(map(repr, self.steps))}])"
+
+  # --- prompts -----------------------------------------------------------------------------------------------------
+
+  def plan(self, prompt: str, postures: bool = True) -> Plan:
+    """The segments, simultaneous actions and repetitions of a prompt, as `pipeline(...)` samples them.
+
+    postures: False for a motion with constraints, as it is sampled without postures.
+    """
+    found = self.planner.plan(*self.model.prompts_of(prompt))
+    return self.planner.with_postures(found) if postures else found
+
+  def schedule(self, prompt: str | Plan, frames: float | None = None, control: Any = None
+               ) -> tuple[Plan | None, list[int]]:
+    """(the plan with its final pause, frames of each segment) as `pipeline(plan, frames, control=control)` samples it;
+    of a prompt that is no plan (None, its frames)."""
+    plan, (constraints,) = prompt if isinstance(prompt, Plan) else None, constraints_of(control, 1)
+    text = prompt.text if isinstance(prompt, Plan) else prompt
+    if frames is None and is_constrained(constraints):
+      frames = target_frames(self.planner, text, plan, constraints)
+    plan = durations.with_final_pause(self.planner, plan, frames)
+    return plan, durations.segment_frames(self.planner, text, plan, frames)
+
+  def notes(self, prompts: Iterable[str | Plan], plan: bool = True, postures: bool = True) -> list[str]:
+    """Sentences on words and actions of prompts, or plans, that the model has not learned, with suggestions.
+
+    plan: a prompt is judged action by action, not as a whole. postures: hands and trunk come to where a prompt has
+    them, as in `pipeline(...)` and not in streams and lists of segments.
+    """
+    return prompt_notes.notes_of(self.planner, [
+        self.plan(one, postures) if plan and isinstance(one, str) else one for one in prompts], postures)
+
+  def warn(self, prompts: Iterable[str | Plan], plan: bool = True, postures: bool = False) -> None:
+    """Warns with `notes` of prompts, where warnings are read."""
+    for note in self.notes(list(prompts), plan, postures) if self.warns else ():
+      warnings.warn(note, stacklevel=3)
+
+  def _sampling(self, sampling):
+    """Choices of sampling, with the application's: sentences that name a leg are contrasted with the other leg.
+
+    Raises TypeError for a choice that the model does not have.
+    """
+    known = [*self.model.options.described(), *self.model.more_choices]
+    for name in sampling:
+      if name not in known:
+        raise TypeError(f"{self.model.folder.name} has no argument {name!r}"
+                        f"{arguments.hint(name, known, '; it has ' + ', '.join(known))}")
+    return self._with_contrast(sampling)
+
+  def _with_contrast(self, sampling):
+    if "negative_prompts" in self.model.more_choices:
+      return {"negative_prompts": mirror_legs} | sampling
+    return sampling
+
+  def _require(self, ability):
+    if not self.model.can(ability):
+      raise InputError(cannot(self.model.folder.name, ability))
+
+  # --- motions -----------------------------------------------------------------------------------------------------
+
+  def __call__(self, prompts: Prompts | Plan | Sequence[Plan], num_frames: Frames = None, *,
+               seconds: Frames = None, rng: jax.Array | None = None, seeds: Iterable[int] | None = None,
+               seed: int | None = None, control: Any = None, exact: bool = True, plan: bool = True,
+               cleanup: bool = True, max_attempts: int | None = None, without: str | Iterable[str] = (),
+               **sampling: Any) -> Any:
+    """A Motion of one prompt, or Motions of a list of prompts or plans.
+
+    num_frames or seconds: of all motions or of each; by default as long as the plan takes, or the constraints imply.
+    rng, seed, seeds: see `model.generate`. control: constraints (`motion_jax.control`) for all motions, a list of them
+    for each, a file or a signal; exact: they are met exactly, not only guided towards. without: names of steps to
+    leave out, of `step_names.GENERATE`; plan, cleanup: False leaves out these. max_attempts: instead of the number of
+    the Check step. sampling: choices of the model.
+    """
+    single = isinstance(prompts, str | Plan)
+    given = [prompts] if single else list(prompts) if isinstance(prompts, list | tuple) else prompts
+    done = list(self._steps(without, plan, cleanup, max_attempts))
+    plans = [one if isinstance(one, Plan) else None for one in given]
+    texts = self.model.prompts_of([one.text if isinstance(one, Plan) else one for one in given])
+    keys, seeds = keys_of(rng, seeds, len(texts), seed)
+    job = Job(self.planner, texts, self._frames(texts, num_frames, seconds), keys, seeds, self._sampling(sampling),
+              constraints_of(control, len(texts)), exact=exact, warns=self.warns, plans=plans, steps=done)
+    for step in done:
+      step(job)
+    made = gathered([motion.replace(id=f"motion_{i}", meta=motion.meta | (dict(note=note) if note else {}))
+                     for i, (motion, note) in enumerate(zip(job.motions, job.notes))])
+    return made[0] if single else made
+
+  def _frames(self, prompts, num_frames, seconds):
+    if num_frames is not None and seconds is not None:
+      raise InputError("got both num_frames and seconds; give one of them")
+    if seconds is not None:
+      return [None if one is None else as_float(*require_numbers([one], "seconds", "a number such as 6.0, or one per "
+                                                                                  "prompt")) * self.model.fps
+              for one in each(seconds, prompts)]
+    return each(num_frames, prompts)
+
+  def _steps(self, without=(), plan=True, cleanup=True, max_attempts=None):
+    """The steps of one call."""
+    out = left_out(without, [name for name in dict.fromkeys((*GENERATE, *map(steps.name_of, self.steps)))
+                             if name != steps.Sample.name])
+    out |= _switched_off(plan, cleanup)
+    for step in self.steps:
+      if steps.name_of(step) in out:
+        continue
+      checks = isinstance(step, steps.Check) and max_attempts is not None
+      yield dataclasses.replace(step, max_attempts=checked(max_attempts, 1, 100, "max_attempts")) if checks else step
+
+  def multi_prompt(self, segments: Segments, **options: Any) -> Motion:
+    """One motion of several prompts in sequence, [("a person walks", 4.0), ("he sits down", None), ...] in seconds; see
+    `multi_prompts`."""
+    return self.multi_prompts([segments], **options)[0]
+
+  def multi_prompts(self, lists: Iterable[Segments], *, rng: jax.Array | None = None,
+                    seeds: Iterable[int] | None = None, seed: int | None = None, way: str = "stream",
+                    cleanup: bool = True, plan: bool = True, rest: bool = False, hold_until_done: bool = False,
+                    ease: bool = False, without: str | Iterable[str] = (), **sampling: Any) -> Motions:
+    """A motion of each of several lists of segments; None is the usual length of a prompt.
+
+    plan: a prompt of several actions is as many segments, which share its seconds. way: "stream" and, for a model that
+    has it, "chain" are the model's (`CmdmModel.multi_prompts`), "joined" samples each segment independently and joins
+    them where poses meet, up to 14 frames from where they should. rest: an action that ends by itself, such as a bow,
+    is followed by standing still until its seconds are over. hold_until_done: such an action gets at least its usual
+    time. ease: sudden changes of speed where prompts change are spread over 0.4 s. without: names of steps to leave
+    out, of `step_names.MULTI_PROMPT`.
+    """
+    self._require("multi_prompt")
+    out = left_out(without, MULTI_PROMPT) | _switched_off(plan, cleanup)
+    plan, cleanup = "plan" not in out, "cleanup" not in out
+    lists = [list(one) for one in lists]
+    for one in lists:
+      self.model.segments_of(one)  # raises
+    if not lists:
+      raise InputError("got no prompts, expected a list of (prompt, seconds or None) for each motion")
+    own = self.model.ways
+    if way not in (known := (*(own or ("stream",)), "joined")):
+      raise InputError(f"got way {way!r}, {self.model.id} knows {', '.join(known)}")
+    choice = {"way": way} if own else {}
+    if "warn" not in out:
+      self.warn([prompt for one in lists for prompt, _ in one], plan)
+    rows = [segments_of(self.planner, one, plan) for one in lists]
+    keys, seeds = keys_of(rng, seeds, len(rows), seed)
+    sampling = self._sampling(sampling)
+    if hold_until_done:
+      rows = [[(prompt, max(count, durations.frames_until_done(self.planner, prompt))) for prompt, count in row]
+              for row in rows]
+
+    def sample_segments(*given):  # what is sudden at borders is spread by the joining already
+      return (sample_independently(self.model, *given) if way == "joined" else
+              self.model.sample_segments(*given, **choice, ease=ease))
+
+    planned = [[record("plan", " | ".join(prompt for prompt, _ in row))] if plan else [] for row in rows]
+    if not rest:
+      return gathered([_after(records, motion) for records, motion in zip(
+          planned, sample_segments(rows, keys, seeds, cleanup, sampling))])
+    plans, lengths = zip(*(durations.with_pauses(self.planner, row) for row in rows))
+    job = Job(self.planner, [one.text for one in plans], [None] * len(rows), keys, seeds, sampling,
+              [[] for _ in rows], cleanup=cleanup, plans=list(plans), scheduled=list(plans))
+    job.motions = list(map(_after, planned, sequencing.compose(job, lengths, sample_segments)))
+    if "pose" not in out:
+      steps.Pose()(job)
+    return gathered(job.motions)
+
+  def stream(self, prompt: str, *, plan: bool = True, hold_until_done: bool = False, cleanup: bool = True,
+             num_frames: int | None = None, without: str | Iterable[str] = (), **options: Any) -> PlannedStream:
+    """A live stream of a prompt, action by action, the last without end; see `PlannedStream`. without: names of steps
+    to leave out, of `step_names.EXTEND`. options: of `model.stream`."""
+    self._require("stream")
+    out = left_out(without, EXTEND) | _switched_off(plan, cleanup)
+    plan, cleanup = "plan" not in out, "cleanup" not in out
+    prompt, = self.model.prompts_of(prompt)
+    if "warn" not in out:
+      self.warn([prompt], plan)
+    segments: Any = prompt
+    if plan:
+      segments = [(one, None if count is None else count / self.model.fps) for one, count in prompts_in_sequence(
+          self.planner, self.planner.plan(prompt), num_frames)]
+    live = self.model.stream(segments, cleanup=cleanup, num_frames=num_frames, **self._with_contrast(options))
+    return PlannedStream(live, self, plan, hold_until_done)
+
+  def extend(self, clip: Clip | Array, prompt: str | Segments, num_frames: int | None = None, *,
+             seconds: float | None = None, plan: bool = True, cleanup: bool = True,
+             without: str | Iterable[str] = (), **options: Any) -> Motion:
+    """Continues an existing motion as the plan of a prompt, or of segments, says. without: names of steps to leave out,
+    of `step_names.EXTEND`. options: of `model.extend`."""
+    self._require("extend")
+    out = left_out(without, EXTEND) | _switched_off(plan, cleanup)
+    plan, cleanup = "plan" not in out, "cleanup" not in out
+    if isinstance(prompt, str):
+      if num_frames is not None or seconds is not None:
+        seconds = self.model.frames_of([prompt], num_frames, seconds)[0] / self.model.fps
+      prompt = [(prompt, seconds)]
+    self.model.segments_of(prompt)  # raises
+    if "warn" not in out:
+      self.warn([one for one, _ in prompt], plan)
+    rows = [(one, count / self.model.fps) for one, count in segments_of(self.planner, prompt, plan)]
+    planned = [record("plan", " | ".join(one for one, _ in rows))] if plan else []
+    return _after(planned, self.model.extend(clip, rows, cleanup=cleanup, **self._with_contrast(options)))
+
+  def edit(self, clip: Clip | Array, prompt: str, task: str | None = None, **options: Any) -> Motion:
+    """An existing motion with new frames or spans made as a prompt says, all others unchanged; see `edits`."""
+    return self.edits([clip], [prompt], task, **options)[0]
+
+  def edits(self, clips: Sequence[Clip | Array], prompts: Sequence[str], task: str | None = None, *,
+            keep: Spans | None = None, change: Spans | None = None, rng: jax.Array | None = None,
+            seeds: Iterable[int] | None = None, seed: int | None = None, cleanup: bool = True, plan: bool = True,
+            max_attempts: int = MAX_ATTEMPTS, mask: str | None = None, without: str | Iterable[str] = (),
+            **sampling: Any) -> Motions:
+    """Clips with new frames, each as its prompt says, the best of up to max_attempts. without: names of steps to leave
+    out, of `step_names.EDIT`.
+
+    clips and what is new (task, keep or change): see the model's `edits`. All other frames come back as and where they
+    were, resampled if the clip's rate is another; new ones continue them on the clip's own body, with feet pinned
+    unless cleanup is False. Of a motion longer than the model knows the seconds around the new frames are sampled.
+    """
+    self._require("edit")
+    if len(prompts) != len(clips) or not clips:
+      raise InputError(f"got {len(prompts)} prompts for {len(clips)} clips; give one for each")
+    if sum(choice is not None for choice in (task, keep, change)) != 1:
+      raise InputError("say what to make by one of task, keep and change")
+    out = left_out(without, EDIT) | _switched_off(plan, cleanup)
+    texts = self.model.prompts_of(prompts)
+    plans = [None if "plan" in out else self.planner.plan(one) for one in texts]
+    if "warn" not in out:
+      self.warn(texts, plan=False)
+    keys, seeds = keys_of(rng, seeds, len(clips), seed)
+    sampling = self._sampling(sampling | (dict(mask=mask) if mask else {}))
+    if "mask" in self.model.options.described():
+      sampling = {"mask": self.model.edit_mask} | sampling
+    job = Job(self.planner, texts, [None] * len(texts), keys, seeds, sampling, [[] for _ in texts],
+              cleanup="cleanup" not in out, warns=self.warns, plans=plans, records=list(map(plan_records, plans)))
+    attempts = 1 if "check" in out else checked(max_attempts, 1, 100, "max_attempts")
+    return editing.edited(job, clips, lambda count: requested_frames(count, task, keep, change), attempts,
+                          task or "spans", corrects="correct" not in out)
+
+  def blend(self, first: Clip, second: Clip, seconds: float = 1.0) -> Clip:
+    """The first motion followed by the second, which is moved on the ground to continue it, blended over `seconds`."""
+    return blended(first, second, seconds)[0]
+
+
+def _switched_off(plan, cleanup):
+  """The steps that plan and cleanup leave out."""
+  return {name for name, on in (("plan", plan), ("cleanup", cleanup)) if not on}
+
+
+def _after(records, motion):
+  """The motion with records of what was done before it was sampled."""
+  return motion.replace(meta=motion.meta | {"steps": [*records, *motion.meta.get("steps", ())]})

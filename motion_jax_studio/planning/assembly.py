@@ -1,0 +1,94 @@
+"""One body from sampled parts: layers on arms, head or torso, pauses, and poses that are held."""
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, Num
+
+from motion_jax.motion.layering import put_on
+from motion_jax.motion.skeleton import Skeleton
+from motion_jax_studio.language import Action, Segment
+from motion_jax_studio.language.actions import held_pose
+from motion_jax_studio.planning.pauses import held_frame, insert_pause
+
+_IN, _OUT = 8, 12  # frames in which a layer is blended in and out
+
+Layers = Sequence[Sequence[tuple[Action, Any]]]  # of each segment (action, joints (T, J, 3)) of what is layered on it
+Spans = Sequence[tuple[int, int]]  # (first frame, frame past the last)
+
+
+def assemble(joints: Num[np.ndarray, "t j 3"], segments: Sequence[Segment], spans: Spans, lengths: Sequence[int],
+             layers: Layers, skeleton: Skeleton) -> tuple[Float[np.ndarray, "n j 3"], Spans]:
+  """(joints, spans of all segments) from joints of the segments that move: layers applied, pauses inserted.
+
+  spans: of the segments that move; lengths: frames of all segments.
+  """
+  moves = iter(spans)
+  for segment, own in zip(segments, layers):
+    span = None if segment.is_pause and len(segments) > 1 else next(moves)
+    for action, other in own if span else ():
+      joints = _layered(joints, other, span, action, skeleton)
+  if not any(segment.is_pause for segment in segments) or len(segments) == 1:
+    return joints, spans
+  return _with_pauses(joints, segments, spans, lengths, layers, skeleton)
+
+
+def _layered(joints, other, span, action, skeleton, upright=False):
+  """Joints with an action's body part from another motion in one segment, blended in and out inside the motion."""
+  first, past = span
+  if action.is_pose:
+    hands = [chain[-1] for side, chain in zip(("right", "left"), skeleton.chains[3:]) if side in action.sides
+             or not action.sides]
+    other = np.repeat(other[[int(np.argmax(other[:, hands, 1].mean(1)))]], past - first, axis=0)
+  other = np.concatenate([other, np.repeat(other[-1:], max(past - first - len(other), 0), axis=0)])[:past - first]
+  k, weight = np.arange(past - first), np.ones(past - first)
+  if first > 0:
+    weight = np.minimum(weight, (k + 1) / (_IN + 1))
+  if past < len(joints):
+    weight = np.minimum(weight, (len(k) - k) / (_OUT + 1))
+  weight = weight * weight * (3 - 2 * weight)
+  body = joints.copy()
+  body[first:past] = put_on(joints[first:past], other, action.part, action.sides, weight, skeleton, upright)
+  return body
+
+
+def _with_pauses(joints, segments, spans, lengths, layers, skeleton):
+  found: list[tuple[int, int]] = []
+  spans, added, end, before = list(spans), 0, 0, None
+  for place, (segment, count, own) in enumerate(zip(segments, lengths, layers)):
+    if segment.is_pause:
+      at, pose = end, None
+      if before is not None and segment.hold_pose:
+        at, pose = _held_at(joints, found[-1], before, skeleton)
+      # A body that only rests from here on does not get up. Arms that are held up for a number of seconds come down
+      # afterwards, as they do in the sampled motion.
+      done = place == len(segments) - 1 or pose == "low" and all(one.is_pause for one in segments[place:])
+      ends = done and not (pose == "arms" and segment.seconds)
+      # Most of what comes before is done, be it a single step.
+      earliest = found[-1][0] + 2 * (at - found[-1][0]) // 3 if found else 0
+      joints, first, past = insert_pause(joints, at, count, skeleton, ends, pose is not None, earliest)
+      if found:
+        found[-1] = (found[-1][0], first)
+      found.append((first if found else 0, past))
+      for action, other in own:
+        joints = _layered(joints, other, found[-1], action, skeleton, upright=True)
+      added, end = added + count, past
+    else:
+      _, past = spans.pop(0)
+      found.append((end, past + added))
+      end = past + added
+    before = segment
+  return joints, found
+
+
+def _held_at(joints, span, before, skeleton):
+  """(frame, pose) at which the body holds still after a segment; the pose is None where any frame will do."""
+  first, past = span
+  if before.hold_pose and not before.simultaneous:
+    return past - 1, "as it is"
+  action = before.simultaneous[-1] if before.hold_pose else before.action
+  pose = held_pose(action.verb, action.part)
+  if pose is None:
+    return past, None
+  # The segment keeps at least one frame, or its caption would have no time.
+  return held_frame(joints, min(first + 1, past - 1), past, pose, action.sides, skeleton), pose

@@ -1,0 +1,111 @@
+"""Small corrections of a sampled motion that nearly meets its requirements: a body that sits down last stays seated,
+left and right are exchanged where that is what is wrong, steps and jumps go where they should (`rerouting`), and feet
+do not float."""
+import re
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from motion_jax.analysis.signals import SIDES, Body
+from motion_jax.models.results import Motion, features_of
+from motion_jax.motion.pinned_feet import pin_feet
+from motion_jax.motion.retarget import floor_height, mirror
+from motion_jax.motion.skeleton import HUMANML3D
+from motion_jax.motion.smoothing import gaussian_filter1d
+from motion_jax.motion.step_records import added, record
+from motion_jax_studio.checks.violations import gets_up, violation_score
+from motion_jax_studio.language.requirements import Requirement
+from motion_jax_studio.planning.pauses import held_frame, insert_pause
+from motion_jax_studio.planning.rerouting import returning, shaped, stepping, towards
+
+_FLOATS = 0.08  # metres over the floor below which feet that never come lower count as standing
+_JUMPS, _IN_THE_AIR = 0.5, 0.05  # metres of a jump to a side, and of the lower foot over the floor in it
+_PUSHES = 0.08  # seconds, sigma of the push from the ground
+_SIDE = re.compile(r"\b(?:left|right|(?:counter)?clockwise)\b")
+_HANGS = re.compile(r"\b(?:hang|dangl|bars?\b|swings on|rid(?:es|ing)|swim|fl(?:ies|y|ying)\b)", re.IGNORECASE)
+
+
+def corrected(model: Any, motion: Motion, requirements: Sequence[Requirement]) -> Motion:
+  """The motion with the corrections it needs, each recorded with the violation scores before and after; the same object
+  where it needs none."""
+  joints, records, score = motion.joints, [], None
+  for did, correct in _CORRECTIONS:
+    before, joints = joints, correct(joints, motion, requirements, model.stats.layout.skeleton)
+    if joints is not before:
+      old = violation_score(before, requirements, motion.fps) if score is None else score
+      score = violation_score(joints, requirements, motion.fps)
+      records.append(record("correct", did, before, joints, motion.skeleton, (old, score)))
+  return motion if joints is motion.joints else motion.replace(
+      joints=joints, features=features_of(model, joints), meta=added(motion.meta, *records))
+
+
+def _kept_seated(joints, motion, requirements, skeleton):
+  """Joints that hold the seated pose where sitting comes last and the body gets up again, be it to sit down once more.
+  """
+  seated = [one for one in requirements if one.kind == "seated"]
+  if not seated:
+    return motion.joints
+  first = round(motion.captions[-1].start * motion.fps) if motion.captions else 0
+  past = first + gets_up(Body(np.asarray(motion.joints[first:], np.float64), motion.fps))
+  if past == motion.num_frames and not violation_score(motion.joints, seated, motion.fps):
+    return motion.joints
+  at = held_frame(motion.joints, first, past, "low", (), skeleton)
+  held, _, _ = insert_pause(motion.joints, at, motion.num_frames - at, skeleton, ends=True, exact=True)
+  held = held[:motion.num_frames]
+  return motion.joints if violation_score(held, seated, motion.fps) else held
+
+
+def _mirrored(joints, motion, requirements, skeleton):
+  """The mirror image of joints, where it meets all requirements, joints do not, and nothing else is of one side."""
+  sided = [one for one in requirements if one.side in SIDES]
+  named = _SIDE.findall(" ".join(caption.text.lower() for caption in motion.captions))
+  if not sided or len(named) != len(sided) or not violation_score(joints, sided, motion.fps):
+    return joints
+  other = mirror(joints, skeleton)
+  return joints if violation_score(other, requirements, motion.fps) else other
+
+
+def _jumping(joints, fps, requirements, skeleton):
+  """Joints whose jumps go to a side, as the requirements say, where they did not: each flight leads there.
+
+  The feet are moved in the air only, the rest of the body begins with the push from the ground.
+  """
+  own = {one.kind: one for one in requirements}
+  wanted = [own[kind] for kind in ("aside", "jump", "hop") if kind in own]
+  if len(wanted) < 2 or wanted[0].kind != "aside" or not violation_score(joints, wanted, fps):
+    return joints
+  body, flown = Body(joints, fps), np.zeros(len(joints))
+  for first, past in body.spans(body.air > _IN_THE_AIR, least=0.1):
+    flown[first:past] += _JUMPS / (past - first)
+  way = np.zeros((len(joints), 1, 3))
+  way[..., [0, 2]] = towards(wanted[0].side, body.heading[0])
+  feet = joints + np.cumsum(flown)[:, None, None] * way
+  moved = joints + np.cumsum(gaussian_filter1d(flown, _PUSHES * fps, mode="nearest"))[:, None, None] * way
+  pairs = [feet[:, [left, right]] for left, right in zip(skeleton.left_feet, skeleton.right_feet)]
+  moved = pin_feet(moved, *pairs, skeleton)
+  return joints if violation_score(moved, wanted, fps) else moved.astype(joints.dtype)
+
+
+def _on_the_floor(joints, motion, _, skeleton):
+  """Joints whose feet come down to the floor, where they never did; not of a body that hangs, rides or swims."""
+  height = float(floor_height(joints, skeleton))
+  if height <= _FLOATS or _HANGS.search(motion.captions[0].text if motion.captions else ""):
+    return joints
+  lowest = joints[:, list(HUMANML3D.left_feet + HUMANML3D.right_feet), 1].min()
+  return joints - np.array([0, lowest, 0], joints.dtype)
+
+
+def _rerouted(change):
+  return lambda joints, motion, requirements, skeleton: change(joints, motion.fps, requirements, skeleton)
+
+
+def _shaped(joints, motion, requirements, skeleton):
+  return shaped(joints, motion.fps, requirements, skeleton, one_action=len(motion.captions) <= 1)
+
+
+_CORRECTIONS = (
+    ("kept seated", _kept_seated), ("left and right exchanged", _mirrored),
+    ("steps taken in place or to the side", _rerouted(stepping)), ("jumps moved to the side", _rerouted(_jumping)),
+    ("way back turned to the beginning", _rerouted(returning)), ("walk bent to its shape", _shaped),
+    ("put on the floor", _on_the_floor))

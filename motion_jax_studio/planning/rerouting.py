@@ -1,0 +1,101 @@
+"""Another way for the steps of a sampled motion that nearly goes where its requirements say.
+
+Steps in place and to a side are taken there, a way back leads back, and a walk in a circle, a figure of eight, a zigzag
+or around a corner is bent to that shape. Each step is moved as a whole, so that standing feet stand
+(`motion.root_paths.along`).
+"""
+import numpy as np
+
+from motion_jax.analysis.signals import Body
+from motion_jax.motion.root_paths import along, bent, course, turned
+from motion_jax.motion.smoothing import gaussian_filter1d
+from motion_jax_studio.checks.violations import violation_score
+from motion_jax_studio.language.path_shapes import PACES
+from motion_jax_studio.language.requirements import Requirement
+
+_ASIDE = 0.35   # metres a second to a side
+_TURNS = 0.35   # seconds, sigma of what is no turn but a sway of the pelvis
+_FACES = 0.8    # radians by which a body that steps in place or to a side may turn away
+_MISSES, _STRIDES = 1.2, 1.5  # radians and factor by which a way back may miss the beginning
+# Metres of a path that is bent.
+_SHORTEST = {"circle": 4.0, "figure-eight": 7.0, "u-turn": 2.5, "curve": 1.6, "zigzag": 3.0, "turn": 1.6}
+_DEGREES = {"circle": 340.0, "figure-eight": 360.0, "u-turn": 180.0, "curve": 100.0, "turn": 90.0}
+_CORNER = 0.8   # metres, sigma of a turn by the way
+_LEGS, _SWERVE = 5, 60.0  # straight parts of a zigzag, and degrees of each from the way ahead
+
+
+def stepping(joints, fps, requirements, skeleton):
+  """Joints whose steps are taken on one spot or to a side, as the requirements say, where the body went another way."""
+  own = {one.kind: one for one in requirements}
+  pairs = (("aside", "sideways"), ("stays", "treads"))  # "walks to the left" is no side step
+  wanted = next(([own[kind] for kind in pair] for pair in pairs if set(pair) <= own.keys()), [])
+  if not wanted:
+    return joints
+  facing = gaussian_filter1d(np.unwrap(Body(joints, fps).heading), _TURNS * fps, mode="nearest")
+  if np.ptp(facing) < _FACES and not violation_score(joints, wanted, fps):
+    return joints
+  path, _ = course(joints, fps)
+  goal = path[0] + _ASIDE / fps * np.arange(len(joints))[:, None] * towards(wanted[0].side, facing[0])
+  moved = along(joints, facing[0] - facing, path, goal, skeleton, fps)
+  stepped = [*wanted, Requirement("treads", "", 1, False)]
+  return joints if violation_score(moved, stepped, fps) else moved.astype(joints.dtype)
+
+
+def returning(joints, fps, requirements, skeleton):
+  """Joints whose way back leads to the beginning, as the requirements say, where it nearly did: from the farthest place
+  on the course is turned there, and its steps become longer or shorter."""
+  wanted = [one for one in requirements if one.kind == "return"]
+  if not wanted or not violation_score(joints, wanted, fps):
+    return joints
+  path, _ = course(joints, fps)
+  farthest = int(np.linalg.norm(path - path[0], axis=-1).argmax())
+  (goes, length), (should, wants) = (
+      (np.arctan2(*way), float(np.linalg.norm(way))) for way in (end - path[farthest] for end in (path[-1], path[0])))
+  angle = np.angle(np.exp(1j * (should - goes)))
+  if abs(angle) > _MISSES or not 1 / _STRIDES < length / max(wants, 1e-6) < _STRIDES:
+    return joints
+  turn = angle * np.clip(((np.arange(len(joints)) - farthest) / fps + 0.5), 0, 1)
+  back = turned(path[farthest:] - path[farthest], angle) * (wants / length)
+  goal = np.concatenate([path[:farthest], path[farthest] + back])
+  moved = along(joints, turn, path, goal, skeleton, fps)
+  return joints if violation_score(moved, wanted, fps) else moved.astype(joints.dtype)
+
+
+def shaped(joints, fps, requirements, skeleton, one_action):
+  """Joints whose walk has the shape that the requirements say, or turns to a side by the way: bent where it did not.
+
+  one_action: the walk and the turn are sampled as one; a turn before a walk, or after one, is not by the way.
+  """
+  wanted = [one for one in requirements if one.kind in _SHORTEST and (one_action or one.kind != "turn")]
+  if len(wanted) != 1 or not violation_score(joints, wanted, fps) or wanted[0].kind == "turn" and (
+      wanted[0].degrees != (40, 140) or not any(one.kind in {*PACES, "run"} for one in requirements)):
+    return joints
+  path, gone = course(joints, fps)
+  if gone[-1] < _SHORTEST[wanted[0].kind]:
+    return joints
+  steps = np.gradient(path, axis=0)
+  goes = np.unwrap(np.arctan2(steps[:, 0], steps[:, 1]))
+  # Where the body stands its course has no direction: that of its next steps.
+  way = lambda metres: np.interp(metres, np.linspace(0, gone[-1], 200), gaussian_filter1d(
+      np.interp(np.linspace(0, gone[-1], 200), gone, goes), 6, mode="nearest"))
+  side = wanted[0].side or ("left" if way(gone[-1]) >= way(0.0) else "right")
+  should = lambda metres: (1 if side == "left" else -1) * np.radians(_course(wanted[0].kind, metres, gone[-1]))
+  moved = bent(joints, lambda metres: should(metres) - way(metres) + way(0.0), skeleton, fps)
+  return joints if violation_score(moved, requirements, fps) >= violation_score(joints, requirements, fps) else (
+      moved.astype(joints.dtype))
+
+
+def _course(kind, metres, length):
+  """Degrees to a side from the first direction, at metres of a path of a shape."""
+  if kind == "zigzag":
+    return _SWERVE * np.sin(np.pi * _LEGS * metres / length)
+  if kind == "turn":
+    return _DEGREES[kind] * 0.5 * (1 + np.tanh((metres - length / 2) / (_CORNER / 2)))
+  if kind == "figure-eight":
+    return _DEGREES[kind] * (1 - np.abs(2 * metres / length - 1))
+  return _DEGREES[kind] * metres / length
+
+
+def towards(side, heading):
+  """x and z (2,) of the direction to a side of where a body faces; 0 without a side."""
+  return {"left": 1.0, "right": -1.0}.get(side, 0.0) * np.array([np.cos(heading), -np.sin(heading)])

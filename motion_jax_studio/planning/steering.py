@@ -1,0 +1,69 @@
+"""Walks of a plan that lead to a side, one after the other: their courses are turned there if they lead elsewhere."""
+import re
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float
+
+from motion_jax.analysis.signals import Body
+from motion_jax.models.results import Motion
+from motion_jax.motion.root_paths import bent, course
+from motion_jax.motion.skeleton import HUMANML3D
+from motion_jax.motion.smoothing import smoothstep
+from motion_jax_studio.language import Plan, Segment
+from motion_jax_studio.language.path_shapes import is_gait
+from motion_jax_studio.planning.spans import bounds_of, read_segments
+
+_TO_A_SIDE = re.compile(r"\b(?:to|towards?) (?:(?:the|his|her|their|its) )?(left|right)\b(?! (?:foot|leg|hand|arm))|"
+                        r"^(?:\w+ly )?\w+(?: \w+ly)? (left|right)\b(?! (?:foot|leg|hand|arm|and))")
+_OTHERWISE = re.compile(r"\b(?:sideways|circles?|turn\w*|arc|curv\w*|diagonal\w*|zigzag|from)\b")
+_BACKWARD = re.compile(r"\bbackwards?\b")
+_TURN, _ENOUGH = 75.0, (30.0, 150.0)  # degrees to a side that a course is turned, and that it may have by itself
+_FAR, _CORNER = 0.5, 0.8  # metres that a walk leads at least, and in which it is turned
+
+
+def with_steering(motion: Motion, plan: Plan) -> Float[np.ndarray, "t j 3"]:
+  """Joints of the motion of a plan of several walks, those to a side turned there; its own where they lead there."""
+  segments = read_segments(plan)
+  walks = [(number, side) for number, segment in enumerate(segments) if (side := _side_of(segment)) is not None]
+  if len(walks) < 2 or not any(side for _, side in walks):
+    return motion.joints
+  path, gone = course(motion.joints, motion.fps)
+  turns = _turns(segments, walks, bounds_of(motion, segments), path, Body(motion.joints, motion.fps).heading[0])
+  if not turns:
+    return motion.joints
+  angle = lambda metres: sum(turn * smoothstep((metres - gone[frame]) / _CORNER) for frame, turn in turns)
+  return bent(motion.joints, angle, HUMANML3D, motion.fps).astype(motion.joints.dtype)
+
+
+def _side_of(segment: Segment) -> str | None:
+  """The side that a walk leads to, "" for a walk elsewhere, None for other actions."""
+  action, words = segment.action, segment.action.words.lower()
+  if not is_gait(action.verb) and action.verb not in ("go", "move") or action.part not in ("legs", "body", ""):
+    return None
+  found = None if _OTHERWISE.search(words) else _TO_A_SIDE.search(words)
+  return found[1] or found[2] if found else ""
+
+
+def _turns(segments: Sequence[Segment], walks, bounds, path, heading):
+  """[(frame, radians to the left)] by which the course is turned from a frame on."""
+  found, turned, before = [], 0.0, float(heading)
+  for number, side in walks:
+    first, past = bounds[number]
+    way = path[min(past, len(path)) - 1] - path[first]
+    if np.linalg.norm(way) < _FAR:
+      continue
+    backward = bool(_BACKWARD.search(segments[number].action.words.lower()))
+    goes = float(np.arctan2(*way)) + turned
+    if side:
+      # Of a walk backward, left and right of the body are right and left of the course.
+      sign = (1 if side == "left" else -1) * (-1 if backward else 1)
+      if not found and number == walks[0][0] and backward:
+        before += np.pi
+      change = np.degrees(np.angle(np.exp(1j * (goes - before)))) * sign
+      if not _ENOUGH[0] <= change <= _ENOUGH[1]:
+        turn = float(np.angle(np.exp(1j * (before + sign * np.radians(_TURN) - goes))))
+        found.append((first, turn))
+        turned, goes = turned + turn, goes + turn
+    before = goes
+  return found

@@ -1,0 +1,89 @@
+"""Project files: JSON that records how a motion was generated, so that the page or `motion-jax make` can repeat it."""
+import pathlib
+from collections.abc import Callable
+from typing import Any
+
+from motion_jax.control import files
+from motion_jax.control.constraints import Constraint
+from motion_jax.utils.errors import InputError
+from motion_jax.utils.input_files import parse_json
+from motion_jax.utils.text_files import read_text
+from motion_jax_studio.server import fields, serialization
+from motion_jax_studio.server.library import Library
+from motion_jax_studio.server.limits import Limits
+from motion_jax_studio.server.request_tables import PROJECT
+from motion_jax_studio.server.requests import RequestHandler, make_edit
+
+FORMAT, VERSION = "motion_jax project", 1
+
+
+def checked(value: Any, limits: Limits) -> dict[str, Any]:
+  """A project with all of its fields (PROJECT), each checked. Raises InputError for a project that is not valid."""
+  if not isinstance(value, dict) or value.get("format") != FORMAT:
+    raise InputError("this is no project of motion_jax; one is saved by the studio's page")
+  if value.get("version") != VERSION:
+    raise InputError(f"this project is of version {str(value.get('version'))[:20]}, this program reads version "
+                     f"{VERSION}; open it with the version of motion_jax that saved it")
+  found = fields.parse(PROJECT, {key: one for key, one in value.items() if key not in ("format", "version")}, limits)
+  seeds = list(found.seeds)
+  if found.chosen >= len(seeds):
+    raise InputError(f"got chosen {found.chosen}, expected a whole number from 0 to {len(seeds) - 1}, the place of one "
+                     "of the seeds")
+  return {"format": FORMAT, "version": VERSION, "model": vars(found.model),
+          "blocks": [vars(block) for block in found.blocks], "seeds": seeds, "chosen": found.chosen,
+          "sampling": found.sampling, "cleanup": found.cleanup, "past": value.get("past"),
+          "control": files.to_json(found.control) if found.control else None,
+          "edits": [vars(edit) | {"model": vars(edit.model)} for edit in found.edits]}
+
+
+def read(path: str | pathlib.Path, limits: Limits) -> dict[str, Any]:
+  """The project in a file. Raises FileNotFoundError, or InputError for a damaged file or another version."""
+  path = pathlib.Path(path)
+  if not path.is_file():
+    raise FileNotFoundError(f"there is no file {path}")
+  if path.stat().st_size > limits.body_bytes:
+    raise InputError(f"{path} is larger than a project can be ({limits.body_bytes >> 20} MiB)")
+  value = parse_json(read_text(path), path, "it may be incomplete: save it again, or use a copy")
+  try:
+    return checked(value, limits)
+  except InputError as error:
+    raise InputError(f"{path}: {error}") from None
+
+
+def made(project: dict[str, Any], library: Library, limits: Limits, take: int | None = None,
+         notify: Callable[[str], None] = lambda note: None) -> Any:
+  """The Motion of a checked project, with its chosen seed or the seed at index `take`.
+
+  notify(note) is called if the model has other weights than the one in the project.
+  """
+  handler = RequestHandler(library, limits)
+  take = project["chosen"] if take is None else take
+  if not 0 <= take < len(project["seeds"]):
+    raise InputError(f"got the take {take}, this project has {len(project['seeds'])}, counted from 0")
+  pipeline = _with_warning(library.pipeline(project["model"]["name"], "multi_prompt"), project["model"], notify)
+  rows = [(block["prompt"], block["seconds"]) for block in project["blocks"]]
+  past = project["past"] and serialization.from_json(project["past"], limits.frames)
+  motion, _, _ = handler.make_multi_prompt(pipeline, rows, project["seeds"][take], project["cleanup"],
+                                             project["sampling"], past, control_of(project))
+  for edit in project["edits"]:
+    if edit["take"] == take:
+      editor = _with_warning(library.pipeline(edit["model"]["name"], "edit"), edit["model"], notify)
+      motion = make_edit(editor, motion, edit["prompt"], edit["change"], None, edit["seed"], edit["sampling"])
+  return motion
+
+
+def control_of(project: dict[str, Any]) -> list[Constraint]:
+  """The constraints of a checked project."""
+  return files.from_json(project["control"]) if project["control"] else []
+
+
+def models_of(project: dict[str, Any]) -> list[str]:
+  """The names of the models that a project needs."""
+  return list(dict.fromkeys([project["model"]["name"], *(edit["model"]["name"] for edit in project["edits"])]))
+
+
+def _with_warning(pipeline, saved, notify):
+  made_by = pipeline.model.id
+  if saved["id"] and saved["id"] != made_by:
+    notify(f"the project was made with {saved['id']}, this is {made_by}: the motion may be another one")
+  return pipeline

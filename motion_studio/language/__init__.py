@@ -1,6 +1,0 @@
-"""A sentence becomes a Plan: `parse("a person walks while waving, then sits down")`."""
-from motion_studio.language.parser import parse
-from motion_studio.language.plan import Plan
-from motion_studio.language.segments import Action, Segment, pause
-
-__all__ = ["Action", "Plan", "Segment", "parse", "pause"]
