@@ -9,9 +9,11 @@ two halves, and 150, 120 and 99 further captions.
   python benchmarks/behaviour.py --real path/to/bandai path/to/cmu ...      the rules on real clips
 
 Sentences and their rules: behaviour_sentences.py, caption_rules.py, caption_rules_blind.py, caption_rules_blind2.py,
-caption_rules_blind3.py, behaviour_rules.py. Each model is measured twice: one pass of the network with the prompt as
-given, and the application, which plans and takes the best of several attempts. Prints, in Markdown, the share of each
-category in both, the speed of planted feet, and the result of each sentence. --out writes everything as JSON.
+caption_rules_blind3.py, behaviour_rules.py. Each model is measured three times, always with pinned feet: one pass of the
+network with the prompt as given (one pass); with a plan, the best of several attempts by the checks (best of 4); and the
+whole application, which also poses and corrects each attempt (with corrections and poses). Prints, in Markdown, the
+share of each category in the three, with a 95 % interval by a bootstrap over sentences, the speed of planted feet, and
+the result of each sentence. --out writes everything as JSON.
 --pictures draws the first failing seed of each sentence of the application, or its first.
 """
 import argparse
@@ -30,13 +32,17 @@ from caption_rules import DEVELOPMENT, FINAL
 
 from motion_jax import export
 from motion_jax.data.datasets.archive import read_archive
+from motion_jax.loading import load
 from motion_jax.metrics.physics import planted_speed
-from motion_jax_studio import Pipeline, steps
+from motion_jax_studio import Pipeline
 from motion_jax_studio.checks import MAX_ATTEMPTS
+from motion_jax_studio.pipeline import STEPS as STEPS_OF_APPLICATION
 
 MOST = 24  # motions in one batch
 BLIND = {"blind": caption_rules_blind, "blind2": caption_rules_blind2, "blind3": caption_rules_blind3}
-ONE_PASS, BEST = "one pass", f"best of {MAX_ATTEMPTS}"
+ONE_PASS, BEST, CORRECTED = "one pass", f"best of {MAX_ATTEMPTS}", "with corrections and poses"
+STEPS = {ONE_PASS: ("cleanup", "sample"), BEST: ("plan", "cleanup", "sample", "check"), CORRECTED: None}
+DRAWS = 10_000  # of the bootstrap
 
 
 def judge(pipeline, listed, seeds, pictures=None):
@@ -73,12 +79,13 @@ def number_kept(motion):
 
 
 def table(found, name):
-  """The shares of categories, of one pass and of the best attempt, and the sentences by their result, as lines.
+  """The shares of categories in each column, and the sentences by their result, as lines.
 
-  found: {ONE_PASS: rows, BEST: rows}.
+  found: {column: rows}.
   """
   columns = list(found)
-  lines = [f"{name}: " + ", ".join(f"{column} {_share(found[column])}" for column in columns), "",
+  lines = [f"{name}: " + ", ".join(f"{column} {_share(found[column])} {_interval(found[column])}"
+                                   for column in columns), "",
            f"| category | sentences | {' | '.join(columns)} | planted feet, m/s |", "| --- " * (3 + len(columns)) + "|"]
   for category in dict.fromkeys(row["category"] for row in found[columns[0]]):
     own = {column: [row for row in rows if row["category"] == category] for column, rows in found.items()}
@@ -107,7 +114,7 @@ def summary(found):
   for column, rows in found.items():
     known, other = ([row for row in rows if (row["category"] in beyond) == is_other] for is_other in (False, True))
     silent = [dict(passed=[not good and not row["noted"] for good in row["passed"]]) for row in other]
-    lines.append(f"{column}: {_share(known)} of what the data shows; {_share(other)} of the rest, "
+    lines.append(f"{column}: {_share(known)} {_interval(known)} of what the data shows; {_share(other)} of the rest, "
                  f"{_share(silent)} of it wrong without a note")
   return ["", *lines]
 
@@ -115,6 +122,14 @@ def summary(found):
 def _share(rows):
   good, number = (sum(measure(row["passed"]) for row in rows) for measure in (sum, len))
   return f"{good} of {number}, {100 * good / max(number, 1):.0f} %"
+
+
+def _interval(rows):
+  """The 95 % interval of a share in percent, as text: a bootstrap over sentences, each with all of its seeds."""
+  passed = np.array([np.mean(row["passed"]) for row in rows])
+  drawn = np.random.default_rng(0).integers(len(passed), size=(DRAWS, len(passed)))
+  low, high = np.percentile(100 * passed[drawn].mean(1), [2.5, 97.5])
+  return f"[{low:.0f}, {high:.0f}]"
 
 
 def check_rules(folders):
@@ -180,9 +195,10 @@ def main():
   found = {}
   for name in args.model:
     pictures = args.pictures and args.pictures / pathlib.Path(name).name
-    best = Pipeline(name)
-    one_pass = Pipeline(best.model, steps=[steps.CleanUp(), steps.Sample()])
-    found[name] = {ONE_PASS: judge(one_pass, listed, args.seeds), BEST: judge(best, listed, args.seeds, pictures)}
+    model, found[name] = load(name), {}
+    for column, kept in STEPS.items():
+      pipeline = Pipeline(model, [step for step in STEPS_OF_APPLICATION if kept is None or step.name in kept])
+      found[name][column] = judge(pipeline, listed, args.seeds, pictures if column == CORRECTED else None)
     print(*table(found[name], name), *(summary(found[name]) if args.captions else ()), sep="\n", flush=True)
     if args.out:
       args.out.write_text(json.dumps(found, indent=1))
