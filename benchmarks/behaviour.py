@@ -8,12 +8,11 @@ two halves, and 150, 120 and 99 further captions.
   python benchmarks/behaviour.py --captions humanml3d_test_captions.txt --half blind        the 150; blind2, blind3
   python benchmarks/behaviour.py --real path/to/bandai path/to/cmu ...      the rules on real clips
 
-Sentences and their rules: behaviour_sentences.py, caption_rules.py, caption_rules_blind.py, caption_rules_blind2.py,
-caption_rules_blind3.py, behaviour_rules.py. Each model is measured three times, always with pinned feet: one pass of the
-network with the prompt as given (one pass); with a plan, the best of several attempts by the checks (best of 4); and the
-whole application, which also poses and corrects each attempt (with corrections and poses). Prints, in Markdown, the
-share of each category in the three, with a 95 % interval by a bootstrap over sentences, the speed of planted feet, and
-the result of each sentence. --out writes everything as JSON.
+Sentences and their rules: behaviour_sentences.py, caption_rules*.py, behaviour_rules.py. Each model is measured three
+times, always with pinned feet: one pass of the network with the prompt as given (one pass); with a plan, the best of
+several attempts by the checks (best of 4); and the whole application, which also poses and corrects each attempt (with
+corrections and poses). Prints, in Markdown, the share of each category in the three, with a 95 % interval by a bootstrap
+over sentences, the speed of planted feet, and the result of each sentence. --out writes everything as JSON.
 --pictures draws the first failing seed of each sentence of the application, or its first.
 """
 import argparse
