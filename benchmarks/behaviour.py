@@ -11,7 +11,7 @@ two halves, and 150, 120 and 99 further captions.
 Sentences and their rules: behaviour_sentences.py, caption_rules*.py, behaviour_rules.py. Each model is measured three
 times, always with pinned feet: one pass of the network with the prompt as given (one pass); with a plan, the best of
 several attempts by the checks (best of 4); and the whole application, which also poses and corrects each attempt (with
-corrections and poses). Prints, in Markdown, the share of each category in the three, with a 95 % interval by a bootstrap
+corrections and poses). Prints, in Markdown, the share of each category in the three, with 95 % intervals by a bootstrap
 over sentences, the speed of planted feet, and the result of each sentence. --out writes everything as JSON.
 --pictures draws the first failing seed of each sentence of the application, or its first.
 """
