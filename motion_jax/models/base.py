@@ -13,9 +13,9 @@ from motion_jax.control.files import constraints_of
 from motion_jax.control.signal import ControlSignal
 from motion_jax.latents import SAMPLED
 from motion_jax.models import arguments
-from motion_jax.models.captions import TrainingCaptions
 from motion_jax.models.options import SamplingOptions
 from motion_jax.models.results import Motions
+from motion_jax.models.shared.captions import TrainingCaptions
 from motion_jax.motion.cleanup import SMOOTHING
 from motion_jax.motion.stats import Stats
 from motion_jax.runs import Run
@@ -205,7 +205,7 @@ class TextToMotionModel(Able):
     frames = self.frames_of(prompts, num_frames, seconds)
     keys, seeds = keys_of(rng, seeds, len(prompts), seed)
     if control is not None:
-      from motion_jax.models import guided
+      from motion_jax.models.shared import guided
       constraints = constraints_of(control, len(prompts))
       return guided.sample(self, prompts, frames, keys, seeds, cleanup, sampling, constraints)
     return self.sample(prompts, frames, keys, seeds, cleanup, sampling)
@@ -226,7 +226,7 @@ class TextToMotionModel(Able):
   def inpaint(self, features: Sequence[np.ndarray], new: Sequence[np.ndarray], prompts: Sequence[str], keys: jax.Array,
               sampling: dict[str, Any]) -> tuple[list[np.ndarray], dict[str, Any]]:
     """(features (T, F) of each motion with the frames of new (T,) sampled, record of the sampling). For methods that
-    edit; `models.pasting` puts the new frames into the clip they belong to."""
+    edit; `shared.pasting` puts the new frames into the clip they belong to."""
     raise NotImplementedError(f"{type(self).__name__} has no `inpaint`: it cannot edit")
 
   # --- arguments ---------------------------------------------------------------------------------------------------

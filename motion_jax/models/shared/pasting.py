@@ -12,8 +12,8 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from motion_jax.data.clip import Caption, Clip
-from motion_jax.models.known_motion import KnownMotion, at_rate, clip_of
 from motion_jax.models.results import Motion, Motions, captions_with, cleanup_record, features_of, gathered
+from motion_jax.models.shared.known_motion import KnownMotion, at_rate, clip_of
 from motion_jax.motion import step_records
 from motion_jax.motion.cleanup import clean_up
 from motion_jax.motion.filling import fill_frames, in_spans, runs_of
