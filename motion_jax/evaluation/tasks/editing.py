@@ -8,7 +8,7 @@ import numpy as np
 from motion_jax.evaluation import samples
 from motion_jax.evaluation.candidates import load_able
 from motion_jax.evaluation.tasks.base import ClipTask, Found, Wanted
-from motion_jax.models.base import keys_of
+from motion_jax.models.keys import keys_of
 from motion_jax.models.shared import pasting
 from motion_jax.models.shared.mask_schedule import TASKS, task_mask
 

@@ -11,10 +11,11 @@ from motion_jax.control.signal import ControlSignal
 from motion_jax.data.clip import Caption, Clip
 from motion_jax.latents import AutoencoderCodec
 from motion_jax.models import arguments, cdamd
-from motion_jax.models.base import TextToMotionModel, keys_of
+from motion_jax.models.base import TextToMotionModel
 from motion_jax.models.cdamd import draws, unmasking
 from motion_jax.models.cdamd.guiding import Settling
 from motion_jax.models.cdamd.options import CdamdSampling
+from motion_jax.models.keys import keys_of
 from motion_jax.models.results import (
   Motion,
   Motions,

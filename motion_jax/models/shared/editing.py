@@ -9,7 +9,8 @@ from jaxtyping import Bool, Float
 
 from motion_jax.data.clip import Caption
 from motion_jax.models import arguments
-from motion_jax.models.base import TextToMotionModel, keys_of
+from motion_jax.models.base import TextToMotionModel
+from motion_jax.models.keys import keys_of
 from motion_jax.models.results import Motion, Motions, features_of, make_motions
 from motion_jax.models.shared import pasting
 from motion_jax.models.shared.known_motion import clip_of, on_our_body
