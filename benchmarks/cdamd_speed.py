@@ -21,8 +21,8 @@ from torch import nn
 
 from motion_jax.latents import AutoencoderCodec
 from motion_jax.models import cdamd
-from motion_jax.models import mask_schedule as masking
 from motion_jax.models.cdamd import draws, unmasking
+from motion_jax.models.shared import mask_schedule as masking
 
 EVALUATIONS = 254
 LATENTS, ITERATIONS, SCALE = 30, 10, 4.0

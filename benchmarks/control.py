@@ -21,7 +21,7 @@ import motion_jax
 from motion_jax.control import paths, signal
 from motion_jax.data.datasets.archive import read_archive
 from motion_jax.metrics.physics import planted_speed, skating_ratio
-from motion_jax.models.base import keys_of
+from motion_jax.models.keys import keys_of
 from motion_jax.motion.retarget import retarget
 from motion_jax.motion.skeleton import HUMANML3D
 from motion_jax_studio import Pipeline

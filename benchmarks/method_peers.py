@@ -133,8 +133,8 @@ def momask() -> Sides:
   import torch
   from models.mask_transformer.transformer import MaskTransformer, ResidualTransformer
 
-  from motion_jax.models import mask_schedule
   from motion_jax.models.momask import sampling, stages
+  from motion_jax.models.shared import mask_schedule
   from motion_jax.nets.token_transformers import MaskedCodeTransformer, ResidualCodeTransformer
   from motion_jax.utils import config_files
   options, text = types.SimpleNamespace(num_tokens=512, num_quantizers=6, device="cpu"), _text(512)

@@ -20,9 +20,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from motion_jax.latents import AutoencoderCodec, VaeCodec
-from motion_jax.models import cdamd, cmdm, mask_schedule
+from motion_jax.models import cdamd, cmdm
 from motion_jax.models.cdamd import draws, losses, unmasking
 from motion_jax.models.cmdm import streaming
+from motion_jax.models.shared import mask_schedule
 from motion_jax.nets import causal_dit
 from motion_jax.nets.autoencoder import Autoencoder
 from motion_jax.nets.causal_dit import CausalDiT

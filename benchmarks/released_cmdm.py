@@ -22,8 +22,8 @@ from motion_jax.evaluation.report import tables
 from motion_jax.evaluation.request import Request
 from motion_jax.evaluation.result import Result
 from motion_jax.evaluation.run import evaluate, export_prompts
-from motion_jax.models.base import keys_of
 from motion_jax.models.cmdm.streaming import block_noise
+from motion_jax.models.keys import keys_of
 from motion_jax_studio import cli
 
 HERE = pathlib.Path(__file__).resolve().parent

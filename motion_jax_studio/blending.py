@@ -1,7 +1,7 @@
 """One motion followed by another, with a transition between them."""
 from motion_jax.control import finishing
 from motion_jax.data.clip import Caption, Clip
-from motion_jax.models.known_motion import on_our_body
+from motion_jax.models.shared.known_motion import on_our_body
 from motion_jax.motion.skeleton import HUMANML3D
 
 

@@ -1,6 +1,6 @@
 """Edits as an animator needs them: new frames where they were requested, all others as and where they were.
 
-The frames are sampled and pasted back by the library (`models.pasting`); here they are scored by what the prompt
+The frames are sampled and pasted back by the library (`models.shared.pasting`); here they are scored by what the prompt
 requires, by the lengths of the bones and by sliding feet, and sampled again until an attempt is fit for use.
 """
 from collections.abc import Callable, Sequence
@@ -11,8 +11,8 @@ import numpy as np
 
 from motion_jax.control.constraints import KeepParts
 from motion_jax.control.finishing import with_parts
-from motion_jax.models import pasting
 from motion_jax.models.results import Motion, Motions, gathered
+from motion_jax.models.shared import pasting
 from motion_jax.motion.skeleton import bone_lengths
 from motion_jax.motion.step_records import added, record
 from motion_jax_studio.checks import resampling

@@ -12,9 +12,11 @@ from motion_jax.data.clip import Clip
 from motion_jax.data.mirror import mirror_legs
 from motion_jax.loading import load
 from motion_jax.models import arguments
-from motion_jax.models.base import Frames, Prompts, cannot, each, keys_of
-from motion_jax.models.pasting import Spans, requested_frames
+from motion_jax.models.abilities import cannot
+from motion_jax.models.base import Frames, Prompts
+from motion_jax.models.keys import each, keys_of
 from motion_jax.models.results import Motion, Motions, gathered
+from motion_jax.models.shared.pasting import Spans, requested_frames
 from motion_jax.motion.step_records import record
 from motion_jax.shapes import Array
 from motion_jax.utils.errors import InputError

@@ -10,11 +10,11 @@ from motion_jax.data.batches import step_rng
 from motion_jax.evaluators import stages as matching
 from motion_jax.evaluators.networks import ClipEvaluator, T2MEvaluator
 from motion_jax.models import cdamd, cmdm, momask, t2m_gpt
-from motion_jax.models import length as lengths
 from motion_jax.models.cmdm.streaming import block_noise, make_plan
 from motion_jax.models.mdm.stages import denoiser_shapes as mdm_shapes
 from motion_jax.models.mld import stages as mld
 from motion_jax.models.motionstreamer import stages as motionstreamer
+from motion_jax.models.shared import length as lengths
 from motion_jax.models.tmr.space import make_teacher, teacher_shapes
 from motion_jax.nets.autoencoder import Autoencoder
 from motion_jax.nets.causal_dit import CausalDiT

@@ -17,7 +17,7 @@ from motion_jax.evaluators.networks import ClipEvaluator, T2MEvaluator
 from motion_jax.evaluators.words import WordFeatures
 from motion_jax.latents import TOKENIZER
 from motion_jax.models import cdamd, cmdm, tmr
-from motion_jax.models import length as lengths
+from motion_jax.models.shared import length as lengths
 from motion_jax.nets.autoencoder import Autoencoder
 from motion_jax.nets.causal_dit import CausalDiT
 from motion_jax.nets.causal_vae import CausalVAE

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 from motion_jax import loading
 from motion_jax.evaluation import provenance, samples
 from motion_jax.models import registry
-from motion_jax.models.base import ABILITIES
+from motion_jax.models.abilities import ABILITIES
 from motion_jax.motion.representations import to_features
 from motion_jax.runs import PRETRAINED, resolve_run
 from motion_jax.training import checkpoint
@@ -195,7 +195,7 @@ def check_options(name, loaded, guidance, options, more=()):
 
 
 def load_able(run, ability, raw=False):
-  """The model of a run, which must have an ability of `models.base.ABILITIES`. Raises ValueError for another model."""
+  """The model of a run, which must have an ability of `ABILITIES`. Raises ValueError for another model."""
   loaded = loading.load(run, raw=raw)
   if not loaded.can(ability):
     raise ValueError(f"{run} holds a model that has no {ability!r} ({ABILITIES[ability]}); this protocol needs the run "

@@ -22,7 +22,7 @@ from motion_jax.evaluation import samples
 from motion_jax.evaluation.candidates import Reader
 from motion_jax.evaluation.tasks.base import Task
 from motion_jax.metrics.long_horizon import placed
-from motion_jax.models.base import Able
+from motion_jax.models.abilities import Able
 from motion_jax.motion import plausibility
 from motion_jax.motion.representations import LAYOUTS, Representation, layout_for
 from motion_jax.motion.representations.base import one_ahead

@@ -10,7 +10,7 @@ import numpy as np
 from motion_jax import runs
 from motion_jax.latents import TOKENIZER
 from motion_jax.models import registry
-from motion_jax.models.base import Able
+from motion_jax.models.abilities import Able
 from motion_jax.motion.stats import Stats
 from motion_jax.training import checkpoint
 from motion_jax.utils.config_files import module_fields

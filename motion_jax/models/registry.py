@@ -37,7 +37,7 @@ def model_of(stage: str) -> Any:
 
 
 def model_stages(ability: str = "generate") -> list[str]:
-  """The stages whose runs become models with an ability of `base.ABILITIES`."""
+  """The stages whose runs become models with an ability of `abilities.ABILITIES`."""
   return [stage for method in METHODS for stage, model in _of(method, "model").MODELS.items()
           if ability in model.abilities]
 

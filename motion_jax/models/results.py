@@ -1,15 +1,17 @@
-"""What a model hands back: motions that know their captions, and write themselves by extension."""
+"""Generated motions: clips with captions and a record of each step, which save themselves by extension.
+
+`model` is a `TextToMotionModel` in each function: `base` imports this file, so it cannot import `base`.
+"""
 import dataclasses
 import os
 import pathlib
 from collections.abc import Iterator, Sequence
 from html import escape
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Num
 
-from motion_jax import export
 from motion_jax.data.clip import Caption, Clip
 from motion_jax.motion import step_records
 from motion_jax.motion.blending import eased
@@ -18,15 +20,13 @@ from motion_jax.motion.representations import to_features, to_joints
 from motion_jax.motion.skeleton import Skeleton
 from motion_jax.utils import timing
 
-if TYPE_CHECKING:
-  from motion_jax.models.base import TextToMotionModel
-
 
 class Motion(Clip):
   """A clip that knows how to write itself: `motion.save("wave.mp4")`, by extension."""
 
   def save(self, path: str | os.PathLike, **options: Any) -> list[pathlib.Path]:
     """Writes npz, npy, bvh, glb, mp4, gif, html or png; returns the paths written."""
+    from motion_jax import export
     return export.save(self, path, **options)
 
   def _repr_html_(self) -> str:
@@ -67,6 +67,7 @@ _SHOWN = 16  # motions that a notebook's viewer holds
 
 def _framed(clips):
   """A viewer page as an element of another page, in a frame of its own: nothing is loaded, nothing else is touched."""
+  from motion_jax import export
   return (f'<iframe srcdoc="{escape(export.page(clips))}" width="100%" height="480" style="border:0" '
           'sandbox="allow-scripts"></iframe>')
 
@@ -100,7 +101,7 @@ def captions_in_a_row(prompts: Sequence[str], ends: Sequence[int], fps: float) -
   return tuple(Caption(prompt, start / fps, end / fps) for prompt, start, end in zip(prompts, [0, *ends[:-1]], ends))
 
 
-def make_motions(model: "TextToMotionModel", made: Any, frames: Sequence[int], captions: Sequence[tuple[Caption, ...]],
+def make_motions(model: Any, made: Any, frames: Sequence[int], captions: Sequence[tuple[Caption, ...]],
                  seeds: Sequence[int | None], about: dict[str, Any], cleanup: bool, ease: bool = False,
                  joints: Float[np.ndarray, "b t j 3"] | None = None) -> Motions:
   """Motions of normalized features (B, T, F), of which motion i has its first frames[i]; ease: joints are eased where
@@ -143,7 +144,7 @@ def cleanup_record(before: Num[np.ndarray, "t j 3"], after: Num[np.ndarray, "t j
   return step_records.record("cleanup", "feet pinned, tremor removed", before, after, skeleton, start=start)
 
 
-def features_of(model: "TextToMotionModel", joints: Num[np.ndarray, "t j 3"]) -> Float[np.ndarray, "t f"]:
+def features_of(model: Any, joints: Num[np.ndarray, "t j 3"]) -> Float[np.ndarray, "t f"]:
   """Features (T, F), not normalized, of joints as the model's data has them."""
   ahead = np.concatenate([joints, 2 * joints[-1:] - joints[-2:-1]])  # a row looks one frame ahead
   return to_features(ahead, model.stats.layout, model.config.data.mode)[:len(joints)]
@@ -159,7 +160,7 @@ def gathered(motions: Sequence[Motion]) -> Motions:
                  tuple(motions))
 
 
-def go_on(model: "TextToMotionModel", clip: Clip, past: Num[np.ndarray, "t j 3"], new: Num[np.ndarray, "n j 3"],
+def go_on(model: Any, clip: Clip, past: Num[np.ndarray, "t j 3"], new: Num[np.ndarray, "n j 3"],
           captions: Sequence[Caption], about: dict[str, Any], *steps: step_records.Record) -> Motion:
   """One Motion of a clip's joints (T, J, 3) and new ones behind them, with the captions of both. steps: records of what
   was done to the new ones."""

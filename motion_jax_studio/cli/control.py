@@ -72,7 +72,7 @@ def constraints_of(args, model):
 def regenerate_parts(args, clip, pipeline, sampling):
   """The motions of `edit --keep-parts`: body parts of the clip are kept, the prompt controls the others."""
   from motion_jax.control.constraints import KeepParts
-  from motion_jax.models.known_motion import at_rate
+  from motion_jax.models.shared.known_motion import at_rate
   from motion_jax.utils.spans import spans_of
   if args.task or args.keep:
     raise InputError("got --keep-parts with --task or --keep; use --change for the span in which the other "
@@ -119,7 +119,7 @@ def _path(text, kinds):
 def _joints(path, frame, model, args):
   """(joints of a frame (22, 3), or with -1 of all frames (T, 22, 3), frames a second), on the model's body."""
   from motion_jax import export
-  from motion_jax.models.known_motion import on_our_body
+  from motion_jax.models.shared.known_motion import on_our_body
   clip = export.load(path, mapping=args.mapping)
   joints = on_our_body(clip, model.fps, model.stats.layout.skeleton)
   if frame < 0:

@@ -27,7 +27,7 @@ def _export(args):
   if folder.exists() and not folder.is_dir():
     raise InputError(f"got the folder {folder}, which is a file; name a new folder or an existing one")
   import motion_jax
-  from motion_jax.models.base import cannot
+  from motion_jax.models.abilities import cannot
   model = motion_jax.load(args.model)
   if not model.can("graphs"):
     raise InputError(cannot(model.folder.name, "graphs"))

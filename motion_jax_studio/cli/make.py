@@ -239,7 +239,7 @@ def _load_pipeline(args, ability=None):
   with timing.part("imports"), progress.part("starting JAX"):
     shared.cache_compiled_code()
     from motion_jax import loading
-    from motion_jax.models.base import cannot
+    from motion_jax.models.abilities import cannot
     from motion_jax_studio import pipeline
     from motion_jax_studio.steps import Warn
   with timing.part("model"), progress.part(f"reading the model {args.model}"):

@@ -78,7 +78,7 @@ def _nearest_rig(args):
 
 def _abilities(name):
   import motion_jax as mj
-  from motion_jax.models.base import ABILITIES
+  from motion_jax.models.abilities import ABILITIES
   model = mj.load(name)
   print(f"{model.folder.name}: {model.config.stage}, {model.num_params / 1e6:.1f} M parameters, "
         f"{model.stats.layout.name} features, {model.fps:g} frames a second, up to {model.max_seconds:.4g} s")

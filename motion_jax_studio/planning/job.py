@@ -7,7 +7,7 @@ import jax
 
 from motion_jax.control.constraints import Constraint
 from motion_jax.control.signal import ControlSignal
-from motion_jax.models.base import select_keys
+from motion_jax.models.keys import select_keys
 from motion_jax.models.results import Motion
 from motion_jax.motion.step_records import Record, record
 from motion_jax_studio.language import Plan

@@ -10,10 +10,10 @@ import motion_jax as mj
 from motion_jax.control import conditioning, guidance
 from motion_jax.control import signal as signals
 from motion_jax.models import cmdm
-from motion_jax.models.base import keys_of
 from motion_jax.models.cmdm import networks, streaming
 from motion_jax.models.cmdm.guiding import Guide
 from motion_jax.models.cmdm.loop import SamplingLoop
+from motion_jax.models.keys import keys_of
 from motion_jax.training.setup import untrained
 from tests.conftest import some_of
 from tests.control.test_conditioning import asked

@@ -10,10 +10,10 @@ from motion_jax.convert.parts import stats_of
 from motion_jax.evaluators.evaluator import load_evaluator
 from motion_jax.latents import RvqCodec
 from motion_jax.loading import load
-from motion_jax.models import mask_schedule as masking
 from motion_jax.models.cdamd import draws
 from motion_jax.models.cdamd import setup as setups
 from motion_jax.models.cdamd.weights import write_cdamd
+from motion_jax.models.shared import mask_schedule as masking
 from motion_jax.nets.post_norm import sinusoids
 from motion_jax.training import checkpoint
 from tests import fixtures

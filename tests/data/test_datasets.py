@@ -6,7 +6,7 @@ from motion_jax import export
 from motion_jax import fit as training
 from motion_jax.data.batches import TextItems
 from motion_jax.data.datasets.synthetic import synthetic_clips
-from motion_jax.models.moving_path import continue_path
+from motion_jax.models.shared.moving_path import continue_path
 from motion_jax.motion import representations as F
 from motion_jax.motion.skeleton import SNAPMOGEN
 from motion_jax.training.metrics import read_metrics

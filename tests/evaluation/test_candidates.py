@@ -4,7 +4,7 @@ import types
 import pytest
 
 from motion_jax.evaluation.candidates import Choices, check_options, load_candidates, row_names
-from motion_jax.models.base import Able
+from motion_jax.models.abilities import Able
 from motion_jax.models.cdamd.options import CdamdSampling
 from motion_jax.models.cmdm.options import CmdmSampling
 

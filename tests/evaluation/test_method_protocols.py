@@ -8,7 +8,7 @@ from motion_jax.control.signal import none
 from motion_jax.evaluation import samples
 from motion_jax.evaluation.tasks import control, long_horizon
 from motion_jax.evaluators.evaluator import fresh_evaluator
-from motion_jax.models.base import Able
+from motion_jax.models.abilities import Able
 from tests.conftest import some_of
 from tests.evaluation.small import judged, small, two_captions
 

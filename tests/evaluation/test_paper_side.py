@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from motion_jax.models import cmdm
-from motion_jax.models import mask_schedule as masking
+from motion_jax.models.shared import mask_schedule as masking
 from motion_jax.nets.causal_vae import CausalVAE, sample_latent
 from motion_jax.quant import rvq
 from motion_jax.training.setup import untrained

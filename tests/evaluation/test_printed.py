@@ -8,7 +8,7 @@ from motion_jax import paper_tables
 from motion_jax.evaluation import protocols
 from motion_jax.evaluation.report import notes, printed, tables
 from motion_jax.evaluation.result import Result
-from motion_jax.models import mask_schedule as masking
+from motion_jax.models.shared import mask_schedule as masking
 from motion_jax.training import checkpoint
 from tests.conftest import ROOT, load_config
 

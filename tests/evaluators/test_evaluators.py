@@ -11,8 +11,8 @@ from motion_jax.evaluators.weight_names import (
   clip_evaluator_names,
   t2m_evaluator_names,
 )
-from motion_jax.models.autoencoder_weights import length_estimator_names
-from motion_jax.models.length import middle_frames
+from motion_jax.models.shared.autoencoder_weights import length_estimator_names
+from motion_jax.models.shared.length import middle_frames
 from motion_jax.models.tmr.losses import symmetric_cross_entropy
 from motion_jax.nets.length_estimator import LengthEstimator
 from motion_jax.training.setup import untrained

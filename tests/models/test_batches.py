@@ -2,7 +2,7 @@
 import numpy as np
 import pytest
 
-from motion_jax.models.batches import SIZES, batch_sizes, batches, in_batches, joined
+from motion_jax.models.shared.batches import SIZES, batch_sizes, batches, in_batches, joined
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 5, 15, 33, 320])

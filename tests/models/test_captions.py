@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from motion_jax.loading import load
-from motion_jax.models.captions import TrainingCaptions
+from motion_jax.models.shared.captions import TrainingCaptions
 from motion_jax.text.captions import of_a_person
 
 

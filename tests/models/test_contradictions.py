@@ -8,10 +8,10 @@ from ml_collections import ConfigDict
 from motion_jax import fit, runs
 from motion_jax.data.contradictions import contradict, contradictions
 from motion_jax.diffusion import paths
-from motion_jax.models import mask_schedule
-from motion_jax.models.captioned_batches import contradictions_of
 from motion_jax.models.cdamd.draws import draw_step
 from motion_jax.models.cdamd.losses import generator_loss
+from motion_jax.models.shared import mask_schedule
+from motion_jax.models.shared.captioned_batches import contradictions_of
 from motion_jax.training.metrics import read_metrics
 from motion_jax.utils.errors import InputError
 from tests.conftest import light_training, load_config, some_of

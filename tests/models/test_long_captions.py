@@ -12,9 +12,9 @@ from motion_jax.data.clip import Caption
 from motion_jax.data.datasets.humanml3d import write_folder
 from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.evaluators.evaluator import fresh_evaluator
-from motion_jax.models.captioned_batches import check_captions, text_files
 from motion_jax.models.cdamd import setup as cdamd_setups
 from motion_jax.models.cmdm import setup as cmdm_setups
+from motion_jax.models.shared.captioned_batches import check_captions, text_files
 from motion_jax.models.tmr import setup as tmr_setups
 from motion_jax.text.encoder import load_text_encoder
 from motion_jax.text.padding import narrowest, padded_length

@@ -3,7 +3,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from motion_jax.models import mask_schedule as masking
+from motion_jax.models.shared import mask_schedule as masking
 from motion_jax.nets.masks import padding_mask
 from tests import fixtures
 from tests.golden import check, golden, recordings

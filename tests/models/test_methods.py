@@ -20,13 +20,15 @@ from motion_jax import export, fit, latents, runs
 from motion_jax.data.clip import Clip
 from motion_jax.diffusion import samplers
 from motion_jax.models import registry
-from motion_jax.models.base import ABILITIES, TextToMotionModel, random_keys
-from motion_jax.models.block_stream import prompts_by_block
+from motion_jax.models.abilities import ABILITIES
+from motion_jax.models.base import TextToMotionModel
 from motion_jax.models.cdamd.options import MASKS, CdamdSampling
 from motion_jax.models.cdamd.options import SOLVERS as CDAMD_SOLVERS
 from motion_jax.models.cmdm import ddpm_forcing
 from motion_jax.models.cmdm.options import SOLVERS as CMDM_SOLVERS
 from motion_jax.models.cmdm.options import CmdmSampling
+from motion_jax.models.keys import random_keys
+from motion_jax.models.shared.blocks import prompts_by_block
 from motion_jax.motion.skeleton import HUMANML3D
 from motion_jax.nets.masks import LATENT_MASKS
 from motion_jax.utils.input_files import tensor_sizes

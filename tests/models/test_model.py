@@ -10,7 +10,7 @@ import pytest
 from motion_jax.control.compiling import compile
 from motion_jax.control.constraints import RootPath
 from motion_jax.loading import load
-from motion_jax.models.base import keys_of, random_keys, select_keys
+from motion_jax.models.keys import keys_of, random_keys, select_keys
 from motion_jax.motion.representations import to_joints
 from motion_jax.motion.skeleton import HUMANML3D, bone_lengths
 from motion_jax.training import checkpoint

@@ -8,9 +8,10 @@ import pytest
 
 from motion_jax import fit
 from motion_jax.data.datasets.synthetic import synthetic_joints
-from motion_jax.models import autoencoders, cdamd, cmdm, motion_errors
-from motion_jax.models.autoencoders import with_motion_errors
+from motion_jax.models import cdamd, cmdm
 from motion_jax.models.cmdm.losses import mean_square_nll
+from motion_jax.models.shared import autoencoders, motion_errors
+from motion_jax.models.shared.autoencoders import with_motion_errors
 from motion_jax.motion.skeleton import HUMANML3D, KIT
 from motion_jax.utils.errors import InputError
 from tests.conftest import load_config, some_of

@@ -10,7 +10,7 @@ from motion_jax.evaluation import protocols, run
 from motion_jax.evaluation.request import Request
 from motion_jax.evaluators.evaluator import fresh_evaluator
 from motion_jax.models import options, registry
-from motion_jax.models.base import ABILITIES
+from motion_jax.models.abilities import ABILITIES
 from motion_jax_studio import cli
 from tests.conftest import ROOT
 from tests.evaluation.test_run import SMALL, make_clips, write_archive

@@ -8,7 +8,7 @@ from motion_jax import export
 from motion_jax.data.datasets import humanml3d
 from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.export import bvh
-from motion_jax.models.known_motion import on_our_body
+from motion_jax.models.shared.known_motion import on_our_body
 from motion_jax.motion import plausibility
 from motion_jax.motion.pose import to_pose
 from motion_jax.motion.skeleton import HUMANML3D

@@ -6,7 +6,7 @@ import pytest
 
 from motion_jax.convert.state import from_torch
 from motion_jax.models import cdamd
-from motion_jax.models.autoencoder_weights import autoencoder_names
+from motion_jax.models.shared.autoencoder_weights import autoencoder_names
 from motion_jax.nets.autoencoder import Autoencoder
 from motion_jax.training.setup import untrained
 from tests import fixtures

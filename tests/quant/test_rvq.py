@@ -9,7 +9,7 @@ import pytest
 from motion_jax.convert.state import from_torch
 from motion_jax.latents import RvqCodec
 from motion_jax.models import cdamd
-from motion_jax.models.autoencoder_weights import autoencoder_names, rvq_from_torch
+from motion_jax.models.shared.autoencoder_weights import autoencoder_names, rvq_from_torch
 from motion_jax.nets.autoencoder import Autoencoder
 from motion_jax.quant import rvq, vq
 from motion_jax.training import checkpoint

@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 from motion_jax import runs
 from motion_jax.models.base import TextToMotionModel
-from motion_jax.models.captions import TrainingCaptions
+from motion_jax.models.shared.captions import TrainingCaptions
 from motion_jax.motion.representations import get_layout
 from motion_jax.text.captions import SUBJECTS
 from motion_jax.text.encoder import load_text_encoder

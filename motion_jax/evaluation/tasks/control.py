@@ -22,7 +22,7 @@ from motion_jax.evaluation.tasks.generation import Generation
 from motion_jax.metrics import physics
 from motion_jax.metrics.control_scores import NAMES, control_scores
 from motion_jax.models import registry
-from motion_jax.models.base import keys_of
+from motion_jax.models.keys import keys_of
 from motion_jax.models.results import features_of
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.representations import to_joints

@@ -1,16 +1,16 @@
 """Editing: parts of real motions are regenerated from their captions, four tasks (docs/papers/cdamd.md#editing).
 
 By the paper's method, `CdamdModel.edits`, on the features of the test set, all frames as decoded; or, with the option
-cleanup=true, finished by `models.pasting`: kept frames are put back and new ones joined to them.
+cleanup=true, finished by `shared.pasting`: kept frames are put back and new ones joined to them.
 """
 import numpy as np
 
 from motion_jax.evaluation import samples
 from motion_jax.evaluation.candidates import load_able
 from motion_jax.evaluation.tasks.base import ClipTask, Found, Wanted
-from motion_jax.models import pasting
-from motion_jax.models.base import keys_of
-from motion_jax.models.mask_schedule import TASKS, task_mask
+from motion_jax.models.keys import keys_of
+from motion_jax.models.shared import pasting
+from motion_jax.models.shared.mask_schedule import TASKS, task_mask
 
 
 class Editing(ClipTask):

@@ -25,17 +25,6 @@ from typing import TYPE_CHECKING
 from motion_jax.utils import lazy
 
 if TYPE_CHECKING:
-  from motion_jax.models.autoencoders import (
-    DISTANCES,
-    autoencoder_shapes,
-    autoencoder_stage,
-    autoencoder_terms,
-    empty_codebooks,
-    l1,
-    rvq_stage,
-    rvq_terms,
-    smooth_l1,
-  )
   from motion_jax.models.cdamd.editing import (
     edit,
   )
@@ -56,6 +45,17 @@ if TYPE_CHECKING:
     generator_stage,
     make_generator,
     prior_codes,
+  )
+  from motion_jax.models.shared.autoencoders import (
+    DISTANCES,
+    autoencoder_shapes,
+    autoencoder_stage,
+    autoencoder_terms,
+    empty_codebooks,
+    l1,
+    rvq_stage,
+    rvq_terms,
+    smooth_l1,
   )
 
 __all__ = ["DISTANCES", "Plan", "autoencoder_shapes", "autoencoder_stage", "autoencoder_terms", "edit",

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 from ml_collections import ConfigDict
 
-from motion_jax.models import mask_schedule as masking
+from motion_jax.models.shared import mask_schedule as masking
 from motion_jax.shapes import Array
 
 

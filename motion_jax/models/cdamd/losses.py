@@ -8,8 +8,8 @@ from jaxtyping import Bool, Float, Int
 from ml_collections import ConfigDict
 
 from motion_jax.diffusion import ddpm, paths
-from motion_jax.models import mask_schedule as masking
 from motion_jax.models.cdamd.draws import Draws
+from motion_jax.models.shared import mask_schedule as masking
 from motion_jax.nets.masks import latent_mask
 from motion_jax.shapes import Array, Net
 

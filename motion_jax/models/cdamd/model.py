@@ -10,16 +10,12 @@ from jaxtyping import Bool, Float
 from motion_jax.control.signal import ControlSignal
 from motion_jax.data.clip import Caption, Clip
 from motion_jax.latents import AutoencoderCodec
-from motion_jax.models import arguments, cdamd, round_trips
-from motion_jax.models import length as lengths
-from motion_jax.models import mask_schedule as masking
-from motion_jax.models.base import TextToMotionModel, keys_of
-from motion_jax.models.batches import in_batches
+from motion_jax.models import arguments, cdamd
+from motion_jax.models.base import TextToMotionModel
 from motion_jax.models.cdamd import draws, unmasking
 from motion_jax.models.cdamd.guiding import Settling
 from motion_jax.models.cdamd.options import CdamdSampling
-from motion_jax.models.known_motion import clip_of, on_our_body
-from motion_jax.models.pasting import Spans
+from motion_jax.models.keys import keys_of
 from motion_jax.models.results import (
   Motion,
   Motions,
@@ -29,6 +25,12 @@ from motion_jax.models.results import (
   gathered,
   make_motions,
 )
+from motion_jax.models.shared import length as lengths
+from motion_jax.models.shared import mask_schedule as masking
+from motion_jax.models.shared import round_trips
+from motion_jax.models.shared.batches import in_batches
+from motion_jax.models.shared.known_motion import clip_of, on_our_body
+from motion_jax.models.shared.pasting import Spans
 from motion_jax.motion import step_records
 from motion_jax.motion.blending import join, laid_over
 from motion_jax.motion.cleanup import clean_up
@@ -172,7 +174,7 @@ class CdamdModel(TextToMotionModel):
     Which parts are new: a task of `utils.spans.TASKS`, or spans to keep or to change, [(0, 30), ...] in frames of this
     model (`utils.spans.spans_of` reads "0:1.5s"), the same in every clip. meta["made"] lists the new frames. The motion
     stands where the model begins, at the origin facing +Z, and kept frames have been through the autoencoder;
-    `models.pasting` puts new frames into the clip itself. mask: which latents a new one attends to, of `nets.masks`;
+    `shared.pasting` puts new frames into the clip itself. mask: which latents a new one attends to, of `nets.masks`;
     by default the one that the run was trained with.
     """
     # Parity: the released code pastes nothing back, either.

@@ -8,9 +8,9 @@ from motion_jax import runs
 from motion_jax.data import sources, store
 from motion_jax.latents import AutoencoderCodec, RvqCodec
 from motion_jax.models import cdamd
-from motion_jax.models import length_setup as lengths
-from motion_jax.models.autoencoder_setup import autoencoder, demand_alike, load_frozen, rvq
-from motion_jax.models.captioned_batches import batches_of, held_out_means, items_of, text_encoder, text_files
+from motion_jax.models.shared import length_setup as lengths
+from motion_jax.models.shared.autoencoder_setup import autoencoder, demand_alike, load_frozen, rvq
+from motion_jax.models.shared.captioned_batches import batches_of, held_out_means, items_of, text_encoder, text_files
 from motion_jax.motion import stats as stats_lib
 from motion_jax.motion.stats import Stats
 from motion_jax.nets.autoencoder import Autoencoder

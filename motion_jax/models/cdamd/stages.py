@@ -1,4 +1,4 @@
-"""What CDAMD trains beside its autoencoders (`models.autoencoders`): the masked transformer, as a pure function."""
+"""What CDAMD trains beside its autoencoders (`shared.autoencoders`): the masked transformer, as a pure function."""
 from typing import Any
 
 import jax
@@ -7,9 +7,9 @@ from jaxtyping import Bool, Float, Int
 from ml_collections import ConfigDict
 
 from motion_jax.latents import AutoencoderCodec, RvqCodec
-from motion_jax.models.autoencoders import autoencoder_shapes, item_keys
 from motion_jax.models.cdamd.draws import draw_step
 from motion_jax.models.cdamd.losses import generator_loss
+from motion_jax.models.shared.autoencoders import autoencoder_shapes, item_keys
 from motion_jax.nets.autoencoder import Autoencoder
 from motion_jax.nets.diffusion_mlp import DiffusionMLP, Generator
 from motion_jax.nets.masked_transformer import TRANSFORMERS

@@ -1,4 +1,4 @@
-"""Names of CDAMD's and MARDM's released generators; those of their autoencoders: `models.autoencoder_weights`."""
+"""Names of CDAMD's and MARDM's released generators; those of their autoencoders: `shared.autoencoder_weights`."""
 from motion_jax.convert.names import below, diffusion_mlp_names
 from motion_jax.convert.state import Table
 

@@ -21,11 +21,11 @@ from motion_jax.convert.parts import (
 )
 from motion_jax.latents import AutoencoderCodec
 from motion_jax.models import cdamd
-from motion_jax.models.autoencoder_weights import autoencoder, length_estimator, rvq, write_tokenizer
 from motion_jax.models.cdamd.weight_names import (
   mardm_names,
   masked_transformer_names,
 )
+from motion_jax.models.shared.autoencoder_weights import autoencoder, length_estimator, rvq, write_tokenizer
 from motion_jax.nets.masked_transformer import SIZES, GatedTransformer
 from motion_jax.training import checkpoint
 

@@ -55,7 +55,7 @@ if TYPE_CHECKING:
     frozen_shapes,
     tokenizer_stage,
   )
-  from motion_jax.models.likelihoods import gaussian_nll, kl_to_standard_normal, smooth_l1
+  from motion_jax.models.shared.likelihoods import gaussian_nll, kl_to_standard_normal, smooth_l1
 
 __all__ = ["DISTANCE_PAIRS", "LAST_LAYERS", "RECONSTRUCTIONS", "align_factor", "align_loss", "align_ratio",
            "align_terms", "block_constants", "block_control", "block_pull", "block_words", "chain_segment", "chained",

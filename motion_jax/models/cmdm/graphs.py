@@ -15,7 +15,7 @@ import numpy as np
 
 from motion_jax.export.graphs import Graph
 from motion_jax.models.cmdm import streaming
-from motion_jax.models.moving_path import Path, continue_path
+from motion_jax.models.shared.moving_path import Path, continue_path
 from motion_jax.nets.causal_dit import Text
 from motion_jax.utils.errors import InputError
 

@@ -12,8 +12,8 @@ from motion_jax.models.cmdm.loop import SamplingLoop
 from motion_jax.models.cmdm.networks import CmdmNetworks
 from motion_jax.models.cmdm.offline import CAPTIONS
 from motion_jax.models.cmdm.options import CmdmSampling
-from motion_jax.models.moving_path import Path, heading_of
-from motion_jax.models.prompted_stream import PromptedStream
+from motion_jax.models.shared.moving_path import Path, heading_of
+from motion_jax.models.shared.streams import PromptedStream
 from motion_jax.motion.cleanup import Cleaner
 from motion_jax.text.contrast import Contrast
 

@@ -15,7 +15,7 @@ from motion_jax.control.signal import ControlSignal
 from motion_jax.models.cmdm import streaming
 from motion_jax.models.cmdm.guiding import Behind, Guide, variance_of
 from motion_jax.models.cmdm.networks import CmdmNetworks
-from motion_jax.models.moving_path import Path, continue_path, heading_of
+from motion_jax.models.shared.moving_path import Path, continue_path, heading_of
 from motion_jax.nets.causal_dit import Text
 
 _ENDLESS = 2**30  # latents

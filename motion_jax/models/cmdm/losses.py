@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Float
 from ml_collections import ConfigDict
 
-from motion_jax.models.likelihoods import (
+from motion_jax.models.shared.likelihoods import (
   ALONE,
   Sharing,
   gaussian_nll,

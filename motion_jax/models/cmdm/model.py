@@ -7,15 +7,16 @@ import numpy as np
 
 from motion_jax.control.signal import ControlSignal
 from motion_jax.data.clip import Clip
-from motion_jax.models import arguments, round_trips
-from motion_jax.models.base import keys_of
+from motion_jax.models import arguments
 from motion_jax.models.cmdm import multi_prompt as multi
 from motion_jax.models.cmdm import streaming
 from motion_jax.models.cmdm.live import LiveStream
 from motion_jax.models.cmdm.networks import CmdmNetworks
 from motion_jax.models.cmdm.options import CmdmSampling
-from motion_jax.models.known_motion import KnownMotion, at_rate, clip_of
+from motion_jax.models.keys import keys_of
 from motion_jax.models.results import Motion, Motions, captions_in_a_row, go_on, make_motions
+from motion_jax.models.shared import round_trips
+from motion_jax.models.shared.known_motion import KnownMotion, at_rate, clip_of
 from motion_jax.runs import Run
 from motion_jax.shapes import Array
 from motion_jax.text.contrast import Contrast

@@ -1,4 +1,4 @@
-"""Whole motions by the loop of a stream, in batches (`models.batches`), which compiles nothing for another length."""
+"""Whole motions by the loop of a stream, in batches (`shared.batches`), which compiles nothing for another length."""
 import dataclasses
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
@@ -9,11 +9,11 @@ from jaxtyping import Float, Int
 
 from motion_jax.control.guidance import SETTLING, TOLERANCE
 from motion_jax.control.signal import ControlSignal
-from motion_jax.models.batches import batches, joined, select
 from motion_jax.models.cmdm import streaming
 from motion_jax.models.cmdm.guiding import SETTLED, Guide
 from motion_jax.models.cmdm.loop import SamplingLoop, behind_nothing, decode_all
 from motion_jax.models.cmdm.networks import CmdmNetworks
+from motion_jax.models.shared.batches import batches, joined, select
 from motion_jax.text.contrast import Contrast
 
 SIZES = (1, 4)  # of batches

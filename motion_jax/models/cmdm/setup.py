@@ -10,8 +10,11 @@ from motion_jax import runs
 from motion_jax.control import conditioning
 from motion_jax.data import batches, sources, store
 from motion_jax.latents import TOKENIZER, VaeCodec
-from motion_jax.models import cmdm, motion_errors
-from motion_jax.models.captioned_batches import (
+from motion_jax.models import cmdm
+from motion_jax.models.cmdm import distill
+from motion_jax.models.cmdm.parts import most_parts, words_by_part
+from motion_jax.models.shared import motion_errors
+from motion_jax.models.shared.captioned_batches import (
   check_captions,
   contradicted,
   contradictions_of,
@@ -20,8 +23,6 @@ from motion_jax.models.captioned_batches import (
   text_files,
   undisturbed,
 )
-from motion_jax.models.cmdm import distill
-from motion_jax.models.cmdm.parts import most_parts, words_by_part
 from motion_jax.models.tmr import alignment
 from motion_jax.models.tmr.space import make_teacher, teacher_shapes
 from motion_jax.motion import stats as stats_lib

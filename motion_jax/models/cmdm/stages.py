@@ -13,10 +13,10 @@ from motion_jax.control import conditioning
 from motion_jax.control.signal import ControlSignal
 from motion_jax.diffusion import paths
 from motion_jax.latents import VaeCodec
-from motion_jax.models import motion_errors
 from motion_jax.models.cmdm import ddpm_forcing
 from motion_jax.models.cmdm.losses import align_factor, pool_teacher, tokenizer_terms
-from motion_jax.models.likelihoods import sharing
+from motion_jax.models.shared import motion_errors
+from motion_jax.models.shared.likelihoods import sharing
 from motion_jax.models.tmr.alignment import as_seen, frame_features
 from motion_jax.models.tmr.space import make_teacher
 from motion_jax.motion.representations import get_layout

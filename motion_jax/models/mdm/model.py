@@ -10,15 +10,15 @@ from jaxtyping import Bool, Float
 
 from motion_jax.control.signal import ControlSignal
 from motion_jax.models.base import TextToMotionModel
-from motion_jax.models.block_stream import BlockModel, BlockState
-from motion_jax.models.editing import EditingModel
 from motion_jax.models.mdm import editing, sampling
 from motion_jax.models.mdm.goals import Stand, goals_of_block
 from motion_jax.models.mdm.options import MdmSampling
 from motion_jax.models.mdm.setup import NUM_PREFIXES, PREFIXES
 from motion_jax.models.mdm.stages import denoiser_shapes, no_goals, reads_stats
-from motion_jax.models.motion_errors import STATS
 from motion_jax.models.results import Motions, captions_in_a_row, make_motions
+from motion_jax.models.shared.blocks import BlockModel, BlockState
+from motion_jax.models.shared.editing import EditingModel
+from motion_jax.models.shared.motion_errors import STATS
 from motion_jax.nets.masks import padding_mask
 from motion_jax.nets.motion_denoiser import MotionDenoiser
 from motion_jax.runs import Run

@@ -6,10 +6,10 @@ import numpy as np
 from ml_collections import ConfigDict
 
 from motion_jax.data import sources
-from motion_jax.models.captioned_batches import batches_of, held_out_loss, text_encoder, text_files, undisturbed
 from motion_jax.models.mdm.goals import GOALS
 from motion_jax.models.mdm.stages import denoiser_stage, reads_stats
-from motion_jax.models.motion_errors import STATS
+from motion_jax.models.shared.captioned_batches import batches_of, held_out_loss, text_encoder, text_files, undisturbed
+from motion_jax.models.shared.motion_errors import STATS
 from motion_jax.training.setup import TrainingSetup
 from motion_jax.utils.errors import InputError
 

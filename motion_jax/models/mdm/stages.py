@@ -10,7 +10,7 @@ from motion_jax.diffusion import ddpm
 from motion_jax.models.mdm.goals import conditions, drawn_goals, goal_error, places
 from motion_jax.models.mdm.losses import TERMS, mdm_terms
 from motion_jax.models.mdm.sampling import SCHEDULES
-from motion_jax.models.motion_errors import STATS
+from motion_jax.models.shared.motion_errors import STATS
 from motion_jax.motion.representations import get_layout
 from motion_jax.nets.initial import initial_as_pytorch
 from motion_jax.nets.masks import padding_mask

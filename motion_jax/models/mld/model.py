@@ -10,12 +10,12 @@ from jaxtyping import Float, Num
 
 from motion_jax.control.signal import ControlSignal
 from motion_jax.models.base import TextToMotionModel
-from motion_jax.models.captioned_batches import NO_CAPTION
 from motion_jax.models.mld import sampling
 from motion_jax.models.mld.options import MldSampling
 from motion_jax.models.mld.stages import VAE, denoiser_shapes, frozen_shapes, reconstruct, vae_shapes
 from motion_jax.models.results import Motions, captions_in_a_row, make_motions
-from motion_jax.models.round_trips import RoundTrip
+from motion_jax.models.shared.captioned_batches import NO_CAPTION
+from motion_jax.models.shared.round_trips import RoundTrip
 from motion_jax.nets.causal_vae import sample_latent
 from motion_jax.nets.latent_diffusion import TokenDenoiser, TokenVAE
 from motion_jax.nets.masks import padding_mask

@@ -8,7 +8,8 @@ from ml_collections import ConfigDict
 
 from motion_jax import runs
 from motion_jax.data import sources
-from motion_jax.models.captioned_batches import (
+from motion_jax.models.mld.stages import VAE, denoiser_stage, frames_stage, reconstruct, vae_shapes, vae_stage
+from motion_jax.models.shared.captioned_batches import (
   NO_CAPTION,
   batches_of,
   clips_of,
@@ -17,8 +18,7 @@ from motion_jax.models.captioned_batches import (
   text_files,
   undisturbed,
 )
-from motion_jax.models.mld.stages import VAE, denoiser_stage, frames_stage, reconstruct, vae_shapes, vae_stage
-from motion_jax.models.motion_errors import STATS
+from motion_jax.models.shared.motion_errors import STATS
 from motion_jax.motion import stats as stats_lib
 from motion_jax.motion.stats import Stats
 from motion_jax.nets.latent_diffusion import TokenVAE

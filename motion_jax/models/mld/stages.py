@@ -7,10 +7,10 @@ from ml_collections import ConfigDict
 
 from motion_jax.diffusion import ddpm
 from motion_jax.latents import TOKENIZER
-from motion_jax.models.captioned_batches import NO_CAPTION
 from motion_jax.models.mld.losses import prediction_error, vae_terms
 from motion_jax.models.mld.sampling import FrameDenoiser
-from motion_jax.models.motion_errors import STATS
+from motion_jax.models.shared.captioned_batches import NO_CAPTION
+from motion_jax.models.shared.motion_errors import STATS
 from motion_jax.motion.representations import get_layout
 from motion_jax.nets.initial import initial_as_pytorch
 from motion_jax.nets.latent_diffusion import TokenDenoiser, TokenVAE

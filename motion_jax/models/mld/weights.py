@@ -16,9 +16,9 @@ from motion_jax.convert.parts import (
   write,
 )
 from motion_jax.convert.state import select
-from motion_jax.models.captioned_batches import NO_CAPTION
 from motion_jax.models.mld.stages import VAE, denoiser_shapes, vae_shapes
 from motion_jax.models.mld.weight_names import UNUSED, denoiser_names, vae_names
+from motion_jax.models.shared.captioned_batches import NO_CAPTION
 from motion_jax.motion.representations import layout_for
 from motion_jax.nets.latent_diffusion import TokenDenoiser, TokenVAE
 from motion_jax.training import checkpoint

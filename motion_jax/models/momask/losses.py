@@ -7,7 +7,7 @@ import jax.numpy as jnp
 from jaxtyping import Bool, Float, Int
 from ml_collections import ConfigDict
 
-from motion_jax.models import mask_schedule as masking
+from motion_jax.models.shared import mask_schedule as masking
 from motion_jax.shapes import Array, Net
 
 

@@ -9,15 +9,15 @@ import numpy as np
 
 from motion_jax.control.signal import ControlSignal
 from motion_jax.latents import TOKENIZER, RvqCodec
-from motion_jax.models import length as lengths
-from motion_jax.models import mask_schedule as masking
-from motion_jax.models import round_trips
-from motion_jax.models.autoencoders import autoencoder_shapes
-from motion_jax.models.editing import EditingModel, edited_latents, padded_features
 from motion_jax.models.momask import sampling as sampler
 from motion_jax.models.momask.options import MomaskSampling
 from motion_jax.models.momask.stages import masked_shapes, residual_shapes
 from motion_jax.models.results import Motions, captions_in_a_row, make_motions
+from motion_jax.models.shared import length as lengths
+from motion_jax.models.shared import mask_schedule as masking
+from motion_jax.models.shared import round_trips
+from motion_jax.models.shared.autoencoders import autoencoder_shapes
+from motion_jax.models.shared.editing import EditingModel, edited_latents, padded_features
 from motion_jax.motion.representations import get_layout
 from motion_jax.nets.autoencoder import Autoencoder
 from motion_jax.nets.length_estimator import LengthEstimator

@@ -6,10 +6,10 @@ from ml_collections import ConfigDict
 from motion_jax import runs
 from motion_jax.data import sources
 from motion_jax.latents import TOKENIZER
-from motion_jax.models import length_setup
-from motion_jax.models.autoencoder_setup import load_codes, rvq
-from motion_jax.models.captioned_batches import batches_of, held_out_means, text_encoder, text_files
 from motion_jax.models.momask.stages import masked_stage, residual_shapes, residual_stage
+from motion_jax.models.shared import length_setup
+from motion_jax.models.shared.autoencoder_setup import load_codes, rvq
+from motion_jax.models.shared.captioned_batches import batches_of, held_out_means, text_encoder, text_files
 from motion_jax.nets.token_transformers import ResidualCodeTransformer
 from motion_jax.text.encoder import TextEncoder
 from motion_jax.training.setup import TrainingSetup, held_out

@@ -1,4 +1,4 @@
-"""What MoMask trains beside its RVQ-VAE (`models.autoencoders`), as pure functions: its two transformers."""
+"""What MoMask trains beside its RVQ-VAE (`shared.autoencoders`), as pure functions: its two transformers."""
 from typing import Any
 
 import jax
@@ -6,8 +6,8 @@ import jax.numpy as jnp
 from ml_collections import ConfigDict
 
 from motion_jax.latents import TOKENIZER, RvqCodec
-from motion_jax.models.autoencoders import item_keys
 from motion_jax.models.momask.losses import draw_step, masked_loss, residual_loss
+from motion_jax.models.shared.autoencoders import item_keys
 from motion_jax.nets.autoencoder import Autoencoder
 from motion_jax.nets.masks import padding_mask
 from motion_jax.nets.token_transformers import MaskedCodeTransformer, ResidualCodeTransformer

@@ -1,4 +1,4 @@
-"""Names of MoMask's released transformers; those of its RVQ-VAE and length estimator: `models.autoencoder_weights`."""
+"""Names of MoMask's released transformers; those of its RVQ-VAE and length estimator: `shared.autoencoder_weights`."""
 from motion_jax.convert.state import Table, post_norm_names
 
 POSITIONS = "position_enc.pe"

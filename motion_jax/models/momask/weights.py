@@ -16,9 +16,9 @@ from motion_jax.convert.parts import (
   write,
 )
 from motion_jax.latents import TOKENIZER
-from motion_jax.models.autoencoder_weights import length_estimator, rvq, write_tokenizer
 from motion_jax.models.momask.stages import masked_shapes, residual_shapes
 from motion_jax.models.momask.weight_names import POSITIONS, masked_names, residual_names
+from motion_jax.models.shared.autoencoder_weights import length_estimator, rvq, write_tokenizer
 from motion_jax.nets.token_transformers import MaskedCodeTransformer, ResidualCodeTransformer
 from motion_jax.training import checkpoint
 

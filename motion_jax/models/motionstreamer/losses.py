@@ -11,7 +11,7 @@ import jax.numpy as jnp
 from jaxtyping import Bool, Float, Int
 
 from motion_jax.diffusion import ddpm
-from motion_jax.models.likelihoods import ALONE, Sharing, gaussian_nll, kl_to_standard_normal
+from motion_jax.models.shared.likelihoods import ALONE, Sharing, gaussian_nll, kl_to_standard_normal
 from motion_jax.shapes import Array, Net, Whole
 
 

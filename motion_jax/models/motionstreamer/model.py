@@ -9,12 +9,12 @@ import numpy as np
 from jaxtyping import Float, Num
 
 from motion_jax.latents import VaeCodec
-from motion_jax.models import round_trips
-from motion_jax.models.block_stream import BlockModel, BlockState
-from motion_jax.models.captioned_batches import NO_CAPTION
 from motion_jax.models.motionstreamer import sampling
 from motion_jax.models.motionstreamer.options import MotionStreamerSampling
 from motion_jax.models.motionstreamer.stages import END, frozen_shapes, generator_shapes, make_generator
+from motion_jax.models.shared import round_trips
+from motion_jax.models.shared.blocks import BlockModel, BlockState
+from motion_jax.models.shared.captioned_batches import NO_CAPTION
 from motion_jax.nets.causal_vae import CausalVAE
 from motion_jax.runs import Run
 from motion_jax.shapes import Array

@@ -8,19 +8,19 @@ from ml_collections import ConfigDict
 from motion_jax import runs
 from motion_jax.data import batches, sources
 from motion_jax.latents import VaeCodec
-from motion_jax.models.captioned_batches import (
+from motion_jax.models.motionstreamer.stages import (
+  END,
+  generator_stage,
+  tokenizer_shapes,
+  tokenizer_stage,
+)
+from motion_jax.models.shared.captioned_batches import (
   NO_CAPTION,
   batches_of,
   held_out_loss,
   text_encoder,
   text_files,
   undisturbed,
-)
-from motion_jax.models.motionstreamer.stages import (
-  END,
-  generator_stage,
-  tokenizer_shapes,
-  tokenizer_stage,
 )
 from motion_jax.motion import stats as stats_lib
 from motion_jax.motion.stats import Stats

@@ -7,9 +7,9 @@ from ml_collections import ConfigDict
 
 from motion_jax.diffusion import ddpm
 from motion_jax.latents import VaeCodec
-from motion_jax.models.captioned_batches import NO_CAPTION
-from motion_jax.models.likelihoods import sharing
 from motion_jax.models.motionstreamer.losses import Draws, autoencoder_terms, num_replaced, two_forward_loss
+from motion_jax.models.shared.captioned_batches import NO_CAPTION
+from motion_jax.models.shared.likelihoods import sharing
 from motion_jax.motion.representations import get_layout
 from motion_jax.nets.causal_vae import CausalVAE
 from motion_jax.nets.diffusion_mlp import DiffusionMLP

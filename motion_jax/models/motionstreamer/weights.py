@@ -7,9 +7,9 @@ import numpy as np
 
 from motion_jax.convert.parts import Network, check_free, encoder_of, heads_of, network, read_part, stats_of, write
 from motion_jax.latents import VaeCodec
-from motion_jax.models.captioned_batches import NO_CAPTION
 from motion_jax.models.motionstreamer.stages import END, generator_shapes, make_generator, tokenizer_shapes
 from motion_jax.models.motionstreamer.weight_names import autoencoder_names, generator_names
+from motion_jax.models.shared.captioned_batches import NO_CAPTION
 from motion_jax.motion.representations import layout_for
 from motion_jax.nets.causal_vae import CausalVAE
 from motion_jax.training import checkpoint

@@ -6,7 +6,7 @@ that it reads are random, as its own will be wrong now and then.
 
   features (B, T, F) -> codes (B, T / 4); caption -> code, code, ..., end -> decode -> features
 
-losses    of the transformer; those of the VQ-VAE: `models.autoencoders`
+losses    of the transformer; those of the VQ-VAE: `shared.autoencoders`
 items     clips as rows of codes
 stages    what is trained, as pure functions
 setup     a config becomes a stage with its data

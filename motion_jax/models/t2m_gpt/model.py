@@ -9,10 +9,10 @@ import numpy as np
 
 from motion_jax.control.signal import ControlSignal
 from motion_jax.latents import TOKENIZER, RvqCodec
-from motion_jax.models import round_trips
-from motion_jax.models.autoencoders import autoencoder_shapes
 from motion_jax.models.base import Frames, TextToMotionModel
 from motion_jax.models.results import Motions, captions_in_a_row, make_motions
+from motion_jax.models.shared import round_trips
+from motion_jax.models.shared.autoencoders import autoencoder_shapes
 from motion_jax.models.t2m_gpt import sampling as sampler
 from motion_jax.models.t2m_gpt.options import T2mGptSampling
 from motion_jax.models.t2m_gpt.stages import gpt_shapes

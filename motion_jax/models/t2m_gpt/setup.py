@@ -3,8 +3,14 @@ from ml_collections import ConfigDict
 
 from motion_jax.data import batches, sources
 from motion_jax.latents import TOKENIZER, RvqCodec
-from motion_jax.models.autoencoder_setup import load_codes, rvq
-from motion_jax.models.captioned_batches import check_captions, held_out_means, text_encoder, text_files, with_text
+from motion_jax.models.shared.autoencoder_setup import load_codes, rvq
+from motion_jax.models.shared.captioned_batches import (
+  check_captions,
+  held_out_means,
+  text_encoder,
+  text_files,
+  with_text,
+)
 from motion_jax.models.t2m_gpt.items import CodeItems, encode_clips
 from motion_jax.models.t2m_gpt.stages import gpt_stage
 from motion_jax.training.setup import TrainingSetup, held_out

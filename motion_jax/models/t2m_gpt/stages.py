@@ -1,11 +1,11 @@
-"""What T2M-GPT trains beside its VQ-VAE (`models.autoencoders`), as a pure function: the transformer on its codes."""
+"""What T2M-GPT trains beside its VQ-VAE (`shared.autoencoders`), as a pure function: the transformer on its codes."""
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 from ml_collections import ConfigDict
 
-from motion_jax.models.autoencoders import item_keys
+from motion_jax.models.shared.autoencoders import item_keys
 from motion_jax.models.t2m_gpt.losses import corrupt, draw_step, gpt_loss
 from motion_jax.nets.token_gpt import CodeGPT
 from motion_jax.training.stage import Stage, mixed_precision

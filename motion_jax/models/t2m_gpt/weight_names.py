@@ -1,4 +1,4 @@
-"""Names of T2M-GPT's released GPT; those of its VQ-VAE: `models.autoencoder_weights`."""
+"""Names of T2M-GPT's released GPT; those of its VQ-VAE: `shared.autoencoder_weights`."""
 import re
 
 from motion_jax.convert.state import Table

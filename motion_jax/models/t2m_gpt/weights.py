@@ -4,7 +4,7 @@ from typing import Any
 
 from motion_jax.convert.parts import Network, check_free, heads_of, network, read_part, stats_of, text_files, write
 from motion_jax.latents import TOKENIZER
-from motion_jax.models.autoencoder_weights import one_level, rvq, write_tokenizer
+from motion_jax.models.shared.autoencoder_weights import one_level, rvq, write_tokenizer
 from motion_jax.models.t2m_gpt.stages import gpt_shapes
 from motion_jax.models.t2m_gpt.weight_names import UNUSED, gpt_names
 from motion_jax.nets.token_gpt import CodeGPT

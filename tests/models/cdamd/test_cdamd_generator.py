@@ -10,10 +10,10 @@ import pytest
 from ml_collections import ConfigDict
 
 from motion_jax.models import cdamd
-from motion_jax.models import mask_schedule as masking
 from motion_jax.models.cdamd import draws as draws_lib
 from motion_jax.models.cdamd import setup as setups
 from motion_jax.models.cdamd import unmasking
+from motion_jax.models.shared import mask_schedule as masking
 from motion_jax.nets.masks import padding_mask
 from tests.conftest import load_config
 from tests.nets.test_masked_transformer import cast

@@ -9,11 +9,11 @@ from ml_collections import ConfigDict
 
 from motion_jax.convert.state import from_torch, select
 from motion_jax.models import cdamd
-from motion_jax.models import mask_schedule as masking
-from motion_jax.models.autoencoder_weights import autoencoder_names
 from motion_jax.models.cdamd import draws as draws_lib
 from motion_jax.models.cdamd import unmasking
 from motion_jax.models.cdamd.weight_names import mardm_names, masked_transformer_names
+from motion_jax.models.shared import mask_schedule as masking
+from motion_jax.models.shared.autoencoder_weights import autoencoder_names
 from motion_jax.nets.autoencoder import Autoencoder
 from motion_jax.nets.masks import padding_mask
 from tests import fixtures

@@ -10,10 +10,10 @@ import pytest
 
 import motion_jax as mj
 from motion_jax.export import graphs as export_graphs
-from motion_jax.models.base import random_keys
 from motion_jax.models.cmdm import streaming
 from motion_jax.models.cmdm.graphs import graphs_of
 from motion_jax.models.cmdm.loop import SamplingLoop
+from motion_jax.models.keys import random_keys
 from motion_jax.utils.errors import InputError
 from tests.conftest import ROOT
 

@@ -9,11 +9,11 @@ from ml_collections import ConfigDict
 
 from motion_jax.convert.state import from_torch, select
 from motion_jax.latents import RvqCodec
-from motion_jax.models import autoencoders
-from motion_jax.models import mask_schedule as masking
-from motion_jax.models.autoencoder_weights import autoencoder_names, rvq_from_torch
 from motion_jax.models.momask import losses, sampling
 from motion_jax.models.momask.weight_names import masked_names, residual_names
+from motion_jax.models.shared import autoencoders
+from motion_jax.models.shared import mask_schedule as masking
+from motion_jax.models.shared.autoencoder_weights import autoencoder_names, rvq_from_torch
 from motion_jax.motion.representations import layout_for, to_joints
 from motion_jax.motion.stats import biased_std
 from motion_jax.nets.autoencoder import Autoencoder

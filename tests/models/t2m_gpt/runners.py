@@ -8,7 +8,7 @@ import numpy as np
 
 from motion_jax.convert.state import from_torch, select
 from motion_jax.latents import RvqCodec
-from motion_jax.models.autoencoder_weights import one_level
+from motion_jax.models.shared.autoencoder_weights import one_level
 from motion_jax.models.t2m_gpt import items, losses, sampling
 from motion_jax.models.t2m_gpt.weight_names import UNUSED, gpt_names
 from motion_jax.motion.representations import to_joints

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from motion_jax.latents import RvqCodec
-from motion_jax.models.autoencoders import autoencoder_shapes
+from motion_jax.models.shared.autoencoders import autoencoder_shapes
 from motion_jax.models.t2m_gpt import items, sampling
 from motion_jax.nets.autoencoder import Autoencoder
 from motion_jax.nets.token_gpt import CodeGPT

@@ -10,7 +10,7 @@ import pytest
 from motion_jax.data.clip import Caption
 from motion_jax.data.datasets.synthetic import synthetic_joints
 from motion_jax.loading import load
-from motion_jax.models.base import keys_of
+from motion_jax.models.keys import keys_of
 from motion_jax.models.results import features_of
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.skeleton import HUMANML3D

@@ -10,7 +10,7 @@ import jax
 from ml_collections import ConfigDict
 
 from motion_jax.latents import AutoencoderCodec, RvqCodec, VaeCodec
-from motion_jax.models.autoencoders import autoencoder_shapes
+from motion_jax.models.shared.autoencoders import autoencoder_shapes
 from motion_jax.nets.autoencoder import Autoencoder
 from motion_jax.nets.causal_vae import CausalVAE
 from motion_jax.nets.masks import padding_mask

@@ -8,9 +8,9 @@ from ml_collections import ConfigDict
 from motion_jax import runs
 from motion_jax.data import batches, sources
 from motion_jax.latents import RvqCodec
-from motion_jax.models import motion_errors
-from motion_jax.models.autoencoders import autoencoder_shapes, autoencoder_stage, rvq_stage
-from motion_jax.models.captioned_batches import clips_of
+from motion_jax.models.shared import motion_errors
+from motion_jax.models.shared.autoencoders import autoencoder_shapes, autoencoder_stage, rvq_stage
+from motion_jax.models.shared.captioned_batches import clips_of
 from motion_jax.motion import stats as stats_lib
 from motion_jax.motion.stats import Stats
 from motion_jax.nets.autoencoder import Autoencoder

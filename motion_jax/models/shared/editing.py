@@ -8,10 +8,12 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from motion_jax.data.clip import Caption
-from motion_jax.models import arguments, pasting
-from motion_jax.models.base import TextToMotionModel, keys_of
-from motion_jax.models.known_motion import clip_of, on_our_body
+from motion_jax.models import arguments
+from motion_jax.models.base import TextToMotionModel
+from motion_jax.models.keys import keys_of
 from motion_jax.models.results import Motion, Motions, features_of, make_motions
+from motion_jax.models.shared import pasting
+from motion_jax.models.shared.known_motion import clip_of, on_our_body
 from motion_jax.motion.filling import runs_of
 from motion_jax.utils.errors import InputError
 
@@ -41,7 +43,7 @@ def decoded_edits(model: TextToMotionModel, fill: Callable[..., tuple[Any, dict[
   """Clips whose frames new(num_frames) -> (T,) are sampled, all frames decoded, in one batch.
 
   fill(features, new, prompts, keys, sampling) -> (normalized features (B, T, F), record of the sampling). meta["made"]
-  lists the new frames. The motion stands where the model begins; `models.pasting` puts new frames into the clip itself.
+  lists the new frames. The motion stands where the model begins; `shared.pasting` puts new frames into the clip itself.
   """
   layout, unit, most = model.stats.layout, model.frames_per_latent, model.config.data.max_frames
   sources = [clip_of(clip, layout) for clip in clips]
@@ -102,7 +104,7 @@ class EditingModel(TextToMotionModel):
 
     clips: of any source, joints (T, J, 3), or features (T, F), not normalized. New are a task of `utils.spans.TASKS`,
     or spans to keep or to change, [(0, 30), ...] in frames of this model, the same in every clip. meta["made"] lists
-    the new frames. The motion stands where the model begins; `models.pasting` puts new frames into the clip itself.
+    the new frames. The motion stands where the model begins; `shared.pasting` puts new frames into the clip itself.
     """
     prompts = self.prompts_of(prompts) if prompts else []
     if len(prompts) != len(clips) or not clips:

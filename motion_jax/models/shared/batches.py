@@ -9,7 +9,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from motion_jax.models.base import select_keys
+from motion_jax.models.keys import select_keys
 
 SIZES = (1, 4, 32)  # with more than 4 rows CMDM's steps are no faster on two cores (docs/lab/speed.md#batches)
 

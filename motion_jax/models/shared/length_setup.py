@@ -1,12 +1,12 @@
-"""Set-up of the length estimator (`models.length`), and its runs as frozen parts of generators."""
+"""Set-up of the length estimator (`shared.length`), and its runs as frozen parts of generators."""
 from typing import Any
 
 from ml_collections import ConfigDict
 
 from motion_jax import runs
 from motion_jax.data import batches, sources
-from motion_jax.models.captioned_batches import batches_of, held_out_means
-from motion_jax.models.length import length_shapes, length_stage
+from motion_jax.models.shared.captioned_batches import batches_of, held_out_means
+from motion_jax.models.shared.length import length_shapes, length_stage
 from motion_jax.nets.length_estimator import LengthEstimator
 from motion_jax.text.encoder import TextEncoder, load_text_encoder
 from motion_jax.training.setup import TrainingSetup, encoder_files, held_out

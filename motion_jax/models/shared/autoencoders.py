@@ -11,7 +11,7 @@ from ml_collections import ConfigDict
 
 from motion_jax import shapes
 from motion_jax.latents import RvqCodec
-from motion_jax.models import motion_errors
+from motion_jax.models.shared import motion_errors
 from motion_jax.nets.autoencoder import Autoencoder
 from motion_jax.nets.masks import padding_mask
 from motion_jax.quant import rvq, vq

@@ -14,11 +14,12 @@ from jaxtyping import Float
 from motion_jax.control.signal import ControlSignal
 from motion_jax.data.clip import Clip
 from motion_jax.models import arguments
-from motion_jax.models.base import TextToMotionModel, keys_of
-from motion_jax.models.known_motion import KnownMotion, at_rate, clip_of
-from motion_jax.models.moving_path import Path, continue_path
-from motion_jax.models.prompted_stream import PromptedStream
+from motion_jax.models.base import TextToMotionModel
+from motion_jax.models.keys import keys_of
 from motion_jax.models.results import Motion, Motions, captions_in_a_row, features_of, gathered, go_on, make_motions
+from motion_jax.models.shared.known_motion import KnownMotion, at_rate, clip_of
+from motion_jax.models.shared.moving_path import Path, continue_path
+from motion_jax.models.shared.streams import PromptedStream
 from motion_jax.motion.cleanup import Cleaner
 from motion_jax.motion.representations import to_joints
 from motion_jax.shapes import Array

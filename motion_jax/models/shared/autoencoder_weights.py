@@ -9,8 +9,8 @@ import numpy as np
 
 from motion_jax.convert.parts import Network, network, read_part, write
 from motion_jax.convert.state import Table, from_torch
-from motion_jax.models import length as lengths
-from motion_jax.models.autoencoders import autoencoder_shapes
+from motion_jax.models.shared import length as lengths
+from motion_jax.models.shared.autoencoders import autoencoder_shapes
 from motion_jax.motion.stats import Stats
 from motion_jax.nets.autoencoder import Autoencoder
 from motion_jax.nets.length_estimator import LengthEstimator

@@ -5,23 +5,20 @@ clip's own motion again: cleanup (`motion.cleanup`), the clip's own body (`known
 feet at the borders (`motion.filling`).
 """
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
 from jaxtyping import Bool, Float
 
 from motion_jax.data.clip import Caption, Clip
-from motion_jax.models.known_motion import KnownMotion, at_rate, clip_of
 from motion_jax.models.results import Motion, Motions, captions_with, cleanup_record, features_of, gathered
+from motion_jax.models.shared.known_motion import KnownMotion, at_rate, clip_of
 from motion_jax.motion import step_records
 from motion_jax.motion.cleanup import clean_up
 from motion_jax.motion.filling import fill_frames, in_spans, runs_of
 from motion_jax.utils.errors import InputError
 from motion_jax.utils.spans import TASKS
-
-if TYPE_CHECKING:
-  from motion_jax.models.base import TextToMotionModel
 
 Spans = Sequence[Sequence[int]]  # [(first frame, the one past the last), ...]
 
@@ -64,7 +61,7 @@ def requested_frames(num_frames: int, task: str | None = None, keep: Spans | Non
   return new if keep is None else ~new
 
 
-def prepare(model: "TextToMotionModel", motion: Any, new: Callable[[int], Bool[np.ndarray, " t"]]) -> Edit:
+def prepare(model: Any, motion: Any, new: Callable[[int], Bool[np.ndarray, " t"]]) -> Edit:
   """The edit of a motion (see `known_motion.clip_of`) whose frames new(num_frames) -> (T,) are to be sampled.
 
   Of a motion longer than the model knows, the seconds around the new frames are what it samples from.
@@ -91,7 +88,7 @@ def prepare(model: "TextToMotionModel", motion: Any, new: Callable[[int], Bool[n
   return Edit(clip, known, flags, start, features, given is not None)
 
 
-def paste(model: "TextToMotionModel", edit: Edit, prompt: str, seed: int | None, decoded: Float[np.ndarray, "n f"],
+def paste(model: Any, edit: Edit, prompt: str, seed: int | None, decoded: Float[np.ndarray, "n f"],
           cleanup: bool, about: dict[str, Any]) -> Motion:
   """The clip of an edit with new frames from decoded (count, F), not normalized, its window as the model sampled it."""
   layout = model.stats.layout
@@ -122,7 +119,7 @@ def paste(model: "TextToMotionModel", edit: Edit, prompt: str, seed: int | None,
                     edited=edit.clip.source or edit.clip.id, made=runs))
 
 
-def features_of_edit(model: "TextToMotionModel", edit: Edit, joints: Float[np.ndarray, "t j 3"]
+def features_of_edit(model: Any, edit: Edit, joints: Float[np.ndarray, "t j 3"]
                      ) -> Float[np.ndarray, "t f"]:
   """Features of joints (T, J, 3) of an edited clip, on the model's bones; in the clip's own place if it came as
   features."""
@@ -133,7 +130,7 @@ def features_of_edit(model: "TextToMotionModel", edit: Edit, joints: Float[np.nd
       layout.from_joints_in_place(on_model, model.config.data.mode))
 
 
-def edited(model: "TextToMotionModel", clips: Sequence[Any], prompts: Sequence[str],
+def edited(model: Any, clips: Sequence[Any], prompts: Sequence[str],
            new: Callable[[int], Bool[np.ndarray, " t"]], keys: jax.Array, seeds: Sequence[int | None], cleanup: bool,
            sampling: dict[str, Any], task: str = "spans") -> Motions:
   """Clips whose frames new(num_frames) -> (T,) are sampled once and pasted back, in one batch."""

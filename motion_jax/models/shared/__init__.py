@@ -1,0 +1,1 @@
+"""What several methods share: blocks and streams, edits, autoencoders, captions, masks, lengths."""
