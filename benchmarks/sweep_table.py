@@ -22,6 +22,7 @@ import jax
 import machine
 import numpy as np
 import results
+import sweep
 from behaviour_sentences import sentences
 
 from motion_jax import loading, runs
@@ -31,7 +32,6 @@ from motion_jax.evaluation.request import Request
 from motion_jax.training.saver import progress
 from motion_jax.utils.errors import InputError
 from motion_jax_studio import Pipeline, steps
-from motion_jax_studio.cli import sweep
 
 FRAMES, PROMPT, ROUNDS = 120, "a person walks forward", 5
 SCORES = ("top1", "top3", "fid", "matching", "skating", "jerk")
@@ -196,7 +196,7 @@ def report(out, methods, workdir, page_file, command) -> str:
 def parse(argv=None):
   parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
   add = parser.add_argument
-  add("sweep", help="name or file of the sweep, as for motion-jax train --sweep")
+  add("sweep", help="name or file of the sweep, as for benchmarks/sweep.py")
   add("workdir", type=pathlib.Path, help="its --workdir")
   add("--data", nargs="+", help="data folders, whose test split is evaluated")
   add("--page", type=pathlib.Path, help="Markdown page with the markers, which gets the table")

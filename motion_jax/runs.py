@@ -137,6 +137,12 @@ def load_run(name: str | os.PathLike, stage: str | Sequence[str] | None = None, 
     return Run(folder, with_defaults(config), raw)
 
 
+def held_stats(config: ml_collections.ConfigDict) -> Stats | None:
+  """The statistics of the run that a partly frozen stage (config.train.freeze) starts from, to which its parameters
+  belong; None for other stages, whose statistics come from their data."""
+  return load_run(config.train.start).stats if config.train.freeze else None
+
+
 _STORE = {"data.store": ""}
 _MOTION_ERRORS = {"data.balance": 0.0, "loss.acceleration": 0.0, "loss.extremity_velocity": 0.0,
                   "loss.foot_contact": 0.0, "loss.brief_contact": 0.0, "loss.bone_length": 0.0}

@@ -21,8 +21,9 @@ from motion_jax.motion.skeleton import HUMANML3D
 from motion_jax.motion.step_records import added, record
 from motion_jax.utils.errors import InputError
 from motion_jax_studio.language import Plan
-from motion_jax_studio.planning import durations, path_ends
+from motion_jax_studio.planning import durations
 from motion_jax_studio.planning.job import Job
+from motion_jax_studio.posing import path_ends
 
 Constraints = list[Constraint] | ControlSignal  # of one motion
 _HASTY = 0.6  # share of their usual time below which several actions get a warning

@@ -15,7 +15,7 @@ from motion_jax.models.results import Motion, Motions, gathered
 from motion_jax.models.shared import pasting
 from motion_jax.motion.skeleton import bone_lengths
 from motion_jax.motion.step_records import added, record
-from motion_jax_studio.checks import resampling
+from motion_jax_studio import resampling
 from motion_jax_studio.checks.reports import report, unmet_requirements
 from motion_jax_studio.checks.violations import can_be_checked, excess_speed, violation_score
 from motion_jax_studio.language import Plan
@@ -35,7 +35,7 @@ class Made(NamedTuple):
 def edited(job: Job, clips: Sequence[Any], new: Callable[[int], np.ndarray], max_attempts: int, task: str = "spans",
            corrects: bool = True) -> Motions:
   """Clips (see `known_motion.clip_of`) whose frames new(num_frames) -> (T,) are sampled from the prompts of a job, the
-  best of up to max_attempts each; attempts are recorded in meta["attempts"] as in `checks.resampling`.
+  best of up to max_attempts each; attempts are recorded in meta["attempts"] as in `resampling`.
 
   corrects: the legs of the clip are kept where the prompt is about the upper body and new legs slide.
   """

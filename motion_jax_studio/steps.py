@@ -10,14 +10,15 @@ from typing import ClassVar
 
 from motion_jax.models.results import Motion
 from motion_jax.motion.step_records import added, record
-from motion_jax_studio import constraining
-from motion_jax_studio.checks import MAX_ATTEMPTS, prompt_notes, resampling
+from motion_jax_studio import constraining, resampling
+from motion_jax_studio.checks import MAX_ATTEMPTS, prompt_notes
 from motion_jax_studio.checks.violations import can_be_checked
 from motion_jax_studio.constraining import is_constrained
-from motion_jax_studio.planning import path_ends, sequencing
-from motion_jax_studio.planning.finishing_touches import corrected
+from motion_jax_studio.planning import sequencing
 from motion_jax_studio.planning.job import Job, plan_records
-from motion_jax_studio.planning.posing import posed
+from motion_jax_studio.posing import path_ends
+from motion_jax_studio.posing.corrections import corrected
+from motion_jax_studio.posing.postures import posed
 
 
 def name_of(step: Callable[[Job], None]) -> str:
@@ -110,7 +111,7 @@ def _set_targets(job):
 
 @dataclasses.dataclass(frozen=True)
 class Pose:
-  """Turns walks to their side, leans the trunk and brings hands to where a plan has them (`planning.posing`).
+  """Turns walks to their side, leans the trunk and brings hands to where a plan has them (`posing.postures`).
 
   Motions without a plan, and those that are guided towards constraints, stay as they are.
   """
@@ -124,7 +125,7 @@ class Pose:
 
 @dataclasses.dataclass(frozen=True)
 class Correct:
-  """Corrects motions that nearly meet what their plans require (`planning.finishing_touches`): left and right are
+  """Corrects motions that nearly meet what their plans require (`posing.corrections`): left and right are
   exchanged, a seated pose is kept, walks are bent to their shape.
 
   Motions without a plan, and those that are guided towards constraints, stay as they are.

@@ -1,8 +1,8 @@
 """CMDM's denoiser at three learning rates, and the middle one with a larger batch.
 
-  motion-jax train --sweep learning_rate --workdir runs/learning_rate --data path/to/cmu path/to/bandai \
+  python benchmarks/sweep.py learning_rate --workdir runs/learning_rate --data path/to/cmu path/to/bandai \
       --config.frozen.tokenizer=runs/tokenizer
-  sbatch --array=0-3 --wrap "motion-jax train --sweep learning_rate --workdir runs/learning_rate ..."
+  sbatch --array=0-3 --wrap "python benchmarks/sweep.py learning_rate --workdir runs/learning_rate ..."
 
 A sweep is a file with get_sweep(size) -> {name of a run: (config, {field: value})}. Expected: nothing has been run.
 """

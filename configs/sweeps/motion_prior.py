@@ -1,7 +1,7 @@
 """CDAMD with and without its conditional motion prior: the two runs of the paper's Fig. 7, validation loss by step.
 
-  motion-jax train --sweep motion_prior --workdir runs/fig7 --data HumanML3D --config.frozen.text=CLIP-FOLDER
-  motion-jax train --sweep motion_prior:mini --workdir runs/fig7 --data path/to/cmu path/to/bandai
+  python benchmarks/sweep.py motion_prior --workdir runs/fig7 --data HumanML3D --config.frozen.text=CLIP-FOLDER
+  python benchmarks/sweep.py motion_prior:mini --workdir runs/fig7 --data path/to/cmu path/to/bandai
 
 Sizes: full, small, mini, tiny. At all but tiny the autoencoder and the RVQ-VAE of ablations/cdamd:default are trained
 first, in runs/ablations/default/autoencoder and runs/ablations/default/rvq. runs/fig7/sweep.png is the figure: a curve

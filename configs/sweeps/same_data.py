@@ -1,6 +1,6 @@
 """Seven methods and MARDM on the same data, with the same processor time and about the same number of parameters.
 
-  motion-jax train --sweep same_data --workdir runs/same-data --data path/to/cmu path/to/cmu2 path/to/bandai \
+  python benchmarks/sweep.py same_data --workdir runs/same-data --data path/to/cmu path/to/cmu2 path/to/bandai \
       --cpu-seconds 7200 --slice 300
   python benchmarks/sweep_table.py same_data runs/same-data --data path/to/cmu path/to/bandai --page PAGE.md
 
@@ -15,7 +15,7 @@ that make a motion; representations are those that each method has in this libra
 Size "gpu", which has not been trained yet, is for a number of steps instead of a budget, with batches of 128 clips and
 256 windows, a method in each task of an array:
 
-  SLURM_ARRAY_TASK_ID=0 motion-jax train --sweep same_data:gpu --workdir runs/same-data --data ...
+  SLURM_ARRAY_TASK_ID=0 python benchmarks/sweep.py same_data:gpu --workdir runs/same-data --data ...
 """
 TOKENIZER, GENERATOR = 0.3, 0.7  # shares of the budget
 GPU_STEPS = 4000  # of a method

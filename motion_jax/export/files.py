@@ -25,6 +25,7 @@ from motion_jax.motion.skeleton import HUMANML3D, SKELETONS
 from motion_jax.utils.atomic import atomic_path
 from motion_jax.utils.errors import InputError
 from motion_jax.utils.input_files import PickledError, load_npy, load_npz, npz_names, parse_json
+from motion_jax.utils.json_values import plain
 from motion_jax.utils.plugins import Registry
 
 _HOLOSOMA_FPS = 30.0
@@ -278,17 +279,6 @@ def _turns_are_off(features, layout):
   """Whether the rotations among features are far from any: columns of a matrix, which are one long."""
   turns = [features[:, part].reshape(-1, 3) for name, part in layout.blocks.items() if "rotation" in name]
   return bool(turns) and float(np.median(np.abs(np.linalg.norm(np.concatenate(turns), axis=-1) - 1))) > 0.2
-
-
-def plain(value):
-  """A copy that JSON can hold: arrays become lists, other objects their text."""
-  if isinstance(value, dict):
-    return {str(key): plain(item) for key, item in value.items()}
-  if isinstance(value, list | tuple):
-    return [plain(item) for item in value]
-  if isinstance(value, np.ndarray | np.generic):
-    return value.tolist()
-  return value if value is None or isinstance(value, str | int | float | bool) else str(value)
 
 
 # {extension: reader(path, fps, unit, up, mapping) -> Clip}, and those of other packages; the arguments are `load`'s.

@@ -14,10 +14,10 @@ import struct
 import numpy as np
 
 from motion_jax.export.binding import bind
-from motion_jax.export.body import COLORS
-from motion_jax.export.files import plain
+from motion_jax.motion.figure import COLORS
 from motion_jax.motion.looping import is_loop, velocity
 from motion_jax.utils.atomic import atomic_path
+from motion_jax.utils.json_values import plain
 
 FLOAT, SHORT, BYTE = 5126, 5123, 5121
 

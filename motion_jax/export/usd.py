@@ -11,8 +11,8 @@ import re
 import numpy as np
 
 from motion_jax.export.binding import bind
-from motion_jax.export.body import COLORS
 from motion_jax.export.glb import clip_name, facts
+from motion_jax.motion.figure import COLORS
 from motion_jax.utils.atomic import atomic_path
 
 

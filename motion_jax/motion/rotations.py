@@ -133,9 +133,8 @@ def best_turn(bones: Float[A, "*lead n 3"], shape: Float[Array, "n 3"]) -> Float
   products = xp.einsum("...ni,nj->...ij", bones, shape)
   if xp is np:
     return nearest_rotation(products)
-  from motion_jax.motion.rotation_gradients import nearest_rotation as differentiable
-  turn: Any = differentiable
-  return turn(products)
+  from motion_jax.motion.rotation_gradients import with_derivative
+  return with_derivative(nearest_rotation)(products)
 
 
 def nearest_rotation(m: Float[A, "*lead 3 3"]) -> Float[A, "*lead 3 3"]:

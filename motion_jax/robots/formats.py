@@ -13,13 +13,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from motion_jax.export.files import plain
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.retiming import resample
 from motion_jax.robots.motion import RobotMotion
 from motion_jax.robots.robot import Robot, to_robot_axes
 from motion_jax.utils.atomic import atomic_path
 from motion_jax.utils.errors import InputError
+from motion_jax.utils.json_values import plain
 from motion_jax.utils.numerals import FRAME_RATES, named
 
 

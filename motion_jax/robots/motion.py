@@ -6,8 +6,8 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from motion_jax.data.clip import Caption, Clip
-from motion_jax.export.body import Figure
 from motion_jax.motion import rotations as rot
+from motion_jax.motion.figure import Figure
 from motion_jax.motion.skeleton import HUMANML3D
 from motion_jax.robots.robot import SIDES, Robot, from_robot_axes
 

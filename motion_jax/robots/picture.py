@@ -3,8 +3,8 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from motion_jax.export.body import COLORS, BodyPart, Figure
 from motion_jax.motion import rotations as rot
+from motion_jax.motion.figure import COLORS, BodyPart, Figure
 from motion_jax.motion.skeleton import HUMANML3D
 from motion_jax.robots.robot import SIDES, from_robot_axes
 

@@ -11,7 +11,6 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from motion_jax import runs
 from motion_jax.data import batches, sources
 from motion_jax.motion.representations import to_joints
 from motion_jax.motion.stats import Stats, load_stats
@@ -62,12 +61,6 @@ def untrained(shapes, seed=0):
     return draw.standard_normal(leaf.shape, np.float32) / np.sqrt(np.float32(fan_in))
 
   return jax.tree_util.tree_map_with_path(fill, shapes)
-
-
-def held_stats(config):
-  """The statistics of the run that a partly frozen stage (config.train.freeze) starts from, to which its parameters
-  belong; None for other stages, whose statistics come from their data."""
-  return runs.load_run(config.train.start).stats if config.train.freeze else None
 
 
 def held_out(config, stats, captioned=False):

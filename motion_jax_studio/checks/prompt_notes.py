@@ -11,7 +11,6 @@ from motion_jax_studio.language.hand_places import without_hands
 from motion_jax_studio.language.lexicon import BEFORE_ACTIONS, NEGATIONS, PAUSE
 from motion_jax_studio.language.path_shapes import without_shape
 from motion_jax_studio.language.postures import postures_of
-from motion_jax_studio.planning.spans import read_segments
 
 _NAMED = 5  # words of a prompt, and notes of a call, at most
 _PEOPLE = r"(?:people|persons|men|women|boys|girls|guys|kids|children|friends|dancers|fighters|boxers|figures|players)"
@@ -83,8 +82,8 @@ def _without_postures(plan):
   """The prompts of a plan without standing still, what they say of postures, and of paths to which walks are bent; the
   gestures that a model samples stay."""
   named = {plan.single.prompt: plan.text} if plan.is_plain and plan.single else {}
-  sampled = {id(segment.action) for segment in read_segments(plan)}
-  made = {named.get(action.prompt, action.prompt) for action, place in postures_of(read_segments(plan))
+  sampled = {id(segment.action) for segment in plan.read_segments}
+  made = {named.get(action.prompt, action.prompt) for action, place in postures_of(plan.read_segments)
           if place is None or place.place or id(action) not in sampled}
   prompts = dict.fromkeys(one.prompt for one in plan.sampled if one.words != PAUSE and one.prompt not in made)
   return [without_hands(without_shape(prompt) if _bends(plan) else prompt) for prompt in prompts]

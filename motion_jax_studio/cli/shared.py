@@ -68,9 +68,9 @@ def cache_compiled_code():
   cache.keep_in_user_cache()
 
 
-def add_config(parser, required=True):
+def add_config(parser):
   """The flags that name a training config and its data, and --config.FIELD=VALUE."""
-  parser.add_argument("--config", required=required, metavar="NAME[:SIZE]", help="config, such as "
+  parser.add_argument("--config", required=True, metavar="NAME[:SIZE]", help="config, such as "
                       "cmdm_denoiser:tiny: a shipped one, or a Python file with get_config(size)")
   parser.add_argument("--data", nargs="+", metavar="DIR", help="data folders, several are combined; short for "
                       "--config.data.folder")

@@ -3,9 +3,8 @@ import pathlib
 import sys
 
 from motion_jax.utils import config_files
-from motion_jax.utils.errors import InputError
 from motion_jax.utils.numerals import NumberError, real, shortened, whole
-from motion_jax_studio.cli import shared, sweep
+from motion_jax_studio.cli import shared
 
 
 def add_to(commands):
@@ -18,10 +17,7 @@ def add_to(commands):
              f"{', '.join(config_files.recipes())}. Sizes: tiny (two steps), mini, laptop, small; "
              "default: the paper's. docs/configs.md lists them all.")
   add = train.add_argument
-  shared.add_config(train, required=False)
-  add("--sweep", metavar="NAME[:SIZE]",
-      help="instead of --config: the runs of a sweep, shipped or a Python file with get_sweep(size), one after "
-           "another in sub-folders of --workdir, or those of the method of this task of a SLURM array")
+  shared.add_config(train)
   add("--workdir", required=True, metavar="FOLDER", help="run folder; created if missing")
   add("--resume", nargs="?", const="yes", choices=("yes", "no", "auto"),
       help="resume the run in the folder exactly where it stopped; --resume=auto starts a run if there is none "
@@ -33,10 +29,7 @@ def add_to(commands):
       help="save and stop after this time")
   add("--cpu-seconds", type=real(above=0, high=1e9, unit="processor seconds"), metavar="S",
       help="save and stop when the steps of the run, its earlier slices included, have cost this much processor time "
-           "(train.cpu_seconds); with --sweep: the budget of each method, shared among its stages")
-  add("--slice", type=real(above=0, high=1e9, unit="processor seconds"), metavar="S",
-      help="with --sweep and --cpu-seconds: train in turns of this much processor time, always the method that has had "
-           "the least; may be stopped at any moment and started again")
+           "(train.cpu_seconds)")
   add("--profile-steps", type=_steps, metavar="A:B",
       help="profile steps A to B with JAX's profiler into profile/ of the run folder, such as 10:20; step 1 "
            "includes compilation")
@@ -63,14 +56,6 @@ def _steps(text):
 
 
 def _train(args):
-  if (args.config is None) == (args.sweep is None):
-    raise InputError("got " + ("both --config and --sweep" if args.config else "neither --config nor --sweep")
-                     + "; give one of them")
-  if args.slice and not (args.sweep and args.cpu_seconds):
-    raise InputError(f"got --slice without {'--cpu-seconds' if args.sweep else '--sweep'}, expected --sweep NAME "
-                     "--cpu-seconds S --slice S")
-  if args.sweep:
-    return sweep.run(args.sweep, args.workdir, _of_each_run(args), budget=args.cpu_seconds, slice=args.slice)
   if args.cpu_seconds:
     args.overrides = [*args.overrides, f"--config.train.cpu_seconds={args.cpu_seconds}"]
   from motion_jax.utils import exit_status, stopping
@@ -79,16 +64,6 @@ def _train(args):
   if stop.status == exit_status.PREEMPTED and not stop.quiet:
     print(f"{args.program}: preempted, resumable", file=sys.stderr)
   return stop.status
-
-
-def _of_each_run(args):
-  """The arguments that are passed to each run of a sweep."""
-  found = ["--data", *args.data] if args.data else []
-  found += ["--allow-changes"] if args.allow_changes else []
-  found += [f"--max-seconds={args.max_seconds}"] if args.max_seconds else []
-  found += ["--profile-steps={}:{}".format(*args.profile_steps)] if args.profile_steps else []
-  found += [f"--simulate-devices={args.simulate_devices}"] if args.simulate_devices else []
-  return found + list(args.overrides)
 
 
 def _run(args, stop):

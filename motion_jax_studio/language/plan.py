@@ -33,6 +33,12 @@ class Plan:
     return list(dict.fromkeys(one.prompt for one in self.sampled))
 
   @property
+  def read_segments(self) -> tuple[Segment, ...]:
+    """The segments; that of a plain plan with its action as it was parsed, not as the text was written."""
+    first, *_ = self.segments
+    return (first._replace(action=self.single),) if self.is_plain and self.single else self.segments
+
+  @property
   def summary(self) -> str:
     """The segments for a reader: "walks forward + waves | stands still [2]", with durations in seconds."""
     return " | ".join(one.words + (f" [{one.seconds:g}]" if one.seconds else "") for one in self.segments)

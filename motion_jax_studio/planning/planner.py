@@ -7,8 +7,8 @@ from motion_jax_studio.language import Action, Plan, Segment, parse
 from motion_jax_studio.language.meaning import Meanings
 from motion_jax_studio.language.plain_words import in_plain_words
 from motion_jax_studio.language.repertoire import Repertoire
-from motion_jax_studio.planning import posing
 from motion_jax_studio.planning.phrasing import in_words_of_captions, wants_words_of_captions
+from motion_jax_studio.planning.standing import standing
 
 
 class Planner:
@@ -41,10 +41,10 @@ class Planner:
     return in_words_of_captions(found) if wants_words_of_captions(self.model.config) else found
 
   def with_postures(self, plan: Plan) -> Plan:
-    """The plan in which a body stands still where `posing.posed` will lean it or bring its hands to a place."""
+    """The plan in which a body stands still below actions that the pose step adds (`posing.postures`)."""
     if not self.can_sequence or not can_be_checked(self.model):
       return plan
-    return posing.standing(plan, self.model.captions.knows, self._can)
+    return standing(plan, self.model.captions.knows, self._can)
 
   def in_plain_words(self, plan: Plan) -> Plan:
     """The plan with actions in plain words (`language.plain_words`), as this model learned them."""

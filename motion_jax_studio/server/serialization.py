@@ -7,11 +7,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from motion_jax.data.clip import Caption, Clip
-from motion_jax.export.files import plain
 from motion_jax.models.results import Motion
 from motion_jax.motion import plausibility
 from motion_jax.motion.skeleton import SKELETONS
 from motion_jax.utils.errors import InputError
+from motion_jax.utils.json_values import plain
 
 MAGIC, VERSION = b"MJXS", 1
 _HEADER = struct.Struct("<4sHHIIIHHIIIff")  # 44 bytes and 4 of padding, for an alignment of 16

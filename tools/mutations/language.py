@@ -19,8 +19,8 @@ MUTATIONS = (
      "away if False else", (f"{SEQUENCING}::test_a_way_back_takes_as_long_as_the_way",)),
     ("language-held-wrist", "motion_jax_studio/planning/pauses.py", 'enumerate(("right", "left"))',
      'enumerate(("left", "right"))', (f"{SEQUENCING}::test_who_holds_a_pose_holds_it_where_it_is",)),
-    ("language-mirrored", "motion_jax_studio/planning/finishing_touches.py", "not sided or len(named) != len(sided) or",
-     "not sided or", ("tests/studio/planning/test_finishing_touches.py::"
+    ("language-mirrored", "motion_jax_studio/posing/corrections.py", "not sided or len(named) != len(sided) or",
+     "not sided or", ("tests/studio/posing/test_corrections.py::"
                       "test_a_side_is_not_exchanged_where_something_else_is_of_one_side",)),
     # --- checks ---------------------------------------------------------------------------------------------------
     ("language-both-sides", "motion_jax_studio/checks/violations.py", 'or event.side == "both")', "or False)",
@@ -32,9 +32,9 @@ MUTATIONS = (
     ("language-half-circle", "motion_jax_studio/checks/path_violations.py",
      "max(least - abs(total), abs(total) - most, 0.0)", "max(least - abs(total), 0.0)",
      (f"{PATHS}::test_half_a_circle_zigzags_and_straight_ways",)),
-    ("language-first-of-equals", "motion_jax_studio/checks/resampling.py", "attempt.score < attempts[kept].score",
+    ("language-first-of-equals", "motion_jax_studio/resampling.py", "attempt.score < attempts[kept].score",
      "attempt.score <= attempts[kept].score",
-     ("tests/studio/checks/test_resampling.py::test_of_equals_the_first_is_kept_and_all_attempts_are_recorded",)),
+     ("tests/studio/test_resampling.py::test_of_equals_the_first_is_kept_and_all_attempts_are_recorded",)),
     # --- pipeline, streams, edits -----------------------------------------------------------------------------------
     ("language-cleanup", "motion_jax_studio/pipeline.py", "      if steps.name_of(step) in out:", "      if False:",
      ("tests/studio/test_pipeline.py::"
@@ -50,7 +50,7 @@ MUTATIONS = (
      ("tests/studio/test_editing.py::test_a_body_that_glides_is_reported",)),
     ("language-constrained-plan", "motion_jax_studio/steps.py",
      "plan if is_constrained(constraints) else job.planner.with_postures(plan)", "job.planner.with_postures(plan)",
-     ("tests/studio/planning/test_posing.py::test_plans_with_constraints_stay_as_they_are",)),
+     ("tests/studio/posing/test_postures.py::test_plans_with_constraints_stay_as_they_are",)),
     # --- control --------------------------------------------------------------------------------------------------
     ("language-circle-left", "motion_jax/control/paths.py", "return _walked(_round(radius, 1), fps, SPEED)",
      "return _walked(_round(radius, -1), fps, SPEED)", (f"{CONSTRAINTS}::test_standard_curves_lead_to_their_sides",)),

@@ -14,6 +14,7 @@ import tqdm
 from motion_jax.data.clip import Caption, Clip
 from motion_jax.data.datasets.base import SHORTEST, Dataset, TestItem, TextItem, new_folder
 from motion_jax.data.datasets.caption_lines import format_texts, read_texts
+from motion_jax.data.datasets.humanml3d_files import MIN_FRAMES, dataset_info, read_ids
 from motion_jax.data.mirror import mirror_clip
 from motion_jax.motion import plausibility
 from motion_jax.motion.representations import get_layout, layout_for, to_features, to_joints
@@ -21,59 +22,10 @@ from motion_jax.motion.retiming import resample
 from motion_jax.motion.skeleton import HUMANML3D, KIT
 from motion_jax.motion.stats import ABSOLUTE, RunningStats, Stats, compute_stats, load_stats, save_stats
 from motion_jax.utils.errors import InputError
-from motion_jax.utils.input_files import load_npy, npy_shape, read_json
-from motion_jax.utils.numerals import shortened
-from motion_jax.utils.text_files import file_stem, read_lines
+from motion_jax.utils.input_files import load_npy
 
 SPLITS = ("train", "val", "test", "train_val", "all")
-MIN_FRAMES = {"humanml3d": 40, "kit": 24}
 TAG_FPS = 20  # Parity: time tags are seconds times 20 for KIT too, whose rate is 12.5
-
-
-def read_ids(folder, split="all") -> list[str]:
-  """The ids of a split file; without an all.txt, those of all the other split files."""
-  folder = pathlib.Path(folder)
-  path = folder / f"{split}.txt"
-  if path.is_file():
-    return [file_stem(name, f"{path} line {number}") for number, line in enumerate(read_lines(path), 1)
-            for name in line.split()]
-  found = [name for name in ("train", "val", "test") if (folder / f"{name}.txt").is_file()]
-  if split != "all" or not found:
-    raise FileNotFoundError(f"{folder} has no {split}.txt; expected one id per line in it")
-  return [name for part in found for name in read_ids(folder, part)]
-
-
-def dataset_info(folder) -> dict:
-  """The entries of dataset.json, with defaults for layout, skeleton, fps and mode where they are missing."""
-  folder = pathlib.Path(folder)
-  path = folder / "dataset.json"
-  info = read_json(path, advice="restore it, or remove it where the folder is HumanML3D's or KIT-ML's own") if (
-      path.is_file()) else {}
-  if "layout" not in info:
-    sample = next(iter(sorted((folder / "new_joint_vecs").glob("*.npy"))), None)
-    if sample is None:
-      raise FileNotFoundError(f"{folder} has no new_joint_vecs/*.npy; expected a HumanML3D or KIT-ML folder")
-    info["layout"] = layout_for((npy_shape(sample) or (0,))[-1]).name
-  if not isinstance(info["layout"], str):
-    raise InputError(f"{path}: got layout {str(info['layout'])[:60]!r}, expected a name such as 'full'")
-  skeleton = get_layout(info["layout"]).skeleton
-  info = {"skeleton": skeleton.name, "fps": skeleton.fps, "mode": "benchmark", "source": folder.name, "license": "",
-          "clips": {}} | info
-  _check_info(info, path)
-  return info
-
-
-def _check_info(info, path):
-  """Raises InputError for entries of dataset.json of a wrong type."""
-  for key, kind, expected in (("source", str, "text"), ("license", str, "text"), ("mode", str, "text"),
-                            ("clips", dict, "an object")):
-    if not isinstance(info[key], kind):
-      raise InputError(f"{path}: got {key} {str(info[key])[:60]!r}, expected {expected}")
-  if isinstance(info["fps"], bool) or not isinstance(info["fps"], int | float) or not 0 < info["fps"] <= 1000:
-    raise InputError(f"{path}: got fps {str(info['fps'])[:60]!r}, expected the frames of a second")
-  strange = next((name for name, origin in info["clips"].items() if not isinstance(origin, dict)), None)
-  if strange is not None:
-    raise InputError(f"{path}: clip {shortened(strange)!r} holds no object with source and license")
 
 
 def has_mirrored(folder) -> bool:
@@ -348,7 +300,7 @@ class HumanML3D(Dataset):
     return folder_stats(config.folder, layout, config.get("per_axis", False))
 
   def examine(self, folder, found, progress=False):
-    from motion_jax.data.datasets import humanml3d_checks  # reads folders by this file
+    from motion_jax.data.datasets import humanml3d_checks
     return humanml3d_checks.examine(pathlib.Path(folder), found, progress)
 
   def benchmark(self, folders, run_layout):

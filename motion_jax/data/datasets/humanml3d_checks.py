@@ -6,7 +6,7 @@ import numpy as np
 import tqdm
 
 from motion_jax.data import checks
-from motion_jax.data.datasets import humanml3d
+from motion_jax.data.datasets import humanml3d_files
 from motion_jax.data.datasets.caption_lines import read_texts
 from motion_jax.motion.representations import layout_for, to_joints
 from motion_jax.motion.stats import RunningStats
@@ -46,7 +46,7 @@ def examine(folder, found, progress):
   if layout is None:
     return [("format", "HumanML3D layout"), ("clips", str(len(vectors)))]
   try:
-    info = humanml3d.dataset_info(folder)
+    info = humanml3d_files.dataset_info(folder)
   except ValueError as error:
     found.add("error", f"dataset.json cannot be used ({checks.error_detail(error, folder / 'dataset.json')})",
               "build again, or remove it where the folder is HumanML3D's or KIT-ML's own")
@@ -84,7 +84,7 @@ def examine(folder, found, progress):
     if name in texts:
       captions[name] = _check_texts(folder / "texts" / f"{name}.txt", name, len(features) / info["fps"], found)
   body.report()
-  least = humanml3d.MIN_FRAMES[layout.skeleton.name]
+  least = humanml3d_files.MIN_FRAMES[layout.skeleton.name]
   checks.report_lengths(rows, splits, least, found)
   checks.report_duplicates(hashes, splits, found)
   if rows:
@@ -107,7 +107,7 @@ def _splits(folder, found):
   splits = {}
   for name in ("train", "val", "test"):
     if (folder / f"{name}.txt").is_file():
-      splits[name] = humanml3d.read_ids(folder, name)
+      splits[name] = humanml3d_files.read_ids(folder, name)
       twice = [one for one, count in collections.Counter(splits[name]).items() if count > 1]
       found.add_all("warning", f"ids twice in {name}.txt", "remove the second line", sorted(twice))
     else:
@@ -127,7 +127,7 @@ def _splits(folder, found):
   for derived, parts in (("train_val", ("train", "val")), ("all", ("train", "val", "test"))):
     if (folder / f"{derived}.txt").is_file():
       expected = {one for part in parts for one in splits.get(part, ())}
-      if set(humanml3d.read_ids(folder, derived)) != expected:
+      if set(humanml3d_files.read_ids(folder, derived)) != expected:
         found.add("warning", f"{derived}.txt is not the union of {', '.join(parts)}", "write it again")
   return splits
 

@@ -7,7 +7,7 @@ import numpy as np
 import tqdm
 
 from motion_jax.data import checks
-from motion_jax.data.datasets.snapmogen import FPS, MIN_FRAMES, SPLITS, folder_stats, read_captions, read_ids
+from motion_jax.data.datasets.snapmogen_files import FPS, MIN_FRAMES, SPLITS, folder_stats, read_captions, read_ids
 from motion_jax.motion.representations import get_layout, to_joints
 from motion_jax.motion.stats import RunningStats
 

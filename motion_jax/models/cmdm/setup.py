@@ -30,6 +30,7 @@ from motion_jax.motion.representations import get_layout
 from motion_jax.motion.stats import Stats
 from motion_jax.nets.causal_dit import CausalDiT
 from motion_jax.nets.causal_vae import CausalVAE
+from motion_jax.runs import held_stats
 from motion_jax.text import bert
 from motion_jax.text.captions import vary_subject
 from motion_jax.text.encoder import load_text_encoder
@@ -39,7 +40,6 @@ from motion_jax.training.setup import (
   TrainingSetup,
   demand_same_network,
   held_out,
-  held_stats,
   reconstruction_error,
   resolve_epochs,
   untrained,

@@ -25,11 +25,11 @@ from motion_jax.models.shared.captioned_batches import (
 from motion_jax.motion import stats as stats_lib
 from motion_jax.motion.stats import Stats
 from motion_jax.nets.causal_vae import CausalVAE
+from motion_jax.runs import held_stats
 from motion_jax.training.setup import (
   TrainingSetup,
   demand_same_network,
   held_out,
-  held_stats,
   reconstruction_error,
   resolve_epochs,
   untrained,

@@ -7,7 +7,7 @@ from motion_jax_studio.checks.reports import note_of, report, unmet_requirements
 from motion_jax_studio.language import parse
 from motion_jax_studio.server.requests import notes_of
 from tests.analysis.test_describe import _jump, _kick, _walk, _wave
-from tests.studio.checks.test_resampling import JUMPS, Sampler
+from tests.studio.test_resampling import JUMPS, Sampler
 
 
 def test_what_is_missing_is_said_in_words():

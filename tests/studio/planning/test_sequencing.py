@@ -20,7 +20,7 @@ from motion_jax_studio.planning import assembly, durations, sequencing
 from motion_jax_studio.planning.independent import SLACK
 from motion_jax_studio.planning.job import Job
 from motion_jax_studio.planning.planner import Planner
-from motion_jax_studio.planning.posing import standing
+from motion_jax_studio.planning.standing import standing
 
 FAST = dict(num_steps=3, lag=2)
 ARMS = [14, 17, 19, 21, 13, 16, 18, 20]

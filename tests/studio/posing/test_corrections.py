@@ -17,7 +17,7 @@ from motion_jax.motion.step_records import change_between
 from motion_jax_studio.checks.violations import violation_score
 from motion_jax_studio.language import parse
 from motion_jax_studio.language.path_shapes import BENT
-from motion_jax_studio.planning import finishing_touches
+from motion_jax_studio.posing.corrections import corrected
 from tests.studio.checks.test_violations import _joints, _seated
 
 MODEL = SimpleNamespace(stats=SimpleNamespace(layout=get_layout("full")),
@@ -29,7 +29,7 @@ def _motion(joints, *captions):
 
 
 def _finished(motion, prompt):
-  return finishing_touches.corrected(MODEL, motion, parse(prompt).requirements)
+  return corrected(MODEL, motion, parse(prompt).requirements)
 
 
 def _sits_and_rises():
@@ -176,7 +176,7 @@ def test_a_side_is_not_exchanged_where_something_else_is_of_one_side():
   motion = _motion(_joints("wave_left"), Caption("a person waves the right hand with the left foot ahead"))
   required = parse("a person waves the right hand").requirements
   assert violation_score(motion.joints, required) > 0
-  assert finishing_touches.corrected(MODEL, motion, required) is motion
+  assert corrected(MODEL, motion, required) is motion
 
 
 @pytest.mark.parametrize("prompt, kind", [("he climbs a ladder", "ascend"), ("someone climbs down", "descend")])

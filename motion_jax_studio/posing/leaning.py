@@ -7,7 +7,7 @@ from motion_jax.motion.leaning import lean, leans
 from motion_jax.motion.smoothing import gaussian_filter1d
 from motion_jax_studio.language import Plan
 from motion_jax_studio.language.leaning import Lean, lean_of
-from motion_jax_studio.planning.spans import bounds_of, read_segments, rising
+from motion_jax_studio.posing.spans import bounds_of, rising
 
 _DEGREES = {"aside": 20.0, "ahead": 30.0, "back": 15.0}  # of a lean that is made
 _CYCLE, _STEADY = 2.5, 0.2  # seconds of swaying there and back; and sigma of a lean, without its tremor
@@ -15,7 +15,7 @@ _CYCLE, _STEADY = 2.5, 0.2  # seconds of swaying there and back; and sigma of a 
 
 def with_lean(motion: Motion, plan: Plan) -> Float[np.ndarray, "t j 3"]:
   """Joints of the motion of a plan with a trunk that leans where its words say so; its own where it does."""
-  segments, joints = read_segments(plan), motion.joints
+  segments, joints = plan.read_segments, motion.joints
   for segment, (first, past) in zip(segments, bounds_of(motion, segments)):
     if past <= first:
       continue

@@ -13,10 +13,11 @@ from motion_jax.motion.representations import get_layout
 from motion_jax.motion.retarget import retarget
 from motion_jax_studio.language import Segment, parse
 from motion_jax_studio.language.leaning import lean_of
-from motion_jax_studio.planning.finishing_touches import corrected
-from motion_jax_studio.planning.posing import posed, standing
+from motion_jax_studio.planning.standing import standing
+from motion_jax_studio.posing.corrections import corrected
+from motion_jax_studio.posing.postures import posed
 from motion_jax_studio.steps import Plan
-from tests.studio.planning.test_finishing_touches import MODEL
+from tests.studio.posing.test_corrections import MODEL
 
 _yes, _no = lambda prompt: True, lambda prompt: False
 WALK = retarget(synthetic_joints("walk", 120, np.random.default_rng(1)))

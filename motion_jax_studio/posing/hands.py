@@ -11,7 +11,7 @@ from motion_jax.motion.skeleton import HUMANML3D
 from motion_jax.motion.smoothing import smoothstep
 from motion_jax_studio.language import Plan
 from motion_jax_studio.language.hand_places import HandPlace, places_of
-from motion_jax_studio.planning.spans import bounds_of, read_segments, rising
+from motion_jax_studio.posing.spans import bounds_of, rising
 
 _NEAR, _MOSTLY = 0.15, 0.4  # metres from its place at which a hand is there, and the share of the time that it needs
 _OVERLAP = 1.8  # times the seconds between two places of a gesture that flows: a hand is on its way to both
@@ -24,7 +24,7 @@ def with_hands(motion: Motion, plan: Plan) -> Float[np.ndarray, "t j 3"]:
   A hand is brought in the time of its action, kept to the end of it and of a pause after it, or until a later action
   brings it elsewhere.
   """
-  segments, joints = read_segments(plan), motion.joints
+  segments, joints = plan.read_segments, motion.joints
   places = places_of(segments)
   if not any(places):
     return joints

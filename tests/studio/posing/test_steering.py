@@ -8,7 +8,7 @@ from motion_jax.metrics.physics import planted_speed
 from motion_jax.models.results import Motion
 from motion_jax.motion.retarget import retarget
 from motion_jax_studio.language import parse
-from motion_jax_studio.planning.steering import with_steering
+from motion_jax_studio.posing.steering import with_steering
 
 WALK = retarget(synthetic_joints("walk", 160, np.random.default_rng(1)))
 

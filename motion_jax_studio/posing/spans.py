@@ -6,16 +6,10 @@ from jaxtyping import Float
 
 from motion_jax.models.results import Motion
 from motion_jax.motion.smoothing import smoothstep
-from motion_jax_studio.language import Plan, Segment
+from motion_jax_studio.language import Segment
 
 _RISE, _FALL = 0.8, 0.7  # seconds in which a posture is taken, and goes over into the sampled motion
 _SHARE = 0.4             # of the time of an action, at most, in which it is taken
-
-
-def read_segments(plan: Plan) -> tuple[Segment, ...]:
-  """The segments of a plan; that of a plain one with its action as it is read."""
-  first, *_ = plan.segments
-  return (first._replace(action=plan.single),) if plan.is_plain and plan.single else plan.segments
 
 
 def bounds_of(motion: Motion, segments: Sequence[Segment]) -> list[tuple[int, int]]:

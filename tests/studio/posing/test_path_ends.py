@@ -6,7 +6,7 @@ from motion_jax import load
 from motion_jax.control.constraints import InPlace, RootPath
 from motion_jax_studio import Pipeline, constraining
 from motion_jax_studio.language import parse
-from motion_jax_studio.planning import path_ends
+from motion_jax_studio.posing import path_ends
 from tests.studio.planning.test_sequencing import Lengths
 from tests.studio.test_constraining import Refusing
 

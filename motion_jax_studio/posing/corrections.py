@@ -17,7 +17,7 @@ from motion_jax.motion.step_records import added, record
 from motion_jax_studio.checks.violations import gets_up, violation_score
 from motion_jax_studio.language.requirements import Requirement
 from motion_jax_studio.planning.pauses import held_frame, insert_pause
-from motion_jax_studio.planning.rerouting import returning, shaped, stepping, towards
+from motion_jax_studio.posing.rerouting import returning, shaped, stepping, towards
 
 _FLOATS = 0.08  # metres over the floor below which feet that never come lower count as standing
 _JUMPS, _IN_THE_AIR = 0.5, 0.05  # metres of a jump to a side, and of the lower foot over the floor in it

@@ -12,7 +12,7 @@ from motion_jax.motion.skeleton import HUMANML3D
 from motion_jax.motion.smoothing import smoothstep
 from motion_jax_studio.language import Plan, Segment
 from motion_jax_studio.language.path_shapes import is_gait
-from motion_jax_studio.planning.spans import bounds_of, read_segments
+from motion_jax_studio.posing.spans import bounds_of
 
 _TO_A_SIDE = re.compile(r"\b(?:to|towards?) (?:(?:the|his|her|their|its) )?(left|right)\b(?! (?:foot|leg|hand|arm))|"
                         r"^(?:\w+ly )?\w+(?: \w+ly)? (left|right)\b(?! (?:foot|leg|hand|arm|and))")
@@ -24,7 +24,7 @@ _FAR, _CORNER = 0.5, 0.8  # metres that a walk leads at least, and in which it i
 
 def with_steering(motion: Motion, plan: Plan) -> Float[np.ndarray, "t j 3"]:
   """Joints of the motion of a plan of several walks, those to a side turned there; its own where they lead there."""
-  segments = read_segments(plan)
+  segments = plan.read_segments
   walks = [(number, side) for number, segment in enumerate(segments) if (side := _side_of(segment)) is not None]
   if len(walks) < 2 or not any(side for _, side in walks):
     return motion.joints

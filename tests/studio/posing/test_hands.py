@@ -9,8 +9,8 @@ from motion_jax.models.results import Motion
 from motion_jax.motion.reaching import bring_hands, distance_to_place
 from motion_jax.motion.retarget import retarget
 from motion_jax_studio.language import parse
-from motion_jax_studio.planning.hands import with_hands
-from motion_jax_studio.planning.posing import standing
+from motion_jax_studio.planning.standing import standing
+from motion_jax_studio.posing.hands import with_hands
 
 WALK = retarget(synthetic_joints("walk", 120, np.random.default_rng(1)))
 

@@ -1,9 +1,15 @@
 """Sweeps: several training runs of one file, one after another, in turns, or as tasks of a SLURM array, and a table.
 
+  python benchmarks/sweep.py learning_rate --workdir runs/rates --data path/to/cmu path/to/bandai
+  python benchmarks/sweep.py same_data --workdir runs/same-data --cpu-seconds 7200 --slice 300 --data ...
+
+All other arguments are those of `motion-jax train`, for each run.
+
 A sweep is a file with get_sweep(size) -> {name: (config, {field: value})}. A name METHOD/STAGE is a stage of a method,
 whose stages are trained in the order of the file; "{METHOD/STAGE}" in a value stands for the folder of an earlier one.
 With a third entry, (config, fields, share), a stage gets that share of its method's budget of processor time.
 """
+import argparse
 import importlib.util
 import json
 import math
@@ -16,6 +22,7 @@ from typing import NamedTuple
 from motion_jax.utils import child, config_files, exit_status
 from motion_jax.utils.errors import InputError
 from motion_jax.utils.nearest import did_you_mean
+from motion_jax.utils.numerals import real
 
 TASK = "SLURM_ARRAY_TASK_ID"
 _DONE, _TABLE, _CHART, _RECORD = "finished", "sweep.md", "sweep.png", "sweep.json"
@@ -308,3 +315,33 @@ def draw_chart(runs, workdir):
   image.paste(names, (0, panels[0].height))
   with atomic_path(workdir / _CHART) as path:
     image.save(path, "PNG")
+
+
+def parse(argv=None):
+  """(arguments of this script, those of `motion-jax train`)."""
+  parser = argparse.ArgumentParser(description=__doc__.splitlines()[0], allow_abbrev=False)
+  parser.add_argument("sweep", metavar="NAME[:SIZE]", help="a sweep of configs/sweeps/, or a Python file")
+  parser.add_argument("--workdir", required=True, metavar="FOLDER", help="folder of all runs; created if missing")
+  parser.add_argument("--cpu-seconds", type=real(above=0, high=1e9, unit="processor seconds"), metavar="S",
+                      help="processor time of each method, shared among its stages")
+  parser.add_argument("--slice", type=real(above=0, high=1e9, unit="processor seconds"), metavar="S",
+                      help="with --cpu-seconds: processor time of a turn; the method that has had the least is next")
+  args, rest = parser.parse_known_args(argv)
+  if args.slice and not args.cpu_seconds:
+    parser.error("got --slice without --cpu-seconds, the budget of each method")
+  if any(one.partition("=")[0] == "--config" for one in rest):
+    parser.error("got --config, which the sweep's file names; --config.SECTION.FIELD=VALUE sets a field of all runs")
+  return args, rest
+
+
+def main(argv=None):
+  args, rest = parse(argv)
+  try:
+    return run(args.sweep, args.workdir, rest, budget=args.cpu_seconds, slice=args.slice)
+  except (InputError, OSError) as error:
+    print(f"benchmarks/sweep.py: {error}", file=sys.stderr)
+    return 1
+
+
+if __name__ == "__main__":
+  sys.exit(main())

@@ -8,10 +8,10 @@ import pytest
 from motion_jax.data.datasets.synthetic import synthetic_joints
 from motion_jax.models.results import Motion
 from motion_jax.motion.representations import get_layout
-from motion_jax_studio.checks.resampling import resampled
 from motion_jax_studio.language import parse
 from motion_jax_studio.language.plain_words import in_plain_words
 from motion_jax_studio.planning.job import Job
+from motion_jax_studio.resampling import resampled
 
 JUMPS = "a person jumps"
 
