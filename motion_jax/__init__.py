@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from motion_jax.utils import lazy
 
 if TYPE_CHECKING:
-  from motion_jax import control, data, diffusion, draw, export, metrics, models, motion, nets, quant, text
+  from motion_jax import control, data, diffusion, draw, export, metrics, models, motion, nets, quant, rigs, text
   from motion_jax.data.clip import Caption, Clip
   from motion_jax.loading import load
   from motion_jax.models import cdamd, cmdm
@@ -20,6 +20,6 @@ if TYPE_CHECKING:
 __version__ = "0.2.0"
 
 __all__ = ["Caption", "Clip", "Model", "Motion", "cdamd", "cmdm", "control", "data", "diffusion", "draw", "export",
-           "load", "metrics", "models", "motion", "nets", "quant", "text"]
+           "load", "metrics", "models", "motion", "nets", "quant", "rigs", "text"]
 
 __getattr__, __dir__ = lazy.attach(__name__)

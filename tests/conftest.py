@@ -38,7 +38,7 @@ ROOT = pathlib.Path(__file__).parents[1]
 # The shapes that annotations state are checked wherever a test calls these rooms, or compiles a call of them. Has to be
 # said before they are imported.
 CHECKED = [f"motion_jax.{room}" for room in (
-    "nets", "quant", "diffusion", "motion", "metrics",
+    "nets", "quant", "diffusion", "motion", "rigs", "metrics",
     *(f"models.cmdm.{name}" for name in ("streaming", "losses", "ddpm_forcing")),
     *(f"models.cdamd.{name}" for name in ("sampling", "losses", "unmasking", "editing", "draws")))]
 jaxtyping.install_import_hook(CHECKED, f"{tests.typechecker.__name__}.check")

@@ -21,7 +21,7 @@ LAYERS = {
     "motion_jax": [
         ("charts", "configs", "draw", "look", "shapes", "utils"),
         ("motion", "nets", "quant", "diffusion", "paper_tables"),
-        ("analysis", "text"),
+        ("analysis", "rigs", "text"),
         ("data", "metrics", "latents", "control"),
         ("convert", "export", "robots", "runs", "training"),
         ("models",),
@@ -166,7 +166,7 @@ def test_the_tests_have_what_the_studio_needs():
   assert {"starlette", "uvicorn", "websockets", "httpx2", "motionmcp-sdk"} <= names
 
 
-ROOMS = ("nets", "quant", "diffusion", "motion", "metrics", "text", "analysis", "data", "control", "evaluation",
+ROOMS = ("nets", "quant", "diffusion", "motion", "rigs", "metrics", "text", "analysis", "data", "control", "evaluation",
          "models.tmr", *(f"models.{method}" for method in METHODS))
 
 
@@ -215,7 +215,7 @@ print("devices", jax.device_count())
     assert len(along) <= 15, sorted(along)
 
 
-WITHOUT_JAX = ("motion", "export", "robots", "analysis", "metrics", "data", "utils")
+WITHOUT_JAX = ("motion", "rigs", "export", "robots", "analysis", "metrics", "data", "utils")
 LOAD_JAX = {"motion_jax.motion.rotation_gradients", "motion_jax.export.graphs", "motion_jax.data.store"}
 
 

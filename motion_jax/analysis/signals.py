@@ -6,10 +6,9 @@ from jaxtyping import Float
 
 from motion_jax.motion.contacts import feet_stand, velocity
 from motion_jax.motion.retarget import floor_height
-from motion_jax.motion.skeleton import HUMANML3D, facing
+from motion_jax.motion.skeleton import HUMANML3D, SIDES, facing
 from motion_jax.motion.smoothing import gaussian_filter1d
 
-SIDES = ("left", "right")
 JOINT = {name: number for number, name in enumerate(HUMANML3D.joints)}
 PAIR = {part: [JOINT[f"{side}_{part}"] for side in SIDES] for part in
         ("hip", "knee", "ankle", "foot", "shoulder", "elbow", "wrist")}

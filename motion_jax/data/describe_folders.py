@@ -18,7 +18,7 @@ def describe_folder(folder, source_fps=None, mapping=None, faults=None, progress
 
   folder: motion-capture files, in sub-folders too, one such file, or a data folder such as an archive, whose own
   captions are left aside. Files longer than ten seconds are described in equal pieces. source_fps: the files' rate,
-  whatever they state. mapping: their joints' names (`joint_maps.map_joints`), as a dict or a JSON file. faults: a list
+  whatever they state. mapping: their joints' names (`rigs.map_joints`), as a dict or a JSON file. faults: a list
   that takes (file, what is wrong) of files that cannot be read, which are left out; without it the first is raised.
   Raises FileNotFoundError where there is no motion.
   """

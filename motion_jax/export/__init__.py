@@ -23,9 +23,9 @@ from motion_jax.export.rig import rig_error as _rig_error
 from motion_jax.export.usd import usda
 from motion_jax.export.video import frame, frames, strip, video
 from motion_jax.export.vrma import vrma
-from motion_jax.motion.rigs import get_rig
 from motion_jax.motion.skeleton import HUMANML3D, SKELETONS, SNAPMOGEN
 from motion_jax.motion.transfer import to_22
+from motion_jax.rigs.rig import get_rig
 from motion_jax.utils.plugins import Registry
 
 _TOGETHER = (html, strip, character)  # several clips share one file

@@ -24,7 +24,7 @@ def bvh(clip, path, unit="centimetres", exact=False, rig=None, t_pose=False) -> 
   """Writes a clip as BVH, y up, facing +z, one line per frame at the clip's rate.
 
   unit: "centimetres" (most programs expect them) or "metres". rig: names, tree and rest pose of another program
-  (`motion.rigs`), such as "mixamo"; the rest pose is a T-pose, of Unreal's rigs an A-pose. t_pose: the
+  (`motion_jax.rigs`), such as "mixamo"; the rest pose is a T-pose, of Unreal's rigs an A-pose. t_pose: the
   first frame is a T-pose.
 
   Only the root has position channels: the joints are those of the rigid skeleton that is nearest to the motion,

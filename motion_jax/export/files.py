@@ -18,10 +18,10 @@ from motion_jax.data.mocap.gltf import MOTIONS
 from motion_jax.data.mocap.gltf_motion import read_gltf
 from motion_jax.export.points import load_c3d, load_csv, load_trc
 from motion_jax.motion import plausibility
-from motion_jax.motion.joint_arrays import pick_joints
-from motion_jax.motion.joint_maps import skeleton_of
 from motion_jax.motion.representations import get_layout, layout_for, to_joints
 from motion_jax.motion.skeleton import HUMANML3D, SKELETONS
+from motion_jax.rigs.joint_arrays import pick_joints
+from motion_jax.rigs.joint_maps import skeleton_of
 from motion_jax.utils.atomic import atomic_path
 from motion_jax.utils.errors import InputError
 from motion_jax.utils.input_files import PickledError, load_npy, load_npz, npz_names, parse_json
@@ -71,7 +71,7 @@ def load(path, fps=None, unit="auto", up=None, mapping=None, check=True) -> Clip
   rate of the file, replacing the one that it states; by default a .npy gets its skeleton's rate, an .amc 120. Nothing
   is resampled. unit: of joints, "m", "cm", "mm", "in" or "ft"; "auto" derives it from the bones. up: the file's upward
   axis, "y", "z" or "x"; by default y, for .bvh and .amc derived from the pose, for .c3d z. mapping: {our joint: their
-  joint} of a file whose joint names are not known (`joint_maps.map_joints`), as a dict or a JSON file.
+  joint} of a file whose joint names are not known (`rigs.map_joints`), as a dict or a JSON file.
   check=False reads joints that are no person's, too.
 
   Raises FileNotFoundError, or ValueError for an unknown extension, a cut file, NaN, a shape that is no motion, or

@@ -27,7 +27,7 @@ def glb(clip, path, exact=False, rig=None, t_pose=False, name=None) -> pathlib.P
 
   name: of the animation, by default the caption with "_" for blanks.
 
-  rig: names, tree and rest pose of another program (`motion.rigs`), such as "mixamo". Joints only turn,
+  rig: names, tree and rest pose of another program (`motion_jax.rigs`), such as "mixamo". Joints only turn,
   and the root moves; exact=True also moves those whose place rotations miss by half a millimetre. t_pose: the
   first frame is a T-pose.
   """

@@ -16,10 +16,10 @@ from motion_jax.export.body import make_figure
 from motion_jax.export.mesh import make_skins, rest_joints
 from motion_jax.export.scene import distance, parts_of
 from motion_jax.motion.figure import COLORS
-from motion_jax.motion.joint_names import ARMS, LEGS
 from motion_jax.motion.pose import t_pose
 from motion_jax.motion.skeleton import HUMANML3D, Skeleton
 from motion_jax.motion.step_records import lines
+from motion_jax.rigs.joint_names import ARMS, LEGS
 from motion_jax.utils.atomic import atomic_path
 
 if TYPE_CHECKING:

@@ -16,8 +16,8 @@ import numpy as np
 
 from motion_jax.data.clip import Clip
 from motion_jax.motion import plausibility
-from motion_jax.motion.joint_maps import map_joints, own_joints, skeleton_of
 from motion_jax.motion.skeleton import HUMANML3D
+from motion_jax.rigs.joint_maps import map_joints, own_joints, skeleton_of
 from motion_jax.utils import child
 from motion_jax.utils.atomic import atomic_path
 from motion_jax.utils.errors import InputError

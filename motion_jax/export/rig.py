@@ -6,14 +6,14 @@ import numpy as np
 from jaxtyping import Float
 
 from motion_jax.data.clip import Clip
-from motion_jax.motion import looping, rigs
+from motion_jax.motion import looping
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.pose import Pose, pose_to_joints, to_pose, turn_ends
 from motion_jax.motion.retarget import floor_height
 from motion_jax.motion.rigid import fit_pose, rest_offsets
-from motion_jax.motion.rigs import Rig
 from motion_jax.motion.skeleton import Skeleton
 from motion_jax.motion.smoothing import gaussian_filter1d
+from motion_jax.rigs.rig import Rig, get_rig, of_skeleton, tip
 from motion_jax.utils.errors import InputError
 
 _ROOT_SECONDS = 0.25  # standard deviation of the Gaussian that makes a root bone's path of the pelvis' one
@@ -91,7 +91,7 @@ def on_rig(clip: Clip, rig: str | Rig | None = None, exact: bool = False, t_pose
   and a clip of another skeleton.
   """
   skeleton = clip.skeleton
-  rig = rigs.of_skeleton(skeleton) if rig is None else rigs.get_rig(rig) if isinstance(rig, str) else rig
+  rig = of_skeleton(skeleton) if rig is None else get_rig(rig) if isinstance(rig, str) else rig
   if not set(rig.joints) <= set(skeleton.joints):
     raise InputError(f"got rig {rig.name!r} for a motion of {skeleton.num_joints} joints ({skeleton.name}), expected "
                      f"HumanML3D's 22; skeleton {skeleton.name!r} is written without a rig, as .bvh or .glb")
@@ -146,7 +146,7 @@ def pose_on_rig(pose: Pose, rig: Rig, skeleton: Skeleton) -> RigMotion:
   shifts = np.zeros((*turned.shape[:2], 3))
   for name, number in rig.joints.items():
     shifts[:, number] = rot.rotate(leaning[number][None], pose.shifts[:, skeleton.joints.index(name)])
-  ends = np.array([rigs.tip(skeleton.joints[joint]) * (1 if number in rig.joints.values() else 0.1)
+  ends = np.array([tip(skeleton.joints[joint]) * (1 if number in rig.joints.values() else 0.1)
                    for number, joint in enumerate(followed)])
   return RigMotion(rig, offsets, rot.rotate(rest[followed], ends), shifts, pose.root, rot.continuous(local),
                    rot.continuous(turned))
@@ -156,7 +156,7 @@ def _after_t_pose(pose: Pose, skeleton: Skeleton) -> Pose:
   """A Pose, metres, after one more frame: the T-pose, its feet as high as those that stand in the motion."""
   still = lambda q: rot.continuous(np.concatenate([np.broadcast_to([1.0, 0, 0, 0], (1, *q.shape[1:])), q]))
   floor = floor_height(pose_to_joints(pose, skeleton), skeleton)
-  low = rigs.of_skeleton(skeleton).places(pose.offsets, skeleton)[:, 1].min()
+  low = of_skeleton(skeleton).places(pose.offsets, skeleton)[:, 1].min()
   root = np.concatenate([[[pose.root[0, 0], floor - low, pose.root[0, 2]]], pose.root])
   return pose._replace(root=root, rotations=still(pose.rotations), turned=still(pose.turned),
                        shifts=np.concatenate([np.zeros_like(pose.shifts[:1]), pose.shifts]))

@@ -7,11 +7,11 @@ import numpy as np
 from jaxtyping import Float, Num
 
 from motion_jax.export.rig import pose_on_rig
-from motion_jax.motion import rigs
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.pose import turn_ends
 from motion_jax.motion.rigid import fit_pose
 from motion_jax.motion.skeleton import HUMANML3D, t_pose
+from motion_jax.rigs.rig import get_rig
 
 _BACK = 1.5    # seconds of a window before the frames that it adds
 _HOP = 0.2     # seconds that a window adds
@@ -26,7 +26,7 @@ class RigStream:
   """
 
   def __init__(self, rig: str, source_fps: float, fps: float = 50.0) -> None:
-    self.rig, self.source_fps, self.fps = rigs.get_rig(rig), source_fps, fps
+    self.rig, self.source_fps, self.fps = get_rig(rig), source_fps, fps
     frames = lambda seconds: max(round(seconds * source_fps), 1)
     self._back, self._hop, self._ahead = frames(_BACK), frames(_HOP), frames(_AHEAD)
     self.delay = (self._hop + self._ahead + 1) / source_fps

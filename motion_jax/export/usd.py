@@ -19,7 +19,7 @@ from motion_jax.utils.atomic import atomic_path
 def usda(clip, path, exact=False, rig=None, t_pose=False, name=None) -> pathlib.Path:
   """Writes a clip as .usda: a SkelRoot with Skeleton, SkelAnimation and meshes, metres, y up, a time code per frame.
 
-  rig: names, tree and rest pose of another program (`motion.rigs`), such as "ue5". Joints only turn, and the root
+  rig: names, tree and rest pose of another program (`motion_jax.rigs`), such as "ue5". Joints only turn, and the root
   moves; exact=True also moves those whose place rotations miss. t_pose: the first frame is a T-pose. name: of the
   SkelAnimation (`glb.clip_name`).
   """

@@ -10,8 +10,7 @@ import numpy as np
 from jaxtyping import Float, Num
 
 from motion_jax.motion import rotations as rot
-from motion_jax.motion.joint_names import SIDES
-from motion_jax.motion.skeleton import HUMANML3D
+from motion_jax.motion.skeleton import HUMANML3D, SIDES
 
 _STRAIGHT = 0.985  # of the length of an arm: the farthest that a wrist is brought from its shoulder
 _DETOUR, _BEFORE = 0.5, (0.7, 0.0, 0.7)  # lengths of the arm, and the direction, of the way around the shoulder

@@ -1,6 +1,6 @@
 """Retarget the motion of any body to the canonical skeleton: its bone lengths, the same steps.
 
-`joint_maps.map_joints` picks joints out of a file by name; `retarget` gives them canonical bone lengths without
+`rigs.map_joints` picks joints out of a file by name; `retarget` gives them canonical bone lengths without
 letting the feet slide; `mirror` swaps left and right. numpy, float64, whole clips at once.
 """
 from collections.abc import Sequence
@@ -32,7 +32,7 @@ def retarget(joints: Num[Array, "*shape"], skeleton: Skeleton = HUMANML3D, feet:
   joints = np.asarray(joints, np.float64)
   if joints.ndim != 3 or joints.shape[1:] != (skeleton.num_joints, 3) or not len(joints):
     raise ValueError(f"got joints of shape {joints.shape}, expected (frames, {skeleton.num_joints}, 3) in the order of "
-                     f"skeleton {skeleton.name!r}; joint_maps.map_joints picks them from a file")
+                     f"skeleton {skeleton.name!r}; rigs.map_joints picks them from a file")
   if not np.isfinite(joints).all():
     raise ValueError(f"joints hold NaN or infinity, first in frame {np.argwhere(~np.isfinite(joints))[0, 0]}")
   legs = [chain[1:] for chain in skeleton.chains[:2]]  # hip, knee, ankle, (heel,) toes

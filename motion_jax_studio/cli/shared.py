@@ -106,7 +106,7 @@ def outputs_of(args, out=None):
     from motion_jax.export import check_output
   film_options(args)
   if getattr(args, "rig", None) is not None:
-    from motion_jax.motion.rigs import get_rig
+    from motion_jax.rigs.rig import get_rig
     get_rig(args.rig)
   _check_character(args, (out or args.out).split(","))
   return [check_output(part) for part in (out or args.out).split(",")]

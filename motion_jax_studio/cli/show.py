@@ -39,7 +39,7 @@ def _render(args):
 
 
 def _rigs(args):
-  from motion_jax.motion.rigs import all_rigs
+  from motion_jax.rigs.rig import all_rigs
   if args.file:
     return _nearest_rig(args)
   if args.write_mapping:
@@ -58,7 +58,7 @@ def _nearest_rig(args):
 
   from motion_jax.data.mocap.asf import read_amc
   from motion_jax.data.mocap.bvh import read_bvh
-  from motion_jax.motion.joint_maps import mapping_template
+  from motion_jax.rigs.joint_maps import mapping_template
   from motion_jax.utils.atomic import atomic_path
   path = pathlib.Path(args.file)
   read = {".bvh": read_bvh, ".amc": read_amc}.get(path.suffix.lower())

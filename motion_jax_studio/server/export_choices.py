@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from motion_jax import export
-from motion_jax.motion.rigs import all_rigs
+from motion_jax.rigs.rig import all_rigs
 from motion_jax.utils.errors import InputError, reason
 
 RENDERED = ("mp4", "gif", "png", "jpg", "html")  # pictures and pages: the body is drawn

@@ -4,8 +4,8 @@ import struct
 
 import numpy as np
 
+from motion_jax import rigs
 from motion_jax.export.rig import on_rig
-from motion_jax.motion import rigs
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.skeleton import HUMANML3D
 

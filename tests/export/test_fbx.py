@@ -6,8 +6,8 @@ import pytest
 
 from motion_jax import export
 from motion_jax.export.rig import on_rig
-from motion_jax.motion.rigs import get_rig
 from motion_jax.motion.skeleton import HUMANML3D
+from motion_jax.rigs.rig import get_rig
 from motion_jax.utils.errors import InputError
 from tests.export.test_bvh import walk
 from tests.export.test_rigs import places_of

@@ -3,9 +3,8 @@ import numpy as np
 import pytest
 from pygltflib import GLTF2
 
-from motion_jax import export
+from motion_jax import export, rigs
 from motion_jax.export.rig import on_rig
-from motion_jax.motion import rigs
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.skeleton import KIT
 from motion_jax.utils.errors import InputError

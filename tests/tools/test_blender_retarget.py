@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from motion_jax.motion import rotations as rot
-from motion_jax.motion.rigs import get_rig
+from motion_jax.rigs.rig import get_rig
 
 PATH = pathlib.Path(__file__).parents[2] / "blender" / "motion_jax_retarget.py"
 

@@ -19,8 +19,8 @@ import numpy as np
 from motion_jax import export
 from motion_jax.export.rig import on_rig
 from motion_jax.motion import rotations as rot
-from motion_jax.motion.rigs import all_rigs
 from motion_jax.motion.skeleton import HUMANML3D
+from motion_jax.rigs.rig import all_rigs
 
 HERE = pathlib.Path(__file__).parent
 OURS = "motion_jax"

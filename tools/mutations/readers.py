@@ -11,7 +11,7 @@ MUTATIONS = (
      (f"{READERS}::test_exchanged_sides_are_said",)),
     ("readers-milliseconds", "motion_jax/export/points.py", "rows[:, number] * unit", "rows[:, number]",
      (f"{READERS}::test_the_rate_of_a_table_is_that_of_its_times",)),
-    ("readers-toes", "motion_jax/motion/named_bodies.py", '("bigtoe", "toe",', '("thumb",',
+    ("readers-toes", "motion_jax/rigs/named_bodies.py", '("bigtoe", "toe",', '("thumb",',
      (f"{READERS}::test_markers_without_a_tree_have_head_and_toes_by_name",)),
     ("readers-full-disk", "motion_jax/export/points.py", "if not _is_whole(temporary)", "if False",
      ("tests/studio/cli/test_cli.py::test_a_full_disk_is_one_line",)),

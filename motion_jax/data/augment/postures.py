@@ -13,9 +13,9 @@ from motion_jax.analysis.describe import FPS
 from motion_jax.data.augment.chains import in_a_row, standing
 from motion_jax.data.augment.parts import MOST, SHORTEST, new_clip
 from motion_jax.data.clip import Clip
-from motion_jax.motion.joint_names import SIDES
 from motion_jax.motion.leaning import lean
 from motion_jax.motion.reaching import bring_hands
+from motion_jax.motion.skeleton import SIDES
 from motion_jax.motion.smoothing import smoothstep
 from motion_jax.text.captions import SUBJECTS
 

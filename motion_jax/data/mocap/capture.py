@@ -9,9 +9,9 @@ from motion_jax.data.clip import Clip
 from motion_jax.data.mocap import conventions, rest_pose
 from motion_jax.motion import plausibility
 from motion_jax.motion import rotations as rot
-from motion_jax.motion.joint_maps import map_joints, own_joints
 from motion_jax.motion.retiming import resample
 from motion_jax.motion.skeleton import HUMANML3D
+from motion_jax.rigs.joint_maps import map_joints, own_joints
 from motion_jax.utils.errors import InputError
 
 _MOST = 8_000_000  # frames times joints: a gigabyte
@@ -57,7 +57,7 @@ def to_clip(capture, path, mapping=None, fps=20.0, unit="auto", up="auto", skip_
             ) -> Clip:
   """A Capture as a Clip of 22 joints: metres, y up, frame k at k / fps seconds, with the file's own proportions.
 
-  mapping: see `joint_maps.map_joints`; None reads the names. skeleton: of the clip; a file whose joints are those of
+  mapping: see `rigs.map_joints`; None reads the names. skeleton: of the clip; a file whose joints are those of
   another skeleton than HumanML3D's, name by name, can stay on it. unit: of the file, "m", "cm", "mm", "in", "ft" or
   metres per unit; "auto" finds it by the legs. up: "x", "y", "z", "-y", ...; "auto" finds it by the rest pose, then by
   the motion (`conventions`). skip_pose: leave out a pose set before the motion; None does so when there is one. What

@@ -34,7 +34,7 @@ def character(clips, path, file=None, mapping=None, t_pose=False, name=None, rep
   """Writes the character of `file` with one more animation for each clip (or one clip), named by its caption.
 
   They come before the animations that the file has, for most players play the first. path: .glb or .vrm. mapping:
-  {joint of HumanML3D: bone's name}, a dict or a JSON file, for bones whose names are not known (`motion.bones`).
+  {joint of HumanML3D: bone's name}, a dict or a JSON file, for bones whose names are not known (`rigs.bones`).
   t_pose: the first frame is a T-pose. name: of the animation, instead of its caption. replace: without the animations
   that the file has. Raises InputError for a file that is no rigged character.
   """

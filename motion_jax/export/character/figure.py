@@ -10,10 +10,9 @@ import numpy as np
 from motion_jax.data.mocap.gltf import Document, Unreadable, take_apart
 from motion_jax.data.mocap.gltf_motion import bones_of, joints_of, nearest
 from motion_jax.motion import rotations as rot
-from motion_jax.motion.bones import Bones, find_bones
-from motion_jax.motion.joint_names import SIDES
-from motion_jax.motion.rigs import get_rig
-from motion_jax.motion.skeleton import HUMANML3D
+from motion_jax.motion.skeleton import HUMANML3D, SIDES
+from motion_jax.rigs.bones import Bones, find_bones
+from motion_jax.rigs.rig import get_rig
 from motion_jax.utils.errors import InputError
 from motion_jax.utils.numerals import named
 

@@ -10,8 +10,7 @@ from jaxtyping import Float
 
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.contacts import feet_stand
-from motion_jax.motion.joint_names import SIDES
-from motion_jax.motion.skeleton import HUMANML3D
+from motion_jax.motion.skeleton import HUMANML3D, SIDES
 
 _OF = {name: number for number, name in enumerate(HUMANML3D.joints)}
 _SAME = 0.01            # metres by which offsets of the motion's own skeleton may differ

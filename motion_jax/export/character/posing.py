@@ -16,10 +16,9 @@ from motion_jax.export.character.neutral import eased, is_own
 from motion_jax.export.rig import rigged
 from motion_jax.motion import looping
 from motion_jax.motion import rotations as rot
-from motion_jax.motion.joint_names import SIDES
 from motion_jax.motion.pose import pose_to_joints
 from motion_jax.motion.retarget import bend_leg, firmness, floor_height, foot_move
-from motion_jax.motion.skeleton import HUMANML3D
+from motion_jax.motion.skeleton import HUMANML3D, SIDES
 
 _LINES = {"shoulder": "elbow", "elbow": "wrist", "hip": "knee", "knee": "ankle"}  # the next joint of a limb
 _TURNS_WITH = {"wrist": "elbow", "foot": "ankle"}

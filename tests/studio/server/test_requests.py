@@ -15,8 +15,8 @@ from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.export.html import resting_body
 from motion_jax.models.results import captions_with
 from motion_jax.motion.looping import in_place
-from motion_jax.motion.rigs import all_rigs
 from motion_jax.motion.skeleton import bone_lengths
+from motion_jax.rigs.rig import all_rigs
 from motion_jax.utils import progress
 from motion_jax_studio import step_names
 from motion_jax_studio.server import serialization

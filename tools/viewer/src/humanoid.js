@@ -1,5 +1,5 @@
 // Which bones of a character are the joints of ours: by the VRM extension, or by the names of legs and arms, the rest
-// by the tree. words: {legs, arms}, rows of three names, from motion_jax/motion/joint_names.py.
+// by the tree. words: {legs, arms}, rows of three names, from motion_jax/rigs/joint_names.py.
 
 const SIDES = ['left', 'right'];
 const LIMBS = {legs: ['hip', 'knee', 'ankle'], arms: ['shoulder', 'elbow', 'wrist']};

@@ -9,10 +9,11 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
+from motion_jax.motion.skeleton import SIDES
+
 _WORDS = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+|[^\W\d_A-Za-z]+")
 _GLUED_SIDE = re.compile(r"(?<![A-Za-z])([LR])(?=[A-Z][A-Za-z]*[a-z])")  # LHipJoint, LUArm
 _SIDES = {"left": "left", "l": "left", "right": "right", "r": "right", "c": ""}
-SIDES = "left", "right"
 _MOST_AFFIXES = 12
 
 # hip, knee, ankle: what programs call the joints of a side.

@@ -16,13 +16,12 @@ from jaxtyping import Float
 
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.pose import TIPS
-from motion_jax.motion.skeleton import HUMANML3D, KIT, Skeleton, side_and_kind
+from motion_jax.motion.skeleton import HUMANML3D, KIT, SIDES, Skeleton, side_and_kind
 from motion_jax.utils.errors import InputError
 from motion_jax.utils.nearest import did_you_mean
 
-_FOLDER = pathlib.Path(__file__).parent
+_FOLDER = pathlib.Path(__file__).parent / "tables"
 _A_POSE = np.radians(45)  # of the arms below the horizontal, in an A-pose
-SIDES = "left", "right"
 
 
 class Rig(NamedTuple):

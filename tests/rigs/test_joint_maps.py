@@ -3,10 +3,10 @@ import numpy as np
 import pytest
 
 from motion_jax.motion import rotations as rot
-from motion_jax.motion.joint_maps import TABLES, map_joints, skeleton_of
-from motion_jax.motion.joint_names import key
 from motion_jax.motion.skeleton import HUMANML3D, KIT, SNAPMOGEN
-from tests.motion.rigs import RIGS, Rig, build, pose
+from motion_jax.rigs.joint_maps import TABLES, map_joints, skeleton_of
+from motion_jax.rigs.joint_names import key
+from tests.rigs.rig_names import RIGS, Rig, build, pose
 
 INDEX = {name: j for j, name in enumerate(HUMANML3D.joints)}
 

@@ -7,8 +7,8 @@ import numpy as np
 from jaxtyping import Num
 
 from motion_jax.motion import plausibility
-from motion_jax.motion.joint_maps import map_joints
 from motion_jax.motion.skeleton import HUMANML3D, KIT, SNAPMOGEN, Skeleton
+from motion_jax.rigs.joint_maps import map_joints
 from motion_jax.shapes import Array
 from motion_jax.utils.errors import InputError
 

@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 from motion_jax.data.datasets.synthetic import synthetic_clips
-from motion_jax.motion.joint_arrays import pick_joints
 from motion_jax.motion.skeleton import HUMANML3D, KIT, SNAPMOGEN
-from tests.motion.rigs import RIGS, build
+from motion_jax.rigs.joint_arrays import pick_joints
+from tests.rigs.rig_names import RIGS, build
 
 INDEX = {name: j for j, name in enumerate(HUMANML3D.joints)}
 
