@@ -16,8 +16,8 @@ import jax
 import numpy as np
 
 from motion_jax.control.signal import ControlSignal
-from motion_jax.models.cmdm.multi_prompt import borders
 from motion_jax.models.results import Motion, captions_in_a_row
+from motion_jax.models.shared.script import borders
 from motion_jax.motion.step_records import record
 from motion_jax.utils import progress
 

@@ -5,7 +5,7 @@ import secrets
 import threading
 import time
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -25,6 +25,14 @@ _QUEUED = 200   # messages of a page that may wait while a model compiles or a b
 _log = logging.getLogger("motion_jax_studio.server")
 
 
+class _Pace(NamedTuple):
+  """Playback speed of a page, whether its stream continues after the action of the last prompt, and how many blocks may
+  be unacknowledged."""
+  speed: float = 1.0
+  keep_going: bool = True
+  ahead: int = DEFAULT_AHEAD
+
+
 class Stream:
   """A stream of one page: `receive` takes its messages, `send` gets the replies and blocks, from the stream's thread.
 
@@ -37,12 +45,12 @@ class Stream:
     self._wake = threading.Condition()
     self._inbox: collections.deque[Callable[[], None]] = collections.deque()
     self._closed = False
-    self._acknowledged, self._sequence, self._run, self._words = -1, 0, 0, 0
+    self._acknowledged, self._sequence, self._run = -1, 0, 0
+    self._prompts, self._prompts_before = 0, 0  # numbers of the last prompt announced, and of the last of earlier runs
     self._live: Any = None
     self._choices: dict[str, Any] = {}
-    self._paused, self._keep_going, self._speed = False, True, 1.0
-    self._ahead, self._sent, self._position, self._checked_at = DEFAULT_AHEAD, 0, 0.0, time.monotonic()
-    self._prompts: list[tuple[int, int]] = []  # (first frame, number) of the prompts of this run
+    self._paused, self._pace = False, _Pace()
+    self._sent, self._position, self._checked_at = 0, 0.0, time.monotonic()
     self._ends: int | None = None  # see `_end_of_prompt`
     self._constrained_until = 0  # frames
     self._course: stream_constraints.Course | None = None
@@ -85,7 +93,7 @@ class Stream:
                "seed": secrets.randbelow(1 << 31) if request.seed is None else request.seed,
                "cleanup": request.cleanup, "sampling": request.sampling, "frames": request.frames,
                "pose": request.pose}
-    return lambda: self._begin(choices, _speed=request.speed, _keep_going=request.keep_going, _ahead=request.ahead)
+    return lambda: self._begin(choices, _Pace(request.speed, request.keep_going, request.ahead))
 
   def _on_prompt(self, request):
     return lambda: self._started() and self._change_prompt(request.prompt, request.after)
@@ -99,10 +107,13 @@ class Stream:
     return restart
 
   def _on_speed(self, request):
-    return lambda: setattr(self, "_speed", request.value)
+    return lambda: self._set_pace(speed=request.value)
 
   def _on_keep_going(self, request):
-    return lambda: (setattr(self, "_keep_going", request.on), self._send_state())
+    return lambda: (self._set_pace(keep_going=request.on), self._send_state())
+
+  def _set_pace(self, **changes):
+    self._pace = self._pace._replace(**changes)
 
   def _on_ack(self, request):
     return lambda: setattr(self, "_acknowledged", max(self._acknowledged, min(request.sequence, self._sequence - 1)))
@@ -178,7 +189,7 @@ class Stream:
     return self._live is not None and not self._paused and not self._waits()
 
   def _waits(self):
-    return not self._keep_going and self._sent >= self._end_of_prompt()
+    return not self._pace.keep_going and self._sent >= self._end_of_prompt()
 
   def _end_of_prompt(self):
     """The frame at which the action of the last prompt ends, computed when it is first needed."""
@@ -189,7 +200,7 @@ class Stream:
     return self._ends
 
   def _has_room(self):
-    return self._sequence - 1 - self._acknowledged < self._ahead
+    return self._sequence - 1 - self._acknowledged < self._pace.ahead
 
   def _may_step(self):
     now = time.monotonic()
@@ -197,17 +208,17 @@ class Stream:
     if not self._runs():
       return False
     # The page cannot play frames that have not arrived: after waiting for the sampler, the clock does not catch up.
-    self._position = min(self._position + passed * self._speed, self._sent / self._live.fps)
-    lead = self._ahead * self._live.block_seconds
-    return self._has_room() and (not self._speed or self._sent / self._live.fps < self._position + lead)
+    self._position = min(self._position + passed * self._pace.speed, self._sent / self._live.fps)
+    lead = self._pace.ahead * self._live.block_seconds
+    return self._has_room() and (not self._pace.speed or self._sent / self._live.fps < self._position + lead)
 
   def _started(self):
     if self._live is None:
       self._send({"type": "error", "fatal": False, "message": "there is no stream yet; start one with a start message"})
     return self._live is not None
 
-  def _begin(self, choices, **settings):
-    """Starts a motion with these attributes of the stream; if that fails, the previous motion continues."""
+  def _begin(self, choices, pace=None):
+    """Starts a motion, at the present pace by default; if that fails, the previous motion continues."""
     pipeline = self._pipeline(choices["name"])
     if pipeline is None:
       return
@@ -217,17 +228,16 @@ class Stream:
     live = pipeline.stream(choices["prompt"], seed=choices["seed"], num_frames=choices["frames"],
                            cleanup=choices["cleanup"], **sampling)
     poses = choices["pose"] and Poses(choices["pose"], model.stats.layout.skeleton, model.fps)
-    for name, value in settings.items():
-      setattr(self, name, value)
+    self._pace = pace or self._pace
     layout, self._choices = model.stats.layout.skeleton, choices
     self._run, self._sent, self._position, self._tail, self._paused = self._run + 1, 0, 0.0, None, False
     self._live = _Live(live, pipeline, layout, poses)
     self._send({"type": "started", "run": self._run, "sequence": self._sequence, "model": choices["name"],
                 "id": model.id, "seed": choices["seed"], "cleanup": choices["cleanup"], "fps": model.fps,
                 "joints": list(layout.joints), "parents": [int(parent) for parent in layout.parents],
-                "block_frames": round(live.block_seconds * model.fps), "ahead": self._ahead,
+                "block_frames": round(live.block_seconds * model.fps), "ahead": self._pace.ahead,
                 "sampling": model.sampling(**sampling).about()} | ({"pose": poses.about} if poses else {}))
-    self._prompts, self._constrained_until, self._course = [], 0, None
+    self._prompts_before, self._constrained_until, self._course = self._prompts, 0, None
     self._announce_prompts(choices["prompt"], 0)
     self._sent_state = ""
     self._send_state()
@@ -254,17 +264,19 @@ class Stream:
     pipeline, self._ends = self._live.pipeline, None
     captions = pipeline.model.captions
     actions = [(begins, action) for begins, action in self._live.stream.script if begins >= first]
-    self._prompts = [(frame, words) for frame, words in self._prompts if frame < first]
     for begins, action in actions:
-      self._words += 1
-      self._prompts.append((begins, self._words))
+      self._prompts = self._number_of_prompt(begins)
       action = prompt if len(actions) == 1 else action
       unknown = captions.unknown_words(action) if captions.is_english(action) else []
       notes = pipeline.notes([action], postures=False)
-      self._send({"type": "words", "words": self._words, "prompt": action, "whole": prompt, "from_frame": begins,
+      self._send({"type": "words", "words": self._prompts, "prompt": action, "whole": prompt, "from_frame": begins,
                   "run": self._run, "unknown": unknown[:10],
                   "nearest": nearest_caption(pipeline, action) if unknown or notes else "", "notes": notes})
     self._send_state()
+
+  def _number_of_prompt(self, frame):
+    """The number of a frame's prompt, counted over all runs."""
+    return self._prompts_before + self._live.stream.prompt_number(frame)
 
   def _pause(self, paused):
     if self._started():
@@ -314,10 +326,8 @@ class Stream:
     near = joints if self._tail is None else np.concatenate([self._tail, joints])
     stands = feet_stand(near, live.fps, live.skeleton, floor=0.0)[-len(joints):]
     self._tail = near[-_HISTORY:]
-    words = [words for frame, words in self._prompts if frame <= self._sent][-1]
-    while len(self._prompts) > 1 and self._prompts[1][0] <= self._sent:
-      del self._prompts[0]
-    self._send(pack(Block(self._sequence, self._run, self._sent, words, live.stream.begun, 1000 * live.spent, live.fps,
+    number = self._number_of_prompt(self._sent)
+    self._send(pack(Block(self._sequence, self._run, self._sent, number, live.stream.begun, 1000 * live.spent, live.fps,
                           joints, stands)))
     live.spent = 0.0
     if live.poses:

@@ -28,7 +28,6 @@ from motion_jax.models.cmdm import ddpm_forcing
 from motion_jax.models.cmdm.options import SOLVERS as CMDM_SOLVERS
 from motion_jax.models.cmdm.options import CmdmSampling
 from motion_jax.models.keys import random_keys
-from motion_jax.models.shared.blocks import prompts_by_block
 from motion_jax.motion.skeleton import HUMANML3D
 from motion_jax.nets.masks import LATENT_MASKS
 from motion_jax.utils.input_files import tensor_sizes
@@ -210,12 +209,6 @@ def test_commands_for_several_prompts_and_continued_files(name, random_run, tmp_
       (["extend", both, "--prompt", "walks", "--way", "stream"], "got --way for the model .*, which has no such")):
     assert cli.main([*command, *model, "--out", longer]) == 1
     assert re.search(said, capsys.readouterr().err), said
-
-
-def test_prompts_change_with_whole_blocks():
-  assert prompts_by_block([("a", 40), ("b", 60)], 40) == ["a", "b", "b"]
-  assert prompts_by_block([("a", 10), ("b", 10)], 40) == ["a", "b"]
-  assert prompts_by_block([("a", 100)], 40) == ["a"] * 3
 
 
 # (config, size, changed fields; a value "run of NAME" is the folder of that random run), what the sentence says.

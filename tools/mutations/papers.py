@@ -53,8 +53,6 @@ MUTATIONS = (
     ("papers-sixth-caption", "motion_jax/models/cmdm/offline.py",
      "self._shown[row, places[row]] = np.array(index)[own]", "pass", (
          f"{PROMPTS}::test_several_prompts_are_one_motion_and_a_stream_says_the_same",)),
-    ("papers-not-before", "motion_jax/models/cmdm/live.py", "-(-not_before // self.block_frames)",
-     "not_before // self.block_frames", (f"{PROMPTS}::test_words_of_a_stream_change_when_they_are_said",)),
     ("papers-own-past", "motion_jax/models/cmdm/stages.py", "minval=0.5", "minval=0.0",
      (f"{SELF}::test_a_beginning_of_whole_blocks_is_its_own_and_clean_and_has_no_gradient",)),
     ("papers-cdamd-guidance", "motion_jax/models/cdamd/sampling.py", "guidance.combine(with_text, without, scale)",

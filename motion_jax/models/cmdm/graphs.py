@@ -7,7 +7,7 @@
 
 The host draws the noise, keeps the captions and hands each state on; docs/onnx.md has the loop.
 """
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -15,17 +15,15 @@ import numpy as np
 
 from motion_jax.export.graphs import Graph
 from motion_jax.models.cmdm import streaming
+from motion_jax.models.cmdm.networks import CmdmNetworks
 from motion_jax.models.shared.moving_path import Path, continue_path
 from motion_jax.nets.causal_dit import Text
 from motion_jax.utils.errors import InputError
 
-if TYPE_CHECKING:
-  from motion_jax.models.cmdm.model import CmdmModel
-
 CAPTIONS = 4  # different captions that a window shows at most
 
 
-def graphs_of(model: "CmdmModel", **sampling: Any) -> tuple[list[Graph], dict[str, Any]]:
+def graphs_of(model: CmdmNetworks, **sampling: Any) -> tuple[list[Graph], dict[str, Any]]:
   """(the four graphs of a model, what a host needs beside them: numbers, skeleton, tokenizer, licence).
 
   sampling: choices of `CmdmSampling`, which become constants of the graphs. Batch size 1, without constraints.

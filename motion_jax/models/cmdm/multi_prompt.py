@@ -1,6 +1,6 @@
-"""Motions of several prompts in sequence, and motions that continue an existing one.
+"""Whole motions of one prompt or several in sequence; `live` is the streaming form.
 
-Both run on whole clips; `live` is the streaming form. Prompts change on a grid of blocks (3 latents, 12 frames, 0.6 s).
+Prompts change on a grid of blocks (3 latents, 12 frames, 0.6 s).
 """
 from collections.abc import Sequence
 from typing import Any
@@ -8,47 +8,29 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float, Int, Num
+from jaxtyping import Bool, Float, Int
 
+from motion_jax.control.signal import ControlSignal
 from motion_jax.models.cmdm import offline, streaming
 from motion_jax.models.cmdm.guiding import Guide
-from motion_jax.models.cmdm.loop import SamplingLoop, decode_all
+from motion_jax.models.cmdm.loop import decode_all
 from motion_jax.models.cmdm.networks import CmdmNetworks
 from motion_jax.models.cmdm.options import CmdmSampling
 from motion_jax.models.cmdm.sampling import words_of_latents
-from motion_jax.models.results import cleanup_record
-from motion_jax.motion.cleanup import clean_up
-from motion_jax.motion.representations import to_features, to_joints
-from motion_jax.motion.step_records import Record
+from motion_jax.models.shared.script import borders, segment_ends
 from motion_jax.shapes import Array
 from motion_jax.text.contrast import Contrast
+from motion_jax.utils.errors import InputError
 
 WAYS = ("stream", "chain")
 _BUCKET = 4         # blocks; lengths are rounded up to it, so that not every length waits for a compiler
-
-
-def borders(frames: Sequence[int], frames_per_block: int) -> tuple[list[int], int]:
-  """(blocks that each segment has, total frames): ends rounded to the nearest block, at least one block each.
-
-  The last segment's blocks reach the total, which is cut to the requested length.
-  """
-  ends = np.cumsum(frames) / frames_per_block
-  made, blocks = 0, []
-  for end in ends[:-1]:
-    blocks.append(max(int(np.floor(end + 0.5)) - made, 1))
-    made += blocks[-1]
-  blocks.append(max(int(np.ceil(ends[-1] - 1e-9)) - made, 1))
-  total = int(sum(frames))
-  return blocks, total if total > (sum(blocks) - 1) * frames_per_block else sum(blocks) * frames_per_block
 
 
 def segment_frames(frames: Sequence[int], way: str, frames_per_block: int, frames_per_latent: int) -> list[int]:
   """The frames that each segment gets where `frames` were requested: whole blocks of a stream, or whole latents."""
   if way != "stream":
     return [max(1, int(count) // frames_per_latent) * frames_per_latent for count in frames]
-  blocks, total = borders(frames, frames_per_block)
-  ends = np.minimum(np.cumsum(blocks) * frames_per_block, total)
-  return np.diff(ends, prepend=0).tolist()
+  return np.diff(segment_ends(frames, frames_per_block), prepend=0).tolist()
 
 
 def captions_of(model: CmdmNetworks, prompts: Sequence[Sequence[str]], contrast: Contrast | None = None
@@ -62,26 +44,28 @@ def captions_of(model: CmdmNetworks, prompts: Sequence[Sequence[str]], contrast:
   return emb[index], mask[index]
 
 
-def _segments(blocks, num_blocks):
+def segments_of_blocks(blocks: Sequence[Sequence[int]], num_blocks: int) -> Int[np.ndarray, "b {num_blocks}"]:
   """(B, num_blocks): which segment each block is in; what is beyond a motion's end is its last segment's."""
   rows = [np.repeat(np.arange(len(counts)), counts) for counts in blocks]
   return np.stack([np.pad(row, (0, num_blocks - len(row)), mode="edge") for row in rows]).astype(np.int32)
 
 
 def stream(model: CmdmNetworks, plan: streaming.Plan, sampling: CmdmSampling, prompts: Sequence[Sequence[str]],
-           frames: Sequence[Sequence[int]], keys: jax.Array, contrast: Contrast | None = None
+           frames: Sequence[Sequence[int]], keys: jax.Array, contrast: Contrast | None = None,
+           signal: ControlSignal | None = None, **control: Any
            ) -> tuple[Float[Array, "b t f"], Sequence[int], list[list[int]]]:
-  """Motions of several prompts in one run, whose text changes from block to block: features, frames and ends of each.
+  """Motions of several prompts in one run, whose text changes from block to block.
 
-  prompts, frames: lists of lists, one per motion. -> (normalized features (B, T, F), total frames of each motion, lists
-  of the frames at which its segments end).
+  prompts, frames: lists of lists, one per motion; signal (B, T) and control: see `run`. Returns (normalized features
+  (B, T, F), total frames of each motion, lists of the frames at which its segments end).
   """
   frames_per_block = plan.block * model.frames_per_latent
   blocks, totals = zip(*(borders(counts, frames_per_block) for counts in frames))
-  segment = _segments(blocks, max(map(sum, blocks)))
-  features = run(model, plan, sampling, prompts, segment, totals, keys, contrast)
-  ends = [np.minimum(np.cumsum(counts) * frames_per_block, total).tolist() for counts, total in zip(blocks, totals)]
-  return features, totals, ends
+  segment = segments_of_blocks(blocks, max(map(sum, blocks)))
+  if signal is not None:
+    control["signal"] = signal.slice_frames(0, segment.shape[1] * frames_per_block)
+  features = run(model, plan, sampling, prompts, segment, totals, keys, contrast, **control)
+  return features, totals, [segment_ends(counts, frames_per_block) for counts in frames]
 
 
 def run(model: CmdmNetworks, plan: streaming.Plan, sampling: CmdmSampling, prompts: Sequence[Sequence[str]],
@@ -148,9 +132,10 @@ def _windows(model, plan, sampling, prompts, segment, frames, keys, contrast):
 
 
 def chain(model: CmdmNetworks, plan: streaming.Plan, sampling: CmdmSampling, prompts: Sequence[Sequence[str]],
-          frames: Sequence[Sequence[int]], keys: jax.Array, contrast: Contrast | None = None, num_past: int = 1
-          ) -> tuple[Float[Array, "b t f"], Sequence[int], list[list[int]]]:
-  """Motions of several prompts as the released code makes them, segment by segment; takes and gives what `stream` does.
+          frames: Sequence[Sequence[int]], keys: jax.Array, contrast: Contrast | None = None, num_past: int = 1,
+          **control: Any) -> tuple[Float[Array, "b t f"], Sequence[int], list[list[int]]]:
+  """Motions of several prompts by the released code's procedure; arguments and results as of `stream`, without
+  constraints.
 
   Each segment is sampled by itself behind the last num_past latents of the one before, which get fresh noise in every
   step, with its own caption only; all latents are decoded in one pass (docs/papers/cmdm.md#multi-prompt).
@@ -158,8 +143,7 @@ def chain(model: CmdmNetworks, plan: streaming.Plan, sampling: CmdmSampling, pro
   frames_per_latent = model.frames_per_latent
   counts = [[max(1, int(number) // frames_per_latent) for number in row] for row in frames]
   made = [np.concatenate(parts)
-          for parts in _chained(model, plan, sampling, prompts, counts, [[] for _ in counts], keys, contrast,
-                               num_past)]
+          for parts in chained(model, plan, sampling, prompts, counts, [[] for _ in counts], keys, contrast, num_past)]
   longest = max(map(len, made))
   latents = np.stack([np.pad(z, ((0, longest - len(z)), (0, 0))) for z in made])
   ends = [(np.cumsum(row) * frames_per_latent).tolist() for row in counts]
@@ -169,12 +153,14 @@ def chain(model: CmdmNetworks, plan: streaming.Plan, sampling: CmdmSampling, pro
 
 def _demand_euler(plan):
   if plan.solver != "euler":
-    raise ValueError(f"got solver {plan.solver!r}: a past with fresh noise in every step (way 'chain', and schedule "
+    raise InputError(f"got solver {plan.solver!r}: a past with fresh noise in every step (way 'chain', and schedule "
                      "'full' after its first window) goes with euler alone")
 
 
-def _chained(model, plan, sampling, prompts, counts, made, keys, contrast, num_past):
-  """Lists of latents (N, C), one per segment of each motion, behind those that are in `made` already."""
+def chained(model: CmdmNetworks, plan: streaming.Plan, sampling: CmdmSampling, prompts: Sequence[Sequence[str]],
+            counts: Sequence[Sequence[int]], made: Sequence[Sequence[Float[np.ndarray, "n c"]]], keys: jax.Array,
+            contrast: Contrast | None, num_past: int) -> list[list[Float[np.ndarray, "n c"]]]:
+  """Lists of latents (N, C), one per segment of each motion, after those in `made`."""
   _demand_euler(plan)
   text_emb, text_mask = captions_of(model, prompts, contrast)
   made = [list(parts) for parts in made]
@@ -185,7 +171,7 @@ def _chained(model, plan, sampling, prompts, counts, made, keys, contrast, num_p
     past = [np.concatenate(parts)[-given:] if given else np.zeros((0, model.dit.latent_dim), np.float32)
             for parts in made]
     if min(map(len, past)) < given:
-      raise ValueError(f"got a first segment of {min(map(len, past))} latents, the next one looks at {given}")
+      raise InputError(f"got a first segment of {min(map(len, past))} latents, the next one looks at {given}")
     at = min(i, text_mask.shape[1] - 1)
     segment_keys = jax.vmap(lambda key, i=i: jax.random.fold_in(key, i))(keys)
     latents = model.compiled.chain_segment(
@@ -195,61 +181,3 @@ def _chained(model, plan, sampling, prompts, counts, made, keys, contrast, num_p
       if i < len(row):
         parts.append(z[:row[i]])
   return made
-
-
-# --- going on from a motion that exists --------------------------------------------------------------------------
-
-
-def encode_past(model: CmdmNetworks, joints: Num[np.ndarray, "t j 3"], count: int) -> Float[np.ndarray, "1 p c"]:
-  """Clean latents (1, P, C) of the last frames of joints (T, J, 3), as many as there are up to `count`."""
-  frames_per_latent = model.frames_per_latent
-  least = max(frames_per_latent, 3)
-  if len(joints) < least:
-    raise ValueError(f"got a motion of {len(joints)} frames, expected {least} or more to go on from")
-  # A row of features looks one frame ahead: the body is taken to go on as it does for one frame more.
-  ahead = np.concatenate([joints, 2 * joints[-1:] - joints[-2:-1]])
-  features = model.stats.normalize(to_features(ahead, model.stats.layout, model.config.data.mode))
-  known = min(count, len(features) // frames_per_latent)
-  # Causal: what stands behind them changes no latent, so that one length is compiled.
-  behind = (count - known) * frames_per_latent * model.vae.causal
-  padded = np.pad(features[-known * frames_per_latent:], ((0, behind), (0, 0)))
-  return np.asarray(model.compiled.encode(model.codec, padded[None]))[:, :known]
-
-
-def extend(model: CmdmNetworks, plan: streaming.Plan, sampling: CmdmSampling, joints: Num[np.ndarray, "t j 3"],
-           past_prompt: str, prompts: Sequence[str], frames: Sequence[int], keys: jax.Array,
-           contrast: Contrast | None = None, way: str = "stream", num_past: int | None = None, cleanup: bool = True
-           ) -> tuple[Float[np.ndarray, "n j 3"], list[int], list[Record]]:
-  """What comes after joints (T, J, 3): (joints (P + N, J, 3), frames at which segments end, records of the cleanup).
-
-  The new latents are decoded behind those of the past: the first P of these frames show the end of the given motion,
-  but for the tokenizer's error and where on the ground it is.
-  """
-  if not plan.lag:
-    raise ValueError("got schedule 'full': a motion continues only by schedule 'fss' or 'ar'")
-  known, frames_per_latent = encode_past(model, joints, plan.context), model.frames_per_latent
-  past = known[:, -(num_past or (plan.context if way == "stream" else 1)):]
-  given = past.shape[1]
-  if way == "stream":
-    blocks, total = borders(frames, plan.block * frames_per_latent)
-    request = offline.Request([[past_prompt, *prompts]], _segments([blocks], sum(blocks)) + 1,
-                              [total], keys, np.array([sampling.guidance_scale]), contrast)  # caption 0 is the past's
-    loop = SamplingLoop(model, plan, request.scale, keys, offline.latents_of([total], frames_per_latent))
-    new = np.concatenate(list(offline.blocks(loop, request, past)), axis=1)
-    ends = np.minimum(np.cumsum(blocks) * plan.block * frames_per_latent, total)
-  else:
-    counts = [max(1, int(number) // frames_per_latent) for number in frames]
-    parts = _chained(model, plan, sampling, [prompts], [counts], [[past[0]]], keys, contrast,
-                     given)[0]
-    new, ends = np.concatenate(parts[1:])[None], np.cumsum(counts) * frames_per_latent
-  border = known.shape[1] * frames_per_latent
-  whole = decode_all(model, np.concatenate([known, new], axis=1), [border + int(ends[-1])])
-  features = model.stats.denormalize(whole)[0, :border + int(ends[-1])]
-  shadow = to_joints(features, model.stats.layout)
-  contacts = model.stats.layout.contacts(features)
-  steps: list[Record] = []
-  if cleanup and model.stats.layout.has_fixed_bones and contacts is not None:
-    before, count = shadow, int(ends[-1])
-    shadow = clean_up(shadow, contacts, model.stats.layout.skeleton, smoothing=model.smoothing)
-    steps.append(cleanup_record(before[-count:], shadow[-count:], model.stats.layout.skeleton, len(joints)))
-  return shadow, ends.tolist(), steps

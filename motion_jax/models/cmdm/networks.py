@@ -1,7 +1,7 @@
 """CMDM's networks with their weights, compiled: the base of generation, multi-prompt motion and streams."""
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -12,15 +12,18 @@ from motion_jax.latents import VaeCodec
 from motion_jax.models import cmdm
 from motion_jax.models.base import TextToMotionModel
 from motion_jax.models.cmdm import streaming
+from motion_jax.models.cmdm.options import CmdmSampling
 from motion_jax.nets.causal_dit import CausalDiT
 from motion_jax.nets.causal_vae import CausalVAE
-from motion_jax.runs import Run
 from motion_jax.shapes import Array
 from motion_jax.text.contrast import Contrast, contrasted
-from motion_jax.text.encoder import TextEncoder
 from motion_jax.training import checkpoint
 from motion_jax.utils import cache
 from motion_jax.utils.config_files import module_fields
+
+if TYPE_CHECKING:
+  from motion_jax.runs import Run
+  from motion_jax.text.encoder import TextEncoder
 
 
 class Compiled(NamedTuple):
@@ -53,7 +56,7 @@ def _compile(dit: CausalDiT) -> Compiled:
 class CmdmNetworks(TextToMotionModel):
   """A trained denoiser with its tokenizer and text encoder, each compiled on first use."""
 
-  def __init__(self, run: Run, encoder: TextEncoder) -> None:
+  def __init__(self, run: "Run", encoder: "TextEncoder") -> None:
     config = run.config
     checkpoint.demand(config, run.folder, data__max_frames=(1, 100_000), data__max_words=(1, 10_000),
                       sampler__num_steps=(1, 10_000), sampler__lag=(1, 10_000), sampler__guidance_scale=(-1e3, 1e3))
@@ -105,3 +108,21 @@ class CmdmNetworks(TextToMotionModel):
       emb = contrasted(self.encoder, prompts, emb, mask, contrast)
     missing = max(everyday - emb.shape[1], 0)  # of a sentence vector, which is one row
     return np.pad(emb, ((0, 0), (0, missing), (0, 0))), np.pad(mask, ((0, 0), (0, missing)))
+
+  def usual_sampling(self) -> dict[str, Any]:
+    return dict(context=self.context)
+
+  def plan_of(self, negative_prompts: Callable[[str], str] | Mapping[str, str] | None = None, **sampling: Any
+              ) -> tuple[streaming.Plan, CmdmSampling, Contrast | None, dict[str, Any]]:
+    """(plan for motions of any length, all choices of sampling, contrast guidance, record of them) of `CmdmSampling`
+    choices."""
+    chosen = self.sampling(**sampling)
+    # A scale of 1 is the network without guidance: where others are usual it shares their program.
+    guided = 1.0 != chosen.guidance_scale or 1.0 != self.sampling().guidance_scale
+    plan = streaming.make_plan(chosen.num_steps, chosen.steps_apart or 1, self.dit.block, chosen.context, guided=guided,
+                               solver=chosen.solver, memory=chosen.memory)
+    plan, about = plan._replace(lag=chosen.steps_apart), chosen.about() | dict(model=self.id)
+    if negative_prompts is None or not chosen.contrast_scale:
+      return plan, chosen, None, about | dict(contrast_scale=0.0)
+    negative = negative_prompts if callable(negative_prompts) else lambda prompt: negative_prompts.get(prompt, prompt)
+    return plan, chosen, Contrast(negative, chosen.contrast_scale), about

@@ -8,8 +8,8 @@ from motion_jax.data.clip import Caption, Clip
 from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.data.mirror import mirror_legs
 from motion_jax.loading import load
-from motion_jax.models.cmdm import multi_prompt
 from motion_jax.models.results import features_of
+from motion_jax.models.shared.script import borders
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.blending import laid_over
 from motion_jax.motion.skeleton import HUMANML3D, bone_lengths
@@ -38,10 +38,11 @@ def walk():
 
 
 def test_borders_are_on_blocks_and_the_end_is_as_asked():
-  assert multi_prompt.borders([24, 26, 14], 12) == ([2, 2, 2], 64)  # ends at 24, 50 (nearest: 48), 64 (cut from 72)
-  assert multi_prompt.borders([4, 4, 40], 12) == ([1, 1, 2], 48)    # no segment is shorter than a block
-  assert multi_prompt.borders([4, 4, 4], 12) == ([1, 1, 1], 36)
-  assert multi_prompt.borders([100], 12) == ([9], 100)
+  assert borders([24, 26, 14], 12) == ([2, 2, 2], 64)  # ends at 24, 50 (nearest: 48), 64 (cut from 72)
+  assert borders([4, 4, 40], 12) == ([1, 1, 2], 48)    # no segment is shorter than a block
+  assert borders([4, 4, 4], 12) == ([1, 1, 1], 36)
+  assert borders([100], 12) == ([9], 100)
+  assert borders([40, 60], 40) == ([1, 2], 100) and borders([10, 10], 40) == ([1, 1], 80)
 
 
 @pytest.mark.slow
