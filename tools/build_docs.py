@@ -1,6 +1,6 @@
 """Builds everything that is generated from the code: the site, and the few generated files that are in git.
 
-  python tools/build_docs.py             writes the files in git, then the site with the model that runs in a browser tab
+  python tools/build_docs.py             writes the files in git, then the site with the model for a browser tab
   python tools/build_docs.py --draft     writes the site alone, with outputs of an earlier build: about a minute
   python tools/build_docs.py --check     writes nothing; names files in git that are out of date and exits with 1
 

@@ -30,7 +30,8 @@ def _entry(rule):
   also = f" In the same way: {words}." if words else ""
   name = "Comma" if rule.name == "," else rule.name.capitalize()
   text = textwrap.fill(f"**{name}.** {rule.meaning}{also}", WIDTH, break_on_hyphens=False)
-  return "\n".join([text, "", "```", *(line for example in rule.examples.items() for line in _example(*example)), "```"])
+  examples = [line for example in rule.examples.items() for line in _example(*example)]
+  return "\n".join([text, "", "```", *examples, "```"])
 
 
 def _example(sentence, parse):
