@@ -7,7 +7,7 @@ shipped models: their speed, and whether a motion is the same in a batch, in a s
   python benchmarks/accelerator.py OUT --compile 0/8   compiles every eighth of them, from the first on, into JAX's
                                                        compilation cache, and measures nothing
   python benchmarks/accelerator.py OUT --tiny          tiny networks, for a test on a CPU
-  python benchmarks/accelerator.py OUT --table         writes OUT/README.md from the pieces that are there
+  python benchmarks/accelerator.py OUT --table PAGE    writes a page of the rows that are there
 
 OUT holds one JSON file a piece, each with the device's name, so a run that is cut short loses at most one piece. A
 piece that fails, for want of memory say, leaves its error in its file and is not tried again unless the file is
@@ -148,8 +148,8 @@ def device():
   return dict(device=first.device_kind, platform=first.platform, jax=jax.__version__, python=platform.python_version())
 
 
-def table(out):
-  """README.md beside the pieces: a table of each kind, a row a piece."""
+def table(out, page):
+  """Writes a page with a table of each kind of piece, a row a piece."""
   rows = results.read(out)
   if not rows:
     raise SystemExit(f"{out} holds no piece yet: run without --table first")
@@ -172,7 +172,8 @@ def table(out):
     for row, cell in zip(own, cells):
       values = [row["error"]] if "error" in row else [f"{cell[name]:.4g}" if name in cell else "" for name in columns]
       lines.append(f"| {row['piece'].partition('/')[2]} | " + " | ".join(values) + " |")
-  with atomic_path(out / "README.md") as whole:
+  page.parent.mkdir(parents=True, exist_ok=True)
+  with atomic_path(page) as whole:
     whole.write_text("\n".join(lines) + "\n")
 
 
@@ -198,17 +199,18 @@ def main():
   parser.add_argument("--only", nargs="+", default=[""])
   parser.add_argument("--compile", metavar="I/N", type=lambda text: tuple(map(int, text.split("/"))))
   parser.add_argument("--tiny", action="store_true")
-  parser.add_argument("--table", action="store_true")
+  parser.add_argument("--table", type=pathlib.Path, metavar="PAGE", help="measure nothing, write this page of the rows")
   args = parser.parse_args()
   if args.table:
-    return table(args.out)
-  args.out.mkdir(parents=True, exist_ok=True)
+    return table(args.out, args.table)
+  args.out.parent.mkdir(parents=True, exist_ok=True)
   print(json.dumps(device()))
   wanted = {name: run for name, run in pieces(args.tiny).items() if name.startswith(tuple(args.only))}
   if not wanted:
     parser.error(f"no piece begins with {args.only!r}; they are {', '.join(pieces(args.tiny))}")
   if args.compile:
-    missing = {name: piece for name, piece in wanted.items() if not results.path_of(args.out, name).exists()}
+    done = results.pieces_of(args.out)
+    missing = {name: piece for name, piece in wanted.items() if name not in done}
     return compile_only(missing, args.compile)
   done = results.measure(args.out, wanted, args.seconds, device(), jax.clear_caches)
   raise SystemExit(0 if done else 75)

@@ -1,12 +1,12 @@
 #!/usr/bin/env bash
 # Measures what docs/performance.md says and writes that page: benchmarks/all.sh [--quick] [--busy] [OUT]
-# OUT, docs/benchmark/performance by default, gets a file a measurement; what is there is left alone, so the same command
-# continues a run that was cut short, and a file that is removed is measured again. --quick: a shorter list, about eight
+# OUT, benchmarks/data/performance by default, gets a row a measurement; what is there is left alone, so the same command
+# continues a run that was cut short, and a row that is deleted is measured again. --quick: a shorter list, about eight
 # minutes. It refuses a machine on which other work uses more than 0.2 cores; --busy measures anyway and marks the rows.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 export PYTHONPATH="$PWD${PYTHONPATH:+:$PYTHONPATH}"
-quick=() busy=false out=docs/benchmark/performance
+quick=() busy=false out=benchmarks/data/performance
 for argument in "$@"; do
   case $argument in
     --quick) quick=(--quick) ;;
@@ -24,7 +24,7 @@ fi
 
 [ -f "$out/time_to_motion.json" ] || python3 benchmarks/time_to_motion.py --out "$out/time_to_motion.json" \
   --rounds $([ ${#quick[@]} = 0 ] && echo 3 || echo 1)
-python3 benchmarks/throughput.py "$out/rows" ${quick[@]+"${quick[@]}"}
+python3 benchmarks/throughput.py "$out/rows.jsonl" ${quick[@]+"${quick[@]}"}
 if [ ! -f "$out/training.md" ] && [ -f benchmarks/train_step.py ]; then
   if python3 -c 'import torch' 2>/dev/null; then
     python3 benchmarks/train_step.py | tee "$out/training.part" && mv "$out/training.part" "$out/training.md"
@@ -35,5 +35,5 @@ fi
 if [ ! -f "$out/peers.md" ] && [ -n "${PEERS:-}" ]; then  # PEERS: the clones that method_peers.py --list names
   python3 benchmarks/method_peers.py --peers "$PEERS" --out "$out/peers.md"
 fi
-python3 benchmarks/roofline.py "$out/roofline"
+python3 benchmarks/roofline.py "$out/roofline.jsonl"
 python3 benchmarks/performance_page.py "$out" "${PERFORMANCE_PAGE:-docs/performance.md}"

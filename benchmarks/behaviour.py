@@ -8,7 +8,7 @@ two halves, and 150, 120 and 99 further captions.
   python benchmarks/behaviour.py --captions humanml3d_test_captions.txt --half blind        the 150; blind2, blind3
   python benchmarks/behaviour.py --real path/to/bandai path/to/cmu ...      the rules on real clips
 
-Sentences and their rules: behaviour_sentences.py, caption_rules*.py, behaviour_rules.py. Each model is measured three
+Sentences and their rules: behaviour_sentences.py. Each model is measured three
 times, always with pinned feet: one pass of the network with the prompt as given (one pass); with a plan, the best of
 several attempts by the checks (best of 4); and the whole application, which also poses and corrects each attempt (with
 corrections and poses). Prints, in Markdown, the share of each category in the three, with 95 % intervals by a bootstrap
@@ -20,14 +20,9 @@ import collections
 import json
 import pathlib
 
-import caption_rules
-import caption_rules_blind
-import caption_rules_blind2
-import caption_rules_blind3
 import numpy as np
 from behaviour_rules import FPS, body_of
-from behaviour_sentences import COUNTED, PACED, REAL, sentences
-from caption_rules import DEVELOPMENT, FINAL
+from behaviour_sentences import BLIND, COUNTED, DEVELOPMENT, FINAL, PACED, REAL, captions, outside, sentences
 
 from motion_jax import export
 from motion_jax.data.datasets.archive import read_archive
@@ -38,7 +33,6 @@ from motion_jax_studio.checks import MAX_ATTEMPTS
 from motion_jax_studio.pipeline import STEPS as STEPS_OF_APPLICATION
 
 MOST = 24  # motions in one batch
-BLIND = {"blind": caption_rules_blind, "blind2": caption_rules_blind2, "blind3": caption_rules_blind3}
 ONE_PASS, BEST, CORRECTED = "one pass", f"best of {MAX_ATTEMPTS}", "with corrections and poses"
 STEPS = {ONE_PASS: ("cleanup", "sample"), BEST: ("plan", "cleanup", "sample", "check"), CORRECTED: None}
 DRAWS = 10_000  # of the bootstrap
@@ -95,16 +89,6 @@ def table(found, name):
     lines += ["", f"{column}:", *(f"{sum(row['passed'])} of {len(row['passed'])}  {row['category']}: {row['sentence']}"
                                   for row in sorted(rows, key=lambda row: sum(row["passed"])))]
   return lines
-
-
-def captions(path, half):
-  """[(kind, caption, rule, None)] of a half of the captions, or of a blind list."""
-  return BLIND[half].sentences(path) if half in BLIND else caption_rules.sentences(path, half)
-
-
-def outside():
-  """Kinds of captions that no capture of the shipped models' data shows."""
-  return {kind.name for module in (caption_rules, *BLIND.values()) for kind in module.KINDS if kind.outside}
 
 
 def summary(found):

@@ -296,6 +296,10 @@ def both(*rules):
   return lambda body: all(rule(body) for rule in rules)
 
 
+def either(*rules):
+  return lambda body: any(rule(body) for rule in rules)
+
+
 def none_of(*rules):
   return lambda body: not any(rule(body) for rule in rules)
 
@@ -328,4 +332,18 @@ def at_once(*rules):
     held = [all(rule(body_of(body.joints, first, first + length)) for rule in rules)
             for first in range(0, body.num - length + 1, int(0.4 * FPS))]
     return bool(np.mean(held) >= 0.25)
+  return rule
+
+
+def in_turn(*rules, grid=0.2):
+  """One after another: each part, as short as can be, obeys its rule, and the rest the last. Unlike `in_order` it lets
+  a part obey the next rule, too."""
+  def rule(body):
+    first, least = 0, int(0.5 * FPS)
+    for one in rules[:-1]:
+      cuts = range(first + least, body.num - least + 1, int(grid * FPS))
+      first = next((cut for cut in cuts if one(body_of(body.joints, first, cut))), None)
+      if first is None:
+        return False
+    return bool(rules[-1](body_of(body.joints, first)))
   return rule

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
-# Measures on an accelerator all that this project wants to know of it: benchmarks/gpu.sh [FOLDER [SECONDS [OPTIONS]]]
-# writes a file a piece and README.md in FOLDER, docs/benchmark/gpu/ and the device's name by default, and begins nothing
-# after SECONDS, 500 by default. The same command again measures what is still missing, and leaves what is there.
+# Measures on an accelerator all that this project wants to know of it: benchmarks/gpu.sh [FILE [SECONDS [OPTIONS]]]
+# writes a row a piece to FILE (.jsonl; by default benchmarks/data/gpu/DEVICE.jsonl) and a page of them, FILE's name with
+# .md (by default docs/benchmark/gpu/DEVICE/README.md). It begins nothing after SECONDS, 500 by default. The same command again measures what is still missing, and leaves what is there.
 # OPTIONS: those of benchmarks/accelerator.py, such as --only fss/M. COMPILERS: number of processes that compile before
 # anything is measured, for half of the time at most; 1 by default, for which each piece is compiled when it is measured.
 # They share the device's memory in equal parts.
@@ -15,7 +15,8 @@ if [ "${name%% *}" = cpu ] && [[ " ${options[*]-} " != *" --tiny "* ]]; then
   echo "jax sees no accelerator here: install a build for one (pip install 'motion-jax[cuda13]'), or try with --tiny" >&2
   exit 2
 fi
-out=${1:-docs/benchmark/gpu/${name#* }}
+out=${1:-benchmarks/data/gpu/${name#* }.jsonl} page=docs/benchmark/gpu/${name#* }/README.md
+[ $# = 0 ] || page=${out%.jsonl}.md
 if [ "$compilers" -gt 1 ]; then
   # A cache on disk, so that the process that measures finds what the others have compiled.
   export JAX_COMPILATION_CACHE_DIR=${JAX_COMPILATION_CACHE_DIR:-$(mktemp -d)}
@@ -35,5 +36,5 @@ while left=$((seconds - (SECONDS - began))) && [ "$left" -gt 0 ]; do
   if [ "$status" = 1 ] || [ "$status" = 2 ]; then exit "$status"; fi
   if [ "$status" = 0 ] || [ "$status" = 75 ]; then break; fi
 done
-python3 benchmarks/accelerator.py "$out" --table
-echo "wrote $out/README.md"
+python3 benchmarks/accelerator.py "$out" --table "$page"
+echo "wrote $page"

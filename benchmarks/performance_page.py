@@ -2,7 +2,8 @@
 
   python benchmarks/performance_page.py OUT PAGE      OUT: folder of the measurements; PAGE: such as docs/performance.md
 
-A part whose measurements are missing says so. Plots are SVG files in OUT/plots, made by motion_jax.charts.
+A part whose measurements are missing says so. Plots are SVG files in a folder with the page's name, made by
+motion_jax.charts.
 """
 import argparse
 import html
@@ -141,7 +142,7 @@ def ratios(rows) -> str:
 def computed(rows, gpus, plots) -> str:
   """Tables of the roofline and its plot: what each device can reach at an intensity, and where the programs stand.
 
-  gpus: folders of what was measured on a device.
+  gpus: files of what was measured on a device.
   """
   if not rows:
     return MISSING
@@ -166,16 +167,16 @@ def remark(row):
 
 
 def page(out, plots) -> str:
-  rows, training, peers = results.read(out / "rows"), out / "training.md", out / "peers.md"
+  rows, training, peers = results.read(out / "rows.jsonl"), out / "training.md", out / "peers.md"
   first = next((row for row in rows if "machine" in row), None)
   where = (f"{machine.words(first['machine'])}; jax {first['jax']}, commit {first['commit']}, {first['date']}."
            if first else "No machine yet.")
-  gpus = sorted((out.parent / "gpu").glob("*/"))
-  links = "".join(f", [{folder.name}](benchmark/gpu/{folder.name}/README.md)" for folder in gpus)
+  gpus = sorted((out.parent / "gpu").glob("*.jsonl"))
+  links = "".join(f", [{path.stem}](benchmark/gpu/{path.stem}/README.md)" for path in gpus)
   method = " ".join(roofline.__doc__.split("\n\n")[2].split())
   parts = {
       "": f"""Measured by one command, `benchmarks/all.sh`, which writes this page (`--quick`: a shorter list in about
-eight minutes). A row that is there is left alone; remove its file to measure it again. Seconds are medians; processor
+eight minutes). A row that is there is left alone; delete its line to measure it again. Seconds are medians; processor
 seconds count user and system time of all cores. Rows during which other work used more than {machine.QUIET:g} cores are
 marked: compare their processor seconds, not their seconds on the clock.
 
@@ -204,7 +205,7 @@ measured where a device was lent{links}.
 
 {method} LAUNCH is {1e6 * roofline.LAUNCH:g} microseconds.
 
-{computed(results.read(out / "roofline"), gpus, plots)}""",
+{computed(results.read(out / "roofline.jsonl"), gpus, plots)}""",
   }
   return "# Performance\n\n" + "\n\n".join(f"## {title}\n\n{text}" if title else text for title, text in parts.items())
 
@@ -214,7 +215,7 @@ def main():
   parser.add_argument("out", type=pathlib.Path)
   parser.add_argument("page", type=pathlib.Path)
   args = parser.parse_args()
-  plots = args.out / "plots"
+  plots = args.page.with_suffix("")
   text = page(args.out, plots).replace("PLOTS", os.path.relpath(plots, args.page.parent))
   with atomic_path(args.page) as whole:
     whole.write_text(text + "\n")

@@ -1,6 +1,7 @@
-"""Measurements as files, one a row, so that a run that is cut short loses at most one and continues where it was."""
+"""Measurements in a file of one JSON row a line: a run that is cut short loses at most one row and continues there."""
 import json
 import pathlib
+import re
 import sys
 import time
 from collections.abc import Callable, Mapping
@@ -10,44 +11,52 @@ from motion_jax.utils.atomic import atomic_path
 
 def measure(out: pathlib.Path, wanted: Mapping[str, Callable[[], dict]], seconds: float, about: Mapping,
             after_each: Callable[[], None] = lambda: None) -> bool:
-  """Runs what is wanted and has no file in out yet, each into a file of its own; True if nothing is left.
+  """Runs the wanted pieces that have no row in `out` (a .jsonl file) yet; True if nothing is left.
 
-  Begins nothing after `seconds`. about: what every row holds besides, such as the device. A row that fails leaves its
-  error in its file and the others run; so does one that ends the program. Remove the file to measure it again.
+  Begins nothing after `seconds`. about: fields of every row, such as the device. The row of a piece that fails, or that
+  ends the program, holds the error, and the others run. Delete a line to measure its piece again.
   """
   began = time.monotonic()
   for name, run in wanted.items():
-    path = path_of(out, name)
-    if path.exists():
+    if name in pieces_of(out):
       continue
     if time.monotonic() - began > seconds:
       print(f"{seconds:g} s are over; the same command continues at {name}")
       return False
-    write(path, dict(piece=name, error="the program ended in this piece") | about)  # until it is done
+    write(out, dict(piece=name, error="the program ended in this piece") | about)  # until it is done
     try:
-      found = run()
+      measured = run()
     except Exception as error:  # out of memory, an operation that the device lacks: the others go on
-      found = dict(error=f"{type(error).__name__}: {str(error)[:300]}")
-    write(path, dict(piece=name) | found | about)
+      measured = dict(error=f"{type(error).__name__}: {str(error)[:300]}")
+    write(out, dict(piece=name) | measured | about)
     print(name, json.dumps({key: float(f"{value:.4g}") if isinstance(value, float) else value
-                            for key, value in found.items() if not isinstance(value, (dict, list))}), flush=True)
+                            for key, value in measured.items() if not isinstance(value, (dict, list))}), flush=True)
     after_each()
   return True
 
 
-def path_of(out: pathlib.Path, name: str) -> pathlib.Path:
-  return out / f"{name.replace('/', '-').replace(' ', '-')}.json"
+def read(out: pathlib.Path) -> list[dict]:
+  """The rows of a file in order; none if there is no file yet."""
+  return list(map(json.loads, out.read_text().splitlines())) if out.is_file() else []
 
 
-def read(out: pathlib.Path, prefix: str = "") -> list[dict]:
-  """The rows of a folder whose pieces begin so, in the order of their files' names."""
-  found = [json.loads(path.read_text()) for path in sorted(out.glob("*.json"))]
-  return [row for row in found if row.get("piece", "").startswith(prefix)]
+def pieces_of(out: pathlib.Path) -> set[str]:
+  return {row["piece"] for row in read(out)}
 
 
-def write(path: pathlib.Path, content) -> None:
-  with atomic_path(path) as whole:
-    whole.write_text(json.dumps(content, indent=1) + "\n")
+def write(out: pathlib.Path, row: Mapping) -> None:
+  """Adds a row, in place of the row of the same piece if there is one; rows are sorted by piece."""
+  keep(out, [*(other for other in read(out) if other["piece"] != row["piece"]), row])
+
+
+def keep(out: pathlib.Path, rows) -> None:
+  """Writes a file of these rows alone."""
+  with atomic_path(out) as whole:
+    whole.write_text("".join(json.dumps(row) + "\n" for row in sorted(rows, key=_order)))
+
+
+def _order(row):
+  return [int(part) if part.isdigit() else part for part in re.split(r"(\d+)", row["piece"])]
 
 
 def markdown(columns, lines) -> str:

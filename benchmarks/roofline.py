@@ -1,9 +1,9 @@
 """What accelerators should reach: the roofline of each program, computed, beside what was measured of it.
 
-  python benchmarks/roofline.py OUT              counts the work of all programs, a file each in OUT (minutes)
+  python benchmarks/roofline.py OUT              counts the work of all programs, a row each in OUT.jsonl (minutes)
   python benchmarks/roofline.py OUT --only fss/M
-  python benchmarks/roofline.py OUT --table [MEASURED ...]    prints the tables from the files, and from those that
-                                                 benchmarks/gpu.sh left in folders of devices
+  python benchmarks/roofline.py OUT --table [MEASURED ...]    prints the tables from the rows, and from the files of
+                                                 devices that benchmarks/gpu.sh wrote
 
 Work is counted by benchmarks/counting.py from the jaxprs of benchmarks/programs.py, which tests lower for CUDA and TPU.
 The time of a matrix product is the larger of its operations over the device's peak and its bytes over the memory's
@@ -76,9 +76,9 @@ def launched(row, device: Device) -> float:
   return bare(row, device) + row["products"] * device.launch
 
 
-def measurements(folders) -> dict:
+def measurements(files) -> dict:
   """{(piece, device's name): row} of benchmarks/gpu.sh; a device is known by the first word of its name."""
-  found = [row for folder in folders for row in results.read(folder) if "error" not in row]
+  found = [row for file in files for row in results.read(file) if "error" not in row]
   return {(row["piece"], device.name): row for row in found for device in DEVICES
           if device.name.split()[0] in row["device"].split()}
 
@@ -133,7 +133,7 @@ def main():
   if args.table is not None:
     print(tables(results.read(args.out), measurements(args.table)))
     return
-  args.out.mkdir(parents=True, exist_ok=True)
+  args.out.parent.mkdir(parents=True, exist_ok=True)
   chosen = programs.all_programs(types=("bfloat16",)) | programs.all_programs(
       types=("float32",), sizes=("M",), batches=(1,), train_batches=(64,))
   wanted = {name: lambda build=build: row_of(build) for name, build in chosen.items() if name.startswith(args.only)}

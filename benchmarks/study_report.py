@@ -230,7 +230,8 @@ def grid(head, body):
 
 def main(argv=None):
   parser = argparse.ArgumentParser(description="Judges a study again, from the rows in its JSON file.")
-  parser.add_argument("study", type=pathlib.Path, help="a study.json; the .md of the same name is written, too")
+  parser.add_argument("study", type=pathlib.Path, help="a study.json, which is judged again and rewritten")
+  parser.add_argument("--page", type=pathlib.Path, help="its Markdown page (default: the same name with .md)")
   parser.add_argument("--registration", required=True)
   args = parser.parse_args(argv)
   try:
@@ -244,9 +245,10 @@ def main(argv=None):
     sys.exit(f"study_report.py: cannot read {args.study} ({error.strerror}), expected a study.json")
   except ValueError as error:
     sys.exit(f"study_report.py: {error}")
-  checkpoint.save_text(args.study.parent, args.study.name, json.dumps(study, indent=1, allow_nan=False) + "\n")
-  checkpoint.save_text(args.study.parent, args.study.with_suffix(".md").name, markdown(study))
-  print(f"wrote {args.study}, {args.study.with_suffix('.md')}")
+  page = args.page or args.study.with_suffix(".md")
+  checkpoint.save_text(args.study.parent, args.study.name, json.dumps(study, allow_nan=False) + "\n")
+  checkpoint.save_text(page.parent, page.name, markdown(study))
+  print(f"wrote {args.study}, {page}")
 
 
 if __name__ == "__main__":

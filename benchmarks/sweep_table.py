@@ -4,9 +4,9 @@
       --page docs/lab/same-data-same-budget.md [--only mdm mld] [--parts trained speed evaluation behaviour]
 
 Each method is measured as it is now: its last stage is the model, in one pass of the network, without plan, cleanup or
-further attempts. A measurement is a file in WORKDIR/table, named after the method and the step of its model, so that
-the same command continues where it was stopped, and measures again what was trained further. The table is written into
-the page between its markers, with a JSON file beside the page. `evaluation` is what `motion-jax evaluate --protocol
+further attempts. Measurements are rows of WORKDIR/table/rows.jsonl, named after the method and the step of its
+model: the same command continues where it was stopped, and measures again what was trained further. The table is
+written into the page between its markers. `evaluation` is what `motion-jax evaluate --protocol
 archives-66 --no-multimodality` measures; WORKDIR/table/index.html is its report of all methods. `speed` is one motion
 of six seconds at a time, compiled before it is timed; a method that does not stream has its first frame with its last.
 `behaviour` applies the rules of benchmarks/behaviour.py to one motion of each sentence.
@@ -116,7 +116,7 @@ def wanted(methods, workdir, out, args) -> dict:
 def newest(out, methods, workdir) -> dict:
   """{method: {part: measurement}} of the models as they are now; an earlier one where that is still to be made."""
   found = {method: {} for method in methods}
-  for row in sorted(results.read(out), key=lambda row: int(row["piece"].rpartition("/")[2])):
+  for row in sorted(results.read(out / "rows.jsonl"), key=lambda row: int(row["piece"].rpartition("/")[2])):
     method, part, _ = row["piece"].split("/")
     if method in found and "error" not in row:
       found[method][part] = row
@@ -176,17 +176,14 @@ def write_page(path, text):
   path.write_text(replaced, encoding="utf-8")
 
 
-def report(out, methods, workdir, page_file, command) -> str:
-  """Writes the page, its JSON file and the HTML report of all evaluations; returns the Markdown."""
+def report(out, methods, workdir, page_file) -> str:
+  """Writes the page and the HTML report of all evaluations; returns the Markdown."""
   found = newest(out, methods, workdir)
   measured = [row for parts in found.values() for row in parts.values()]
   about = sorted({f"{row['date']}, commit {row['commit']}, {row['machine']}" for row in measured})
   text = "\n".join([*(f"{line}." for line in about), "", markdown(found)])
   if page_file:
     write_page(page_file, text)
-    kept = {method: {part: {name: value for name, value in row.items() if name != "result"}  # a path of this machine
-                     for part, row in parts.items()} for method, parts in found.items()}
-    results.write(page_file.with_suffix(".json"), dict(command=command, methods=kept))
   shown = [pathlib.Path(parts["evaluation"]["result"]) for parts in found.values() if "evaluation" in parts]
   if all((folder / "results.json").is_file() for folder in shown) and shown:
     page.write_folders(shown, out)
@@ -219,13 +216,11 @@ def main(argv=None):
   device = "" if jax.default_backend() == "cpu" else f", {jax.devices()[0].device_kind}"
   about = dict(date=machine.today(), commit=machine.commit(runs.PRETRAINED),
                machine=machine.words(machine.describe()) + device)
-  for row in results.read(out):
-    if "error" in row:  # what failed is tried again
-      results.path_of(out, row["piece"]).unlink()
-  command = f"benchmarks/sweep_table.py {args.sweep} --replications {args.replications} --seeds {args.seeds}"
+  rows = out / "rows.jsonl"
+  results.keep(rows, [row for row in results.read(rows) if "error" not in row])  # pieces that failed are tried again
   pieces = wanted(methods, args.workdir, out, args)
-  done = results.measure(out, pieces, args.seconds, about | {"others": machine.load()})
-  print(report(out, methods, args.workdir, args.page, command))
+  done = results.measure(rows, pieces, args.seconds, about | {"others": machine.load()})
+  print(report(out, methods, args.workdir, args.page))
   return 0 if done else 1
 
 

@@ -1,6 +1,6 @@
 """Frames a second, memory and cost against length of the library on this machine: one pass, words read, all compiled.
 
-  python benchmarks/throughput.py OUT              every row that OUT lacks, a file each; hours on two cores
+  python benchmarks/throughput.py OUT              every row that OUT (.jsonl) lacks; hours on two cores
   python benchmarks/throughput.py OUT --quick      small batches, short motions: about four minutes
   python benchmarks/throughput.py OUT --only length/
 
@@ -143,7 +143,7 @@ def main():
   parser.add_argument("--seconds", type=float, default=1e9, help="begin no row after this time")
   parser.add_argument("--only", default="", help="rows whose names begin so")
   args = parser.parse_args()
-  args.out.mkdir(parents=True, exist_ok=True)
+  args.out.parent.mkdir(parents=True, exist_ok=True)
   about = dict(machine=machine.describe(), date=machine.today(), commit=machine.commit(pathlib.Path(__file__).parent),
                jax=jax.__version__)
   wanted = {name: run for name, run in pieces(args.quick, args.repeats).items() if name.startswith(args.only)}

@@ -28,7 +28,7 @@ CLEAN = ("motion_jax/training", "motion_jax/fit.py", "configs", "motion_jax/nets
          "benchmarks", "examples",
          "motion_jax_studio/server", "motion_jax_studio/cli", "motion_jax_studio/client.py", "blender")
 WORD_LISTS = ("motion_jax/text/lexicon.py", "motion_jax_studio/language/lexicon.py")  # data, not prose
-UNFINISHED = ("docs/benchmark/control", "docs/reference")
+UNFINISHED = ("docs/benchmark/control",)
 PAGES = [path for path in sorted({*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"),
                                   *(ROOT / "motion_jax" / "pretrained").glob("*/README.md")})
          if not str(path.relative_to(ROOT)).startswith(UNFINISHED)]

@@ -1,22 +1,16 @@
-"""Writes docs/papers/drawings: networks, masks and schedules of both papers, drawn from the code's own shapes.
+"""Drawings of docs/papers: networks, masks and schedules of both papers, from the shapes of the code itself.
 
-  python tools/drawings.py            write the drawings
-  python tools/drawings.py --check    name those that are out of date; exit status 1 if there are any
+`python tools/build_docs.py` writes them.
 """
-import argparse
 import pathlib
-import sys
 
-ROOT = pathlib.Path(__file__).parents[1]
-sys.path.insert(0, str(ROOT))
+import jax
+import jax.numpy as jnp
 
-import jax  # noqa: E402
-import jax.numpy as jnp  # noqa: E402
-
-from motion_jax import draw  # noqa: E402
-from motion_jax.diffusion import staircase  # noqa: E402
-from motion_jax.models.cdamd.stages import make_generator  # noqa: E402
-from motion_jax.nets import (  # noqa: E402
+from motion_jax import draw
+from motion_jax.diffusion import staircase
+from motion_jax.models.cdamd.stages import make_generator
+from motion_jax.nets import (
   Autoencoder,
   CausalDiT,
   CausalVAE,
@@ -25,10 +19,10 @@ from motion_jax.nets import (  # noqa: E402
   known_or_past_mask,
   sliding_mask,
 )
-from motion_jax.utils import config_files  # noqa: E402
-from motion_jax.utils.config_files import module_fields  # noqa: E402
+from motion_jax.utils import config_files
+from motion_jax.utils.config_files import module_fields
 
-OUT = ROOT / "docs" / "papers" / "drawings"
+OUT = pathlib.Path(__file__).parents[1] / "docs" / "papers" / "drawings"
 FRAMES = 192  # 48 latents
 
 
@@ -73,27 +67,3 @@ def _cdamd():
 def drawings():
   """{file name: the drawing} of all that docs/papers shows."""
   return {f"{name}.svg": made + "\n" for paper in (_cmdm, _cdamd) for name, made in paper()}
-
-
-def main(argv=None):
-  parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-  parser.add_argument("--check", action="store_true", help="name the drawings that are out of date and write none")
-  args = parser.parse_args(argv)
-  made = drawings()
-  there = {path.name: path.read_text(encoding="utf-8") for path in OUT.glob("*.svg")}
-  differ = sorted(name for name in {*made, *there} if made.get(name) != there.get(name))
-  if args.check:
-    print(*differ, sep="\n")
-    return int(bool(differ))
-  OUT.mkdir(parents=True, exist_ok=True)
-  for name in differ:
-    if name in made:
-      (OUT / name).write_text(made[name], encoding="utf-8")
-    else:
-      (OUT / name).unlink()
-  print(f"{len(made)} drawings, {len(differ)} written or deleted")
-  return 0
-
-
-if __name__ == "__main__":
-  sys.exit(main())

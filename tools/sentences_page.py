@@ -1,6 +1,6 @@
-"""Writes the grammar of prompts into docs/sentences.md, between its two marks, from the tables that the parser uses.
+"""The grammar of prompts in docs/sentences.md, between two marks, from the tables that the parser uses.
 
-  python tools/sentences_page.py
+`python tools/build_docs.py` writes it.
 """
 import pathlib
 import textwrap
@@ -8,12 +8,12 @@ import textwrap
 from motion_jax_studio.language import grammar
 
 PAGE = pathlib.Path(__file__).parents[1] / "docs" / "sentences.md"
-BEGIN = "<!-- The grammar: written by tools/sentences_page.py from the rules; edit those instead. -->"
+BEGIN = "<!-- The grammar: written by tools/build_docs.py from the rules; edit those instead. -->"
 END = "<!-- End of the grammar. -->"
 WIDTH = 120
 
 
-def made():
+def page():
   """The page with the grammar as it is now."""
   before, rest = PAGE.read_text(encoding="utf-8").split(BEGIN)
   return f"{before}{BEGIN}\n\n{grammar_page()}\n\n{END}{rest.split(END)[1]}"
@@ -26,17 +26,14 @@ def grammar_page():
 
 def _entry(rule):
   """A rule as Markdown: name, meaning, the words of a connector, and the examples as code."""
-  words = ", ".join(f"\"{one}\"" for one in getattr(rule, "words", ()) if one != rule.name)
+  words = ", ".join(f"\"{word}\"" for word in getattr(rule, "words", ()) if word != rule.name)
   also = f" In the same way: {words}." if words else ""
   name = "Comma" if rule.name == "," else rule.name.capitalize()
   text = textwrap.fill(f"**{name}.** {rule.meaning}{also}", WIDTH, break_on_hyphens=False)
-  return "\n".join([text, "", "```", *(line for one in rule.examples.items() for line in _example(*one)), "```"])
+  examples = [line for example in rule.examples.items() for line in _example(*example)]
+  return "\n".join([text, "", "```", *examples, "```"])
 
 
 def _example(sentence, parse):
   line = f"{sentence}  →  {parse}"
   return [line] if len(line) <= WIDTH else [sentence, f"    →  {parse}"]
-
-
-if __name__ == "__main__":
-  PAGE.write_text(made(), encoding="utf-8")

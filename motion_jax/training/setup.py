@@ -111,7 +111,7 @@ def encoder_files(encoder):
 
 
 def caption_lengths(data, left_out=()):
-  """JSON rows [caption, median frames], from which a prompt without a length gets that of similar captions.
+  """JSON rows [caption, median frames], one a line, from which a prompt without a length gets that of similar captions.
 
   Without paraphrases: a prompt that is a training caption is one action, and most paraphrases are ways to say several.
   """
@@ -120,7 +120,8 @@ def caption_lengths(data, left_out=()):
     for caption in captions:
       if caption not in left_out:
         frames.setdefault(caption, []).append(len(x))
-  return json.dumps([[caption, int(np.median(counts))] for caption, counts in sorted(frames.items())], indent=0)
+  rows = (json.dumps([caption, int(np.median(counts))]) for caption, counts in sorted(frames.items()))
+  return "[\n" + ",\n".join(rows) + "\n]\n"
 
 
 def one_clip_per_caption(data, max_frames):

@@ -27,7 +27,8 @@ import study_sampling  # noqa: E402
 import study_verdicts as verdicts  # noqa: E402
 from study_verdicts import EXCLUDED, SHOWN, UNDECIDED, Effect  # noqa: E402
 
-REGISTERED = ROOT / "docs" / "benchmark" / "registered"
+PAGES, STUDIES = ROOT / "docs" / "benchmark", ROOT / "benchmarks" / "data" / "studies"
+REGISTERED = PAGES / "registered"
 
 
 def test_holm_is_that_of_the_textbook():
@@ -81,11 +82,10 @@ def test_the_first_study_by_the_three_verdicts():
   """19 of 38 intervals exclude the paper's relative effect, as an audit found by hand; none is shown after Holm."""
   registration, counts = study_registration.load(REGISTERED / "mini-first.toml"), []
   for paper in study_plan.PAPERS:
-    path = ROOT / "docs" / "benchmark" / f"study_{paper}.json"
-    kept = json.loads(path.read_text())
+    kept = json.loads((STUDIES / f"{paper}.json").read_text())
     again = study_report.judge_again(kept, registration)
     assert [one["verdict"] for one in again["claims"]] == [one["verdict"] for one in kept["claims"]]
-    assert path.with_suffix(".md").read_text() == study_report.markdown(kept)
+    assert (PAGES / f"study_{paper}.md").read_text() == study_report.markdown(kept)
     counts.append([sum(one["verdict"] == name for one in kept["claims"]) for name in (SHOWN, EXCLUDED, UNDECIDED)])
   assert counts == [[0, 10, 12], [0, 9, 7]]
   dccm = next(one for one in kept["claims"] if (one["a"], one["b"], one["metric"]) == ("one-vq", "cm", "fid"))
@@ -95,9 +95,8 @@ def test_the_first_study_by_the_three_verdicts():
 @pytest.mark.parametrize("name", ["schedules", "edits"])
 def test_pages_of_sampling_are_those_of_their_json(name):
   """And of the registration as it is in the repository."""
-  path = ROOT / "docs" / "benchmark" / f"study_{name}.json"
-  kept = json.loads(path.read_text())
-  assert path.with_suffix(".md").read_text() == study_sampling.markdown(kept)
+  kept = json.loads((STUDIES / f"{name}.json").read_text())
+  assert (PAGES / f"study_{name}.md").read_text() == study_sampling.markdown(kept)
   registration = study_registration.load(REGISTERED / f"{name}.toml")
   assert kept["registration"]["sha256"] == registration.sha256 or kept["registration"]["amendments"]
   assert [one["text"] for one in kept["claims"]] == [one.text for one in registration.claims]
@@ -164,11 +163,10 @@ def test_a_changed_registration_ends_the_commands(tmp_path, capsys):
 
 
 @pytest.mark.parametrize("name, message", [
-    ("study_edits", "is no study.json of benchmarks/study.py"), ("none", "cannot read .*none.json")])
+    ("edits", "is no study.json of benchmarks/study.py"), ("none", "cannot read .*none.json")])
 def test_what_is_no_study_is_not_judged(name, message):
-  path = ROOT / "docs" / "benchmark" / f"{name}.json"
   with pytest.raises(SystemExit, match=message):
-    study_report.main([str(path), "--registration", str(REGISTERED / "mini-first.toml")])
+    study_report.main([str(STUDIES / f"{name}.json"), "--registration", str(REGISTERED / "mini-first.toml")])
 
 
 def test_a_study_takes_its_settings_from_the_registration():

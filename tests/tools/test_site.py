@@ -4,8 +4,8 @@ import re
 import pytest
 
 from tests.conftest import ROOT
-from tools import reference
-from tools.site import api, fields, links, nav, notebooks, viewers
+from tools import build_docs, drawings, sentences_page
+from tools.site import api, fields, links, nav, notebooks, reference, viewers
 
 
 @pytest.fixture(scope="module")
@@ -14,20 +14,20 @@ def navigation():
 
 
 @pytest.fixture(scope="module")
-def of_reference():
-  return {f"reference/{name}" for name in (*reference.pages(), *api.pages())}
+def generated():
+  """{page of the site: text} of the reference."""
+  return {f"reference/{name}": text for name, text in api.pages().items()}
 
 
-def test_the_navigation_names_every_page_once(navigation, of_reference):
+def test_the_navigation_names_every_page_once(navigation, generated):
   assert len(set(navigation)) == len(navigation)
   missing = {*nav.pages(), *nav.notebooks()} - set(navigation)
   assert not missing, f"link them in docs/README.md or docs/lab/README.md: {sorted(missing)}"
-  assert {page for page in navigation if page.startswith("reference/")} == of_reference
+  assert {page for page in navigation if page.startswith("reference/")} == set(generated)
 
 
-def test_every_page_of_the_navigation_exists(navigation):
-  made = {f"reference/{name}" for name in api.pages()}
-  for page in set(navigation) - made:
+def test_every_page_of_the_navigation_exists(navigation, generated):
+  for page in set(navigation) - set(generated):
     assert any((folder / page).is_file() for folder in (ROOT / "docs", ROOT / "site", ROOT / "examples")), page
 
 
@@ -99,3 +99,55 @@ def test_pages_that_docstrings_name_become_links():
   assert links.mentions(text, "reference/motion_jax/", there) == (
       '<p>(<a href="../../papers/cmdm/#masks">docs/papers/cmdm.md#masks</a>), '
       '<a href="../../manual/">docs/README.md</a>, docs/none.md</p><pre>docs/papers/cmdm.md</pre>')
+
+
+# --- generated files in git ------------------------------------------------------------------------------------------
+
+
+def test_the_grammar_of_the_manual_is_the_parsers():
+  assert sentences_page.page() == sentences_page.PAGE.read_text(encoding="utf-8"), "run python tools/build_docs.py"
+
+
+@pytest.mark.slow
+def test_the_drawings_are_those_of_the_code():
+  shown = {path.name: path.read_text(encoding="utf-8") for path in drawings.OUT.glob("*.svg")}
+  assert drawings.drawings() == shown, "run python tools/build_docs.py"
+
+
+def test_the_viewer_was_built_from_its_source():
+  """By digests, without node; `tools/build_docs.py --check` builds it again and compares the bytes."""
+  viewer = build_docs.VIEWER.read_bytes()
+  assert build_docs.viewer_digests(viewer) == build_docs.RECORD.read_text(), "run python tools/build_docs.py"
+  assert build_docs.viewer_digests(viewer + b" ") != build_docs.RECORD.read_text()
+
+
+# --- the reference ---------------------------------------------------------------------------------------------------
+
+
+def test_public_names_have_docstrings():
+  assert not reference.undocumented()
+
+
+def test_every_name_and_flag_has_its_place_in_the_reference(generated):
+  missing = {name for name, page in generated.items() if str(ROOT) in page}
+  for room in reference.rooms():
+    page = generated[f"reference/{room}.md"]
+    missing |= {f"{room}.{name}" for name in reference.public_names(room)
+                if f"## {name}\n" not in page and f'<a id="{name.lower()}"></a>' not in page}
+  for name, (parser, _) in reference.commands().items():
+    page = generated[f"reference/commands/{name.replace(' ', '-')}.md"]
+    missing |= {(name, flag) for action in parser._actions for flag in action.option_strings
+                if action.help not in (None, "==SUPPRESS==") and action.dest != "help" and flag not in page}
+  assert not missing
+
+
+def test_the_page_of_the_reference_has_room_for_its_tables():
+  text = (ROOT / "docs" / "reference.md").read_text(encoding="utf-8")
+  for name, table in reference.tables().items():
+    assert text.count(f"<!-- {name}: a table on the site -->") == 1
+    assert {target for _, target in nav.LINK.findall(table)} <= {f"reference/{page}" for page in api.pages()}
+
+
+def test_a_name_that_is_defined_nowhere_is_refused():
+  with pytest.raises(LookupError, match="motion_jax.nets.__all__ names 'CausalDoT'"):
+    reference.resolve("motion_jax.nets", "CausalDoT")

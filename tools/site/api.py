@@ -9,7 +9,7 @@ from ml_collections import ConfigDict
 
 from motion_jax.utils import config_files
 from motion_jax.utils.errors import InputError
-from tools import reference
+from tools.site import reference
 from tools.site.fields import MEANINGS
 
 SIZES = ("full", "small", "laptop", "mini", "tiny")
@@ -128,8 +128,8 @@ def configs():
 
 
 def pages():
-  """{path below docs/reference: text} of the pages that are made for the site alone."""
-  return {f"{room}.md": room_page(room) for room in reference.rooms()} | {
+  """{path of a page under reference/: text} of packages, commands and configs."""
+  return {f"{room}.md": room_page(room) for room in reference.rooms()} | reference.command_pages() | {
       f"configs/{name}.md": config_page(name) for name in configs()}
 
 

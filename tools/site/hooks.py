@@ -10,7 +10,7 @@ from mkdocs.structure.files import File
 
 sys.path.insert(0, str(pathlib.Path(__file__).parents[2]))
 from motion_jax import look  # noqa: E402
-from tools.site import api, links, nav, notebooks, viewers  # noqa: E402
+from tools.site import api, links, nav, notebooks, reference, viewers  # noqa: E402
 
 ROOT, SITE = nav.ROOT, nav.ROOT / "site"
 TAB = ROOT / "build" / "tab"  # the model in the visitor's own tab, built by `python site/try/build.py build/tab`
@@ -76,7 +76,11 @@ def made():
 def on_page_markdown(markdown, page, config, files):
   """Links as they are on the site; a column's bar within code is written without the backslash that GitHub needs."""
   origin = config.extra["origins"].get(page.file.src_uri)
-  return nav.relinked(markdown, origin, page.file.src_uri) if origin else markdown
+  markdown = nav.relinked(markdown, origin, page.file.src_uri) if origin else markdown
+  if page.file.src_uri == "reference.md":
+    for name, table in reference.tables().items():
+      markdown = markdown.replace(f"<!-- {name}: a table on the site -->", table)
+  return markdown
 
 
 def on_page_content(content, page, config, files):

@@ -6,7 +6,7 @@ import os.path
 import pathlib
 import re
 
-from tools import reference
+from tools.site import reference
 
 ROOT = pathlib.Path(__file__).parents[2]
 DOCS, NOTEBOOKS = ROOT / "docs", ROOT / "examples" / "notebooks"
@@ -74,7 +74,7 @@ def notebooks():
 def pages():
   """The pages of docs/ that are written by hand or reports of ours, as pages of the site."""
   return sorted(path.relative_to(DOCS).as_posix() for path in DOCS.rglob("*.md")
-                if path.relative_to(DOCS).parts[0] != "reference" and path.read_text(encoding="utf-8").startswith("# "))
+                if path.read_text(encoding="utf-8").startswith("# "))
 
 
 def _linked(page, section=None):
@@ -94,16 +94,16 @@ def build(configs=()):
   apart = [page for pages_ in of_section.values() for page in pages_ if "/" in page]
   lab = [page for page in _linked("lab/README.md") if page not in ("README.md", "lab/README.md")]
   lab += [page for page in apart if page.startswith("benchmark/") and page not in lab]
-  commands = sorted(f"commands/{name.replace(' ', '-')}.md" for name in reference.commands())
   return [
       {"Home": "index.md"},
       {"Gallery": "gallery.md"},
-      {"Manual": [{"Overview": "README.md"}, *({section: [page for page in found if "/" not in page]}
-                                               for section, found in of_section.items())]},
+      {"Manual": [{"Overview": "README.md"}, *(
+          {section: [page for page in linked if "/" not in page and page != "reference.md"]}
+          for section, linked in of_section.items())]},
       *([{"Notebooks": notebooks()}] if notebooks() else []),
-      {"Reference": ["reference/README.md",
+      {"Reference": ["reference.md",
                      {"Packages": [f"reference/{room}.md" for room in reference.rooms()]},
-                     {"Commands": [f"reference/{page}" for page in commands]},
+                     {"Commands": [f"reference/{page}" for page in sorted(reference.command_pages())]},
                      *([{"Configs": [f"reference/configs/{name}.md" for name in configs]}] if configs else [])]},
       {"Papers": [page for page in apart if page.startswith("papers/")]},
       {"Lab notebook": ["lab/README.md", *lab]}]

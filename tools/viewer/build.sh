@@ -1,10 +1,11 @@
 #!/bin/sh
-# Bundles three.js, OrbitControls and src/ into motion_jax/export/assets/viewer.js. Needs node; run it after a change:
-#   cd tools/viewer && npm install --no-package-lock && sh build.sh
+# Bundles three.js, OrbitControls and src/ into the file that is given, motion_jax/export/assets/viewer.js for one. After
+# a change of src/ run (node and npm):
+#   python tools/build_docs.py
 set -eu
 cd "$(dirname "$0")"
-out=../../motion_jax/export/assets/viewer.js
-npx esbuild src/main.js --bundle --minify --format=iife --target=es2020 --legal-comments=none --outfile=viewer.tmp.js
+out=$1  # in this folder, or an absolute path
+npx esbuild src/main.js --bundle --minify --format=iife --target=es2020 --legal-comments=none --log-level=warning --outfile=viewer.tmp.js
 {
   echo "/* motion_jax viewer, Apache-2.0. Contains three.js, MIT License:"
   sed 's/^/ * /' node_modules/three/LICENSE
@@ -12,4 +13,3 @@ npx esbuild src/main.js --bundle --minify --format=iife --target=es2020 --legal-
   sed 's#</script#<\\/script#g; s#<!--#<\\!--#g' viewer.tmp.js  # the bundle lives inside a script element
 } > "$out"
 rm viewer.tmp.js
-wc -c "$out"
