@@ -10,7 +10,7 @@ from motion_jax.utils import stopping
 from motion_jax.utils.errors import InputError
 
 NAME = "run.lock"
-_UNREADABLE = 3  # seconds; filelock replaces an unreadable lock that has not changed for two
+_BRIEFLY, _UNREADABLE = 0.2, 3  # seconds; filelock replaces an unreadable lock that has not changed for two
 
 
 @contextlib.contextmanager
@@ -28,7 +28,7 @@ def locked(folder):
       with path.open("a") as file:
         file.write("\n")
   try:
-    lock.acquire(timeout=0 if lock.pid else _UNREADABLE)
+    lock.acquire(timeout=_BRIEFLY if lock.pid else _UNREADABLE)
   except filelock.Timeout:
     raise InputError(_in_use(path)) from None
   except OSError as error:
