@@ -299,7 +299,7 @@ def _write_changed(run, out, changed):
   if out.exists():
     raise InputError(f"{out} is there already; choose another folder")
   with atomic_folder(out) as folder:
-    left_out = shutil.ignore_patterns("checkpoints", "lock.json", "metrics.jsonl", "samples", "profile", "*.tfevents.*")
+    left_out = shutil.ignore_patterns("checkpoints", "run.lock", "metrics.jsonl", "samples", "profile", "*.tfevents.*")
     shutil.copytree(run.folder, folder, dirs_exist_ok=True, ignore=left_out)
     for name, params in changed.items():
       checkpoint.save_params(folder, params, name=name)

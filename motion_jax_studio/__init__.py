@@ -3,13 +3,6 @@
   from motion_jax_studio import Pipeline
   Pipeline("cmdm-small")("a person walks while waving, then sits down").save("both.html")
 """
-from typing import TYPE_CHECKING
+import lazy_loader
 
-from motion_jax.utils import lazy
-
-if TYPE_CHECKING:
-  from motion_jax_studio.pipeline import Pipeline
-
-__all__ = ["Pipeline"]
-
-__getattr__, __dir__ = lazy.attach(__name__)
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

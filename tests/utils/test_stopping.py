@@ -1,7 +1,6 @@
 """Signals, closed pipes and second launches: nothing half-written, one line, and the status that shells expect; modules
 in processes of their own: with our code, without the current folder's, within their memory."""
 import fcntl
-import json
 import os
 import pathlib
 import signal
@@ -193,20 +192,65 @@ def test_a_folder_is_one_programs(tmp_path):
 
 
 @pytest.mark.parametrize("owner, taken", [
-    (dict(pid=2**30), True),  # nothing has that number
-    (dict(pid=os.getpid(), born=1), True),  # another program has its number now
-    (dict(host="another-machine", pid=1), False)])  # may be alive
+    ("{free}\n{host}\n", True),
+    ("{pid}\n{host}\n1\n", True),  # started at another time: the number is another program's now
+    ("", True), ("12", True),  # cut short by a machine that went down
+    ("1\nanother-machine\n", False)])  # may be alive
 def test_the_lock_of_a_dead_program_is_taken_over(tmp_path, owner, taken):
-  before = json.dumps(dict(host=socket.gethostname()) | owner)
+  before = owner.format(free=2**30, pid=os.getpid(), host=socket.gethostname())
   (tmp_path / lock.NAME).write_text(before)
   if not taken:
-    with pytest.raises(ValueError, match="in use by process"), lock.locked(tmp_path):
-      pass
+    with pytest.raises(ValueError, match="in use by process 1 on another-machine since .*; wait for it, stop it, or "
+                       "choose another folder; if another-machine does not run it any more, delete .*run.lock"):
+      with lock.locked(tmp_path):
+        pass
     assert (tmp_path / lock.NAME).read_text() == before
     return
   with lock.locked(tmp_path):
-    assert json.loads((tmp_path / lock.NAME).read_text())["pid"] == os.getpid()
+    assert (tmp_path / lock.NAME).read_text().startswith(f"{os.getpid()}\n")
   assert not any(tmp_path.iterdir())
+
+
+_HOLDS = """
+import sys, time
+from motion_jax.utils import lock
+with lock.locked(sys.argv[1]):
+  print("holds it", flush=True)
+  time.sleep(60)
+"""
+
+
+def test_the_lock_of_a_killed_process_is_free_again(tmp_path):
+  """While the process lives, the error names it; SIGKILL leaves the file, which the next program replaces."""
+  holder = subprocess.Popen([sys.executable, "-c", _HOLDS, tmp_path], env=devices_env(1), cwd=ROOT, text=True,
+                            stdout=subprocess.PIPE)
+  assert holder.stdout.readline() == "holds it\n"
+  with pytest.raises(ValueError, match=f"in use by process {holder.pid} on {socket.gethostname()} since 20"):
+    with lock.locked(tmp_path):
+      pass
+  holder.kill()
+  holder.communicate()
+  assert (tmp_path / lock.NAME).is_file()
+  with lock.locked(tmp_path):
+    pass
+  assert not any(tmp_path.iterdir())
+
+
+def test_a_folder_that_cannot_be_written(tmp_path):
+  (tmp_path / "file").touch()
+  with pytest.raises(OSError, match="cannot write .*run.lock: .*; choose a folder that you may write to"):
+    with lock.locked(tmp_path / "file"):
+      pass
+  tmp_path.chmod(0o555)
+  user = os.geteuid()
+  os.seteuid(65534 if user == 0 else user)  # root may write everywhere
+  try:
+    with pytest.raises(OSError, match="cannot write .*run.lock: Permission denied; choose a folder that you may"):
+      with lock.locked(tmp_path):
+        pass
+  finally:
+    os.seteuid(user)
+    tmp_path.chmod(0o755)
 
 
 @pytest.mark.slow

@@ -20,47 +20,6 @@ masked, in training and in each decoding iteration), `length` (how long a motion
 
 Numbers follow the released code (docs/papers/cdamd.md); where the paper differs a comment starts with "Parity".
 """
-from typing import TYPE_CHECKING
+import lazy_loader
 
-from motion_jax.utils import lazy
-
-if TYPE_CHECKING:
-  from motion_jax.models.cdamd.editing import (
-    edit,
-  )
-  from motion_jax.models.cdamd.losses import (
-    generator_loss,
-    trained_mask,
-  )
-  from motion_jax.models.cdamd.sampling import (
-    Plan,
-    generate,
-    make_latents,
-    make_plan,
-    start_decoding,
-  )
-  from motion_jax.models.cdamd.stages import (
-    frozen_shapes,
-    generator_shapes,
-    generator_stage,
-    make_generator,
-    prior_codes,
-  )
-  from motion_jax.models.shared.autoencoders import (
-    DISTANCES,
-    autoencoder_shapes,
-    autoencoder_stage,
-    autoencoder_terms,
-    empty_codebooks,
-    l1,
-    rvq_stage,
-    rvq_terms,
-    smooth_l1,
-  )
-
-__all__ = ["DISTANCES", "Plan", "autoencoder_shapes", "autoencoder_stage", "autoencoder_terms", "edit",
-           "empty_codebooks", "frozen_shapes", "generate", "generator_loss", "generator_shapes", "generator_stage",
-           "l1", "make_generator", "make_latents", "make_plan", "prior_codes", "rvq_stage", "rvq_terms", "smooth_l1",
-           "start_decoding", "trained_mask"]
-
-__getattr__, __dir__ = lazy.attach(__name__)
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

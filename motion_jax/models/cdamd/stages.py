@@ -9,7 +9,18 @@ from ml_collections import ConfigDict
 from motion_jax.latents import AutoencoderCodec, RvqCodec
 from motion_jax.models.cdamd.draws import draw_step
 from motion_jax.models.cdamd.losses import generator_loss
-from motion_jax.models.shared.autoencoders import autoencoder_shapes, item_keys
+from motion_jax.models.shared.autoencoders import (
+  DISTANCES,
+  autoencoder_shapes,
+  autoencoder_stage,
+  autoencoder_terms,
+  empty_codebooks,
+  item_keys,
+  l1,
+  rvq_stage,
+  rvq_terms,
+  smooth_l1,
+)
 from motion_jax.nets.autoencoder import Autoencoder
 from motion_jax.nets.diffusion_mlp import DiffusionMLP, Generator
 from motion_jax.nets.masked_transformer import TRANSFORMERS
@@ -17,6 +28,11 @@ from motion_jax.nets.masks import padding_mask
 from motion_jax.shapes import Array
 from motion_jax.training.stage import Stage
 from motion_jax.utils.errors import InputError
+
+# CDAMD's autoencoders are those that methods share.
+__all__ = ["DISTANCES", "autoencoder_shapes", "autoencoder_stage", "autoencoder_terms", "empty_codebooks",
+           "frozen_shapes", "generator_shapes", "generator_stage", "l1", "make_generator", "prior_codes", "rvq_stage",
+           "rvq_terms", "smooth_l1"]
 
 
 def make_generator(config: ConfigDict, dtype: Any = jnp.float32, remat: bool = False, attention: str = "xla"

@@ -19,48 +19,6 @@ weights       the authors' PyTorch files
 
 Numbers follow the released code (docs/papers/cmdm.md); where the paper differs a comment starts with "Parity".
 """
-from typing import TYPE_CHECKING
+import lazy_loader
 
-from motion_jax.utils import lazy
-
-if TYPE_CHECKING:
-  from motion_jax.models.cmdm.losses import (
-    DISTANCE_PAIRS,
-    LAST_LAYERS,
-    RECONSTRUCTIONS,
-    align_factor,
-    align_loss,
-    align_ratio,
-    align_terms,
-    pool_teacher,
-    set_distances,
-    tokenizer_terms,
-  )
-  from motion_jax.models.cmdm.sampling import (
-    block_constants,
-    block_control,
-    block_pull,
-    block_words,
-    chain_segment,
-    chained,
-    extend,
-    generate,
-    generate_whole,
-    plain_velocity,
-    words_of_latents,
-  )
-  from motion_jax.models.cmdm.stages import (
-    denoiser_shapes,
-    denoiser_stage,
-    frozen_shapes,
-    tokenizer_stage,
-  )
-  from motion_jax.models.shared.likelihoods import gaussian_nll, kl_to_standard_normal, smooth_l1
-
-__all__ = ["DISTANCE_PAIRS", "LAST_LAYERS", "RECONSTRUCTIONS", "align_factor", "align_loss", "align_ratio",
-           "align_terms", "block_constants", "block_control", "block_pull", "block_words", "chain_segment", "chained",
-           "denoiser_shapes", "denoiser_stage", "extend", "frozen_shapes", "gaussian_nll", "generate", "generate_whole",
-           "kl_to_standard_normal", "plain_velocity", "pool_teacher", "set_distances", "smooth_l1", "tokenizer_stage",
-           "tokenizer_terms", "words_of_latents"]
-
-__getattr__, __dir__ = lazy.attach(__name__)
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

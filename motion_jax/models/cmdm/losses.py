@@ -20,6 +20,10 @@ from motion_jax.models.shared.likelihoods import (
 from motion_jax.nets.causal_vae import sample_latent
 from motion_jax.shapes import Array, Net
 
+__all__ = ["DISTANCE_PAIRS", "LAST_LAYERS", "RECONSTRUCTIONS", "align_factor", "align_loss", "align_ratio",
+           "align_terms", "gaussian_nll", "kl_to_standard_normal", "mean_square_nll", "pool_teacher", "set_distances",
+           "smooth_l1", "tokenizer_terms"]
+
 RECONSTRUCTIONS = {"gaussian": gaussian_nll, "smooth_l1": smooth_l1}
 
 

@@ -13,17 +13,6 @@ editing   which part of a motion an edit keeps
 
 Numbers follow the released code (docs/papers/mdm.md); where it is wrong a comment starts with "Parity".
 """
-from typing import TYPE_CHECKING
+import lazy_loader
 
-from motion_jax.utils import lazy
-
-if TYPE_CHECKING:
-  from motion_jax.models.mdm.goals import conditions, goal_error, goal_mask
-  from motion_jax.models.mdm.losses import contact_error, masked_l2, mdm_terms
-  from motion_jax.models.mdm.sampling import Condition, Plan, denoise, next_block, predictor
-  from motion_jax.models.mdm.stages import denoiser_shapes, denoiser_stage
-
-__all__ = ["Condition", "Plan", "conditions", "contact_error", "denoise", "denoiser_shapes", "denoiser_stage",
-           "goal_error", "goal_mask", "masked_l2", "mdm_terms", "next_block", "predictor"]
-
-__getattr__, __dir__ = lazy.attach(__name__)
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -10,16 +10,6 @@ sampling  steps and guidance
 
 Numbers follow the released code (docs/papers/mld.md); where it is wrong a comment starts with "Parity".
 """
-from typing import TYPE_CHECKING
+import lazy_loader
 
-from motion_jax.utils import lazy
-
-if TYPE_CHECKING:
-  from motion_jax.models.mld.losses import kl_terms, prediction_error, vae_terms
-  from motion_jax.models.mld.sampling import FrameDenoiser, Plan, ddim_steps, denoise, predictor
-  from motion_jax.models.mld.stages import denoiser_shapes, denoiser_stage, frames_stage, vae_shapes, vae_stage
-
-__all__ = ["FrameDenoiser", "Plan", "ddim_steps", "denoise", "denoiser_shapes", "denoiser_stage", "frames_stage",
-           "kl_terms", "prediction_error", "predictor", "vae_shapes", "vae_stage", "vae_terms"]
-
-__getattr__, __dir__ = lazy.attach(__name__)
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

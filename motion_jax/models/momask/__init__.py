@@ -15,16 +15,6 @@ weights   the authors' PyTorch files
 
 Numbers follow the released code (docs/papers/momask.md); where the paper differs a comment starts with "Parity".
 """
-from typing import TYPE_CHECKING
+import lazy_loader
 
-from motion_jax.utils import lazy
-
-if TYPE_CHECKING:
-  from motion_jax.models.momask.losses import hide, level_of, masked_loss, residual_loss
-  from motion_jax.models.momask.sampling import add_levels, chooser, decode_masked, keep_likeliest, noise_of
-  from motion_jax.models.momask.stages import masked_shapes, masked_stage, residual_shapes, residual_stage
-
-__all__ = ["add_levels", "chooser", "decode_masked", "hide", "keep_likeliest", "level_of", "masked_loss",
-           "masked_shapes", "masked_stage", "noise_of", "residual_loss", "residual_shapes", "residual_stage"]
-
-__getattr__, __dir__ = lazy.attach(__name__)
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -11,22 +11,6 @@ sampling  segments: caption and latents so far in a cache, latents one by one, t
 
 Numbers follow the released code (docs/papers/motionstreamer.md); where it is wrong a comment starts with "Parity".
 """
-from typing import TYPE_CHECKING
+import lazy_loader
 
-from motion_jax.utils import lazy
-
-if TYPE_CHECKING:
-  from motion_jax.models.motionstreamer.losses import autoencoder_terms, num_replaced, two_forward_loss
-  from motion_jax.models.motionstreamer.sampling import Plan, Segment, begin, draw_latent, follow, sample_segment
-  from motion_jax.models.motionstreamer.stages import (
-    generator_shapes,
-    generator_stage,
-    tokenizer_shapes,
-    tokenizer_stage,
-  )
-
-__all__ = ["Plan", "Segment", "autoencoder_terms", "begin", "draw_latent", "follow", "generator_shapes",
-           "generator_stage", "num_replaced", "sample_segment", "tokenizer_shapes", "tokenizer_stage",
-           "two_forward_loss"]
-
-__getattr__, __dir__ = lazy.attach(__name__)
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

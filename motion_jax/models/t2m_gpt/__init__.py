@@ -16,17 +16,6 @@ weights   the authors' PyTorch files
 
 Numbers follow the released code (docs/papers/t2m_gpt.md); where the paper differs a comment starts with "Parity".
 """
-from typing import TYPE_CHECKING
+import lazy_loader
 
-from motion_jax.utils import lazy
-
-if TYPE_CHECKING:
-  from motion_jax.models.t2m_gpt.items import CodeItems, encode_clips, target_row
-  from motion_jax.models.t2m_gpt.losses import corrupt, gpt_loss
-  from motion_jax.models.t2m_gpt.sampling import categorical, greedy, sample
-  from motion_jax.models.t2m_gpt.stages import gpt_shapes, gpt_stage
-
-__all__ = ["CodeItems", "categorical", "corrupt", "encode_clips", "gpt_loss", "gpt_shapes", "gpt_stage", "greedy",
-           "sample", "target_row"]
-
-__getattr__, __dir__ = lazy.attach(__name__)
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -15,18 +15,6 @@ weights       the authors' PyTorch files; `weight_names` maps their names
 Numbers follow the released code (docs/papers/cmdm.md#part-tmr, #tmr, #motionpatches); where a paper differs a comment
 starts with "Parity".
 """
-from typing import TYPE_CHECKING
+import lazy_loader
 
-from motion_jax.utils import lazy
-
-if TYPE_CHECKING:
-  from motion_jax.models.tmr.alignment import as_seen, frame_features, motion_side, plain_stats, view_of
-  from motion_jax.models.tmr.losses import info_nce, symmetric_cross_entropy, tmr_terms, unit
-  from motion_jax.models.tmr.space import Space, embed_motion, embed_text, make_space, make_teacher, teacher_shapes
-  from motion_jax.models.tmr.stages import contrastive_stage, tmr_stage
-
-__all__ = ["Space", "as_seen", "contrastive_stage", "embed_motion", "embed_text", "frame_features", "info_nce",
-           "make_space", "make_teacher", "motion_side", "plain_stats", "symmetric_cross_entropy", "teacher_shapes",
-           "tmr_stage", "tmr_terms", "unit", "view_of"]
-
-__getattr__, __dir__ = lazy.attach(__name__)
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
