@@ -5,6 +5,7 @@ gets a name that says which it is, `walk.unitree_xyzw.csv`, and `walk.unitree_xy
 axes, units, rate, source and licence.
 """
 import json
+import os
 import pathlib
 import shlex
 import warnings
@@ -131,7 +132,7 @@ FORMATS = {
 
 
 def write(motion: RobotMotion, stem: str | pathlib.Path, format: str) -> list[pathlib.Path]:
-  """Writes STEM.FORMAT.csv or .npz and its side-car STEM.FORMAT.json; returns both paths."""
+  """Writes STEM.FORMAT.csv or .npz and its side-car STEM.FORMAT.json, both or none; returns both paths."""
   if format not in FORMATS:
     raise InputError(f"got robot format {format!r}, expected {named(FORMATS)}")
   kind, stem = FORMATS[format], pathlib.Path(stem)
@@ -139,14 +140,16 @@ def write(motion: RobotMotion, stem: str | pathlib.Path, format: str) -> list[pa
     motion = motion.at_rate(kind.fps)
   arrays = kind.arrays(motion)
   path = stem.with_name(f"{stem.name}.{format}{kind.ending}")
-  with atomic_path(path) as temporary:
-    if kind.ending == ".csv":
-      np.savetxt(temporary, arrays["rows"], fmt="%.6f", delimiter=",")
-    else:
-      np.savez_compressed(temporary, **arrays)
   about = path.with_name(f"{stem.name}.{format}.json")
-  with atomic_path(about) as temporary:
-    temporary.write_text(json.dumps(_about(motion, format), indent=2) + "\n")
+  with atomic_path(path) as table, atomic_path(about) as about_file:  # both are complete before either gets its name
+    about_file.write_text(json.dumps(_about(motion, format), indent=2) + "\n")
+    with open(table, "wb") as file:
+      if kind.ending == ".csv":
+        np.savetxt(file, arrays["rows"], fmt="%.6f", delimiter=",")
+      else:
+        np.savez_compressed(file, **arrays)
+      file.flush()
+      os.fsync(file.fileno())
   return [path, about]
 
 
