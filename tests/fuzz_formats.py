@@ -1,6 +1,6 @@
 """Kinds of the fuzzer for files of other programs: scenes, captures, robots, mappings, projects, constraints, weights.
 
-Those that are read by a library in a process of its own (c3d, fbx) cost a start of Python each.
+Those that are read by a library in a process of its own (c3d, fbx, usda, usdc) cost a start of Python each.
 """
 import importlib.util
 
@@ -108,9 +108,11 @@ def _small():
 
 FORMATS = {
     "glb": _either(_loaded("a.glb"), _character("character.glb")), "vrm": _character("character.vrm"),
-    "vrma": _loaded("a.vrma"), "usda": _loaded("a.usda"), "amass": _loaded("a.amass.npz"), "c3d": _loaded("a.c3d"),
+    "vrma": _loaded("a.vrma"), "amass": _loaded("a.amass.npz"), "c3d": _loaded("a.c3d"),
     "trc": _loaded("a.trc"), "points": _loaded("a.csv"), "robot_csv": _robot_motion(ROBOT_TABLES[0]),
     "robot_npz": _robot_motion(*ROBOT_TABLES[1:]), "mjcf": _robot(".xml"), "urdf": _robot(".urdf"),
     "mappings": mappings, "projects": projects, "constraints": constraints, "weights": weights}
 if importlib.util.find_spec("ufbx"):
   FORMATS["fbx"] = _loaded("a.fbx")
+if importlib.util.find_spec("pxr"):
+  FORMATS |= {"usda": _loaded("a.usda"), "usdc": _loaded("a.usdc")}

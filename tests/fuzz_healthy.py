@@ -1,5 +1,6 @@
 """Healthy inputs of every kind, which the fuzzer damages: files as bytes, made once in each process."""
 import collections
+import contextlib
 import dataclasses
 import functools
 import json
@@ -124,6 +125,9 @@ def _formats(folder):
   clip = _clips(1, 6)[0]
   for name in ("a.glb", "a.vrma", "a.usda", "a.csv", "a.trc", "a.c3d", "a.amass.npz", "a.bvh"):
     export.save(clip, folder / name)
+  with contextlib.suppress(ImportError):
+    from pxr import Sdf
+    Sdf.Layer.OpenAsAnonymous(str(folder / "a.usda")).Export(str(folder / "a.usdc"))
   write_character(folder / "character.glb", clip)
   write_character(folder / "character.vrm", clip, "vrm", change=with_vrm(1))
   (folder / "map.json").write_text(json.dumps({joint: [joint] for joint in clip.skeleton.joints}))

@@ -16,6 +16,8 @@ from motion_jax.data.mocap.fbx import read_fbx
 from motion_jax.data.mocap.files import read_mapping, split_clip
 from motion_jax.data.mocap.gltf import MOTIONS
 from motion_jax.data.mocap.gltf_motion import read_gltf
+from motion_jax.data.mocap.usd import SUFFIXES as USD_SUFFIXES
+from motion_jax.data.mocap.usd import read_usd
 from motion_jax.export.points import load_c3d, load_csv, load_trc
 from motion_jax.motion import plausibility
 from motion_jax.motion.representations import get_layout, layout_for, to_joints
@@ -65,7 +67,7 @@ def npy(clip, path) -> pathlib.Path:
 def load(path, fps=None, unit="auto", up=None, mapping=None, check=True) -> Clip:
   """Reads .npz (as `npz` writes, AMASS', Kimodo's, a Unitree G1's, or with a "joints" or "features" key), .npy, .bvh,
   .amc (its .asf beside it), .csv (joints by name, or a Unitree G1), .trc, .c3d, or the animation of a .glb, .gltf,
-  .vrm, .vrma or .fbx; of several, walk.glb#NAME or walk.glb#2 is one of them.
+  .vrm, .vrma, .fbx, .usd, .usda or .usdc; of several, walk.glb#NAME or walk.glb#2 is one of them.
 
   A .npy holds joints (T, 22, 3) or (T, 21, 3), or features (T, F) of a known layout such as HumanML3D's 263. fps: frame
   rate of the file, replacing the one that it states; by default a .npy gets its skeleton's rate, an .amc 120. Nothing
@@ -84,9 +86,8 @@ def load(path, fps=None, unit="auto", up=None, mapping=None, check=True) -> Clip
     raise InputError(research_files.pickled(path))
   if path.is_dir():
     raise IsADirectoryError(f"{path} is a folder, expected a motion file; name one in it")
-  if path.suffix.lower() in (".usd", ".usda", ".usdc", ".usdz"):
-    raise InputError(f"got {path.name!r}; USD files are written and not read: export a .glb or .bvh from the program "
-                     "that made it")
+  if path.suffix.lower() == ".usdz":
+    raise InputError(f"got {path.name!r}, a package of USD files: unzip it and name the .usd, .usda or .usdc in it")
   if read is None:
     raise ValueError(f"got {path.name!r}, expected a file that ends in {', '.join(READERS)}")
   if not path.is_file():
@@ -247,6 +248,10 @@ def _load_fbx(path, fps, unit, up, mapping, clip=None):
   return _as_clip(with_rate(read_fbx(path, clip), fps), path, unit, up or "y", mapping)
 
 
+def _load_usd(path, fps, unit, up, mapping, clip=None):
+  return _as_clip(with_rate(read_usd(path, clip), fps), path, unit, up or "y", mapping)
+
+
 def _load_amc(path, fps, unit, up, mapping):
   return _as_clip(read_amc(path, fps=fps or AMC_FPS), path, unit, up, mapping)
 
@@ -285,4 +290,4 @@ def _turns_are_off(features, layout):
 READERS: Registry[Callable] = Registry("motion_jax.imports", {
     ".npz": _load_npz, ".npy": _load_npy, ".bvh": _load_bvh, ".amc": _load_amc, ".csv": load_csv, ".trc": load_trc,
     ".c3d": load_c3d} | dict.fromkeys([*MOTIONS], _load_gltf) | {
-        ".fbx": _load_fbx})
+        ".fbx": _load_fbx} | dict.fromkeys(USD_SUFFIXES, _load_usd))

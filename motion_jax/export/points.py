@@ -8,26 +8,22 @@ import os
 import pathlib
 import re
 import struct
-import subprocess
-import tempfile
 import warnings
 
 import numpy as np
 
 from motion_jax.data.clip import Clip
+from motion_jax.data.mocap import native
 from motion_jax.motion import plausibility
 from motion_jax.motion.skeleton import HUMANML3D
 from motion_jax.rigs.joint_maps import map_joints, own_joints, skeleton_of
-from motion_jax.utils import child
 from motion_jax.utils.atomic import atomic_path
 from motion_jax.utils.errors import InputError
-from motion_jax.utils.input_files import load_npz
 from motion_jax.utils.install import pip_install
 from motion_jax.utils.numerals import named
 from motion_jax.utils.text_files import LARGEST_MOTION, read_lines, split_cells
 
-_SECONDS, _MEMORY = 120, 2e9  # of the process that reads a C3D file; bytes of address space, more by the file's size
-_MISSING = 3  # its exit status without ezc3d
+_MEMORY = 2e9  # bytes of address space of the process that reads a C3D file
 _OPENSIM = np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]])    # y up, facing +z -> y up, facing +x
 _LABORATORY = np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])  # y up, facing +z -> z up, facing +x
 
@@ -158,19 +154,8 @@ def load_c3d(path, fps, unit, up, mapping) -> Clip:
   """The points of a C3D file. Needs the extra `c3d`."""
   if not _is_whole(path):
     raise InputError(f"{path} is cut or no C3D file")
-  with tempfile.TemporaryDirectory() as folder:
-    out = pathlib.Path(folder, "points.npz")
-    try:
-      done = child.run("motion_jax.data.mocap.c3d_child", path.absolute(), out, seconds=_SECONDS,
-                       memory=_MEMORY + 64 * path.stat().st_size)
-    except subprocess.TimeoutExpired:
-      raise InputError(f"{path}: it took more than {_SECONDS} s to read; it may be damaged") from None
-    if done.returncode == _MISSING:
-      raise _no_ezc3d()
-    if done.returncode or not out.is_file():
-      why = (done.stderr.strip().splitlines() or [f"the reader ended with {done.returncode}"])[-1]
-      raise InputError(f"{path} is cut or no C3D file ({why[:80]})")
-    file = load_npz(out, ("points", "rate"), ("labels", "units"))
+  file = native.read("C3D", path, library="ezc3d", extra="c3d", advice="or export a .trc or .csv from the program that "
+                     "made it", memory=_MEMORY)
   points = file["points"]
   turned = points if up else points @ _LABORATORY
   return _clip(path, file["labels"].tolist()[:points.shape[1]], turned, fps or float(file["rate"]),
@@ -255,4 +240,4 @@ def _ezc3d():
 
 
 def _no_ezc3d():
-  return InputError(f".c3d files are read and written by ezc3d: {pip_install('c3d')}; .trc and .csv need nothing")
+  return InputError(f".c3d files are written by ezc3d: {pip_install('c3d')}; .trc and .csv need nothing")

@@ -5,6 +5,7 @@ gets a name that says which it is, `walk.unitree_xyzw.csv`, and `walk.unitree_xy
 axes, units, rate, source and licence.
 """
 import json
+import os
 import pathlib
 import shlex
 import warnings
@@ -16,7 +17,7 @@ import numpy as np
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.retiming import resample
 from motion_jax.robots.motion import RobotMotion
-from motion_jax.robots.robot import Robot, to_robot_axes
+from motion_jax.robots.robot import SIDES, Robot, to_robot_axes
 from motion_jax.utils.atomic import atomic_path
 from motion_jax.utils.errors import InputError
 from motion_jax.utils.json_values import plain
@@ -131,7 +132,7 @@ FORMATS = {
 
 
 def write(motion: RobotMotion, stem: str | pathlib.Path, format: str) -> list[pathlib.Path]:
-  """Writes STEM.FORMAT.csv or .npz and its side-car STEM.FORMAT.json; returns both paths."""
+  """Writes STEM.FORMAT.csv or .npz and its side-car STEM.FORMAT.json, both or none; returns both paths."""
   if format not in FORMATS:
     raise InputError(f"got robot format {format!r}, expected {named(FORMATS)}")
   kind, stem = FORMATS[format], pathlib.Path(stem)
@@ -139,14 +140,16 @@ def write(motion: RobotMotion, stem: str | pathlib.Path, format: str) -> list[pa
     motion = motion.at_rate(kind.fps)
   arrays = kind.arrays(motion)
   path = stem.with_name(f"{stem.name}.{format}{kind.ending}")
-  with atomic_path(path) as temporary:
-    if kind.ending == ".csv":
-      np.savetxt(temporary, arrays["rows"], fmt="%.6f", delimiter=",")
-    else:
-      np.savez_compressed(temporary, **arrays)
   about = path.with_name(f"{stem.name}.{format}.json")
-  with atomic_path(about) as temporary:
-    temporary.write_text(json.dumps(_about(motion, format), indent=2) + "\n")
+  with atomic_path(path) as table, atomic_path(about) as about_file:  # both are complete before either gets its name
+    about_file.write_text(json.dumps(_about(motion, format), indent=2) + "\n")
+    with open(table, "wb") as file:
+      if kind.ending == ".csv":
+        np.savetxt(file, arrays["rows"], fmt="%.6f", delimiter=",")
+      else:
+        np.savez_compressed(file, **arrays)
+      file.flush()
+      os.fsync(file.fileno())
   return [path, about]
 
 
@@ -248,21 +251,30 @@ def _rows(path, width):
 
 
 def _guess(path, robot, qpos_as):
-  """The order in which the pelvis is upright; one that puts the body into the floor is none.  """
-  upright, depth = {}, {}
+  """The order in which the pelvis is upright, unless that takes the body off the floor and the other does not."""
+  upright, lowest = {}, {}
   for order in ("wxyz", "xyzw"):
     qpos = qpos_as(order)
     upright[order] = float(np.median(1 - 2 * (qpos[:, 4] ** 2 + qpos[:, 5] ** 2)))  # z of the turned z axis
-    some = qpos[np.linspace(0, len(qpos) - 1, min(len(qpos), _LOOKED_AT)).astype(int)]
-    depth[order] = float(np.median(robot.kinematics(some)[0][..., 2].min(1)))
+    sample = qpos[np.linspace(0, len(qpos) - 1, min(len(qpos), _SAMPLED)).astype(int)]
+    places, turned = robot.kinematics(sample)
+    hands = [robot.place(f"{side}_wrist", places, turned) for side in SIDES]
+    lowest[order] = float(np.median(np.concatenate([places, np.stack(hands, 1)], axis=1)[..., 2].min(1)))
   best, other = sorted(upright, key=lambda order: -upright[order])
-  if depth[best] < -_IN_THE_FLOOR < depth[other] < _IN_THE_FLOOR:
+  on_the_floor = _ON_THE_FLOOR[0] < lowest[other] < _IN_THE_FLOOR
+  if lowest[best] < -_IN_THE_FLOOR and -_IN_THE_FLOOR < lowest[other] < _IN_THE_FLOOR:
     return other
-  if upright[best] < 0.5 or upright[best] - upright[other] < 0.3:
+  off_the_floor = on_the_floor and not _ON_THE_FLOOR[0] < lowest[best] < _ON_THE_FLOOR[1]  # a handstand?
+  if off_the_floor or upright[best] < 0.5 or upright[best] - upright[other] < 0.3:
     raise InputError(f"{path}: nothing in the file says whether its quaternions are (w, x, y, z) or (x, y, z, w): the "
-                     f"pelvis is upright by {upright['wxyz']:.2f} and {upright['xyzw']:.2f}; state it: motion-jax "
-                     f"retarget {shlex.quote(str(path))} --quaternion wxyz (or xyzw)")
+                     f"pelvis is upright by {upright['wxyz']:.2f} and {upright['xyzw']:.2f}, the lowest joint at "
+                     f"{lowest['wxyz']:.2f} and {lowest['xyzw']:.2f} m; state it: motion-jax retarget "
+                     f"{shlex.quote(str(path))} --quaternion wxyz (or xyzw)")
+  if _ON_THE_FLOOR[0] < lowest[other] < _ON_THE_FLOOR[1]:
+    warnings.warn(f"{path}: by its quaternions as {best} it stands; --quaternion {other} reads it "
+                  f"{'upside down' if upright[other] < -0.5 else 'lying'}, on the floor as well", stacklevel=3)
   return best
 
 
-_LOOKED_AT, _IN_THE_FLOOR = 16, 0.3  # frames; metres of the lowest joint
+_SAMPLED, _IN_THE_FLOOR = 16, 0.3  # frames; metres of the lowest joint below the floor
+_ON_THE_FLOOR = -0.1, 0.15         # metres of the lowest joint of a body that stands

@@ -26,11 +26,13 @@ _LEVEL = np.array([1.0, 0, 0, 0])
 _WEIGHTS = {"pelvis": (20, 10), "torso": (0, 8), "knee": (2, 0), "ankle": (80, 8), "elbow": (6, 0), "wrist": (10, 0)}
 
 _POSTURE = 0.05     # the weight with which a joint stays at its upright angle
-_LOST = 0.08        # metres by which a hand is off before another way to its target is looked for,
-_FOUND = 0.5        # and the share of the error that the other way must leave to be taken;
-_LEAVING = 4.0      # the weight with which the joints go over to it
+_LOST = {"left_arm": 0.08, "right_arm": 0.08, "legs": 0.15}  # metres off target before another solution is searched,
+_FOUND = 0.5        # and the share of the error that the other solution must leave to be taken;
+_LEAVING = 4.0      # the weight with which a limb's joints go over to it,
+_LIFTED = 1.0       # and that of both ankles while the legs do so
 _SEARCH = 25        # iterations of that search
-_STANDING = 400.0  # the position weight of an ankle that stands
+_STANDING = 400.0   # the position weight of an ankle that stands
+_BENT = 0.01        # metres by which a bent elbow brings a hand nearer to its shoulder
 
 
 def retarget(clip: Clip, robot: Robot, fps: float = RATE) -> RobotMotion:
@@ -91,6 +93,7 @@ class Solver:
     self._other = mink.Configuration(model, robot.standing())
     self._all = [*self.tasks.values(), self._posture, mink.DampingTask(model, cost=0.05)]
     self._limits = [mink.ConfigurationLimit(model)]
+    self._keep_elbows_from_bending_back(self._limits[0])
     self._speed = mink.VelocityLimit(model, {name: MAX_SPEED for name in robot.joints})
     pairs = [tuple(self._shapes(bodies) for bodies in pair) for pair in robot.apart]
     if pairs:
@@ -99,7 +102,9 @@ class Solver:
     fixed = [int(model.joint(name).dofadr[0]) for name in robot.fixed]
     self._constraints = [mink.DofFreezingTask(model, fixed)] if fixed else None
     self._begun = False
-    self._arms = self._dofs_of_arms()
+    self._limbs = {f"{side}_arm": self._dofs_between("torso", f"{side}_wrist") for side in SIDES} | {
+        "legs": self._dofs_between("pelvis", "left_ankle") | self._dofs_between("pelvis", "right_ankle")}
+    self._leaving: list[str] = []  # limbs that go over to another solution
     self._soles = robot.soles()
     self._shoulders = {side: self._in_torso(f"{side}_shoulder") for side in SIDES}
 
@@ -108,16 +113,34 @@ class Solver:
     ids = [model.body(name).id for name in bodies]
     return [int(geom) for geom in np.flatnonzero(np.isin(model.geom_bodyid, ids)) if model.geom_contype[geom]]
 
-  def _dofs_of_arms(self):
-    """Which of the joint speeds (NV,) turn an arm against the torso."""
+  def _dofs_between(self, first, last):
+    """Which of the joint speeds (NV,) turn a part against another one that carries it."""
     model = self.robot.model
-    torso, found = model.body(self.robot.parts["torso"][0]).id, np.zeros(model.nv, bool)
+    end, dofs = model.body(self.robot.parts[first][0]).id, np.zeros(model.nv, bool)
+    body = model.body(self.robot.parts[last][0]).id
+    while body not in (end, 0):
+      dofs |= model.dof_bodyid == body
+      body = model.body_parentid[body]
+    return dofs
+
+  def _keep_elbows_from_bending_back(self, limit):
+    """Ends the range of elbows that can bend both ways where the arm is straight.
+
+    A person's elbow bends one way. A robot's that has gone past straight is caught: it can follow only a few degrees.
+    """
+    model, robot = self.robot.model, self.robot
     for side in SIDES:
-      body = model.body(self.robot.parts[f"{side}_wrist"][0]).id
-      while body not in (torso, 0):
-        found |= model.dof_bodyid == body
-        body = model.body_parentid[body]
-    return found
+      elbow = model.body(robot.parts[f"{side}_elbow"][0])
+      for joint in range(elbow.jntadr[0], elbow.jntadr[0] + elbow.jntnum[0]):
+        column = int(model.jnt_qposadr[joint])
+        qpos = np.tile(robot.standing(), (64, 1))
+        qpos[:, column] = np.linspace(limit.lower[column], limit.upper[column], len(qpos))
+        places, turned = robot.kinematics(qpos)
+        reach = np.linalg.norm(robot.place(f"{side}_wrist", places, turned)
+                               - robot.place(f"{side}_shoulder", places, turned), axis=-1)
+        if model.jnt_limited[joint] and reach.max() > max(reach[0], reach[-1]) + _BENT:
+          straight = qpos[reach.argmax(), column]
+          (limit.upper if robot.standing()[column] < straight else limit.lower)[column] = straight
 
   def _in_torso(self, part):
     places, turned = self.robot.kinematics(self.robot.standing()[None])
@@ -128,9 +151,7 @@ class Solver:
     """The configuration (7 + N,) of the next frame."""
     self.tasks["pelvis"].set_target(_pose(target.turned["pelvis"], target.pelvis))
     self.tasks["torso"].set_target(_pose(target.turned["torso"], np.zeros(3)))
-    for side, stands in zip(SIDES, target.planted):
-      # A leg that swings past gives way to one that stands.
-      self.tasks[f"{side}_ankle"].set_position_cost(_STANDING if stands else _WEIGHTS["ankle"][0])
+    self._weigh_ankles(target, lifted="legs" in self._leaving)
     first = not self._begun
     if first:  # half a turn away, the joints would wind up to their limits on the way, and stay there
       self.configuration.update(self._standing_at(target))
@@ -161,28 +182,42 @@ class Solver:
                                constraints=self._constraints)
       configuration.integrate_inplace(velocity, step)
 
+  def _weigh_ankles(self, target, lifted=False):
+    """A leg that swings past gives way to one that stands; both give way while they go over to another solution."""
+    for side, stands in zip(SIDES, target.planted):
+      place, turn = (_STANDING if stands else _WEIGHTS["ankle"][0]), _WEIGHTS["ankle"][1]
+      self.tasks[f"{side}_ankle"].set_position_cost(_LIFTED if lifted else place)
+      self.tasks[f"{side}_ankle"].set_orientation_cost(_LIFTED / place * turn if lifted else turn)
+
   def _look_for_another_way(self, target):
-    """Where a hand is far from its target, the arm may be caught: turned round to the wrong side, against a limit.
+    """A limb that is far from its target may be caught: turned round to the wrong side, against a limit.
 
-    Then the frame is solved once more from the upright pose, without a largest speed. If that ends much nearer, the
-    arms go over to it in the next frames.
+    Then the frame is solved once more from the upright pose, without a largest speed. Limbs that end much nearer go
+    over to that solution in the next frames; the others stay as they are.
     """
-    self._posture.set_target(self.robot.standing())
-    self._posture.set_cost(self._weights)
+    goal, weights, self._leaving = self.robot.standing(), self._weights.copy(), []
+    self._posture.set_target(goal)
+    self._posture.set_cost(weights)
     off = self.off(self.configuration)
-    if off < _LOST:
+    if all(off[limb] < _LOST[limb] for limb in off):
       return
-    start = self.robot.standing()
-    start[:7] = self.configuration.q[:7]
-    self._other.update(start)
+    self._weigh_ankles(target)
+    self._other.update(self._standing_at(target))
     self._iterate(self._other, target, _SEARCH, self._limits)
-    if self.off(self._other) < _FOUND * off:
-      self._posture.set_target(self._other.q)
-      self._posture.set_cost(np.where(self._arms, _LEAVING, self._weights))
+    other = self.off(self._other)
+    self._leaving = [limb for limb in off if off[limb] >= _LOST[limb] and other[limb] < _FOUND * off[limb]]
+    for limb in self._leaving:
+      dofs = self._limbs[limb]
+      weights[dofs] = _LEAVING
+      goal[7:][dofs[6:]] = self._other.q[7:][dofs[6:]]
+    self._posture.set_target(goal)
+    self._posture.set_cost(weights)
 
-  def off(self, configuration: Any) -> float:
-    """Metres by which the worse hand is off its target."""
-    return max(float(np.linalg.norm(self.tasks[f"{side}_wrist"].compute_error(configuration)[:3])) for side in SIDES)
+  def off(self, configuration: Any) -> dict[str, float]:
+    """Metres by which each limb is off: a hand, or the worst of the pelvis and the ankles."""
+    error = {part: float(np.linalg.norm(self.tasks[part].compute_error(configuration)[:3])) for part in self.tasks}
+    return {f"{side}_arm": error[f"{side}_wrist"] for side in SIDES} | {
+        "legs": max(error["pelvis"], error["left_ankle"], error["right_ankle"])}
 
   def _place(self, configuration, part, place):
     """Aims a part at a place, turned as it is now: a turn in the world would make the error depend on the heading."""

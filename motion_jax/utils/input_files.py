@@ -9,6 +9,7 @@ import json
 import math
 import pathlib
 import re
+import sys
 import zipfile
 
 import numpy as np
@@ -150,6 +151,8 @@ def _data(file, what, shape, fortran, dtype):
     left -= len(block)
   if left:
     raise InputError(f"{what} ends {left} bytes early; {_COPY}")
+  if buffer and dtype.kind == "U" and (np.frombuffer(buffer, dtype.byteorder + "u4") > sys.maxunicode).any():
+    raise InputError(f"{what} holds text that is damaged; {_COPY}")  # Python cannot make a string of it
   array = np.frombuffer(buffer, dtype).reshape(shape[::-1] if fortran else shape)
   return array.T if fortran else array
 

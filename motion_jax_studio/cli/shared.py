@@ -17,7 +17,7 @@ CHARACTERS = (".glb", ".vrm")
 NAMED = (".glb", ".vrma", ".usda", ".fbx")  # files whose animation has a name
 # What export.load reads; a constant, so that --help starts fast.
 MOTION_FILES = (".npz", ".npy", ".bvh", ".amc", ".csv", ".trc", ".c3d", ".glb", ".gltf", ".vrm", ".vrma",
-                ".fbx")
+                ".fbx", ".usd", ".usda", ".usdc")
 MOTION_HELP = ", ".join(MOTION_FILES[:-1]) + f" or {MOTION_FILES[-1]}"
 
 

@@ -52,6 +52,23 @@ def test_an_order_that_puts_the_body_into_the_floor_is_none(robot, tmp_path):
   assert robots.read_csv(path, robot, None, 30).meta["quaternion_order"] == "xyzw"
 
 
+@pytest.mark.parametrize("order, turn", [("wxyz", (0.0, 0, 1, 0)), ("xyzw", (0.0, 1, 0, 0))])
+def test_a_robot_upside_down_is_read_right_or_gets_one_note(order, turn, robot, tmp_path):
+  """Facing back, it is upright in the other order: with its legs in the floor, off the floor, or standing as well."""
+  def read(height, arms=0.0, **options):
+    qpos = standing(robot, turn=turn, height=height)
+    qpos[:, [7 + j for j, name in enumerate(robot.joints) if "shoulder_y" in name]] = arms
+    read = robots.read_csv(write_table(tmp_path / "a.csv", robot, qpos, order), robot, *options.values(), fps=30)
+    assert read.meta["quaternion_order"] == order
+  read(0.5)
+  for height, arms in ((0.62, 0.0), (1.1, np.pi)):
+    with pytest.raises(InputError, match="the lowest joint at .*--quaternion"):
+      read(height, arms)
+    read(height, arms, quaternion=order)
+  with pytest.warns(UserWarning, match="--quaternion (wxyz|xyzw) reads it upside down"), pytest.raises(AssertionError):
+    read(0.95, np.pi)
+
+
 @pytest.mark.parametrize("format", ["gmr", "mujoco", "loco_mujoco", "mjlab", "beyondmimic"])
 def test_every_npz_that_is_written_is_read_back(format, tmp_path):
   """Also without the .json beside it, which states the order of joints."""

@@ -305,15 +305,32 @@ def test_the_command_refuses_in_one_line(walk, tmp_path, capsys, arguments, mess
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("caught", [[-2.9, 1.9, 2.5], pytest.param([2.5, 2.0, -2.4], marks=pytest.mark.exhaustive)])
-def test_an_arm_that_is_caught_on_the_wrong_side_gets_out(g1, walk, caught):
-  """Left shoulder pitch, roll and yaw far from where the arm is: the hand is back within half a second."""
+@pytest.mark.parametrize("limb, first, caught", [
+    ("left_arm", 15, [-2.9, 1.9, 2.5]), pytest.param("left_arm", 15, [2.5, 2.0, -2.4], marks=pytest.mark.exhaustive),
+    ("legs", 0, [-2.5, -0.5, -2.7, 0.0, -0.8, 0.2, -2.3, 0.4, 2.7])])
+def test_a_limb_that_is_caught_on_the_wrong_side_gets_out(g1, walk, limb, first, caught):
+  """Joints far from where they should be: hands and pelvis are in their places within half a second."""
   target, solver = targets_of(walk.cut(0, 4), g1, 50.0)[0], Solver(g1, 50.0)
   solver.step(target)
   before, configuration = solver.off(solver.configuration), solver.configuration.q.copy()
-  configuration[7 + 15:7 + 18] = caught
+  configuration[7 + first:7 + first + len(caught)] = caught
   solver.configuration.update(configuration)
-  assert solver.off(solver.configuration) > 0.3
+  solver.step(target)
+  assert solver.off(solver.configuration)[limb] > 0.15
   for _ in range(25):
     solver.step(target)
-  assert solver.off(solver.configuration) < before + 0.01
+  after = solver.off(solver.configuration)
+  assert all(after[limb] < before[limb] + 0.01 for limb in after), (before, after)
+
+
+def test_an_arm_that_stretches_and_bends_the_other_way_follows(g1, walk):
+  """A wave: the forearm sweeps through straight. An elbow that gave way backward was caught at its limit."""
+  target, solver = targets_of(walk.cut(0, 4), g1, 50.0)[0], Solver(g1, 50.0)
+  elbow, off = 7 + g1.joints.index("right_elbow_joint"), []
+  for degrees in np.concatenate([[60.0], np.linspace(60, -80, 30)]):
+    side = rot.unit(np.array([0.2, -1.0, 0.3]))
+    fore = rot.rotate(rot.about_axis(np.radians(degrees), "x"), side)
+    qpos = solver.step(target._replace(arms=target.arms | {"right": (side, fore)}))
+    off.append(solver.off(solver.configuration)["right_arm"])
+    assert qpos[elbow] < 1.45, "straight"
+  assert max(off) < 0.1 and off[-1] < 0.03, off

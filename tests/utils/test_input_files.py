@@ -69,6 +69,15 @@ def test_a_lying_header_is_one_line(tmp_path, content, words):
   assert words in _one_line(error)
 
 
+@pytest.mark.parametrize("order", "<>")
+def test_text_that_python_cannot_hold_is_damaged(order, tmp_path):
+  """A number above the largest code point ended the program with a SystemError where the text was printed."""
+  with zipfile.ZipFile(tmp_path / "a.npz", "w") as file:
+    file.writestr("words.npy", _header(f"{order}U2", "(1,)", np.array([97, 0x110000], f"{order}u4").tobytes()))
+  with pytest.raises(InputError, match="a.npz: 'words' holds text that is damaged"):
+    load_npz(tmp_path / "a.npz", (), ("words",))
+
+
 def test_a_bomb_stays_packed(tmp_path):
   """768 MiB of zeros in 0.8 MB: refused by the directory, with no memory taken, whoever reads it, and even where the
   directory says of the packed bytes that they were as many."""

@@ -54,8 +54,8 @@ def measure(clip, name, folder, args):
   for kind in kinds:
     path = folder / f"{name}{kind}"
     export.save(clip, path, **({} if kind == ".vrma" else {"rig": name}))
-    if kind == ".bvh":
-      ours = export.load(path, unit="cm").joints
+    if kind in (".bvh", ".usda"):
+      ours = export.load(path, unit="cm" if kind == ".bvh" else "auto").joints
       at = [HUMANML3D.joints.index(joint) for joint in moved.rig.joints]
       numbers = list(moved.rig.joints.values())
       far = np.linalg.norm(ours[:, at] - places_of(moved)[:, numbers], axis=-1).max()

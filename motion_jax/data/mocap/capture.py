@@ -14,7 +14,7 @@ from motion_jax.motion.skeleton import HUMANML3D
 from motion_jax.rigs.joint_maps import map_joints, own_joints
 from motion_jax.utils.errors import InputError
 
-_MOST = 8_000_000  # frames times joints: a gigabyte
+MOST = 8_000_000  # frames times joints: a gigabyte
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -29,7 +29,7 @@ class Capture:
   rotations: np.ndarray                # (T, N, 4) quaternions (w, x, y, z) relative to the parent
   turned: np.ndarray                   # (T, N, 4) the same in the world
   unit: float | None = None            # metres per unit of a file that states it; positions are in metres then
-  usual: str = ""                      # the unit that the format prescribes: no note where the bones agree
+  usual: str = ""                      # the unit that positions should have: no note where the bones agree
 
   @property
   def num_frames(self) -> int:
@@ -38,9 +38,9 @@ class Capture:
 
 def check_size(path, num_frames, num_joints):
   """Raises ValueError for a capture that memory might not hold."""
-  if num_frames * num_joints > _MOST:
+  if num_frames * num_joints > MOST:
     raise InputError(f"{path}: got {num_frames:,} frames of {num_joints:,} joints, expected at most "
-                     f"{_MOST // num_joints:,} frames; cut it in parts")
+                     f"{MOST // num_joints:,} frames; cut it in parts")
 
 
 def with_rate(capture, fps) -> Capture:

@@ -15,6 +15,7 @@ _UNITS = {"metres": 1.0, "centimetres": 0.01, "millimetres": 0.001, "inches": 0.
           "decimetres": 0.1, "CMU's unit of 1 / 0.45 inch": 0.0254 / 0.45}
 _METRIC = ("metres", "centimetres", "millimetres")
 _ADULT, _CHILD = 1.2, 1.6       # how many times longer or shorter legs may be than an adult's; a child's or a giant's
+_SIZES = 0.4, 4.0              # times that a body of a stated unit may be enlarged to become an adult: a giant, a baby
 _LEVEL = 0.15                   # of the legs' length: what is so near to 0 is on the floor
 _LOW = 0.6                      # of the legs' length: the pelvis of a body that does not stand or sit on a chair
 
@@ -23,8 +24,8 @@ def to_metres(joints, unit, name, stated=None, skeleton=HUMANML3D, usual=""):
   """Joints (T, J, 3) in metres, and metres per unit: as `unit` says, or of the usual unit that makes legs an adult's.
 
   stated: metres per unit that the file itself states; joints are in metres then. A body for which no usual unit fits
-  becomes as large as an adult. usual: the unit that is not worth a note. What was found is a warning that begins
-  with name.
+  becomes as large as an adult. usual: the unit that gets no warning; with it, `stated` gives way to the bones where it
+  makes the body no person's. Each other guess is a warning that begins with name.
   """
   if isinstance(unit, str) and unit != "auto":
     if unit not in plausibility.UNITS:
@@ -33,11 +34,15 @@ def to_metres(joints, unit, name, stated=None, skeleton=HUMANML3D, usual=""):
   if unit not in ("auto", None):
     return joints * (unit / (stated or 1)), unit
   scale = leg_scale(joints, skeleton) * skeleton.unit
-  label = min(_UNITS, key=lambda label: abs(np.log(_UNITS[label] / scale)))
-  metres, off = _UNITS[label], np.exp(abs(np.log(_UNITS[label] / scale)))
-  if stated:
+  if stated and not usual:
     _warn(f"{name}: by its skeleton file, 1 unit is {stated:.4g} m; --unit (unit=) corrects it")
     return joints, stated
+  if stated and _SIZES[0] < scale < _SIZES[1]:
+    return joints, stated
+  if stated:  # what the file states makes it no person's
+    joints, scale, usual = joints / stated, scale * stated, ""
+  label = min(_UNITS, key=lambda label: abs(np.log(_UNITS[label] / scale)))
+  metres, off = _UNITS[label], np.exp(abs(np.log(_UNITS[label] / scale)))
   if off > (_CHILD if label in _METRIC else _ADULT):
     metres = float(f"{scale:.3g}")
     _warn(f"{name}: no usual unit makes its legs a person's; scaled to an adult's size, 1 unit is {metres:g} m; --unit "

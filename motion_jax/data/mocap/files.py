@@ -3,6 +3,7 @@ import collections
 import json
 import pathlib
 
+from motion_jax.data.mocap import usd
 from motion_jax.data.mocap.asf import amc_clip
 from motion_jax.data.mocap.bvh import bvh_clip
 from motion_jax.data.mocap.fbx import fbx_clip
@@ -13,8 +14,9 @@ from motion_jax.utils.input_files import read_json
 from motion_jax.utils.numerals import named
 from motion_jax.utils.text_files import read_text
 
-READERS = {".bvh": bvh_clip, ".amc": amc_clip} | dict.fromkeys(MOTIONS, gltf_clip) | {".fbx": fbx_clip}
-_SEVERAL = (*MOTIONS, ".fbx")  # files that may hold several clips
+READERS = {".bvh": bvh_clip, ".amc": amc_clip} | dict.fromkeys(MOTIONS, gltf_clip) | {".fbx": fbx_clip} | (
+    dict.fromkeys(usd.SUFFIXES, usd.usd_clip))
+_SEVERAL = (*MOTIONS, ".fbx", *usd.SUFFIXES)  # files that may hold several clips
 
 
 def read_clip(path, name, faults=None, **options):

@@ -90,8 +90,6 @@ def bone_capture(path, names, parents, nodes, rest, moving, fps) -> Capture:
   """
   order = np.argsort(_depths(parents), kind="stable").tolist()
   still, world = (world_matrices(order, parents, *parts)[..., nodes, :, :] for parts in (rest, moving))
-  if not np.isfinite(world).all():
-    raise InputError(f"{path}: its animation holds NaN or infinity; export it again")
   places_of = {node: place for place, node in enumerate(nodes)}
   own_parents = []
   for node in nodes:
@@ -99,16 +97,27 @@ def bone_capture(path, names, parents, nodes, rest, moving, fps) -> Capture:
     while above >= 0 and above not in places_of:
       above = parents[above]
     own_parents.append(places_of.get(above, -1))
-  above = np.maximum(own_parents, 0)
-  roots = np.array(own_parents) < 0
+  return world_capture(path, [names[node] for node in nodes], own_parents, still, world, fps)
+
+
+def world_capture(path, names, parents, still, world, fps, unit=None, usual="metres") -> Capture:
+  """The Capture of N joints, parents first, by their world matrices at rest (N, 4, 4) and in motion (T, N, 4, 4).
+
+  unit, usual: see `Capture`; with a unit the matrices are in it.
+  """
+  if not np.isfinite(world).all():
+    raise InputError(f"{path}: its animation holds NaN or infinity; export it again")
+  above = np.maximum(parents, 0)
+  roots = np.array(parents) < 0
   rest_places, rest_turned, _ = take_apart(still)
   places, turned, _ = take_apart(world)
   turned = rot.continuous(rot.multiply(turned, rot.conjugate(rest_turned)[None]))
   offsets = rest_places - np.where(roots[:, None], 0, rest_places[above])
   local = rot.multiply(rot.conjugate(turned[:, above]), turned)
   local[:, roots] = turned[:, roots]
-  return Capture(tuple(names[node] for node in nodes), tuple(own_parents), offsets, ((),) * len(nodes), fps, places,
-                 local, turned, usual="metres")
+  metres = unit or 1.0
+  return Capture(tuple(names), tuple(parents), offsets * metres, ((),) * len(names), fps, places * metres, local,
+                 turned, unit, usual)
 
 
 def _depths(parents):
