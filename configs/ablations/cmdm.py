@@ -20,6 +20,8 @@ from motion_jax import paper_tables
 from motion_jax.configs import cmdm_denoiser, cmdm_tokenizer, common, motion_patches, part_tmr, tmr
 from motion_jax.configs.ablations import cmdm_paper
 
+# Levels as in sampling and a window of two blocks, 6 latents, that is done after 10 steps, as in FloodDiffusion: of 5.
+WINDOW = {"loss.pyramid_levels": 1.0, "sampler.num_steps": 10, "sampler.lag": 5}
 SIZES = {"full": {"s": (2, 4, 512), "l": (6, 12, 768), "xl": (8, 16, 1024)},
          "small": {"s": (2, 3, 192), "l": (6, 8, 384), "xl": (8, 10, 512)},
          "mini": {"s": (2, 2, 96), "l": (6, 6, 192), "xl": (8, 8, 256)},
@@ -63,6 +65,10 @@ ROWS = {
     "predict-eps": ({}, {"denoiser": {"model.predicts": "eps"}}),
     "predict-x1": ({}, {"denoiser": {"model.predicts": "x1"}}),
     "block-1": ({}, {"denoiser": {"model.block": 1, "loss.level_block": 1}}),
+    # FloodDiffusion's objection: latents of the window that is being denoised see one another both ways, beside the
+    # same levels and sampler with the causal mask.
+    "window-two-way": ({}, {"denoiser": {"model.two_way": True, **WINDOW}}),
+    "window-causal": ({}, {"denoiser": WINDOW}),
 }
 # Table 8: latent size and rate; 64 at 1/4 is the default.
 for _latent, _rate in ((32, 4), (16, 4), (64, 8), (32, 8), (16, 8)):

@@ -17,6 +17,7 @@ from .masks import (
   latent_mask,
   padding_mask,
   sliding_mask,
+  two_way_mask,
   with_text,
 )
 from .motion_denoiser import MotionDenoiser
@@ -36,4 +37,5 @@ __all__ = ["Attention", "Autoencoder", "CausalConv", "CausalDiT", "CausalVAE", "
            "ResidualCodeTransformer", "SkipTransformer", "TMR", "TokenDenoiser", "TokenVAE", "ViT",
            "block_causal_mask", "broadcast_to_length", "dot_product_attention", "dual_causal_mask",
            "known_or_past_mask", "latent_mask", "layer_norm", "padding_mask", "promote_to_f32", "rotary",
-           "sample_latent", "sinusoid_table", "sinusoids", "sliding_mask", "timestep_embedding", "with_text"]
+           "sample_latent", "sinusoid_table", "sinusoids", "sliding_mask", "timestep_embedding",
+           "two_way_mask", "with_text"]

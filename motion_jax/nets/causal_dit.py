@@ -18,6 +18,7 @@ from jaxtyping import Bool, Float, Num
 from motion_jax import shapes
 from motion_jax.nets.attention import Attention, rotary_table, turn
 from motion_jax.nets.layers import Dense, broadcast_to_length, timestep_embedding
+from motion_jax.nets.masks import two_way_mask
 from motion_jax.shapes import Array
 
 PREDICTION_FLOOR = 0.02  # one of the default 50 sampling steps
@@ -157,6 +158,7 @@ class CausalDiT(nn.Module):
   control: int = 0  # how many numbers tell a latent what it is held to (`motion_jax.control.conditioning`); 0: none
   remat: bool = False  # a gradient computes what is inside of a block once more, instead of keeping it
   attention: str = "xla"  # of `attention.dot_product_attention`: "xla", or "cudnn" for 16 bits on NVIDIA's GPUs
+  two_way: bool = False  # latents in denoising (0 < t < 1) see one another in both directions (`masks.two_way_mask`)
   scan_layers: bool = False  # training compiles one layer and runs it `depth` times, instead of compiling each
 
   # Parity: blocks of 3 latents that see one another, the RMS norm of queries and keys, a feed-forward of 2 D and no
@@ -265,7 +267,7 @@ class CausalDiT(nn.Module):
     before the window; attn_mask (B or 1, 1, W, P + W) says which of them are there. control: of control_tokens.
     -> (velocity, (k, v)) with the keys and values of x (depth, B, W, H, K), keys not turned.
     """
-    latents, x = x, self.x_in(x.astype(self.dtype))
+    latents, x, attn_mask = x, self.x_in(x.astype(self.dtype)), self._seen(attn_mask, t)
     if not self.use_adaln:
       x = x + self.level(t)
     block, table, added = self._block(), self._table(positions), None
@@ -283,6 +285,10 @@ class CausalDiT(nn.Module):
     rows = self._stacked("blocks"), modulation, text.k, text.v, text.null, past, added
     x, new = jax.lax.scan(layer, x, rows)
     return self._to_velocity(self.out(x), latents, t), new
+
+  def _seen(self, attn_mask: Bool[Array, "#b 1 l k"], t: Float[Array, "#b l"]) -> Bool[Array, "_ 1 l k"]:
+    """What latents at times t attend to, of a mask that knows no times."""
+    return two_way_mask(attn_mask, (t > 0) & (t < 1)) if self.two_way else attn_mask
 
   def _to_velocity(self, y: Float[Array, "b l c"], x: Float[Array, "b l c"], t: Float[Array, "#b l"]
                    ) -> Float[Array, "b l c"]:
@@ -314,6 +320,7 @@ class CausalDiT(nn.Module):
     added = None if control is None else self.control_tokens(control)
     if length % t.shape[1]:
       raise ValueError(f"got {t.shape[1]} times for {length} latents, expected one each or one per whole block")
+    attn_mask = self._seen(attn_mask, jnp.repeat(t, length // t.shape[1], axis=1))
     if self.scan_layers and not self.is_initializing():
       return self._scanned(x, t, text_emb, attn_mask, text_mask, added)
     modulation = self._modulations(t)

@@ -40,6 +40,28 @@ def sliding_mask(length: Whole, block: Whole, context: Whole) -> Bool[Array, "1 
   return block_causal_mask(length, block) & near[None, None]
 
 
+def two_way_mask(attn_mask: Bool[Array, "#b 1 l k"], active_mask: Bool[Array, "#b l"]) -> Bool[Array, "b 1 l k"]:
+  """(B, 1, L, P + L): attn_mask, and any two active latents of the last L see each other if one sees the other.
+
+  active_mask (B, L): True = in denoising. Clean latents still see the past alone, so that their keys and values can be
+  cached. A latent that attn_mask does not let see itself is padding, which stays unseen. Causal, 2 to 4 active:
+
+    1 . . . . .
+    1 1 . . . .
+    1 1 1 1 1 .
+    1 1 1 1 1 .
+    1 1 1 1 1 .
+    1 1 1 1 1 1
+  """
+  length = active_mask.shape[1]
+  square = attn_mask[..., -length:]
+  is_real = jnp.diagonal(square, axis1=-2, axis2=-1)[..., None, :]
+  both = active_mask[:, None, :, None] & active_mask[:, None, None, :]
+  square = square | (both & square.swapaxes(-1, -2) & is_real)
+  before = jnp.broadcast_to(attn_mask[..., :-length], (*square.shape[:-1], attn_mask.shape[-1] - length))
+  return jnp.concatenate([before, square], axis=-1)
+
+
 def padding_mask(lengths: Int[Array, " b"], max_length: Whole) -> Bool[Array, "b {max_length}"]:
   """(B, L): True where position < lengths (B,).
 

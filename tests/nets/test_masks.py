@@ -3,7 +3,15 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from motion_jax.nets.masks import LATENT_MASKS, block_causal_mask, latent_mask, padding_mask, sliding_mask, with_text
+from motion_jax.nets.masks import (
+  LATENT_MASKS,
+  block_causal_mask,
+  latent_mask,
+  padding_mask,
+  sliding_mask,
+  two_way_mask,
+  with_text,
+)
 from tests import fixtures
 from tests.golden import check, golden
 
@@ -32,6 +40,21 @@ def test_sliding():
   assert bool((sliding_mask(12, 3, 12) == block_causal_mask(12, 3)).all())
   with pytest.raises(ValueError, match="whole blocks of 3"):
     sliding_mask(12, 3, 10)
+
+
+def test_two_way():
+  """Active latents see one another in both directions; no one sees padding or what the mask keeps apart."""
+  active = jnp.array([[0, 0, 1, 1, 1, 0]], bool)
+  causal = block_causal_mask(6, 1)
+  assert draw(two_way_mask(causal, active)[0, 0]) == drawn("1..... 11.... 11111. 11111. 11111. 111111")
+  real = padding_mask(jnp.array([4]), 6)[:, None, None, :]
+  assert draw(two_way_mask(causal & real, active)[0, 0]) == drawn("1..... 11.... 1111.. 1111.. 1111.. 1111..")
+  apart = causal & (jnp.arange(6)[:, None] < 4) | jnp.eye(6, dtype=bool)  # latents 4 and 5 see themselves alone
+  assert draw(two_way_mask(apart, active)[0, 0]) == drawn("1..... 11.... 1111.. 1111.. ....1. .....1")
+  # Of two cached latents and the blocks behind them, only the latter change.
+  cached = jnp.concatenate([jnp.ones((1, 1, 4, 2), bool), block_causal_mask(4, 2)], axis=-1)
+  assert draw(two_way_mask(cached, jnp.array([[0, 1, 1, 0]], bool))[0, 0]) == drawn("1111.. 11111. 111111 111111")
+  assert bool((two_way_mask(cached, jnp.zeros((1, 4), bool)) == cached).all())
 
 
 def test_padding():

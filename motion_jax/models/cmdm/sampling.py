@@ -57,7 +57,8 @@ def generate_whole(dit: CausalDiT, plan: streaming.Plan, num_blocks: int, params
   if since is not None:
     attn_mask &= jnp.arange(length) // plan.block >= jnp.repeat(since, plan.block, axis=1)[:, None, :, None]
   if lengths is not None:
-    attn_mask &= padding_mask(lengths, length)[:, None, None, :] | jnp.eye(length, dtype=bool)
+    real = padding_mask(lengths, length)[:, None]
+    attn_mask &= (real[..., None, :] & real[..., None]) | jnp.eye(length, dtype=bool)
   velocity = plain_velocity(dit, params, text_emb, text_mask, attn_mask, scale, plan.guided, told_of(codec, control))
   if plan.solver in ddpm_forcing.SOLVERS:
     # Parity: algorithm 2 of the paper, whose steps draw fresh noise; the code's, and our default, are Euler's.

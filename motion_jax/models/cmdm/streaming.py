@@ -132,7 +132,7 @@ def window_at(plan: Plan, steps: Any, past: Any, caption: Int[Array, "b w"], sin
 
   caption (B, W): which of the captions in text each block has. since (B, W): the first block that each sees,
   `seen_since`; None: all within the context. lengths (B,): latents of each motion; those that fill up its last block,
-  or run on beside a longer motion, are seen by themselves alone. None: no end.
+  or run on beside a longer motion, see and are seen by themselves alone. None: no end.
   """
   xp = jnp if any(isinstance(a, jax.Array) for a in (steps, past, caption, since, lengths)) else np
   size, slots, within = plan.block, xp.arange(plan.ring), xp.arange(plan.block)
@@ -148,8 +148,9 @@ def window_at(plan: Plan, steps: Any, past: Any, caption: Int[Array, "b w"], sin
   if since is not None:
     mask = mask & (spread(seen) >= spread(since)[:, None, :, None])
   if lengths is not None:
-    key = positions + base * size
-    mask = mask & ((key < xp.asarray(lengths)[:, None, None, None]) | (key == key[-plan.width * size:, None]))
+    key, lengths = positions + base * size, xp.asarray(lengths)[:, None, None, None]
+    query = key[-plan.width * size:, None]
+    mask = mask & (((key < lengths) & (query < lengths)) | (key == query))
   if plan.guided and not (since is None and lengths is None):
     mask = xp.concatenate([mask, mask])
   levels = xp.where(blocks < 0, plan.num_steps, (steps - blocks) * plan.lag)
@@ -364,10 +365,12 @@ class Sampler:
     segment: rising, which of the captions in text each block has. state: one of `prefill`, to go on from a past; `init`
     if left out.
     """
-    plan, since = self.plan, seen_since(self.plan, segment)
+    plan, since, sampler = self.plan, seen_since(self.plan, segment), self
+    if self.lengths is None and getattr(self.dit, "two_way", False):  # blocks that begin after the last one are unseen
+      sampler = self.replace(lengths=jnp.full(len(self.keys), num_blocks * plan.block))
 
     def body(state, _):
-      state, block, _ = self._stepped(state, self._window(state, segment, since))
+      state, block, _ = sampler._stepped(state, sampler._window(state, segment, since))
       return state, block
 
     _, made = jax.lax.scan(body, self.init() if state is None else state, None, length=plan.age + num_blocks - 1)

@@ -125,6 +125,28 @@ def test_fast_is_plain_and_streaming_is_offline(num_steps, lag, block, context, 
   assert jax.eval_shape(in_half, params).dtype == jnp.float32
 
 
+@pytest.mark.slow
+def test_a_two_way_window_is_cached_as_well_and_sees_no_latents_behind_the_end():
+  """Motions that end inside a block and with the last one, past the cache: each is the plain loop over its latents."""
+  num_blocks, ends = 7, np.array([9, 14])
+  dit, plan, params, constants, text_emb, text_mask, keys = setting(7, 3, 2, 8, num_blocks, two_way=True)
+  text = encode_text(dit, params, text_emb, text_mask)
+  sampler = streaming.Sampler(dit, plan, params, constants, text, SCALE, keys, lengths=ends)
+  made, noise = jax.jit(lambda sampler: sampler.sample(num_blocks))(sampler), noise_of(keys, plan, num_blocks)
+  for row, end in enumerate(ends):
+    expected = whole(dit, params, text_emb[row:row + 1], text_mask[row:row + 1], sliding_mask(14, 2, 8)[..., :end, :end],
+                     noise[row:row + 1, :end], staircase(7, 14, 3, 2)[:, :end], SCALE)
+    assert_close(made[row:row + 1, :end], expected, 1e-5)
+  assert_close(fast(dit, plan, params, constants, text, SCALE, keys, num_blocks)[1], made[1], 2e-6)  # 14 if left out
+  state, blocks = sampler.init(), []
+  for _ in range(plan.age + num_blocks - 1):
+    state, block, done = step(sampler, state)
+    blocks += [block] if done else []
+  assert_close(np.concatenate(blocks, axis=1)[0, :9], made[0, :9], 2e-6)
+  causal = fast(dit.clone(two_way=False), plan, params, constants, text, SCALE, keys, num_blocks)
+  assert np.abs(causal[1] - made[1]).max() > 1e-3
+
+
 @pytest.mark.parametrize("memory, guided", [(None, True), (0, True), (6, False)])
 @pytest.mark.slow
 def test_every_block_has_its_own_words_and_new_ones_look_back_no_farther_than_the_memory(memory, guided):
