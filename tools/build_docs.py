@@ -1,6 +1,7 @@
 """Builds everything that is generated from the code: the site, and the few generated files that are in git.
 
   python tools/build_docs.py             writes the files in git, then the site with the model for a browser tab
+  python tools/build_docs.py --files     writes the files in git alone: seconds
   python tools/build_docs.py --draft     writes the site alone, with outputs of an earlier build: about a minute
   python tools/build_docs.py --check     writes nothing; names files in git that are out of date and exits with 1
 
@@ -78,6 +79,7 @@ def main(argv=None):
   parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
   kind = parser.add_mutually_exclusive_group()
   kind.add_argument("--check", action="store_true", help="write nothing and name the files in git that are out of date")
+  kind.add_argument("--files", action="store_true", help="write the files in git and no site")
   kind.add_argument("--draft", action="store_true", help="write the site alone, with outputs of an earlier build")
   args = parser.parse_args(argv)
   if args.check:
@@ -86,6 +88,8 @@ def main(argv=None):
     return int(bool(differ))
   if not args.draft:
     write(files())
+    if args.files:
+      return 0
     if shutil.which("npm"):
       subprocess.run([sys.executable, "site/try/build.py", str(TAB)], cwd=ROOT, check=True)
   environment = os.environ | {"SITE_DRAFT": "1" if args.draft else "", "NO_MKDOCS_2_WARNING": "1"}

@@ -1,7 +1,7 @@
 #!/bin/sh
 # Bundles three.js, OrbitControls and src/ into the file that is given, motion_jax/export/assets/viewer.js for one. After
 # a change of src/ run (node and npm):
-#   python tools/build_docs.py
+#   python tools/build_docs.py --files
 set -eu
 cd "$(dirname "$0")"
 out=$1  # in this folder, or an absolute path
