@@ -48,14 +48,14 @@ SHIPPED = ("cmdm-small", "cmdm-small-fast", "cdamd-small")
 def pieces(tiny) -> dict:
   """{name: function() -> dict of numbers}, the most wanted first."""
   types = ("float32",) if tiny else programs.TYPES
-  found = {f"matmul/{dtype}": functools.partial(matmul, dtype, (64,) if tiny else SIDES) for dtype in types}
+  wanted = {f"matmul/{dtype}": functools.partial(matmul, dtype, (64,) if tiny else SIDES) for dtype in types}
   for name in SHIPPED[1:2] if tiny else SHIPPED:
-    found[f"agreement/{name}"] = functools.partial(agreement.millimetres, name, frames=24 if tiny else 120)
-    found[f"shipped/{name}"] = functools.partial(shipped, name, 1 if tiny else 7)
+    wanted[f"agreement/{name}"] = functools.partial(agreement.millimetres, name, frames=24 if tiny else 120)
+    wanted[f"shipped/{name}"] = functools.partial(shipped, name, 1 if tiny else 7)
   for name, build in programs.all_programs(tiny).items():
     kind, what, dtype = (name.split("/") + [""])[:3]
-    found[name] = functools.partial(stream, what, dtype, tiny) if kind == "stream" else functools.partial(run, build)
-  return found
+    wanted[name] = functools.partial(stream, what, dtype, tiny) if kind == "stream" else functools.partial(run, build)
+  return wanted
 
 
 # --- pieces ---------------------------------------------------------------------------------------------------------
@@ -75,10 +75,10 @@ def run(build):
   """A program on arguments of its shapes, with frames or samples a second."""
   program = build()
   work = counting.work(program.function, *program.shapes(), carried=program.carried, loops=program.loops)
-  found = timed(program.function, *jax.jit(program.arguments)(), carried=program.carried)
-  rate = dict(fps=program.batch * program.frames / found["seconds"], frames=program.frames) if program.frames else dict(
-      samples_per_second=program.batch / found["seconds"])
-  return found | rate | dict(batch=program.batch, flops=work.flops)
+  cost = timed(program.function, *jax.jit(program.arguments)(), carried=program.carried)
+  rate = dict(fps=program.batch * program.frames / cost["seconds"], frames=program.frames) if program.frames else dict(
+      samples_per_second=program.batch / cost["seconds"])
+  return cost | rate | dict(batch=program.batch, flops=work.flops)
 
 
 def stream(size, dtype, tiny):
@@ -96,8 +96,8 @@ def stream(size, dtype, tiny):
 def shipped(name, rounds):
   """Medians of a shipped model by the library's calls, as benchmarks/shipped_speed.py has them."""
   model = loading.load(name)
-  found = [shipped_speed.one_round(model, {}, seed) for seed in range(rounds + 1)][1:]
-  first, following, whole, cleaned = map(statistics.median, zip(*found))
+  rounds_ = [shipped_speed.one_round(model, {}, seed) for seed in range(rounds + 1)][1:]
+  first, following, whole, cleaned = map(statistics.median, zip(*rounds_))
   return dict(first_seconds=first / 1000, next_seconds=following / 1000, seconds=whole / 1000,
               cleaned_seconds=cleaned / 1000, fps=1000 * shipped_speed.FRAMES / whole)
 
@@ -115,8 +115,8 @@ def compile_only(wanted, share):
         jax.jit(program.arguments).lower().compile()
       else:
         piece()
-    except Exception as found:  # said again where the piece is measured
-      error = f", {type(found).__name__}"
+    except Exception as failure:  # said again where the piece is measured
+      error = f", {type(failure).__name__}"
     print(f"compiled {name} in {time.perf_counter() - began:.1f} s{error}", flush=True)
     jax.clear_caches()
 
@@ -130,10 +130,10 @@ def timed(function, *args, carried=False, repeats=7):
   compiling, times, rest = time.perf_counter() - start, [], list(args)
   for _ in range(1 + repeats):
     start = time.perf_counter()
-    made = jax.block_until_ready(compiled(*rest))
+    result = jax.block_until_ready(compiled(*rest))
     times.append(time.perf_counter() - start)
     if carried:
-      rest[0] = made[0]
+      rest[0] = result[0]
   memory = compiled.memory_analysis()
   return dict(seconds=statistics.median(times[1:]), compile_seconds=compiling,
               working_mb=memory.temp_size_in_bytes / 1e6 if memory else None,
@@ -163,13 +163,13 @@ def table(out, page):
   for kind in dict.fromkeys(row["piece"].partition("/")[0] for row in rows):
     if kind == "matmul":
       continue
-    own = [row for row in rows if row["piece"].startswith(f"{kind}/")]
+    of_kind = [row for row in rows if row["piece"].startswith(f"{kind}/")]
     columns = ["ms", "frames/s", "samples/s", "MFU %", "cleaned ms", "first ms", "next block ms", "next latent ms",
                *AGREEMENT, "memory MB", "compile s"]
-    cells = [numbers_of(row, peaks) for row in own]
+    cells = [numbers_of(row, peaks) for row in of_kind]
     columns = [name for name in columns if any(name in cell for cell in cells)]
     lines += ["", f"## {kind}", "", "| piece | " + " | ".join(columns) + " |", "|" + " --- |" * (len(columns) + 1)]
-    for row, cell in zip(own, cells):
+    for row, cell in zip(of_kind, cells):
       values = [row["error"]] if "error" in row else [f"{cell[name]:.4g}" if name in cell else "" for name in columns]
       lines.append(f"| {row['piece'].partition('/')[2]} | " + " | ".join(values) + " |")
   page.parent.mkdir(parents=True, exist_ok=True)
@@ -183,13 +183,13 @@ def numbers_of(row, peaks):
            "first ms": ("first_seconds", 1000), "next block ms": ("next_seconds", 1000),
            "next latent ms": ("next_latent_seconds", 1000), "cleaned ms": ("cleaned_seconds", 1000),
            "compile s": ("compile_seconds", 1)} | {column: (key, 1) for column, key in AGREEMENT.items()}
-  found = {column: row[key] * scale for column, (key, scale) in names.items() if row.get(key) is not None}
+  numbers = {column: row[key] * scale for column, (key, scale) in names.items() if row.get(key) is not None}
   if row.get("working_mb") is not None:
-    found["memory MB"] = row["working_mb"] + row["arguments_mb"]
+    numbers["memory MB"] = row["working_mb"] + row["arguments_mb"]
   peak = next((rate for dtype, rate in peaks.items() if f"/{dtype}" in row["piece"]), None)
   if row["piece"].startswith("train/") and row.get("flops") and peak:
-    found["MFU %"] = 100 * row["flops"] / row["seconds"] / (peak * 1e12)
-  return found
+    numbers["MFU %"] = 100 * row["flops"] / row["seconds"] / (peak * 1e12)
+  return numbers
 
 
 def main():

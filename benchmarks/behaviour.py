@@ -51,50 +51,50 @@ def judge(pipeline, listed, seeds, pictures=None):
       # As many motions in every call, the last made more than once, so that a rest compiles nothing.
       full = [*chunk, *[chunk[-1]] * (per_call - len(chunk))]
       prompts = [sentence for _, sentence, *_ in full for _ in range(seeds)]
-      made = pipeline(prompts, seconds=seconds or None, seeds=list(range(seeds)) * len(full))
+      sampled = pipeline(prompts, seconds=seconds or None, seeds=list(range(seeds)) * len(full))
       for index, (category, sentence, rule, _) in enumerate(chunk):
-        own = made[index * seeds:(index + 1) * seeds]
-        passed = [bool(rule(body_of(motion.joints))) for motion in own]
-        rows.append(dict(category=category, sentence=sentence, passed=passed, seconds=len(own[0].joints) / FPS,
-                         planted=[float(planted_speed(motion.joints)) for motion in own],
-                         kept=[number_kept(motion) for motion in own], noted=bool(pipeline.notes([sentence]))))
+        motions = sampled[index * seeds:(index + 1) * seeds]
+        passed = [bool(rule(body_of(motion.joints))) for motion in motions]
+        rows.append(dict(category=category, sentence=sentence, passed=passed, seconds=len(motions[0].joints) / FPS,
+                         planted=[float(planted_speed(motion.joints)) for motion in motions],
+                         kept=[number_kept(motion) for motion in motions], noted=bool(pipeline.notes([sentence]))))
         if pictures:
           pictures.mkdir(parents=True, exist_ok=True)
           worst = passed.index(False) if False in passed else 0
           name = f"{category}_{sentence}_{sum(passed)}of{seeds}".replace(" ", "_").replace(",", "").replace(".", "")
-          export.strip(own[worst], pictures / f"{name}.png", caption=f"{sentence} ({sum(passed)} of {seeds})")
+          export.strip(motions[worst], pictures / f"{name}.png", caption=f"{sentence} ({sum(passed)} of {seeds})")
   return rows
 
 
 def number_kept(motion):
   """The number of the attempt that was kept, from 1."""
-  return next((one["number"] for one in motion.meta.get("attempts", ()) if one["kept"]), 1)
+  return next((attempt["number"] for attempt in motion.meta.get("attempts", ()) if attempt["kept"]), 1)
 
 
-def table(found, name):
+def table(rows_of, name):
   """The shares of categories in each column, and the sentences by their result, as lines.
 
   found: {column: rows}.
   """
-  columns = list(found)
-  lines = [f"{name}: " + ", ".join(f"{column} {_share(found[column])} {_interval(found[column])}"
+  columns = list(rows_of)
+  lines = [f"{name}: " + ", ".join(f"{column} {_share(rows_of[column])} {_interval(rows_of[column])}"
                                    for column in columns), "",
            f"| category | sentences | {' | '.join(columns)} | planted feet, m/s |", "| --- " * (3 + len(columns)) + "|"]
-  for category in dict.fromkeys(row["category"] for row in found[columns[0]]):
-    own = {column: [row for row in rows if row["category"] == category] for column, rows in found.items()}
-    planted = np.mean([speed for row in own[columns[-1]] for speed in row["planted"]])
-    lines.append(f"| {category} | {len(own[columns[0]])} | "
-                 + " | ".join(_share(own[column]) for column in columns) + f" | {planted:.3f} |")
-  for column, rows in found.items():
+  for category in dict.fromkeys(row["category"] for row in rows_of[columns[0]]):
+    of_category = {column: [row for row in rows if row["category"] == category] for column, rows in rows_of.items()}
+    planted = np.mean([speed for row in of_category[columns[-1]] for speed in row["planted"]])
+    lines.append(f"| {category} | {len(of_category[columns[0]])} | "
+                 + " | ".join(_share(of_category[column]) for column in columns) + f" | {planted:.3f} |")
+  for column, rows in rows_of.items():
     lines += ["", f"{column}:", *(f"{sum(row['passed'])} of {len(row['passed'])}  {row['category']}: {row['sentence']}"
                                   for row in sorted(rows, key=lambda row: sum(row["passed"])))]
   return lines
 
 
-def summary(found):
+def summary(rows_of):
   """Shares of kinds that the shipped models' data shows and of the others, and failures without a note, as lines."""
   beyond, lines = outside(), []
-  for column, rows in found.items():
+  for column, rows in rows_of.items():
     known, other = ([row for row in rows if (row["category"] in beyond) == is_other] for is_other in (False, True))
     silent = [dict(passed=[not good and not row["noted"] for good in row["passed"]]) for row in other]
     lines.append(f"{column}: {_share(known)} {_interval(known)} of what the data shows; {_share(other)} of the rest, "
@@ -125,13 +125,13 @@ def check_rules(folders):
            "| rule | clips of the kind | pass | share | others | pass | share | planted feet, m/s |",
            "| --- | --- | --- | --- | --- | --- | --- | --- |"]
 
-  def add(name, passed, own, others):
-    if not own:
+  def add(name, passed, meant, others):
+    if not meant:
       return
-    good, wrong = sum(map(passed, own)), [clip for clip in others if passed(clip)]
+    good, wrong = sum(map(passed, meant)), [clip for clip in others if passed(clip)]
     most = ", ".join(f"{kind} {count}" for kind, count in collections.Counter(map(_label, wrong)).most_common(3))
-    planted = np.mean([planted_speed(clip.joints.astype(np.float64)) for clip in own])
-    lines.append(f"| {name} | {len(own)} | {good} | {100 * good / len(own):.0f} % | {len(others)} | {len(wrong)}"
+    planted = np.mean([planted_speed(clip.joints.astype(np.float64)) for clip in meant])
+    lines.append(f"| {name} | {len(meant)} | {good} | {100 * good / len(meant):.0f} % | {len(others)} | {len(wrong)}"
                  f"{f' ({most})' if most else ''} | {100 * len(wrong) / max(len(others), 1):.1f} % | {planted:.3f} |")
 
   for name, rule, labels, doubtful in REAL:
@@ -139,8 +139,8 @@ def check_rules(folders):
          [clip for clip in clips if _label(clip) not in labels and _label(clip) != "Unknown"
           and not any(word in _label(clip) for word in doubtful)])
   for name, rule, labels in COUNTED:
-    own = [clip for clip in clips if _label(clip) in labels and rows[clip.id].get("reps")]
-    add(name, lambda clip, rule=rule: rule(rows[clip.id]["reps"])(bodies[clip.id]), own, [])
+    meant = [clip for clip in clips if _label(clip) in labels and rows[clip.id].get("reps")]
+    add(name, lambda clip, rule=rule: rule(rows[clip.id]["reps"])(bodies[clip.id]), meant, [])
   for name, rule, styles, doubtful in PACED:
     walking = [clip for clip in clips if _label(clip) == "walk" and rows[clip.id].get("style")]
     add(name, lambda clip, rule=rule: rule(bodies[clip.id]),
@@ -175,16 +175,16 @@ def main():
   listed = [entry for entry in every if not args.only or entry[0] in args.only]
   if not listed:
     parser.error(f"no such category; there are {', '.join(dict.fromkeys(entry[0] for entry in every))}")
-  found = {}
+  judged = {}
   for name in args.model:
     pictures = args.pictures and args.pictures / pathlib.Path(name).name
-    model, found[name] = load(name), {}
+    model, judged[name] = load(name), {}
     for column, kept in STEPS.items():
       pipeline = Pipeline(model, [step for step in STEPS_OF_APPLICATION if kept is None or step.name in kept])
-      found[name][column] = judge(pipeline, listed, args.seeds, pictures if column == CORRECTED else None)
-    print(*table(found[name], name), *(summary(found[name]) if args.captions else ()), sep="\n", flush=True)
+      judged[name][column] = judge(pipeline, listed, args.seeds, pictures if column == CORRECTED else None)
+    print(*table(judged[name], name), *(summary(judged[name]) if args.captions else ()), sep="\n", flush=True)
     if args.out:
-      args.out.write_text(json.dumps(found, indent=1))
+      args.out.write_text(json.dumps(judged, indent=1))
 
 
 if __name__ == "__main__":

@@ -184,13 +184,13 @@ def _punches(body, side):
   out = np.gradient(body.smooth(np.linalg.norm(line, axis=-1), 0.05)) * FPS
   speed = np.linalg.norm(velocity(wrist, FPS), axis=-1)
   there = (np.abs(line[:, 1]) < 0.22) & (line[:, 2] > 0.2) & (body.elbows[:, side] > 115)
-  found = find_peaks(np.where(out > 0.3, speed, 0.0), height=1.9, distance=int(0.3 * FPS))[0]
-  return [peak for peak in found if there[peak:peak + 5].any()]
+  peaks = find_peaks(np.where(out > 0.3, speed, 0.0), height=1.9, distance=int(0.3 * FPS))[0]
+  return [peak for peak in peaks if there[peak:peak + 5].any()]
 
 
 def punches(side=None):
   def rule(body):
-    counts = [len(_punches(body, one)) for one in (LEFT, RIGHT)]
+    counts = [len(_punches(body, hand)) for hand in (LEFT, RIGHT)]
     return bool(max(counts) if side is None else counts[side])
   return rule
 
@@ -202,16 +202,16 @@ def kick_peaks(body, side):
   """Frames in which a foot is highest over the other one, 0.3 m or more, after 2.2 m/s or more."""
   height = body.joints[:, PAIR["foot"], 1]
   over = height[:, side] - height[:, 1 - side]
-  found = find_peaks(over, height=0.3, distance=int(0.4 * FPS), prominence=0.2)[0]
+  peaks = find_peaks(over, height=0.3, distance=int(0.4 * FPS), prominence=0.2)[0]
   near = lambda peak: slice(max(0, peak - int(0.4 * FPS)), peak + int(0.4 * FPS))
-  return [peak for peak in found if body.toes[near(peak), side].max() > 2.2 and body.air[near(peak)].max() < 0.25
+  return [peak for peak in peaks if body.toes[near(peak), side].max() > 2.2 and body.air[near(peak)].max() < 0.25
           and np.median(body.speed[near(peak)]) < 1.5]
 
 
 def kicks(side=None, count=None):
   """side: the foot, None either. count: how often, None once or more."""
   def rule(body):
-    numbers = [len(kick_peaks(body, one)) for one in (LEFT, RIGHT)]
+    numbers = [len(kick_peaks(body, foot)) for foot in (LEFT, RIGHT)]
     number = sum(numbers) if side is None else numbers[side]
     if side is not None and numbers[1 - side]:
       return False
@@ -340,9 +340,9 @@ def in_turn(*rules, grid=0.2):
   a part obey the next rule, too."""
   def rule(body):
     first, least = 0, int(0.5 * FPS)
-    for one in rules[:-1]:
+    for part in rules[:-1]:
       cuts = range(first + least, body.num - least + 1, int(grid * FPS))
-      first = next((cut for cut in cuts if one(body_of(body.joints, first, cut))), None)
+      first = next((cut for cut in cuts if part(body_of(body.joints, first, cut))), None)
       if first is None:
         return False
     return bool(rules[-1](body_of(body.joints, first)))

@@ -33,13 +33,13 @@ MISSING = "Not measured yet: `benchmarks/all.sh` measures it."
 
 def plot(folder, name, series, x_label, y_label, logarithmic=False) -> str:
   """Writes an SVG file with a legend -> the Markdown that shows it; "" without points."""
-  series = [one for one in series if len(one.x)]
+  series = [line for line in series if len(line.x)]
   if not series:
     return ""
   drawn = charts.svg(series, x_label, y_label, f"{y_label} against {x_label}", logarithmic)
   place = lambda i: f'x="{76 + 130 * (i % 3)}" y="{charts.HEIGHT + 14 + 16 * (i // 3)}"'
-  legend = "".join(f'<text class="{kind}" {place(i)}>{html.escape(one.name)}</text>'
-                   for i, (one, kind) in enumerate(zip(series, charts.kinds(series))))
+  legend = "".join(f'<text class="{kind}" {place(i)}>{html.escape(line.name)}</text>'
+                   for i, (line, kind) in enumerate(zip(series, charts.kinds(series))))
   height = charts.HEIGHT + 8 + 16 * -(-len(series) // 3)
   drawn = re.sub(r'viewBox="[^"]*"', f'viewBox="0 0 {charts.WIDTH} {height}" width="{charts.WIDTH}"', drawn, count=1)
   drawn = drawn.replace("</svg>", legend + "</svg>").replace("\n", "\n" + STYLE + "\n", 1)
@@ -51,31 +51,31 @@ def plot(folder, name, series, x_label, y_label, logarithmic=False) -> str:
 
 def by_model(rows):
   """{model: its rows}, of rows named kind/MODEL/number, in rising order of the number."""
-  found = {}
+  rows_of = {}
   for row in sorted(rows, key=lambda row: float(row["piece"].split("/")[2])):
     if "error" not in row:
-      found.setdefault(row["piece"].split("/")[1], []).append(row)
-  return found
+      rows_of.setdefault(row["piece"].split("/")[1], []).append(row)
+  return rows_of
 
 
 def waiting(out, plots) -> str:
   path = out / "time_to_motion.json"
   if not path.exists():
     return MISSING
-  found = json.loads(path.read_text())
-  kinds = [kind for kind, row in found["rows"].items() if row.get("cold")]
+  measured = json.loads(path.read_text())
+  kinds = [kind for kind, row in measured["rows"].items() if row.get("cold")]
   places = list(range(1, len(kinds) + 1))
   seconds = [Series(name, places, values) for name, values in (
-      ("cold", [found["rows"][kind]["cold"]["processor"] for kind in kinds]),
-      ("warm", [time_to_motion.median(found["rows"][kind]["warm"], "processor") for kind in kinds]))]
+      ("cold", [measured["rows"][kind]["cold"]["processor"] for kind in kinds]),
+      ("warm", [time_to_motion.median(measured["rows"][kind]["warm"], "processor") for kind in kinds]))]
   shown = plot(plots, "time-to-motion", seconds, "request: " + ", ".join(
       f"{i} {kind}" for i, kind in zip(places, kinds)), "processor seconds", logarithmic=True)
   before = out / "before.json"
-  compared = "\n\n" + time_to_motion.comparison(json.loads(before.read_text()), found) if before.exists() else ""
-  longest = sorted(((seconds, name, kind) for kind, row in found["rows"].items()
+  compared = "\n\n" + time_to_motion.comparison(json.loads(before.read_text()), measured) if before.exists() else ""
+  longest = sorted(((seconds, name, kind) for kind, row in measured["rows"].items()
                     for name, seconds in row.get("cold", {}).get("longest", [])), reverse=True)[:8]
   log = "Longest compilations: " + ", ".join(f"`{name}` {seconds:.1f} s ({kind})" for seconds, name, kind in longest)
-  return f"{time_to_motion.table(found)}\n\n{log or ''}.{compared}\n\n{shown}"
+  return f"{time_to_motion.table(measured)}\n\n{log or ''}.{compared}\n\n{shown}"
 
 
 def lengths(rows, plots) -> str:
@@ -83,12 +83,12 @@ def lengths(rows, plots) -> str:
   if not chosen:
     return MISSING
   lines, series = [], []
-  for model, own in chosen.items():
-    x, y = ([row[key] for row in own] for key in ("length", "processor"))
+  for model, of_model in chosen.items():
+    x, y = ([row[key] for row in of_model] for key in ("length", "processor"))
     slope = float(np.polyfit(x, y, 1)[0]) if len(x) > 1 else y[0] / x[0]
     series.append(Series(model, [seconds / 60 for seconds in x], y))
     lines += [[model, row["length"], row["processor"], row["seconds"], 1000 * row["processor"] / row["length"],
-               row["fps"], row["working_mb"] or "", remark(row)] for row in own]
+               row["fps"], row["working_mb"] or "", remark(row)] for row in of_model]
     lines.append([model, "slope", "", "", 1000 * slope, "", "", "least squares"])
   shown = plot(plots, "length", series, "minutes of motion", "processor seconds")
   return results.markdown(["model", "motion, s", "processor s", "s", "processor ms per second of motion", "frames/s",
@@ -100,31 +100,32 @@ def batches(rows, plots) -> str:
   if not chosen:
     return MISSING
   lines, series = [], []
-  for model, own in chosen.items():
-    series.append(Series(model, [row["batch"] for row in own], [row["fps"] for row in own]))
-    lines += [[model, row["batch"], row["fps"], row["fps"] / own[0]["fps"], row["processor"], row["seconds"],
-               row["working_mb"] / row["batch"] if row["working_mb"] else "", remark(row)] for row in own]
+  for model, of_model in chosen.items():
+    series.append(Series(model, [row["batch"] for row in of_model], [row["fps"] for row in of_model]))
+    lines += [[model, row["batch"], row["fps"], row["fps"] / of_model[0]["fps"], row["processor"], row["seconds"],
+               row["working_mb"] / row["batch"] if row["working_mb"] else "", remark(row)] for row in of_model]
   shown = plot(plots, "batch", series, "clips at once", "frames a second", logarithmic=True)
-  return results.markdown(["model", "clips at once", "frames/s", f"times batch {own[0]['batch']}", "processor s", "s",
-                           "working MB a clip", "remark"], lines) + f"\n\n{shown}"
+  return results.markdown(["model", "clips at once", "frames/s", f"times batch {of_model[0]['batch']}", "processor s",
+                           "s", "working MB a clip", "remark"], lines) + f"\n\n{shown}"
 
 
 def streaming(rows, plots) -> str:
   chosen, parts = by_model(results_of(rows, "streams")), []
   if not chosen:
     return MISSING
-  series = [Series(model, [row["streams"] for row in own], [row["fps"] / 20 / row["streams"] for row in own])
-            for model, own in chosen.items()]
+  series = [Series(model, [row["streams"] for row in of_model], [row["fps"] / 20 / row["streams"] for row in of_model])
+            for model, of_model in chosen.items()]
   parts.append(results.markdown(
       ["model", "streams", "frames/s, all", "each, times real time", "ms a block", "remark"],
       [[model, row["streams"], row["fps"], row["fps"] / 20 / row["streams"], 1000 * row["block_seconds"], remark(row)]
-       for model, own in chosen.items() for row in own]))
+       for model, of_model in chosen.items() for row in of_model]))
   parts.append(plot(plots, "streams", series, "streams in turn", "each, times real time"))
-  for model, own in by_model(results_of(rows, "endless")).items():
-    minutes = own[-1]["by_minute"]
+  for model, of_model in by_model(results_of(rows, "endless")).items():
+    minutes = of_model[-1]["by_minute"]
     picked = [minutes[i] for i in sorted({0, len(minutes) // 2, len(minutes) - 1})]
-    parts.append(f"{own[-1]['minutes']} minutes of one stream of {model}, as fast as it goes:\n\n" + results.markdown(
-        ["minute", "ms a block", "held MB"], [[minute, 1000 * block, held or ""] for minute, block, held in picked]))
+    table = results.markdown(["minute", "ms a block", "held MB"],
+                             [[minute, 1000 * block, held or ""] for minute, block, held in picked])
+    parts.append(f"{of_model[-1]['minutes']} minutes of one stream of {model}, as fast as it goes:\n\n{table}")
     parts.append(plot(plots, f"endless-{model}", [Series(model, [row[0] for row in minutes],
                                                          [1000 * row[1] for row in minutes])],
                       "minute of the stream", "ms a block"))
@@ -147,8 +148,8 @@ def computed(rows, gpus, plots) -> str:
   if not rows:
     return MISSING
   tenths = np.arange(0, 40) / 10
-  series = [Series(one.name, tenths, np.minimum(one.half, 10 ** tenths * one.bandwidth) / 1e12)
-            for one in roofline.DEVICES if one.name != "H200 SXM"]
+  series = [Series(device.name, tenths, np.minimum(device.half, 10 ** tenths * device.bandwidth) / 1e12)
+            for device in roofline.DEVICES if device.name != "H200 SXM"]
   h100 = roofline.DEVICES[0]
   for row in rows:
     if row["piece"] in ("stream/M/bfloat16", "train/denoiser-M/bfloat16/batch256"):

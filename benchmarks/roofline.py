@@ -78,8 +78,8 @@ def launched(row, device: Device) -> float:
 
 def measurements(files) -> dict:
   """{(piece, device's name): row} of benchmarks/gpu.sh; a device is known by the first word of its name."""
-  found = [row for file in files for row in results.read(file) if "error" not in row]
-  return {(row["piece"], device.name): row for row in found for device in DEVICES
+  measured = [row for file in files for row in results.read(file) if "error" not in row]
+  return {(row["piece"], device.name): row for row in measured for device in DEVICES
           if device.name.split()[0] in row["device"].split()}
 
 
@@ -89,36 +89,37 @@ def tables(rows, measured=None) -> str:
   of_kind = lambda *kinds: [row for row in rows if row["piece"].split("/")[0] in kinds and "error" not in row]
   parts = [results.markdown(
       ["device", "bfloat16, TFLOP/s", "float32 products, TFLOP/s", "memory, TB/s", "source"],
-      [[one.name, f"{one.half / 1e12:g}", f"{one.single / 1e12:g}", f"{one.bandwidth / 1e12:g}", one.source]
-       for one in DEVICES])]
+      [[device.name, *(f"{peak / 1e12:g}" for peak in (device.half, device.single, device.bandwidth)), device.source]
+       for device in DEVICES])]
 
   def add(title, chosen, cell, head, shown):
     columns = [head, "GFLOP", "GB", "products", *(f"{name}, *computed*" for name in names), "measured"]
     lines = []
     for row in chosen:
-      found = [f"{name} {shown(measured[row['piece'], name])}" for name in names if (row["piece"], name) in measured]
+      seen = [f"{name} {shown(measured[row['piece'], name])}" for name in names if (row["piece"], name) in measured]
       lines.append([row["piece"], row["flops"] / 1e9, row["bytes"] / 1e9, row["products"],
-                    *(cell(row, device) for device in DEVICES), ", ".join(found) or NOT_MEASURED])
+                    *(cell(row, device) for device in DEVICES), ", ".join(seen) or NOT_MEASURED])
     if lines:
       parts.append(f"**{title}**\n\n" + results.markdown(columns, lines))
 
   ms = lambda key: lambda row: f"{1000 * row[key]:.3g}"
   both = lambda seconds, slower: f"{1000 * seconds:.3g} / {1000 * slower:.3g}"
   add("Latency of a stream: milliseconds a block of 12 frames, limit / with launches",
-      of_kind("stream"), lambda row, one: both(bare(row, one), launched(row, one)), "program", ms("next_seconds"))
+      of_kind("stream"), lambda row, device: both(bare(row, device), launched(row, device)), "program",
+      ms("next_seconds"))
   add("Latency of a stream: milliseconds to the first block, if all of its steps cost what later ones do",
-      of_kind("stream"), lambda row, one: both(*(row["steps"] * of(row, one) for of in (bare, launched))), "program",
-      ms("first_seconds"))
+      of_kind("stream"), lambda row, device: both(*(row["steps"] * time(row, device) for time in (bare, launched))),
+      "program", ms("first_seconds"))
   add("Clips of 6 s, one at a time: milliseconds a clip, limit / with launches",
       [row for row in of_kind("fss", "ar", "cdamd", "decode") if row["batch"] == 1],
-      lambda row, one: both(bare(row, one), launched(row, one)), "program", ms("seconds"))
+      lambda row, device: both(bare(row, device), launched(row, device)), "program", ms("seconds"))
   rate = lambda row, seconds: row["batch"] * (row["frames"] or 1) / seconds
   add("Clips of 6 s in batches of 256: frames a second at most",
       [row for row in of_kind("fss", "ar", "cdamd", "decode") if row["batch"] > 1],
-      lambda row, one: f"{rate(row, launched(row, one)):,.0f}", "program", lambda row: f"{row['fps']:,.0f}")
+      lambda row, device: f"{rate(row, launched(row, device)):,.0f}", "program", lambda row: f"{row['fps']:,.0f}")
   add("A training step: milliseconds at least, and samples a second",
-      of_kind("train"), lambda row, one: f"{1000 * bare(row, one):.3g}, "
-      f"{rate(row, bare(row, one)):,.0f}/s", "program",
+      of_kind("train"), lambda row, device: f"{1000 * bare(row, device):.3g}, "
+      f"{rate(row, bare(row, device)):,.0f}/s", "program",
       lambda row: f"{ms('seconds')(row)}, {row['samples_per_second']:,.0f}/s")
   return "\n\n".join(parts)
 

@@ -50,7 +50,7 @@ def strays(side, least):
 
 def turned(side, least=30):
   """At some time it turns by `least` degrees or more. side: 1 left, -1 right, 0 either."""
-  return lambda body: bool(max(_most_rise(one * np.degrees(body.heading)) for one in (1, -1) if side != -one) >= least)
+  return lambda body: bool(max(_most_rise(way * np.degrees(body.heading)) for way in (1, -1) if side != -way) >= least)
 
 
 def veers(*sides, least=30):
@@ -58,8 +58,8 @@ def veers(*sides, least=30):
   def rule(body):
     course, _ = turned_course(body)
     swings = np.diff(course[turning_points(course, least)])
-    found = iter(np.sign(swings[np.abs(swings) >= least]))
-    return all(side in found for side in sides)
+    turns_taken = iter(np.sign(swings[np.abs(swings) >= least]))
+    return all(side in turns_taken for side in sides)
   return rule
 
 

@@ -75,8 +75,8 @@ def throws(side=None, least=2.0):
   """A hand is lifted, and as fast as that, and no slower than the other."""
   def rule(body):
     top = _top_speed(body)
-    return any(lifts_hand(one)(body) and top[one] >= max(least, top[1 - one])
-               for one in (LEFT, RIGHT) if side in (None, one))
+    return any(lifts_hand(hand)(body) and top[hand] >= max(least, top[1 - hand])
+               for hand in (LEFT, RIGHT) if side in (None, hand))
   return rule
 
 
@@ -123,8 +123,8 @@ def gestures(side, least=0.4):
 def rubs(side, joint, away=0.3, least=0.25):
   """A hand (None: either) moves by `least` metres or more, in all, so near to a joint."""
   def rule(body):
-    return any(_way(body, body.joints[:, PAIR["wrist"][one]] - body.joints[:, JOINT[joint]],
-                    _away(body, one, joint) < away) >= least for one in (LEFT, RIGHT) if side in (None, one))
+    return any(_way(body, body.joints[:, PAIR["wrist"][hand]] - body.joints[:, JOINT[joint]],
+                    _away(body, hand, joint) < away) >= least for hand in (LEFT, RIGHT) if side in (None, hand))
   return rule
 
 

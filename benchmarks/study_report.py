@@ -35,15 +35,15 @@ def effects_of(registration, numbers) -> list:
 
   What counts is the difference of the two rows in each seed, which share batches, captions and noise.
   """
-  found = []
+  effects = []
   for claim in registration.claims:
     a, b = ({seed: of[claim.metric] for seed, of in numbers.get(claim.source[0], {}).get(row, {}).items()
              if claim.metric in of} for row in (claim.a, claim.b))
     seeds = sorted(a.keys() & b.keys())
-    effect = study_verdicts.over_seeds([a[one] for one in seeds], [b[one] for one in seeds],
+    effect = study_verdicts.over_seeds([a[seed] for seed in seeds], [b[seed] for seed in seeds],
                                        registration.settings["alpha"]) if seeds else None
-    found.append((claim, effect, len(seeds), registration.settings["fewest"]["seeds"]))
-  return found
+    effects.append((claim, effect, len(seeds), registration.settings["fewest"]["seeds"]))
+  return effects
 
 
 def judged(effects, alpha) -> list[dict]:
@@ -79,11 +79,12 @@ def summarize(settings, scored, real, registration, kept=None) -> dict:
   settings = settings | dict(archives=[pathlib.Path(folder).name for folder in settings["archives"]],
                              teacher=pathlib.Path(settings["teacher"]).name)
   rows = {}  # {paper: {row: {seed: content}}}, in the order of the tables
-  for one in sorted(scored, key=lambda one: (names_of(one["paper"]).index(one["row"]), one["seed"])):
-    rows.setdefault(one["paper"], {}).setdefault(one["row"], {})[one["seed"]] = one
-  commits = collections.Counter(str((one.get("record") or {}).get("code")) for one in scored)
-  record = next((one["record"] for one in reversed(scored) if one.get("record")), None)
-  rows = {paper: {row: {seed: {key: value for key, value in one.items() if key != "record"} for seed, one in of.items()}
+  for scores in sorted(scored, key=lambda scores: (names_of(scores["paper"]).index(scores["row"]), scores["seed"])):
+    rows.setdefault(scores["paper"], {}).setdefault(scores["row"], {})[scores["seed"]] = scores
+  commits = collections.Counter(str((scores.get("record") or {}).get("code")) for scores in scored)
+  record = next((scores["record"] for scores in reversed(scored) if scores.get("record")), None)
+  rows = {paper: {row: {seed: {key: value for key, value in scores.items() if key != "record"}
+                        for seed, scores in of.items()}
                   for row, of in some.items()} for paper, some in rows.items()}
   return judge_again(dict(settings=settings, real=real, rows=rows, judged_by=dict(commits), record=record),
                      registration, kept)
@@ -91,7 +92,7 @@ def summarize(settings, scored, real, registration, kept=None) -> dict:
 
 def judge_again(study, registration, kept=None) -> dict:
   """A study with tables and claims computed from its rows."""
-  numbers = {paper: {row: {seed: _means(one) for seed, one in of.items()} for row, of in some.items()}
+  numbers = {paper: {row: {seed: _means(scores) for seed, scores in of.items()} for row, of in some.items()}
              for paper, some in study["rows"].items()}
   table = {paper: {row: _row(of.values()) for row, of in some.items()} for paper, some in numbers.items()}
   claims = judged(effects_of(registration, numbers), registration.settings["alpha"])
@@ -99,20 +100,20 @@ def judge_again(study, registration, kept=None) -> dict:
                rules=registration.settings["rules"].strip(), alpha=registration.settings["alpha"])
   rest = {key: value for key, value in study.items() if key not in ("table", "claims", *about)}
   return rest | about | dict(
-      table=table, claims=[one for one in claims if one["source"][0] in study["settings"]["papers"]])
+      table=table, claims=[scores for scores in claims if scores["source"][0] in study["settings"]["papers"]])
 
 
-def _means(one):
+def _means(row):
   """{metric: mean over repeats} of what is finite, and the held-out numbers of the run that makes the motion."""
-  held_out = {name: value for name, value in one["runs"][-1]["last"].items() if name.startswith("held_out")}
-  return held_out | {metric: value["mean"] for metric, value in one["scores"].items()
+  held_out = {name: value for name, value in row["runs"][-1]["last"].items() if name.startswith("held_out")}
+  return held_out | {metric: value["mean"] for metric, value in row["scores"].items()
                      if value["mean"] is not None and math.isfinite(value["mean"])}
 
 
 def _row(of_seeds):
   of_seeds = list(of_seeds)
-  metrics = dict.fromkeys(metric for one in of_seeds for metric in one)
-  return {metric: over_seeds([one[metric] for one in of_seeds if metric in one]) for metric in metrics}
+  metrics = dict.fromkeys(metric for numbers in of_seeds for metric in numbers)
+  return {metric: over_seeds([numbers[metric] for numbers in of_seeds if metric in numbers]) for metric in metrics}
 
 
 # --- Markdown ----------------------------------------------------------------------------------------------------
@@ -152,9 +153,9 @@ def _table(study, source, names):
           "seeds"]
   body = [["real", *(number(real.get(m) and {"mean": real[m]["mean"]}, m) for m in metrics), *[""] * len(metrics), ""]]
   for row, name in names.items():
-    found, paper_row = ours.get(row, {}), printed.rows[name]
-    seeds = max((len(value["values"]) for value in found.values()), default=0)
-    body.append([f"{name} (`{row}`)", *(number(found.get(m), m) for m in metrics),
+    numbers, paper_row = ours.get(row, {}), printed.rows[name]
+    seeds = max((len(value["values"]) for value in numbers.values()), default=0)
+    body.append([f"{name} (`{row}`)", *(number(numbers.get(m), m) for m in metrics),
                  *(number(paper_row[m], m) for m in metrics), str(seeds)])
   return [f"## {paper.upper()}, rows of Table {table}", "", *grid(head, body)]
 
@@ -170,20 +171,20 @@ def number(value, metric):
 def claims_section(claims, alpha) -> list[str]:
   """Lines of the claims' table and of what the three verdicts mean."""
   names = (study_verdicts.SHOWN, study_verdicts.EXCLUDED, study_verdicts.UNDECIDED)
-  count = collections.Counter(one["verdict"] for one in claims)
-  opposite = sum(one["remark"] == study_verdicts.OPPOSITE for one in claims)
+  count = collections.Counter(claim["verdict"] for claim in claims)
+  opposite = sum(claim["remark"] == study_verdicts.OPPOSITE for claim in claims)
   percent = lambda value: f"{100 * value:+.1f}"
   body = []
-  for one in claims:
-    sign = 1 if one["way"] == "higher" else -1
-    effect = one["effect"]
+  for claim in claims:
+    sign = 1 if claim["way"] == "higher" else -1
+    effect = claim["effect"]
     ours = "–" if not effect else f"{percent(effect['value'])} [{percent(effect['low'])}, {percent(effect['high'])}]"
-    body.append([one["text"], f"{one['source'][0].upper()} {one['source'][1]}", label(one["metric"]),
-                 f"`{one['a']}` {one['way']} than `{one['b']}`",
-                 percent(sign * one["margin"]) + ("" if one["printed"][0] == one["metric"] else
-                                                  f" (of {label(one['printed'][0])})"),
-                 ours, "–" if not effect else f"{one['p_holm']:.3g}",
-                 one["verdict"] + (f" ({one['remark']})" if one["remark"] else "")])
+    body.append([claim["text"], f"{claim['source'][0].upper()} {claim['source'][1]}", label(claim["metric"]),
+                 f"`{claim['a']}` {claim['way']} than `{claim['b']}`",
+                 percent(sign * claim["margin"]) + ("" if claim["printed"][0] == claim["metric"] else
+                                                  f" (of {label(claim['printed'][0])})"),
+                 ours, "–" if not effect else f"{claim['p_holm']:.3g}",
+                 claim["verdict"] + (f" ({claim['remark']})" if claim["remark"] else "")])
   return ["## The papers' claims", "",
           f"Effects in per cent of the second row, with intervals at {100 * (1 - alpha):g} %; p by Holm's correction "
           f"over all claims. **Shown**: p is below {alpha:g} on the claimed side. **Excluded within the margin**: the "
@@ -213,7 +214,7 @@ def _runs(rows):
 
 
 def _all_runs(rows):
-  return [run for some in rows.values() for of in some.values() for one in of.values() for run in one["runs"]]
+  return [run for some in rows.values() for of in some.values() for row in of.values() for run in row["runs"]]
 
 
 def _judged_by(study):

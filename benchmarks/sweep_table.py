@@ -41,11 +41,11 @@ BEGIN, END = "<!-- table: begin -->", "<!-- table: end -->"
 
 def trained(stages, workdir) -> dict:
   """Steps and processor seconds of each stage, and the parameters of the networks that make a motion."""
-  found = {one: progress(workdir / one) for one in stages}
+  progress_of = {stage: progress(workdir / stage) for stage in stages}
   model = loading.load(workdir / stages[-1])
-  return dict(stages={one.partition("/")[2]: dict(steps=step, cpu_seconds=spent) for one, (step, spent)
-                      in found.items()},
-              cpu_seconds=sum(spent for _, spent in found.values()), parameters=model.num_params)
+  return dict(stages={stage.partition("/")[2]: dict(steps=step, cpu_seconds=spent) for stage, (step, spent)
+                      in progress_of.items()},
+              cpu_seconds=sum(spent for _, spent in progress_of.values()), parameters=model.num_params)
 
 
 def speed(folder, rounds=ROUNDS) -> dict:
@@ -76,10 +76,10 @@ def speed(folder, rounds=ROUNDS) -> dict:
 
 def evaluate(folder, data, out, replications, limit=None) -> dict:
   """{row: {metric: mean and interval}} of real motions and the model."""
-  found = evaluation.evaluate(Request([folder], data, protocol="archives-66", clip_evaluator="none",
+  result = evaluation.evaluate(Request([folder], data, protocol="archives-66", clip_evaluator="none",
                                       replications=replications, limit=limit, multimodality=False, out=out))
-  real, made = found.row_order[:2]
-  return dict(rows={"real": found.rows[real], "model": found.rows[made]}, result=str(out))
+  real, model = result.row_order[:2]
+  return dict(rows={"real": result.rows[real], "model": result.rows[model]}, result=str(out))
 
 
 def behave(folder, seeds=1, most=None) -> dict:
@@ -97,7 +97,7 @@ def behave(folder, seeds=1, most=None) -> dict:
 
 def wanted(methods, workdir, out, args) -> dict:
   """{piece: function that measures it}, part by part, so that a table of all methods is there early."""
-  found = {}
+  pieces = {}
   of_part = {
       "trained": lambda stages, model: trained(stages, workdir),
       "speed": lambda stages, model: speed(model),
@@ -108,19 +108,19 @@ def wanted(methods, workdir, out, args) -> dict:
     for method, stages in methods.items():
       model = workdir / stages[-1]
       if progress(model)[0] and (not args.only or method in args.only):
-        found[f"{method}/{part}/{progress(model)[0]}"] = lambda part=part, stages=stages, model=model: of_part[part](
+        pieces[f"{method}/{part}/{progress(model)[0]}"] = lambda part=part, stages=stages, model=model: of_part[part](
             stages, model)
-  return found
+  return pieces
 
 
 def newest(out, methods, workdir) -> dict:
   """{method: {part: measurement}} of the models as they are now; an earlier one where that is still to be made."""
-  found = {method: {} for method in methods}
+  by_method = {method: {} for method in methods}
   for row in sorted(results.read(out / "rows.jsonl"), key=lambda row: int(row["piece"].rpartition("/")[2])):
     method, part, _ = row["piece"].split("/")
-    if method in found and "error" not in row:
-      found[method][part] = row
-  return found
+    if method in by_method and "error" not in row:
+      by_method[method][part] = row
+  return by_method
 
 
 def number(value, digits=3) -> str:
@@ -130,14 +130,14 @@ def number(value, digits=3) -> str:
   return f"{value['mean']:.{digits}f}" + ("" if half is None else f" ± {half:.{digits}f}")
 
 
-def markdown(found) -> str:
+def markdown(by_method) -> str:
   """The tables of scores, speed and budget, and of behaviour by category."""
   digits = {metric: tables.METRICS[metric].digits for metric in SCORES}
   scores = []
-  real = next((parts["evaluation"]["rows"]["real"] for parts in found.values() if "evaluation" in parts), None)
+  real = next((parts["evaluation"]["rows"]["real"] for parts in by_method.values() if "evaluation" in parts), None)
   if real:
     scores.append(["real motions", *(number(real.get(metric), digits[metric]) for metric in SCORES), "–"])
-  for method, parts in found.items():
+  for method, parts in by_method.items():
     row = parts.get("evaluation", {}).get("rows", {}).get("model", {})
     rules = parts.get("behaviour")
     scores.append([method, *(number(row.get(metric), digits[metric]) for metric in SCORES),
@@ -147,23 +147,23 @@ def markdown(found) -> str:
   lines = [results.markdown(["method", *heads, "sentences followed ↑"], scores), "", "± is half of the 95 % interval "
            "over the replications.", ""]
   cost = []
-  for method, parts in found.items():
+  for method, parts in by_method.items():
     about, fast = parts.get("trained"), parts.get("speed")
     cost.append([
         method, f"{about['parameters'] / 1e6:.2f}" if about else "–",
         f"{about['cpu_seconds']:.0f}" if about else "–",
-        ", ".join(f"{name} {one['steps']} ({one['cpu_seconds']:.0f} s)" for name, one in about["stages"].items())
+        ", ".join(f"{name} {stage['steps']} ({stage['cpu_seconds']:.0f} s)" for name, stage in about["stages"].items())
         if about else "–",
         *([f"{fast['frames_per_second']:.0f}", f"{fast['processor_seconds']:.3f}", f"{fast['first_frame_ms']:.0f}",
            "yes" if fast["streams"] else "no", machine.mark(fast.get("others"))] if fast else ["–"] * 5)])
   lines += [results.markdown(["method", "parameters, M", "processor s of training", "steps of each stage",
                               "frames a second, one clip of 6 s", "processor s of a clip", "ms to the first frame",
                               "streams", "remark"], cost), ""]
-  categories = list(dict.fromkeys(name for parts in found.values() for name in parts.get("behaviour", {}).get(
+  categories = list(dict.fromkeys(name for parts in by_method.values() for name in parts.get("behaviour", {}).get(
       "categories", ())))
-  lines.append(results.markdown(["category", *found], [
+  lines.append(results.markdown(["category", *by_method], [
       [name, *(" of ".join(map(str, parts["behaviour"]["categories"][name])) if "behaviour" in parts else "–"
-               for parts in found.values())] for name in categories]) if categories else "")
+               for parts in by_method.values())] for name in categories]) if categories else "")
   return "\n".join(lines).rstrip() + "\n"
 
 
@@ -178,13 +178,13 @@ def write_page(path, text):
 
 def report(out, methods, workdir, page_file) -> str:
   """Writes the page and the HTML report of all evaluations; returns the Markdown."""
-  found = newest(out, methods, workdir)
-  measured = [row for parts in found.values() for row in parts.values()]
+  by_method = newest(out, methods, workdir)
+  measured = [row for parts in by_method.values() for row in parts.values()]
   about = sorted({f"{row['date']}, commit {row['commit']}, {row['machine']}" for row in measured})
-  text = "\n".join([*(f"{line}." for line in about), "", markdown(found)])
+  text = "\n".join([*(f"{line}." for line in about), "", markdown(by_method)])
   if page_file:
     write_page(page_file, text)
-  shown = [pathlib.Path(parts["evaluation"]["result"]) for parts in found.values() if "evaluation" in parts]
+  shown = [pathlib.Path(parts["evaluation"]["result"]) for parts in by_method.values() if "evaluation" in parts]
   if all((folder / "results.json").is_file() for folder in shown) and shown:
     page.write_folders(shown, out)
   return text

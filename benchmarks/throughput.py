@@ -41,21 +41,21 @@ def pieces(quick, repeats) -> dict:
   """{name: function() -> dict of numbers}."""
   batches, seconds, minutes = ((1, 8, 64), (2, 6, 30, 120), 5) if quick else (
       (1, 8, 64, 256), (2, 6, 30, 60, 120, 300, 600, 1200, 1800), 60)
-  found = {"plain/small": functools.partial(against_plain, "small", repeats)}
+  wanted = {"plain/small": functools.partial(against_plain, "small", repeats)}
   models = [name for name in SHIPPED if not quick or name != "cmdm-open"]
   for model in models:
     for size in batches:
       if not (quick and size > 8 and model == "cdamd-small"):
-        found[f"batch/{model}/{size}"] = functools.partial(batch, model, size, repeats)
+        wanted[f"batch/{model}/{size}"] = functools.partial(batch, model, size, repeats)
   for size in batches[:2] if quick else batches:
-    found[f"batch/M/{size}"] = functools.partial(batch_of_size, "M", size, 1)
+    wanted[f"batch/M/{size}"] = functools.partial(batch_of_size, "M", size, 1)
   for model in models[:1] if quick else ("cmdm-small", "cmdm-small-fast"):
     for length in seconds:
-      found[f"length/{model}/{length}"] = functools.partial(one_length, model, length, repeats if length < 60 else 1)
+      wanted[f"length/{model}/{length}"] = functools.partial(one_length, model, length, repeats if length < 60 else 1)
     for count in (1, 2, 4, 8):
-      found[f"streams/{model}/{count}"] = functools.partial(streams, model, count, 10 if quick else 40)
-    found[f"endless/{model}/{minutes}"] = functools.partial(endless, model, minutes)
-  return found if quick else found | {"plain/M": functools.partial(against_plain, "M", repeats)}
+      wanted[f"streams/{model}/{count}"] = functools.partial(streams, model, count, 10 if quick else 40)
+    wanted[f"endless/{model}/{minutes}"] = functools.partial(endless, model, minutes)
+  return wanted if quick else wanted | {"plain/M": functools.partial(against_plain, "M", repeats)}
 
 
 # --- rows -------------------------------------------------------------------------------------------------------------
@@ -64,21 +64,21 @@ def pieces(quick, repeats) -> dict:
 def measured(call, repeats, frames) -> dict:
   """Medians of calls after a first one -> seconds, processor, fps, megabytes beyond what was held, others."""
   jax.block_until_ready(call())
-  memory, found = machine.Memory(), []
+  memory, costs = machine.Memory(), []
   for _ in range(repeats):
     with machine.cost() as cost:
       jax.block_until_ready(call())
-    found.append(cost)
-  middle = lambda name: statistics.median(getattr(cost, name) for cost in found)
+    costs.append(cost)
+  middle = lambda name: statistics.median(getattr(cost, name) for cost in costs)
   return dict(seconds=middle("wall"), processor=middle("processor"), fps=frames / middle("wall"), frames=frames,
-              working_mb=memory.peak_mb(), others=None if found[0].others is None else middle("others"))
+              working_mb=memory.peak_mb(), others=None if costs[0].others is None else middle("others"))
 
 
 def batch(name, size, repeats):
   model, frames = load(name), CLIP * FPS
   prompts = [PROMPTS[i % len(PROMPTS)] for i in range(size)]
-  made = measured(lambda: model.generate(prompts, num_frames=frames, seeds=range(size)).joints, repeats, frames * size)
-  return made | dict(batch=size)
+  row = measured(lambda: model.generate(prompts, num_frames=frames, seeds=range(size)).joints, repeats, frames * size)
+  return row | dict(batch=size)
 
 
 def batch_of_size(size, count, repeats):
@@ -98,8 +98,8 @@ def streams(name, count, blocks):
   live = [iter(model.stream(PROMPTS[i % len(PROMPTS)], seed=i)) for i in range(count)]
   for _ in range(3):  # each stream past its first blocks
     frames = sum(len(jax.block_until_ready(next(stream))) for stream in live)
-  made = measured(lambda: [next(stream) for stream in live for _ in range(blocks)], 1, frames * blocks)
-  return made | dict(streams=count, block_seconds=made["seconds"] / count / blocks)
+  row = measured(lambda: [next(stream) for stream in live for _ in range(blocks)], 1, frames * blocks)
+  return row | dict(streams=count, block_seconds=row["seconds"] / count / blocks)
 
 
 def endless(name, minutes):

@@ -66,4 +66,4 @@ def _cdamd():
 
 def drawings():
   """{file name: the drawing} of all that docs/papers shows."""
-  return {f"{name}.svg": made + "\n" for paper in (_cmdm, _cdamd) for name, made in paper()}
+  return {f"{name}.svg": svg + "\n" for paper in (_cmdm, _cdamd) for name, svg in paper()}

@@ -85,8 +85,8 @@ def reconstruction_error(reconstruct, features, stats, length=192):
     padded[0, :len(clip)] = clip
     joints = [to_joints(stats.denormalize(np.asarray(x)), stats.layout)
               for x in (clip, reconstruct(padded)[0, :len(clip)])]
-    real, made = (j - j[:, :1] for j in joints)
-    total += np.linalg.norm(real - made, axis=-1).mean(-1).sum() * stats.layout.skeleton.unit * 1000
+    real, decoded = (j - j[:, :1] for j in joints)
+    total += np.linalg.norm(real - decoded, axis=-1).mean(-1).sum() * stats.layout.skeleton.unit * 1000
     count += len(clip)
   return float(total / count)
 
@@ -104,9 +104,9 @@ def encoder_files(encoder):
   """{name: content} of what a run folder keeps of its text encoder: its identity, and a copy of a small encoder from a
   folder, so that the run also opens on another machine."""
   files = {checkpoint.TEXT: text_identity(encoder)}
-  own = {f"{checkpoint.ENCODER}/{path.relative_to(encoder.folder).as_posix()}": path for path in encoder.files()}
-  if sum(path.stat().st_size for path in own.values()) <= _CARRIED:
-    files |= {name: path.read_bytes() for name, path in own.items()}
+  carried = {f"{checkpoint.ENCODER}/{path.relative_to(encoder.folder).as_posix()}": path for path in encoder.files()}
+  if sum(path.stat().st_size for path in carried.values()) <= _CARRIED:
+    files |= {name: path.read_bytes() for name, path in carried.items()}
   return files
 
 
@@ -147,11 +147,11 @@ def resolve_epochs(config, num_items):
   epochs = train.get("num_epochs", 0)
   if epochs <= 0 or not num_items:
     raise InputError(f"got train.num_steps 0 and train.num_epochs {epochs}, expected one of them above 0")
-  found = config.copy_and_resolve_references().unlock()
-  found.train.num_steps = epochs * max(num_items // config.data.batch_size, 1)
-  found.train.save_every = train.save_every or max(found.train.num_steps // max(train.num_saves, 1), 1)
-  found.train.sample_every = min(train.sample_every, found.train.num_steps)
-  return found.lock()
+  resolved = config.copy_and_resolve_references().unlock()
+  resolved.train.num_steps = epochs * max(num_items // config.data.batch_size, 1)
+  resolved.train.save_every = train.save_every or max(resolved.train.num_steps // max(train.num_saves, 1), 1)
+  resolved.train.sample_every = min(train.sample_every, resolved.train.num_steps)
+  return resolved.lock()
 
 
 def epochs_as_before(config, before):
@@ -161,11 +161,11 @@ def epochs_as_before(config, before):
   """
   if config.train.num_steps:
     return config
-  found = config.copy_and_resolve_references().unlock()
-  found.train.save_every = config.train.save_every or before.train.save_every
+  resolved = config.copy_and_resolve_references().unlock()
+  resolved.train.save_every = config.train.save_every or before.train.save_every
   if config.train.get("num_epochs", 0) == before.train.get("num_epochs", 0):
-    found.train.update(num_steps=before.train.num_steps, sample_every=before.train.sample_every)
-  return found.lock()
+    resolved.train.update(num_steps=before.train.num_steps, sample_every=before.train.sample_every)
+  return resolved.lock()
 
 
 def describe_length(config, num_items) -> str:
@@ -215,7 +215,7 @@ def changes(before, now, path=""):
     then, value = (_plain(side.get(key)) for side in (before, now))
     if name in FREE or then == value or not then and not value and None in (then, value):
       continue
-    if all(isinstance(one, dict | None) for one in (then, value)):
+    if all(isinstance(part, dict | None) for part in (then, value)):
       yield from changes(then or {}, value or {}, name)
     else:
       yield name, then, value
@@ -223,7 +223,7 @@ def changes(before, now, path=""):
 
 def _plain(value):
   """Tuples as the lists that JSON makes of them."""
-  return [_plain(one) for one in value] if isinstance(value, list | tuple) else value
+  return [_plain(item) for item in value] if isinstance(value, list | tuple) else value
 
 
 def digests(workdir, config, resumes, allow=False, report=print) -> str:
@@ -256,10 +256,10 @@ def frozen_as_before(workdir, stats, frozen, files):
     raise InputError(f"--resume with another text encoder than {workdir} began with; start a new folder instead")
   if not frozen:
     return frozen
-  own = checkpoint.load_params(workdir, frozen, name=checkpoint.FROZEN)
+  saved = checkpoint.load_params(workdir, frozen, name=checkpoint.FROZEN)
   for part in ("tokenizer", "teacher", "teacher_view"):
-    same = jax.tree.map(lambda a, b: np.allclose(a, b, rtol=1e-5, atol=1e-6), own.get(part), frozen.get(part))
+    same = jax.tree.map(lambda a, b: np.allclose(a, b, rtol=1e-5, atol=1e-6), saved.get(part), frozen.get(part))
     if not all(jax.tree.leaves(same)):
       raise InputError(f"--resume with another {part} than {workdir} began with; its features mean something else, "
                        "start a new folder instead")
-  return own
+  return saved

@@ -84,11 +84,11 @@ def test_the_first_study_by_the_three_verdicts():
   for paper in study_plan.PAPERS:
     kept = json.loads((STUDIES / f"{paper}.json").read_text())
     again = study_report.judge_again(kept, registration)
-    assert [one["verdict"] for one in again["claims"]] == [one["verdict"] for one in kept["claims"]]
+    assert [claim["verdict"] for claim in again["claims"]] == [claim["verdict"] for claim in kept["claims"]]
     assert (PAGES / f"study_{paper}.md").read_text() == study_report.markdown(kept)
-    counts.append([sum(one["verdict"] == name for one in kept["claims"]) for name in (SHOWN, EXCLUDED, UNDECIDED)])
+    counts.append([sum(claim["verdict"] == name for claim in kept["claims"]) for name in (SHOWN, EXCLUDED, UNDECIDED)])
   assert counts == [[0, 10, 12], [0, 9, 7]]
-  dccm = next(one for one in kept["claims"] if (one["a"], one["b"], one["metric"]) == ("one-vq", "cm", "fid"))
+  dccm = next(claim for claim in kept["claims"] if (claim["a"], claim["b"], claim["metric"]) == ("one-vq", "cm", "fid"))
   np.testing.assert_allclose([dccm["effect"]["value"], dccm["margin"]], [-0.043, 0.645], atol=6e-4)
 
 
@@ -99,7 +99,7 @@ def test_pages_of_sampling_are_those_of_their_json(name):
   assert (PAGES / f"study_{name}.md").read_text() == study_sampling.markdown(kept)
   registration = study_registration.load(REGISTERED / f"{name}.toml")
   assert kept["registration"]["sha256"] == registration.sha256 or kept["registration"]["amendments"]
-  assert [one["text"] for one in kept["claims"]] == [one.text for one in registration.claims]
+  assert [claim["text"] for claim in kept["claims"]] == [claim.text for claim in registration.claims]
 
 
 # --- registrations ---------------------------------------------------------------------------------------------------
@@ -144,7 +144,7 @@ def test_a_registration_that_changed_after_results_is_refused(tmp_path):
     with pytest.raises(ValueError, match='changed since there are results.*or say why with --amend "why"'):
       keep(400, True, nothing)
   kept = keep(400, True, "too few draws")
-  assert keep(400, True) == kept and [one["why"] for one in kept["amendments"]] == ["too few draws"]
+  assert keep(400, True) == kept and [amendment["why"] for amendment in kept["amendments"]] == ["too few draws"]
   lines = "\n".join(study_registration.lines(kept))
   assert "**Amended on " in lines and "too few draws" in lines and "**not in a commit**" in lines
   with pytest.raises(ValueError, match="changed since there are results"):
@@ -176,8 +176,8 @@ def test_a_study_takes_its_settings_from_the_registration():
 
 
 def test_rows_that_differ_in_sampling_alone_are_trained_once():
-  own, other = (study_plan.row_of("cdamd", name, 0) for name in ("dccm-inference", "one-vq"))
-  assert own.runs == other.runs and (own.sampling, other.sampling) == ({"mask": "dccm"}, {})
+  row, other = (study_plan.row_of("cdamd", name, 0) for name in ("dccm-inference", "one-vq"))
+  assert row.runs == other.runs and (row.sampling, other.sampling) == ({"mask": "dccm"}, {})
   assert study_plan.row_of("cmdm", "fss-20-5", 1).runs == study_plan.row_of("cmdm", "default", 1).runs
   assert study_plan.row_of("cmdm", "one-level", 0).runs[-1].row == "one-level"
 

@@ -103,21 +103,23 @@ def test_pages_that_docstrings_name_become_links():
 
 # --- generated files in git ------------------------------------------------------------------------------------------
 
+HINT = "run python tools/build_docs.py --files"
+
 
 def test_the_grammar_of_the_manual_is_the_parsers():
-  assert sentences_page.page() == sentences_page.PAGE.read_text(encoding="utf-8"), "run python tools/build_docs.py --files"
+  assert sentences_page.page() == sentences_page.PAGE.read_text(encoding="utf-8"), HINT
 
 
 @pytest.mark.slow
 def test_the_drawings_are_those_of_the_code():
   shown = {path.name: path.read_text(encoding="utf-8") for path in drawings.OUT.glob("*.svg")}
-  assert drawings.drawings() == shown, "run python tools/build_docs.py --files"
+  assert drawings.drawings() == shown, HINT
 
 
 def test_the_viewer_was_built_from_its_source():
   """By digests, without node; `tools/build_docs.py --check` builds it again and compares the bytes."""
   viewer = build_docs.VIEWER.read_bytes()
-  assert build_docs.viewer_digests(viewer) == build_docs.RECORD.read_text(), "run python tools/build_docs.py --files"
+  assert build_docs.viewer_digests(viewer) == build_docs.RECORD.read_text(), HINT
   assert build_docs.viewer_digests(viewer + b" ") != build_docs.RECORD.read_text()
 
 

@@ -23,29 +23,29 @@ _SPACED = re.compile(r"^ |\S {2,}\S|^[-|]|^\d+[.)] |: *$", re.MULTILINE)  # colu
 def as_markdown(doc):
   """A docstring as Markdown: paragraphs of prose as such, all others word for word."""
   first, *rest = re.split(r"\n\s*\n", textwrap.dedent(doc).strip())
-  made, kept = [" ".join(first.split())], []
+  parts, verbatim = [" ".join(first.split())], []
   for paragraph in [*rest, None]:
     if paragraph is not None and _SPACED.search(paragraph):
-      kept.append(paragraph)
+      verbatim.append(paragraph)
       continue
-    if kept:
-      made.append("```text\n" + "\n\n".join(kept) + "\n```")
-      kept = []
+    if verbatim:
+      parts.append("```text\n" + "\n\n".join(verbatim) + "\n```")
+      verbatim = []
     if paragraph is not None:
-      made.append(" ".join(paragraph.split()).replace("][", "]\\["))
-  return "\n\n".join(made)
+      parts.append(" ".join(paragraph.split()).replace("][", "]\\["))
+  return "\n\n".join(parts)
 
 
 @functools.cache
 def homes():
   """{where a name is defined: the room whose page describes it}: of several rooms that have it, the nearest."""
-  found = {}
+  home_of = {}
   for room in reference.rooms():
     for name in reference.public_names(room):
       path = path_of(reference.resolve(room, name))
-      if path not in found or path.startswith(f"{room}.") and len(room) > len(found[path]):
-        found[path] = room
-  return found
+      if path not in home_of or path.startswith(f"{room}.") and len(room) > len(home_of[path]):
+        home_of[path] = room
+  return home_of
 
 
 def path_of(entry):
@@ -74,23 +74,23 @@ def meanings(source):
   """{field: what it means} of the comments and docstrings of a config file that say "field: meaning"."""
   comments = re.sub(r"\n *#", "", "\n".join(re.findall(r"(?m)(?:^ *#.*\n)+", source)))
   texts = [*re.findall(r'"""(.*?)"""', source, flags=re.DOTALL), *re.findall(r"#\s*(\w+: .*)", comments)]
-  found = {}
+  by_field = {}
   for text in texts:
     for names, meaning in _MEANING.findall(" ".join(text.replace("#", "").split())):
       for name in re.split(r", | and ", names):
-        found.setdefault(name, meaning.strip())
-  return found
+        by_field.setdefault(name, meaning.strip())
+  return by_field
 
 
 def fields(config, before=""):
   """{"section.field": value} of a config."""
-  found = {}
+  values = {}
   for name, value in config.items():
     if isinstance(value, ConfigDict) and len(value):
-      found |= fields(value, f"{before}{name}.")
+      values |= fields(value, f"{before}{name}.")
     else:
-      found[before + name] = value.to_dict() if isinstance(value, ConfigDict) else value
-  return found
+      values[before + name] = value.to_dict() if isinstance(value, ConfigDict) else value
+  return values
 
 
 def config_page(name):
@@ -108,13 +108,13 @@ def config_page(name):
   meaning = meanings((config_files.FOLDER / "common.py").read_text(encoding="utf-8")) | meanings(source)
   lines += ["## Fields", "", "`--config.FIELD=VALUE` sets a field. A size that is not named has the first value.", "",
             "| field | value | meaning |", "| --- | --- | --- |"]
-  for field in dict.fromkeys(field for found in by_size.values() for field in found):
+  for field in dict.fromkeys(field for of_size in by_size.values() for field in of_size):
     if field.startswith("paper_row"):
       continue
     values = {}
-    for size, found in by_size.items():
-      if field in found:
-        values.setdefault(repr(found[field]), []).append(size)
+    for size, of_size in by_size.items():
+      if field in of_size:
+        values.setdefault(repr(of_size[field]), []).append(size)
     (first, _), *others = values.items()
     shown = [f"`{first}`", *(f"{', '.join(sizes)}: `{value}`" for value, sizes in others)]
     meant = meaning.get(field.split(".")[-1]) or MEANINGS.get(field, "")
@@ -137,10 +137,10 @@ def source_of(path: pathlib.Path) -> str:
   """A page that shows a file of the repository, or what a folder holds, with links as from beside the folder."""
   name = path.relative_to(reference.ROOT).as_posix()
   if path.is_dir():
-    inner = sorted(one for one in path.iterdir() if not one.name.startswith((".", "__pycache__")))
-    link = lambda one: f"[{one.name}]({path.name}/{one.name + '/README.md' * one.is_dir()})"
-    lines = [f"- {link(one)}" if one.suffix == ".py" or one.name == "README.md" or (one / "README.md").is_file()
-             else f"- {one.name}" for one in inner]
+    inner = sorted(entry for entry in path.iterdir() if not entry.name.startswith((".", "__pycache__")))
+    link = lambda entry: f"[{entry.name}]({path.name}/{entry.name + '/README.md' * entry.is_dir()})"
+    lines = [f"- {link(entry)}" if entry.suffix == ".py" or entry.name == "README.md" or (entry / "README.md").is_file()
+             else f"- {entry.name}" for entry in inner]
     return reference.joined([f"# {name}/", "", *lines])
   language = "python" if path.suffix == ".py" else "text"
   return reference.joined([f"# {name}", "", f"````{language}", *path.read_text(encoding="utf-8").splitlines(), "````"])

@@ -17,11 +17,11 @@ def mentions(content, url, there):
   """
   up = "../" * url.strip("/").count("/") + ("../" if url.strip("/") else "")
 
-  def linked(found):
-    name, heading = found[1], found[2] or ""
+  def linked(mention):
+    name, heading = mention[1], mention[2] or ""
     folder = {"README": ""}.get(name.rpartition("/")[2], name.rpartition("/")[2] + "/")
     place = "manual/" if name == "README" else f"{name.rpartition('/')[0]}/{folder}".lstrip("/")
-    return f'<a href="{up}{place}{heading}">{found[0]}</a>' if there(f"{name}.md") else found[0]
+    return f'<a href="{up}{place}{heading}">{mention[0]}</a>' if there(f"{name}.md") else mention[0]
 
   pieces = re.split(r"(?s)(<(pre|a|code|h\d)\b.*?</\2>|<[^>]*>)", content)
   return "".join(piece if i % 3 else MENTION.sub(linked, piece) for i, piece in enumerate(pieces) if i % 3 != 2)
@@ -32,7 +32,7 @@ def dead(site):
   site = pathlib.Path(site)
   texts = {path: PAGE.sub("", path.read_text(encoding="utf-8")) for path in sorted(site.rglob("*.html"))}
   anchors = {path: {html.unescape(name) for name in ANCHOR.findall(text)} for path, text in texts.items()}
-  found = set()
+  dead_links = set()
   for path, text in texts.items():
     if path.name == "404.html":  # its links begin at the host
       continue
@@ -44,5 +44,5 @@ def dead(site):
       target = target / "index.html" if target.is_dir() else target
       heading = urllib.parse.unquote(parts.fragment)
       if not target.is_file() or heading and target in anchors and heading not in anchors[target]:
-        found.add(f"{path.relative_to(site)}: {link}")
-  return sorted(found)
+        dead_links.add(f"{path.relative_to(site)}: {link}")
+  return sorted(dead_links)

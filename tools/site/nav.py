@@ -21,9 +21,9 @@ def prose(text):
 def targets(path):
   """Files and folders of the repository that a page links to, as paths relative to it, in order."""
   folder = path.parent
-  found = [os.path.relpath(os.path.normpath(folder / target), ROOT)
+  paths = [os.path.relpath(os.path.normpath(folder / target), ROOT)
            for _, target in LINK.findall(prose(path.read_text(encoding="utf-8")))]
-  return list(dict.fromkeys(found))
+  return list(dict.fromkeys(paths))
 
 
 def uri_of(path):
@@ -40,9 +40,9 @@ def uri_of(path):
 
 def relinked(text, path, uri):
   """The text of a repository's page with its links as they are on the site, where the page is `uri`."""
-  def moved(found):
-    target = os.path.relpath(os.path.normpath(ROOT / pathlib.Path(path).parent / found[2]), ROOT)
-    return found[1] + os.path.relpath(uri_of(target), pathlib.PurePosixPath(uri).parent)
+  def moved(link):
+    target = os.path.relpath(os.path.normpath(ROOT / pathlib.Path(path).parent / link[2]), ROOT)
+    return link[1] + os.path.relpath(uri_of(target), pathlib.PurePosixPath(uri).parent)
 
   pieces = re.split(r"(?ms)(^```.*?^```)", text)
   return "".join(piece if piece.startswith("```") else LINK.sub(moved, piece) for piece in pieces)
@@ -50,20 +50,20 @@ def relinked(text, path, uri):
 
 def outside(paths):
   """Files and folders that pages link to and that are no pages by themselves, and those that these link to in turn."""
-  found, queue = [], list(paths)
+  linked, queue = [], list(paths)
   while queue:
     for target in targets(ROOT / queue.pop()):
-      if uri_of(target).startswith("repository/") and target not in found:
-        found.append(target)
+      if uri_of(target).startswith("repository/") and target not in linked:
+        linked.append(target)
         if (ROOT / target).is_dir():
           folder = ROOT / target
           inner = [path.relative_to(ROOT).as_posix() for path in (*sorted(folder.glob("*.py")),
                                                                   *sorted(folder.rglob("README.md")))]
-          found += [path for path in inner if path not in found and uri_of(path).startswith("repository/")]
+          linked += [path for path in inner if path not in linked and uri_of(path).startswith("repository/")]
           queue += [path for path in inner if path.endswith(".md")]
         elif target.endswith(".md"):
           queue.append(target)
-  return found
+  return linked
 
 
 def notebooks():
@@ -83,8 +83,8 @@ def _linked(page, section=None):
   if section:
     text = re.split(r"(?m)^## ", text.partition(f"## {section}\n")[2])[0]
   folder = pathlib.PurePosixPath(page).parent
-  found = [os.path.normpath(folder / target) for _, target in LINK.findall(text) if target.endswith(".md")]
-  return list(dict.fromkeys(target for target in found if not target.startswith("..")))
+  paths = [os.path.normpath(folder / target) for _, target in LINK.findall(text) if target.endswith(".md")]
+  return list(dict.fromkeys(target for target in paths if not target.startswith("..")))
 
 
 def build(configs=()):

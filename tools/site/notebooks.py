@@ -21,7 +21,7 @@ def paths():
 def at_size(code, size):
   """The code with the values of choices that its comments name for a size, "tests" or "site"."""
   choice = re.compile(r"(?m)^(\w+ = )\S.*?(  +#.*\b" + size + r": )(\"[^\"]*\"|[\d.]+)(.*)$")
-  return choice.sub(lambda found: f"{found[1]}{found[3]}{found[2]}{found[3]}{found[4]}", code)
+  return choice.sub(lambda match: f"{match[1]}{match[3]}{match[2]}{match[3]}{match[4]}", code)
 
 
 def blocks(path, size):
@@ -45,15 +45,15 @@ def outputs(path):
   return json.dumps([cell.outputs for cell in cells])
 
 
-def page(path, made):
+def page(path, results):
   """(Markdown, {mark: HTML}) of a notebook with the outputs of its cells, where `made` has them.
 
   Markdown leaves the marks alone.
   """
-  marks, cells = {}, iter(json.loads(made))
+  marks, cells = {}, iter(json.loads(results))
 
-  def with_outputs(found):
-    lines = ["```python\n" + at_size(found[1], "site") + "```", ""]
+  def with_outputs(block):
+    lines = ["```python\n" + at_size(block[1], "site") + "```", ""]
     for shown in _shown(next(cells, [])):
       mark = f"<!-- output {len(marks)} -->"
       marks[mark] = shown

@@ -128,8 +128,8 @@ KEPT = ROOT / "build" / "kept"
 
 def newest(name):
   """What an earlier build kept under a name, of whatever code; "" for nothing."""
-  found = sorted(KEPT.glob(f"{name}-*"), key=lambda path: path.stat().st_mtime)
-  return found[-1].read_text(encoding="utf-8") if found else ""
+  paths = sorted(KEPT.glob(f"{name}-*"), key=lambda path: path.stat().st_mtime)
+  return paths[-1].read_text(encoding="utf-8") if paths else ""
 
 
 def kept(name, source, make):
