@@ -26,8 +26,8 @@ MUTATIONS = (
      "jnp.maximum, found, of_rows(rows))", (
          "tests/training/test_train.py::test_a_batch_in_parts_is_one_step_and_goes_on_with_or_without",)),
     ("training-epoch-counts-whole-batches", "motion_jax/training/setup.py",
-     "found.train.num_steps = epochs * max(num_items // config.data.batch_size, 1)",
-     "found.train.num_steps = epochs * max(-(-num_items // config.data.batch_size), 1)",
+     "resolved.train.num_steps = epochs * max(num_items // config.data.batch_size, 1)",
+     "resolved.train.num_steps = epochs * max(-(-num_items // config.data.batch_size), 1)",
      (f"{FACTS}::test_steps_come_from_epochs_and_the_number_of_items",)),
     ("training-other-std", "motion_jax/training/setup.py", "or not np.allclose(before.std, stats.std, rtol=0.01)",
      "or False", ("tests/test_smoke.py::test_resume_with_other_frozen_parts_is_refused",)),
