@@ -67,7 +67,7 @@ MUTATIONS = (
      "predict(x, index)", ("tests/diffusion/test_ddpm.py",)),
     ("guidance", "motion_jax/diffusion/guidance.py", "without + scale * (with_text - without)",
      "with_text + scale * (with_text - without)", (f"{SOLVERS}::test_guidance",)),
-    ("renoised-level", "motion_jax/models/cmdm/continuation.py", "add_noise(x1, noise, t_next)",
+    ("renoised-level", "motion_jax/models/cmdm/sampling.py", "add_noise(x1, noise, t_next)",
      "add_noise(x1, noise, t)", ("tests/models/cmdm/test_continuation.py::test_golden",)),
     # --- masks ----------------------------------------------------------------------------------------------------
     ("context", "motion_jax/nets/masks.py", "< context // block", "<= context // block", (f"{MASKS}::test_sliding",)),

@@ -22,7 +22,6 @@ from motion_jax.shapes import Array
 from motion_jax.text.contrast import Contrast
 from motion_jax.utils.errors import InputError
 
-WAYS = ("stream", "chain")
 _BUCKET = 4         # blocks; lengths are rounded up to it, so that not every length waits for a compiler
 
 
@@ -105,7 +104,7 @@ def _windows(model, plan, sampling, prompts, segment, frames, keys, contrast):
   """Clean latents (B, L, C) by a plan that cleans all together, no more of them than a motion of training has.
 
   The first half of each further window is the last half of the one before, with fresh noise of the window's level in
-  every step (`continuation`), as the network knows it; latents have their own captions.
+  every step (`sampling.renoised`), as the network knows it; latents have their own captions.
   """
   _demand_euler(plan)
   size, block = model.context, plan.block
