@@ -136,10 +136,9 @@ class SamplingLoop:
   # --- steps -------------------------------------------------------------------------------------------------------
 
   def _advance(self, now, given, first, last, control):
-    model = self.model
-    self._state = model.compiled.advance(
-        self.plan.layout, model.stacked, self._constants, self._text, self._scale, self._keys, control, self._state,
-        now, given, np.int32(first), np.int32(last))
+    conditions = streaming.Conditions(self.model.stacked, self._constants, self._text, self._scale, self._keys, control)
+    self._state = self.model.compiled.advance(self.plan.layout, conditions, self._state, now, given, np.int32(first),
+                                              np.int32(last))
 
   def prefill(self, past: Float[np.ndarray, "b p c"], caption: int) -> None:
     """Puts clean latents (B, P, C), made with this caption, before the first block."""

@@ -34,10 +34,7 @@ from jaxtyping import Bool, Float, Int
 from motion_jax.diffusion.guidance import combine
 from motion_jax.diffusion.schedules import time_of_level
 from motion_jax.models.cmdm import ddpm_forcing
-from motion_jax.models.cmdm.plan import Layout as Layout
-from motion_jax.models.cmdm.plan import Plan as Plan
-from motion_jax.models.cmdm.plan import make_plan as make_plan
-from motion_jax.models.cmdm.plan import seen_since as seen_since
+from motion_jax.models.cmdm.plan import Layout, Plan, make_plan, seen_since  # noqa: F401
 from motion_jax.nets.frame_wise import FrameWiseNetwork
 from motion_jax.shapes import Array, Net
 
@@ -59,6 +56,18 @@ class Constants(NamedTuple):
   times: jax.Array
   modulation: jax.Array
   steps: ddpm_forcing.Steps | None = None
+
+
+class Conditions(NamedTuple):
+  """What a step depends on, except its state: params of the network, stacked; `Constants`; the captions' `encode_text`;
+  scale () or (B,) of guidance; keys of the noise that a DDPM's steps add, None for a flow; control (B, W * block, N) of
+  `CausalDiT.control_tokens`, None for a network without."""
+  params: Any
+  constants: Constants
+  text: Any
+  scale: Any
+  keys: Any
+  control: Any = None
 
 
 class Window(NamedTuple):
@@ -201,13 +210,10 @@ def begin(layout: Layout, state: Stream, now: Window, start: Float[Array, "b _ l
   return state._replace(cache=jax.tree.map(put, state.cache, state.oldest), latents=jnp.where(begins, start, latents))
 
 
-def iterate(dit: Net, layout: Layout, params: Any, constants: Constants, text: Any, scale: Any, keys: jax.Array | None,
-            control: Any, state: Stream, now: Window, first: Any, last: Any) -> Stream:
-  """The state after iterations first to last, last excluded, of a step.
-
-  scale: of guidance, () or (B,). control (B, W * block, N): of `CausalDiT.control_tokens`, None for a network without.
-  keys: of the noise that a DDPM's steps add, None for a flow.
-  """
+def iterate(dit: Net, layout: Layout, conditions: Conditions, state: Stream, now: Window, first: Any, last: Any
+            ) -> Stream:
+  """The state after iterations first to last, last excluded, of a step."""
+  params, constants, text, scale, keys, control = conditions
   size, within = layout.block, jnp.arange(layout.width * layout.block)
   scale = jnp.reshape(scale, (-1, 1, 1))
   # Parity: the paper has this cache, the code recomputes everything; the results agree to rounding.
@@ -258,11 +264,11 @@ def pull(layout: Layout, guide: Any, behind: Any, times: Array, now: Window, lat
   return latents + jnp.minimum(every * share, 1.0)[:, None] * pulled
 
 
-def advance(dit: Net, layout: Layout, params: Any, constants: Constants, text: Any, scale: Any, keys: jax.Array,
-            control: Any, state: Stream, now: Window, given: Any, first: Any, last: Any) -> Stream:
-  """`begin`, before iteration 0, and `iterate`: the program of a step."""
-  state = begin(layout, state, now, first_latents(dit, layout, keys, now, given), first == 0)
-  return iterate(dit, layout, params, constants, text, scale, keys, control, state, now, first, last)
+def advance(dit: Net, layout: Layout, conditions: Conditions, state: Stream, now: Window, given: Any, first: Any,
+            last: Any) -> Stream:
+  """`begin`, before iteration 0, and `iterate`: the program of a step. given: see `first_latents`."""
+  state = begin(layout, state, now, first_latents(dit, layout, conditions.keys, now, given), first == 0)
+  return iterate(dit, layout, conditions, state, now, first, last)
 
 
 @flax.struct.dataclass
@@ -325,8 +331,8 @@ class Sampler:
       control = jax.lax.dynamic_slice_in_dim(control, first, plan.width * plan.block, axis=1)
       control = jnp.where(now.steps < 0, 0, control)
     state = begin(plan.layout, state, now, first_latents(dit, plan.layout, self.keys, now, given))
-    run = lambda state, first, last: iterate(dit, plan.layout, self.params, self.constants, self.text, self.scale,
-                                             self.keys, control, state, now, first, last)
+    conditions = Conditions(self.params, self.constants, self.text, self.scale, self.keys, control)
+    run = lambda state, first, last: iterate(dit, plan.layout, conditions, state, now, first, last)
     if self.guide is None:
       return run(state, 0, count)._replace(steps=state.steps + 1)
 
