@@ -18,7 +18,7 @@ MUTATIONS = (
     # --- eight that once went unnoticed ---------------------------------------------------------------------------
     ("ema", "motion_jax/training/train_step.py", "share = 1 - ema_decay", "share = ema_decay",
      (f"{TRAIN}::test_the_average_keeps_its_decay_of_what_was",)),
-    ("ema-start", "motion_jax/training/train_step.py", "jnp.expm1((state.step + 1)", "jnp.expm1((state.step + 2)",
+    ("ema-start", "motion_jax/training/train_step.py", "jnp.expm1((step + 1)", "jnp.expm1((step + 2)",
      (f"{TRAIN}::test_an_average_without_the_start_weighs_the_steps_alone",)),
     ("align-decay", "motion_jax/models/cmdm/losses.py", 'config.align * (1 - config.align_fall * progress)',
      "config.align",
