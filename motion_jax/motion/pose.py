@@ -70,10 +70,7 @@ def to_pose(joints: Num[Array, "t j 3"], skeleton: Skeleton = HUMANML3D, fps: fl
     if len(members := children[joint]) > 1:
       turned[joint], shape = _fit(joints, bones, joint, members, skeleton)
       if rest is not None:
-        # Least squares between the clip's own shape and the rig's; a shape of no width leaves the turn as it is.
-        firm = 0.1 * lengths.mean() * np.eye(3)
-        turn = rot.best_turn(np.concatenate([shape, firm])[None], np.concatenate([offsets[members], firm]))
-        turned[joint] = rot.multiply(turned[joint], rot.from_matrix(turn))
+        turned[joint] = rot.multiply(turned[joint], _turn_to_rest(shape, offsets[members], 0.1 * lengths.mean()))
         continue
       offsets[members] = shape
       local = rot.rotate(rot.conjugate(turned[joint])[:, None], bones[:, members])
@@ -85,12 +82,9 @@ def to_pose(joints: Num[Array, "t j 3"], skeleton: Skeleton = HUMANML3D, fps: fl
           toward = rot.rotate(rot.conjugate(turned[joint]), bones[:, child]).mean(0)
           offsets[child] = rot.unit(toward, eps=1e-9) * lengths[child]
   if "head" in skeleton.joints and rest is None:
-    # Where heads sit on necks differs between captures: at rest the head is held as it is held on average.
     head = skeleton.joints.index("head")
     chest = next(turned[j] for j in _ancestors(head, parents) if turned[j] is not None)
-    _, y, z = rot.rotate(rot.conjugate(chest), bones[:, head]).mean(0)
-    tilt = np.clip(np.arctan2(z, y), -0.1, 0.7)
-    offsets[head] = np.array([0, np.cos(tilt), np.sin(tilt)]) * lengths[head]
+    offsets[head] = _mean_head_direction(chest, bones[:, head]) * lengths[head]
   for joint in _order(skeleton):
     if turned[joint] is not None:
       continue
@@ -115,6 +109,19 @@ def to_pose(joints: Num[Array, "t j 3"], skeleton: Skeleton = HUMANML3D, fps: fl
     shifts = rot.rotate(rot.conjugate(above), bones) - offsets
   local, world = (rot.continuous(rot.unit(np.stack(q, axis=1))) for q in (local, turned))
   return Pose(offsets, shifts, joints[:, 0].copy(), local, world)
+
+
+def _turn_to_rest(shape, offsets, firmness):
+  """The turn, by least squares, between the bones of a clip and those of a rig; a shape of no width leaves it at 0."""
+  firm = firmness * np.eye(3)
+  return rot.from_matrix(rot.best_turn(np.concatenate([shape, firm])[None], np.concatenate([offsets, firm])))
+
+
+def _mean_head_direction(chest, bone):
+  """Direction of the head in a T-pose: necks differ between captures, so it is the average of the clip."""
+  _, y, z = rot.rotate(rot.conjugate(chest), bone).mean(0)
+  tilt = np.clip(np.arctan2(z, y), -0.1, 0.7)
+  return np.array([0, np.cos(tilt), np.sin(tilt)])
 
 
 def pose_to_joints(pose: Pose, skeleton: Skeleton = HUMANML3D) -> Float[np.ndarray, "t j 3"]:
