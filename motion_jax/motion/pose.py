@@ -79,8 +79,8 @@ def to_pose(joints: Num[Array, "t j 3"], skeleton: Skeleton = HUMANML3D, fps: fl
         # The collar of a figure without collars has no length: at rest the shoulder is where it is on average.
         if lengths[member] < 1e-3 * lengths.sum() and children[member]:
           child = children[member][0]
-          toward = rot.rotate(rot.conjugate(turned[joint]), bones[:, child]).mean(0)
-          offsets[child] = rot.unit(toward, eps=1e-9) * lengths[child]
+          offsets[child] = lengths[child] * rot.unit(
+              rot.rotate(rot.conjugate(turned[joint]), bones[:, child]).mean(0), eps=1e-9)
   if "head" in skeleton.joints and rest is None:
     head = skeleton.joints.index("head")
     chest = next(turned[j] for j in _ancestors(head, parents) if turned[j] is not None)
@@ -92,18 +92,16 @@ def to_pose(joints: Num[Array, "t j 3"], skeleton: Skeleton = HUMANML3D, fps: fl
     if not children[joint]:
       turned[joint] = above  # nothing below shows how an end of a limb is turned
       continue
-    child = children[joint][0]
-    side, kind = side_and_kind(skeleton.joints[joint])
-    ahead = _next_branch(joint, children)
+    child, (_, kind) = children[joint][0], side_and_kind(skeleton.joints[joint])
     if kind in _HINGES:
       turned[joint] = _hinge_turn(joint, bones, offsets, above, children, skeleton, fps)
     else:
-      if ahead is not None:  # the spine: part of the way from the pelvis to the chest
+      if (ahead := _next_branch(joint, children)) is not None:  # part of the spine's turn to the chest
         below, steps = ahead
         above = rot.slerp(above, turned[below], np.full(len(joints), 1 / (steps + 1)))
       turned[joint] = _swing(above, offsets[child], bones[:, child])
-  local = [turned[j] if parent < 0 else rot.multiply(rot.conjugate(turned[parent]), turned[j])
-           for j, parent in enumerate(parents)]
+  local = [turn if parent < 0 else rot.multiply(rot.conjugate(turned[parent]), turn)
+           for turn, parent in zip(turned, parents)]
   if rest is not None:
     above = np.stack([turned[max(parent, 0)] for parent in parents], axis=1)
     shifts = rot.rotate(rot.conjugate(above), bones) - offsets

@@ -123,3 +123,17 @@ class Guide:
     behind = self.begin()
     return guidance.refine(lambda z: self._residual(behind, 0, z), latents, jnp.full((1, latents.shape[1], 1), SETTLED),
                             self.num_times)
+
+
+def pull(layout: Any, guide: Guide, behind: Behind, times: Array, now: Any, latents: Float[Array, "b w c"],
+         clean: Float[Array, "b w c"], iteration: Any, every: Any) -> Float[Array, "b w c"]:
+  """Latents of a window after an iteration, pulled towards constraints; every: how many iterations a pull stands for.
+
+  layout, now: a `streaming.Layout` and `streaming.Window`; behind: the state before the window.
+  """
+  level, then = (jnp.clip(now.levels + i, 0, now.num_steps) for i in (iteration, iteration + 1))
+  spread = lambda a: jnp.repeat(a, layout.block)
+  moves, t = spread(level < then), spread(times[level])
+  share = spread(times[then] - times[level]) / jnp.where(moves, 1 - t, 1.0)
+  pulled = guide.pull(behind, now.blocks[0] * layout.block, clean, t, moves).astype(latents.dtype)
+  return latents + jnp.minimum(every * share, 1.0)[:, None] * pulled

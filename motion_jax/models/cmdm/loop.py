@@ -115,7 +115,7 @@ class SamplingLoop:
     return Behind(self._decoder_before, *(np.stack(part).astype(np.float32) for part in zip(*rows)))
 
   def _pull(self, now: streaming.Window, iteration: int, drift: Float[np.ndarray, "b 2"]) -> None:
-    """Pulls the latents of the window after an iteration, see `streaming.pull`."""
+    """Pulls the latents of the window after an iteration, see `guiding.pull`."""
     plan, fpl, model = self.plan, self.model.frames_per_latent, self.model
     first = self.base * plan.block * fpl
     assert self._signal is not None

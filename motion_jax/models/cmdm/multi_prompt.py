@@ -162,13 +162,13 @@ def chained(model: CmdmNetworks, plan: streaming.Plan, sampling: CmdmSampling, p
   """Lists of latents (N, C), one per segment of each motion, after those in `made`."""
   _demand_euler(plan)
   text_emb, text_mask = captions_of(model, prompts, contrast)
-  made = [list(parts) for parts in made]
+  latents_of = [list(parts) for parts in made]
   for i in range(max(map(len, counts))):
     lengths = np.array([row[i] if i < len(row) else 1 for row in counts])  # a motion that has ended idles
-    given = num_past if made[0] else 0
+    given = num_past if latents_of[0] else 0
     longest = -(-int(lengths.max()) // (_BUCKET * plan.block)) * _BUCKET * plan.block
     past = [np.concatenate(parts)[-given:] if given else np.zeros((0, model.dit.latent_dim), np.float32)
-            for parts in made]
+            for parts in latents_of]
     if min(map(len, past)) < given:
       raise InputError(f"got a first segment of {min(map(len, past))} latents, the next one looks at {given}")
     at = min(i, text_mask.shape[1] - 1)
@@ -176,7 +176,7 @@ def chained(model: CmdmNetworks, plan: streaming.Plan, sampling: CmdmSampling, p
     latents = model.compiled.chain_segment(
         plan, given + longest, model.params, text_emb=text_emb[:, at], text_mask=text_mask[:, at],
         scale=sampling.guidance_scale, lengths=jnp.asarray(lengths), past=np.stack(past), keys=segment_keys)
-    for parts, z, row in zip(made, np.asarray(latents), counts):
+    for parts, z, row in zip(latents_of, np.asarray(latents), counts):
       if i < len(row):
         parts.append(z[:row[i]])
-  return made
+  return latents_of

@@ -23,6 +23,7 @@ step     0 1 2 3 4 5        blocks in the window, lag = num_steps / 2 (A = 2), w
 block 0  o o * .            o in denoising, * done, computed once more for its keys and values, . cached
 block 1    o o * .
 """
+import dataclasses
 from typing import Any, NamedTuple
 
 import flax
@@ -34,7 +35,11 @@ from jaxtyping import Bool, Float, Int
 from motion_jax.diffusion.guidance import combine
 from motion_jax.diffusion.schedules import time_of_level
 from motion_jax.models.cmdm import ddpm_forcing
-from motion_jax.models.cmdm.plan import Layout, Plan, make_plan, seen_since  # noqa: F401
+from motion_jax.models.cmdm.guiding import pull
+from motion_jax.models.cmdm.plan import Layout as Layout
+from motion_jax.models.cmdm.plan import Plan as Plan
+from motion_jax.models.cmdm.plan import make_plan as make_plan
+from motion_jax.models.cmdm.plan import seen_since as seen_since
 from motion_jax.nets.frame_wise import FrameWiseNetwork
 from motion_jax.shapes import Array, Net
 
@@ -250,20 +255,6 @@ def iterate(dit: Net, layout: Layout, conditions: Conditions, state: Stream, now
   return state._replace(latents=latents, oldest=oldest, clean=clean)
 
 
-def pull(layout: Layout, guide: Any, behind: Any, times: Array, now: Window, latents: Float[Array, "b w c"],
-         clean: Float[Array, "b w c"], iteration: Any, every: Any) -> Float[Array, "b w c"]:
-  """Latents of a window after an iteration, pulled towards constraints; every: how many iterations a pull stands for.
-
-  guide: a `guiding.Guide`; behind: where the motion stands before the window.
-  """
-  level, then = (jnp.clip(now.levels + i, 0, now.num_steps) for i in (iteration, iteration + 1))
-  spread = lambda a: jnp.repeat(a, layout.block)
-  moves, t = spread(level < then), spread(times[level])
-  share = spread(times[then] - times[level]) / jnp.where(moves, 1 - t, 1.0)
-  pulled = guide.pull(behind, now.blocks[0] * layout.block, clean, t, moves).astype(latents.dtype)
-  return latents + jnp.minimum(every * share, 1.0)[:, None] * pulled
-
-
 def advance(dit: Net, layout: Layout, conditions: Conditions, state: Stream, now: Window, given: Any, first: Any,
             last: Any) -> Stream:
   """`begin`, before iteration 0, and `iterate`: the program of a step. given: see `first_latents`."""
@@ -373,7 +364,7 @@ class Sampler:
     """
     plan, since, sampler = self.plan, seen_since(self.plan, segment), self
     if self.lengths is None and getattr(self.dit, "two_way", False):  # blocks that begin after the last one are unseen
-      sampler = self.replace(lengths=jnp.full(len(self.keys), num_blocks * plan.block))
+      sampler = dataclasses.replace(self, lengths=jnp.full(len(self.keys), num_blocks * plan.block))
 
     def body(state, _):
       state, block, _ = sampler._stepped(state, sampler._window(state, segment, since))
