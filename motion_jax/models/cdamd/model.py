@@ -19,7 +19,7 @@ from motion_jax.models.results import (
   cleanup_record,
   features_of,
   gathered,
-  make_motions,
+  motions_of_prompts,
 )
 from motion_jax.models.shared import length as lengths
 from motion_jax.models.shared import mask_schedule as masking
@@ -109,8 +109,7 @@ class CdamdModel(EditingModel):
       made = in_batches(self.programs.settle, made, every, signal,
                         shared=(self.codec, Settling.of(self.stats, steps)))
     made = in_batches(self.programs.decode, made, every, shared=(self.codec,))
-    captions = [captions_in_a_row([prompt], [count], self.fps) for prompt, count in zip(prompts, frames)]
-    return make_motions(self, made, frames, captions, seeds, about, cleanup)
+    return motions_of_prompts(self, made, prompts, frames, seeds, about, cleanup)
 
   def sample_segments(self, lists: Sequence[Sequence[tuple[str, int]]], keys: jax.Array, seeds: Sequence[int | None],
                       cleanup: bool, sampling: dict[str, Any]) -> Motions:

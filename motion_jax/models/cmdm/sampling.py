@@ -170,24 +170,6 @@ def chain_segment(dit: CausalDiT, plan: streaming.Plan, length: int, params: Any
                  noise=fresh(0), fresh=lambda m: fresh(m + 1), since=since)
 
 
-def extend(dit: CausalDiT, plan: streaming.Plan, num_blocks: int, params: Any, *, text_emb: Float[Array, "b g s e"],
-           text_mask: Bool[Array, "b g s"], scale: Any, keys: jax.Array, past: Float[Array, "b p c"], count: Any,
-           segment: Int[Array, "b {num_blocks}"], past_segment: Int[Array, "b k"],
-           control: Float[Array, "b l n"] | None = None, lengths: Int[Array, " b"] | None = None
-           ) -> Float[Array, "b l c"]:
-  """Clean latents (B, num_blocks * block, C) that go on from the last `count` of past (B, P, C), itself clean.
-
-  The past is kept at t = 1 in the cache. text_emb (B, G, S, E), text_mask (B, G, S); segment (B, num_blocks) and
-  past_segment (B, P / block) say which caption each block has; control, lengths (of the new latents): see
-  `streaming.bind`.
-  """
-  # Parity: the paper's clean past in the context (equation 12); `chained` is what the code does instead.
-  sampler = streaming.bind(dit, plan, params, text_emb=text_emb, text_mask=text_mask, scale=scale, keys=keys,
-                           control=control, lengths=lengths)
-  state = sampler.prefill(sampler.init(), past=past, count=count, caption=past_segment)
-  return sampler.sample(num_blocks, segment=segment, state=state)
-
-
 def block_words(dit: CausalDiT, guided: bool, params: Any, text_emb: Float[Array, "b g s e"],
                 text_mask: Bool[Array, "b g s"]) -> tuple[Any, Any, Any]:
   """Keys, values and constant of captions, see `streaming.encode_text`, as a bare tuple: a kept program gives back no

@@ -7,11 +7,10 @@ import jax
 import numpy as np
 from jaxtyping import Bool, Float
 
-from motion_jax.data.clip import Caption
 from motion_jax.models import arguments
 from motion_jax.models.base import TextToMotionModel
 from motion_jax.models.keys import keys_of
-from motion_jax.models.results import Motion, Motions, features_of, make_motions
+from motion_jax.models.results import Motion, Motions, features_of, motions_of_prompts
 from motion_jax.models.shared import pasting
 from motion_jax.models.shared.known_motion import clip_of, on_our_body
 from motion_jax.motion.filling import runs_of
@@ -94,8 +93,8 @@ class EditingModel(TextToMotionModel):
       raise InputError("everything is kept, so there is nothing to make; choose a span to change, or a shorter one to "
                        "keep")
     made, about = self.inpainted(features, new, prompts, keys, sampling)
-    motions = make_motions(self, made, [len(x) for x in features], [(Caption(prompt),) for prompt in prompts], seeds,
-                           about | dict(task=task or "spans"), cleanup)
+    motions = motions_of_prompts(self, made, prompts, [len(x) for x in features], seeds,
+                                 about | dict(task=task or "spans"), cleanup)
     return dataclasses.replace(motions, motions=tuple(
         motion.replace(id=clip.id, license=clip.license or motion.license,
                        meta=motion.meta | dict(edited=clip.source or clip.id, made=self._runs(flags)))
