@@ -50,20 +50,10 @@ def run(config, workdir, resume=False, max_seconds=None, stop=None, allow_change
     return run_passes(config, workdir, resume, max_seconds, stop, allow_changes)
   plugins.import_modules(config)
   known = setups()
-  if config.stage not in known:
-    raise ValueError(f"got stage {config.stage!r}{did_you_mean(config.stage, known)}, expected one of "
-                     f"{', '.join(known)}{registry.missing(config.stage)}")
-  metrics.check_tensorboard(config)
-  if (dtype := config.train.get("dtype", DTYPES[0])) not in DTYPES:
-    raise InputError(f"got train.dtype {dtype!r}, expected {' or '.join(DTYPES)}")
+  _check_stage(config, known)
   workdir = pathlib.Path(workdir)
   config, about_data = resolve(config)
-  if config.train.freeze and not config.train.start:
-    raise InputError(f"got train.freeze {tuple(config.train.freeze)} without train.start, expected the run whose "
-                     "parameters are to be frozen")
-  if config.train.freeze and is_schedule_free(config.optimizer):
-    raise InputError(f"got train.freeze with optimizer.name {config.optimizer.name!r}, whose average would move what "
-                     "is frozen; choose another optimizer, such as adamw")
+  _check_freeze(config)
   if resume == "auto":
     resume = not checkpoint.is_fresh(workdir)
     print(f"--resume=auto: {'resuming' if resume else 'starting'} {workdir}")
@@ -96,13 +86,7 @@ def run(config, workdir, resume=False, max_seconds=None, stop=None, allow_change
     files = files | {checkpoint.DATA: training_setup.digests(workdir, config, resumes, allow_changes)}
     distributed.wait_for_all("the folder is read")
     if first:
-      atomic.remove_strays(workdir, (*FILES, *files))
-      checkpoint.save_config(workdir, config)
-      stats_lib.save_stats(stats, workdir)
-      if frozen:  # a run folder is all that loading needs
-        checkpoint.save_params(workdir, frozen, name=checkpoint.FROZEN)
-      for name, text in files.items():
-        checkpoint.save_text(workdir, name, text)
+      _write_folder(workdir, config, stats, frozen, files)
     state = loop.train(config, workdir, stage, next_batch, frozen, resume, evaluate, max_seconds, stop,
                         profile_steps, draw)
     distributed.wait_for_all("the run has ended")  # the first one may still be writing
@@ -113,6 +97,35 @@ def run(config, workdir, resume=False, max_seconds=None, stop=None, allow_change
                     "continue with --resume")
     print(f"wrote {workdir}/{', '.join(written)} at step {int(state.step)}")
   return state
+
+
+def _check_stage(config, known):
+  if config.stage not in known:
+    raise ValueError(f"got stage {config.stage!r}{did_you_mean(config.stage, known)}, expected one of "
+                     f"{', '.join(known)}{registry.missing(config.stage)}")
+  metrics.check_tensorboard(config)
+  if (dtype := config.train.get("dtype", DTYPES[0])) not in DTYPES:
+    raise InputError(f"got train.dtype {dtype!r}, expected {' or '.join(DTYPES)}")
+
+
+def _check_freeze(config):
+  if config.train.freeze and not config.train.start:
+    raise InputError(f"got train.freeze {tuple(config.train.freeze)} without train.start, expected the run whose "
+                     "parameters are to be frozen")
+  if config.train.freeze and is_schedule_free(config.optimizer):
+    raise InputError(f"got train.freeze with optimizer.name {config.optimizer.name!r}, whose average would move what "
+                     "is frozen; choose another optimizer, such as adamw")
+
+
+def _write_folder(workdir, config, stats, frozen, files):
+  """Writes what a run folder holds before the first step."""
+  atomic.remove_strays(workdir, (*FILES, *files))
+  checkpoint.save_config(workdir, config)
+  stats_lib.save_stats(stats, workdir)
+  if frozen:  # a run folder is all that loading needs
+    checkpoint.save_params(workdir, frozen, name=checkpoint.FROZEN)
+  for name, text in files.items():
+    checkpoint.save_text(workdir, name, text)
 
 
 def run_passes(config, workdir, resume=False, max_seconds=None, stop=None, allow_changes=False):

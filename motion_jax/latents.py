@@ -14,8 +14,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from motion_jax import quant
 from motion_jax.nets.causal_vae import sample_latent
-from motion_jax.quant import rvq
 from motion_jax.shapes import Array
 
 TOKENIZER, MEAN, STD = "tokenizer", "latent_mean", "latent_std"  # the names of its parts in a file
@@ -176,12 +176,12 @@ class RvqCodec(LatentCodec):
   def encode(self, features: Float[Array, "b t f"], frame_mask: Bool[Array, "b t"] | None = None
              ) -> tuple[Int[Array, "b l q"], Float[Array, "q b l c"]]:
     """Features, of frame_mask (B, T), to code indices (B, L, Q) and code vectors of each level (Q, B, L, C)."""
-    return rvq.encode(self._codes, self.net.apply(self.params, features, real_mask=frame_mask, method="encode"))
+    return quant.rvq.encode(self._codes, self.net.apply(self.params, features, real_mask=frame_mask, method="encode"))
 
   def decode(self, indices: Int[Array, "b l q"], num_levels: int | None = None,
              real_mask: Bool[Array, "b l"] | None = None) -> Float[Array, "b t f"]:
     """Code indices (B, L, Q) to features, from the first num_levels levels only if that is given."""
-    vectors = rvq.decode(self._codes, indices, num_levels)
+    vectors = quant.rvq.decode(self._codes, indices, num_levels)
     return self.net.apply(self.params, vectors, real_mask=real_mask, method="decode")
 
   def reconstruct(self, features: Float[Array, "b t f"], frame_mask: Bool[Array, "b t"] | None = None

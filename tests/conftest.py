@@ -40,7 +40,7 @@ ROOT = pathlib.Path(__file__).parents[1]
 CHECKED = [f"motion_jax.{room}" for room in (
     "nets", "quant", "diffusion", "motion", "rigs", "metrics",
     *(f"models.cmdm.{name}" for name in ("streaming", "losses", "ddpm_forcing")),
-    *(f"models.cdamd.{name}" for name in ("sampling", "losses", "unmasking", "editing", "draws")))]
+    *(f"models.cdamd.{name}" for name in ("sampling", "losses", "unmasking", "draws")))]
 jaxtyping.install_import_hook(CHECKED, f"{tests.typechecker.__name__}.check")
 
 from motion_jax import fit as training  # noqa: E402

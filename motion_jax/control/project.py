@@ -216,12 +216,7 @@ def _solved(joints: np.ndarray, carried: np.ndarray, wanted: Callable[[np.ndarra
       flat = (at * weight[..., None]).reshape(count, -1, size)
       pushed += np.einsum("trp,tr->tp", flat, gap.reshape(count, -1))
       square += np.matmul(flat.swapaxes(1, 2), at.reshape(count, -1, size))
-    faced = np.asarray(signal.heading_given)[0]
-    if faced.any():
-      turn = STARTS[0] + 1
-      gap = (np.asarray(signal.heading, np.float64)[0] - angle_of(now) + np.pi) % (2 * np.pi) - np.pi
-      pushed[:, turn] += _FACE * faced * gap
-      square[:, turn, turn] += _FACE * faced
+    _add_headings(pushed, square, signal, now)
     for number, angle in bends(now, axes).items():  # no elbow and no knee bends the wrong way
       start, gap = STARTS[number], np.maximum(least[number] - angle, 0)
       pushed[:, start] += _FACE * gap
@@ -241,6 +236,16 @@ def _solved(joints: np.ndarray, carried: np.ndarray, wanted: Callable[[np.ndarra
       break
   off = np.where(given, np.asarray(signal.positions, np.float64)[0] - now, 0)
   return now if np.abs(off).max() < best[0] else best[1]
+
+
+def _add_headings(pushed, square, signal, joints):
+  """Adds the headings of a signal to the equations of a step."""
+  faced = np.asarray(signal.heading_given)[0]
+  if faced.any():
+    turn = STARTS[0] + 1
+    gap = (np.asarray(signal.heading, np.float64)[0] - angle_of(joints) + np.pi) % (2 * np.pi) - np.pi
+    pushed[:, turn] += _FACE * faced * gap
+    square[:, turn, turn] += _FACE * faced
 
 
 # --- parameters of a body: turns about joints, which leave every bone as long as it is --------------------------------

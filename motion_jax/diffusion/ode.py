@@ -91,14 +91,10 @@ def dopri5(velocity: Callable, x: Float[Array, "*lead c"], rows: Bool[Array, "*l
       ks.append(call(value, at))
     allowed = atol + rtol * jnp.maximum(jnp.abs(state.x), jnp.abs(value))
     ratio = norm(mix(ERROR, ks, width) / allowed)
-    good = ratio <= 1
-    exact = ratio == 0
-    factor = SAFETY / jnp.where(exact, 1, ratio).astype(precise) ** (1 / ORDER)
-    factor = jnp.clip(factor, jnp.where(ratio < 1, 1.0, SLOWEST), FASTEST)
     curve = _quartic(state.x, value, state.x + mix(MIDDLE, ks, width), ks[0], ks[-1], width)
-    pick = lambda new, old: jnp.where(good, new, old)
+    pick = lambda new, old: jnp.where(ratio <= 1, new, old)
     return _State(pick(value, state.x), pick(ks[-1], state.velocity), pick(state.time, state.start),
-                  pick(time, state.time), state.step * jnp.where(exact, FASTEST, factor), pick(curve, state.curve),
+                  pick(time, state.time), state.step * _step_factor(ratio, precise), pick(curve, state.curve),
                   state.num_evaluations + 6)
 
   def unfinished(state):
@@ -111,6 +107,13 @@ def dopri5(velocity: Callable, x: Float[Array, "*lead c"], rows: Bool[Array, "*l
   place = ((last - state.start) / (state.time - state.start)).astype(x.dtype)
   value = sum(c * place ** i for i, c in enumerate(state.curve))
   return Solution(jnp.where(state.time < last, jnp.nan, value), state.num_evaluations)
+
+
+def _step_factor(ratio, precise):
+  """The factor by which the next step is longer, by the ratio of the error to the allowed one."""
+  exact = ratio == 0
+  factor = SAFETY / jnp.where(exact, 1, ratio).astype(precise) ** (1 / ORDER)
+  return jnp.where(exact, FASTEST, jnp.clip(factor, jnp.where(ratio < 1, 1.0, SLOWEST), FASTEST))
 
 
 def _quartic(x0: Float[Array, "*dims"], x1: Float[Array, "*dims"], middle: Float[Array, "*dims"],

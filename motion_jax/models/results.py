@@ -101,6 +101,12 @@ def captions_in_a_row(prompts: Sequence[str], ends: Sequence[int], fps: float) -
   return tuple(Caption(prompt, start / fps, end / fps) for prompt, start, end in zip(prompts, [0, *ends[:-1]], ends))
 
 
+def motions_of_prompts(model: Any, features: Any, prompts: Sequence[str], frames: Sequence[int],
+                       seeds: Sequence[int | None], about: dict[str, Any], cleanup: bool) -> Motions:
+  """`make_motions` of motions of one prompt each."""
+  return make_motions(model, features, frames, [(Caption(prompt),) for prompt in prompts], seeds, about, cleanup)
+
+
 def make_motions(model: Any, made: Any, frames: Sequence[int], captions: Sequence[tuple[Caption, ...]],
                  seeds: Sequence[int | None], about: dict[str, Any], cleanup: bool, ease: bool = False,
                  joints: Float[np.ndarray, "b t j 3"] | None = None) -> Motions:

@@ -70,10 +70,7 @@ def to_pose(joints: Num[Array, "t j 3"], skeleton: Skeleton = HUMANML3D, fps: fl
     if len(members := children[joint]) > 1:
       turned[joint], shape = _fit(joints, bones, joint, members, skeleton)
       if rest is not None:
-        # Least squares between the clip's own shape and the rig's; a shape of no width leaves the turn as it is.
-        firm = 0.1 * lengths.mean() * np.eye(3)
-        turn = rot.best_turn(np.concatenate([shape, firm])[None], np.concatenate([offsets[members], firm]))
-        turned[joint] = rot.multiply(turned[joint], rot.from_matrix(turn))
+        turned[joint] = rot.multiply(turned[joint], _turn_to_rest(shape, offsets[members], 0.1 * lengths.mean()))
         continue
       offsets[members] = shape
       local = rot.rotate(rot.conjugate(turned[joint])[:, None], bones[:, members])
@@ -82,15 +79,12 @@ def to_pose(joints: Num[Array, "t j 3"], skeleton: Skeleton = HUMANML3D, fps: fl
         # The collar of a figure without collars has no length: at rest the shoulder is where it is on average.
         if lengths[member] < 1e-3 * lengths.sum() and children[member]:
           child = children[member][0]
-          toward = rot.rotate(rot.conjugate(turned[joint]), bones[:, child]).mean(0)
-          offsets[child] = rot.unit(toward, eps=1e-9) * lengths[child]
+          offsets[child] = lengths[child] * rot.unit(
+              rot.rotate(rot.conjugate(turned[joint]), bones[:, child]).mean(0), eps=1e-9)
   if "head" in skeleton.joints and rest is None:
-    # Where heads sit on necks differs between captures: at rest the head is held as it is held on average.
     head = skeleton.joints.index("head")
     chest = next(turned[j] for j in _ancestors(head, parents) if turned[j] is not None)
-    _, y, z = rot.rotate(rot.conjugate(chest), bones[:, head]).mean(0)
-    tilt = np.clip(np.arctan2(z, y), -0.1, 0.7)
-    offsets[head] = np.array([0, np.cos(tilt), np.sin(tilt)]) * lengths[head]
+    offsets[head] = _mean_head_direction(chest, bones[:, head]) * lengths[head]
   for joint in _order(skeleton):
     if turned[joint] is not None:
       continue
@@ -98,23 +92,34 @@ def to_pose(joints: Num[Array, "t j 3"], skeleton: Skeleton = HUMANML3D, fps: fl
     if not children[joint]:
       turned[joint] = above  # nothing below shows how an end of a limb is turned
       continue
-    child = children[joint][0]
-    side, kind = side_and_kind(skeleton.joints[joint])
-    ahead = _next_branch(joint, children)
+    child, (_, kind) = children[joint][0], side_and_kind(skeleton.joints[joint])
     if kind in _HINGES:
       turned[joint] = _hinge_turn(joint, bones, offsets, above, children, skeleton, fps)
     else:
-      if ahead is not None:  # the spine: part of the way from the pelvis to the chest
+      if (ahead := _next_branch(joint, children)) is not None:  # part of the spine's turn to the chest
         below, steps = ahead
         above = rot.slerp(above, turned[below], np.full(len(joints), 1 / (steps + 1)))
       turned[joint] = _swing(above, offsets[child], bones[:, child])
-  local = [turned[j] if parent < 0 else rot.multiply(rot.conjugate(turned[parent]), turned[j])
-           for j, parent in enumerate(parents)]
+  local = [turn if parent < 0 else rot.multiply(rot.conjugate(turned[parent]), turn)
+           for turn, parent in zip(turned, parents)]
   if rest is not None:
     above = np.stack([turned[max(parent, 0)] for parent in parents], axis=1)
     shifts = rot.rotate(rot.conjugate(above), bones) - offsets
   local, world = (rot.continuous(rot.unit(np.stack(q, axis=1))) for q in (local, turned))
   return Pose(offsets, shifts, joints[:, 0].copy(), local, world)
+
+
+def _turn_to_rest(shape, offsets, firmness):
+  """The turn, by least squares, between the bones of a clip and those of a rig; a shape of no width leaves it at 0."""
+  firm = firmness * np.eye(3)
+  return rot.from_matrix(rot.best_turn(np.concatenate([shape, firm])[None], np.concatenate([offsets, firm])))
+
+
+def _mean_head_direction(chest, bone):
+  """Direction of the head in a T-pose: necks differ between captures, so it is the average of the clip."""
+  _, y, z = rot.rotate(rot.conjugate(chest), bone).mean(0)
+  tilt = np.clip(np.arctan2(z, y), -0.1, 0.7)
+  return np.array([0, np.cos(tilt), np.sin(tilt)])
 
 
 def pose_to_joints(pose: Pose, skeleton: Skeleton = HUMANML3D) -> Float[np.ndarray, "t j 3"]:

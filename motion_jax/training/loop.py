@@ -4,9 +4,11 @@
 must not lose: it restores, saves and rolls back.
 """
 import contextlib
+import dataclasses
 import functools
 import pathlib
 import time
+from typing import Any
 
 import jax
 import numpy as np
@@ -23,7 +25,7 @@ from motion_jax.training.optimizers import make_optimizer, make_schedule
 from motion_jax.training.prefetch import Batches
 from motion_jax.training.report import FILES, Outputs, is_disk_error
 from motion_jax.training.saver import Saver, copy_of, describe_differences
-from motion_jax.training.train_step import init_state, make_train_step
+from motion_jax.training.train_step import TrainState, init_state, make_train_step
 from motion_jax.utils import stopping
 from motion_jax.utils.atomic import remove_strays
 from motion_jax.utils.errors import InputError, reason
@@ -54,91 +56,138 @@ def train(config, workdir, stage, next_batch, frozen=None, resume=False, evaluat
   rng = jax.random.key(config.seed)
   example = next_batch(0)
   states = States(config, workdir, mesh, stage, tx, example, rng, next_batch, evaluate, draw)
-  state, budget, deadline = states.begin(resume), states.budget, states.deadline
+  state = states.begin(resume)
   frozen = mesh.put(frozen or {})
-  train_step = Step(mesh.compiled(make_train_step(
-      stage, tx, config.optimizer.ema_decay, config.optimizer.skip_loss, config.optimizer.skip_spikes,
-      config.optimizer.accumulate_steps, tuple(config.train.get("freeze", ())),
-      config.optimizer.ema_debias)), quick=is_small(state.params))
-  step = first = int(state.step)
-  batch_size, rows = len(example["index"]), slice(None)
+  train_step = _compiled_step(config, mesh, stage, tx, quick=is_small(state.params))
+  first, batch_size, rows = int(state.step), len(example["index"]), slice(None)
   if jax.process_count() > 1:
     rows = mesh.own_rows(batch_size)
     next_batch = functools.partial(next_batch, rows=rows)
   sample = mesh.rows({name: array[rows] for name, array in example.items()})
-  flops = flops_of(train_step, state, frozen, sample, rng)
-  rates = Rates(batch_size, make_schedule(config.optimizer, num_steps), flops)
-  agreement = Agreement()
+  rates = Rates(batch_size, make_schedule(config.optimizer, num_steps),
+                flops_of(train_step, state, frozen, sample, rng))
   with contextlib.ExitStack() as stack:
     opened = lambda thing: stack.enter_context(contextlib.closing(thing))
     progress = opened(Progress(first, num_steps, batch_size))
     opened(states)
-    watchdog = opened(Watchdog(workdir, config.train.hang_minutes))
-    batches = opened(Batches(next_batch, mesh.rows, num_steps, config.train.workers))
-    profile = opened(Profile(workdir, profile_steps, first))
-    signals = stack.enter_context(stop or stopping.Stop())
-    batches.begin(step, states.guards.batch_number(step))
-    last = step if budget.is_spent else num_steps
-    while step < last:
-      try:
-        batch = batches.take()
-      except Exception as error:
-        states.save_before_failing(step, state, first, error)
-        raise InputError(f"the batch of step {step} cannot be made ({type(error).__name__}: {reason(error)}); step "
-                         f"{states.saver.latest} is saved, --resume continues there once the data are whole") from error
-      if step == first:
-        compile_together(train_step.compile, state, frozen, batch, rng)
-      if profile.begin(step + 1, state):
-        rates.restart()
-      budget.before_step(batch)
-      deadline.before_step(batch)
-      with jax.profiler.StepTraceAnnotation("train", step_num=step + 1):
-        state, metrics = train_step(state, frozen, batch, rng)
-      budget.after_step(metrics)
-      deadline.after_step(metrics)
-      step += 1
-      rates.step(batches.waited)
-      signals.something_to_lose()
-      watchdog.beat()
-      if profile.end(step, state):
-        rates.restart()
-      states.unlogged.append(metrics)
-      progress.step(step, metrics)
-      out_of_time = budget.is_spent or max_seconds is not None and time.time() - began > max_seconds
-      signal, out_of_time = agreement.largest(signals.number or 0, int(out_of_time))
-      signals.hear(signal)
-
-      ends = bool(signal or out_of_time)
-      logs = step % config.train.log_every == 0 or step == num_steps
-      saves = step % config.train.save_every == 0 or step == num_steps or ends
-      if (logs or saves) and states.is_lost(step):
-        state = states.roll_back(state)
-        step = int(state.step)
-        batches.begin(step, states.guards.batch_number(step))
-        rates.restart()
-        continue
-      if logs:
-        progress.show_row(states.log(step, began, rates))
-      if logs and (cooldown := deadline.next_step(step)) != step:
-        state, step, saves = states.skip_to(cooldown, state), cooldown, True
-        batches.begin(step, states.guards.batch_number(step))
-      states.report_failed_save()
-      if saves:
-        states.save(step, state)
-        if not ends:  # an evaluation may take minutes, which a signal does not leave
-          signals.nothing_to_lose(lambda: (states.saver.wait(), end_together())[1])
-        budget.pause()
-        deadline.pause()
-        progress.show_row(states.evaluate(step, state, hurried=bool(signal)))
-        budget.begin()
-        deadline.begin()
-        watchdog.beat()
-        rates.restart()
-      if ends:
-        break
+    loop = Loop(config, states, state, train_step, rates, progress,
+                watchdog=opened(Watchdog(workdir, config.train.hang_minutes)),
+                batches=opened(Batches(next_batch, mesh.rows, num_steps, config.train.workers)),
+                profile=opened(Profile(workdir, profile_steps, first)),
+                signals=stack.enter_context(stop or stopping.Stop()), began=began, max_seconds=max_seconds)
+    del state  # its buffers are donated
+    step = loop.run(frozen, rng)
     states.finish(step)
   states.outputs.close()
-  return state
+  return loop.state
+
+
+def _compiled_step(config, mesh, stage, tx, quick):
+  optimizer = config.optimizer
+  return Step(mesh.compiled(make_train_step(
+      stage, tx, optimizer.ema_decay, optimizer.skip_loss, optimizer.skip_spikes, optimizer.accumulate_steps,
+      tuple(config.train.get("freeze", ())), optimizer.ema_debias)), quick=quick)
+
+
+@dataclasses.dataclass
+class Loop:
+  """The steps of a call of `train`, and what watches over them; state: the current one."""
+  config: Any
+  states: "States"
+  state: TrainState
+  train_step: Step
+  rates: Rates
+  progress: Progress
+  watchdog: Watchdog
+  batches: Batches
+  profile: Profile
+  signals: stopping.Stop
+  began: float
+  max_seconds: float | None
+
+  def run(self, frozen, rng):
+    """Runs the steps; returns the number of the last one."""
+    states, train, agreement = self.states, self.config.train, Agreement()
+    step = first = int(self.state.step)
+    self.batches.begin(step, states.guards.batch_number(step))
+    last = step if states.budget.is_spent else train.num_steps
+    while step < last:
+      batch = self._batch(step, first)
+      if step == first:
+        compile_together(self.train_step.compile, self.state, frozen, batch, rng)
+      self._step(step, frozen, batch, rng)
+      step += 1
+      signal, ends = self._ending(agreement)
+      logs = step % train.log_every == 0 or step == train.num_steps
+      saves = step % train.save_every == 0 or step == train.num_steps or ends
+      if (logs or saves) and states.is_lost(step):
+        self.state = states.roll_back(self.state)
+        step = self._jump(int(self.state.step))
+        self.rates.restart()
+        continue
+      if logs:
+        self.progress.show_row(states.log(step, self.began, self.rates))
+      if logs and (cooldown := states.deadline.next_step(step)) != step:
+        self.state, step, saves = states.skip_to(cooldown, self.state), self._jump(cooldown), True
+      states.report_failed_save()
+      if saves:
+        self._save(step, signal, ends)
+      if ends:
+        break
+    return step
+
+  def _batch(self, step, first):
+    try:
+      return self.batches.take()
+    except Exception as error:
+      self.states.save_before_failing(step, self.state, first, error)
+      raise InputError(f"the batch of step {step} cannot be made ({type(error).__name__}: {reason(error)}); step "
+                       f"{self.states.saver.latest} is saved, --resume continues there once the data are whole"
+                       ) from error
+
+  def _step(self, step, frozen, batch, rng):
+    """One step, whose metrics and time are kept."""
+    states = self.states
+    if self.profile.begin(step + 1, self.state):
+      self.rates.restart()
+    for limit in (states.budget, states.deadline):
+      limit.before_step(batch)
+    with jax.profiler.StepTraceAnnotation("train", step_num=step + 1):
+      self.state, metrics = self.train_step(self.state, frozen, batch, rng)
+    for limit in (states.budget, states.deadline):
+      limit.after_step(metrics)
+    self.rates.step(self.batches.waited)
+    self.signals.something_to_lose()
+    self.watchdog.beat()
+    if self.profile.end(step + 1, self.state):
+      self.rates.restart()
+    states.unlogged.append(metrics)
+    self.progress.step(step + 1, metrics)
+
+  def _ending(self, agreement):
+    """(the signal that any process received, or 0, whether the run ends now)."""
+    is_late = self.max_seconds is not None and time.time() - self.began > self.max_seconds
+    signal, out_of_time = agreement.largest(self.signals.number or 0, int(self.states.budget.is_spent or is_late))
+    self.signals.hear(signal)
+    return signal, bool(signal or out_of_time)
+
+  def _jump(self, step):
+    """Continues with the batches from another step on."""
+    self.batches.begin(step, self.states.guards.batch_number(step))
+    return step
+
+  def _save(self, step, signal, ends):
+    states = self.states
+    states.save(step, self.state)
+    if not ends:  # an evaluation may take minutes, which a signal does not leave
+      self.signals.nothing_to_lose(lambda: (states.saver.wait(), end_together())[1])
+    states.budget.pause()
+    states.deadline.pause()
+    self.progress.show_row(states.evaluate(step, self.state, hurried=bool(signal)))
+    states.budget.begin()
+    states.deadline.begin()
+    self.watchdog.beat()
+    self.rates.restart()
 
 
 class States:

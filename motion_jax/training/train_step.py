@@ -72,6 +72,54 @@ def _in_parts(of_rows, batch, count):
   return jax.lax.scan(lambda found, rows: (jax.tree.map(jnp.add, found, of_rows(rows)), None), nothing, parts)[0]
 
 
+def _frozen_or(freeze, old, new):
+  """The tree new, with the leaves of old below these names."""
+  return jax.tree_util.tree_map_with_path(
+      lambda path, a, b: a if is_below(path, freeze) else b, old, new) if freeze else new
+
+
+def _check_parts(stage, accumulate_steps):
+  if accumulate_steps > 1 and not stage.in_parts:
+    raise ValueError(f"got optimizer.accumulate_steps = {accumulate_steps}, but the items of a batch interact in "
+                     "this stage's loss, so it cannot be split into parts; leave it at 1")
+
+
+def _loss(stage, params, frozen, rows, state, rng):
+  """(sum of the loss, (sums, weight, the stage's extra state)) of rows of a batch."""
+  if stage.init_extra:
+    sums, weight, extra = stage.loss(params, frozen, rows, state.step, rng, state.extra)
+  else:
+    (sums, weight), extra = stage.loss(params, frozen, rows, state.step, rng), None
+  return sums["loss"], (sums, weight, extra)
+
+
+def _with_norm(norms, norm):
+  """The norms of the last gradients with a new one; nan where it is not finite."""
+  return jnp.append(norms[1:], jnp.where(jnp.isfinite(norm), norm, jnp.nan))
+
+
+def _check_scalars(**values):
+  for name, value in values.items():  # a weight for each row would broadcast
+    chex.assert_shape(value, (), custom_message=f"{name!r}: a stage's loss returns sums over the rows and one weight",
+                      exception_type=ValueError)
+
+
+def _average_share(step, ema_decay, debias):
+  """Weight of a step's parameters in their average; debias: 1 in the first step, as Adam's means divided by
+  1 - ema_decay ** n."""
+  share = 1 - ema_decay
+  return jnp.minimum(share / -jnp.expm1((step + 1) * jnp.log(ema_decay)), 1.0) if debias else share
+
+
+def _is_good(metrics, norms, skip_loss, skip_spikes):
+  """Whether a step is applied, by its loss, the norm of its gradient, and the norms before it."""
+  good = (metrics["loss"] <= (skip_loss or jnp.inf)) & jnp.isfinite(metrics["grad_norm"])
+  if skip_spikes:
+    enough = jnp.isfinite(norms).sum() >= 16
+    good &= ~(enough & (metrics["grad_norm"] > skip_spikes * jnp.nanmedian(norms)))
+  return good
+
+
 def make_train_step(stage, tx, ema_decay, skip_loss=0.0, skip_spikes=0.0, accumulate_steps=1, freeze=(),
                     ema_debias=False) -> TrainStep:
   """The step of a stage.
@@ -86,12 +134,8 @@ def make_train_step(stage, tx, ema_decay, skip_loss=0.0, skip_spikes=0.0, accumu
   Shapes are checked while the step is traced, which costs nothing when it runs: ValueError for a loss whose sums or
   weight are not scalars, AssertionError where gradients or updated parameters do not match the parameters.
   """
-  frozen_or = lambda old, new: jax.tree_util.tree_map_with_path(  # old where frozen, else new
-      lambda path, a, b: a if is_below(path, freeze) else b, old, new) if freeze else new
-
-  if accumulate_steps > 1 and not stage.in_parts:
-    raise ValueError(f"got optimizer.accumulate_steps = {accumulate_steps}, but the items of a batch interact in "
-                     "this stage's loss, so it cannot be split into parts; leave it at 1")
+  frozen_or = lambda old, new: _frozen_or(freeze, old, new)
+  _check_parts(stage, accumulate_steps)
 
   def gradients(state, frozen, batch, rng):
     """-> means of gradient and metrics over the batches of all devices, and the stage's extra state."""
@@ -99,19 +143,13 @@ def make_train_step(stage, tx, ema_decay, skip_loss=0.0, skip_spikes=0.0, accumu
 
     def total(params, rows):
       params = frozen_or(jax.lax.stop_gradient(params), params)
-      if stage.init_extra:
-        sums, weight, extra = stage.loss(params, frozen, rows, state.step, rng, state.extra)
-      else:
-        (sums, weight), extra = stage.loss(params, frozen, rows, state.step, rng), None
-      return sums["loss"], (sums, weight, extra)
+      return _loss(stage, params, frozen, rows, state, rng)
 
     of_rows = lambda rows: jax.grad(total, has_aux=True)(state.params, rows)
     grads, (sums, weight, extra) = of_rows(batch) if accumulate_steps == 1 else _in_parts(
         of_rows, batch, accumulate_steps)
     chex.assert_trees_all_equal_shapes_and_dtypes(grads, state.params)
-    for name, value in {**sums, "weight": weight}.items():  # a weight for each row would broadcast
-      chex.assert_shape(value, (), custom_message=f"{name!r}: a stage's loss returns sums over the rows and one weight",
-                        exception_type=ValueError)
+    _check_scalars(**sums, weight=weight)
     # Sum first, divide last: devices hold unequal numbers of real frames.
     grads, sums, weight = jax.lax.psum((grads, sums, weight), DEVICES)
     return *jax.tree.map(lambda s: s / weight, (grads, sums)), extra
@@ -121,9 +159,7 @@ def make_train_step(stage, tx, ema_decay, skip_loss=0.0, skip_spikes=0.0, accumu
     params = frozen_or(state.params, optax.apply_updates(state.params, updates))
     ema_params = state.ema_params
     if ema_params is not None:
-      share = 1 - ema_decay
-      if ema_debias:  # the first step's is 1; as Adam's means, divided by 1 - ema_decay ** n
-        share = jnp.minimum(share / -jnp.expm1((state.step + 1) * jnp.log(ema_decay)), 1.0)
+      share = _average_share(state.step, ema_decay, ema_debias)
       ema_params = frozen_or(ema_params, optax.incremental_update(params, ema_params, share))
     # Updates of another shape would broadcast, and another type would compile every step.
     chex.assert_trees_all_equal_shapes_and_dtypes((params, ema_params, extra),
@@ -133,18 +169,14 @@ def make_train_step(stage, tx, ema_decay, skip_loss=0.0, skip_spikes=0.0, accumu
   def update(state, grads, metrics, extra):
     metrics = metrics | {"grad_norm": optax.tree.norm(grads)}
     if skip_loss or skip_spikes:
-      good = (metrics["loss"] <= (skip_loss or jnp.inf)) & jnp.isfinite(metrics["grad_norm"])
-      if skip_spikes:
-        enough = jnp.isfinite(state.norms).sum() >= 16
-        good &= ~(enough & (metrics["grad_norm"] > skip_spikes * jnp.nanmedian(state.norms)))
+      good = _is_good(metrics, state.norms, skip_loss, skip_spikes)
       # A branch: selecting between results would read and write the whole state once more.
       new = jax.lax.cond(good, updated, lambda state, grads, extra: state, state, grads, extra)
       metrics["skipped"] = 1.0 - good
     else:
       new = updated(state, grads, extra)
     if skip_spikes:
-      norm = jnp.where(jnp.isfinite(metrics["grad_norm"]), metrics["grad_norm"], jnp.nan)
-      new = new.replace(norms=jnp.append(state.norms[1:], norm))
+      new = new.replace(norms=_with_norm(state.norms, metrics["grad_norm"]))
     return new.replace(step=state.step + 1), metrics
 
   return TrainStep(gradients, update)

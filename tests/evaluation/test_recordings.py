@@ -17,6 +17,7 @@ from motion_jax.evaluators.evaluator import fresh_evaluator
 from motion_jax.metrics import long_horizon as long_horizon_lib
 from motion_jax.metrics import physics
 from motion_jax.models.cmdm import multi_prompt
+from motion_jax.models.cmdm.options import WAYS
 from motion_jax.motion.representations import get_layout, to_joints
 from motion_jax.motion.skeleton import SNAPMOGEN
 
@@ -65,7 +66,7 @@ def test_only_recordings_of_more_than_five_motions_are_taken(folder):
 
 class Recorder:
   """A model that makes what was recorded, or `changed` of it."""
-  fps, ways = 30.0, multi_prompt.WAYS
+  fps, ways = 30.0, WAYS
   stats = types.SimpleNamespace(layout=get_layout("snapmogen"))
   config, more_choices = types.SimpleNamespace(data=types.SimpleNamespace(mode="benchmark")), ()
 

@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 from motion_jax.models.shared import mask_schedule as masking
+from motion_jax.models.shared.editing import edited_latents
+from motion_jax.models.shared.pasting import requested_frames
 from motion_jax.nets.masks import padding_mask
 from tests import fixtures
 from tests.golden import check, golden, recordings
@@ -98,6 +100,7 @@ def test_editing_masks():
     assert drawn(masking.task_mask(task, [48], 13)[0]) == drawing + ".", task
   with pytest.raises(ValueError, match="'upper_body'.*inpainting, outpainting, prefix, suffix"):
     masking.task_mask("upper_body", [48], 12)
-  assert drawn(masking.kept_mask([(0, 9), (20, 32)], 40, 11)) == "..111...11."
+  new = requested_frames(40, keep=[(0, 9), (20, 32)])  # a latent is kept if all its frames are
+  assert drawn(edited_latents([new], 11, 4)[0]) == "..111...11."
   with pytest.raises(ValueError, match="span 10:50 of a motion of 40 frames"):
-    masking.kept_mask([(10, 50)], 40, 11)
+    requested_frames(40, keep=[(10, 50)])

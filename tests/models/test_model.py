@@ -1,6 +1,8 @@
 """A run folder is all it takes; a motion depends on its prompt, length and seed, not on its neighbours."""
 import json
 import shutil
+import subprocess
+import sys
 import warnings
 
 import jax
@@ -15,7 +17,7 @@ from motion_jax.motion.representations import to_joints
 from motion_jax.motion.skeleton import HUMANML3D, bone_lengths
 from motion_jax.training import checkpoint
 from motion_jax.utils.numerals import SEEDS
-from tests.conftest import load_config
+from tests.conftest import ROOT, load_config
 
 
 @pytest.fixture(scope="module")
@@ -168,3 +170,30 @@ def test_control_guides_and_does_not_project(model):
   way = compile([path], 36).positions[0, :, 0]
   assert 1e-3 < np.abs(guided.joints[0, :, 0] - way)[:, [0, 2]].max()
   np.testing.assert_allclose(guided.joints[1], plain.joints[0], atol=1e-4)
+
+
+MODULES = {"models.base": 40, "models.cmdm.model": 70, "loading": 100}
+
+
+@pytest.mark.slow
+def test_entrances_bring_few_modules():
+  """What a model does not need until it is used is imported then: export, text encoders, streams. One process imports
+  JAX, its forks our rooms."""
+  code = f"""
+import importlib, os, sys, jax, flax.linen
+for name in {list(MODULES)}:
+  if not os.fork():
+    importlib.import_module("motion_jax." + name)
+    print(name, *(module for module in sys.modules if module.startswith("motion_jax")), flush=True)
+    os._exit(0)
+  os.wait()
+"""
+  run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)
+  loaded = {name: modules for name, *modules in map(str.split, run.stdout.splitlines())}
+  assert set(loaded) == set(MODULES)
+  for name, modules in loaded.items():
+    assert f"motion_jax.{name}" in modules and len(modules) <= MODULES[name], (name, sorted(modules))
+
+
+def test_the_base_class_reads_in_one_sitting():
+  assert len((ROOT / "motion_jax" / "models" / "base.py").read_text().splitlines()) <= 150

@@ -18,7 +18,7 @@ MUTATIONS = (
     # --- eight that once went unnoticed ---------------------------------------------------------------------------
     ("ema", "motion_jax/training/train_step.py", "share = 1 - ema_decay", "share = ema_decay",
      (f"{TRAIN}::test_the_average_keeps_its_decay_of_what_was",)),
-    ("ema-start", "motion_jax/training/train_step.py", "jnp.expm1((state.step + 1)", "jnp.expm1((state.step + 2)",
+    ("ema-start", "motion_jax/training/train_step.py", "jnp.expm1((step + 1)", "jnp.expm1((step + 2)",
      (f"{TRAIN}::test_an_average_without_the_start_weighs_the_steps_alone",)),
     ("align-decay", "motion_jax/models/cmdm/losses.py", 'config.align * (1 - config.align_fall * progress)',
      "config.align",
@@ -67,7 +67,7 @@ MUTATIONS = (
      "predict(x, index)", ("tests/diffusion/test_ddpm.py",)),
     ("guidance", "motion_jax/diffusion/guidance.py", "without + scale * (with_text - without)",
      "with_text + scale * (with_text - without)", (f"{SOLVERS}::test_guidance",)),
-    ("renoised-level", "motion_jax/models/cmdm/continuation.py", "add_noise(x1, noise, t_next)",
+    ("renoised-level", "motion_jax/models/cmdm/sampling.py", "add_noise(x1, noise, t_next)",
      "add_noise(x1, noise, t)", ("tests/models/cmdm/test_continuation.py::test_golden",)),
     # --- masks ----------------------------------------------------------------------------------------------------
     ("context", "motion_jax/nets/masks.py", "< context // block", "<= context // block", (f"{MASKS}::test_sliding",)),

@@ -19,7 +19,7 @@ MUTATIONS = (
      "update / _rate(path, rates)", (f"{OPTIMIZERS}::test_parts_are_clipped_and_rated_by_name",)),
     ("training-clip-parts", "motion_jax/training/optimizers.py", '| {"rest": optax.identity()}', '| {"rest": clip}',
      (f"{OPTIMIZERS}::test_parts_are_clipped_and_rated_by_name",)),
-    ("training-spike-history", "motion_jax/training/train_step.py", "jnp.append(state.norms[1:], norm)",
+    ("training-spike-history", "motion_jax/training/train_step.py", "jnp.append(norms[1:], jnp.where",
      "jnp.append(state.norms[:-1], norm)", (
          f"{GUARDS}::test_a_spike_of_the_gradient_is_told_and_left_out_where_the_config_says_so",)),
     ("training-part-of-a-step", "motion_jax/training/train_step.py", "jnp.add, found, of_rows(rows))",

@@ -26,18 +26,7 @@ def examine(folder, found, progress):
   stems = lambda name, suffix: {path.stem for path in (folder / name).glob(f"*{suffix}")}
   vectors, joints, texts = stems("new_joint_vecs", ".npy"), stems("new_joints", ".npy"), stems("texts", ".txt")
   splits = _splits(folder, found)
-  listed = {name for ids in splits.values() for name in ids}
-  found.add_all("error", "ids without a motion file", "loaders skip them silently: remove the ids from the split "
-                "files, or restore new_joint_vecs/ID.npy", sorted(listed - vectors))
-  found.add_all("error", "motions without a text file", "loaders skip them silently: write texts/ID.txt or remove the "
-                "ids", sorted((listed & vectors) - texts))
-  found.add_all("warning", "motions in no split", "add their ids to train.txt, val.txt or test.txt",
-                sorted(vectors - listed))
-  found.add_all("warning", "motions without joints", "make new_joints/ID.npy from the features "
-                "(motion_jax.motion.representations.to_joints)", sorted(vectors - joints) if joints else ())
-  found.add_all("warning", "mirrored clips without their original", "add the original, or remove the mirrored clip",
-                sorted(name for name in vectors if name.startswith("M") and name[1:] not in vectors
-                       and not (folder / "dataset.json").is_file()))
+  _report_missing(folder, splits, vectors, joints, texts, found)
   if not vectors:
     found.add("error", "no motion in new_joint_vecs", "make the folder again")
     return [("format", "HumanML3D layout")]
@@ -54,23 +43,8 @@ def examine(folder, found, progress):
   body = checks.Body(found, layout.skeleton)
   rows, captions, sums, hashes = {}, {}, RunningStats(layout), collections.defaultdict(list)
   for name in tqdm.tqdm(sorted(vectors), desc="clips", unit="clip", disable=not progress):
-    features = checks.load(folder / "new_joint_vecs" / f"{name}.npy", found)
+    features = _usable_features(folder, name, layout, found)
     if features is None:
-      continue
-    if features.ndim != 2 or features.shape[1] != layout.dim:
-      found.add("error", f"features that are not (rows, {layout.dim})", "make them again; another representation got "
-                "in", f"{name} {features.shape}")
-      continue
-    if not len(features):
-      found.add("error", "clips of no rows", "remove their ids", name)
-      continue
-    if not np.isfinite(features).all():
-      if name in KNOWN_BAD:
-        found.add("error", "known bad clip of HumanML3D with NaN", "remove its id from all split files; it came so, "
-                  "the papers leave it out", name)
-      else:
-        found.add("error", "features with NaN or infinity", "remove their ids, or repair the source and build again",
-                  name)
       continue
     rows[name] = len(features)
     sums.add(features)
@@ -100,6 +74,42 @@ def examine(folder, found, progress):
            f"{min(rows.values(), default=0)} to {max(rows.values(), default=0)} rows a clip"),
           *checks.shared_captions({split: [text for one in ids for text in captions.get(one, ())]
                                    for split, ids in splits.items()}), *body.facts()]
+
+
+def _report_missing(folder, splits, vectors, joints, texts, found):
+  """Reports ids of splits without files, and files without others of their clip or an id."""
+  listed = {name for ids in splits.values() for name in ids}
+  found.add_all("error", "ids without a motion file", "loaders skip them silently: remove the ids from the split "
+                "files, or restore new_joint_vecs/ID.npy", sorted(listed - vectors))
+  found.add_all("error", "motions without a text file", "loaders skip them silently: write texts/ID.txt or remove the "
+                "ids", sorted((listed & vectors) - texts))
+  found.add_all("warning", "motions in no split", "add their ids to train.txt, val.txt or test.txt",
+                sorted(vectors - listed))
+  found.add_all("warning", "motions without joints", "make new_joints/ID.npy from the features "
+                "(motion_jax.motion.representations.to_joints)", sorted(vectors - joints) if joints else ())
+  found.add_all("warning", "mirrored clips without their original", "add the original, or remove the mirrored clip",
+                sorted(name for name in vectors if name.startswith("M") and name[1:] not in vectors
+                       and not (folder / "dataset.json").is_file()))
+
+
+def _usable_features(folder, name, layout, found):
+  """Features of a clip; None, and a finding, for those that cannot be used."""
+  features = checks.load(folder / "new_joint_vecs" / f"{name}.npy", found)
+  if features is None:
+    return None
+  if features.ndim != 2 or features.shape[1] != layout.dim:
+    found.add("error", f"features that are not (rows, {layout.dim})", "make them again; another representation got in",
+              f"{name} {features.shape}")
+  elif not len(features):
+    found.add("error", "clips of no rows", "remove their ids", name)
+  elif not np.isfinite(features).all() and name in KNOWN_BAD:
+    found.add("error", "known bad clip of HumanML3D with NaN", "remove its id from all split files; it came so, the "
+              "papers leave it out", name)
+  elif not np.isfinite(features).all():
+    found.add("error", "features with NaN or infinity", "remove their ids, or repair the source and build again", name)
+  else:
+    return features
+  return None
 
 
 def _splits(folder, found):

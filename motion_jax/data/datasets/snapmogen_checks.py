@@ -19,23 +19,7 @@ def examine(folder, found, progress):
   """
   folder, layout = pathlib.Path(folder), get_layout("snapmogen")
   files = {path.stem: path for path in sorted((folder / "renamed_feats").glob("*.npy"))}
-  spans, names, captions = {}, collections.defaultdict(set), {}
-  for split in SPLITS:
-    try:
-      spans[split] = read_ids(folder, split)
-      for span in spans[split]:
-        names[span.recording].add(split)
-    except FileNotFoundError:
-      found.add("error" if split == "train" else "warning", f"no data_split_info/{split}_ids.txt",
-                "restore it: ids NAME#start#end, one a line")
-    except ValueError as error:
-      found.add("error", "split files that cannot be read", "each line is NAME#start#end",
-                f"{split} ({checks.error_detail(error, folder)})"[:120])
-  try:
-    captions = read_captions(folder)
-  except (FileNotFoundError, ValueError) as error:
-    found.add("error", "no captions", 'all_caption_clean.json is {id: {"manual": [...], "gpt": [...]}}',
-              checks.error_detail(error, folder)[:120])
+  spans, names, captions = _read_lists(folder, found)
   found.add_all("error", "recordings in two splits", checks.LEAK,
                 sorted(n for n, splits in names.items() if len(splits) > 1))
   found.add_all("error", "ids without a recording", "restore renamed_feats/NAME.npy, or remove the ids",
@@ -80,6 +64,28 @@ def examine(folder, found, progress):
           ("spans", ", ".join(f"{split} {len(own)}" for split, own in spans.items())),
           ("captions", f"{written[0]} by people, {written[1]} by a machine"),
           *checks.shared_captions(by_split), *body.facts()]
+
+
+def _read_lists(folder, found):
+  """({split: its spans}, {recording: its splits}, captions) of a folder, as far as they can be read."""
+  spans, names, captions = {}, collections.defaultdict(set), {}
+  for split in SPLITS:
+    try:
+      spans[split] = read_ids(folder, split)
+      for span in spans[split]:
+        names[span.recording].add(split)
+    except FileNotFoundError:
+      found.add("error" if split == "train" else "warning", f"no data_split_info/{split}_ids.txt",
+                "restore it: ids NAME#start#end, one a line")
+    except ValueError as error:
+      found.add("error", "split files that cannot be read", "each line is NAME#start#end",
+                f"{split} ({checks.error_detail(error, folder)})"[:120])
+  try:
+    captions = read_captions(folder)
+  except (FileNotFoundError, ValueError) as error:
+    found.add("error", "no captions", 'all_caption_clean.json is {id: {"manual": [...], "gpt": [...]}}',
+              checks.error_detail(error, folder)[:120])
+  return spans, names, captions
 
 
 def _examine_stats(folder, own, found):

@@ -11,7 +11,7 @@ losses     of the generator
 stages     what is trained, as pure functions
 setup      a config becomes a stage with its data
 unmasking  the loop over decoding iterations; `draws` its random numbers
-sampling   generating; `editing` regenerates parts of a motion
+sampling   generating, and regenerating parts of a motion
 model      ready to use
 weights    the authors' PyTorch files
 

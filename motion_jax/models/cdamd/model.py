@@ -1,6 +1,5 @@
 """CDAMD ready to use: motion from prompts, and edits of existing motions."""
-import dataclasses
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import Any, cast
 
 import jax
@@ -8,33 +7,29 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from motion_jax.control.signal import ControlSignal
-from motion_jax.data.clip import Caption, Clip
 from motion_jax.latents import AutoencoderCodec
-from motion_jax.models import arguments, cdamd
-from motion_jax.models.base import TextToMotionModel
+from motion_jax.models import cdamd
 from motion_jax.models.cdamd import draws, unmasking
 from motion_jax.models.cdamd.guiding import Settling
 from motion_jax.models.cdamd.options import CdamdSampling
 from motion_jax.models.keys import keys_of
 from motion_jax.models.results import (
-  Motion,
   Motions,
   captions_in_a_row,
   cleanup_record,
   features_of,
   gathered,
-  make_motions,
+  motions_of_prompts,
 )
 from motion_jax.models.shared import length as lengths
 from motion_jax.models.shared import mask_schedule as masking
 from motion_jax.models.shared import round_trips
 from motion_jax.models.shared.batches import in_batches
-from motion_jax.models.shared.known_motion import clip_of, on_our_body
+from motion_jax.models.shared.editing import EditingModel, edited_latents, padded_features
 from motion_jax.models.shared.pasting import Spans
 from motion_jax.motion import step_records
 from motion_jax.motion.blending import join, laid_over
 from motion_jax.motion.cleanup import clean_up
-from motion_jax.motion.filling import in_spans, runs_of
 from motion_jax.motion.representations import get_layout
 from motion_jax.nets.autoencoder import Autoencoder
 from motion_jax.nets.diffusion_mlp import Generator
@@ -52,13 +47,11 @@ WINDOW = 4  # positions of a latent-by-latent decoding iteration that the transf
 CONTROL_STEPS = 4  # Gauss-Newton steps of guidance by constraints
 _PAST = 8  # frames of the past that a further segment is conditioned on; with more, a second squat may be left out
 
-Editable = Clip | Array  # a clip of any source, joints (T, J, 3), or features (T, F), not normalized
 
-
-class CdamdModel(TextToMotionModel):
+class CdamdModel(EditingModel):
   """CDAMD or MARDM ready to use: prompts in, motion out; a motion in, the same one with new frames out.
 
-  Beside the choices of `CdamdSampling`, motions guided by constraints take control_steps and refinements, which
+  In addition to the choices of `CdamdSampling`, motions guided by constraints take control_steps and refinements, which
   together are the Gauss-Newton steps on the finished latents.
   """
   abilities = ("generate", "sample_segments", "edit")
@@ -116,8 +109,7 @@ class CdamdModel(TextToMotionModel):
       made = in_batches(self.programs.settle, made, every, signal,
                         shared=(self.codec, Settling.of(self.stats, steps)))
     made = in_batches(self.programs.decode, made, every, shared=(self.codec,))
-    captions = [captions_in_a_row([prompt], [count], self.fps) for prompt, count in zip(prompts, frames)]
-    return make_motions(self, made, frames, captions, seeds, about, cleanup)
+    return motions_of_prompts(self, made, prompts, frames, seeds, about, cleanup)
 
   def sample_segments(self, lists: Sequence[Sequence[tuple[str, int]]], keys: jax.Array, seeds: Sequence[int | None],
                       cleanup: bool, sampling: dict[str, Any]) -> Motions:
@@ -140,7 +132,6 @@ class CdamdModel(TextToMotionModel):
         given = features_of(self, np.concatenate([past, np.repeat(past[-1:], count, axis=0)]))
         new = np.arange(len(given)) >= len(past)
         rng = jax.random.fold_in(jax.random.fold_in(key, i + 1), len(joints))
-        sampling = sampling | dict(mask=sampling.get("mask") or self.edit_mask)
         made, _ = self.inpaint([given], [new], [prompt], keys_of(rng, None, 1)[0], sampling)
         known, shown = (np.array(layout.to_joints(x)) for x in (given, made[0]))
         new_joints = join(shown, known, ~new)
@@ -154,76 +145,26 @@ class CdamdModel(TextToMotionModel):
     return motion.replace(joints=joints, features=features_of(self, joints), meta=motion.meta | dict(
         cleanup=bool(cleanup), steps=steps), captions=captions_in_a_row(prompts, ends, self.fps))
 
-  @arguments.checked
-  def edit(self, clip: Editable, prompt: str, task: str | None = None, *, keep: Spans | None = None,
-           change: Spans | None = None, rng: jax.Array | None = None, seed: int | None = None,
-           seeds: Iterable[int] | None = None, cleanup: bool = False, mask: str | None = None, **sampling: Any
-           ) -> Motion:
-    """An existing motion with parts of it sampled from a prompt; see `edits`."""
-    return self.edits([clip], [prompt], task, keep=keep, change=change, rng=rng, seeds=seeds, seed=seed,
-                      cleanup=cleanup, mask=mask, **sampling)[0]
+  def new_frames(self, num_frames: int, task: str | None, keep: Spans | None, change: Spans | None
+                 ) -> Bool[np.ndarray, " {num_frames}"]:
+    """(num_frames,): the frames that an edit samples. A task is one of latents, as in the reference."""
+    if task is None:
+      return super().new_frames(num_frames, task, keep, change)
+    unit = self.frames_per_latent
+    return np.repeat(masking.task_mask(task, [num_frames], num_frames // unit, unit)[0], unit)
 
-  @arguments.checked
-  def edits(self, clips: Sequence[Editable], prompts: Sequence[str], task: str | None = None, *,
-            keep: Spans | None = None, change: Spans | None = None, rng: jax.Array | None = None,
-            seeds: Iterable[int] | None = None, seed: int | None = None, cleanup: bool = False,
-            mask: str | None = None, **sampling: Any) -> Motions:
-    """The paper's editing: clips with whole latents sampled from their prompts, and all latents decoded, in one batch.
-
-    clips: of any source, or arrays: joints (T, J, 3), or features (T, F) as this model knows them, not normalized.
-    Which parts are new: a task of `utils.spans.TASKS`, or spans to keep or to change, [(0, 30), ...] in frames of this
-    model (`utils.spans.spans_of` reads "0:1.5s"), the same in every clip. meta["made"] lists the new frames. The motion
-    stands where the model begins, at the origin facing +Z, and kept frames have been through the autoencoder;
-    `shared.pasting` puts new frames into the clip itself. mask: which latents a new one attends to, of `nets.masks`;
-    by default the one that the run was trained with.
-    """
-    # Parity: the released code pastes nothing back, either.
-    prompts = self.prompts_of(prompts) if prompts else []
-    if len(prompts) != len(clips) or not clips:
-      raise ValueError(f"got {len(prompts)} prompts for {len(clips)} clips; give one for each")
-    if sum(choice is not None for choice in (task, keep, change)) != 1:
-      raise ValueError("say what to make by one of task, keep and change")
-    keys, seeds = keys_of(rng, seeds, len(clips), seed)
-    sampling["mask"] = mask or self.edit_mask
-    sources, unit = [clip_of(clip, self.stats.layout) for clip in clips], self.frames_per_latent
-    features = [clip.features if clip is not one and clip.features is not None else
-                features_of(self, on_our_body(clip, self.fps, self.stats.layout.skeleton))
-                for one, clip in zip(clips, sources)]
-    frames = [len(x) // unit * unit for x in features]
-    for count, x in zip(frames, features):
-      if not unit <= count <= self.config.data.max_frames:
-        raise ValueError(f"got a motion of {len(x)} frames at {self.fps:g} frames a second, expected {unit} to "
-                         f"{self.config.data.max_frames}; cut a part out of it")
-    edited = np.concatenate([self._edited(task, keep, change, count) for count in frames])
-    made, about = self._inpainted([x[:count] for x, count in zip(features, frames)], edited, prompts, keys, sampling)
-    motions = make_motions(self, made, frames, [(Caption(prompt),) for prompt in prompts], seeds,
-                           about | dict(task=task or "spans"), cleanup)
-    new = [[list(run) for run in runs_of(np.repeat(row, unit)[:count])] for row, count in zip(edited, frames)]
-    return dataclasses.replace(motions, motions=tuple(
-        motion.replace(id=clip.id, license=clip.license or self.license,
-                       meta=motion.meta | dict(edited=clip.source or clip.id, made=runs))
-        for motion, clip, runs in zip(motions, sources, new)))
-
-  def inpaint(self, features: Sequence[Float[np.ndarray, "_ f"]], new: Sequence[Bool[np.ndarray, " _"]],
-              prompts: Sequence[str], keys: jax.Array, sampling: dict[str, Any]
-              ) -> tuple[list[Float[np.ndarray, "_ f"]], dict[str, Any]]:
-    """(features (T, F) of each motion, not normalized, record of the sampling): latents with any new frame, of new
-    (T,), are sampled, and all are decoded. A motion may end within a latent."""
-    edited = np.zeros((len(features), self.max_latents), bool)
-    for row, flags in zip(edited, new):
-      row[np.flatnonzero(flags) // self.frames_per_latent] = True
-    made, about = self._inpainted(features, edited, prompts, keys, sampling)
-    return [self.stats.denormalize(x[:len(given)]) for x, given in zip(made, features)], about
-
-  def _inpainted(self, features, edited, prompts, keys, sampling):
-    """(normalized features (B, T, F), record of the sampling) of features [(T, F)], not normalized, with the latents
-    edited (B, L) sampled."""
-    unit, length = self.frames_per_latent, self.max_latents * self.frames_per_latent
-    padded = np.zeros((len(features), length, self.stats.layout.dim), np.float32)
-    for row, x in zip(padded, features):  # the last frame fills its latent
-      row[:len(x) + -len(x) % unit] = self.stats.normalize(np.pad(x, ((0, -len(x) % unit), (0, 0)), mode="edge"))
+  def inpainted(self, features: Sequence[Float[np.ndarray, "_ f"]], new: Sequence[Bool[np.ndarray, " _"]],
+                prompts: Sequence[str], keys: jax.Array, sampling: dict[str, Any]
+                ) -> tuple[Float[np.ndarray, "b t f"], dict[str, Any]]:
+    """(normalized features (B, T, F), record of the sampling): latents with any new frame, of new (T,), are sampled,
+    and all are decoded. A motion may end within a latent. Choice mask: by default the one that the run was trained
+    with."""
+    unit = self.frames_per_latent
+    edited = edited_latents(new, self.max_latents, unit)
     real = np.arange(self.max_latents) < np.array([[-(-len(x) // unit)] for x in features])
+    padded = padded_features(self, features, self.max_latents * unit)
     latents = in_batches(self.programs.encode, padded, real, shared=(self.codec,))
+    sampling = sampling | dict(mask=sampling.get("mask") or self.edit_mask)
     made, about = self._latents(latents, edited, real, prompts, keys, sampling)
     return in_batches(self.programs.decode, made, real, shared=(self.codec,)), about
 
@@ -259,17 +200,6 @@ class CdamdModel(TextToMotionModel):
     made = in_batches(run, latents, real, text_emb, text_mask, schedule.made_at, schedule.drawn_at, keys,
                       shared=(self.params, np.float32(chosen.guidance_scale), steps))
     return made, chosen.about() | dict(model=self.id)
-
-  def _edited(self, task, keep, change, count):
-    """(1, L): the latents of a clip of count frames that are sampled; a latent is kept whole or not at all."""
-    if task is not None:
-      edited = masking.task_mask(task, [count], self.max_latents, self.frames_per_latent)
-    else:
-      kept = in_spans(keep, count) if keep is not None else ~in_spans(change, count)
-      edited = masking.kept_mask(list(runs_of(kept)), count, self.max_latents, self.frames_per_latent)[None]
-    if not edited.any():
-      raise ValueError("everything is kept, so there is nothing to make")
-    return edited
 
 
 MODELS = {"cdamd.generator": CdamdModel}

@@ -1,4 +1,5 @@
 """What CDAMD trains beside its autoencoders (`shared.autoencoders`): the masked transformer, as a pure function."""
+import functools
 from typing import Any
 
 import jax
@@ -70,6 +71,24 @@ def prior_codes(prior: RvqCodec, features: Float[Array, "b t f"], real_mask: Boo
   return codes[..., 0] if num_levels == 1 else codes[..., :num_levels]
 
 
+def _inputs(config, autoencoder, rvq_net, frozen, batch):
+  """(latents (B, L, C), which are real (B, L), text_emb, codes of the prior or None, text_mask or None) of a batch."""
+  stored = "latents" in batch
+  length = batch["latents"].shape[1] if stored else batch["features"].shape[1] // autoencoder.frames_per_latent
+  real_mask = padding_mask(batch["num_frames"] // autoencoder.frames_per_latent, length)
+  if stored:
+    codes: Any = batch["codes"][..., :config.loss.prior_levels] if config.loss.prior_levels else None
+    codes = codes[..., 0] if config.loss.prior_levels == 1 else codes
+    return batch["latents"], real_mask, batch["text_emb"], codes, batch.get("text_mask")
+  codec, codes = AutoencoderCodec.of(autoencoder, frozen), None
+  if rvq_net:
+    prior = RvqCodec(rvq_net, frozen["prior"])
+    codes = prior_codes(prior, batch["features"], real_mask, config.loss.prior_levels)
+  # Parity: not scaled in the released code, where the codec's mean is 0 and its std 1.
+  z1 = codec.encode(batch["features"], real_mask)
+  return z1, real_mask, batch["text_emb"], codes, batch.get("text_mask")
+
+
 def generator_stage(config: ConfigDict) -> Stage:
   """Trains the masked transformer and its diffusion head on latents of the frozen autoencoder.
 
@@ -82,21 +101,7 @@ def generator_stage(config: ConfigDict) -> Stage:
       config.model, jnp.dtype(config.train.dtype), config.train.remat, config.train.attention)
   rvq_net = Autoencoder(**config.prior) if config.loss.prior_levels else None
 
-  def inputs(frozen, batch):
-    stored = "latents" in batch
-    length = batch["latents"].shape[1] if stored else batch["features"].shape[1] // autoencoder.frames_per_latent
-    real_mask = padding_mask(batch["num_frames"] // autoencoder.frames_per_latent, length)
-    if stored:
-      codes: Any = batch["codes"][..., :config.loss.prior_levels] if config.loss.prior_levels else None
-      codes = codes[..., 0] if config.loss.prior_levels == 1 else codes
-      return batch["latents"], real_mask, batch["text_emb"], codes, batch.get("text_mask")
-    codec, codes = AutoencoderCodec.of(autoencoder, frozen), None
-    if rvq_net:
-      prior = RvqCodec(rvq_net, frozen["prior"])
-      codes = prior_codes(prior, batch["features"], real_mask, config.loss.prior_levels)
-    # Parity: not scaled in the released code, where the codec's mean is 0 and its std 1.
-    z1 = codec.encode(batch["features"], real_mask)
-    return z1, real_mask, batch["text_emb"], codes, batch.get("text_mask")
+  inputs = functools.partial(_inputs, config, autoencoder, rvq_net)
 
   def init(batch, rng):
     x = jnp.zeros((1, 1, net.transformer.latent_dim))

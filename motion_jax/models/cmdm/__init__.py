@@ -11,10 +11,10 @@ losses        of the tokenizer
 stages        what is trained, as pure functions
 setup         a config becomes a stage with its data
 streaming     the frame-wise sampler: one step that offline and live sampling share
-sampling      generating and going on as pure functions, by that step or by the plain loop that it is tested against
+sampling      generation as pure functions, by that step or by the plain loop that it is tested against
 networks      networks with their weights, compiled
 loop          the step driven from the host: motion of any length and kind by one program
-model         ready to use; `multi_prompt` tells several prompts in a row, `live` never ends
+model         ready to use: `multi_prompt` makes whole motions, `extending` continues one, `live` streams
 weights       the authors' PyTorch files
 
 Numbers follow the released code (docs/papers/cmdm.md); where the paper differs a comment starts with "Parity".

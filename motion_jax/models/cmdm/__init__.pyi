@@ -20,7 +20,6 @@ from .sampling import (
   block_words,
   chain_segment,
   chained,
-  extend,
   generate,
   generate_whole,
   plain_velocity,
@@ -35,6 +34,6 @@ from .stages import (
 
 __all__ = ["DISTANCE_PAIRS", "LAST_LAYERS", "RECONSTRUCTIONS", "align_factor", "align_loss", "align_ratio",
            "align_terms", "block_constants", "block_control", "block_pull", "block_words", "chain_segment", "chained",
-           "denoiser_shapes", "denoiser_stage", "extend", "frozen_shapes", "gaussian_nll", "generate", "generate_whole",
+           "denoiser_shapes", "denoiser_stage", "frozen_shapes", "gaussian_nll", "generate", "generate_whole",
            "kl_to_standard_normal", "plain_velocity", "pool_teacher", "set_distances", "smooth_l1", "tokenizer_stage",
            "tokenizer_terms", "words_of_latents"]

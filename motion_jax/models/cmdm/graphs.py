@@ -94,7 +94,8 @@ def _step(model, plan, scale):
     before = streaming.begin(plan.layout, before, now, noise[:, None])
     side_by_side = lambda a: jnp.moveaxis(a, 0, 1).reshape(dit.depth, 1, CAPTIONS * words, *heads[2:])
     text = Text(side_by_side(text_k), side_by_side(text_v), text_mask[None], null)
-    after = streaming.iterate(dit, plan.layout, params, constants, text, scale, None, None, before, now, 0, plan.lag)
+    conditions = streaming.Conditions(params, constants, text, scale, None)
+    after = streaming.iterate(dit, plan.layout, conditions, before, now, 0, plan.lag)
     finished = jnp.maximum(steps - plan.age + 1, 0) - now.blocks[0]
     block = jax.lax.dynamic_slice_in_dim(after.latents, finished * size, size, axis=1)
     return (block, after.latents, *after.cache, *after.oldest)

@@ -5,7 +5,7 @@ where the motion has got to; `control.guidance` says what they would have to be.
 constraints meets them, too, and one that has meets them more exactly. What left the window stays as it is.
 """
 import dataclasses
-from typing import Any, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import flax
 import jax
@@ -16,9 +16,11 @@ from jaxtyping import Bool, Float
 from motion_jax.control import guidance
 from motion_jax.control.signal import ControlSignal
 from motion_jax.latents import VaeCodec
-from motion_jax.motion.representations import get_layout
-from motion_jax.motion.stats import Stats
 from motion_jax.shapes import Array
+
+if TYPE_CHECKING:
+  from motion_jax.motion.representations import Representation
+  from motion_jax.motion.stats import Stats
 
 
 class Behind(NamedTuple):
@@ -57,8 +59,13 @@ class Guide:
   num_times: int = flax.struct.field(pytree_node=False, default=0)
 
   @classmethod
-  def of(cls, codec: VaeCodec, stats: Stats, signal: ControlSignal, num_steps: int = 2, num_times: int = 0) -> Self:
+  def of(cls, codec: VaeCodec, stats: "Stats", signal: ControlSignal, num_steps: int = 2, num_times: int = 0) -> Self:
     return cls(codec, stats.mean, stats.std, signal, 0, stats.layout.name, num_steps, num_times)
+
+  @property
+  def _layout(self) -> "Representation":
+    from motion_jax.motion.representations import get_layout  # a field of a pytree is its name
+    return get_layout(self.layout)
 
   def over(self, frames: int) -> Self:
     """The same over this number of frames; those behind the end of the signal are unconstrained."""
@@ -67,12 +74,12 @@ class Guide:
   def begin(self) -> Behind:
     """Before the first block: the origin, faced +Z, by a row that goes nowhere."""
     batch = self.signal.given.shape[0]
-    row = jnp.zeros((batch, 1, get_layout(self.layout).dim))
+    row = jnp.zeros((batch, 1, self._layout.dim))
     return Behind(self.codec.init_decode_state(batch), row, jnp.zeros((batch, 2)), jnp.zeros(batch))
 
   def _world(self, behind, latents):
     """(joints (B, T, J, 3), headings (B, T), `Behind` after them) of the next latents."""
-    layout = get_layout(self.layout)
+    layout = self._layout
     features, decoder = self.codec.decode_step(latents, behind.decoder)
     rows = jnp.concatenate([behind.row, features * self.std + self.mean], axis=1)
     turned, path = layout.root_path(rows)
@@ -116,3 +123,17 @@ class Guide:
     behind = self.begin()
     return guidance.refine(lambda z: self._residual(behind, 0, z), latents, jnp.full((1, latents.shape[1], 1), SETTLED),
                             self.num_times)
+
+
+def pull(layout: Any, guide: Guide, behind: Behind, times: Array, now: Any, latents: Float[Array, "b w c"],
+         clean: Float[Array, "b w c"], iteration: Any, every: Any) -> Float[Array, "b w c"]:
+  """Latents of a window after an iteration, pulled towards constraints; every: how many iterations a pull stands for.
+
+  layout, now: a `streaming.Layout` and `streaming.Window`; behind: the state before the window.
+  """
+  level, then = (jnp.clip(now.levels + i, 0, now.num_steps) for i in (iteration, iteration + 1))
+  spread = lambda a: jnp.repeat(a, layout.block)
+  moves, t = spread(level < then), spread(times[level])
+  share = spread(times[then] - times[level]) / jnp.where(moves, 1 - t, 1.0)
+  pulled = guide.pull(behind, now.blocks[0] * layout.block, clean, t, moves).astype(latents.dtype)
+  return latents + jnp.minimum(every * share, 1.0)[:, None] * pulled

@@ -115,7 +115,7 @@ class SamplingLoop:
     return Behind(self._decoder_before, *(np.stack(part).astype(np.float32) for part in zip(*rows)))
 
   def _pull(self, now: streaming.Window, iteration: int, drift: Float[np.ndarray, "b 2"]) -> None:
-    """Pulls the latents of the window after an iteration, see `streaming.pull`."""
+    """Pulls the latents of the window after an iteration, see `guiding.pull`."""
     plan, fpl, model = self.plan, self.model.frames_per_latent, self.model
     first = self.base * plan.block * fpl
     assert self._signal is not None
@@ -136,10 +136,9 @@ class SamplingLoop:
   # --- steps -------------------------------------------------------------------------------------------------------
 
   def _advance(self, now, given, first, last, control):
-    model = self.model
-    self._state = model.compiled.advance(
-        self.plan.layout, model.stacked, self._constants, self._text, self._scale, self._keys, control, self._state,
-        now, given, np.int32(first), np.int32(last))
+    conditions = streaming.Conditions(self.model.stacked, self._constants, self._text, self._scale, self._keys, control)
+    self._state = self.model.compiled.advance(self.plan.layout, conditions, self._state, now, given, np.int32(first),
+                                              np.int32(last))
 
   def prefill(self, past: Float[np.ndarray, "b p c"], caption: int) -> None:
     """Puts clean latents (B, P, C), made with this caption, before the first block."""

@@ -8,9 +8,8 @@ from jaxtyping import Float
 
 from motion_jax.control.signal import ControlSignal
 from motion_jax.models import arguments
-from motion_jax.models.cmdm import multi_prompt
 from motion_jax.models.cmdm.networks import CmdmNetworks
-from motion_jax.models.cmdm.options import CmdmSampling
+from motion_jax.models.cmdm.options import WAYS, CmdmSampling
 from motion_jax.models.keys import keys_of
 from motion_jax.models.shared import round_trips
 from motion_jax.models.shared.blocks import BlockModel, Continued, Frames, Sampled, Segments
@@ -42,7 +41,7 @@ class CmdmModel(BlockModel, CmdmNetworks):
   options = CmdmSampling
   more_choices = ("negative_prompts", "control_steps", "refinements")
   takes_control = True
-  ways = multi_prompt.WAYS
+  ways = WAYS
 
   def __init__(self, run: "Run", encoder: "TextEncoder") -> None:
     super().__init__(run, encoder)
@@ -63,6 +62,7 @@ class CmdmModel(BlockModel, CmdmNetworks):
     signal (B, T): a network that was trained on constraints gets them as a condition, and latents are pulled towards
     them while they are denoised (`models.cmdm.guiding`).
     """
+    from motion_jax.models.cmdm import multi_prompt
     sampling = dict(sampling)
     control_steps, refinements = (checked(sampling.pop(name, usual), 0, 100, name) for name, usual in (
         ("control_steps", CONTROL_STEPS), ("refinements", REFINEMENTS)))
@@ -77,6 +77,7 @@ class CmdmModel(BlockModel, CmdmNetworks):
 
   def segment_frames(self, frames: Sequence[int], way: str = "stream") -> list[int]:
     """The frames that each segment of `multi_prompt` gets where `frames` were requested, which are rounded by `way`."""
+    from motion_jax.models.cmdm import multi_prompt
     return multi_prompt.segment_frames(frames, way, self.block_frames, self.frames_per_latent)
 
   @arguments.checked

@@ -22,7 +22,6 @@ from motion_jax.shapes import Array
 from motion_jax.text.contrast import Contrast
 from motion_jax.utils.errors import InputError
 
-WAYS = ("stream", "chain")
 _BUCKET = 4         # blocks; lengths are rounded up to it, so that not every length waits for a compiler
 
 
@@ -105,7 +104,7 @@ def _windows(model, plan, sampling, prompts, segment, frames, keys, contrast):
   """Clean latents (B, L, C) by a plan that cleans all together, no more of them than a motion of training has.
 
   The first half of each further window is the last half of the one before, with fresh noise of the window's level in
-  every step (`continuation`), as the network knows it; latents have their own captions.
+  every step (`sampling.renoised`), as the network knows it; latents have their own captions.
   """
   _demand_euler(plan)
   size, block = model.context, plan.block
@@ -163,13 +162,13 @@ def chained(model: CmdmNetworks, plan: streaming.Plan, sampling: CmdmSampling, p
   """Lists of latents (N, C), one per segment of each motion, after those in `made`."""
   _demand_euler(plan)
   text_emb, text_mask = captions_of(model, prompts, contrast)
-  made = [list(parts) for parts in made]
+  latents_of = [list(parts) for parts in made]
   for i in range(max(map(len, counts))):
     lengths = np.array([row[i] if i < len(row) else 1 for row in counts])  # a motion that has ended idles
-    given = num_past if made[0] else 0
+    given = num_past if latents_of[0] else 0
     longest = -(-int(lengths.max()) // (_BUCKET * plan.block)) * _BUCKET * plan.block
     past = [np.concatenate(parts)[-given:] if given else np.zeros((0, model.dit.latent_dim), np.float32)
-            for parts in made]
+            for parts in latents_of]
     if min(map(len, past)) < given:
       raise InputError(f"got a first segment of {min(map(len, past))} latents, the next one looks at {given}")
     at = min(i, text_mask.shape[1] - 1)
@@ -177,7 +176,7 @@ def chained(model: CmdmNetworks, plan: streaming.Plan, sampling: CmdmSampling, p
     latents = model.compiled.chain_segment(
         plan, given + longest, model.params, text_emb=text_emb[:, at], text_mask=text_mask[:, at],
         scale=sampling.guidance_scale, lengths=jnp.asarray(lengths), past=np.stack(past), keys=segment_keys)
-    for parts, z, row in zip(made, np.asarray(latents), counts):
+    for parts, z, row in zip(latents_of, np.asarray(latents), counts):
       if i < len(row):
         parts.append(z[:row[i]])
-  return made
+  return latents_of

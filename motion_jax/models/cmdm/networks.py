@@ -16,13 +16,13 @@ from motion_jax.models.cmdm.options import CmdmSampling
 from motion_jax.nets.causal_dit import CausalDiT
 from motion_jax.nets.causal_vae import CausalVAE
 from motion_jax.shapes import Array
-from motion_jax.text.contrast import Contrast, contrasted
 from motion_jax.training import checkpoint
 from motion_jax.utils import cache
 from motion_jax.utils.config_files import module_fields
 
 if TYPE_CHECKING:
   from motion_jax.runs import Run
+  from motion_jax.text.contrast import Contrast
   from motion_jax.text.encoder import TextEncoder
 
 
@@ -96,7 +96,7 @@ class CmdmNetworks(TextToMotionModel):
     x = self.stats.normalize(np.asarray(features))[None, :whole]
     return self.stats.denormalize(np.asarray(self.codec.reconstruct(jnp.asarray(x))))[0]
 
-  def encode_words(self, prompts: Sequence[str], contrast: Contrast | None = None
+  def encode_words(self, prompts: Sequence[str], contrast: "Contrast | None" = None
                    ) -> tuple[Float[np.ndarray, "b s e"], Bool[np.ndarray, "b s"]]:
     """(text_emb, text_mask) of prompts, padded to the width of everyday ones so that these share compiled code.
 
@@ -105,6 +105,7 @@ class CmdmNetworks(TextToMotionModel):
     everyday = -(-self.config.data.max_words // 8) * 8
     emb, mask = self.encoder(prompts, at_least=everyday)
     if contrast is not None and contrast.scale:
+      from motion_jax.text.contrast import contrasted
       emb = contrasted(self.encoder, prompts, emb, mask, contrast)
     missing = max(everyday - emb.shape[1], 0)  # of a sentence vector, which is one row
     return np.pad(emb, ((0, 0), (0, missing), (0, 0))), np.pad(mask, ((0, 0), (0, missing)))
@@ -113,7 +114,7 @@ class CmdmNetworks(TextToMotionModel):
     return dict(context=self.context)
 
   def plan_of(self, negative_prompts: Callable[[str], str] | Mapping[str, str] | None = None, **sampling: Any
-              ) -> tuple[streaming.Plan, CmdmSampling, Contrast | None, dict[str, Any]]:
+              ) -> tuple[streaming.Plan, CmdmSampling, "Contrast | None", dict[str, Any]]:
     """(plan for motions of any length, all choices of sampling, contrast guidance, record of them) of `CmdmSampling`
     choices."""
     chosen = self.sampling(**sampling)
@@ -124,5 +125,6 @@ class CmdmNetworks(TextToMotionModel):
     plan, about = plan._replace(lag=chosen.steps_apart), chosen.about() | dict(model=self.id)
     if negative_prompts is None or not chosen.contrast_scale:
       return plan, chosen, None, about | dict(contrast_scale=0.0)
+    from motion_jax.text.contrast import Contrast
     negative = negative_prompts if callable(negative_prompts) else lambda prompt: negative_prompts.get(prompt, prompt)
     return plan, chosen, Contrast(negative, chosen.contrast_scale), about

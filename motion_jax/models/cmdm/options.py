@@ -10,6 +10,7 @@ if TYPE_CHECKING:
   from ml_collections import ConfigDict
 
 SCHEDULES = ("fss", "ar", "full")
+WAYS = ("stream", "chain")  # of several prompts: changed within one run, or one run per prompt
 SOLVERS = {"flow": ("euler", "heun"), "ddpm": ("ancestral", "ddim")}  # by what the network learned to predict
 
 

@@ -10,8 +10,9 @@ from jaxtyping import Bool, Float, Int
 from motion_jax.control import conditioning
 from motion_jax.control.signal import ControlSignal
 from motion_jax.diffusion import guidance, samplers, schedules
+from motion_jax.diffusion.paths import add_noise, velocity_to_x1
 from motion_jax.latents import VaeCodec
-from motion_jax.models.cmdm import continuation, ddpm_forcing, streaming
+from motion_jax.models.cmdm import ddpm_forcing, streaming
 from motion_jax.models.cmdm.guiding import Behind, Guide
 from motion_jax.nets.causal_dit import CausalDiT
 from motion_jax.nets.masks import padding_mask, sliding_mask
@@ -99,6 +100,39 @@ def plain_velocity(dit: CausalDiT, params: Any, text_emb: Float[Array, "b s e"],
   return lambda x, t: velocity(x, t, jnp.zeros(x.shape[0], bool))
 
 
+def renoising_step(velocity: Callable[..., Array], x: Float[Array, "b l c"], t: Float[Array, " l"],
+                   t_next: Float[Array, " l"], past: Float[Array, "b p c"], noise: Float[Array, "b l c"]
+                   ) -> Float[Array, "b l c"]:
+  """One step of the window x (B, P + N, C) from times t to t_next (P + N,); past (B, P, C), noise like x.
+
+  A window holds P past latents and N new ones, blocks counted from its start. A step predicts the clean window, puts
+  the given past in its place, and goes to the next level with fresh noise (docs/papers/cmdm.md#continuation): the
+  sampler is stochastic, and the network sees no clean past. Our own way, a cache of the clean past, is
+  `streaming.Sampler.prefill`.
+
+  The first step finds noise where the past belongs: it is put in place after the network has spoken.
+  """
+  # Parity: the paper keeps a clean past in the context (equation 12); this is what the code does.
+  t, t_next = (jnp.broadcast_to(a, x.shape[:2]) for a in (t, t_next))
+  x1 = jnp.asarray(velocity_to_x1(x, velocity(x, t[0]), t))
+  x1 = x1.at[:, :past.shape[1]].set(past.astype(x.dtype))
+  return add_noise(x1, noise, t_next)
+
+
+def renoised(velocity: Callable[..., Array], x: Float[Array, "b l c"], times: Float[Array, "n l"],
+             past: Float[Array, "b p c"], fresh: Callable[[Any], Array]) -> Float[Array, "b l c"]:
+  """Carries noise x (B, P + N, C) to data behind a clean past (B, P, C) along times (M + 1, P + N).
+
+  velocity(x, t (P + N,)) -> like x; fresh(m) is the new noise of step m, m a traced integer. The window comes back
+  whole, its first P latents those given.
+  """
+  def body(x, interval):
+    m, t, t_next = interval
+    return renoising_step(velocity, x, t, t_next, past, fresh(m)), None
+
+  return jax.lax.scan(body, x, (jnp.arange(len(times) - 1), times[:-1], times[1:]))[0]
+
+
 def chained(dit: CausalDiT, plan: streaming.Plan, params: Any, *, text_emb: Float[Array, "b s e"],
             text_mask: Bool[Array, "b *l s"], scale: Any, lengths: Int[Array, " b"], past: Float[Array, "b p c"],
             noise: Float[Array, "b l c"], fresh: Callable[[Any], Array], times: Float[Array, "m l"] | None = None,
@@ -106,7 +140,7 @@ def chained(dit: CausalDiT, plan: streaming.Plan, params: Any, *, text_emb: Floa
   """New latents (B, N, C) behind a past (B, P, C) as the released code makes them: plain recompute, past re-noised.
   text_mask (B, S), or (B, P + N, S) where latents have captions of their own.
 
-  noise (B, P + N, C) and fresh(m) alike: see `continuation.renoised`; lengths (B,) of the new latents, those beyond
+  noise (B, P + N, C) and fresh(m) alike: see `renoised`; lengths (B,) of the new latents, those beyond
   mean nothing. P = 0 is the first segment of a chain, an ordinary run. Positions restart in every segment, and
   blocks count from the window's start. since (B, P + N): the first latent that each sees; None: any.
   """
@@ -120,7 +154,7 @@ def chained(dit: CausalDiT, plan: streaming.Plan, params: Any, *, text_emb: Floa
   velocity = plain_velocity(dit, params, text_emb, text_mask, attn_mask, scale, plan.guided)
   if not given:
     return samplers.euler(velocity, noise, times)
-  return continuation.renoised(velocity, noise, times, past, fresh)[:, given:]
+  return renoised(velocity, noise, times, past, fresh)[:, given:]
 
 
 def chain_segment(dit: CausalDiT, plan: streaming.Plan, length: int, params: Any, *, text_emb: Float[Array, "b s e"],
@@ -134,24 +168,6 @@ def chain_segment(dit: CausalDiT, plan: streaming.Plan, length: int, params: Any
 
   return chained(dit, plan, params, text_emb=text_emb, text_mask=text_mask, scale=scale, lengths=lengths, past=past,
                  noise=fresh(0), fresh=lambda m: fresh(m + 1), since=since)
-
-
-def extend(dit: CausalDiT, plan: streaming.Plan, num_blocks: int, params: Any, *, text_emb: Float[Array, "b g s e"],
-           text_mask: Bool[Array, "b g s"], scale: Any, keys: jax.Array, past: Float[Array, "b p c"], count: Any,
-           segment: Int[Array, "b {num_blocks}"], past_segment: Int[Array, "b k"],
-           control: Float[Array, "b l n"] | None = None, lengths: Int[Array, " b"] | None = None
-           ) -> Float[Array, "b l c"]:
-  """Clean latents (B, num_blocks * block, C) that go on from the last `count` of past (B, P, C), itself clean.
-
-  The past is kept at t = 1 in the cache. text_emb (B, G, S, E), text_mask (B, G, S); segment (B, num_blocks) and
-  past_segment (B, P / block) say which caption each block has; control, lengths (of the new latents): see
-  `streaming.bind`.
-  """
-  # Parity: the paper's clean past in the context (equation 12); `chained` is what the code does instead.
-  sampler = streaming.bind(dit, plan, params, text_emb=text_emb, text_mask=text_mask, scale=scale, keys=keys,
-                           control=control, lengths=lengths)
-  state = sampler.prefill(sampler.init(), past=past, count=count, caption=past_segment)
-  return sampler.sample(num_blocks, segment=segment, state=state)
 
 
 def block_words(dit: CausalDiT, guided: bool, params: Any, text_emb: Float[Array, "b g s e"],

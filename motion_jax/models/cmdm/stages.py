@@ -41,9 +41,7 @@ def tokenizer_stage(config: ConfigDict) -> Stage:
   vae = CausalVAE(**config.model, dtype=jnp.dtype(config.train.dtype))
   loss_config = config.loss
   teacher = make_teacher(config.teacher, config.data.layout) if config.frozen.teacher else None
-  layout = config.data.layout
-  own_layout = config.teacher.get("layout", layout)
-  root_columns = get_layout(layout).root
+  root_columns = get_layout(config.data.layout).root
 
   def latent_shape(x):
     return x.shape[:-2] + (x.shape[-2] // 2 ** vae.num_halvings, vae.latent_dim)
@@ -54,13 +52,7 @@ def tokenizer_stage(config: ConfigDict) -> Stage:
 
   def loss(params, frozen, batch, step, rng):
     x = batch["features"]
-    size = min(loss_config.micro_batch, config.data.batch_size)
-    parts = config.optimizer.accumulate_steps
-    if parts > 1 and x.shape[0] % size:
-      raise ValueError(f"got {x.shape[0]} windows in each of optimizer.accumulate_steps = {parts} parts, expected a "
-                       f"multiple of loss.micro_batch = {size}; take fewer parts")
-    shared = sharing(x.shape[0], size, config.data.batch_size // x.shape[0] // parts, DEVICES)
-    size = min(size, x.shape[0])
+    size, shared = _micro_batches(config, x.shape[0])
     # One key per window, by its place in the whole batch: the same noise on one device as on many.
     keys = jax.vmap(lambda i: jax.random.fold_in(rng, i))(batch["index"])
     noise = jax.vmap(lambda key: jax.random.normal(key, latent_shape(x)[1:]))(keys)
@@ -68,8 +60,7 @@ def tokenizer_stage(config: ConfigDict) -> Stage:
     split = lambda a: a.reshape((-1, size) + a.shape[1:])
     guides = [None] * (x.shape[0] // size)
     if teacher is not None:
-      seen = as_seen(x, frozen["teacher_view"], layout, own_layout) if "teacher_view" in frozen else x
-      guides = split(pool_teacher(frame_features(teacher, frozen["teacher"], seen), noise.shape[1]))
+      guides = split(pool_teacher(_teacher_features(config, teacher, frozen, x), noise.shape[1]))
     align_weight = align_factor(step, loss_config, config.train.num_steps) if teacher is not None else 0.0
     choices = {name: loss_config[name] for name in ("reconstruction", "distance_pairs", "last_layer")}
     choices |= {"errors": motion_errors.of_features(config, frozen),
@@ -91,6 +82,23 @@ def tokenizer_stage(config: ConfigDict) -> Stage:
     return found
 
   return Stage(init, loss, predict, in_parts=True, about_loss=_about_tokenizer(config))
+
+
+def _micro_batches(config, rows):
+  """(rows of a micro-batch on a device that has this number of rows, how devices share it)."""
+  size, parts = min(config.loss.micro_batch, config.data.batch_size), config.optimizer.accumulate_steps
+  if parts > 1 and rows % size:
+    raise ValueError(f"got {rows} windows in each of optimizer.accumulate_steps = {parts} parts, expected a multiple "
+                     f"of loss.micro_batch = {size}; take fewer parts")
+  return min(size, rows), sharing(rows, size, config.data.batch_size // rows // parts, DEVICES)
+
+
+def _teacher_features(config, teacher, frozen, x):
+  """Features of the teacher for each frame of windows x, seen in its own layout and statistics."""
+  layout = config.data.layout
+  if "teacher_view" in frozen:
+    x = as_seen(x, frozen["teacher_view"], layout, config.teacher.get("layout", layout))
+  return frame_features(teacher, frozen["teacher"], x)
 
 
 def _about_tokenizer(config):
@@ -233,7 +241,6 @@ def denoiser_stage(config: ConfigDict) -> Stage:
   vae = CausalVAE(**config.tokenizer)
   dit = make_denoiser(config)
   block = dit.block
-  level_block = config.loss.level_block
   inputs = functools.partial(forcing_inputs, config, vae, dit)
 
   def init(batch, rng):
@@ -247,7 +254,7 @@ def denoiser_stage(config: ConfigDict) -> Stage:
     z1, latent_mask, t, noise, text_emb = inputs(frozen, batch, rng)
     attn_mask = block_causal_mask(z1.shape[1], block) & latent_mask[:, None, None, :]
     # Equal times inside a block are modulated once.
-    shared = block if block > 1 and level_block % block == 0 and z1.shape[1] % block == 0 else 1
+    shared = block if block > 1 and config.loss.level_block % block == 0 and z1.shape[1] % block == 0 else 1
     signal, control = control_of(config, vae, frozen, batch, rng)
     velocity = lambda x, t, emb=text_emb, mask=batch["text_mask"]: dit.apply(
         params, x, t[:, ::shared], emb, attn_mask, mask, control)
@@ -265,12 +272,7 @@ def denoiser_stage(config: ConfigDict) -> Stage:
       z1, t, own = self_forced(velocity, z1, latent_mask, t, noise, keys, block, config.loss.self_forcing)
       counts &= ~own
     errors = decoded_errors(config, VaeCodec.of(vae, frozen), frozen, batch, latent_mask, counts, t, signal)
-    contrast = None
-    if config.loss.contrast:
-      differs = batch["has_false"] & (text_emb != 0).any((1, 2))  # its caption was not dropped
-      compared = counts & (t < config.loss.contrast_until) & differs[:, None]
-      false = functools.partial(velocity, emb=batch["false_emb"], mask=batch["false_mask"])
-      contrast = paths.Contrast(false, compared, config.loss.contrast, config.loss.contrast_margin)
+    contrast = _contrast(config, velocity, batch, text_emb, counts, t) if config.loss.contrast else None
     return paths.forcing_loss(velocity, z1, counts, t, noise, dit.predicts, errors, contrast)
 
   def predict(params, frozen, batch, rng):
@@ -284,6 +286,14 @@ def denoiser_stage(config: ConfigDict) -> Stage:
   target = {"ddpm": "noise", "eps": "noise", "x1": "latents"}.get(dit.predicts, "velocity")
   return Stage(init, loss, predict, in_parts=True,
                about_loss=f"mean squared error of the predicted {target}, per number of a latent")
+
+
+def _contrast(config, velocity, batch, text_emb, counts, t):
+  """The velocity with contradicting captions, and the latents where it must be worse."""
+  differs = batch["has_false"] & (text_emb != 0).any((1, 2))  # its caption was not dropped
+  compared = counts & (t < config.loss.contrast_until) & differs[:, None]
+  false = functools.partial(velocity, emb=batch["false_emb"], mask=batch["false_mask"])
+  return paths.Contrast(false, compared, config.loss.contrast, config.loss.contrast_margin)
 
 
 def denoiser_shapes(dit: CausalDiT) -> Any:

@@ -23,6 +23,7 @@ step     0 1 2 3 4 5        blocks in the window, lag = num_steps / 2 (A = 2), w
 block 0  o o * .            o in denoising, * done, computed once more for its keys and values, . cached
 block 1    o o * .
 """
+import dataclasses
 from typing import Any, NamedTuple
 
 import flax
@@ -34,6 +35,7 @@ from jaxtyping import Bool, Float, Int
 from motion_jax.diffusion.guidance import combine
 from motion_jax.diffusion.schedules import time_of_level
 from motion_jax.models.cmdm import ddpm_forcing
+from motion_jax.models.cmdm.guiding import pull
 from motion_jax.models.cmdm.plan import Layout as Layout
 from motion_jax.models.cmdm.plan import Plan as Plan
 from motion_jax.models.cmdm.plan import make_plan as make_plan
@@ -59,6 +61,18 @@ class Constants(NamedTuple):
   times: jax.Array
   modulation: jax.Array
   steps: ddpm_forcing.Steps | None = None
+
+
+class Conditions(NamedTuple):
+  """What a step depends on, except its state: params of the network, stacked; `Constants`; the captions' `encode_text`;
+  scale () or (B,) of guidance; keys of the noise that a DDPM's steps add, None for a flow; control (B, W * block, N) of
+  `CausalDiT.control_tokens`, None for a network without."""
+  params: Any
+  constants: Constants
+  text: Any
+  scale: Any
+  keys: Any
+  control: Any = None
 
 
 class Window(NamedTuple):
@@ -201,13 +215,10 @@ def begin(layout: Layout, state: Stream, now: Window, start: Float[Array, "b _ l
   return state._replace(cache=jax.tree.map(put, state.cache, state.oldest), latents=jnp.where(begins, start, latents))
 
 
-def iterate(dit: Net, layout: Layout, params: Any, constants: Constants, text: Any, scale: Any, keys: jax.Array | None,
-            control: Any, state: Stream, now: Window, first: Any, last: Any) -> Stream:
-  """The state after iterations first to last, last excluded, of a step.
-
-  scale: of guidance, () or (B,). control (B, W * block, N): of `CausalDiT.control_tokens`, None for a network without.
-  keys: of the noise that a DDPM's steps add, None for a flow.
-  """
+def iterate(dit: Net, layout: Layout, conditions: Conditions, state: Stream, now: Window, first: Any, last: Any
+            ) -> Stream:
+  """The state after iterations first to last, last excluded, of a step."""
+  params, constants, text, scale, keys, control = conditions
   size, within = layout.block, jnp.arange(layout.width * layout.block)
   scale = jnp.reshape(scale, (-1, 1, 1))
   # Parity: the paper has this cache, the code recomputes everything; the results agree to rounding.
@@ -244,25 +255,11 @@ def iterate(dit: Net, layout: Layout, params: Any, constants: Constants, text: A
   return state._replace(latents=latents, oldest=oldest, clean=clean)
 
 
-def pull(layout: Layout, guide: Any, behind: Any, times: Array, now: Window, latents: Float[Array, "b w c"],
-         clean: Float[Array, "b w c"], iteration: Any, every: Any) -> Float[Array, "b w c"]:
-  """Latents of a window after an iteration, pulled towards constraints; every: how many iterations a pull stands for.
-
-  guide: a `guiding.Guide`; behind: where the motion stands before the window.
-  """
-  level, then = (jnp.clip(now.levels + i, 0, now.num_steps) for i in (iteration, iteration + 1))
-  spread = lambda a: jnp.repeat(a, layout.block)
-  moves, t = spread(level < then), spread(times[level])
-  share = spread(times[then] - times[level]) / jnp.where(moves, 1 - t, 1.0)
-  pulled = guide.pull(behind, now.blocks[0] * layout.block, clean, t, moves).astype(latents.dtype)
-  return latents + jnp.minimum(every * share, 1.0)[:, None] * pulled
-
-
-def advance(dit: Net, layout: Layout, params: Any, constants: Constants, text: Any, scale: Any, keys: jax.Array,
-            control: Any, state: Stream, now: Window, given: Any, first: Any, last: Any) -> Stream:
-  """`begin`, before iteration 0, and `iterate`: the program of a step."""
-  state = begin(layout, state, now, first_latents(dit, layout, keys, now, given), first == 0)
-  return iterate(dit, layout, params, constants, text, scale, keys, control, state, now, first, last)
+def advance(dit: Net, layout: Layout, conditions: Conditions, state: Stream, now: Window, given: Any, first: Any,
+            last: Any) -> Stream:
+  """`begin`, before iteration 0, and `iterate`: the program of a step. given: see `first_latents`."""
+  state = begin(layout, state, now, first_latents(dit, layout, conditions.keys, now, given), first == 0)
+  return iterate(dit, layout, conditions, state, now, first, last)
 
 
 @flax.struct.dataclass
@@ -325,8 +322,8 @@ class Sampler:
       control = jax.lax.dynamic_slice_in_dim(control, first, plan.width * plan.block, axis=1)
       control = jnp.where(now.steps < 0, 0, control)
     state = begin(plan.layout, state, now, first_latents(dit, plan.layout, self.keys, now, given))
-    run = lambda state, first, last: iterate(dit, plan.layout, self.params, self.constants, self.text, self.scale,
-                                             self.keys, control, state, now, first, last)
+    conditions = Conditions(self.params, self.constants, self.text, self.scale, self.keys, control)
+    run = lambda state, first, last: iterate(dit, plan.layout, conditions, state, now, first, last)
     if self.guide is None:
       return run(state, 0, count)._replace(steps=state.steps + 1)
 
@@ -367,7 +364,7 @@ class Sampler:
     """
     plan, since, sampler = self.plan, seen_since(self.plan, segment), self
     if self.lengths is None and getattr(self.dit, "two_way", False):  # blocks that begin after the last one are unseen
-      sampler = self.replace(lengths=jnp.full(len(self.keys), num_blocks * plan.block))
+      sampler = dataclasses.replace(self, lengths=jnp.full(len(self.keys), num_blocks * plan.block))
 
     def body(state, _):
       state, block, _ = sampler._stepped(state, sampler._window(state, segment, since))

@@ -15,7 +15,7 @@ from motion_jax.models.mdm.goals import Stand, goals_of_block
 from motion_jax.models.mdm.options import MdmSampling
 from motion_jax.models.mdm.setup import NUM_PREFIXES, PREFIXES
 from motion_jax.models.mdm.stages import denoiser_shapes, no_goals, reads_stats
-from motion_jax.models.results import Motions, captions_in_a_row, make_motions
+from motion_jax.models.results import Motions, motions_of_prompts
 from motion_jax.models.shared.blocks import BlockModel, BlockState
 from motion_jax.models.shared.editing import EditingModel
 from motion_jax.models.shared.motion_errors import STATS
@@ -73,8 +73,7 @@ class MdmModel(EditingModel, MdmNetwork):
     """One pass: motions of prompts, a key each; sampling: choices of `MdmSampling`."""
     chosen = self.sampling(**sampling)
     made = self._sampled(prompts, frames, keys, chosen)
-    captions = [captions_in_a_row([prompt], [count], self.fps) for prompt, count in zip(prompts, frames)]
-    return make_motions(self, made, frames, captions, seeds, chosen.about() | dict(model=self.id), cleanup)
+    return motions_of_prompts(self, made, prompts, frames, seeds, chosen.about() | dict(model=self.id), cleanup)
 
   def _sampled(self, prompts, frames, keys, chosen, known=None, known_mask=None):
     """Normalized features (B, max_frames, F)."""

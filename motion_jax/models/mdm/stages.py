@@ -63,10 +63,9 @@ def denoiser_stage(config: ConfigDict) -> Stage:
       more["goals_mask"] = ~no_goal
     made = net.apply(params, ddpm.add_noise(schedule, x1, noise, t[:, None]), t, text, batch["text_mask"],
                      real if config.loss.mask_frames else None, prefix, **more)
-    joints = None
-    if weights.keys() & {"positions", "contacts"}:
-      whole = lambda x: x if prefix is None else jnp.concatenate([prefix, x], axis=1)
-      joints = tuple(joints_of(whole(x))[:, context:] for x in (made, x1))
+    whole = lambda x: x if prefix is None else jnp.concatenate([prefix, x], axis=1)
+    joints = (tuple(joints_of(whole(x))[:, context:] for x in (made, x1))
+              if weights.keys() & {"positions", "contacts"} else None)
     terms = mdm_terms(made, x1, real, weights, joints=joints, feet=feet)
     if plain.num_goals:
       terms["goals"] = goal_error(places(joints_of(made), layout), wanted, counts)

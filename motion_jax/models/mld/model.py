@@ -13,7 +13,7 @@ from motion_jax.models.base import TextToMotionModel
 from motion_jax.models.mld import sampling
 from motion_jax.models.mld.options import MldSampling
 from motion_jax.models.mld.stages import VAE, denoiser_shapes, frozen_shapes, reconstruct, vae_shapes
-from motion_jax.models.results import Motions, captions_in_a_row, make_motions
+from motion_jax.models.results import Motions, motions_of_prompts
 from motion_jax.models.shared.captioned_batches import NO_CAPTION
 from motion_jax.models.shared.round_trips import RoundTrip
 from motion_jax.nets.causal_vae import sample_latent
@@ -64,8 +64,7 @@ class MldModel(TextToMotionModel):
     real = padding_mask(jnp.asarray(frames), self.config.data.max_frames)  # one length for all, compiled once
     made = self._generate(self.plan_of(chosen), self.params, self.frozen.get(VAE), self.encoder(prompts)[0],
                           self.frozen[NO_CAPTION], real, chosen.guidance_scale, keys)
-    captions = [captions_in_a_row([prompt], [count], self.fps) for prompt, count in zip(prompts, frames)]
-    return make_motions(self, made, frames, captions, seeds, chosen.about() | dict(model=self.id), cleanup)
+    return motions_of_prompts(self, made, prompts, frames, seeds, chosen.about() | dict(model=self.id), cleanup)
 
   def reconstruct(self, features: Num[Array, "t f"]) -> Float[np.ndarray, "t f"]:
     """Features (T, F) through the VAE and back, by the mean of their latent."""

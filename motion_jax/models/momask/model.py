@@ -12,7 +12,7 @@ from motion_jax.latents import TOKENIZER, RvqCodec
 from motion_jax.models.momask import sampling as sampler
 from motion_jax.models.momask.options import MomaskSampling
 from motion_jax.models.momask.stages import masked_shapes, residual_shapes
-from motion_jax.models.results import Motions, captions_in_a_row, make_motions
+from motion_jax.models.results import Motions, motions_of_prompts
 from motion_jax.models.shared import length as lengths
 from motion_jax.models.shared import mask_schedule as masking
 from motion_jax.models.shared import round_trips
@@ -88,8 +88,7 @@ class MomaskModel(EditingModel):
     every = np.arange(self.max_latents) < np.array(frames)[:, None] // unit
     nothing = np.zeros((len(prompts), self.max_latents, self.config.quantizer.num_levels), np.int32)
     made, about = self._sampled(nothing, every, every, prompts, keys, sampling)
-    captions = [captions_in_a_row([prompt], [count], self.fps) for prompt, count in zip(prompts, frames)]
-    return make_motions(self, made, frames, captions, seeds, about, cleanup)
+    return motions_of_prompts(self, made, prompts, frames, seeds, about, cleanup)
 
   def inpainted(self, features: Sequence[np.ndarray], new: Sequence[np.ndarray], prompts: Sequence[str],
                 keys: jax.Array, sampling: dict[str, Any]) -> tuple[np.ndarray, dict[str, Any]]:

@@ -1,17 +1,16 @@
-"""Edits by methods that resample frames of a clip: which frames are new, what is decoded, and its motion."""
+"""Models that edit: frames of a clip are sampled again, and all frames are decoded."""
 import dataclasses
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import jax
 import numpy as np
 from jaxtyping import Bool, Float
 
-from motion_jax.data.clip import Caption
 from motion_jax.models import arguments
 from motion_jax.models.base import TextToMotionModel
 from motion_jax.models.keys import keys_of
-from motion_jax.models.results import Motion, Motions, features_of, make_motions
+from motion_jax.models.results import Motion, Motions, features_of, motions_of_prompts
 from motion_jax.models.shared import pasting
 from motion_jax.models.shared.known_motion import clip_of, on_our_body
 from motion_jax.motion.filling import runs_of
@@ -37,38 +36,6 @@ def padded_features(model: TextToMotionModel, features: Sequence[Float[np.ndarra
   return padded
 
 
-def decoded_edits(model: TextToMotionModel, fill: Callable[..., tuple[Any, dict[str, Any]]], clips: Sequence[Any],
-                  prompts: Sequence[str], new: Callable[[int], Bool[np.ndarray, " t"]], keys: jax.Array,
-                  seeds: Sequence[int | None], cleanup: bool, sampling: dict[str, Any], task: str = "spans") -> Motions:
-  """Clips whose frames new(num_frames) -> (T,) are sampled, all frames decoded, in one batch.
-
-  fill(features, new, prompts, keys, sampling) -> (normalized features (B, T, F), record of the sampling). meta["made"]
-  lists the new frames. The motion stands where the model begins; `shared.pasting` puts new frames into the clip itself.
-  """
-  layout, unit, most = model.stats.layout, model.frames_per_latent, model.config.data.max_frames
-  sources = [clip_of(clip, layout) for clip in clips]
-  features = [clip.features if clip is not one and clip.features is not None else
-              features_of(model, on_our_body(clip, model.fps, layout.skeleton)) for one, clip in zip(clips, sources)]
-  frames = [len(x) // unit * unit for x in features]
-  for count, x in zip(frames, features):
-    if not unit <= count <= most:
-      raise InputError(f"got a motion of {len(x)} frames at {model.fps:g} frames a second, expected {unit} to {most}; "
-                       "cut a part out of it")
-  flags = [new(count) for count in frames]
-  if not all(one.any() for one in flags):
-    raise InputError("everything is kept, so there is nothing to make; choose a span to change, or a shorter one to "
-                     "keep")
-  made, about = fill([x[:count] for x, count in zip(features, frames)], flags, prompts, keys, sampling)
-  captions = [(Caption(prompt),) for prompt in prompts]
-  motions = make_motions(model, made, frames, captions, seeds, about | dict(task=task), cleanup)
-  latents = edited_latents(flags, most // unit, unit)
-  runs = [[list(run) for run in runs_of(np.repeat(row, unit)[:count])] for row, count in zip(latents, frames)]
-  return dataclasses.replace(motions, motions=tuple(
-      motion.replace(id=clip.id, license=clip.license or model.license,
-                     meta=motion.meta | dict(edited=clip.source or clip.id, made=made_runs))
-      for motion, clip, made_runs in zip(motions, sources, runs)))
-
-
 class EditingModel(TextToMotionModel):
   """A model that samples new frames of a clip. A method implements `inpainted`."""
 
@@ -79,10 +46,16 @@ class EditingModel(TextToMotionModel):
     of new (T,) are sampled."""
     raise NotImplementedError(f"{type(self).__name__} has no `inpainted` (docs/adding.md)")
 
+  def new_frames(self, num_frames: int, task: str | None, keep: pasting.Spans | None, change: pasting.Spans | None
+                 ) -> Bool[np.ndarray, " {num_frames}"]:
+    """(num_frames,): the frames of whole latents that an edit samples, see `edits`."""
+    return pasting.requested_frames(num_frames, task, keep, change)
+
   def inpaint(self, features: Sequence[Float[np.ndarray, "_ f"]], new: Sequence[Bool[np.ndarray, " _"]],
               prompts: Sequence[str], keys: jax.Array, sampling: dict[str, Any]
               ) -> tuple[list[Float[np.ndarray, "_ f"]], dict[str, Any]]:
-    """(features (T, F) of each motion, not normalized, record of the sampling): see `inpainted`."""
+    """(features (T, F) of each motion, not normalized, record of the sampling): see `inpainted`. `shared.pasting` puts
+    the new frames into the clip that they belong to."""
     made, about = self.inpainted(features, new, prompts, keys, sampling)
     return [self.stats.denormalize(x[:len(given)]) for x, given in zip(made, features)], about
 
@@ -99,19 +72,47 @@ class EditingModel(TextToMotionModel):
             keep: pasting.Spans | None = None, change: pasting.Spans | None = None, rng: jax.Array | None = None,
             seeds: Iterable[int] | None = None, seed: int | None = None, cleanup: bool = False, **sampling: Any
             ) -> Motions:
-    """The paper's editing: clips with the chosen frames sampled from their prompts, all frames as the networks give
+    """The paper's editing: clips with the chosen frames sampled from their prompts, all frames as the networks decode
     them, in one batch.
 
     clips: of any source, joints (T, J, 3), or features (T, F), not normalized. New are a task of `utils.spans.TASKS`,
-    or spans to keep or to change, [(0, 30), ...] in frames of this model, the same in every clip. meta["made"] lists
-    the new frames. The motion stands where the model begins; `shared.pasting` puts new frames into the clip itself.
+    or spans to keep or to change, [(0, 30), ...] in frames of this model (`utils.spans.spans_of` reads "0:1.5s"), the
+    same in every clip. meta["made"] lists the new frames. The motion stands where the model begins, at the origin
+    facing +Z; `shared.pasting` puts new frames into the clip itself. sampling: choices of this method's `options`.
     """
+    # Parity: the released codes paste nothing back, either.
     prompts = self.prompts_of(prompts) if prompts else []
     if len(prompts) != len(clips) or not clips:
       raise InputError(f"got {len(prompts)} prompts for {len(clips)} clips; give one for each")
     if sum(choice is not None for choice in (task, keep, change)) != 1:
       raise InputError("say what to make by one of task, keep and change")
     keys, seeds = keys_of(rng, seeds, len(clips), seed)
-    return decoded_edits(self, self.inpainted, clips, prompts,
-                         lambda count: pasting.requested_frames(count, task, keep, change), keys, seeds, cleanup,
-                         sampling, task or "spans")
+    sources, features = zip(*map(self._source, clips))
+    new = [self.new_frames(len(x), task, keep, change) for x in features]
+    if not all(flags.any() for flags in new):
+      raise InputError("everything is kept, so there is nothing to make; choose a span to change, or a shorter one to "
+                       "keep")
+    made, about = self.inpainted(features, new, prompts, keys, sampling)
+    motions = motions_of_prompts(self, made, prompts, [len(x) for x in features], seeds,
+                                 about | dict(task=task or "spans"), cleanup)
+    return dataclasses.replace(motions, motions=tuple(
+        motion.replace(id=clip.id, license=clip.license or motion.license,
+                       meta=motion.meta | dict(edited=clip.source or clip.id, made=self._runs(flags)))
+        for motion, clip, flags in zip(motions, sources, new)))
+
+  def _source(self, clip):
+    """(the clip as a `Clip`, its features (T, F), not normalized, T cut to whole latents)."""
+    layout, unit, most = self.stats.layout, self.frames_per_latent, self.config.data.max_frames
+    source = clip_of(clip, layout)
+    features = source.features if source is not clip and source.features is not None else (
+        features_of(self, on_our_body(source, self.fps, layout.skeleton)))
+    count = len(features) // unit * unit
+    if not unit <= count <= most:
+      raise InputError(f"got a motion of {len(features)} frames at {self.fps:g} frames a second, expected {unit} to "
+                       f"{most}; cut a part out of it")
+    return source, features[:count]
+
+  def _runs(self, new):
+    """[[first, past], ...] of the latents with any new frame, in frames."""
+    unit = self.frames_per_latent
+    return [list(run) for run in runs_of(np.repeat(edited_latents([new], len(new) // unit, unit)[0], unit))]

@@ -13,7 +13,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from motion_jax.motion.filling import in_spans
 from motion_jax.shapes import Array
 from motion_jax.utils.spans import TASKS
 
@@ -144,14 +143,3 @@ def task_mask(task: str, num_frames: Sequence[int] | Int[Array, " b"], length: i
   if task == "outpainting":
     return inside(zero, quarter) | inside(total - quarter, total)
   return inside(half, total) if task == "prefix" else inside(zero, half)
-
-
-def kept_mask(spans: Sequence[Sequence[int]], num_frames: int, length: int, frames_per_latent: int = 4
-              ) -> Bool[np.ndarray, " {length}"]:
-  """(L,): the latents to resample when spans [(first, past), ...] of frames are kept, of a motion of num_frames.
-
-  A latent is kept if all its frames are.
-  """
-  total = num_frames // frames_per_latent
-  kept = in_spans(spans, num_frames)[:total * frames_per_latent].reshape(total, frames_per_latent).all(-1)
-  return np.append(~kept, np.zeros(length - total, bool))

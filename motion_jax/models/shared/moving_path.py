@@ -1,15 +1,17 @@
-"""The path of a motion that comes in pieces: each begins where the one before ended."""
-from typing import NamedTuple
+"""The root path of a motion that comes in pieces: each piece begins where the previous one ends."""
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
 from motion_jax.motion import rotations as rot
-from motion_jax.motion.representations import Representation, root_path, to_joints
+
+if TYPE_CHECKING:
+  from motion_jax.motion.representations import Representation
 
 
 class Path(NamedTuple):
-  """Where a stream has got to: the last row of features, its heading (4,) and its place (3,)."""
+  """End of a stream so far: the last row of features (1, F), its heading (4,) and its place (3,)."""
   row: np.ndarray
   heading: np.ndarray
   place: np.ndarray
@@ -20,18 +22,18 @@ def heading_of(path: Path) -> float:
   return float(-2 * np.arctan2(path.heading[2], path.heading[0]))
 
 
-def continue_path(features: Float[np.ndarray, "n f"], past: Path | None, layout: Representation
+def continue_path(features: Float[np.ndarray, "n f"], past: Path | None, layout: "Representation"
                   ) -> tuple[Float[np.ndarray, "n j 3"], Path]:
-  """Joints (n, J, 3) of the next rows of a stream (n, F), going on from where the last ones ended -> (joints, past).
+  """Joints (n, J, 3) of the next rows of a stream (n, F), continued from the end of the last ones: (joints, end).
 
   Heading and place are summed in float64: after an hour's walk they are as exact as at the start. jax arrays keep
   their type.
   """
   xp = rot.namespace(features)
   rows = features if past is None else xp.concatenate([past.row, features])
-  joints = to_joints(rows, layout)
+  joints = layout.to_joints(rows)
   joints = joints.astype(np.float64) if xp is np else joints
-  heading, path = root_path(rows, layout)
+  heading, path = layout.root_path(rows)
   ground = xp.asarray([1, 0, 1], path.dtype)
   if past is not None:
     # Seen from the row that old and new rows share: in some layouts a row holds the step to it.

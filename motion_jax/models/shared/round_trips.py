@@ -10,8 +10,6 @@ import jax
 from ml_collections import ConfigDict
 
 from motion_jax.latents import AutoencoderCodec, RvqCodec, VaeCodec
-from motion_jax.models.shared.autoencoders import autoencoder_shapes
-from motion_jax.nets.autoencoder import Autoencoder
 from motion_jax.nets.causal_vae import CausalVAE
 from motion_jax.nets.masks import padding_mask
 from motion_jax.shapes import Array
@@ -39,6 +37,8 @@ def causal_vae(fields: dict[str, Any], config: ConfigDict) -> RoundTrip:
 
 def autoencoder(fields: dict[str, Any], config: ConfigDict) -> RoundTrip:
   """Of a `nets.Autoencoder` with continuous latents."""
+  from motion_jax.models.shared.autoencoders import autoencoder_shapes
+  from motion_jax.nets.autoencoder import Autoencoder
   net = Autoencoder(**fields)
   unit = net.frames_per_latent
 
@@ -50,6 +50,8 @@ def autoencoder(fields: dict[str, Any], config: ConfigDict) -> RoundTrip:
 
 def rvq(fields: dict[str, Any], config: ConfigDict) -> RoundTrip:
   """Of an RVQ-VAE: a `nets.Autoencoder` with the codebooks of config.quantizer."""
+  from motion_jax.models.shared.autoencoders import autoencoder_shapes
+  from motion_jax.nets.autoencoder import Autoencoder
   net = Autoencoder(**fields)
   return RoundTrip(autoencoder_shapes(net, config.quantizer), lambda params, x, num_frames, keys: RvqCodec(
       net, params).reconstruct(x, padding_mask(num_frames, x.shape[1])))

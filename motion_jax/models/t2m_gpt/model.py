@@ -10,7 +10,7 @@ import numpy as np
 from motion_jax.control.signal import ControlSignal
 from motion_jax.latents import TOKENIZER, RvqCodec
 from motion_jax.models.base import Frames, TextToMotionModel
-from motion_jax.models.results import Motions, captions_in_a_row, make_motions
+from motion_jax.models.results import Motions, motions_of_prompts
 from motion_jax.models.shared import round_trips
 from motion_jax.models.shared.autoencoders import autoencoder_shapes
 from motion_jax.models.t2m_gpt import sampling as sampler
@@ -60,8 +60,7 @@ class T2mGptModel(TextToMotionModel):
     made, num_codes = self._generate(chosen.draw, self.params, self.codec.params, self.encoder(prompts)[0][:, 0], keys,
                                      jnp.asarray(fewest), jnp.asarray(most), jnp.float32(chosen.temperature))
     frames = [int(count) * unit for count in np.asarray(num_codes)]
-    captions = [captions_in_a_row([prompt], [count], self.fps) for prompt, count in zip(prompts, frames)]
-    return make_motions(self, made, frames, captions, seeds, chosen.about() | dict(model=self.id), cleanup)
+    return motions_of_prompts(self, made, prompts, frames, seeds, chosen.about() | dict(model=self.id), cleanup)
 
 
 MODELS = {"t2m_gpt.gpt": T2mGptModel}

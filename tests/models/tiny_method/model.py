@@ -4,7 +4,7 @@ from functools import partial
 import jax
 
 from motion_jax.models.base import TextToMotionModel
-from motion_jax.models.results import Motions, captions_in_a_row, make_motions
+from motion_jax.models.results import Motions, motions_of_prompts
 from motion_jax.utils import cache
 from motion_jax.utils.config_files import module_fields
 from tests.models.tiny_method.options import TinySampling
@@ -24,8 +24,7 @@ class TinyModel(TextToMotionModel):
     """One pass: motions of prompts, a key each; sampling: choices of `TinySampling`."""
     chosen = self.sampling(**sampling)
     made = self.compiled(max(frames), self.params, self.encoder(prompts)[0], chosen.guidance_scale, chosen.spread, keys)
-    captions = [captions_in_a_row([prompt], [count], self.fps) for prompt, count in zip(prompts, frames)]
-    return make_motions(self, made, frames, captions, seeds, chosen.about() | dict(model=self.id), cleanup)
+    return motions_of_prompts(self, made, prompts, frames, seeds, chosen.about() | dict(model=self.id), cleanup)
 
 
 def _generate(net, num_frames, params, words, scale, spread, keys):
