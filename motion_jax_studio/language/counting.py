@@ -4,7 +4,6 @@ import re
 from motion_jax.text.morphology import is_participle, present_participle
 from motion_jax_studio.language import lexicon
 from motion_jax_studio.language.meaning import pace_of
-from motion_jax_studio.language.rule import Rule
 
 _NUMBER = r"(\d+(?:\.\d+)?|" + "|".join(lexicon.NUMBERS) + r")"
 _TIMES = re.compile(r"(?i)(?<!than )(?<!at )\b(once|twice|thrice)\b(?! as| more| again)|"
@@ -90,22 +89,3 @@ def _number(word):
 def without(text, found):
   """The text without the words that a regular expression found."""
   return (text[:found.start()].rstrip() + " " + text[found.end():].lstrip()).strip()
-
-
-RULES = (
-    Rule("Repetitions", "\"twice\", \"three times\", \"a couple of times\": the action is repeated.", {
-        "a person jumps twice": "jumps 2 times",
-        "a person waves twice and then claps three times": "waves 2 times | claps 3 times",
-        "a person jumps a couple of times": "jumps 2 times"}),
-    Rule("Duration", "\"for five seconds\", \"for half a minute\": the segment lasts this long.", {
-        "a person walks for five seconds, then runs for 2.5 s": "walks [5] | runs [2.5]",
-        "a person walks for half a minute": "walks [30]"}),
-    Rule("Counted steps", "Each step takes 0.55 s (0.65 s backward), quick ones three quarters of that, slow ones 1.4 "
-         "times as much; a body with nothing else to do stands still after them. \"Steps forward\" is one step.", {
-             "a person takes two steps forward and one step back":
-                 "walks forward [1.1] | walks backward [0.8] | stands still",
-             "a person walks forward five steps, then turns around": "walks forward five steps [2.75] | turns around",
-             "someone takes two steps to the left and waves": "walks sideways to the left [1.1] | waves",
-             "a man steps forward and bows": "walks forward [0.8] | bows",
-             "a person takes three quick steps forward, then waves": "walks forward quickly [1.24] | waves"}),
-)

@@ -11,7 +11,6 @@ from motion_jax.text.morphology import present_participle, verb_of
 from motion_jax_studio.language import lexicon
 from motion_jax_studio.language.counting import without_times
 from motion_jax_studio.language.meaning import pace_of
-from motion_jax_studio.language.rule import Rule, first_match
 
 _DIAGONAL = re.compile(r"(?:straight )?(ahead|forwards?|back|backwards?) and to (?:the|his|her|their) (left|right) ?,? "
                        r"(?:without (?:ever )?turning|without a turn|(?:while |still )?facing (?:forwards?|ahead))"
@@ -43,7 +42,8 @@ class Reworded(NamedTuple):
 
 def reworded(verb: str, words: Sequence[str]) -> Reworded | None:
   """The action that a verb and the words after it mean, None where no rule applies ("does a front kick")."""
-  return first_match(RULES, verb, words, [word.lower() for word in words])
+  lower = [word.lower() for word in words]
+  return next((action for rule in _RULES if (action := rule(verb, words, lower)) is not None), None)
 
 
 def _action(verb, words, times=1):
@@ -168,43 +168,5 @@ def _number_in_front(words):
   return (3, words[2:]) if words[1:2] == ["few"] else (1, words[1:])
 
 
-RULES = (
-    Rule("Diagonal walk", "Going ahead and to a side without turning is walking diagonally.", {
-        "someone walks ahead and to the left without turning": "walks diagonally forward to the left",
-        "she goes forward and to the right, facing ahead": "goes diagonally forward to the right"}, _walk_diagonally),
-    Rule("Starting posture", "The body takes the posture first.", {
-        "someone starts in a seated position, then stands up and walks": "sits | stands up | walks",
-        "a person starts from standing and sits down": "stands still | sits down",
-        "a person bends over and returns to a standing position": "bends over | stands still"}, _start_in_a_posture),
-    Rule("Coming to a stop", "The body stands still.", {
-        "someone walks ahead, then comes to a stop": "walks ahead | stands still"}, _come_to_a_stop),
-    Rule("Kick or punch with a side", "The side names the leg or the hand.", {
-        "a person kicks right twice": "kicks with the right foot 2 times"}, _strike_with_explicit_side),
-    Rule("Hands up", "Putting the hands up is raising them.", {
-        "she puts her hands up": "raises both hands",
-        "someone puts up the left hand": "raises the left hand"}, _put_hands_up),
-    Rule("Side steps", "Stepping to a side is walking sideways.", {
-        "a man side steps to the left": "walks sideways to the left",
-        "someone takes side steps to the right, then waves": "walks sideways to the right | waves",
-        "a person steps sideways to their right": "walks sideways to the right"}, _side_steps),
-    Rule("Stretching", "Stretching that names no limb is of both arms, up.", {
-        "a person stretches, then walks": "stretches both arms up | walks",
-        "raising the hands above the head and stretching": "raises the hands above the head | stretches both arms up",
-        "a person is standing and stretching": "stands + stretches both arms up"}, _stretch),
-    Rule("Motion of an action", "A motion, movement or gesture of an action is that action.", {
-        "a person makes a waving motion with the left arm": "waves with the left arm"}, _motion_of_an_action),
-    Rule("Steps at a pace", "Taking slow or quick steps is walking at that pace.", {
-        "the person takes slow steps ahead": "walks forward slowly",
-        "a person takes quick steps backward": "walks backward quickly"}, _steps_at_a_pace),
-    Rule("Noun of an action", "The noun names the action, a number or an article the repetitions, a side the limb, "
-         "an adjective the pace.", {
-        "someone takes two bows": "bows 2 times",
-        "someone walks ahead and takes a seat": "walks ahead | sits down",
-        "a person walks, takes a rest and walks back": "walks | stands still | walks back",
-        "a person does three squats and then waves": "squats 3 times | waves",
-        "a man goes for a brisk walk": "walks quickly",
-        "a person does a 180 degree turn": "turns 180 degrees",
-        "a man walks and does a 180": "walks | turns 180 degrees",
-        "she does a forward kick with her left leg": "kicks forward with her left leg",
-        "she throws a left punch": "punches with the left hand"}, _noun_of_an_action),
-)
+_RULES = (_walk_diagonally, _start_in_a_posture, _come_to_a_stop, _strike_with_explicit_side, _put_hands_up, _side_steps,
+          _stretch, _motion_of_an_action, _steps_at_a_pace, _noun_of_an_action)
