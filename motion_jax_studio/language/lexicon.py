@@ -171,7 +171,7 @@ UP = set("air sky".split())  # "raises a hand to the sky"
 BENT_BODY = {"over", "forward", "forwards", "down", "waist"}  # "bends over"
 TURNING = {"turn", "spin", "pivot", "rotate"}
 STEPPING = {"step", "take", "move", "slide", "sidestep", "go"}  # verbs that may lead to a side, beside walking
-IN_PLACE = re.compile(r"\b(?:in|on) (?:place|the spot|one spot)\b")
+IN_PLACE = "in place, on place, in spot, on spot, in one spot, on one spot"
 STRIKES, FISTS = {"strike", "hit"}, {"fist", "fists"}
 # Words that take a dance to another place.
 ELSEWHERE = {"across", "along", "around", "away", "backward", "backwards", "circle", "circles", "forward", "forwards",

@@ -2,7 +2,6 @@
 from collections.abc import Sequence
 
 from motion_jax_studio.language.hand_places import HandPlace, places_of
-from motion_jax_studio.language.leaning import lean_of
 from motion_jax_studio.language.segments import Action, Segment
 
 
@@ -11,5 +10,5 @@ def postures_of(segments: Sequence[Segment]) -> list[tuple[Action, HandPlace | N
   hands = [(action, place) for own in places_of(segments) for action, place in own
            if place.alone and (action.part == "arms" or not action.verb or place.flows)]
   leans = [(action, None) for segment in segments for action in (segment.action, *segment.simultaneous)
-           if lean_of(action)]
+           if action.lean]
   return [*hands, *leans]
