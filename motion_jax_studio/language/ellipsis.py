@@ -10,13 +10,13 @@ from motion_jax_studio.language.clause import Clause, lower
 from motion_jax_studio.language.counting import without_times
 from motion_jax_studio.language.light_verbs import reworded
 from motion_jax_studio.language.meaning import is_a
+from motion_jax_studio.language.words import said
 
-_PACE = re.compile(
-    r"(?:(?:gradually|suddenly|then|slowly|quickly|abruptly) )?(?:(?P<slower>slows?|decelerates?|(?:(?:goes|gets) )?"
-    r"slower)|speeds?|accelerates?|(?:(?:goes|gets) )?faster|picks up (?:the |some )?(?:pace|speed))"
-    r"(?: up| down)?(?: (?:gradually|suddenly|a bit|a little|again))?(?: (?:in)?to an? (?P<gait>walk|run|jog|sprint))?")
+_SLOWER, _FASTER = {"slow", "slows", "decelerates", "slower"}, {"speed", "speeds", "accelerates", "faster", "pace"}
+_PACE_WORDS = _SLOWER | _FASTER | set("goes gets up down gradually suddenly then slowly quickly abruptly picks again "
+                                      "some bit little to into walk run jog sprint".split())
 _SHAPE = re.compile(r"(?i)sideways\b|(?:in|along) an? (?:\w+ )?(?:circle|loop|arc|curve|semicircle|spiral)\b")
-_CONTINUE = re.compile(r"(?:goes|moves|carries) on|keeps going|continues|resumes|proceeds")
+_CONTINUE = {"goes on", "moves on", "carries on", "keeps going", "continues", "resumes", "proceeds"}
 
 
 def completed(done, kind, tokens, clause):
@@ -65,19 +65,18 @@ def _with_words(previous, words):
 
 def _continuing(done, kind, tokens):
   gait = next((one for one in reversed(done) if _is_gait(one.verb)), None)
-  continues = gait is not None and _CONTINUE.fullmatch(" ".join(lower(tokens)))
+  continues = gait is not None and " ".join(lower(tokens)) in _CONTINUE
   return gait._replace(before=[], subject=[]) if continues else None
 
 
 def _change_of_pace(done, kind, tokens):
-  previous, found = done[-1], _PACE.fullmatch(" ".join(lower(tokens)))
-  if found is None or not _is_gait(previous.verb):
+  previous, words = done[-1], set(said(tuple(lower(tokens))).split())
+  if not words & (_SLOWER | _FASTER) or not words <= _PACE_WORDS or not _is_gait(previous.verb):
     return None
-  if found["gait"]:
-    return Clause([], [], found["gait"], found["gait"], [])
-  words = " ".join(previous.words).replace(" at first", "").split()
-  words = [word for word in words if not word.lower().endswith("ly") and word.lower() != "fast"]
-  return _with_words(previous, [*words, "slowly" if found["slower"] else "quickly"])
+  if gait := words & {"walk", "run", "jog", "sprint"}:
+    return Clause([], [], *2 * [*gait], [])
+  kept = " ".join(word for word in previous.words if not word.lower().endswith("ly") and word.lower() != "fast")
+  return _with_words(previous, [*f" {kept}".replace(" at first", "").split(), "slowly" if words & _SLOWER else "quickly"])
 
 
 def _further_steps(done, kind, tokens):

@@ -9,7 +9,7 @@ from motion_jax_studio.language.words import before, first_of, said, says, token
 _BOTH = ("left", "right")
 _WHOSE = lexicon.POSSESSIVES | {"of", "the", "both", "a", "an", "one"}
 _LIMBS = {limb + ending for limb in ("arm", "hand", "palm") for ending in ("", "s")}
-_PARTICLES = {"up", "out", "down", "back", "together", "forward", "forwards"}  # between a verb and a limb: "puts up a hand"
+_PARTICLES = {"up", "out", "down", "back", "together", "forward", "forwards"}  # "puts up a hand"
 _OUTWARD = {"up", "out", "forward", "forwards", "above", "over", "overhead"}   # after "reaches"
 _ENDS = {",", "and", "then", "while", "as", "with", "before", "after"}  # of what is said of a limb
 _GOES_ON = {"up", "down", "back", "forth"}  # after "and": "up and down"
@@ -36,8 +36,9 @@ _PLACES = (
     ("chest", "@ chest, @ heart"),
     ("front", "front"),
     ("side", "sideways, horizontally, apart, wide, shoulder-level, shoulder-height, level with shoulders"))
-_ASIDE = "on side, on sides, to side, to sides, at side, at sides, by side, by sides, to left, to right, on left, on right"
-_RAISED = "out*, stretch*, spread*, rais*, extend*, lift*"  # with these words _ASIDE is up there, without them it is down
+_ASIDE = ("on side, on sides, to side, to sides, at side, at sides, by side, by sides, to left, to right, on left, "
+          "on right")
+_RAISED = "out*, stretch*, spread*, rais*, extend*, lift*"  # hands that are _ASIDE by these are up
 _OTHER_PLACES = (
     ("down", "at side, at sides, to side, to sides, by side, by sides, beside side, beside sides"),
     ("front", "forward, forwards, ahead, before him, before her, before it, before them, level, height"),
@@ -54,7 +55,8 @@ _BRINGS = _KEEPS | set("raise lift stretch extend reach spread lower drop put pl
 _RUBS = {"scratch", "rub", "wipe"}
 _TOUCHES = {"touch", "cover", "hold", "grab", "clutch"} | _RUBS
 _RUBBED = {"head": "ear", "ear": "head", "face": "head", "stomach": "chest", "chest": "stomach"}
-_TO_THE_HEAD = (("ear", "to ear, at ear, near ear"), ("face", "to mouth, to face, to lips, at mouth, at face, near face"))
+_TO_THE_HEAD = (("ear", "to ear, at ear, near ear"),
+                ("face", "to mouth, at mouth, to lips, to face, at face, near face"))
 _AT_THE_HEAD = {"salute": "head", "drink": "face", "sip": "face", "eat": "face"}
 # Places in a row, each with the seconds in which it is reached, for gestures of one hand and of both.
 _BEAT = 0.3
@@ -88,9 +90,10 @@ class HandPlace(NamedTuple):
   again: bool = False  # of the hands of an action before it, if there is one: "lowers them"
 
 
-class _Limb(NamedTuple):
+class Limb(NamedTuple):
   """What words say of a limb: its sides, () where they do not say which, the words before and after it."""
   sides: tuple[str, ...]
+  thing: str  # "hands"
   before: tuple[str, ...]
   after: tuple[str, ...]
   start: int
@@ -98,7 +101,7 @@ class _Limb(NamedTuple):
   ends: bool  # whether that is all of the words
 
 
-def _limb_at(words, at):
+def limb_at(words: tuple[str, ...], at: int) -> Limb | None:
   """The limb that begins at a place, "both outstretched arms"; None where none does."""
   start, several, how, side = at, False, (), ()
   while at < len(words) and words[at] in _WHOSE:
@@ -111,13 +114,14 @@ def _limb_at(words, at):
     return None
   after = _until_end(words[at + 1:])
   end = at + 1 + len(after)
-  return _Limb(_BOTH if several or words[at].endswith("s") else side, how, after, start, end, end == len(words))
+  return Limb(
+      _BOTH if several or words[at].endswith("s") else side, words[at], how, after, start, end, end == len(words))
 
 
 def _limb_beside(words):
   """The limb that words name beside an action: "with the arms out", ", hands on hips", "has a hand raised"."""
   places = (at + 1 for at, word in enumerate((",", *words)) if word in (",", "with", "has", "have", "had"))
-  return next((limb for at in places if (limb := _limb_at(words, at - 1))), None)
+  return next((limb for at in places if (limb := limb_at(words, at - 1))), None)
 
 
 def _place_of(words, sides):
@@ -177,7 +181,7 @@ def hand_place_of(verb: str, part: str, sides: tuple[str, ...], times: int, text
 def _hands_brought(verb, form, rest, sides):
   """Where an action that brings hands somewhere has them, with the form of its verb and the words after it."""
   particle = rest[:1] if rest and rest[0] in _PARTICLES else ()
-  if limb := _limb_at(rest, len(particle)) or _limb_at(rest, 0):
+  if limb := limb_at(rest, len(particle)) or limb_at(rest, 0):
     return _brought((*form, *limb.before, *particle, *limb.after), limb.sides, verb in _KEEPS, limb.ends)
   if verb == "reach" and rest and (rest[0] in _OUTWARD or rest[:2] == ("in", "front")):
     return _brought(("reaches", *_until_end(rest)), sides or ("right",), alone=False)

@@ -5,7 +5,7 @@ from typing import NamedTuple
 from motion_jax.text.morphology import is_participle
 from motion_jax_studio.language import lexicon
 from motion_jax_studio.language.hand_places import without_hands
-from motion_jax_studio.language.words import before, first_of, said, says, tokens
+from motion_jax_studio.language.words import before, first_of, said, tokens
 
 _VERBS = {"lean", "sway", "tilt", "rock", "slouch", "slump", "hunch"}
 _SWAYING = {"sway", "rock"}

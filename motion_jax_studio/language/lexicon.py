@@ -63,7 +63,7 @@ PATH_NOUNS = {"u-turn", "circle", "circles", "figure-eight", "loop", "zigzag", "
 
 # --- when -------------------------------------------------------------------------------------------------------------
 
-SIMULTANEOUS = ("at the same time", "simultaneously", "at once", "meanwhile")
+SIMULTANEOUS = {"at the same time", "simultaneously", "at once", "meanwhile"}
 PAUSE_SECONDS = {"a moment": 1.0, "a while": 4.0, "a long time": 6.0}
 SHORT_TIMES = set("for a little short long while moment bit time second".split())  # "for a little while"
 NOT_A_CONNECTOR_AFTER_AS = ("if", "though", "well", "a", "an")

@@ -14,7 +14,7 @@ from motion_jax.text.morphology import is_participle, is_past, third_person, ver
 from motion_jax_studio.language import actions, lexicon
 from motion_jax_studio.language.clause import lower
 from motion_jax_studio.language.clauses import clauses_of, fragments_of, parts_of
-from motion_jax_studio.language.counting import without
+from motion_jax_studio.language.hand_places import without_hands
 from motion_jax_studio.language.lexicon import HOLD, PAUSE
 from motion_jax_studio.language.meaning import Meanings, is_a, translated
 from motion_jax_studio.language.ordering import in_order, subject_of
@@ -28,9 +28,6 @@ _TURN_TO_A_SIDE = re.compile(r"(?:\w+ly )?(?:turns?|walks? and makes? a) (?:\w+l
 _WAY_BACK = re.compile(r"((?:\w+ly )?\w+) back\b(?!wards?\b| and forth)"
                        r"(?: (?:to|the way|where|towards?|in the)\b.*)?")
 _NOT_FORWARD = frozenset("backward backwards back sideways turns turn circle around diagonally".split())
-_HANDS_UP = re.compile(r"\bwith (?:(?:his|her|their|its|the|a|an|one|both) )*((?:left |right )?)(hands?|arms?) "
-                       r"(?:(?:held|stretched|lifted) )?(?:raised|lifted|up|in the air|high|overhead|"
-                       r"(?:above|over) (?:(?:his|her|their|the) )?head)(?: (?:up|high|in the air))?\b")
 
 
 def parse(text: str, known: Callable[[str], bool] | None = None, meanings: Meanings | None = None) -> Plan:
@@ -121,8 +118,7 @@ def _segment(group, subject):
   found = []
   for clause in ordered:
     action = _action(clause, subject)
-    hands = _HANDS_UP.search(action.words.lower()) if action.part == "legs" else None
-    found += [action] if hands is None else _with_hands_up(action, hands)
+    found += _with_hands_up(action) if action.part == "legs" and action.hands else [action]
   seconds = [clause.seconds for clause in ordered if clause.seconds is not None]
   if not seconds and found[0].words in (PAUSE, HOLD):
     words = " ".join(lower(ordered[0].words))
@@ -130,12 +126,13 @@ def _segment(group, subject):
   return Segment(found[0], tuple(found[1:]), seconds[0] if seconds else None)
 
 
-def _with_hands_up(action, hands):
+def _with_hands_up(action):
   """The action without "with the right hand raised", and the raised hand as a pose."""
-  words, side, several = without(action.words, hands), hands[1].strip(), hands[2].endswith("s")
-  raised = f"raises the {side} hand" if side else "raises both hands" if several else "raises a hand"
-  sides = (side,) if side else ("left", "right") if several else ()
-  return [action._replace(words=words, prompt=f"{action.subject} {words}"),
+  prompt, sides = without_hands(action.prompt), action.hands.sides
+  if action.hands.place != "up" or not action.hands.at_once or prompt == action.prompt:
+    return [action]
+  raised = "raises both hands" if len(sides) == 2 else f"raises the {sides[0]} hand"
+  return [action._replace(words=prompt.removeprefix(f"{action.subject} "), prompt=prompt),
           Action(f"{action.subject} {raised}", raised, "arms", sides, is_pose=True, subject=action.subject)]
 
 

@@ -11,7 +11,8 @@ from motion_jax_studio.language.words import before, first_of, said, says, token
 _BESIDE = set(", with while starting leading dragging leaning kicking waving looking".split())  # end the path's words
 _SIZES = set("full whole complete big small large wide tight little single few one two three".split())
 _SHAPES = (  # the first that is said; "" is no shape
-    ("", "quarter, quarters, half way, half-way, halfway, degree, degrees, and half, circle of, clockwise from, counterclockwise from"),
+    ("", "quarter, quarters, half way, half-way, halfway, degree, degrees, and half, circle of, clockwise from, "
+         "counterclockwise from"),
     ("u-turn", "u-turn*, half circle*"),
     ("zigzag", "zigzag*"),
     ("figure-eight", "figure-eight*"),

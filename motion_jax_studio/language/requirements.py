@@ -15,7 +15,8 @@ COUNTED = {"kick", "punch", "jump", "hop", "squat", "bow"}  # events of which ea
 _DEGREES = (((290, 430), "full, all, fully, completely"), ((40, 140), "corner"), ((290, math.inf), "circle, circles"),
             ((130, 230), "around, round, about, back"), ((40, 140), "left, right"))
 _NEAR = 40
-_ON_FOOT = "on leg, on foot, on one leg, on one foot, on left leg, on left foot, on right leg, on right foot, on other leg"
+_ON_FOOT = ("on leg, on foot, on one leg, on one foot, on left leg, on left foot, on right leg, on right foot, "
+            "on other leg")
 # "turns on his lamp", but not "turns on the spot", "turns on his left heel", "turns off to the left".
 _NO_LAMP = set("to spot place ball balls heel heels toe toes foot feet leg legs side sides back stomach way".split())
 _TURNING = (("left", "turns left, turning left, turns to left, turning to left, left turn"),
@@ -43,8 +44,8 @@ def requirements_of(actions: Sequence[Action], text: str) -> list[Requirement]:
   shapes = path_shapes_of(actions)
   climbs = {_climbs(action) for action in actions} - {""}
   climbs = climbs if len(climbs) == 1 else ()  # up and down again: neither can be measured
-  shown = *((kind, "") for kind in _states(actions)), *shapes, *((kind, "") for kind in climbs), *_places(actions, shapes)
-  required = {key: Requirement(*key, 1, False) for key in shown}
+  states, climbs = ([(kind, "") for kind in kinds] for kinds in (_states(actions), climbs))
+  required = {key: Requirement(*key, 1, False) for key in (*states, *shapes, *climbs, *_places(actions, shapes))}
   for action in actions:
     if is_a(action.verb, "run") and not action.is_pose:
       required["run", ""] = Requirement("run", "", 1, False)
@@ -174,7 +175,8 @@ def once(requirements: Sequence[Requirement]) -> list[Requirement]:
 def _degrees_of(text):
   """(least, most) degrees of a turn by its words, None where they give none."""
   words = text.replace("°", " degrees ").split()
-  number = next((float(word) for word, unit in zip(words, words[1:]) if word.isdigit() and unit.startswith("degree")), 0)
+  number = next((float(word) for word, unit in zip(words, words[1:])
+                 if word.isdigit() and unit.startswith("degree")), 0)
   tolerance = max(_NEAR, number / 5)
   return (number - tolerance, number + tolerance) if number else first_of(_DEGREES, text)
 

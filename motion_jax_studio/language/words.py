@@ -2,7 +2,7 @@
 
 A table gives for each value the phrases that say it, in the order in which they count:
 
-  first_of((("down", "to sides, at sides"), ("out", "out, extend*")), said("holds the arms out at his sides"))  ->  "down"
+  first_of((("down", "at sides"), ("out", "out, extend*")), said("holds the arms out at his sides"))  ->  "down"
 
 Phrases are whole words without articles and possessives; a last "*" stands for any ending.
 """
