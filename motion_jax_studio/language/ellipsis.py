@@ -76,7 +76,8 @@ def _change_of_pace(done, kind, tokens):
   if gait := words & {"walk", "run", "jog", "sprint"}:
     return Clause([], [], *2 * [*gait], [])
   kept = " ".join(word for word in previous.words if not word.lower().endswith("ly") and word.lower() != "fast")
-  return _with_words(previous, [*f" {kept}".replace(" at first", "").split(), "slowly" if words & _SLOWER else "quickly"])
+  pace = "slowly" if words & _SLOWER else "quickly"
+  return _with_words(previous, [*f" {kept}".replace(" at first", "").split(), pace])
 
 
 def _further_steps(done, kind, tokens):

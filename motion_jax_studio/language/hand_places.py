@@ -237,20 +237,23 @@ def without_hands(text: str) -> str:
   return " ".join(rest).replace(" ,", ",") if len(rest) > 2 else text
 
 
-def places_of(segments: Sequence[Any]) -> list[list[tuple[Any, HandPlace]]]:
-  """Where the actions of each of some segments have hands; hands that another action of a segment moves have none."""
-  places: list[list[tuple[Any, HandPlace]]] = []
+def places_of(segments: Sequence[Any]) -> list[dict[int, HandPlace]]:
+  """Where the actions of each of some segments have hands, by the number of the action in its segment.
+
+  Hands that another action of the segment moves are in no place.
+  """
+  places: list[dict[int, HandPlace]] = []
   last: tuple[str, ...] | None = None  # hands of an action before
   for segment in segments:
-    actions, placed, busy = (segment.action, *segment.simultaneous), [], set()
-    for action in actions:
+    placed, busy = {}, set()
+    hands = [action.sides for action in segment.actions if action.part == "arms" and action.sides]
+    for number, action in enumerate(segment.actions):
       place = action.hands
       if place and (last is not None or not place.again):
         sides = place.sides or last or ("right",)
-        placed.append((action, place._replace(sides=sides, place=_resolved(place.place, sides))))
+        placed[number] = place._replace(sides=sides, place=_resolved(place.place, sides))
       elif action.part == "arms":
         busy |= set(action.sides or _BOTH)
-    places.append([row for row in placed if busy.isdisjoint(row[1].sides)])
-    hands = [action.sides for action in actions if action.part == "arms" and action.sides]
-    last = places[-1][-1][1].sides if places[-1] else hands[-1] if hands else last
+    places.append({number: place for number, place in placed.items() if busy.isdisjoint(place.sides)})
+    last = [*places[-1].values()][-1].sides if places[-1] else hands[-1] if hands else last
   return places

@@ -24,6 +24,8 @@ _SIDES = (("left", "left, counterclockwise"), ("right", "right, clockwise"))
 _TURNING = (("left", "turning left, turning to left"), ("right", "turning right, turning to right"))
 _TURNS = ("turn", "spin")
 _A_CIRCLE = r"(?i)\bcircles?\b(?! of| around| to)"
+_NO_COURSE = "sideways, circle, circles, turn*, u-turn, arc, curv*, diagonal*, zigzag, from"  # words of paths of another shape
+_SIDED = {"foot", "leg", "hand", "arm"}
 # Words of a walk whose usual pace is another one, or that changes its pace.
 _OTHERWISE = "back, backward, backwards, sideways, diagonal, diagonally, normal"
 _CHANGES = "first, faster, slower, speed*, slows, slowing, gradually, stop, stops"
@@ -78,6 +80,20 @@ def shapes_of(verb: str, text: str) -> tuple[PathShape, ...]:
 def _side_of(path, whole):
   sides = [side for side, phrases in _SIDES if says(path, phrases)]
   return sides[0] if len(sides) == 1 else "" if sides else first_of(_TURNING, whole, "")
+
+
+def course_of(verb: str, part: str, text: str) -> str | None:
+  """The side that a walk leads to, "" for a walk elsewhere, None for other actions."""
+  if not is_gait(verb) and verb not in ("go", "move") or part not in ("legs", "body", ""):
+    return None
+  if says(said(text), _NO_COURSE):
+    return ""
+  words = [word for word in said(text).split() if not word.endswith("ly")]
+  for way, side, thing in zip(words, words[1:], [*words[2:], ""]):
+    if side in lexicon.SIDES and thing not in _SIDED and (
+        way in ("to", "toward", "towards") or side == words[1] and thing != "and"):
+      return side
+  return ""
 
 
 def path_shapes_of(actions: Sequence[Any]) -> list[PathShape]:

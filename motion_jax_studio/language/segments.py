@@ -6,7 +6,7 @@ from motion_jax_studio.language import lexicon
 from motion_jax_studio.language.hand_places import HandPlace, hand_place_of
 from motion_jax_studio.language.leaning import Lean, lean_of
 from motion_jax_studio.language.lexicon import HOLD, PAUSE
-from motion_jax_studio.language.path_shapes import PathShape, shapes_of
+from motion_jax_studio.language.path_shapes import PathShape, course_of, shapes_of
 from motion_jax_studio.language.words import said, says
 
 
@@ -38,6 +38,16 @@ class Action(NamedTuple):
   def shapes(self) -> tuple[PathShape, ...]:
     """Shape and pace of its path."""
     return shapes_of(self.verb, self.words)
+
+  @property
+  def course(self) -> str | None:
+    """The side that a walk leads to, "" for a walk elsewhere, None for other actions."""
+    return course_of(self.verb, self.part, self.words)
+
+  @property
+  def is_backward(self) -> bool:
+    """Whether it goes backward."""
+    return says(self.said, "backward, backwards")
 
   @property
   def hands(self) -> HandPlace | None:
@@ -72,10 +82,15 @@ class Segment(NamedTuple):
   seconds: float | None = None  # duration, where the sentence gives one
 
   @property
+  def actions(self) -> tuple[Action, ...]:
+    """All its actions, that of the whole body first."""
+    return (self.action, *self.simultaneous)
+
+  @property
   def words(self) -> str:
     """The words of all its actions: "walks forward + waves 3 times"."""
     return " + ".join(one.words + (f" {one.times} times" if one.times > 1 else "")
-                      for one in (self.action, *self.simultaneous))
+                      for one in self.actions)
 
   @property
   def prompt(self) -> str:
@@ -96,7 +111,7 @@ class Segment(NamedTuple):
   @property
   def sampled(self) -> tuple[Action, ...]:
     """The actions that a model samples: all but standing still and keeping a pose."""
-    return self.simultaneous if self.is_pause else (self.action, *self.simultaneous)
+    return self.simultaneous if self.is_pause else self.actions
 
 
 def pause(who: str, seconds: float | None) -> Segment:

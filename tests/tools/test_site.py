@@ -4,7 +4,7 @@ import re
 import pytest
 
 from tests.conftest import ROOT
-from tools import build_docs, drawings, sentences_page
+from tools import build_docs, drawings
 from tools.site import api, fields, links, nav, notebooks, reference, viewers
 
 
@@ -102,10 +102,6 @@ def test_pages_that_docstrings_name_become_links():
 
 
 # --- generated files in git ------------------------------------------------------------------------------------------
-
-
-def test_the_grammar_of_the_manual_is_the_parsers():
-  assert sentences_page.page() == sentences_page.PAGE.read_text(encoding="utf-8"), "run python tools/build_docs.py"
 
 
 @pytest.mark.slow

@@ -1,4 +1,4 @@
-"""The examples of docs/sentences.md are parsed as the page says, and each rule of the parser is needed for one of them."""
+"""The examples of docs/sentences.md are parsed as the page says, and each rule of the parser is needed for one."""
 import re
 
 import pytest
