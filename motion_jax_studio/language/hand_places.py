@@ -209,9 +209,11 @@ def _thing(words):
 def _gesture_of(verb, part, sides, times, words):
   """The gesture of an action of the arms, None of other actions."""
   limb = next((word.removesuffix("s") for word in words if word.removesuffix("s") in ("arm", "hand", "forearm")), "")
-  circles = says(said(words), _CIRCLES) or verb == "rotate" and limb == "arm"
+  text = said(words)
+  circles = says(text, _CIRCLES) or verb == "rotate" and limb == "arm"
   if limb and verb in _CIRCLING and circles and _NO_CIRCLE.isdisjoint(words):
-    way = _OF_ARMS if limb == "arm" and not says(said(words), _SMALL) else _OF_HANDS
+    way = _OF_ARMS if limb == "arm" and not says(text, _SMALL) else _OF_HANDS
+    way = way[::-1] if says(text, "backward, backwards, reverse") else way
     return HandPlace("", sides or ("right",), False, gesture=way * times, rhythm=times == 1, flows=True)
   if part != "arms" or not _NO_GESTURE.isdisjoint(before(words, {"with"})):
     return None

@@ -24,7 +24,7 @@ _SIDES = (("left", "left, counterclockwise"), ("right", "right, clockwise"))
 _TURNING = (("left", "turning left, turning to left"), ("right", "turning right, turning to right"))
 _TURNS = ("turn", "spin")
 _A_CIRCLE = r"(?i)\bcircles?\b(?! of| around| to)"
-_NO_COURSE = "sideways, circle, circles, turn*, u-turn, arc, curv*, diagonal*, zigzag, from"  # words of paths of another shape
+_NO_COURSE = "sideways, circle, circles, turn*, u-turn, arc, curv*, diagonal*, zigzag, from"  # of other paths
 _SIDED = {"foot", "leg", "hand", "arm"}
 # Words of a walk whose usual pace is another one, or that changes its pace.
 _OTHERWISE = "back, backward, backwards, sideways, diagonal, diagonally, normal"

@@ -59,7 +59,8 @@ def _kept_seated(joints, motion, requirements, skeleton):
 def _mirrored(joints, motion, requirements, skeleton):
   """The mirror image of joints, where it meets all requirements, joints do not, and nothing else is of one side."""
   sided = [one for one in requirements if one.side in SIDES]
-  named = [word for caption in motion.captions for word in tokens(caption.text.replace("-", " ")) if word in _SIDE_WORDS]
+  words = [word for caption in motion.captions for word in tokens(caption.text.replace("-", " "))]
+  named = [word for word in words if word in _SIDE_WORDS]
   if not sided or len(named) != len(sided) or not violation_score(joints, sided, motion.fps):
     return joints
   other = mirror(joints, skeleton)
