@@ -5,8 +5,8 @@
   python tools/build_docs.py --draft     writes the site alone, with outputs of an earlier build: about a minute
   python tools/build_docs.py --check     writes nothing; names files in git that are out of date and exits with 1
 
-In git: the grammar in docs/sentences.md, the drawings of docs/papers, and motion_jax/export/assets/viewer.js, which
-`pip install .` of a clone needs where there is no node. On the site alone: reference, gallery, outputs of notebooks.
+In git: the drawings of docs/papers, and motion_jax/export/assets/viewer.js, which `pip install .` of a clone needs
+where there is no node. On the site alone: reference, gallery, outputs of notebooks.
 The site needs the extra `docs`; the viewer and the tab need node and npm, the tab the extra `onnx` as well.
 """
 import argparse
@@ -21,7 +21,7 @@ import tempfile
 ROOT = pathlib.Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT))
 
-from tools import drawings, sentences_page  # noqa: E402
+from tools import drawings  # noqa: E402
 
 VIEWER, VIEWER_SOURCE = ROOT / "motion_jax" / "export" / "assets" / "viewer.js", ROOT / "tools" / "viewer"
 RECORD = VIEWER_SOURCE / "built.txt"  # digests of the viewer's source and of the viewer that was built from it
@@ -45,9 +45,8 @@ def built_viewer():
 
 
 def pages():
-  """{path: contents} of the generated text that the manual and the pages on the papers show."""
-  return {sentences_page.PAGE: sentences_page.page().encode()} | {
-      drawings.OUT / name: drawing.encode() for name, drawing in drawings.drawings().items()}
+  """{path: contents} of the generated drawings that the pages on the papers show."""
+  return {drawings.OUT / name: drawing.encode() for name, drawing in drawings.drawings().items()}
 
 
 def files():

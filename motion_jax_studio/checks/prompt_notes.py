@@ -1,5 +1,4 @@
 """Notes on prompts before sampling: words and actions that the model has not learned, and what it can do instead."""
-import re
 from collections.abc import Iterable
 from typing import Any
 
@@ -11,15 +10,9 @@ from motion_jax_studio.language.hand_places import without_hands
 from motion_jax_studio.language.lexicon import BEFORE_ACTIONS, NEGATIONS, PAUSE
 from motion_jax_studio.language.path_shapes import without_shape
 from motion_jax_studio.language.postures import postures_of
+from motion_jax_studio.language.words import letters, several_people
 
 _NAMED = 5  # words of a prompt, and notes of a call, at most
-_PEOPLE = r"(?:people|persons|men|women|boys|girls|guys|kids|children|friends|dancers|fighters|boxers|figures|players)"
-_WORD = re.compile("[a-z]+")
-_SEVERAL = re.compile(
-    rf"\b(?:two|three|four|five|six|ten|several|some|many|both|a (?:couple|group|pair|crowd) of) (?:\w+ )?{_PEOPLE}\b|"
-    rf"^(?:the |some )?{_PEOPLE}\b|\beach other\b|\bone another\b|\banother (?:person|man|woman|guy|boy|girl|figure)\b|"
-    r"\b(?:a|the|one) (?:\w+ )?(?:man|woman|person|boy|girl) and (?:a|the|another|one) (?:\w+ )?"
-    r"(?:man|woman|person|boy|girl)\b|\b(?:his|her|their|a|the) (?:partner|opponent|friend)\b", re.IGNORECASE)
 
 
 def notes_of(planner: Any, prompts: Iterable[str | Plan], postures: bool = True) -> list[str]:
@@ -34,8 +27,8 @@ def notes_of(planner: Any, prompts: Iterable[str | Plan], postures: bool = True)
     if not planner.model.captions.is_english(prompt):
       notes[f"{shortened(prompt)}: this model reads English only; try 'a person walks forward'"] = None
       continue
-    if found := _SEVERAL.search(prompt):
-      notes[f"{shortened(prompt)} is about several people ({found[0]!r}); only one body is made"] = None
+    if people := several_people(prompt):
+      notes[f"{shortened(prompt)} is about several people ({people!r}); only one body is made"] = None
     if not isinstance(one, str):
       notes.update(dict.fromkeys(_of_verbs(planner, one)))
       if (lost := [word for word in _lost_words(planner, one) if word.lower() not in named]):
@@ -65,12 +58,12 @@ def _denial(prompt):
 
 def _lost_words(planner, plan):
   """Words of no training caption that no action of a plan has: the moonwalk that became "walks"."""
-  kept = {form for action in (*plan.actions, *plan.sampled) for word in _WORD.findall(action.prompt.lower())
+  kept = {form for action in (*plan.actions, *plan.sampled) for word in letters(action.prompt)
           for form in possible_bases(word)}
   text = without_shape(plan.text) if _bends(plan) else plan.text
   unknown = {word: {*possible_bases(word.lower())} for word in planner.model.captions.unknown_words(text)}
   return [word for word, forms in unknown.items() if kept.isdisjoint(forms) and BEFORE_ACTIONS.isdisjoint(forms)
-          and _WORD.fullmatch(word.lower()) and not planner.meanings.of(verb_of(word.lower()) or word.lower())]
+          and word.isascii() and word.isalpha() and not planner.meanings.of(verb_of(word.lower()) or word.lower())]
 
 
 def _bends(plan):
@@ -82,17 +75,19 @@ def _without_postures(plan):
   """The prompts of a plan without standing still, what they say of postures, and of paths to which walks are bent; the
   gestures that a model samples stay."""
   named = {plan.single.prompt: plan.text} if plan.is_plain and plan.single else {}
-  sampled = {id(segment.action) for segment in plan.read_segments}
-  made = {named.get(action.prompt, action.prompt) for action, place in postures_of(plan.read_segments)
-          if place is None or place.place or id(action) not in sampled}
-  prompts = dict.fromkeys(one.prompt for one in plan.sampled if one.words != PAUSE and one.prompt not in made)
+  segments = plan.read_segments
+  posed = {segments[at].actions[number].prompt for (at, number), place in postures_of(segments).items()
+           if place is None or place.place or number}
+  posed = {named.get(prompt, prompt) for prompt in posed}
+  prompts = dict.fromkeys(action.prompt for action in plan.sampled
+                          if action.words != PAUSE and action.prompt not in posed)
   return [without_hands(without_shape(prompt) if _bends(plan) else prompt) for prompt in prompts]
 
 
 def _of_verbs(planner, plan):
   """Notes on verbs that a plan has replaced by wider ones, with no word for what sets them apart."""
-  made = {verb_of(word) for part in plan.prompts for word in _WORD.findall(part.lower())}
-  for verb in {verb_of(word): None for word in _WORD.findall(plan.text.lower())}:
+  made = {verb_of(word) for part in plan.prompts for word in letters(part)}
+  for verb in {verb_of(word): None for word in letters(plan.text)}:
     meaning = planner.meanings.of(verb) if verb and verb not in made else None
     if meaning and meaning.verb in made and not meaning.manner and meaning.confidence < 1:
       yield (f"{third_person(verb)!r} is made as {third_person(meaning.verb)!r}, the nearest that "

@@ -1,10 +1,12 @@
 """A text becomes clauses: cut at connectors and participles, then joined again where a part is no action of its own."""
 import re
+from typing import NamedTuple
 
 from motion_jax.text.morphology import is_participle, verb_of
 from motion_jax.text.tagger import tag_words
 from motion_jax_studio.language import lexicon
 from motion_jax_studio.language.clause import (
+  Clause,
   can_be_simultaneous,
   clause_of,
   is_person,
@@ -103,14 +105,18 @@ def _begins_at_participle(words, start, at):
       own.part in ("arms", "head")) and can_be_simultaneous([clause], own)
 
 
-def clauses_of(fragments, keep_together):
-  """[(connector, clause)] of fragments; a fragment that is no action of its own is joined to the one before it.
+class Part(NamedTuple):
+  """The tokens of one clause, and the connector that joins it to the clause before it."""
+  kind: str      # of a main clause after its subordinate clause "main before" and the like, of the latter "lead before"
+  between: list  # the connector's tokens
+  tokens: list
+  clause: Clause | None
 
-  keep_together: whether words are one action although they could be two. The connector of a main clause that follows
-  its subordinate clause is "main before" and the like, that of the latter "lead before".
-  """
+
+def parts_of(fragments):
+  """The clauses of fragments, each a `Part`; a fragment that is no action of its own is joined to the one before it."""
   fragments = [(kind, between, list(tokens)) for kind, between, tokens in _with_main_clause(fragments)]
-  result: list = []  # [kind, tokens, clause or None]
+  result: list[Part] = []
   lead = ""          # a subordinate clause in front waits for its main clause
   subject: list[str] = []  # of a clause in front that is no action
   beside: list[str] = []   # what that says of limbs: "with the arms out"
@@ -133,27 +139,40 @@ def clauses_of(fragments, keep_together):
       continue
     if not result:
       lead = kind if kind in _SUBORDINATE else ""
-      result.append([lead and f"lead {lead}" or "", tokens, clause])
+      result.append(Part(lead and f"lead {lead}" or "", [], tokens, clause))
       continue
     previous = result[-1]
-    if previous[2] is None and kind == "," and clause and is_participle(clause.form) and (
-        is_person(previous[1])) and not lead:
-      result[-1] = ["lead while", tokens, clause._replace(subject=previous[1])]  # "a person, walking forward, waves"
+    if previous.clause is None and kind == "," and clause and is_participle(clause.form) and (
+        is_person(previous.tokens)) and not lead:  # "a person, walking forward, waves"
+      result[-1] = Part("lead while", [], tokens, clause._replace(subject=previous.tokens))
       lead = "while"
       continue
-    more = None if previous[2] is None else completed([one for _, _, one in result if one], kind, tokens, clause)
+    more = None if previous.clause is None else completed(
+        [part.clause for part in result if part.clause], kind, tokens, clause)
     clause = clause if more is None else more
-    is_own = more is not None or clause is not None and previous[2] is not None and (
-        _stands_alone(kind, clause, tokens, previous))
-    if is_own and kind in ("and", "while") and keep_together(" ".join([*previous[1], *between, *tokens])):
-      is_own = False
-    if not is_own:
-      _join(previous, [*between, *tokens], clause)
+    part = Part(kind, between, tokens, clause)
+    if more is None and (clause is None or previous.clause is None or not _stands_alone(part, previous)):
+      result[-1] = _joined(previous, part)
       continue
     if lead and kind in (",", "then", "and") and (kind != "and" or clause.subject):
-      kind, lead = f"main {lead}", ""
-    result.append([kind, tokens, clause])
-  return [(kind, clause and with_numbers(clause)) for kind, _, clause in result]
+      part, lead = part._replace(kind=f"main {lead}"), ""
+    result.append(part)
+  return result
+
+
+def clauses_of(parts, keep_together=None):
+  """[(connector, clause)] of parts, with their numbers read.
+
+  keep_together: whether words are one action although they could be two, as "walks and turns left" can.
+  """
+  result = []
+  for part in parts:
+    if keep_together and result and part.kind in ("and", "while") and (
+        keep_together(" ".join([*result[-1].tokens, *part.between, *part.tokens]))):
+      result[-1] = _joined(result[-1], part)
+    else:
+      result.append(part)
+  return [(part.kind, part.clause and with_numbers(part.clause)) for part in result]
 
 
 def _state_of(tokens):
@@ -174,17 +193,17 @@ def _is_no_action(clause, then):
   return clause.verb in lexicon.IDLE and is_participle(clause.form) and kind == "then" and not between
 
 
-def _join(previous, tokens, clause):
-  """Adds tokens, whose own clause is given, to the fragment [kind, tokens, clause] before them."""
-  previous[1] += tokens
-  if previous[2] is not None:
-    again = clause_of(previous[1])
-    if previous[2].reworded or again is not None and again.reworded:
-      previous[2] = again  # "takes a bow and a step back", "goes ahead and to the left without turning"
-    else:
-      previous[2].words.extend(tokens)
-  elif clause is not None:
-    previous[2] = clause_of(previous[1])
+def _joined(previous, part):
+  """The part before another one with the tokens of both."""
+  added = [*part.between, *part.tokens]
+  tokens, clause = [*previous.tokens, *added], previous.clause
+  if clause is not None:
+    again = clause_of(tokens)
+    clause = again if clause.reworded or again is not None and again.reworded else (
+        clause._replace(words=[*clause.words, *added]))  # "takes a bow and a step back"
+  elif part.clause is not None:
+    clause = clause_of(tokens)
+  return previous._replace(tokens=tokens, clause=clause)
 
 
 def _with_main_clause(fragments):
@@ -203,31 +222,32 @@ def _with_main_clause(fragments):
   return fragments
 
 
-def _stands_alone(kind, clause, tokens, previous):
+def _stands_alone(part, previous):
   """Whether a fragment after a connector is an action, and not more words of the one before."""
+  kind, clause, before = part.kind, part.clause, previous.clause
   if clause.subject and not is_person(clause.subject):
     return False
-  if clause.verb == "land" and is_a(previous[2].verb, "jump", "hop"):
+  if clause.verb == "land" and is_a(before.verb, "jump", "hop"):
     return False  # "jumps up, then lands"
-  if kind == "and" and not previous[2].words and previous[2].verb in lexicon.OF_AN_OBJECT and clause.words:
+  if kind == "and" and not before.words and before.verb in lexicon.OF_AN_OBJECT and clause.words:
     return False  # "lifts and bends his right leg"
-  if kind == "," and is_participle(clause.form) and not can_be_simultaneous([previous[2]], clause):
+  if kind == "," and is_participle(clause.form) and not can_be_simultaneous([before], clause):
     return clause.verb in lexicon.HALTING_VERBS  # "walks, stopping", but not "walks, turning left"
   if kind in ("and", ","):
-    if _ends_in_nouns(previous[2]) or clause.verb in lexicon.LIGHT_VERBS and (
+    if _ends_in_nouns(before) or clause.verb in lexicon.LIGHT_VERBS and (
         lexicon.PATH_NOUNS & set(lower(clause.words))):
       return False  # "walks and makes a u-turn"
-    if clause.form.endswith("ed") and not clause.subject and not previous[2].form.endswith("ed") and not (
+    if clause.form.endswith("ed") and not clause.subject and not before.form.endswith("ed") and not (
         _begins_with_object(clause.words)):
       return False  # "walks forward, directed to the right", but not "sits down and crossed his legs"
-    begins = is_participle(lower(tokens)[0])
-    if not begins and is_participle(clause.form) and clause.verb == previous[2].verb and not clause.words:
+    begins = is_participle(lower(part.tokens)[0])
+    if not begins and is_participle(clause.form) and clause.verb == before.verb and not clause.words:
       return False  # "walks forward and keeps walking"
-    if begins and kind == "and" and previous[2].form != clause.form and not (
-        is_participle(previous[2].form) or "is" in previous[2].subject or previous[0] in ("while", ",")):
+    if begins and kind == "and" and before.form != clause.form and not (
+        is_participle(before.form) or "is" in before.subject or previous.kind in ("while", ",")):
       return False  # "walks with jumping and singing"
-    return bool(verb_of(clause.form.lower()) or previous[2].words and _begins_with_object(clause.words))
-  if kind == "while" and not previous[0].startswith("lead") and not can_be_simultaneous([previous[2]], clause):
+    return bool(verb_of(clause.form.lower()) or before.words and _begins_with_object(clause.words))
+  if kind == "while" and not previous.kind.startswith("lead") and not can_be_simultaneous([before], clause):
     return False  # "turns left while walking"
   if kind in _SUBORDINATE:
     return bool(clause.subject or is_participle(clause.form) or kind == "until" or not clause.before)

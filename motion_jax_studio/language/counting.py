@@ -4,7 +4,6 @@ import re
 from motion_jax.text.morphology import is_participle, present_participle
 from motion_jax_studio.language import lexicon
 from motion_jax_studio.language.meaning import pace_of
-from motion_jax_studio.language.rule import Rule
 
 _NUMBER = r"(\d+(?:\.\d+)?|" + "|".join(lexicon.NUMBERS) + r")"
 _TIMES = re.compile(r"(?i)(?<!than )(?<!at )\b(once|twice|thrice)\b(?! as| more| again)|"
@@ -20,7 +19,7 @@ _A_STEP = re.compile(r"(?i)(?:slightly )?(?:forwards?|ahead|back|backwards?)(?: 
 _ABOUT = r"(?i)\b(?:for )?(?:about |around |roughly |exactly )?(?:a )?"
 _SECONDS = (re.compile(_ABOUT + r"(\d+(?:\.\d+)?) ?(s|secs?|seconds?|mins?|minutes?)\b(?: long)?"),
             re.compile(rf"{_ABOUT}{_NUMBER}(?: of)?(?: a)? (secs?|seconds?|mins?|minutes?)\b(?: long)?"))
-_SIMULTANEOUS = re.compile(rf"(?i)\b(?:{'|'.join(lexicon.SIMULTANEOUS)})\b")
+_SIMULTANEOUS = re.compile(rf"(?i)\b(?:{'|'.join(sorted(lexicon.SIMULTANEOUS))})\b")
 # Seconds of a step, of a step backward, and of a single step: 24 walks of `cmdm-small`, forward, back and sideways, of
 # 1.6, 2.2, 2.8 and 4 s have 3, 4, 5 and 7 steps in the median, those cut off at the ends among them.
 _STEP, _STEP_BACK, _SINGLE_STEP = 0.55, 0.65, 0.8
@@ -31,20 +30,15 @@ def with_numbers(clause):
   """The clause with its repetitions and duration as numbers, and without the words that say them."""
   clause = with_steps(clause)
   text, times, seconds = " ".join(clause.words), clause.times, clause.seconds
-  found = _SECONDS[0].search(text) or _SECONDS[1].search(text)
-  if found:
-    seconds = _number(found[1]) * (60 if found[2].lower().startswith("min") else 1) or clause.seconds
-    text = without(text, found) if seconds else text
-  found = _TIMES.search(text)
-  if found:
-    times = _times(found)
-    text = without(text, found) if times > 0 else text
-  together = _SIMULTANEOUS.search(text)
-  text = text if together is None else without(text, together)
+  if match := _SECONDS[0].search(text) or _SECONDS[1].search(text):
+    seconds, text = _number(match[1]) * (60 if match[2].lower().startswith("min") else 1), _without(text, match)
+  if (match := _TIMES.search(text)) and _times(match):
+    times, text = _times(match), _without(text, match)
+  if match := _SIMULTANEOUS.search(text):
+    text = _without(text, match)
   before = [word for word in clause.before if word.lower() not in lexicon.SIMULTANEOUS]
-  return clause._replace(words=text.split(), before=before, times=max(times, 1), seconds=seconds,
-                         steps=clause.steps and seconds == clause.seconds,
-                         simultaneous=together is not None or before != clause.before)
+  return clause._replace(words=text.split(), before=before, times=times, seconds=seconds, simultaneous=(
+      match is not None or before != clause.before), steps=clause.steps and seconds == clause.seconds)
 
 
 def with_steps(clause):
@@ -53,33 +47,33 @@ def with_steps(clause):
   goes_on = clause.subject and is_participle(clause.form)  # "a person stepping backward"
   if clause.verb == "step" and not goes_on and _A_STEP.fullmatch(text):
     text = f"one step {text}"
-  found = _STEPS.search(text) if clause.verb in lexicon.STEP_VERBS else None
-  if found is None or _number(found[1]) < 1:
+  match = _STEPS.search(text) if clause.verb in lexicon.STEP_VERBS else None
+  if match is None or _number(match[1]) < 1:
     return clause
   is_back = not lexicon.BACKWARD.isdisjoint(text.lower().split())
-  pace = [pace for word in found[2].lower().split() if (pace := pace_of(word)) in _PACE_FACTORS][:1]
+  pace = [pace for word in match[2].lower().split() if (pace := pace_of(word)) in _PACE_FACTORS][:1]
   factor = _PACE_FACTORS[pace[0]] if pace else 1.0
-  seconds = max(round(_number(found[1]) * (_STEP_BACK if is_back else _STEP) * factor, 2), _SINGLE_STEP)
+  seconds = max(round(_number(match[1]) * (_STEP_BACK if is_back else _STEP) * factor, 2), _SINGLE_STEP)
   if clause.verb not in lexicon.LIGHT_VERBS | {"step"} and not is_back:
     return clause._replace(seconds=seconds, steps=True)
   # In the words of captions.
   verb = clause.verb if clause.verb in ("run", "jog", "march") else "walk"
-  way = " ".join("backward" if word in lexicon.BACKWARD else word for word in without(text, found).split())
-  way = f"to the {way}" if way in lexicon.SIDES else way
-  way = f"sideways {way}" if way.startswith("to the ") else way or "forward"
+  way = " ".join("backward" if word in lexicon.BACKWARD else word for word in _without(text, match).split())
+  way = f"sideways to the {way.removeprefix('to the ')}" if way in lexicon.SIDES or way.startswith("to the ") else way
   form = present_participle(verb) if is_participle(clause.form) else verb
-  return clause._replace(verb=verb, form=form, words=[*way.split(), *pace], reworded=True, seconds=seconds, steps=True)
+  return clause._replace(verb=verb, form=form, words=[*(way or "forward").split(), *pace], reworded=True,
+                         seconds=seconds, steps=True)
 
 
 def without_times(tokens):
   """(the tokens without "twice" or "three times", the number); (tokens, None) where there is none."""
   text = " ".join(tokens)
-  found = _TIMES.search(text)
-  return (tokens, None) if found is None else (without(text, found).split(), max(_times(found), 1))
+  match = _TIMES.search(text)
+  return (tokens, None) if match is None else (_without(text, match).split(), max(_times(match), 1))
 
 
-def _times(found):
-  word = next(filter(None, found.groups())).lower()
+def _times(match):
+  word = next(filter(None, match.groups())).lower()
   return {"once": 1, "twice": 2, "thrice": 3}.get(word) or int(_number(word))
 
 
@@ -87,25 +81,5 @@ def _number(word):
   return float(lexicon.NUMBERS.get(word.lower(), 0) if not word[0].isdigit() else word)
 
 
-def without(text, found):
-  """The text without the words that a regular expression found."""
-  return (text[:found.start()].rstrip() + " " + text[found.end():].lstrip()).strip()
-
-
-RULES = (
-    Rule("Repetitions", "\"twice\", \"three times\", \"a couple of times\": the action is repeated.", {
-        "a person jumps twice": "jumps 2 times",
-        "a person waves twice and then claps three times": "waves 2 times | claps 3 times",
-        "a person jumps a couple of times": "jumps 2 times"}),
-    Rule("Duration", "\"for five seconds\", \"for half a minute\": the segment lasts this long.", {
-        "a person walks for five seconds, then runs for 2.5 s": "walks [5] | runs [2.5]",
-        "a person walks for half a minute": "walks [30]"}),
-    Rule("Counted steps", "Each step takes 0.55 s (0.65 s backward), quick ones three quarters of that, slow ones 1.4 "
-         "times as much; a body with nothing else to do stands still after them. \"Steps forward\" is one step.", {
-             "a person takes two steps forward and one step back":
-                 "walks forward [1.1] | walks backward [0.8] | stands still",
-             "a person walks forward five steps, then turns around": "walks forward five steps [2.75] | turns around",
-             "someone takes two steps to the left and waves": "walks sideways to the left [1.1] | waves",
-             "a man steps forward and bows": "walks forward [0.8] | bows",
-             "a person takes three quick steps forward, then waves": "walks forward quickly [1.24] | waves"}),
-)
+def _without(text, match):
+  return (text[:match.start()].rstrip() + " " + text[match.end():].lstrip()).strip()

@@ -1,6 +1,6 @@
 """Ellipsis: words that a sentence leaves out because it gave them just before, as in "turns left, then right".
 
-Two lists of rules, both tried in order: `CONTINUATIONS` after any connector, `VERBLESS` for words without a verb.
+Two lists of rules, both tried in order: `_CONTINUATIONS` after any connector, `_VERBLESS` for words without a verb.
 """
 import re
 
@@ -10,14 +10,13 @@ from motion_jax_studio.language.clause import Clause, lower
 from motion_jax_studio.language.counting import without_times
 from motion_jax_studio.language.light_verbs import reworded
 from motion_jax_studio.language.meaning import is_a
-from motion_jax_studio.language.rule import Rule, first_match
+from motion_jax_studio.language.words import said
 
-_PACE = re.compile(
-    r"(?:(?:gradually|suddenly|then|slowly|quickly|abruptly) )?(?:(?P<slower>slows?|decelerates?|(?:(?:goes|gets) )?"
-    r"slower)|speeds?|accelerates?|(?:(?:goes|gets) )?faster|picks up (?:the |some )?(?:pace|speed))"
-    r"(?: up| down)?(?: (?:gradually|suddenly|a bit|a little|again))?(?: (?:in)?to an? (?P<gait>walk|run|jog|sprint))?")
+_SLOWER, _FASTER = {"slow", "slows", "decelerates", "slower"}, {"speed", "speeds", "accelerates", "faster", "pace"}
+_PACE_WORDS = _SLOWER | _FASTER | set("goes gets up down gradually suddenly then slowly quickly abruptly picks again "
+                                      "some bit little to into walk run jog sprint".split())
 _SHAPE = re.compile(r"(?i)sideways\b|(?:in|along) an? (?:\w+ )?(?:circle|loop|arc|curve|semicircle|spiral)\b")
-_CONTINUE = re.compile(r"(?:goes|moves|carries) on|keeps going|continues|resumes|proceeds")
+_CONTINUE = {"goes on", "moves on", "carries on", "keeps going", "continues", "resumes", "proceeds"}
 
 
 def completed(done, kind, tokens, clause):
@@ -25,7 +24,7 @@ def completed(done, kind, tokens, clause):
 
   done: the clauses before; kind: how the words are joined to them; clause: of the words by themselves, or None.
   """
-  found = first_match(CONTINUATIONS, done, kind, tokens)
+  found = _first(_CONTINUATIONS, done, kind, tokens)
   if found is not None or clause is not None:
     return found
   previous = done[-1]
@@ -44,10 +43,14 @@ def _verbless(previous, tokens):
   """The clause of words without a verb, which is that of the previous clause."""
   tokens, times = without_times(tokens)
   if times is None:
-    return first_match(VERBLESS, previous, tokens, [token.lower() for token in tokens])
+    return _first(_VERBLESS, previous, tokens, lower(tokens))
   again = previous._replace(words=without_times(previous.words)[0], before=[], subject=[])
   found = _verbless(previous, tokens) if tokens else again
   return found and found._replace(times=times)
+
+
+def _first(rules, *args):
+  return next((clause for rule in rules if (clause := rule(*args)) is not None), None)
 
 
 def _is_gait(verb):
@@ -62,19 +65,19 @@ def _with_words(previous, words):
 
 def _continuing(done, kind, tokens):
   gait = next((one for one in reversed(done) if _is_gait(one.verb)), None)
-  continues = gait is not None and _CONTINUE.fullmatch(" ".join(lower(tokens)))
+  continues = gait is not None and " ".join(lower(tokens)) in _CONTINUE
   return gait._replace(before=[], subject=[]) if continues else None
 
 
 def _change_of_pace(done, kind, tokens):
-  previous, found = done[-1], _PACE.fullmatch(" ".join(lower(tokens)))
-  if found is None or not _is_gait(previous.verb):
+  previous, words = done[-1], set(said(tuple(lower(tokens))).split())
+  if not words & (_SLOWER | _FASTER) or not words <= _PACE_WORDS or not _is_gait(previous.verb):
     return None
-  if found["gait"]:
-    return Clause([], [], found["gait"], found["gait"], [])
-  words = " ".join(previous.words).replace(" at first", "").split()
-  words = [word for word in words if not word.lower().endswith("ly") and word.lower() != "fast"]
-  return _with_words(previous, [*words, "slowly" if found["slower"] else "quickly"])
+  if gait := words & {"walk", "run", "jog", "sprint"}:
+    return Clause([], [], *2 * [*gait], [])
+  kept = " ".join(word for word in previous.words if not word.lower().endswith("ly") and word.lower() != "fast")
+  pace = "slowly" if words & _SLOWER else "quickly"
+  return _with_words(previous, [*f" {kept}".replace(" at first", "").split(), pace])
 
 
 def _further_steps(done, kind, tokens):
@@ -133,42 +136,5 @@ def _other_limb(previous, tokens, words):
   return _with_words(previous, [*start, *own, *([] if words[-1] in lexicon.LIMBS else [limb])])
 
 
-CONTINUATIONS = (
-    Rule("Continuing", "The last walk or run continues.", {
-        "he walks a bit, waits for 3 seconds and keeps going": "walks a bit | stands still [3] | walks a bit",
-        "a person walks forward, stops, then continues": "walks forward | stands still | walks forward"}, _continuing),
-    Rule("Change of pace", "The same walk or run quickly, slowly, or in another gait.", {
-        "a person walks, speeds up, then slows down again": "walks | walks quickly | walks slowly",
-        "a person runs, then slows down to a walk": "runs | walks"}, _change_of_pace),
-    Rule("Further steps", "Steps after \"then\", after counted steps, or after an action that a noun names.", {
-        "a person takes three steps forward and two steps back":
-            "walks forward [1.65] | walks backward [1.3] | stands still",
-        "a man walks around, then a step back": "walks around | walks backward [0.8] | stands still",
-        "a person takes a bow and a step back": "bows | walks backward [0.8] | stands still"}, _further_steps),
-)
-VERBLESS = (
-    Rule("Other manner", "The same action in another manner or style, or the same gait along another path.", {
-        "a person walks slowly, then quickly": "walks slowly | walks quickly",
-        "a person walks normally, then like an old man": "walks normally | walks like an old man",
-        "a person walks in a circle to the left, then in a circle to the right":
-            "walks in a circle to the left | walks in a circle to the right"}, _manner),
-    Rule("Other direction", "The same action to another side; the shape of a path stays.", {
-        "a person turns left, then right": "turns left | turns right",
-        "a person walks in a circle to the left, then to the right":
-            "walks in a circle to the left | walks in a circle to the right",
-        "a person steps sideways to the left, then to the right":
-            "walks sideways to the left | walks sideways to the right",
-        "a person leans to the left, then the right": "leans to the left | leans to the right",
-        "a person jumps forward twice and backward once": "jumps forward 2 times | jumps backward"}, _direction),
-    Rule("Noun of an action", "As after a light verb.", {
-        "a person walks, then a run": "walks | runs",
-        "a person walks followed by a dance": "walks | dances",
-        "a man makes a left turn, followed by a right turn": "turns left | turns right",
-        "she throws a left punch, then two right kicks":
-            "punches with the left hand | kicks with the right foot 2 times"}, _taken_noun),
-    Rule("Other limb", "The same action with another arm or leg; the words may give a number of their own.", {
-        "a person raises the left hand, then the right": "raises the left hand | raises the right hand",
-        "a person kicks with the left leg, then with the other": "kicks with the left leg | kicks with the right leg",
-        "he kicks with the left leg three times and then once with the right":
-            "kicks with the left leg 3 times | kicks with the right leg"}, _other_limb),
-)
+_CONTINUATIONS = (_continuing, _change_of_pace, _further_steps)
+_VERBLESS = (_manner, _direction, _taken_noun, _other_limb)

@@ -1,59 +1,53 @@
 """Where hands are by the words of an action: "holds the arms out to the sides", "puts a hand on the hip"."""
-import re
+import functools
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-from motion_jax.text.morphology import verb_of
 from motion_jax_studio.language import lexicon
-from motion_jax_studio.language.segments import Action, Segment
+from motion_jax_studio.language.words import before, first_of, said, says, tokens
 
-_WHOSE = r"(?:(?:of|his|her|their|its|the|my|your|our|both|a|an|one) )*"
-_LIMB = rf"(?P<whose>{_WHOSE})(?P<how>outstretched )?(?:(?P<side>left|right) )?(?P<limb>arm|hand|palm)(?P<several>s?)\b"
-_VERB = r"^(?:[a-z]+ly )*(?P<verb>[a-z']+)"
-_MOVED = re.compile(rf"{_VERB} (?P<before>(?:(?:up|out|down|back|together|forwards?) )?){_LIMB}(?P<after>.*)")
-_BESIDE = re.compile(rf"(?:^|\bwith |\bha(?:s|ve|d) |, ){_LIMB}(?P<after>.*)")
-# Of the hands of the action before: "lowers them to the hips", "lowers again".
-_AGAIN = re.compile(rf"{_VERB}(?: it\b| them\b(?P<after>.*)|(?P<alone>(?: back| down| again)*)$)")
-_REACHED = re.compile(rf"{_VERB} (?P<after>(?:up|out|forwards?|above|over|overhead|in front)\b.*)")
-_TOUCHED = re.compile(rf"{_VERB} (?:(?:his|her|their|its|the) )?(?:(?:left|right) side of (?:his|her|their|the) )?"
-                      r"(?P<thing>\w+)(?: or (?:\w+ )?\w+)?(?: with (?:his |her |their )?.*)?$")
-_T_POSE = re.compile(r"(?:[a-z]+ ){0,4}t[- ]pose\b")
-_TO_THE_HEAD = re.compile(rf"{_VERB} .*\b(?:to|at|near) (?:(?:his|her|their|the) )?(?P<thing>ear|mouth|face|lips)\b")
-_END = re.compile(r",| (?:and(?! (?:up|down|back|forth)\b)|then|while|as|to show|with|before|after) ")
+_BOTH = ("left", "right")
+_WHOSE = lexicon.POSSESSIVES | {"of", "the", "both", "a", "an", "one"}
+_LIMBS = {limb + ending for limb in ("arm", "hand", "palm") for ending in ("", "s")}
+_PARTICLES = {"up", "out", "down", "back", "together", "forward", "forwards"}  # "puts up a hand"
+_OUTWARD = {"up", "out", "forward", "forwards", "above", "over", "overhead"}   # after "reaches"
+_ENDS = {",", "and", "then", "while", "as", "with", "before", "after"}  # of what is said of a limb
+_GOES_ON = {"up", "down", "back", "forth"}  # after "and": "up and down"
 
-_HIS = r"(?:(?:his|her|their|its|the|each|both|either) )*(?:(?:left|right|opposite) )?"
-_AT = rf"\b(?:to|at|on|onto|near|by|against|around|towards?|over|behind|in|front of) (?:top of )?{_HIS}"
-_LEVEL = r"\b(?! ?-?(?:level|height|high|length))"
-# The place by what is said of a hand, the first that matches; "out" is one for both hands and another for one.
-_PLACES = tuple((re.compile(pattern), place) for pattern, place in (
-    (r"^(?:lower|drop)s?\b.* from\b", "down"),
-    (rf"\b(?:on|to|onto) {_HIS}shoulders?{_LEVEL}", "shoulder"),
-    (rf"\b(?:above|over) {_HIS}heads?\b|\boverhead\b", "up"),
-    (r"\bcross|\bfold", "crossed"),
-    (rf"{_AT}(?:face|mouth|nose|chin|eyes?|lips|cheeks?){_LEVEL}", "face"),
-    (rf"{_AT}ears?{_LEVEL}", "ear"),
-    (rf"{_AT}(?:head|forehead|temples?){_LEVEL}", "head"),
-    (rf"{_AT}(?:hips?|waist){_LEVEL}", "hips"),
-    (rf"{_AT}(?:knees?|thighs?|lap){_LEVEL}", "knees"),
-    (rf"{_AT}back\b", "back"),
-    (rf"{_AT}(?:stomach|belly|abdomen){_LEVEL}", "stomach"),
-    (r"\btogether\b|\bclasp", "together"),
-    (rf"{_AT}(?:chest|heart){_LEVEL}", "chest"),
-    (r"\bfront\b", "front"),
-    (rf"\b(?:sideways|horizontally|apart|wide)\b|\bshoulder[ -](?:level|height)\b|\blevel with {_HIS}shoulders\b|"
-     rf"\b(?:out|stretch|spread|rais|extend|lift)\w*(?: \w+)? (?:on|to|at|by) "
-     rf"(?:{_HIS}sides?|(?:the |his |her )?(?:left|right))\b", "side"),
-    (rf"\b(?:at|to|by|beside) {_HIS}sides?\b", "down"),
-    (r"\bforwards?\b|\bahead\b|\bbefore (?:him|her|them|it)|\b\w+[ -](?:level|height)\b", "front"),
-    (r"\bdown\b|^(?:lower|drop)", "down"),
-    (r"\bout(?:wards?|stretched)?\b|\bextended\b|\bstretched\b|\bspread\b", "out"),
-    (r"\bup\b|\bair\b|\bhigh\b|\braised\b|\blifted\b", "up"), (r"^(?:extend|spread)", "out")))
-# Hands that move, hang, or are on things are in no place: "with the arms swinging in front of him".
-_MOVES = re.compile(r"\bup and down\b|\bdown and up\b|\band back\b|\bback and forth\b|\b(?:bent|dangling|hanging|"
-                    r"moving|waving|flapping|swinging|clapping|shaking|spinning|pushing|pumping|circling|rotating|"
-                    r"backwards?|pockets?|floor|ground|prayer|zombie)\b")
+# The place by what is said of a hand, the first that matches; "" is none, for hands that move, hang, or are on things;
+# "out" is one for both hands and another for one. "@" stands for any word of _AT.
+_AT = set("to at on onto near by against around toward towards over behind in front top".split())
+_LEVELS = ("level", "height")  # "at chest level" is before the body, not at the chest
+_PLACES = (
+    ("", "up and down, down and up, and back, back and forth, bent, dangling, hanging, moving, waving, flapping, "
+        "swinging, clapping, shaking, spinning, pushing, pumping, circling, rotating, backward, backwards, pocket, "
+        "pockets, floor, ground, prayer, zombie"),
+    ("shoulder", "on shoulder, on shoulders, to shoulder, to shoulders, onto shoulder, onto shoulders"),
+    ("up", "above head, above heads, over head, over heads, overhead"),
+    ("crossed", "cross*, fold*"),
+    ("face", "@ face, @ mouth, @ nose, @ chin, @ eye, @ eyes, @ lips, @ cheek, @ cheeks"),
+    ("ear", "@ ear, @ ears"),
+    ("head", "@ head, @ forehead, @ temple, @ temples"),
+    ("hips", "@ hip, @ hips, @ waist"),
+    ("knees", "@ knee, @ knees, @ thigh, @ thighs, @ lap"),
+    ("back", "@ back"),
+    ("stomach", "@ stomach, @ belly, @ abdomen"),
+    ("together", "together, clasp*"),
+    ("chest", "@ chest, @ heart"),
+    ("front", "front"),
+    ("side", "sideways, horizontally, apart, wide, shoulder-level, shoulder-height, level with shoulders"))
+_ASIDE = ("on side, on sides, to side, to sides, at side, at sides, by side, by sides, to left, to right, on left, "
+          "on right")
+_RAISED = "out*, stretch*, spread*, rais*, extend*, lift*"  # hands that are _ASIDE by these are up
+_OTHER_PLACES = (
+    ("down", "at side, at sides, to side, to sides, by side, by sides, beside side, beside sides"),
+    ("front", "forward, forwards, ahead, before him, before her, before it, before them, level, height"),
+    ("down", "down, lower, lowers, drop, drops, lowering, dropping"),
+    ("out", "out, outward, outwards, outstretched, extended, stretched, spread"),
+    ("up", "up, air, high, raised, lifted"),
+    ("out", "extends, extend, spreads"))
 # Actions in which hands carry the body.
-_CARRY = re.compile(r"\b(?:push[- ]?ups?|crawl\w*|planks?|handstands?|cartwheels?)\b")
+_CARRY = "push up, push ups, push-up, push-ups, pushup, pushups, crawl*, plank, planks, handstand*, cartwheel*"
 
 _KEEPS = {"hold", "keep"}  # hands that are in their place from the first moment on
 _BRINGS = _KEEPS | set("raise lift stretch extend reach spread lower drop put place bring rest stick take lay return "
@@ -61,22 +55,24 @@ _BRINGS = _KEEPS | set("raise lift stretch extend reach spread lower drop put pl
 _RUBS = {"scratch", "rub", "wipe"}
 _TOUCHES = {"touch", "cover", "hold", "grab", "clutch"} | _RUBS
 _RUBBED = {"head": "ear", "ear": "head", "face": "head", "stomach": "chest", "chest": "stomach"}
+_TO_THE_HEAD = (("ear", "to ear, at ear, near ear"),
+                ("face", "to mouth, at mouth, to lips, to face, at face, near face"))
 _AT_THE_HEAD = {"salute": "head", "drink": "face", "sip": "face", "eat": "face"}
 # Places in a row, each with the seconds in which it is reached, for gestures of one hand and of both.
 _BEAT = 0.3
 _ONE_HAND = dict.fromkeys(("throw", "toss", "hurl"), (("ear", 0.7), ("front", 0.25), ("down", 0.8))) | dict.fromkeys(
     ("hit", "strike", "slap", "swat", "slash"), (("head", 0.6), ("front", 0.25), ("down", 0.8))) | dict.fromkeys(
     ("point", "reach", "grab"), (("front", 0.8),))
-_NO_GESTURE = re.compile(r"\b(?:\w+sel(?:f|ves)|(?:punch|jab|hook|uppercut|kick|blow)(?:e?s)?|ups|floor|ground|stairs?|"
-                         r"steps?|pose|up|down|behind|above|head|back|"
-                         rf"{'|'.join(sorted(lexicon.LIMBS - {'hand', 'hands', 'arm', 'arms'}))})\b")
 _BOTH_HANDS = dict.fromkeys(("push", "shove"), (("chest", 0.7), ("front", 0.5))) | {
     "pull": (("front", 0.8), ("stomach", 0.6)), "catch": (("front", 0.5), ("stomach", 0.5))}
 _AGAIN_AND_AGAIN = {"clap": (("together", _BEAT), ("apart", _BEAT)), "flap": (("side", _BEAT), ("down", _BEAT))}
+_NO_GESTURE = set("up down behind above head back floor ground stair stairs step steps pose ups punch punches jab jabs "
+                  "hook hooks uppercut uppercuts kick kicks blow blows himself herself itself themself themselves "
+                  "yourself myself".split()) | (lexicon.LIMBS - {"hand", "hands", "arm", "arms"})
 # Circles of whole arms, and of hands before the body: each place is left on the way to the next one.
-_CIRCLES = re.compile(r"\bcirc(?:les?|ling|ular)\b|\brotat\w+ (?:(?:his|her|their|the|both|left|right) )*arms?\b")
 _CIRCLING = {"move", "make", "do", "circle", "rotate", "swing", "spin", "draw", "gesture", "use", "stir"}
-_NO_CIRCLE = re.compile(r"\b(?:wrists?|shoulders?|elbows?|fingers?|heads?|hips?|legs?|foot|feet|knees?|around)\b")
+_CIRCLES, _SMALL = "circle, circles, circling, circular", "small, little, tiny, front"
+_NO_CIRCLE = lexicon.LIMBS - _LIMBS - {"chest"} | {"around"}
 _OF_ARMS = tuple((place, 0.45) for place in ("front", "up", "side", "down"))
 _OF_HANDS = tuple((place, 0.3) for place in ("face", "front", "stomach", "chest"))
 
@@ -84,124 +80,182 @@ _OF_HANDS = tuple((place, 0.3) for place in ("face", "front", "stomach", "chest"
 class HandPlace(NamedTuple):
   """A place of `motion_jax.motion.reaching.PLACES`, and the sides of the hands that are brought there."""
   place: str
-  sides: tuple[str, ...]
+  sides: tuple[str, ...]  # () where the words name none: the hands of the action before, or the right one
   at_once: bool  # the hands are there from the beginning of the action: "stands with the arms out"
   alone: bool = True  # the action says nothing else
   # A gesture: places in a row, each with the seconds in which it is reached; over and over if it is a rhythm.
   gesture: tuple[tuple[str, float], ...] = ()
   rhythm: bool = False
   flows: bool = False  # no place of the gesture is kept for a moment
+  again: bool = False  # of the hands of an action before it, if there is one: "lowers them"
 
 
-def hand_place_of(action: Action, before: HandPlace | None = None) -> HandPlace | None:
-  """Where an action has hands, None where its words name no place.
+class Limb(NamedTuple):
+  """What words say of a limb: its sides, () where they do not say which, the words before and after it."""
+  sides: tuple[str, ...]
+  thing: str  # "hands"
+  before: tuple[str, ...]
+  after: tuple[str, ...]
+  start: int
+  end: int  # of what is said of it
+  ends: bool  # whether that is all of the words
 
-  before: the place of an action before it, whose hands are meant by "lowers them".
-  """
-  words = action.words.lower().replace("’", "'")
-  if _CARRY.search(words):
+
+def limb_at(words: tuple[str, ...], at: int) -> Limb | None:
+  """The limb that begins at a place, "both outstretched arms"; None where none does."""
+  start, several, how, side = at, False, (), ()
+  while at < len(words) and words[at] in _WHOSE:
+    several, at = several or words[at] == "both", at + 1
+  if words[at:at + 1] == ("outstretched",):
+    how, at = ("outstretched",), at + 1
+  if at < len(words) and words[at] in _BOTH:
+    side, at = (words[at],), at + 1
+  if at == len(words) or words[at] not in _LIMBS:
     return None
-  if _T_POSE.match(words):
-    return HandPlace("side", ("left", "right"), True, alone=action.verb not in _BRINGS)
-  brings = action.verb in _BRINGS
-  if brings and (found := _MOVED.match(words)):
-    sides = _sides(found) or before and before.sides or ("right",)
-    return _brought([found["verb"], found["how"], found["before"], _end(found)], sides, action.verb in _KEEPS,
-                    found["after"] == _end(found) and not _says_more(found["after"]))
-  if action.verb == "reach" and (found := _REACHED.match(words)):
-    return _brought(["reaches", _end(found)], action.sides or ("right",), False, False)
-  if brings and before and (found := _AGAIN.match(words)):
-    after = found["after"] or found["alone"] or ""
-    return _brought([found["verb"], _END.split(after, maxsplit=1)[0]], before.sides, False, not _END.search(after))
-  if brings and (found := _TO_THE_HEAD.match(words)):
-    return _brought(["to the", found["thing"]], action.sides or ("right",), False, False)
-  if action.verb in _TOUCHES and (found := _TOUCHED.match(words)):
-    touched = _brought(["to the", found["thing"]], action.sides or ("right",), False)
-    rubbed = touched and action.verb in _RUBS and _RUBBED.get(touched.place)
-    if touched:
-      return touched if not rubbed else touched._replace(
-          gesture=((touched.place, _BEAT), (rubbed, _BEAT)), rhythm=True)
-  if action.verb in _AT_THE_HEAD:
-    return HandPlace(_AT_THE_HEAD[action.verb], action.sides or ("right",), False)
-  if gesture := _gesture_of(action):
+  after = _until_end(words[at + 1:])
+  end = at + 1 + len(after)
+  return Limb(
+      _BOTH if several or words[at].endswith("s") else side, words[at], how, after, start, end, end == len(words))
+
+
+def _limb_beside(words):
+  """The limb that words name beside an action: "with the arms out", ", hands on hips", "has a hand raised"."""
+  places = (at + 1 for at, word in enumerate((",", *words)) if word in (",", "with", "has", "have", "had"))
+  return next((limb for at in places if (limb := limb_at(words, at - 1))), None)
+
+
+def _place_of(words, sides):
+  """The place that words about a hand say, None where they say none."""
+  plain = said(word for at, word in enumerate(words) if word not in ("each", "both", "either", "opposite") and not (
+      word in _BOTH and words[at + 1:]))
+  for level in _LEVELS:
+    plain = plain.replace(f" {level} ", f"-{level} ").replace(f"-{level} ", f"-{level} {level} ")
+  if " from " in plain and plain.startswith((" lower", " drop")):
+    return "down"
+  at_a_part = said("@" if word in _AT else word for word in plain.replace("top of", "on").replace(
+      "front of", "on").split())
+  place = first_of(_PLACES, plain + at_a_part)
+  if place is None:
+    place = "side" if says(plain, _ASIDE) and says(plain, _RAISED) else first_of(_OTHER_PLACES, plain)
+  return "front" if place == "out" and plain.startswith(" reach") else _resolved(place or None, sides)
+
+
+def _resolved(place, sides):
+  """The place, of which "out" is one for both hands and another for one; it stays where no sides are named."""
+  return place if place != "out" or not sides else "side" if len(sides) == 2 else "front"
+
+
+def _brought(words, sides, at_once=False, alone=True):
+  """The hands of some sides, () for unnamed ones, where words have them; None where they say no place."""
+  place = _place_of(tuple(words), sides)
+  return place and HandPlace(place, sides, at_once, alone and place != "knees")  # who stands does not reach the knees
+
+
+@functools.lru_cache(maxsize=1 << 12)
+def hand_place_of(verb: str, part: str, sides: tuple[str, ...], times: int, text: str) -> HandPlace | None:
+  """Where an action has hands, None where its words name no place. sides: the arms that it names."""
+  words = tokens(text)
+  whole = said(words)
+  if says(whole, _CARRY):
+    return None
+  if says(said(words[:6]), "t pose, t-pose"):
+    return HandPlace("side", _BOTH, True, verb not in _BRINGS)
+  start = next((at for at, word in enumerate(words) if not word.endswith("ly")), 0)
+  rest = words[start + 1:]
+  if verb in _BRINGS and (place := _hands_brought(verb, words[start:start + 1], rest, sides)):
+    return place
+  one = sides or ("right",)
+  if verb in _TOUCHES and (place := _brought(("to", *_thing(rest)), one)):
+    rubbed = verb in _RUBS and _RUBBED.get(place.place)
+    return place if not rubbed else place._replace(gesture=((place.place, _BEAT), (rubbed, _BEAT)), rhythm=True)
+  if verb in _AT_THE_HEAD:
+    return HandPlace(_AT_THE_HEAD[verb], one, False)
+  if gesture := _gesture_of(verb, part, sides, times, words):
     return gesture
-  found = _BESIDE.search(words) if action.part != "arms" else None
-  kept = found and _brought([found["how"], _end(found)], _sides(found) or ("right",), True,
-                            not action.verb and found.start() == 0 and found["after"] == _end(found))  # "hands on hips"
-  return None if kept is None or kept.place == "down" else kept  # beside another action arms hang and swing as they do
+  limb = _limb_beside(words) if part != "arms" else None
+  kept = limb and _brought((*limb.before, *limb.after), limb.sides or ("right",), True,
+                           not verb and limb.start == 0 and limb.ends)  # "hands on hips"
+  return None if not kept or kept.place == "down" else kept  # beside another action arms hang and swing as they do
 
 
-def _gesture_of(action):
+def _hands_brought(verb, form, rest, sides):
+  """Where an action that brings hands somewhere has them, with the form of its verb and the words after it."""
+  particle = rest[:1] if rest and rest[0] in _PARTICLES else ()
+  if limb := limb_at(rest, len(particle)) or limb_at(rest, 0):
+    return _brought((*form, *limb.before, *particle, *limb.after), limb.sides, verb in _KEEPS, limb.ends)
+  if verb == "reach" and rest and (rest[0] in _OUTWARD or rest[:2] == ("in", "front")):
+    return _brought(("reaches", *_until_end(rest)), sides or ("right",), alone=False)
+  if rest[:1] in (("it",), ("them",)) or {"again", "back", "down"}.issuperset(rest):
+    after = rest if rest[:1] not in (("it",), ("them",)) else rest[1:] if rest[0] == "them" else ()
+    place = _brought((*form, *_until_end(after)), (), alone=_until_end(after) == after)
+    if place:
+      return place._replace(again=True)
+  place = first_of(_TO_THE_HEAD, said(rest))
+  return place and HandPlace(place, sides or ("right",), False, alone=False)
+
+
+def _until_end(words):
+  """The words up to one that begins something else: "up" of "up and then bows"."""
+  return next((words[:at] for at, word in enumerate(words) if word in _ENDS and not (
+      word == "and" and words[at + 1:at + 2] and words[at + 1] in _GOES_ON)), words)
+
+
+def _thing(words):
+  """The single word that is touched: ("head",) of "the right side of his head or neck with a hand"; () for others."""
+  thing = said(before((".", *words), {"with", "or"})[1:]).replace(" left side of ", " ").replace(" right side of ", " ")
+  return tuple(thing.split()) if len(thing.split()) == 1 else ()
+
+
+def _gesture_of(verb, part, sides, times, words):
   """The gesture of an action of the arms, None of other actions."""
-  both = ("left", "right")
-  words = action.words.lower()
-  if action.verb in _CIRCLING and _CIRCLES.search(words) and (
-      limb := re.search(r"\b(arm|hand|forearm)(s?)\b", words)) and not _NO_CIRCLE.search(words):
-    way = _OF_ARMS if limb[1] == "arm" and not re.search(r"\b(?:small|little|tiny)\b|\bfront\b", words) else _OF_HANDS
-    way = way[::-1] if re.search(r"\b(?:backwards?|reverse)\b", words) else way
-    sides = action.sides or (both if limb[2] or "circles" in words and limb[1] == "arm" else ("right",))
-    return HandPlace("", sides, False, gesture=way * action.times, rhythm=action.times == 1, flows=True)
-  words = words.split(" with ")[0]
-  if action.part != "arms" or _NO_GESTURE.search(words):
+  limb = next((word.removesuffix("s") for word in words if word.removesuffix("s") in ("arm", "hand", "forearm")), "")
+  text = said(words)
+  circles = says(text, _CIRCLES) or verb == "rotate" and limb == "arm"
+  if limb and verb in _CIRCLING and circles and _NO_CIRCLE.isdisjoint(words):
+    way = _OF_ARMS if limb == "arm" and not says(text, _SMALL) else _OF_HANDS
+    way = way[::-1] if says(text, "backward, backwards, reverse") else way
+    return HandPlace("", sides or ("right",), False, gesture=way * times, rhythm=times == 1, flows=True)
+  if part != "arms" or not _NO_GESTURE.isdisjoint(before(words, {"with"})):
     return None
-  if action.verb in _AGAIN_AND_AGAIN:
-    rhythm = _AGAIN_AND_AGAIN[action.verb]
-    return HandPlace("", both, False, gesture=rhythm * action.times + (("down", 0.8),) * (action.times > 1),
-                     rhythm=action.times == 1)
-  if action.verb in _ONE_HAND:
-    return HandPlace("", action.sides or ("right",), False, gesture=_ONE_HAND[action.verb] * action.times)
-  if action.verb in _BOTH_HANDS:
-    return HandPlace("", action.sides or both, False, gesture=_BOTH_HANDS[action.verb] * action.times)
+  if verb in _AGAIN_AND_AGAIN:
+    rhythm = _AGAIN_AND_AGAIN[verb]
+    return HandPlace("", _BOTH, False, gesture=rhythm * times + (("down", 0.8),) * (times > 1), rhythm=times == 1)
+  if verb in _ONE_HAND:
+    return HandPlace("", sides or ("right",), False, gesture=_ONE_HAND[verb] * times)
+  if verb in _BOTH_HANDS:
+    return HandPlace("", sides or _BOTH, False, gesture=_BOTH_HANDS[verb] * times)
   return None
 
 
 def without_hands(text: str) -> str:
   """A text without what it says of where hands are beside its action: "walks" of "walks with the arms out"."""
-  found = _BESIDE.search(text)
-  if not found or found[0].startswith("ha") or not _brought([found["how"], _end(found)], _sides(found), True):
+  words = text.replace(",", " , ").split()
+  lower = tuple(word.lower().strip(".;:!?") for word in words)
+  limb = _limb_beside(lower)
+  if not limb or lower[max(limb.start - 1, 0)] in ("has", "have", "had") or (
+      not _brought((*limb.before, *limb.after), limb.sides)):
     return text
-  rest = text[:found.start()] + text[found.start("after") + len(_end(found)):]
-  return " ".join(rest.split()) if len(rest.split()) > 2 else text
+  rest = [*words[:max(limb.start - 1, 0)], *words[limb.end:]]
+  return " ".join(rest).replace(" ,", ",") if len(rest) > 2 else text
 
 
-def _says_more(words):
-  """Whether words after a limb have a verb of their own: "has his arms crossed walks forward"."""
-  return any(word.endswith("s") and verb_of(word) and word not in lexicon.LIMBS for word in words.split())
+def places_of(segments: Sequence[Any]) -> list[dict[int, HandPlace]]:
+  """Where the actions of each of some segments have hands, by the number of the action in its segment.
 
-
-def _sides(found):
-  """The sides of a match of a limb: the named one, both where there are several, none where it does not say which."""
-  several = found["several"] or "both" in found["whose"].split()
-  return ("left", "right") if several else tuple(filter(None, [found["side"]]))
-
-
-def _end(found):
-  """What a match says of a limb."""
-  return _END.split(found["after"], maxsplit=1)[0]
-
-
-def _brought(said, sides, at_once, alone=True):
-  words = " ".join(" ".join(filter(None, said)).split())
-  place = None if _MOVES.search(words) else next((one for pattern, one in _PLACES if pattern.search(words)), None)
-  if place == "out":
-    place = "side" if len(sides) == 2 and not words.startswith("reach") else "front"
-  # A body that only stands does not reach its knees.
-  return HandPlace(place, sides, at_once, alone=alone and place != "knees") if place else None
-
-
-def places_of(segments: Sequence[Segment]) -> list[list[tuple[Action, HandPlace]]]:
-  """Where the actions of each of some segments have hands; hands that another action of a segment moves have none."""
-  found: list[list[tuple[Action, HandPlace]]] = []
-  before = None
+  Hands that another action of the segment moves are in no place.
+  """
+  places: list[dict[int, HandPlace]] = []
+  last: tuple[str, ...] | None = None  # hands of an action before
   for segment in segments:
-    own, busy = [], set()
-    for action in (segment.action, *segment.simultaneous):
-      place = hand_place_of(action, before)
-      if place:
-        own.append((action, place))
+    placed, busy = {}, set()
+    hands = [action.sides for action in segment.actions if action.part == "arms" and action.sides]
+    for number, action in enumerate(segment.actions):
+      place = action.hands
+      if place and (last is not None or not place.again):
+        sides = place.sides or last or ("right",)
+        placed[number] = place._replace(sides=sides, place=_resolved(place.place, sides))
       elif action.part == "arms":
-        busy |= set(action.sides or ("left", "right"))
-    found.append([one for one in own if busy.isdisjoint(one[1].sides)])
-    hands = [one for one in (segment.action, *segment.simultaneous) if one.part == "arms" and one.sides]
-    before = found[-1][-1][1] if found[-1] else HandPlace("", hands[-1].sides, False) if hands else before
-  return found
+        busy |= set(action.sides or _BOTH)
+    places.append({number: place for number, place in placed.items() if busy.isdisjoint(place.sides)})
+    last = [*places[-1].values()][-1].sides if places[-1] else hands[-1] if hands else last
+  return places

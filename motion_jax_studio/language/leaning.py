@@ -1,21 +1,22 @@
 """Where a body leans by the words of an action: "leans to the left", "sways back and forth", "tilts backward"."""
-import re
+import functools
 from typing import NamedTuple
 
 from motion_jax.text.morphology import is_participle
+from motion_jax_studio.language import lexicon
 from motion_jax_studio.language.hand_places import without_hands
-from motion_jax_studio.language.segments import Action
+from motion_jax_studio.language.words import before, first_of, said, tokens
 
 _VERBS = {"lean", "sway", "tilt", "rock", "slouch", "slump", "hunch"}
-_OTHER_THINGS = re.compile(r"\b(?:head|neck|hands?|arms?|legs?|foot|feet|hips?|heels?|toes?|on|against|chair|seat|"
-                           r"sofa|couch|ground|floor|while|then)\b|^(?:\w+ly )*\w+ (?:a|an|the|his|her|their) "
-                           r"(?!left|right|side|front|back|other)")
-_WAYS = tuple((re.compile(rf"\b(?:{words})\b"), way) for words, way in (
-    (r"back and forth|forwards? and backwards?|front to back", (0, 1)),
-    (r"side to side|left and right|right and left|left to right|right to left", (1, 0)),
-    (r"left", (1, 0)), (r"right", (-1, 0)), (r"backwards?|back", (0, -1)), (r"forwards?|over|down|ahead|in", (0, 1))))
-_TO_AND_FRO = re.compile(r"\b(?:side to side|and forth|and backwards?|to back|(?:left|right) (?:and|to) "
-                         r"(?:left|right))\b")
+_SWAYING = {"sway", "rock"}
+_OTHER_THINGS = {"head", "neck", "hand", "hands", "arm", "arms", "leg", "legs", "foot", "feet", "hip", "hips", "heel",
+                 "heels", "toe", "toes", "on", "against", "chair", "seat", "sofa", "couch", "ground", "floor", "while",
+                 "then"}
+_WAYS = (
+    ((0, 1, True), "back and forth, forward and backward, forwards and backwards, front to back"),
+    ((1, 0, True), "side to side, left and right, right and left, left to right, right to left"),
+    ((1, 0, False), "left"), ((-1, 0, False), "right"), ((0, -1, False), "back, backward, backwards"),
+    ((0, 1, False), "forward, forwards, over, down, ahead, in"))
 
 
 class Lean(NamedTuple):
@@ -24,12 +25,15 @@ class Lean(NamedTuple):
   sways: bool           # to there and to the other way, again and again
 
 
-def lean_of(action: Action) -> Lean | None:
+@functools.lru_cache(maxsize=1 << 12)
+def lean_of(verb: str, text: str) -> Lean | None:
   """Where an action has the trunk lean, None where its words say no such thing."""
-  said = without_hands(action.words.lower()).split(",")[0]
-  if action.verb not in _VERBS or _OTHER_THINGS.search(said) or any(map(is_participle, said.split()[1:])):
+  if verb not in _VERBS:
     return None
-  swaying = action.verb in ("sway", "rock")
-  way = next((way for words, way in _WAYS if words.search(said)), (1, 0) if swaying else (0, 1))
-  named = any(words.search(said) for words, _ in _WAYS)
-  return Lean(way, bool(_TO_AND_FRO.search(said)) or swaying and not named)
+  words = before(tokens(without_hands(text)), {","})
+  of_a_thing = words[1:2] and words[1] in lexicon.DETERMINERS | lexicon.POSSESSIVES and (
+      words[2:3] not in (("left",), ("right",), ("side",), ("front",), ("back",), ("other",)))
+  if of_a_thing or not _OTHER_THINGS.isdisjoint(words) or any(map(is_participle, words[1:])):
+    return None
+  left, ahead, sways = first_of(_WAYS, said(words), (1, 0, True) if verb in _SWAYING else (0, 1, False))
+  return Lean((left, ahead), sways)

@@ -63,7 +63,7 @@ PATH_NOUNS = {"u-turn", "circle", "circles", "figure-eight", "loop", "zigzag", "
 
 # --- when -------------------------------------------------------------------------------------------------------------
 
-SIMULTANEOUS = ("at the same time", "simultaneously", "at once", "meanwhile")
+SIMULTANEOUS = {"at the same time", "simultaneously", "at once", "meanwhile"}
 PAUSE_SECONDS = {"a moment": 1.0, "a while": 4.0, "a long time": 6.0}
 SHORT_TIMES = set("for a little short long while moment bit time second".split())  # "for a little while"
 NOT_A_CONNECTOR_AFTER_AS = ("if", "though", "well", "a", "an")
@@ -171,7 +171,7 @@ UP = set("air sky".split())  # "raises a hand to the sky"
 BENT_BODY = {"over", "forward", "forwards", "down", "waist"}  # "bends over"
 TURNING = {"turn", "spin", "pivot", "rotate"}
 STEPPING = {"step", "take", "move", "slide", "sidestep", "go"}  # verbs that may lead to a side, beside walking
-IN_PLACE = re.compile(r"\b(?:in|on) (?:place|the spot|one spot)\b")
+IN_PLACE = "in place, on place, in spot, on spot, in one spot, on one spot"
 STRIKES, FISTS = {"strike", "hit"}, {"fist", "fists"}
 # Words that take a dance to another place.
 ELSEWHERE = {"across", "along", "around", "away", "backward", "backwards", "circle", "circles", "forward", "forwards",

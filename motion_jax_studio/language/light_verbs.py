@@ -10,17 +10,12 @@ from motion_jax.text import wordnet
 from motion_jax.text.morphology import present_participle, verb_of
 from motion_jax_studio.language import lexicon
 from motion_jax_studio.language.counting import without_times
+from motion_jax_studio.language.hand_places import limb_at
 from motion_jax_studio.language.meaning import pace_of
-from motion_jax_studio.language.rule import Rule, first_match
+from motion_jax_studio.language.words import said
 
-_DIAGONAL = re.compile(r"(?:straight )?(ahead|forwards?|back|backwards?) and to (?:the|his|her|their) (left|right) ?,? "
-                       r"(?:without (?:ever )?turning|without a turn|(?:while |still )?facing (?:forwards?|ahead))"
-                       r"(?: around)?")
-_HANDS_UP = re.compile(
-    r"(?:up )?(?:(?:the|his|her|their|its|my|your|both|a|an|one|of) )*(?P<side>(?:left|right) )?(?P<thing>hands?|arms?)"
-    r"(?: (?:straight |right |high )?up)?(?P<where> (?:high )?(?:in|into) the (?:air|sky)| overhead| (?:high )?"
-    r"(?:above|over) (?:his|her|their|the) head)?"
-    r"(?P<after>(?: (?:slowly|quickly|again|high|once|twice|\w+ times|with \w+))*)")
+_UP = {"up", "overhead", "air", "sky", "head"}
+_UPWARD = _UP | set("straight high in into the above over his her their slowly quickly again".split())
 # "step to the left", "sidestep right", "take a step sideways", "take side steps to his right"
 _TO_A_SIDE = r"(?:to )?(?:(?:the|his|her|their|its) )?(?P<side>left|right|side)(?: side)?"
 _SOME = r"(?:(?:an?|some|several|a few|another) )?(?:(?:small|big|large|little|short|long|quick|slow) )*"
@@ -29,8 +24,7 @@ _SIDE_STEPS = re.compile(
     rf"steps? sideways))(?: {_TO_A_SIDE})?|step {_TO_A_SIDE.replace('<side>', '<way>')})"
     r"(?: (?P<times>once|twice|thrice|\w+ times))?(?P<after>(?: (?:slowly|quickly|again))*(?: (?:,|with|in|and) .+)?)")
 _MOTION = re.compile(r"(?:an? )?(?:\w+ )?(?P<verb>\w+ing) (?:motion|movement|gesture|action)s?\b")
-_IN_A_POSTURE = re.compile(r"(?:(?:from|in|out|off|(?:back )?(?:in)?to) )?(?:(?:a|the) )?(\w+)(?: down)?"
-                           r"(?: (?:position|pose|posture))?")
+_TO_A_POSTURE = {"from", "in", "out", "off", "to", "into", "back", "down", "position", "pose", "posture"}
 
 
 class Reworded(NamedTuple):
@@ -43,25 +37,20 @@ class Reworded(NamedTuple):
 
 def reworded(verb: str, words: Sequence[str]) -> Reworded | None:
   """The action that a verb and the words after it mean, None where no rule applies ("does a front kick")."""
-  return first_match(RULES, verb, words, [word.lower() for word in words])
+  lower = [word.lower() for word in words]
+  return next((action for rule in _RULES if (action := rule(verb, words, lower)) is not None), None)
 
 
 def _action(verb, words, times=1):
   return Reworded(verb, present_participle(verb), words, times)
 
 
-def _walk_diagonally(verb, words, lower):
-  found = _DIAGONAL.fullmatch(" ".join(lower))
-  if found is None:
-    return None
-  way = "backward" if found[1].startswith("back") else "forward"
-  return _action(verb, ["diagonally", way, "to", "the", found[2]])
-
-
 def _start_in_a_posture(verb, words, lower):
-  found = _IN_A_POSTURE.fullmatch(" ".join(lower)) if verb in ("start", "begin", "return") else None
-  posture = found and ("sit" if found[1] == "seated" else verb_of(found[1]))
-  if posture not in lexicon.LOW | {"stand"} or posture == found[1]:
+  postures = [word for word in said(lower).split() if word not in _TO_A_POSTURE]
+  if verb not in ("start", "begin", "return") or len(postures) != 1:
+    return None
+  posture = "sit" if postures == ["seated"] else verb_of(postures[0])
+  if posture not in lexicon.LOW | {"stand"}:
     return None
   return _action(posture, {"lie": ["down"], "stand": ["still"]}.get(posture, []))
 
@@ -78,13 +67,12 @@ def _strike_with_explicit_side(verb, words, lower):
 
 
 def _put_hands_up(verb, words, lower):
-  found = _HANDS_UP.fullmatch(" ".join(lower)) if verb in lexicon.PUTTING_VERBS else None
-  if found is None or "up" not in lower and not found["where"]:
+  limb = limb_at(tuple(lower), int(lower[:1] == ["up"])) if verb in lexicon.PUTTING_VERBS else None
+  if limb is None or not limb.ends or not _UPWARD.issuperset(limb.after) or _UP.isdisjoint(lower):
     return None
-  side, thing = (found["side"] or "").strip(), found["thing"]
-  which = ["the", side] if side else ["both"] if thing.endswith("s") else ["a"]
-  after = words[len(words) - len(found["after"].split()):] if found["after"] else []
-  return _action("raise", [*which, thing, *(found["where"] or "").split(), *after])
+  which = ["the", *limb.sides] if len(limb.sides) == 1 else ["both"] if limb.sides else ["a"]
+  where = [word for word in limb.after if word not in ("up", "straight")]
+  return _action("raise", [*which, limb.thing, *where])
 
 
 def _side_steps(verb, words, lower):
@@ -108,14 +96,6 @@ def _motion_of_an_action(verb, words, lower):
   found = _MOTION.match(" ".join(lower)) if verb in lexicon.LIGHT_VERBS else None
   meant = found and verb_of(found["verb"])
   return _action(meant, words[len(found[0].split()):]) if meant else None
-
-
-def _steps_at_a_pace(verb, words, lower):
-  pace = pace_of(lower[0]) if verb == "take" and lower[1:2] == ["steps"] else ""
-  after = words[2:]
-  if not pace or after and lower[2] not in (*lexicon.AFTER_A_NOUN, "ahead"):
-    return None
-  return _action("walk", [*(["forward"] if lower[2:] in (["ahead"], []) else after), pace])
 
 
 def _noun_of_an_action(verb, words, lower):
@@ -168,43 +148,5 @@ def _number_in_front(words):
   return (3, words[2:]) if words[1:2] == ["few"] else (1, words[1:])
 
 
-RULES = (
-    Rule("Diagonal walk", "Going ahead and to a side without turning is walking diagonally.", {
-        "someone walks ahead and to the left without turning": "walks diagonally forward to the left",
-        "she goes forward and to the right, facing ahead": "goes diagonally forward to the right"}, _walk_diagonally),
-    Rule("Starting posture", "The body takes the posture first.", {
-        "someone starts in a seated position, then stands up and walks": "sits | stands up | walks",
-        "a person starts from standing and sits down": "stands still | sits down",
-        "a person bends over and returns to a standing position": "bends over | stands still"}, _start_in_a_posture),
-    Rule("Coming to a stop", "The body stands still.", {
-        "someone walks ahead, then comes to a stop": "walks ahead | stands still"}, _come_to_a_stop),
-    Rule("Kick or punch with a side", "The side names the leg or the hand.", {
-        "a person kicks right twice": "kicks with the right foot 2 times"}, _strike_with_explicit_side),
-    Rule("Hands up", "Putting the hands up is raising them.", {
-        "she puts her hands up": "raises both hands",
-        "someone puts up the left hand": "raises the left hand"}, _put_hands_up),
-    Rule("Side steps", "Stepping to a side is walking sideways.", {
-        "a man side steps to the left": "walks sideways to the left",
-        "someone takes side steps to the right, then waves": "walks sideways to the right | waves",
-        "a person steps sideways to their right": "walks sideways to the right"}, _side_steps),
-    Rule("Stretching", "Stretching that names no limb is of both arms, up.", {
-        "a person stretches, then walks": "stretches both arms up | walks",
-        "raising the hands above the head and stretching": "raises the hands above the head | stretches both arms up",
-        "a person is standing and stretching": "stands + stretches both arms up"}, _stretch),
-    Rule("Motion of an action", "A motion, movement or gesture of an action is that action.", {
-        "a person makes a waving motion with the left arm": "waves with the left arm"}, _motion_of_an_action),
-    Rule("Steps at a pace", "Taking slow or quick steps is walking at that pace.", {
-        "the person takes slow steps ahead": "walks forward slowly",
-        "a person takes quick steps backward": "walks backward quickly"}, _steps_at_a_pace),
-    Rule("Noun of an action", "The noun names the action, a number or an article the repetitions, a side the limb, "
-         "an adjective the pace.", {
-        "someone takes two bows": "bows 2 times",
-        "someone walks ahead and takes a seat": "walks ahead | sits down",
-        "a person walks, takes a rest and walks back": "walks | stands still | walks back",
-        "a person does three squats and then waves": "squats 3 times | waves",
-        "a man goes for a brisk walk": "walks quickly",
-        "a person does a 180 degree turn": "turns 180 degrees",
-        "a man walks and does a 180": "walks | turns 180 degrees",
-        "she does a forward kick with her left leg": "kicks forward with her left leg",
-        "she throws a left punch": "punches with the left hand"}, _noun_of_an_action),
-)
+_RULES = (_start_in_a_posture, _come_to_a_stop, _strike_with_explicit_side, _put_hands_up, _side_steps,
+          _stretch, _motion_of_an_action, _noun_of_an_action)

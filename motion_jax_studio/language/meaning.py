@@ -9,7 +9,6 @@ Below `SURE` a verb has no meaning here: the model gets the words as they are.
 """
 import collections
 import functools
-import re
 from collections.abc import Iterable
 from typing import Any, NamedTuple
 
@@ -20,6 +19,7 @@ from motion_jax.text.morphology import is_participle, possible_bases, present_pa
 from motion_jax.text.wordnet import Target
 from motion_jax_studio.language import lexicon
 from motion_jax_studio.language.actions import part_of
+from motion_jax_studio.language.words import letters
 
 SURE = SYNONYM  # confidence from which a verb is replaced
 _CLOSE = 0.2  # what the confidence of a kind may lack to that of the surest one
@@ -78,7 +78,7 @@ class Meanings:
   @functools.cached_property
   def words(self) -> collections.Counter:
     """{word: how often captions have it}."""
-    return collections.Counter(re.findall(r"[a-z]+", " ".join(self._captions).lower()))
+    return collections.Counter(letters(" ".join(self._captions)))
 
   @functools.cached_property
   def verbs(self) -> collections.Counter:

@@ -2,7 +2,6 @@
 from motion_jax.text.morphology import is_participle
 from motion_jax_studio.language import actions, lexicon
 from motion_jax_studio.language.clause import can_be_simultaneous, lower
-from motion_jax_studio.language.rule import Rule
 
 
 def subject_of(clauses):
@@ -75,31 +74,3 @@ def _is_at_a_thing(clause):
   words = lower(clause.words)
   thing = words[:words.index("with")] if "with" in words else words
   return bool(thing) and clause.verb in lexicon.AT_A_THING and (lexicon.LIMBS | lexicon.FACE).isdisjoint(thing)
-
-
-RULES = (
-    Rule("One subject", "The subject is carried over, also to pronouns; a sentence about two people is not split.", {
-        "an old man with a cane walks slowly, then he sits": "walks slowly | sits",
-        "a person walks, then another person waves": "a person walks, then another person waves"}),
-    Rule("Participle", "An action of arms or head in the participle is simultaneous, with or without a comma.", {
-        "a person walks waving": "walks + waves",
-        "a person, walking forward, waves": "walks forward + waves",
-        "a person runs forward waving both hands": "runs forward + waves both hands"}),
-    Rule("Simultaneous by words", "\"at the same time\", \"simultaneously\", \"at once\", \"meanwhile\" make actions "
-         "simultaneous.", {
-        "a person kicks and punches at the same time": "kicks + punches",
-        "a person walks, simultaneously waving": "walks + waves"}),
-    Rule("Main clause without a comma", "After a subordinate clause in front, the main clause begins at its subject.", {
-        "after sitting for a while the person gets up and walks away": "sits for a while | gets up | walks away",
-        "while walking he waves": "walks + waves"}),
-    Rule("At a thing", "What the hands do at a thing that stands somewhere comes before or after a walk, unless "
-         "\"while\" or a participle says otherwise.", {
-        "a person walks to the door and opens it": "walks to the door | opens it",
-        "a person opens the door and walks through": "opens the door | walks through",
-        "a person walks forward and grabs something": "walks forward | grabs something",
-        "a person walks forward, grabbing things": "walks forward + grabs things",
-        "a person walks and wipes the sweat off his face": "walks + wipes the sweat off his face"}),
-    Rule("One body", "What one body cannot do at once stays one action.", {
-        "a person turns to the left while walking": "a person turns to the left while walking",
-        "a person walks up and down": "a person walks up and down"}),
-)

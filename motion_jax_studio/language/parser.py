@@ -13,14 +13,13 @@ from collections.abc import Callable
 from motion_jax.text.morphology import is_participle, is_past, third_person, verb_of
 from motion_jax_studio.language import actions, lexicon
 from motion_jax_studio.language.clause import lower
-from motion_jax_studio.language.clauses import clauses_of, fragments_of
-from motion_jax_studio.language.counting import without
+from motion_jax_studio.language.clauses import clauses_of, fragments_of, parts_of
+from motion_jax_studio.language.hand_places import without_hands
 from motion_jax_studio.language.lexicon import HOLD, PAUSE
 from motion_jax_studio.language.meaning import Meanings, is_a, translated
 from motion_jax_studio.language.ordering import in_order, subject_of
 from motion_jax_studio.language.plan import Plan
 from motion_jax_studio.language.poses import holding, is_hold, with_poses
-from motion_jax_studio.language.rule import Rule
 from motion_jax_studio.language.segments import Action, Segment, pause
 
 _ON_THE_WAY = re.compile(r" on (?:the|his|her|their) way\Z")
@@ -29,9 +28,6 @@ _TURN_TO_A_SIDE = re.compile(r"(?:\w+ly )?(?:turns?|walks? and makes? a) (?:\w+l
 _WAY_BACK = re.compile(r"((?:\w+ly )?\w+) back\b(?!wards?\b| and forth)"
                        r"(?: (?:to|the way|where|towards?|in the)\b.*)?")
 _NOT_FORWARD = frozenset("backward backwards back sideways turns turn circle around diagonally".split())
-_HANDS_UP = re.compile(r"\bwith (?:(?:his|her|their|its|the|a|an|one|both) )*((?:left |right )?)(hands?|arms?) "
-                       r"(?:(?:held|stretched|lifted) )?(?:raised|lifted|up|in the air|high|overhead|"
-                       r"(?:above|over) (?:(?:his|her|their|the) )?head)(?: (?:up|high|in the air))?\b")
 
 
 def parse(text: str, known: Callable[[str], bool] | None = None, meanings: Meanings | None = None) -> Plan:
@@ -40,23 +36,24 @@ def parse(text: str, known: Callable[[str], bool] | None = None, meanings: Meani
   known: whether a model has learned such words as one action; these stay together ("walks and turns left"), and so does
   any turn to a side on one's way. meanings: of verbs, in those that the model knows.
   """
-  fragments = fragments_of(text)
-  clauses = [clause and translated(clause, meanings) for _, clause in clauses_of(fragments, lambda text: True)]
-  whole = tuple(_action(clause, lower(clause.subject) or lexicon.DEFAULT_SUBJECT)
-                for clause in clauses if clause is not None)
-  split = _segments(text, fragments, lambda text: False, meanings)
-  segments = split if known is None else _on_the_way(_segments(text, fragments, known, meanings), text)
-  all_actions = whole if split is None else tuple(
+  parts = parts_of(fragments_of(text))
+  whole = [_action(clause, lower(clause.subject) or lexicon.DEFAULT_SUBJECT) if clause else None
+           for _, clause in _clauses(parts, meanings, lambda text: True)]
+  split = _segments(text, _clauses(parts, meanings))
+  segments = split if known is None else _on_the_way(
+      None if known(text) else _segments(text, _clauses(parts, meanings, known)), text)
+  actions_ = tuple(filter(None, whole)) if split is None else tuple(
       action for segment in split for action in (segment.action, *segment.simultaneous))
-  single = whole[0] if len(whole) == len(clauses) == 1 else None
   plain = (Segment(Action(text, text)),)
-  return Plan(text, segments or plain, all_actions, single, split or plain)
+  return Plan(text, segments or plain, actions_, whole[0] if len(whole) == 1 else None, split or plain)
 
 
-def _segments(text, fragments, known, meanings):
-  """The segments of a text, None where it stays as it is."""
-  joined = [] if known(text) else [
-      (kind, clause and translated(clause, meanings)) for kind, clause in clauses_of(fragments, known)]
+def _clauses(parts, meanings, keep_together=None):
+  return [(kind, clause and translated(clause, meanings)) for kind, clause in clauses_of(parts, keep_together)]
+
+
+def _segments(text, joined):
+  """The segments of a text of clauses [(connector, clause)], None where it stays as it is."""
   clauses = [clause for _, clause in joined]
   if not clauses or None in clauses:
     return None
@@ -68,8 +65,8 @@ def _segments(text, fragments, known, meanings):
   segments = [part for group in groups for part in holding(_segment(group, subject))]
   if any(clause.steps for clause in groups[-1]) and segments[-1].seconds:  # after its steps the body stands there
     segments.append(pause(who, None))
-  found = with_poses(_with_ways_back(segments), who)
-  return None if Plan(text, found).is_plain else found
+  posed = with_poses(_with_ways_back(segments), who)
+  return None if Plan(text, posed).is_plain else posed
 
 
 def _with_ways_back(segments):
@@ -121,8 +118,7 @@ def _segment(group, subject):
   found = []
   for clause in ordered:
     action = _action(clause, subject)
-    hands = _HANDS_UP.search(action.words.lower()) if action.part == "legs" else None
-    found += [action] if hands is None else _with_hands_up(action, hands)
+    found += _with_hands_up(action) if action.part == "legs" and action.hands else [action]
   seconds = [clause.seconds for clause in ordered if clause.seconds is not None]
   if not seconds and found[0].words in (PAUSE, HOLD):
     words = " ".join(lower(ordered[0].words))
@@ -130,12 +126,13 @@ def _segment(group, subject):
   return Segment(found[0], tuple(found[1:]), seconds[0] if seconds else None)
 
 
-def _with_hands_up(action, hands):
+def _with_hands_up(action):
   """The action without "with the right hand raised", and the raised hand as a pose."""
-  words, side, several = without(action.words, hands), hands[1].strip(), hands[2].endswith("s")
-  raised = f"raises the {side} hand" if side else "raises both hands" if several else "raises a hand"
-  sides = (side,) if side else ("left", "right") if several else ()
-  return [action._replace(words=words, prompt=f"{action.subject} {words}"),
+  prompt, sides = without_hands(action.prompt), action.hands.sides
+  if action.hands.place != "up" or not action.hands.at_once or prompt == action.prompt:
+    return [action]
+  raised = "raises both hands" if len(sides) == 2 else f"raises the {sides[0]} hand"
+  return [action._replace(words=prompt.removeprefix(f"{action.subject} "), prompt=prompt),
           Action(f"{action.subject} {raised}", raised, "arms", sides, is_pose=True, subject=action.subject)]
 
 
@@ -176,31 +173,3 @@ def _words_of(clause, subject):
     form = base if is_plural else third_person(base)
   words = " ".join([*lower(clause.before), form, *clause.words])
   return re.sub(r"\s+([,.;:!?%)])", r"\1", words).rstrip(" .,;:!?-–—").replace("( ", "(")
-
-
-RULES = (
-    Rule("Past tense", "Captions are in the present tense, and so is what the model gets; passives stay as they are.", {
-        "the person walked forward and then turned around": "walks forward | turns around",
-        "a person was pushed, then he fell": "is pushed | falls",
-        "a person sits down and crossed his legs": "sits down | crosses his legs"}),
-    Rule("Raised hands", "\"with the right hand raised\": the hand stays up during the action.", {
-        "a person walks with the right hand raised": "walks + raises the right hand",
-        "a person walks with both arms up then sits": "walks + raises both hands | sits",
-        "a person with the left hand raised walks, then sits": "walks + raises the left hand | sits"}),
-    Rule("Kept limbs", "How a limb is kept or moves beside an action is no action of its own.", {
-        "a person with knees bent raises the left hand, then bows": "raises the left hand | bows",
-        "a man walks with his arms swinging, then sits": "walks with his arms swinging | sits",
-        "a kneeling man raises the left hand, then stands up": "raises the left hand | stands up"}),
-    Rule("Other verbs", "A word in the third person with an object is an action, although no list has it.", {
-        "a person walks forward, clasps hands and bows": "walks forward | clasps hands | bows",
-        "a man steps back and shields his face": "walks backward [0.8] | shields his face"}),
-    Rule("Backing away", "Backing up, away or off is walking backward.", {
-        "a person was backing away, then bows": "walks backward | bows",
-        "a person bows and backs up slowly": "bows | walks backward slowly"}),
-    Rule("Ways back",
-         "A turn before a walk back goes around, and the walk goes ahead, to where the body came from.", {
-        "a person walks forward, turns and walks back to where he started":
-            "walks forward | turns around | walks forward",
-        "a man walks forward, then turns to walk back": "walks forward | turns around | walks forward",
-        "someone runs ahead, spins to the left and runs back": "runs ahead | turns around to the left | runs forward"}),
-)

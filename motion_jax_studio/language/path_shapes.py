@@ -1,35 +1,34 @@
 """The shape and pace of a path, as a sentence describes them: `checks.path_violations` measures it on joints."""
+import functools
 import re
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from motion_jax_studio.language import lexicon
 from motion_jax_studio.language.meaning import is_a, kind_of, pace_of
-from motion_jax_studio.language.segments import Action
+from motion_jax_studio.language.words import before, first_of, said, says, tokens
 
-# Where words about the path end.
-_BESIDE = re.compile(r",(?! (?:counter)?clockwise)| (?:with|while|starting|leading|dragging|leaning|kicking|waving|"
-                     r"looking)\b")
-_NONE = re.compile(r"\b(?:then|in place|on the spot)\b")  # several paths in one, or no path
-_SIZE = r"(?:(?:full|whole|complete|big|small|large|wide|tight|little|single|clockwise|counterclockwise|few) )*"
-_SHAPES = {shape: re.compile(words) for shape, words in {  # the first that matches; "" is no shape
-    "": r"\bquarters?\b|\d ?/ ?\d|\bhalf ?-?way\b|\bdegrees?\b|\band a half\b|\bcircle of\b|clockwise from\b",
-    "u-turn": r"\bu-turn|\bhalf circle",
-    "zigzag": r"\bzigzag",
-    "figure-eight": r"\bfigure-eight",
-    "curve": r"\bcurve[ds]?\b|\bcurving\b|\barc\b",
-    "circle": rf"\bin (?:an? |one |two |three )?{_SIZE}circles?\b|\bcircular\b|\b\w+s (?:around )?(?:an? |one |two "
-              rf"|three )?{_SIZE}circles?\b|\boval\b|clockwise\b|\bcircles (?:around|to)\b",
-    "straight": r"\bstraight(?: ahead| on| forwards?| line)?$|\bstraight (?:ahead|on|forwards?|line)\b"}.items()}
-_WORD = re.compile(r"\w+")
-_LIMBS = lexicon.LIMBS | {"air"}
+_BESIDE = set(", with while starting leading dragging leaning kicking waving looking".split())  # end the path's words
+_SIZES = set("full whole complete big small large wide tight little single few one two three".split())
+_SHAPES = (  # the first that is said; "" is no shape
+    ("", "quarter, quarters, half way, half-way, halfway, degree, degrees, and half, circle of, clockwise from, "
+         "counterclockwise from"),
+    ("u-turn", "u-turn*, half circle*"),
+    ("zigzag", "zigzag*"),
+    ("figure-eight", "figure-eight*"),
+    ("curve", "curve, curved, curves, curving, arc"),
+    ("circle", "in circle, in circles, around circle, around circles, circular, oval, clockwise, counterclockwise, "
+              "circles around, circles to"),
+    ("straight", "straight ahead, straight on, straight forward, straight forwards, straight line, straight ."))
+_SIDES = (("left", "left, counterclockwise"), ("right", "right, clockwise"))
+_TURNING = (("left", "turning left, turning to left"), ("right", "turning right, turning to right"))
 _TURNS = ("turn", "spin")
-_A_CIRCLE = re.compile(r"\bcircles?\b(?! of| around| to)", re.IGNORECASE)
-_BENDS = re.compile(r"\b(?:veer|turn|curv|swerv|back\b|forth\b)")
-_SIDES = {"left": re.compile(r"\b(?:left|counterclockwise)\b"), "right": re.compile(r"\b(?:right|clockwise)\b")}
+_A_CIRCLE = r"(?i)\bcircles?\b(?! of| around| to)"
+_NO_COURSE = "sideways, circle, circles, turn*, u-turn, arc, curv*, diagonal*, zigzag, from"  # of other paths
+_SIDED = {"foot", "leg", "hand", "arm"}
 # Words of a walk whose usual pace is another one, or that changes its pace.
-_OTHERWISE = re.compile(r"\b(?:back|backwards?|sideways|diagonal(?:ly)?|normal)\b")
-_CHANGES = re.compile(r"\b(?:first|faster|slower|speed\w*|slows|slowing|gradually|stops?)\b")
+_OTHERWISE = "back, backward, backwards, sideways, diagonal, diagonally, normal"
+_CHANGES = "first, faster, slower, speed*, slows, slowing, gradually, stop, stops"
 # Seconds of a full circle, as in `cmdm-small`. `cmdm-open` would take 3 to 4 by its clips, which are arcs: of its 20
 # circles none is complete in these, 9 are in 6 s, 16 in 7.5 s, all in 9 s.
 _CIRCLE_SECONDS = {"walk": 8.0, "run": 6.5}
@@ -43,7 +42,7 @@ class PathShape(NamedTuple):
 
 
 PACES = frozenset({"slowly", "quickly", "usual"})
-KINDS = (PACES | frozenset(_SHAPES)) - {""}
+KINDS = (PACES | frozenset(shape for shape, _ in _SHAPES)) - {""}
 BENT = frozenset({"circle", "u-turn", "zigzag", "figure-eight", "curve"})  # they contain turns
 
 
@@ -52,55 +51,70 @@ def is_gait(verb: str) -> bool:
   return is_a(verb, "walk", "run")
 
 
-def _shapes_of(verb, words):
+@functools.lru_cache(maxsize=1 << 12)
+def shapes_of(verb: str, text: str) -> tuple[PathShape, ...]:
   """Shape and pace of the path of one action; none of other actions, of walks in place and of two paths in one."""
-  words = words.lower()
   kind = kind_of(verb, "walk", "run")
   gait, manner = (kind.verb, kind.manner) if kind else ("", ())
-  own = _BESIDE.split(words, maxsplit=1)[0]
-  if _NONE.search(words) or not (gait or verb in lexicon.LIGHT_VERBS) or not (
-      _LIMBS.isdisjoint(_WORD.findall(own if gait else words))):
-    return []
-  shape = next((shape for shape, said in _SHAPES.items() if said.search(own)), "")
-  found = [PathShape(shape, _side_of(own, words))] if shape in ("circle", "u-turn", "curve") else []
-  if shape in ("zigzag", "figure-eight") or shape == "straight" and not _BENDS.search(words):
-    found = [PathShape(shape, "")]
+  text = text.lower().replace(", clockwise", " clockwise").replace(", counterclockwise", " counterclockwise")
+  whole, words = said(text), before(tokens(text), _BESIDE)
+  if not (gait or verb in lexicon.LIGHT_VERBS) or says(whole, "then, in place, on spot") or not (
+      lexicon.LIMBS | {"air"}).isdisjoint(words if gait else whole.split()):
+    return ()
+  path = said(word for word in words if word not in _SIZES).replace("s circle", "s in circle")  # "walks a circle"
+  shape = first_of(_SHAPES, f"{path}. ", "")
+  shapes = [PathShape(shape, _side_of(path, whole))] if shape in ("circle", "u-turn", "curve") else []
+  if shape in ("zigzag", "figure-eight") or shape == "straight" and not says(
+      whole, "veer*, turn*, curv*, swerv*, back, forth"):
+    shapes = [PathShape(shape, "")]
   if not gait:
-    return [shape for shape in found if shape.kind == "u-turn"]
-  paces = [*dict.fromkeys(pace for word in own.split() if (pace := pace_of(word)))]
+    return tuple(shape for shape in shapes if shape.kind == "u-turn")
+  paces = [*dict.fromkeys(pace for word in words if (pace := pace_of(word)))]
   if not paces:
     paces = ["quickly"] if "quickly" in manner else ["usual"] if gait == "walk" and set(manner) <= {"slowly"} else []
-  if _OTHERWISE.search(own) or _CHANGES.search(words) or len(paces) > 1:
-    return found
-  return found + [PathShape(pace, gait) for pace in paces]
+  if says(path, _OTHERWISE) or says(whole, _CHANGES) or len(paces) > 1:
+    return tuple(shapes)
+  return (*shapes, *(PathShape(pace, gait) for pace in paces))
 
 
-def _side_of(own, words):
-  turning = re.search(r"\bturning(?: to the)? (left|right)\b", words)
-  sides = [side for side, said in _SIDES.items() if said.search(own)] or ([turning[1]] if turning else [])
-  return sides[0] if len(sides) == 1 else ""
+def _side_of(path, whole):
+  sides = [side for side, phrases in _SIDES if says(path, phrases)]
+  return sides[0] if len(sides) == 1 else "" if sides else first_of(_TURNING, whole, "")
 
 
-def path_shapes_of(actions: "Sequence[Action]") -> list[PathShape]:
+def course_of(verb: str, part: str, text: str) -> str | None:
+  """The side that a walk leads to, "" for a walk elsewhere, None for other actions."""
+  if not is_gait(verb) and verb not in ("go", "move") or part not in ("legs", "body", ""):
+    return None
+  if says(said(text), _NO_COURSE):
+    return ""
+  words = [word for word in said(text).split() if not word.endswith("ly")]
+  for way, side, thing in zip(words, words[1:], [*words[2:], ""]):
+    if side in lexicon.SIDES and thing not in _SIDED and (
+        way in ("to", "toward", "towards") or side == words[1] and thing != "and"):
+      return side
+  return ""
+
+
+def path_shapes_of(actions: Sequence[Any]) -> list[PathShape]:
   """Shape and pace of the path of actions, where only one of them goes anywhere; several have no common path.
 
   A turn beside a walk changes its shape, but not its pace; "makes a u-turn" gives its shape to a walk without one.
   """
-  found = [(action, _shapes_of(action.verb, action.words)) for action in actions
-           if action.part in ("legs", "body", "") and action.verb not in lexicon.STAYING_VERBS]
-  made = [shapes for action, shapes in found if action.verb in lexicon.LIGHT_VERBS and shapes]
-  going = [(action, shapes) for action, shapes in found
-           if action.verb not in lexicon.LIGHT_VERBS and not is_a(action.verb, *_TURNS)]
-  if made:
-    is_free = all(lexicon.NO_DIRECTION.issuperset(action.words.lower().split()[1:]) for action, _ in going)
-    return made[0] if len(made) == 1 and is_free else []
+  moving = [action for action in actions
+            if action.part in ("legs", "body", "") and action.verb not in lexicon.STAYING_VERBS]
+  turns = any(is_a(action.verb, *_TURNS) for action in moving)
+  going = [action for action in moving if action.verb not in lexicon.LIGHT_VERBS and not is_a(action.verb, *_TURNS)]
+  for action in moving:
+    if action.verb in lexicon.LIGHT_VERBS and action.shapes:
+      is_free = all(lexicon.NO_DIRECTION.issuperset(walk.words.lower().split()[1:]) for walk in going)
+      return list(action.shapes) if is_free else []
   if len(going) != 1:
     return []
-  turns = any(is_a(action.verb, *_TURNS) for action, _ in found)
-  return [shape for shape in going[0][1] if shape.kind in PACES or not turns]
+  return [shape for shape in going[0].shapes if shape.kind in PACES or not turns]
 
 
-def min_duration(actions: "Sequence[Action]") -> float:
+def min_duration(actions: Sequence[Any]) -> float:
   """Seconds that a circle or a figure of eight takes at least, walking or running; 0 for other paths."""
   circles = max((_CIRCLES.get(shape.kind, 0.0) for shape in path_shapes_of(actions)), default=0.0)
   return circles * _CIRCLE_SECONDS["run" if any(is_a(action.verb, "run") for action in actions) else "walk"]
@@ -116,6 +130,5 @@ def with_explicit_side(text: str, number: int) -> str:
 
   A text with no circle, or with several, stays as it is.
   """
-  side = "left" if number % 2 else "right"
-  found = _A_CIRCLE.findall(text)
-  return text if len(found) != 1 else _A_CIRCLE.sub(rf"\g<0> to the {side}", text)
+  circles = re.findall(_A_CIRCLE, text)
+  return re.sub(_A_CIRCLE, rf"\g<0> to the {'left' if number % 2 else 'right'}", text) if len(circles) == 1 else text

@@ -2,7 +2,6 @@
 from motion_jax_studio.language import actions, lexicon
 from motion_jax_studio.language.clause import lower
 from motion_jax_studio.language.lexicon import HOLD, PAUSE
-from motion_jax_studio.language.rule import Rule
 from motion_jax_studio.language.segments import Action, Segment
 
 
@@ -62,29 +61,3 @@ def _without_repeated_pauses(segments):
   """The segments, of which a pause without a duration after another pause is left out: "stops and stands still"."""
   return [one for one, before in zip(segments, (None, *segments))
           if before is None or not (one.is_pause and before.is_pause and one.seconds is None)]
-
-
-RULES = (
-    Rule("Pause", "\"stops\", \"pauses\", \"waits\", \"stands still\": the body stands still, 2 s where no duration is "
-         "given.", {
-             "a person walks, pauses for two seconds, then runs": "walks | stands still [2] | runs",
-             "a person walks, stops and then waves": "walks | stands still | waves"}),
-    Rule("Kept pose", "\"stays there\", \"remains seated\", \"holds it up\", \"does not move\": the pose is kept, "
-         "2 s (a moment 1 s, a while 4 s).", {
-             "a person sits down on a chair, stays there and stands up again":
-                 "sits down on a chair | holds still | stands up again",
-             "a person raises the left arm and holds it up": "raises the left arm | holds still",
-             "a person walks, then does not move for a moment": "walks | holds still [1]",
-             "a person remains standing": "stands still"}),
-    Rule("Pause of a low body", "A body that sits, kneels or lies keeps its pose in a pause.", {
-        "a man sits down and waits": "sits down | holds still",
-        "a person sits down, rests for a while and stands up": "sits down | holds still [4] | stands up"}),
-    Rule("Duration of a pose", "A duration of raising a hand, or of sitting, is that of the pose.", {
-        "a person raises the left arm for three seconds": "raises the left arm | holds still [3]",
-        "a person sits for five seconds, then walks": "sits | holds still [5] | walks"}),
-    Rule("Arms above a low pose", "Arms and head act above the pose, which is kept until the legs act.", {
-        "a person sits down and waves": "sits down | holds still + waves",
-        "a person sits down, lifts the left arm and nods, then stands up":
-            "sits down | holds still + lifts the left arm | holds still + nods | stands up",
-        "a person kneels and lifts a box": "kneels | lifts a box"}),
-)

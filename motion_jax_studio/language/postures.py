@@ -2,14 +2,16 @@
 from collections.abc import Sequence
 
 from motion_jax_studio.language.hand_places import HandPlace, places_of
-from motion_jax_studio.language.leaning import lean_of
-from motion_jax_studio.language.segments import Action, Segment
+from motion_jax_studio.language.segments import Segment
 
 
-def postures_of(segments: Sequence[Segment]) -> list[tuple[Action, HandPlace | None]]:
-  """The actions that are no more than a posture, each with where it has hands; None for a lean."""
-  hands = [(action, place) for own in places_of(segments) for action, place in own
-           if place.alone and (action.part == "arms" or not action.verb or place.flows)]
-  leans = [(action, None) for segment in segments for action in (segment.action, *segment.simultaneous)
-           if lean_of(action)]
-  return [*hands, *leans]
+def postures_of(segments: Sequence[Segment]) -> dict[tuple[int, int], HandPlace | None]:
+  """Where the actions that are no more than a posture have hands; None for a lean.
+
+  The keys are the numbers of the segment, and of the action in it.
+  """
+  postures = {(at, number): place for at, places in enumerate(places_of(segments)) for number, place in places.items()
+              if place.alone and (place.flows or segments[at].actions[number].part == "arms" or not (
+                  segments[at].actions[number].verb))}
+  return postures | {(at, number): None for at, segment in enumerate(segments)
+                     for number, action in enumerate(segment.actions) if action.lean}

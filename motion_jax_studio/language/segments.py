@@ -3,7 +3,11 @@ from typing import NamedTuple
 
 from motion_jax.analysis.event_words import TIMES
 from motion_jax_studio.language import lexicon
+from motion_jax_studio.language.hand_places import HandPlace, hand_place_of
+from motion_jax_studio.language.leaning import Lean, lean_of
 from motion_jax_studio.language.lexicon import HOLD, PAUSE
+from motion_jax_studio.language.path_shapes import PathShape, course_of, shapes_of
+from motion_jax_studio.language.words import said, says
 
 
 class Action(NamedTuple):
@@ -19,6 +23,41 @@ class Action(NamedTuple):
   counts_steps: bool = False  # a walk of a given number of steps
   subject: str = ""  # "a person"
   goes_back: bool = False  # a walk to where the walk before it began
+
+  @property
+  def said(self) -> str:
+    """Its words as tables of phrases are looked up in them."""
+    return said(self.words)
+
+  @property
+  def is_in_place(self) -> bool:
+    """Whether it is done on one spot: "jogs in place"."""
+    return says(self.said, lexicon.IN_PLACE)
+
+  @property
+  def shapes(self) -> tuple[PathShape, ...]:
+    """Shape and pace of its path."""
+    return shapes_of(self.verb, self.words)
+
+  @property
+  def course(self) -> str | None:
+    """The side that a walk leads to, "" for a walk elsewhere, None for other actions."""
+    return course_of(self.verb, self.part, self.words)
+
+  @property
+  def is_backward(self) -> bool:
+    """Whether it goes backward."""
+    return says(self.said, "backward, backwards")
+
+  @property
+  def hands(self) -> HandPlace | None:
+    """Where it has hands; None where its words name no place."""
+    return hand_place_of(self.verb, self.part, self.sides, self.times, self.words)
+
+  @property
+  def lean(self) -> Lean | None:
+    """Where it has the trunk lean; None where its words say no such thing."""
+    return lean_of(self.verb, self.words)
 
   @property
   def prompt_with_count(self) -> str:
@@ -43,10 +82,15 @@ class Segment(NamedTuple):
   seconds: float | None = None  # duration, where the sentence gives one
 
   @property
+  def actions(self) -> tuple[Action, ...]:
+    """All its actions, that of the whole body first."""
+    return (self.action, *self.simultaneous)
+
+  @property
   def words(self) -> str:
     """The words of all its actions: "walks forward + waves 3 times"."""
     return " + ".join(one.words + (f" {one.times} times" if one.times > 1 else "")
-                      for one in (self.action, *self.simultaneous))
+                      for one in self.actions)
 
   @property
   def prompt(self) -> str:
@@ -67,7 +111,7 @@ class Segment(NamedTuple):
   @property
   def sampled(self) -> tuple[Action, ...]:
     """The actions that a model samples: all but standing still and keeping a pose."""
-    return self.simultaneous if self.is_pause else (self.action, *self.simultaneous)
+    return self.simultaneous if self.is_pause else self.actions
 
 
 def pause(who: str, seconds: float | None) -> Segment:

@@ -33,21 +33,21 @@ def usual_frames(planner: Any, plan: Plan) -> list[int]:
   """Frames of each segment: as the prompt says, or the usual length of its longest action, times its repetitions, at
   most the longest motion of the model."""
   counts: list[int] = []
-  postures = {id(action): place for action, place in postures_of(plan.segments)}
+  postures = postures_of(plan.segments)
   away = 0  # frames of the last walk or run, which the way back takes again
-  for segment, then in zip(plan.segments, (*plan.segments[1:], None)):
+  for at, (segment, then) in enumerate(zip(plan.segments, (*plan.segments[1:], None))):
+    beside = [postures.get((at, number), False) for number in range(1, len(segment.actions))]
     counts.append(round(segment.seconds * planner.fps) if segment.seconds else min(
-        away if segment.action.goes_back and away else _segment_frames(planner, segment, then, postures),
+        away if segment.action.goes_back and away else _segment_frames(planner, segment, then, beside),
         round(planner.model.max_seconds * planner.fps)))
     away = counts[-1] if is_gait(segment.action.verb) else away
   return counts
 
 
 def _segment_frames(planner, segment, then, postures):
-  """The usual length of a segment before another one."""
-  beside = segment.simultaneous
-  if segment.action.words == PAUSE and beside and all(id(one) in postures for one in beside):
-    return round(max(_posture_seconds(postures[id(one)]) for one in beside) * planner.fps)
+  """The usual length of a segment before another one. postures: of its simultaneous actions, False for no posture."""
+  if segment.action.words == PAUSE and postures and False not in postures:
+    return round(max(map(_posture_seconds, postures)) * planner.fps)
   if not segment.sampled:
     return round(_REST * planner.fps)
   return max(_least_frames(planner, segment, then), *(_action_frames(planner, one) for one in segment.sampled))

@@ -1,16 +1,16 @@
 """Plans in the words of kinematic captions, for models that were trained on those."""
-import re
-
 from ml_collections import ConfigDict
 
 from motion_jax_studio.language import Action, Plan
 from motion_jax_studio.language.actions import sides_of
+from motion_jax_studio.language.words import said
 
-_SUBJECT = r"(?:someone|somebody|he|she|(?:a|an|the|one)(?: (?!and |then |while )[\w'-]+){1,3})"
-_WALKS = re.compile(rf"(?:{_SUBJECT} (?:(?:walk|run|jog)s|is (?:walking|running|jogging))|(?:they )?(?:walk|run|jog))",
-                    re.IGNORECASE)
-_PUNCHES = re.compile(rf"({_SUBJECT}) (?:punches(?: forwards?| (?:straight )?ahead| (?:in |into |at )?the air)?|"
-                      r"(?:strikes|hits) with (?:the|a|one|his|her|their) fist(?: forwards?| ahead)?)", re.IGNORECASE)
+_WALKS = {"walks", "runs", "jogs", "is walking", "is running", "is jogging"}
+_BARE_WALKS = {"walk", "run", "jog", "they walk", "they run", "they jog"}
+_PUNCHES = {"punches" + where for where in (
+    "", " air", " in air", " into air", " at air", " forward", " forwards", " ahead", " straight ahead")} | {
+        f"{verb} with {fist}{where}" for verb in ("strikes", "hits") for fist in ("fist", "one fist")
+        for where in ("", " forward", " forwards", " ahead")}
 
 
 def wants_words_of_captions(config: ConfigDict) -> bool:
@@ -42,7 +42,7 @@ def going_forward(prompt: str) -> str:
   the others.
   """
   bare = prompt.strip().rstrip(" .!")
-  return f"{bare} forward" if _WALKS.fullmatch(" ".join(bare.split())) else prompt
+  return f"{bare} forward" if said(bare).strip() in _BARE_WALKS or _subject_of(bare, _WALKS) else prompt
 
 
 def with_one_hand(prompt: str) -> str:
@@ -51,5 +51,17 @@ def with_one_hand(prompt: str) -> str:
   Captions by kinematics name the hand of every single punch. Without it a network that learned them lifts both hands
   halfway. The left hand is the one that jabs.
   """
-  found = _PUNCHES.fullmatch(" ".join(prompt.strip().rstrip(" .!").split()))
-  return f"{found[1]} punches with the left hand" if found else prompt
+  subject = _subject_of(prompt.strip().rstrip(" .!"), _PUNCHES)
+  return f"{subject} punches with the left hand" if subject else prompt
+
+
+def _subject_of(prompt, endings):
+  """The subject of a prompt that is no more than a subject of at most four words and one of some endings; else ""."""
+  words = prompt.split()
+  for at in range(1, min(len(words), 5)):
+    first, *more = [word.lower() for word in words[:at]]
+    is_subject = first in ("a", "an", "the", "one") and more and {"and", "then", "while"}.isdisjoint(more) or (
+        not more and first in ("someone", "somebody", "he", "she"))
+    if is_subject and said(" ".join(words[at:])).strip() in endings:
+      return " ".join(words[:at])
+  return ""

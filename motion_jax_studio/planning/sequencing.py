@@ -112,10 +112,11 @@ def spans_of(base: Motion, sizes: Sequence[int]) -> list[tuple[int, int]]:
 def _sample_layers(job, lengths, spans, takes):
   """{(row, segment): [(action, joints)]} of the actions that are layered on segments."""
   model, rows = job.model, [plan.segments for plan in job.plans]
-  postures = {id(action) for segments in rows for action, _ in postures_of(segments)} if can_be_checked(model) else ()
-  layers = [(row, place, number, action) for row, segments in enumerate(rows) for number, (place, action) in enumerate(
-      (place, action) for place, segment in enumerate(segments) for action in segment.simultaneous)
-      if id(action) not in postures]
+  postures = [postures_of(segments) if can_be_checked(model) else () for segments in rows]
+  layers = [(row, place, number, segments[place].actions[at]) for row, segments in enumerate(rows)
+            for number, (place, at) in enumerate(
+                (place, at) for place, segment in enumerate(segments) for at in range(1, len(segment.actions)))
+            if (place, at) not in postures[row]]
   found: dict[tuple[int, int], list[Any]] = {}
   if not layers:
     return found

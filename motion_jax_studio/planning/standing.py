@@ -13,9 +13,10 @@ def standing(plan: Plan, knows: Callable[[str], bool], can: Callable[[str], bool
   gesture.
   """
   segments = plan.read_segments
-  stands = {id(action) for action, place in postures_of(segments) if place is None or not (
-      knows(action.prompt) or not place.place and can(action.prompt))}
-  changed = tuple(_standing(segment) if id(segment.action) in stands else segment for segment in segments)
+  prompt = lambda at: segments[at[0]].actions[at[1]].prompt
+  stands = {at for at, place in postures_of(segments).items() if place is None or not (
+      knows(prompt(at)) or not place.place and can(prompt(at)))}
+  changed = tuple(_standing(segment) if (at, 0) in stands else segment for at, segment in enumerate(segments))
   return plan if changed == segments else plan.with_segments(changed)
 
 
@@ -25,4 +26,4 @@ def _standing(segment):
   if any(one.part not in ("arms", "head") for one in segment.simultaneous):
     return segment
   return segment._replace(action=Action(f"{who} {PAUSE}", PAUSE, "legs", verb="stand", subject=who),
-                          simultaneous=(segment.action, *segment.simultaneous))
+                          simultaneous=segment.actions)

@@ -1,7 +1,6 @@
 """Small corrections of a sampled motion that nearly meets its requirements: a body that sits down last stays seated,
 left and right are exchanged where that is what is wrong, steps and jumps go where they should (`rerouting`), and feet
 do not float."""
-import re
 from collections.abc import Sequence
 from typing import Any
 
@@ -16,14 +15,15 @@ from motion_jax.motion.smoothing import gaussian_filter1d
 from motion_jax.motion.step_records import added, record
 from motion_jax_studio.checks.violations import gets_up, violation_score
 from motion_jax_studio.language.requirements import Requirement
+from motion_jax_studio.language.words import said, says, tokens
 from motion_jax_studio.planning.pauses import held_frame, insert_pause
 from motion_jax_studio.posing.rerouting import returning, shaped, stepping, towards
 
 _FLOATS = 0.08  # metres over the floor below which feet that never come lower count as standing
 _JUMPS, _IN_THE_AIR = 0.5, 0.05  # metres of a jump to a side, and of the lower foot over the floor in it
 _PUSHES = 0.08  # seconds, sigma of the push from the ground
-_SIDE = re.compile(r"\b(?:left|right|(?:counter)?clockwise)\b")
-_HANGS = re.compile(r"\b(?:hang|dangl|bars?\b|swings on|rid(?:es|ing)|swim|fl(?:ies|y|ying)\b)", re.IGNORECASE)
+_SIDE_WORDS = {"left", "right", "clockwise", "counterclockwise"}
+_HANGS = "hang*, dangl*, bar, bars, swings on, rides, riding, swim*, flies, fly, flying"
 
 
 def corrected(model: Any, motion: Motion, requirements: Sequence[Requirement]) -> Motion:
@@ -59,7 +59,8 @@ def _kept_seated(joints, motion, requirements, skeleton):
 def _mirrored(joints, motion, requirements, skeleton):
   """The mirror image of joints, where it meets all requirements, joints do not, and nothing else is of one side."""
   sided = [one for one in requirements if one.side in SIDES]
-  named = _SIDE.findall(" ".join(caption.text.lower() for caption in motion.captions))
+  words = [word for caption in motion.captions for word in tokens(caption.text.replace("-", " "))]
+  named = [word for word in words if word in _SIDE_WORDS]
   if not sided or len(named) != len(sided) or not violation_score(joints, sided, motion.fps):
     return joints
   other = mirror(joints, skeleton)
@@ -90,7 +91,7 @@ def _jumping(joints, fps, requirements, skeleton):
 def _on_the_floor(joints, motion, _, skeleton):
   """Joints whose feet come down to the floor, where they never did; not of a body that hangs, rides or swims."""
   height = float(floor_height(joints, skeleton))
-  if height <= _FLOATS or _HANGS.search(motion.captions[0].text if motion.captions else ""):
+  if height <= _FLOATS or motion.captions and says(said(motion.captions[0].text), _HANGS):
     return joints
   lowest = joints[:, list(HUMANML3D.left_feet + HUMANML3D.right_feet), 1].min()
   return joints - np.array([0, lowest, 0], joints.dtype)

@@ -30,8 +30,8 @@ def with_hands(motion: Motion, plan: Plan) -> Float[np.ndarray, "t j 3"]:
     return joints
   bounds = bounds_of(motion, segments)
   for number, own in enumerate(places):
-    for action, place in own:
-      if not place.place and segments[number].action is action:
+    for at, place in own.items():
+      if not place.place and at == 0:
         continue  # the network knows this gesture, and has made it
       if place.place == "down" and number == 0:  # hands that are lowered first of all have been up
         weight = 1 - smoothstep(np.arange(len(joints)) / (_LOWERED * motion.fps))
@@ -45,9 +45,9 @@ def _until(segments, places, bounds, number, place):
   they keep it in the action itself and in a pause after it."""
   past, rests = bounds[number][1], True
   for later in range(number + 1, len(segments)):
-    if any(not set(place.sides).isdisjoint(other.sides) for _, other in places[later]):
+    if any(not set(place.sides).isdisjoint(other.sides) for other in places[later].values()):
       return bounds[later][0]
-    if any(one.part == "arms" for one in (segments[later].action, *segments[later].simultaneous)):
+    if any(one.part == "arms" for one in segments[later].actions):
       break
     rests = rests and segments[later].is_pause
     past = bounds[later][1] if rests else past

@@ -6,7 +6,7 @@ from motion_jax.models.results import Motion
 from motion_jax.motion.leaning import lean, leans
 from motion_jax.motion.smoothing import gaussian_filter1d
 from motion_jax_studio.language import Plan
-from motion_jax_studio.language.leaning import Lean, lean_of
+from motion_jax_studio.language.leaning import Lean
 from motion_jax_studio.posing.spans import bounds_of, rising
 
 _DEGREES = {"aside": 20.0, "ahead": 30.0, "back": 15.0}  # of a lean that is made
@@ -20,7 +20,7 @@ def with_lean(motion: Motion, plan: Plan) -> Float[np.ndarray, "t j 3"]:
     if past <= first:
       continue
     for action in (segment.action, *segment.simultaneous):
-      found = lean_of(action)
+      found = action.lean
       if found:
         joints = _leaning(joints, found, first, past, motion.fps)
   return joints

@@ -1,5 +1,4 @@
 """Walks of a plan that lead to a side, one after the other: their courses are turned there if they lead elsewhere."""
-import re
 from collections.abc import Sequence
 
 import numpy as np
@@ -11,13 +10,8 @@ from motion_jax.motion.root_paths import bent, course
 from motion_jax.motion.skeleton import HUMANML3D
 from motion_jax.motion.smoothing import smoothstep
 from motion_jax_studio.language import Plan, Segment
-from motion_jax_studio.language.path_shapes import is_gait
 from motion_jax_studio.posing.spans import bounds_of
 
-_TO_A_SIDE = re.compile(r"\b(?:to|towards?) (?:(?:the|his|her|their|its) )?(left|right)\b(?! (?:foot|leg|hand|arm))|"
-                        r"^(?:\w+ly )?\w+(?: \w+ly)? (left|right)\b(?! (?:foot|leg|hand|arm|and))")
-_OTHERWISE = re.compile(r"\b(?:sideways|circles?|turn\w*|arc|curv\w*|diagonal\w*|zigzag|from)\b")
-_BACKWARD = re.compile(r"\bbackwards?\b")
 _TURN, _ENOUGH = 75.0, (30.0, 150.0)  # degrees to a side that a course is turned, and that it may have by itself
 _FAR, _CORNER = 0.5, 0.8  # metres that a walk leads at least, and in which it is turned
 
@@ -25,7 +19,7 @@ _FAR, _CORNER = 0.5, 0.8  # metres that a walk leads at least, and in which it i
 def with_steering(motion: Motion, plan: Plan) -> Float[np.ndarray, "t j 3"]:
   """Joints of the motion of a plan of several walks, those to a side turned there; its own where they lead there."""
   segments = plan.read_segments
-  walks = [(number, side) for number, segment in enumerate(segments) if (side := _side_of(segment)) is not None]
+  walks = [(number, side) for number, segment in enumerate(segments) if (side := segment.action.course) is not None]
   if len(walks) < 2 or not any(side for _, side in walks):
     return motion.joints
   path, gone = course(motion.joints, motion.fps)
@@ -36,15 +30,6 @@ def with_steering(motion: Motion, plan: Plan) -> Float[np.ndarray, "t j 3"]:
   return bent(motion.joints, angle, HUMANML3D, motion.fps).astype(motion.joints.dtype)
 
 
-def _side_of(segment: Segment) -> str | None:
-  """The side that a walk leads to, "" for a walk elsewhere, None for other actions."""
-  action, words = segment.action, segment.action.words.lower()
-  if not is_gait(action.verb) and action.verb not in ("go", "move") or action.part not in ("legs", "body", ""):
-    return None
-  found = None if _OTHERWISE.search(words) else _TO_A_SIDE.search(words)
-  return found[1] or found[2] if found else ""
-
-
 def _turns(segments: Sequence[Segment], walks, bounds, path, heading):
   """[(frame, radians to the left)] by which the course is turned from a frame on."""
   found, turned, before = [], 0.0, float(heading)
@@ -53,7 +38,7 @@ def _turns(segments: Sequence[Segment], walks, bounds, path, heading):
     way = path[min(past, len(path)) - 1] - path[first]
     if np.linalg.norm(way) < _FAR:
       continue
-    backward = bool(_BACKWARD.search(segments[number].action.words.lower()))
+    backward = segments[number].action.is_backward
     goes = float(np.arctan2(*way)) + turned
     if side:
       # Of a walk backward, left and right of the body are right and left of the course.

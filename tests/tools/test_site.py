@@ -4,7 +4,7 @@ import re
 import pytest
 
 from tests.conftest import ROOT
-from tools import build_docs, drawings, sentences_page
+from tools import build_docs, drawings
 from tools.site import api, fields, links, nav, notebooks, reference, viewers
 
 
@@ -104,10 +104,6 @@ def test_pages_that_docstrings_name_become_links():
 # --- generated files in git ------------------------------------------------------------------------------------------
 
 HINT = "run python tools/build_docs.py --files"
-
-
-def test_the_grammar_of_the_manual_is_the_parsers():
-  assert sentences_page.page() == sentences_page.PAGE.read_text(encoding="utf-8"), HINT
 
 
 @pytest.mark.slow

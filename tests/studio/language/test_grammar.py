@@ -1,25 +1,32 @@
-"""The grammar: each rule does what its examples say, and each is needed for one of them."""
+"""The examples of docs/sentences.md are parsed as the page says, and each rule of the parser is needed for one."""
+import re
+
 import pytest
 
-from motion_jax_studio.language import ellipsis, grammar, light_verbs, parse
+from motion_jax_studio.language import ellipsis, light_verbs, parse
+from tests.conftest import ROOT
 
-LISTS = [(light_verbs, "RULES"), (ellipsis, "CONTINUATIONS"), (ellipsis, "VERBLESS")]
-
-
-def test_rules_do_what_their_examples_say():
-  examples = {sentence: parsed for _, sentence, parsed in grammar.examples()}
-  assert {sentence: parse(sentence).summary for sentence in examples} == examples
+_EXAMPLE = re.compile(r"^(.+?)\s+→  (.+)$", re.MULTILINE)  # "sentence  →  parse", the parse also on a line of its own
 
 
-@pytest.mark.parametrize("module, name", LISTS)
-def test_no_other_rule_does_what_a_rule_does(monkeypatch, module, name):
+@pytest.fixture(scope="module")
+def examples():
+  page = (ROOT / "docs" / "sentences.md").read_text(encoding="utf-8")
+  return dict(_EXAMPLE.findall(page[page.index("## The grammar"):page.index("## Postures")]))
+
+
+def _differing(examples):
+  return {sentence: parsed for sentence in examples if (parsed := parse(sentence).summary) != examples[sentence]}
+
+
+def test_sentences_are_parsed_as_the_page_says(examples):
+  assert len(examples) > 100 and not _differing(examples)
+
+
+@pytest.mark.parametrize("module, name", [
+    (light_verbs, "_RULES"), (ellipsis, "_CONTINUATIONS"), (ellipsis, "_VERBLESS")])
+def test_no_other_rule_does_what_a_rule_does(examples, monkeypatch, module, name):
   rules = getattr(module, name)
   for place, rule in enumerate(rules):
     monkeypatch.setattr(module, name, rules[:place] + rules[place + 1:])
-    assert any(parse(sentence).summary != parsed for sentence, parsed in rule.examples.items()), rule.name
-
-
-def test_each_rule_has_a_name_of_its_own_and_examples():
-  for title, rules in grammar.GRAMMAR.items():
-    assert len({rule.name for rule in rules}) == len(rules), title
-    assert all(rule.examples and rule.meaning.endswith(".") for rule in rules), title
+    assert _differing(examples), rule.__name__

@@ -12,7 +12,7 @@ def _places(text):
   segments = plan.segments
   if plan.is_plain:
     segments = (segments[0]._replace(action=plan.single),)
-  return [[(place.place or place.gesture[0][0], place.sides) for _, place in own] for own in places_of(segments)]
+  return [[(place.place or place.gesture[0][0], place.sides) for place in own.values()] for own in places_of(segments)]
 
 
 def test_places_are_read_from_words_that_say_one():

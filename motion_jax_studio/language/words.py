@@ -1,0 +1,67 @@
+"""Words of an action, and tables of phrases: the one way in which slots are read from words.
+
+A table gives for each value the phrases that say it, in the order in which they count:
+
+  first_of((("down", "at sides"), ("out", "out, extend*")), said("holds the arms out at his sides"))  ->  "down"
+
+Phrases are whole words without articles and possessives; a last "*" stands for any ending.
+"""
+import functools
+import re
+from collections.abc import Iterable
+from typing import Any
+
+from motion_jax_studio.language import lexicon
+
+_ONE, _PEOPLE = "(?:man|woman|person|boy|girl)", (
+    "(?:people|persons|men|women|boys|girls|guys|kids|children|friends|dancers|fighters|boxers|figures|players)")
+_SEVERAL_PEOPLE = re.compile(
+    rf"\b(?:two|three|four|five|six|ten|several|some|many|both|a (?:couple|group|pair|crowd) of) (?:\w+ )?{_PEOPLE}\b|"
+    rf"^(?:the |some )?{_PEOPLE}\b|\beach other\b|\bone another\b|\banother (?:{_ONE}|guy|figure)\b|"
+    rf"\b(?:a|the|one) (?:\w+ )?{_ONE} and (?:a|the|another|one) (?:\w+ )?{_ONE}\b|"
+    r"\b(?:his|her|their|a|the) (?:partner|opponent|friend)\b", re.IGNORECASE)
+_DROPPED = lexicon.POSSESSIVES | {"the", "a", "an"}
+
+
+@functools.lru_cache(maxsize=1 << 14)
+def tokens(text: str) -> tuple[str, ...]:
+  """The words of a text in small letters, commas among them: ("walks", "forward", ",", "then", "bows")."""
+  words = text.lower().replace("’", "'").replace("-and-", " and ").replace(",", " , ").split()
+  return tuple(word for word in (word.strip(".;:!?()") for word in words) if word)
+
+
+def said(words: Any) -> str:
+  """A text, or its tokens, as phrases are looked up in it: without articles and possessives, a blank at both ends."""
+  words = tokens(words) if isinstance(words, str) else words
+  return f" {' '.join(word for word in words if word not in _DROPPED)} "
+
+
+def says(text: str, phrases: str) -> bool:
+  """Whether a text, as `said` gives it, has one of some phrases."""
+  return any((phrase[:-1] if phrase[-1] == "*" else phrase + " ") in text for phrase in _split(phrases))
+
+
+@functools.lru_cache(maxsize=1 << 10)
+def _split(phrases):
+  return tuple(f" {phrase}" for phrase in phrases.split(", "))
+
+
+def first_of(table: Iterable[tuple[Any, str]], text: str, default: Any = None) -> Any:
+  """The first value of a table of which a text has a phrase."""
+  return next((value for value, phrases in table if says(text, phrases)), default)
+
+
+def before(words: tuple[str, ...], ends: Any) -> tuple[str, ...]:
+  """The words before the first one, after the verb, that is among some ends."""
+  return words[:next((at for at, word in enumerate(words) if at and word in ends), len(words))]
+
+
+def letters(text: str) -> list[str]:
+  """The words of a text in small letters, without digits and signs."""
+  return re.findall("[a-z]+", text.lower())
+
+
+def several_people(text: str) -> str:
+  """The words of a text that name several people: "two men" of "two men fight"; "" where it is about one."""
+  people = _SEVERAL_PEOPLE.search(text)
+  return people[0] if people else ""
