@@ -24,10 +24,10 @@ def add_to(commands):
   length.add_argument("--seconds", type=_SECONDS, help="length in seconds (default: that of similar training clips)")
   length.add_argument("--num-frames", type=whole(1, 72_000), help="length in frames")
   flags.add_planning(generate)
-  flags.add_attempts(generate, "a motion", "its prompt, such as the number of jumps")
+  flags.add_attempts(generate)
   flags.add_steps(generate, step_names.GENERATE)
   control.add_to(generate)
-  flags.add_common(generate, "generate", "motion.html")
+  flags.add_common(generate, "generate", "motion.html", ("seconds", "max_attempts", "control", "path"))
   generate.set_defaults(run=_generate)
 
   several = commands.add_parser("multi-prompt", help="generate one motion from several prompts in sequence")
@@ -45,7 +45,7 @@ def add_to(commands):
   flags.add_planning(several)
   flags.add_steps(several, step_names.MULTI_PROMPT)
   several.add_argument("--ease", action="store_true", help="spread sudden speed changes between prompts over 0.4 s")
-  flags.add_common(several, "multi-prompt", "multi_prompt.html")
+  flags.add_common(several, "multi-prompt", "multi_prompt.html", ("way",))
   several.set_defaults(run=_multi_prompt)
 
   extend = commands.add_parser("extend", help="continue a motion file from a prompt")
@@ -59,7 +59,7 @@ def add_to(commands):
   flags.add_planning(extend)
   flags.add_steps(extend, step_names.EXTEND)
   shared.add_reading(extend)
-  flags.add_common(extend, "extend", "extended.html")
+  flags.add_common(extend, "extend", "extended.html", ("prompt", "seconds"))
   extend.set_defaults(run=_extend)
 
   edit = commands.add_parser("edit", help="regenerate selected frames or body parts of a motion file")
@@ -76,10 +76,10 @@ def add_to(commands):
                     "others, within --change or everywhere; works with any model")
   edit.add_argument("--no-paste", action="store_true", help="return kept frames as the autoencoder decodes them, "
                     "not as they are in the file")
-  flags.add_attempts(edit, "new frames", "the prompt")
+  flags.add_attempts(edit)
   flags.add_steps(edit, step_names.EDIT)
   shared.add_reading(edit)
-  flags.add_common(edit, "edit", "edited.html")
+  flags.add_common(edit, "edit", "edited.html", ("prompt", "task", "change", "keep", "keep_parts", "max_attempts"))
   edit.set_defaults(run=_edit, model="cdamd-small")
 
 

@@ -141,7 +141,7 @@ def test_a_mapping_in_every_command_that_reads_motion(tmp_path, capsys):
   capsys.readouterr()
   for command in ("generate", "extend", "edit", "blend", "retrieve"):
     with pytest.raises(SystemExit):
-      cli.main([command, "--help"])
+      cli.main([command, "--help-all" if command in ("generate", "extend", "edit") else "--help"])
     assert "--mapping FILE.json" in capsys.readouterr().out
 
 
