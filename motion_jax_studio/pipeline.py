@@ -272,7 +272,7 @@ class Pipeline:
       segments = [(one, None if count is None else count / self.model.fps) for one, count in prompts_in_sequence(
           self.planner, self.planner.plan(prompt), num_frames)]
     live = self.model.stream(segments, cleanup=cleanup, num_frames=num_frames, **self._with_contrast(options))
-    return PlannedStream(live, self, plan, hold_until_done)
+    return PlannedStream(live, self, out, hold_until_done)
 
   def extend(self, clip: Clip | Array, prompt: str | Segments, num_frames: int | None = None, *,
              seconds: float | None = None, plan: bool = True, cleanup: bool = True,
