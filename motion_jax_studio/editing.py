@@ -16,6 +16,7 @@ from motion_jax.models.shared import pasting
 from motion_jax.motion.skeleton import bone_lengths
 from motion_jax.motion.step_records import added, record
 from motion_jax_studio import resampling
+from motion_jax_studio.checks.best_of import best_of
 from motion_jax_studio.checks.reports import report, unmet_requirements
 from motion_jax_studio.checks.violations import can_be_checked, excess_speed, violation_score
 from motion_jax_studio.language import Plan
@@ -61,19 +62,18 @@ def edited(job: Job, clips: Sequence[Any], new: Callable[[int], np.ndarray], max
                       sampling=resampling.reweighed(model, job.sampling, factor)) if number else job
     decoded, about = model.inpaint([edits[i].features for i in rows], [edits[i].new_in_window for i in rows],
                                    [prompts[i] for i in rows], part.keys, part.sampling)
-    found = [made(i, features, about) for i, features in zip(rows, decoded)]
-    scores = [_score(one, required[i], fps) for i, one in zip(rows, found)]
-    return [resampling.Attempt(one, score, resampling.attempt_record(part, place, number, score))
-            for place, (one, score) in enumerate(zip(found, scores))]
+    return [(made(i, features, about), resampling.attempt_record(part, place, number))
+            for place, (i, features) in enumerate(zip(rows, decoded))]
 
   def overdoes(row, number, best):
     """Too much guidance distorts the body, or makes it too fast; an action that does not show needs more of it. Where
     both is so, attempts take turns."""
-    misses = best.score > best.motion.distortion + _excess(best.motion, required[row], fps)
-    return not misses or bool(best.motion.distortion) and number % 2 == 0
+    misses = best.score > best.sample.distortion + _excess(best.sample, required[row], fps)
+    return not misses or bool(best.sample.distortion) and number % 2 == 0
 
-  found = resampling.best_of(attempts, overdoes, len(job.prompts), max_attempts)
-  motions = [one.best.motion.motion for one in found]
+  found = best_of(resampling.with_guidance(attempts, overdoes, max_attempts),
+                  lambda row, edit: _score(edit, required[row], fps), len(job.prompts), max_attempts)
+  motions = [row.best.sample.motion for row in found]
   unmet = [_unmet(motion, one, fps) + gliding_reports(motion, one, checked) for motion, one in zip(motions, required)]
   if job.warns:
     report([motion.meta["prompt"] for motion in motions], unmet, max_attempts)

@@ -2,7 +2,7 @@
 import dataclasses
 import os
 import warnings
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any
 
 import jax
@@ -19,12 +19,14 @@ from motion_jax.models.results import Motion, Motions, gathered
 from motion_jax.models.shared.pasting import Spans, requested_frames
 from motion_jax.motion.step_records import record
 from motion_jax.shapes import Array
+from motion_jax.utils import progress, timing
 from motion_jax.utils.errors import InputError
 from motion_jax.utils.numerals import as_float, checked, require_numbers
 from motion_jax_studio import editing, steps
+from motion_jax_studio.batches import Planned, Request, batches
 from motion_jax_studio.blending import blended
 from motion_jax_studio.checks import MAX_ATTEMPTS, prompt_notes
-from motion_jax_studio.constraining import is_constrained, target_frames
+from motion_jax_studio.constraining import implied_frames, is_constrained
 from motion_jax_studio.language import Plan
 from motion_jax_studio.planning import durations, sequencing
 from motion_jax_studio.planning.independent import sample_independently
@@ -83,7 +85,7 @@ class Pipeline:
     plan, (constraints,) = prompt if isinstance(prompt, Plan) else None, constraints_of(control, 1)
     text = prompt.text if isinstance(prompt, Plan) else prompt
     if frames is None and is_constrained(constraints):
-      frames = target_frames(self.planner, text, plan, constraints)
+      frames = implied_frames(self.planner, constraints, plan)
     plan = durations.with_final_pause(self.planner, plan, frames)
     return plan, durations.segment_frames(self.planner, text, plan, frames)
 
@@ -139,7 +141,7 @@ class Pipeline:
     """
     single = isinstance(prompts, str | Plan)
     given = [prompts] if single else list(prompts) if isinstance(prompts, list | tuple) else prompts
-    done = list(self._steps(without, plan, cleanup, max_attempts))
+    done = list(self._steps(self._left_out(without) | _switched_off(plan, cleanup), max_attempts))
     plans = [one if isinstance(one, Plan) else None for one in given]
     texts = self.model.prompts_of([one.text if isinstance(one, Plan) else one for one in given])
     keys, seeds = keys_of(rng, seeds, len(texts), seed)
@@ -160,16 +162,45 @@ class Pipeline:
               for one in each(seconds, prompts)]
     return each(num_frames, prompts)
 
-  def _steps(self, without=(), plan=True, cleanup=True, max_attempts=None):
-    """The steps of one call."""
-    out = left_out(without, [name for name in dict.fromkeys((*GENERATE, *map(steps.name_of, self.steps)))
-                             if name != steps.Sample.name])
-    out |= _switched_off(plan, cleanup)
+  def _left_out(self, without):
+    """The steps that `without` names. Raises InputError for an unknown name."""
+    return left_out(without, [name for name in dict.fromkeys((*GENERATE, *map(steps.name_of, self.steps)))
+                              if name != steps.Sample.name])
+
+  def _steps(self, out, max_attempts):
+    """The steps of one call, those named in `out` left out."""
     for step in self.steps:
       if steps.name_of(step) in out:
         continue
       checks = isinstance(step, steps.Check) and max_attempts is not None
       yield dataclasses.replace(step, max_attempts=checked(max_attempts, 1, 100, "max_attempts")) if checks else step
+
+  def run(self, requests: Iterable[Request], *, control: Any = None, without: str | Iterable[str] = (),
+          **options: Any) -> Iterator[Planned | Motions]:
+    """Yields what is planned for all requests, a `Planned`, then their `Motions` in batches that fit in memory.
+
+    control, without, options: as in a call, for all requests. Each prompt is parsed once; notes on prompts are returned
+    and not given as warnings.
+    """
+    requests, out = list(requests), self._left_out(without)
+    with timing.part("text"), progress.part("reading the prompts"):
+      planned = self._planned(requests, control, out)
+      parts = batches(planned.frames, self.model.fps)
+    yield planned
+    for batch in progress.each(parts, "generating motions", unit="batch"):
+      some = requests[batch]
+      prompts = [plan or request.prompt for plan, request in zip(planned.plans[batch], some)]
+      yield self(prompts, [request.frames for request in some], seeds=[request.seed for request in some],
+                 control=control, without=out | {"warn"}, **options)
+
+  def _planned(self, requests, control, out):
+    texts = dict.fromkeys(request.prompt for request in requests)
+    plans = {text: None if "plan" in out else self.plan(text, postures=not control) for text in texts}
+    notes = [] if "warn" in out else self.notes([plan or text for text, plan in plans.items()], False, not control)
+    rows = dict.fromkeys((request.prompt, request.frames) for request in requests)
+    schedules = {row: self.schedule(plans[row[0]] or row[0], row[1], control) for row in rows}
+    return Planned([plans[request.prompt] for request in requests],
+                   [sum(schedules[request.prompt, request.frames][1]) for request in requests], notes)
 
   def multi_prompt(self, segments: Segments, **options: Any) -> Motion:
     """One motion of several prompts in sequence, [("a person walks", 4.0), ("he sits down", None), ...] in seconds; see
@@ -241,7 +272,7 @@ class Pipeline:
       segments = [(one, None if count is None else count / self.model.fps) for one, count in prompts_in_sequence(
           self.planner, self.planner.plan(prompt), num_frames)]
     live = self.model.stream(segments, cleanup=cleanup, num_frames=num_frames, **self._with_contrast(options))
-    return PlannedStream(live, self, plan, hold_until_done)
+    return PlannedStream(live, self, out, hold_until_done)
 
   def extend(self, clip: Clip | Array, prompt: str | Segments, num_frames: int | None = None, *,
              seconds: float | None = None, plan: bool = True, cleanup: bool = True,

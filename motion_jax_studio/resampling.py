@@ -1,12 +1,13 @@
 """Best of n: motions that violate requirements of their prompts are sampled again, and the best attempt is kept."""
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 
 from motion_jax.models.results import Motion
 from motion_jax.motion.step_records import added, record
 from motion_jax.utils import progress
+from motion_jax_studio.checks.best_of import Attempt, Best, best_of
 from motion_jax_studio.checks.reports import report, unmet_requirements
 from motion_jax_studio.checks.violations import excess_speed, violation_score
 from motion_jax_studio.language.path_shapes import with_explicit_side
@@ -18,44 +19,23 @@ FIRST_RESAMPLED = 1 << 20  # added to an attempt's number, so that its key is un
 _INDEPENDENT = 2  # attempts before segments are sampled independently
 
 
-class Attempt(NamedTuple):
-  """A sampled motion, how far it is from its prompt (0: it is met), and its record for meta["attempts"]."""
-  motion: Any
-  score: float
-  record: dict[str, Any]
+def with_guidance(sample: Callable[[Sequence[int], int, float], Sequence[tuple[Any, dict[str, Any]]]],
+                  overdoes: Callable[[int, int, Attempt], bool], max_attempts: int) -> Callable:
+  """The `sample` of `best_of` from sample(rows, number, factor on the guidance scale): 1 in the first attempt, then
+  `SOFTER` where overdoes(row, number, best attempt so far), else `LOUDER`."""
 
-
-class Best(NamedTuple):
-  """The attempts at a motion, and the number of the best one."""
-  attempts: list[Attempt]
-  kept: int = 0
-
-  @property
-  def best(self) -> Attempt:
-    return self.attempts[self.kept]
-
-
-def best_of(sample: Callable[[Sequence[int], int, float], Sequence[Attempt]],
-            overdoes: Callable[[int, int, Attempt], bool], count: int, max_attempts: int) -> list[Best]:
-  """Each of `count` motions the best of its attempts by score, of equals the first; one that scores 0 is not sampled
-  again.
-
-  sample(rows, number, factor): attempt `number`, from 0, at these motions, with the guidance scale times a factor,
-  which is `SOFTER` where overdoes(row, number, best so far), else `LOUDER`.
-  """
-  found = [Best([attempt]) for attempt in sample(range(count), 0, 1.0)]
-  for number in range(1, max_attempts):
-    rows = [i for i, one in enumerate(found) if one.best.score]
-    softer = [i for i in rows if overdoes(i, number, found[i].best)]
+  def attempt(rows: Sequence[int], number: int, bests: Sequence[Best]) -> list[Any]:
+    if not number:
+      return list(sample(rows, 0, 1.0))
+    softer = [i for i in rows if overdoes(i, number, bests[i].best)]
+    found: dict[int, Any] = {}
     for some, factor in (([i for i in rows if i not in softer], LOUDER), (softer, SOFTER)):
-      if not some:
-        continue
-      with progress.part(f"attempt {number + 1} of {max_attempts}, as the last one does not show all of the prompt"):
-        again = sample(some, number, factor)
-      for i, attempt in zip(some, again):
-        attempts, kept = found[i]
-        found[i] = Best([*attempts, attempt], number if attempt.score < attempts[kept].score else kept)
-  return found
+      if some:
+        with progress.part(f"attempt {number + 1} of {max_attempts}, as the last one does not show all of the prompt"):
+          found |= zip(some, sample(some, number, factor))
+    return [found[i] for i in rows]
+
+  return attempt
 
 
 def resampled(job: Job, sample: Callable[[Job], Sequence[Motion]], max_attempts: int) -> list[Motion]:
@@ -72,14 +52,14 @@ def resampled(job: Job, sample: Callable[[Job], Sequence[Motion]], max_attempts:
   def attempts(rows, number, factor):
     part = _again(job, rows, number, factor) if number else job
     motions = sample(part) if number else job.motions
-    scores = [violation_score(motion.joints, required[i], job.planner.fps) for i, motion in zip(rows, motions)]
-    return [Attempt(motion, score, attempt_record(part, place, number, score) | dict(independent=part.independent))
-            for place, (motion, score) in enumerate(zip(motions, scores))]
+    return [(motion, attempt_record(part, place, number) | dict(independent=part.independent))
+            for place, motion in enumerate(motions)]
 
+  score = lambda row, motion: violation_score(motion.joints, required[row], job.planner.fps)
   # Too fast and nothing else; an action that does not show needs more guidance first.
-  overdoes = lambda row, _, best: best.score <= excess_speed(best.motion.joints, required[row], job.planner.fps)
-  found = best_of(attempts, overdoes, len(job.prompts), max_attempts)
-  motions = [one.best.motion for one in found]
+  overdoes = lambda row, _, best: best.score <= excess_speed(best.sample.joints, required[row], job.planner.fps)
+  found = best_of(with_guidance(attempts, overdoes, max_attempts), score, len(job.prompts), max_attempts)
+  motions = [row.best.sample for row in found]
   unmet = [unmet_requirements(motion.joints, one, job.planner.fps) for motion, one in zip(motions, required)]
   if job.warns:
     report(job.prompts, unmet, max_attempts)
@@ -109,17 +89,18 @@ def keys_again(job: Job, rows: Sequence[int], number: int) -> jax.Array:
 
 def with_attempts(motion: Motion, found: Best, unmet: Sequence[str], checked: bool = True) -> Motion:
   """The best motion with the records of all attempts, of the check, and of requirements that it violates."""
-  attempts = [one.record | dict(kept=number == found.kept) for number, one in enumerate(found.attempts)]
+  attempts = [attempt.record | dict(violation_score=round(float(attempt.score), 4), kept=number == found.kept)
+              for number, attempt in enumerate(found.attempts)]
   did = f"attempt {found.kept + 1} of {len(attempts)} kept"
   steps = [record("check", did, score=(found.attempts[0].score, found.best.score))] if checked else []
   return motion.replace(meta=added(motion.meta, *steps) | dict(attempts=attempts) | (
       dict(unmet=list(unmet)) if unmet else {}))
 
 
-def attempt_record(job: Job, row: int, number: int, score: float) -> dict[str, Any]:
-  """An attempt as a motion's meta has it."""
+def attempt_record(job: Job, row: int, number: int) -> dict[str, Any]:
+  """An attempt as a motion's meta has it, before it is scored."""
   return dict(number=number + 1, seed=job.seeds[row], prompt=job.prompts[row],
-              guidance_scale=guidance_scale(job.model, job.sampling), violation_score=round(float(score), 4))
+              guidance_scale=guidance_scale(job.model, job.sampling))
 
 
 def said_again(prompt: str, requirements: Sequence[Any], number: int) -> str:

@@ -1,4 +1,5 @@
 """Live streams of plans: each prompt is parsed, and its actions are said one after the other."""
+from collections.abc import Collection
 from typing import Any
 
 import numpy as np
@@ -11,26 +12,28 @@ class PlannedStream:
   """A `LiveStream` of the library whose prompts are plans: "walks forward, then sits down" is said action by action,
   each for its usual time, the last without end. Made by `Pipeline.stream`; all else is the stream's own.
 
-  hold_until_done: a new prompt waits until an action that ends by itself, such as a kick, has had its usual time.
+  out: steps that are left out. hold_until_done: a new prompt waits until an action that ends by itself, such as a kick,
+  has had its usual time.
   """
 
-  def __init__(self, live: Any, pipeline: Any, plan: bool = True, hold_until_done: bool = False) -> None:
-    self.live, self._pipeline, self._plan, self._hold_until_done = live, pipeline, plan, hold_until_done
+  def __init__(self, live: Any, pipeline: Any, out: Collection[str] = (), hold_until_done: bool = False) -> None:
+    self.live, self._pipeline, self._out, self._hold_until_done = live, pipeline, out, hold_until_done
 
   def say(self, prompt: str, after: float | None = None) -> int:
     """Changes the prompt: the frame from which it counts; see `LiveStream.say`."""
     planner, not_before = self._pipeline.planner, 0
     prompt, = planner.model.prompts_of(prompt)
-    self._pipeline.warn([prompt], self._plan)
+    if "warn" not in self._out:
+      self._pipeline.warn([prompt], "plan" not in self._out)
     if self._hold_until_done:
       begun, last = self.live.script[-1]
       not_before = begun + durations.frames_until_done(planner, last)
-    segments = prompts_in_sequence(planner, planner.plan(prompt)) if self._plan else prompt
+    segments = prompt if "plan" in self._out else prompts_in_sequence(planner, planner.plan(prompt))
     return self.live.say(segments, after, not_before)
 
   def fork(self, num_frames: int | None = None) -> "PlannedStream":
     """A second stream that continues from here, independent of this one; see `LiveStream.fork`."""
-    return PlannedStream(self.live.fork(num_frames), self._pipeline, self._plan, self._hold_until_done)
+    return PlannedStream(self.live.fork(num_frames), self._pipeline, self._out, self._hold_until_done)
 
   def __getattr__(self, name):
     if name == "live":  # not yet made, as while it is copied

@@ -34,7 +34,7 @@ LAYERS = {
         ("checks",),
         ("planning",),
         ("posing",),
-        ("blending", "constraining", "editing", "resampling", "streaming"),
+        ("batches", "blending", "constraining", "editing", "resampling", "streaming"),
         ("steps",),
         ("pipeline",),
         ("server",),

@@ -36,7 +36,7 @@ def test_parameters_are_counted_in_one_way(name, pytestconfig):
 
 def test_defaults_of_the_help_are_the_models_own(capsys):
   with pytest.raises(SystemExit):
-    cli.main(["generate", "--help"])
+    cli.main(["generate", "--help-all"])
   text = " ".join(capsys.readouterr().out.split())
   for name in MAKERS:
     sampler = runs.load_run(name).config.sampler

@@ -1,6 +1,7 @@
 // Generates the motions of a project's timeline. They are cached, so that undo shows them at once. Needs no browser.
 import { asJson, ofTimeline, offText } from "./control.js";
 import { contacts, footprints, fromJson, seconds } from "./motion.js";
+import { STEPS_OF_PROMPTS, leftOut } from "./sampling.js";
 import { keyOf } from "./state.js";
 import { remarkOf, workText } from "./messages.js";
 
@@ -118,7 +119,7 @@ export class MultiPrompt {
       edits = edits.filter((edit) => !left.includes(edit));
     }
     for (; n < edits.length; n++) {
-      motion = this.keep(keyOf(upTo(n + 1), take), await this.edited(motion, edits[n], edits.slice(0, n)));
+      motion = this.keep(keyOf(upTo(n + 1), take), await this.edited(motion, edits[n], edits.slice(0, n), project.without));
     }
     if (take === this.state().project.chosen) this.last = motion;
   }
@@ -133,6 +134,7 @@ export class MultiPrompt {
       segments: project.blocks.map(({ prompt, seconds: length }) => ({ prompt, seconds: length })),
       seed: project.seeds[take],
       cleanup: project.cleanup,
+      without: leftOut(project.without, STEPS_OF_PROMPTS),
       sampling: project.sampling,
       past: project.past,
     };
@@ -152,10 +154,10 @@ export class MultiPrompt {
     return motion;
   }
 
-  async edited(motion, edit, before) {
+  async edited(motion, edit, before, without) {
     this.works("generating the marked span");
     const { prompt, change, seed, sampling, model } = edit;
-    const request = { motion: motion.sent, prompt, change, seed, sampling };
+    const request = { motion: motion.sent, prompt, change, seed, sampling, without: leftOut(without) };
     if (model.name) request.model = model.name;
     const reply = await this.request("edit", request);
     const text = remarkOf(reply)?.text ?? "";

@@ -1,8 +1,19 @@
-// The sampling dialog: model, seed, steps, guidance scale.
+// The sampling dialog: model, seed, steps, guidance scale, and what is done around sampling.
 
 const $ = (id) => document.getElementById(id);
 const NAMES = { num_steps: "steps", guidance_scale: "guidance scale" };
 const MOST_SEED = 2 ** 32 - 1;
+const STEPS = {
+  plan: ["split prompts into actions", "off: each prompt goes to the model unchanged"],
+  warn: ["notes on words that the model does not know", ""],
+  correct: ["spans: keep the legs where only arms and head act", "where new legs would slide"],
+  check: ["spans: sample again until the prompt shows", "up to 4 times, the best is kept; off: one pass"],
+};
+/** The steps of prompts; the others are of marked spans. */
+export const STEPS_OF_PROMPTS = ["plan", "warn"];
+
+/** Those of the names of left-out steps that a request takes. */
+export const leftOut = (without, names = Object.keys(STEPS)) => (without ?? []).filter((name) => names.includes(name));
 
 /** The number in a field, or null if it is empty. Throws an Error for other text. */
 export function read(name, text) {
@@ -18,6 +29,14 @@ export function readSeed(text) {
   if (!Number.isInteger(seed) || seed < 0 || seed > MOST_SEED || !text.trim())
     throw new Error(`got the seed ${text.slice(0, 20) || "nothing"}, expected a whole number from 0 to ${MOST_SEED}`);
   return seed;
+}
+
+// A checkbox of a step that may be left out.
+function box(name, checked) {
+  const [text, title] = STEPS[name];
+  const label = Object.assign(document.createElement("label"), { title });
+  label.append(Object.assign(document.createElement("input"), { type: "checkbox", name, checked }), text);
+  return label;
 }
 
 export class Sampling {
@@ -37,26 +56,29 @@ export class Sampling {
     };
   }
 
-  // {model, seed, sampling} of the motion that is shown.
+  // {model, seed, sampling, without} of the motion that is shown.
   get current() {
     const { mode, live, state } = this.studio;
     if (mode === "live") {
-      return { model: live.model?.name, seed: live.choices.seed, sampling: live.choices.sampling ?? {} };
+      const { seed, sampling = {}, without = [] } = live.choices;
+      return { model: live.model?.name, seed, sampling, without };
     }
-    const { model, seeds, chosen, sampling } = state.project;
-    return { model: model.name, seed: seeds[chosen], sampling };
+    const { model, seeds, chosen, sampling, without } = state.project;
+    return { model: model.name, seed: seeds[chosen], sampling, without: leftOut(without) };
   }
 
   show() {
     const ability = this.studio.mode === "live" ? "stream" : "multi_prompt";
     this.able = this.studio.models.filter((model) => model.abilities?.includes(ability));
     if (!this.able.length) return this.studio.notes.tell("no model is ready yet", true);
-    const { model, seed, sampling } = this.current;
+    const { model, seed, sampling, without } = this.current;
     $("model").replaceChildren(...this.able.map(({ name }) => new Option(name, name)));
     if (this.able.some(({ name }) => name === model)) $("model").value = model;
     $("seed").value = seed ?? "";
     $("sampling-status").textContent = "Empty fields use the model's defaults.";
     this.fields(sampling);
+    const names = this.studio.mode === "live" ? STEPS_OF_PROMPTS : Object.keys(STEPS);
+    $("sampling-steps").replaceChildren(...names.map((name) => box(name, !without.includes(name))));
     $("sampling-panel").showModal();
   }
 
@@ -90,11 +112,12 @@ export class Sampling {
       read(NAMES[input.name], input.value),
     ]);
     const sampling = { ...this.others, ...Object.fromEntries(given.filter(([, value]) => value !== null)) };
+    const without = [...$("sampling-steps").querySelectorAll("input:not(:checked)")].map((input) => input.name);
     if (mode === "live" && !live.connected) throw new Error("the studio is not connected; try again when it is");
-    if (mode === "live") return live.begin({ model: name, seed, sampling });
+    if (mode === "live") return live.begin({ model: name, seed, sampling, without });
     const { seeds, chosen } = state.project;
     if (seeds.some((other, take) => other === seed && take !== chosen))
       throw new Error(`another take already has the seed ${seed}`);
-    act({ type: "set", fields: { model: { name, id: id ?? "" }, seeds: seeds.with(chosen, seed), sampling } });
+    act({ type: "set", fields: { model: { name, id: id ?? "" }, seeds: seeds.with(chosen, seed), sampling, without } });
   }
 }

@@ -8,8 +8,8 @@ const BOXES = ["auto", "repeat", "side", "keep-going", "follow", "path", "steps"
 // The work as plain data, for the storage.
 function snapshot(studio) {
   const { state, mode, live, timeline } = studio;
-  const { prompt, speed, keep_going, seed, model, sampling } = live.choices;
-  const choices = Object.entries({ prompt, speed, keep_going, seed, model, sampling });
+  const { prompt, speed, keep_going, seed, model, sampling, without } = live.choices;
+  const choices = Object.entries({ prompt, speed, keep_going, seed, model, sampling, without });
   return {
     state,
     mode,

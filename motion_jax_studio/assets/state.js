@@ -1,7 +1,8 @@
 // The project and its undo history as plain data, and how each action changes them. Needs no browser.
 //
 // state: {project, past, future, selected, span, next}
-// project: {blocks: [{id, prompt, seconds}], seeds, chosen, cleanup, sampling, past, control, edits, model: {name, id}};
+// project: {blocks: [{id, prompt, seconds}], seeds, chosen, cleanup, without, sampling, past, control, edits,
+// model: {name, id}}; `without` names steps that are left out;
 // what undo goes back through. A block's `seconds` may be null: as long as similar clips. `past` is an imported motion,
 // `control` a list of constraints (control.js).
 
@@ -20,6 +21,7 @@ const empty = () => ({
   seeds: [0],
   chosen: 0,
   cleanup: true,
+  without: [],
   sampling: {},
   past: null,
   control: [],
@@ -197,6 +199,7 @@ export const keyOf = (project, take = project.chosen) =>
     project.blocks.map(({ prompt, seconds }) => [prompt, seconds]),
     project.seeds[take],
     project.cleanup,
+    project.without,
     project.sampling,
     ofTimeline(project.control),
     project.past && [project.past.shape, project.past.joints.length, project.past.joints.slice(0, 400)],

@@ -63,7 +63,7 @@ export function liveProject(live, project) {
     .captions.map(({ text, start, end }) => ({ prompt: text, seconds: snapped(end - start, step) }));
   const seeds = [live.choices.seed ?? 0],
     model = live.model ?? project.model,
-    sampling = live.choices.sampling ?? {};
-  const made = { blocks: blocks.slice(-MOST_BLOCKS), seeds, chosen: 0, cleanup: true, sampling, model };
+    { sampling = {}, without = [] } = live.choices;
+  const made = { blocks: blocks.slice(-MOST_BLOCKS), seeds, chosen: 0, cleanup: true, sampling, without, model };
   return { ...project, ...made, edits: [], past: null, control: null };
 }

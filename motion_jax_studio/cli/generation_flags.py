@@ -10,8 +10,12 @@ from motion_jax.utils.errors import InputError
 from motion_jax.utils.numerals import MOTIONS, SEEDS, whole
 from motion_jax_studio.checks import MAX_ATTEMPTS
 from motion_jax_studio.cli import shared
+from motion_jax_studio.cli.parser import HelpAll
 from motion_jax_studio.step_names import left_out
 
+_SHOWN = ("without", "explain", "num_samples", "seed", "model", "out")  # flags that --help of all commands shows
+_MODEL = "cmdm-small"
+_PRETRAINED = pathlib.Path(motion_jax.__file__).parent / "pretrained"
 # Methods whose models cannot run a command.
 _WHOLE = ("cdamd", "mld", "momask", "t2m_gpt")
 WITHOUT = {"multi-prompt": _WHOLE, "extend": _WHOLE, "edit": ("cmdm", "mld", "motionstreamer", "t2m_gpt")}
@@ -42,13 +46,17 @@ def without_of(args):
   return args.without | {name for name in ("plan", "cleanup") if getattr(args, f"no_{name}", False)}
 
 
-def add_attempts(parser, what, checks):
-  parser.add_argument("--max-attempts", type=whole(1, 100), default=MAX_ATTEMPTS, help=f"how many times to "
-                      f"sample {what} at most, until the checks of {checks} pass ({MAX_ATTEMPTS})")
+def add_attempts(parser):
+  parser.add_argument("--max-attempts", type=whole(1, 100), default=MAX_ATTEMPTS, metavar="N",
+                      help="maximum samples per motion, until one passes the checks of its prompt, such as the number "
+                      f"of jumps; the best-scoring one is kept ({MAX_ATTEMPTS})")
 
 
-def add_common(parser, command, out):
-  """Flags of all commands that generate motion."""
+def add_common(parser, command, out, shown):
+  """Flags of all commands that generate motion. shown: further flags of the command that --help shows."""
+  parser.shown = functools.partial(_shown, parser, command, (*shown, *_SHOWN))
+  parser.add_argument("--help-all", action=HelpAll, nargs=0,
+                      help="show all flags: of other models, constraints, characters, files and films")
   parser.add_argument("--num-samples", type=whole(*MOTIONS), default=1,
                       help="number of samples per prompt; sample i uses seed SEED + i (1)")
   parser.add_argument("--seed", type=whole(*SEEDS), default=0,
@@ -64,7 +72,7 @@ def add_common(parser, command, out):
                        choices=known.choices, help=text + _defaults(name, methods))
   parser.add_argument("--no-cleanup", action="store_true",
                       help="return the network's output: no foot-skate cleanup, smoothing or exact constraints")
-  parser.add_argument("--model", default="cmdm-small",
+  parser.add_argument("--model", default=_MODEL,
                       help="a run folder or a shipped model; see motion-jax models (%(default)s)")
   shared.add_out(parser, out, "wave.mp4,wave.bvh")
   shared.add_rig(parser)
@@ -72,23 +80,51 @@ def add_common(parser, command, out):
   parser.add_argument("--timings", action="store_true", help="print where the time went")
 
 
-def _defaults(name, methods):
-  """The values of a sampling choice in the shipped models of these methods, for its help text."""
+def _shown(parser, command, names, arguments):
+  """{dest: help text} of the flags `names`, and of the sampling choices of the model that the arguments name."""
+  model = next((value for flag, value in _values(arguments) if flag == "--model"), parser.get_default("model"))
+  method = _method_of(model)
+  found = {action.dest: action.help for action in parser._actions if action.dest in names}
+  for name, methods in _choices(command).items():
+    if method in methods:
+      found[name] = methods[method].help + _defaults(name, {method: methods[method]}, model)
+  return found
+
+
+def _values(arguments):
+  """Yields (flag, value) of --flag VALUE and --flag=VALUE."""
+  for one, then in zip(arguments, [*arguments[1:], ""]):
+    flag, equals, value = one.partition("=")
+    yield flag, value if equals else then
+
+
+def _method_of(model):
+  """The method of a shipped model or of a run folder; "" where there is none."""
+  for folder in (pathlib.Path(model), _PRETRAINED / model):
+    try:
+      return json.loads((folder / "config.json").read_text(encoding="utf-8"))["stage"].partition(".")[0]
+    except (OSError, ValueError, KeyError, AttributeError, TypeError):
+      continue
+  return ""
+
+
+def _defaults(name, methods, only=None):
+  """The values of a sampling choice in the shipped models of these methods, or `only` in one, for its help text."""
   found = {}
   for model, method, sampler in _samplers():
-    if method in methods:
+    if method in methods and only in (None, model):
       value = sampler.get(methods[method].key or name, methods[method].usual)
       if value is not None:
         found.setdefault(f"{value:g}" if isinstance(value, float) else str(value).lower(), []).append(model)
   values = "; ".join(value if len(found) == 1 else f"{value} for {', '.join(names)}" for value, names in found.items())
-  return f" (shipped models: {values})" if values else ""
+  return f" ({'shipped models: ' * (only is None)}{values})" if values else ""
 
 
 @functools.cache
 def _samplers():
   """[(name, method, config.sampler)] of the shipped models; only their configs are read."""
   found = []
-  for path in sorted((pathlib.Path(motion_jax.__file__).parent / "pretrained").glob("*/config.json")):
+  for path in sorted(_PRETRAINED.glob("*/config.json")):
     config = json.loads(path.read_text(encoding="utf-8"))
     if "sampler" in config:
       found.append((path.parent.name, config["stage"].partition(".")[0], config["sampler"]))

@@ -1,20 +1,16 @@
 """motion-jax generate, multi-prompt, extend and edit: the commands that generate motion."""
 import functools
-import math
-import pathlib
-import time
+import itertools
 
-from motion_jax.utils import progress, timing
+from motion_jax.utils import progress
 from motion_jax.utils.errors import InputError
-from motion_jax.utils.numerals import MOTIONS, real, whole
+from motion_jax.utils.numerals import real, whole
 from motion_jax_studio import step_names
 from motion_jax_studio.cli import control, shared
 from motion_jax_studio.cli import generation_flags as flags
-from motion_jax_studio.cli.prompts import read_prompts, read_sequences
+from motion_jax_studio.cli.prompts import read_lines, read_sequences
+from motion_jax_studio.cli.session import Session, check_count, counted, print_made
 
-_PRINTED = 20           # prompts of which a command prints the plan
-BATCH_FRAMES = 16_000  # frames of all motions in one batch, and
-_MOST_FRAMES = 400_000  # of all motions of one run
 _SECONDS = real(above=0, high=3600, unit="seconds")
 _PARTS = "legs, torso, left_arm, right_arm, head, with commas"
 
@@ -28,10 +24,10 @@ def add_to(commands):
   length.add_argument("--seconds", type=_SECONDS, help="length in seconds (default: that of similar training clips)")
   length.add_argument("--num-frames", type=whole(1, 72_000), help="length in frames")
   flags.add_planning(generate)
-  flags.add_attempts(generate, "a motion", "its prompt, such as the number of jumps")
+  flags.add_attempts(generate)
   flags.add_steps(generate, step_names.GENERATE)
   control.add_to(generate)
-  flags.add_common(generate, "generate", "motion.html")
+  flags.add_common(generate, "generate", "motion.html", ("seconds", "max_attempts", "control", "path"))
   generate.set_defaults(run=_generate)
 
   several = commands.add_parser("multi-prompt", help="generate one motion from several prompts in sequence")
@@ -49,7 +45,7 @@ def add_to(commands):
   flags.add_planning(several)
   flags.add_steps(several, step_names.MULTI_PROMPT)
   several.add_argument("--ease", action="store_true", help="spread sudden speed changes between prompts over 0.4 s")
-  flags.add_common(several, "multi-prompt", "multi_prompt.html")
+  flags.add_common(several, "multi-prompt", "multi_prompt.html", ("way",))
   several.set_defaults(run=_multi_prompt)
 
   extend = commands.add_parser("extend", help="continue a motion file from a prompt")
@@ -63,7 +59,7 @@ def add_to(commands):
   flags.add_planning(extend)
   flags.add_steps(extend, step_names.EXTEND)
   shared.add_reading(extend)
-  flags.add_common(extend, "extend", "extended.html")
+  flags.add_common(extend, "extend", "extended.html", ("prompt", "seconds"))
   extend.set_defaults(run=_extend)
 
   edit = commands.add_parser("edit", help="regenerate selected frames or body parts of a motion file")
@@ -80,146 +76,109 @@ def add_to(commands):
                     "others, within --change or everywhere; works with any model")
   edit.add_argument("--no-paste", action="store_true", help="return kept frames as the autoencoder decodes them, "
                     "not as they are in the file")
-  flags.add_attempts(edit, "new frames", "the prompt")
+  flags.add_attempts(edit)
   flags.add_steps(edit, step_names.EDIT)
   shared.add_reading(edit)
-  flags.add_common(edit, "edit", "edited.html")
+  flags.add_common(edit, "edit", "edited.html", ("prompt", "task", "change", "keep", "keep_parts", "max_attempts"))
   edit.set_defaults(run=_edit, model="cdamd-small")
 
 
 def _generate(args):
-  outputs, rows = shared.outputs_of(args), read_prompts(args.prompt)
-  _check_count(len(rows), args)
-  start, pipeline = time.time(), _load_pipeline(args)
-  model = pipeline.model
-  rows = [row for row in read_prompts(args.prompt, model.fps) for _ in range(args.num_samples)]
-  seeds = [args.seed + i % args.num_samples for i in range(len(rows))]
-  if args.seconds is not None or args.num_frames is not None:
-    length = args.num_frames if args.num_frames is not None else args.seconds * model.fps
-    rows = [(prompt, length) for prompt, _ in rows]
-  constraints, without = control.constraints_of(args, model), flags.without_of(args)
-  plain = "plan" in without
-  with timing.part("text"), progress.part("reading the prompts"):
-    plans = {prompt: prompt if plain else pipeline.plan(prompt, postures=not constraints)
-             for prompt, _ in dict.fromkeys(rows)}
-    if "warn" not in without:
-      pipeline.warn(plans.values(), plan=False, postures=not constraints)
-    schedules = {row: pipeline.schedule(plans[row[0]], row[1], constraints) for row in dict.fromkeys(rows)}
-    frames = [sum(schedules[row][1]) for row in rows]
-  for plan, _ in list(schedules.values())[:_PRINTED]:
-    if plan is not None and not plan.is_plain:  # the length of each segment is printed once it is sampled
-      print(f"understood as: {' | '.join(segment.words for segment in plan.segments)}")
-  shortest, longest = (f"{count / model.fps:.1f}" for count in (min(frames), max(frames)))
-  _print_model(model, args, f"{_counted(len(rows), 'motion')} of "
-                            f"{shortest if shortest == longest else f'{shortest} to {longest}'} s")
-  motions = []
-  for batch in progress.each(_batches(frames, model), "generating motions", unit="batch"):
-    motions += pipeline([plans[prompt] for prompt, _ in rows[batch]], frames[batch], seeds=seeds[batch],
-                        without=without, max_attempts=args.max_attempts, control=constraints or None,
-                        exact=not args.no_cleanup, **flags.sampling_of(args, model))
-  segments = dict.fromkeys(motion.meta["understood"] for motion in motions if "understood" in motion.meta)
-  for text in list(segments)[:_PRINTED]:
-    print(f"generated as: {text}")
-  for motion in motions[:_PRINTED]:
-    if "velocity" in motion.meta:
-      left, _, ahead = (round(part, 2) + 0.0 for part in motion.meta["velocity"])
-      print(f"in place: move the character at {math.hypot(left, ahead):.2f} m/s ({ahead:.2f} ahead, {left:.2f} to its "
-            "left)")
-  signals = control.drawn(constraints, motions) if constraints else None
-  _write(args, model, motions, outputs, start, signals=signals, constraints=constraints)
+  lines = read_lines(args.prompt)
+  check_count(len(lines), args)
+  session = Session(args)
+  constraints = control.constraints_of(args, session.model)
+  run = session.pipeline.run(_requests(args, lines, session.model.fps), control=constraints or None,
+                             exact=not args.no_cleanup, without=session.without, max_attempts=args.max_attempts,
+                             **session.sampling)
+  session.print_plans(next(run))
+  motions = [*itertools.chain.from_iterable(run)]
+  print_made(motions)
+  session.write(motions, constraints=constraints)
+
+
+def _requests(args, lines, fps):
+  """The motions of `generate`: each line --num-samples times."""
+  from motion_jax_studio.batches import Request
+  given = args.num_frames if args.seconds is None else args.seconds * fps
+  return [Request(line.prompt, line.frames(fps) if given is None else given, args.seed + i)
+          for line in lines for i in range(args.num_samples)]
 
 
 def _multi_prompt(args):
-  outputs = shared.outputs_of(args)
-  start, pipeline = time.time(), _load_pipeline(args, "multi_prompt")
-  model = pipeline.model
-  lists = read_sequences(args.prompts, model.fps)
-  _check_count(len(lists), args)
-  count = len(lists) * args.num_samples
-  _print_model(model, args, f"{_counted(count, 'motion')} of {_counted(len(lists[0]), 'prompt')}")
-  lists = [one for one in lists for _ in range(args.num_samples)]
-  seeds = [args.seed + i % args.num_samples for i in range(len(lists))]
+  from motion_jax_studio.batches import batches
+  session = Session(args, "multi_prompt")
+  lists = read_sequences(args.prompts, session.model.fps)
+  check_count(len(lists), args)
+  session.print_model(f"{counted(len(lists) * args.num_samples, 'motion')} of {counted(len(lists[0]), 'prompt')}")
+  rows = [(one, args.seed + i) for one in lists for i in range(args.num_samples)]
   motions = []
-  for batch in progress.each(_batches([_length(pipeline, one) for one in lists], model), "generating motions",
-                             unit="batch"):
-    motions += pipeline.multi_prompts(lists[batch], way=args.way, without=flags.without_of(args), seeds=seeds[batch],
-                                      rest=args.rest, hold_until_done=args.hold_until_done, ease=args.ease,
-                                      **flags.sampling_of(args, model))
-  for caption in motions[0].captions if len(lists) == args.num_samples else ():
+  for batch in progress.each(batches([_length(session.pipeline, one) for one, _ in rows], session.model.fps),
+                             "generating motions", unit="batch"):
+    some, seeds = zip(*rows[batch])
+    motions += session.pipeline.multi_prompts(some, way=args.way, without=session.without, seeds=seeds, rest=args.rest,
+                                              hold_until_done=args.hold_until_done, ease=args.ease, **session.sampling)
+  for caption in motions[0].captions if len(lists) == 1 else ():
     print(f"{caption.start:6.1f} to {caption.end:5.1f} s  {caption.text}")
-  _write(args, model, motions, outputs, start)
+  session.write(motions)
 
 
 def _extend(args):
-  outputs, clip = shared.outputs_of(args), shared.read_motion(args.file, args)
-  start, pipeline = time.time(), _load_pipeline(args, "extend")
-  model = pipeline.model
-  segments = read_sequences(args.prompt, model.fps)[0]
-  if args.seconds is not None:
-    if len(segments) > 1:
-      raise InputError("got --seconds for several prompts; write lengths after colons, as in \"walks:4 | sits:3\"")
-    segments = [(segments[0][0], args.seconds)]
-  _batches([clip.seconds * model.fps + _length(pipeline, segments)] * args.num_samples, model)  # checks the length
-  _print_model(model, args, f"{clip.seconds:.1f} s of {args.file} to continue")
+  clip = shared.read_motion(args.file, args)
+  session = Session(args, "extend")
+  segments = _segments(args, session.model.fps)
+  session.print_model(f"{clip.seconds:.1f} s of {args.file} to continue")
   more = {name: value for name in ("past_prompt", "way") if (value := getattr(args, name)) is not None}
-  if more and not model.ways:
-    raise InputError(f"got --{min(more).replace('_', '-')} for the model {model.id}, which has no such choice")
-  more |= flags.sampling_of(args, model)
-  motions = [pipeline.extend(clip, segments, seed=args.seed + i, without=flags.without_of(args), **more)
-             for i in progress.each(range(args.num_samples), "generating motions", unit="motion")]
-  _write(args, model, motions, outputs, start)
+  if more and not session.model.ways:
+    raise InputError(f"got --{min(more).replace('_', '-')} for the model {session.model.id}, which has no such choice")
+  extend = functools.partial(session.pipeline.extend, clip, segments, without=session.without, **more,
+                             **session.sampling)
+  frames = clip.seconds * session.model.fps + _length(session.pipeline, segments)
+  session.write(session.each_seed(lambda seed: extend(seed=seed), frames))
+
+
+def _segments(args, fps):
+  """The prompts and seconds by which `extend` continues a motion."""
+  segments = read_sequences(args.prompt, fps)[0]
+  if args.seconds is not None and len(segments) > 1:
+    raise InputError("got --seconds for several prompts; write lengths after colons, as in \"walks:4 | sits:3\"")
+  return segments if args.seconds is None else [(segments[0][0], args.seconds)]
 
 
 def _edit(args):
   from motion_jax.models.results import colors_of
-  from motion_jax.utils.spans import spans_of
-  outputs, clip = shared.outputs_of(args), shared.read_motion(args.file, args)
+  clip = shared.read_motion(args.file, args)
   if not (args.task or args.change or args.keep or args.keep_parts):
     raise InputError("got nothing to regenerate; give --task, --change, --keep or --keep-parts")
-  start, pipeline = time.time(), _load_pipeline(args, None if args.keep_parts else "edit")
-  model = pipeline.model
+  session = Session(args, None if args.keep_parts else "edit")
   if args.keep_parts:
-    motions = control.regenerate_parts(args, clip, pipeline, flags.sampling_of(args, model))
-    return _write(args, model, motions, outputs, start)
-  _print_model(model, args, f"{clip.seconds:.1f} s of {args.file} edited")
-  frames = round(clip.seconds * model.fps)
-  _batches([frames] * args.num_samples, model)  # checks the length
-  flag, texts = ("--keep", args.keep) if args.keep else ("--change", args.change or [])
-  with shared.value_of(flag, " ".join(texts)):
-    spans = spans_of(texts, frames, model.fps) or None
-  keep, change = (spans, None) if args.keep else (None, spans)
-  if args.no_paste and args.without:
+    return session.write(control.regenerate_parts(args, clip, session.pipeline, session.sampling))
+  fps = session.model.fps
+  session.print_model(f"{clip.seconds:.1f} s of {args.file} edited")
+  edit = functools.partial(_editor(args, session), clip, args.prompt, args.task, **_spans(args, clip, fps),
+                           **session.sampling)
+  motions = session.each_seed(lambda seed: edit(seed=seed), round(clip.seconds * fps))
+  for first, past in motions[0].meta["made"]:
+    print(f"new frames: {first / fps:.1f} to {past / fps:.1f} s")
+  return session.write(motions, colors=colors_of(motions[0]))
+
+
+def _spans(args, clip, fps):
+  """{"keep": spans or None, "change": spans or None} of --keep and --change."""
+  from motion_jax.utils.spans import spans_of
+  flag, texts = ("keep", args.keep) if args.keep else ("change", args.change or [])
+  with shared.value_of(f"--{flag}", " ".join(texts)):
+    return {"keep": None, "change": None} | {flag: spans_of(texts, round(clip.seconds * fps), fps) or None}
+
+
+def _editor(args, session):
+  """The function that edits: the pipeline's, or with --no-paste the model's."""
+  if not args.no_paste:
+    return functools.partial(session.pipeline.edit, max_attempts=args.max_attempts, without=session.without)
+  if args.without:
     raise InputError("got --without with --no-paste, which is one pass of the network without those steps; use "
                      "--no-cleanup to leave out the cleanup")
-  edit = functools.partial(model.edit, cleanup=not args.no_cleanup) if args.no_paste else functools.partial(
-      pipeline.edit, max_attempts=args.max_attempts, without=flags.without_of(args))
-  motions = [edit(clip, args.prompt, args.task, keep=keep, change=change, seed=args.seed + i,
-                  **flags.sampling_of(args, model))
-             for i in progress.each(range(args.num_samples), "generating motions", unit="motion")]
-  for first, past in motions[0].meta["made"]:
-    print(f"new frames: {first / model.fps:.1f} to {past / model.fps:.1f} s")
-  return _write(args, model, motions, outputs, start, colors=colors_of(motions[0]))
-
-
-def _check_count(rows, args):
-  """Raises InputError for more motions than one run generates, before lists of them are built."""
-  if rows * args.num_samples > MOTIONS[1]:
-    raise InputError(f"got {rows:,} prompts with --num-samples {args.num_samples:,}, {rows * args.num_samples:,} "
-                     f"motions; expected at most {MOTIONS[1]:,} in one run")
-
-
-def _batches(frames, model):
-  """Slices of motions with these lengths that fit in one batch, so that memory does not grow with their number.
-
-  Raises InputError for more frames than one run generates.
-  """
-  total = float(sum(frames))
-  if not total <= _MOST_FRAMES:
-    raise InputError(f"got {_counted(len(frames), 'motion')} of {total / model.fps / 3600:.3g} hours together, "
-                     f"expected at most {_MOST_FRAMES / model.fps / 3600:.1f} in one run; use several runs with other "
-                     "--seed")
-  size = max(1, int(BATCH_FRAMES // max(frames)))
-  return [slice(first, first + size) for first in range(0, len(frames), size)]
+  return functools.partial(session.model.edit, cleanup=not args.no_cleanup)
 
 
 def _length(pipeline, segments):
@@ -227,66 +186,3 @@ def _length(pipeline, segments):
   planner = pipeline.planner
   return sum(planner.natural_frames(prompt) if seconds is None else seconds * planner.fps
              for prompt, seconds in segments)
-
-
-def _load_pipeline(args, ability=None):
-  """The pipeline of --model, without its Warn step: each prompt is warned about once, not once per sample.
-
-  Raises InputError for a model without the ability.
-  """
-  if args.timings:
-    timing.start()
-  with timing.part("imports"), progress.part("starting JAX"):
-    shared.cache_compiled_code()
-    from motion_jax import loading
-    from motion_jax.models.abilities import cannot
-    from motion_jax_studio import pipeline
-    from motion_jax_studio.steps import Warn
-  with timing.part("model"), progress.part(f"reading the model {args.model}"):
-    model = loading.load(args.model)
-  if ability and not model.can(ability):
-    raise InputError(cannot(model.id, ability))
-  return pipeline.Pipeline(model, [step for step in pipeline.STEPS if not isinstance(step, Warn)])
-
-
-def _counted(number, noun):
-  return f"{number:,} {noun}{'s' * (number != 1)}"
-
-
-def _print_model(model, args, what):
-  import jax
-  print(f"{model.id}: {model.num_params / 1e6:.1f} M parameters on {jax.default_backend()}; {what}, guidance "
-        f"{model.sampling(**flags.sampling_of(args, model)).guidance_scale:g}, seed {args.seed}")
-
-
-def _write(args, model, motions, outputs, start, colors=None, signals=None, constraints=()):
-  """Writes the motions to the outputs; with --explain prints what was done to them. colors (T, 3) of the body, and
-  constraints and their signals, are for pictures.
-  """
-  from motion_jax.motion.step_records import lines
-  print(f"generated in {time.time() - start:.1f} s")
-  for number, motion in enumerate(motions[:_PRINTED] if args.explain else (), 1):
-    print(*(f"motion {number}: " * (len(motions) > 1) + line for line in lines(motion.meta)), sep="\n")
-  clips = [motion.replace(id=f"{pathlib.Path(outputs[0]).stem}_{i}") for i, motion in enumerate(motions)]
-  with timing.part("files"), progress.part("writing files"):
-    written = [path for out in outputs for path in _write_one(args, clips, out, colors, signals, constraints)]
-  shared.print_rig_error(args, clips, outputs)
-  shared.print_files(written)
-  for text in filter(None, (model.limits, model.license)):
-    print(text)
-  if args.timings:
-    print(timing.report())
-
-
-def _write_one(args, clips, out, colors, signals, constraints):
-  from motion_jax import export
-  options = shared.file_options(args, out)
-  if pathlib.Path(out).suffix.lower() in shared.PICTURES:
-    spans = [shared.span_of(args, clip) for clip in clips]
-    if colors is not None:
-      options["colors"] = colors[spans[0]]
-    if signals is not None:
-      shown = [signal.slice_frames(span.start, span.stop) for signal, span in zip(signals, spans)]
-      options |= control.drawn_options(out, shown, constraints)
-    clips = [shared.trimmed(args, clip) for clip in clips]
-  return export.save(clips, out, **options)

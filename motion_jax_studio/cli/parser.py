@@ -9,14 +9,39 @@ from motion_jax.utils.nearest import did_you_mean
 _QUOTES = "; a sentence goes in quotes, several go in a file"
 
 
+class HelpAll(argparse.Action):
+  """--help-all: prints the help with all flags."""
+
+  def __call__(self, parser, namespace, values, option_string=None):
+    parser.shown = None
+    parser.print_help()
+    parser.exit()
+
+
 class Parser(argparse.ArgumentParser):
   """An argparse parser with one-line errors; `--two_words` and `--two-words` are the same flag, unabbreviated.
 
   A command whose defaults contain `overrides` receives all `--config.KEY=VALUE` arguments there.
+
+  shown(arguments) -> {dest: help text} of the flags that --help shows, given the command's arguments; None shows all.
   """
 
   def __init__(self, *args, **kwargs):
     super().__init__(*args, **{"allow_abbrev": False} | kwargs)
+    self.shown, self._given = None, []
+
+  def format_help(self):
+    texts = [(action, action.help) for action in self._actions]
+    if self.shown is not None:
+      shown = self.shown(self._given) | {action.dest: action.help for action in self._actions
+                                         if not action.option_strings or action.dest in ("help", "help_all")}
+      for action in self._actions:
+        action.help = shown.get(action.dest, argparse.SUPPRESS)
+    try:
+      return super().format_help()
+    finally:
+      for action, text in texts:
+        action.help = text
 
   def parse_args(self, args=None, namespace=None):
     found, rest = self.parse_known_args(args, namespace)
@@ -30,7 +55,9 @@ class Parser(argparse.ArgumentParser):
     return found
 
   def parse_known_args(self, args=None, namespace=None):
-    return super().parse_known_args(args if args is None else self._joined(map(self._with_dashes, args)), namespace)
+    if args is not None:
+      self._given = args = self._joined(map(self._with_dashes, args))
+    return super().parse_known_args(args, namespace)
 
   def _of_command(self, found):
     """The parser of the sub-command that was parsed, or this one."""

@@ -1,6 +1,7 @@
 """Prompts of the command line: a sentence, several in sequence, and prompt files."""
 import pathlib
 import re
+from typing import NamedTuple
 
 from motion_jax.utils.errors import InputError
 from motion_jax.utils.numerals import MOTIONS, NumberError, is_number, real, shortened, whole
@@ -13,23 +14,39 @@ _FRAMES = whole(1, 72_000, "frames")
 _SECONDS = real(above=0, high=3600, unit="seconds")
 
 
-def read_prompts(text, fps=MOMASK_FPS):
-  """[(prompt, frames or None)] from a sentence, a .txt file of prompts, or a .csv file of prompts and lengths.
+class Line(NamedTuple):
+  """A prompt and its length: `count` frames at `fps`, at the model's rate where fps is None; no length where count is
+  None."""
+  prompt: str
+  count: int | None = None
+  fps: float | None = None
 
-  Lines of a .txt may end like MoMask's: text#80, a length in frames at 20 fps, or text#NA. fps: frame rate of the
-  returned lengths.
+  def frames(self, fps):
+    """The length at another frame rate, or None."""
+    return self.count if self.count is None or self.fps is None else max(1, round(self.count * fps / self.fps))
+
+
+def read_prompts(text, fps=MOMASK_FPS):
+  """[(prompt, frames or None)] of `read_lines`. fps: frame rate of the returned lengths."""
+  return [(line.prompt, line.frames(fps)) for line in read_lines(text)]
+
+
+def read_lines(text) -> list[Line]:
+  """Prompts with lengths, from a sentence, a .txt file of prompts, or a .csv file of prompts and lengths.
+
+  Lines of a .txt may end like MoMask's: text#80, a length in frames at 20 fps, or text#NA.
   """
   path = pathlib.Path(text)
   if not text.strip():
     raise InputError(f"got the prompt {text!r}; say what the person does, as in \"a person waves\"")
   if path.suffix.lower() not in (".txt", ".csv"):
     _check_is_prompt(text)
-    return [(text, None)]
+    return [Line(text)]
   from motion_jax.utils import text_files
   if not path.is_file():
     raise FileNotFoundError(f"there is no prompt file {text}; put a sentence in quotes")
   if path.suffix.lower() == ".txt":
-    rows = [_without_length(path, number, line.strip(), fps)
+    rows = [_without_length(path, number, line.strip())
             for number, line in enumerate(text_files.read_lines(path), 1) if line.strip()]
   else:
     rows = text_files.read_table(path, _are_prompts)
@@ -49,16 +66,16 @@ def _check_is_prompt(text):
                      f"prompts; {use[ending]}")
 
 
-def _without_length(path, number, line, fps):
-  """(prompt, frames or None) of a line of a MoMask prompt file."""
+def _without_length(path, number, line):
+  """The prompt and length of a line of a MoMask prompt file."""
   match = _MOMASK.fullmatch(line)
   if not match:
-    return line, None
+    return Line(line)
   try:
-    frames = None if match["length"] == "NA" else _FRAMES(match["length"])
+    count = None if match["length"] == "NA" else _FRAMES(match["length"])
   except NumberError as error:
     raise InputError(f"{path} line {number}: in the length after #: {error}") from None
-  return match["prompt"], frames and max(1, round(frames * fps / MOMASK_FPS))
+  return Line(match["prompt"], count, MOMASK_FPS)
 
 
 def _has_header(rows):
@@ -81,7 +98,7 @@ def _prompt_and_frames(path, row):
     raise InputError(f"{path} line {row.line}: no prompt before the length")
   length = row.cells[1] if len(row.cells) > 1 else ""
   try:
-    return row.cells[0], _FRAMES(length) if length else None
+    return Line(row.cells[0], _FRAMES(length) if length else None)
   except NumberError as error:
     raise InputError(f"{path} line {row.line}: in the length: {error}; a comma inside a prompt needs quotes around "
                      "it") from None

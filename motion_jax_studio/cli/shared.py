@@ -4,6 +4,7 @@ import contextlib
 import pathlib
 import re
 import shlex
+import warnings
 
 from motion_jax.utils import progress
 from motion_jax.utils.errors import InputError
@@ -263,6 +264,12 @@ def trimmed(args, clip):
     return clip
   part = span_of(args, clip)
   return clip.cut(part.start, part.stop)
+
+
+def print_notes(notes):
+  """Shows notes as warnings are shown."""
+  for note in notes:
+    warnings.warn(note, stacklevel=2)
 
 
 def print_files(written):

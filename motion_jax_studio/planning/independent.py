@@ -13,6 +13,7 @@ import numpy as np
 from motion_jax.models.results import Motion, captions_in_a_row, features_of
 from motion_jax.motion.skeleton import HUMANML3D, Skeleton
 from motion_jax.motion.step_records import largest, record
+from motion_jax_studio.checks.best_of import best_of
 from motion_jax_studio.checks.violations import violation_score
 from motion_jax_studio.language.requirements import Requirement, is_counted, once
 from motion_jax_studio.planning.joining import SLACK, joined
@@ -70,10 +71,17 @@ def best_takes(takes: Sequence[Sequence[Motion]], segments: Sequence[tuple[str, 
   """
   if skeleton is not HUMANML3D:
     return [own[0] for own in takes]
+  wanted = {prompt: once(required.get(prompt, ())) for prompt, _ in segments}
+
+  def score(row, motion):
+    prompt, count = segments[row]
+    return violation_score(motion.joints[:count], wanted[prompt], fps)
+
+  found = best_of(lambda rows, number, _: [(takes[row][number], {}) for row in rows], score, len(takes), len(takes[0]),
+                  until=-1)
   pools: dict[str, list[tuple[float, Motion]]] = {}
-  for own, (prompt, count) in zip(takes, segments):
-    wanted = once(required.get(prompt, ()))
-    pools.setdefault(prompt, []).extend((violation_score(motion.joints[:count], wanted, fps), motion) for motion in own)
+  for (prompt, _), row in zip(segments, found):
+    pools.setdefault(prompt, []).extend((attempt.score, attempt.sample) for attempt in row.attempts)
   ready = {prompt: _in_turn(pool) for prompt, pool in pools.items()}
   return [next(ready[prompt]) for prompt, _ in segments]
 

@@ -22,10 +22,12 @@ from motion_jax.utils.numerals import SEEDS
 from motion_jax_studio.server import mmcp_constraints
 from motion_jax_studio.server.fields import check_points, check_prompt
 from motion_jax_studio.server.requests import RequestHandler
+from motion_jax_studio.step_names import EXTEND, left_out
 
 VERSION, MEDIA = "1.2", "model/gltf+json"
 _STEPS = 500
-_OPTIONS = {"diffusion_steps", "num_samples", "seed", "post_processing", "transition_frames", "guidance", "loop"}
+_OPTIONS = {"diffusion_steps", "num_samples", "seed", "post_processing", "transition_frames", "guidance", "loop",
+            "without"}
 
 
 class MmcpError(Exception):
@@ -105,10 +107,10 @@ def generate(body: Any, handler: RequestHandler) -> dict[str, Any]:
     if control:
       wanted = [*control, *([Loop()] if options["loop"] else [])]
       made = [handler.make_multi_prompt(pipeline, rows, options["seed"] + i, options["cleanup"], sampling, None,
-                                        wanted)[0] for i in range(options["samples"])]
+                                        wanted, options["without"])[0] for i in range(options["samples"])]
     else:
-      made = [pipeline.multi_prompt(rows, seed=options["seed"] + i, cleanup=options["cleanup"], **sampling)
-              for i in range(options["samples"])]
+      made = [pipeline.multi_prompt(rows, seed=options["seed"] + i, cleanup=options["cleanup"],
+                                    without=options["without"], **sampling) for i in range(options["samples"])]
   joints = [_at_rate(one.joints, model.fps, fps, total) for one in made]
   if options["loop"] and not control:
     joints = [looped(one, fps, model.stats.layout.skeleton) for one in joints]
@@ -199,7 +201,16 @@ def _options(given, limits):
   return {"samples": _number(given, "num_samples", 1, limits.takes, 1, whole=True),
           "seed": _number(given, "seed", 0, SEEDS[1] - limits.takes, 0, whole=True), "guidance": scale,
           "steps": _number(given, "diffusion_steps", 1, _STEPS, None, whole=True),
-          "cleanup": flag("post_processing", True), "loop": flag("loop", False)}
+          "cleanup": flag("post_processing", True), "loop": flag("loop", False),
+          "without": _steps(given.get("without", []))}
+
+
+def _steps(given):
+  """The steps to leave out, an option of ours."""
+  try:
+    return left_out(given if isinstance(given, list) else [given], EXTEND)
+  except InputError as error:
+    raise MmcpError(400, "invalid_options", str(error)) from None
 
 
 def _number(given, name, low, high, usual, whole=False):

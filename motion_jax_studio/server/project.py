@@ -13,6 +13,7 @@ from motion_jax_studio.server.library import Library
 from motion_jax_studio.server.limits import Limits
 from motion_jax_studio.server.request_tables import PROJECT
 from motion_jax_studio.server.requests import RequestHandler, make_edit
+from motion_jax_studio.step_names import EDIT, EXTEND
 
 FORMAT, VERSION = "motion_jax project", 1
 
@@ -32,6 +33,7 @@ def checked(value: Any, limits: Limits) -> dict[str, Any]:
   return {"format": FORMAT, "version": VERSION, "model": vars(found.model),
           "blocks": [vars(block) for block in found.blocks], "seeds": seeds, "chosen": found.chosen,
           "sampling": found.sampling, "cleanup": found.cleanup, "past": value.get("past"),
+          "without": [name for name in EDIT if name in found.without],
           "control": files.to_json(found.control) if found.control else None,
           "edits": [vars(edit) | {"model": vars(edit.model)} for edit in found.edits]}
 
@@ -61,14 +63,16 @@ def made(project: dict[str, Any], library: Library, limits: Limits, take: int | 
   if not 0 <= take < len(project["seeds"]):
     raise InputError(f"got the take {take}, this project has {len(project['seeds'])}, counted from 0")
   pipeline = _with_warning(library.pipeline(project["model"]["name"], "multi_prompt"), project["model"], notify)
+  out = frozenset(project["without"])
   rows = [(block["prompt"], block["seconds"]) for block in project["blocks"]]
   past = project["past"] and serialization.from_json(project["past"], limits.frames)
   motion, _, _ = handler.make_multi_prompt(pipeline, rows, project["seeds"][take], project["cleanup"],
-                                             project["sampling"], past, control_of(project))
+                                             project["sampling"], past, control_of(project), out & {*EXTEND})
   for edit in project["edits"]:
     if edit["take"] == take:
       editor = _with_warning(library.pipeline(edit["model"]["name"], "edit"), edit["model"], notify)
-      motion = make_edit(editor, motion, edit["prompt"], edit["change"], None, edit["seed"], edit["sampling"])
+      motion = make_edit(editor, motion, edit["prompt"], edit["change"], None, edit["seed"], edit["sampling"],
+                         out)
   return motion
 
 

@@ -63,7 +63,7 @@ _PROJECT_MODEL = Record({"name": Text(), "id": Text(default="")})
 PROJECT = {
     "model": _PROJECT_MODEL, "blocks": _SEGMENTS, "seeds": Listed(seed(), "takes", "[0, 1]", default=(0,)),
     "chosen": Number(0, "takes", whole=True, default=0), "sampling": _SAMPLING, "cleanup": _CLEANUP,
-    "past": MotionField(default=None), "control": _CONTROL,
+    "past": MotionField(default=None), "control": _CONTROL, "without": _without(step_names.EDIT),
     "edits": Listed(Record({
         "take": Number(0, "takes", whole=True, default=0), "prompt": Prompt(), "change": Spans(), "seed": seed(),
         "sampling": _SAMPLING, "model": _PROJECT_MODEL}), MOST_EDITS, "[{\"take\": 0, ...}]", shortest=0, default=())}
@@ -71,7 +71,8 @@ PROJECT = {
 MESSAGES = {  # of a stream, by type
     "start": {
         "model": _MODEL, "prompt": Prompt(), "seed": seed(None), "cleanup": Switch(default=True),
-        "sampling": _SAMPLING, "frames": Number(4, "frames", whole=True, default=None),
+        "without": _without(step_names.EXTEND), "sampling": _SAMPLING,
+        "frames": Number(4, "frames", whole=True, default=None),
         "speed": Number(0, 8, default=1.0), "keep_going": Switch(default=True),
         "ahead": Number(1, 32, whole=True, default=DEFAULT_AHEAD),
         "pose": Text(default=None, about="robot:g1 or rig:NAME: poses, 50 a second, beside the joints")},

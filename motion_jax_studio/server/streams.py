@@ -91,7 +91,8 @@ class Stream:
   def _on_start(self, request):
     choices = {"name": self._library.slot(request.model).name, "prompt": request.prompt,
                "seed": secrets.randbelow(1 << 31) if request.seed is None else request.seed,
-               "cleanup": request.cleanup, "sampling": request.sampling, "frames": request.frames,
+               "cleanup": request.cleanup and "cleanup" not in request.without, "without": tuple(request.without),
+               "sampling": request.sampling, "frames": request.frames,
                "pose": request.pose}
     return lambda: self._begin(choices, _Pace(request.speed, request.keep_going, request.ahead))
 
@@ -226,7 +227,7 @@ class Stream:
     check_sampling(model, choices["sampling"])
     sampling = live_sampling(model, choices["sampling"])
     live = pipeline.stream(choices["prompt"], seed=choices["seed"], num_frames=choices["frames"],
-                           cleanup=choices["cleanup"], **sampling)
+                           cleanup=choices["cleanup"], without=choices["without"], **sampling)
     poses = choices["pose"] and Poses(choices["pose"], model.stats.layout.skeleton, model.fps)
     self._pace = pace or self._pace
     layout, self._choices = model.stats.layout.skeleton, choices
@@ -267,8 +268,9 @@ class Stream:
     for begins, action in actions:
       self._prompts = self._number_of_prompt(begins)
       action = prompt if len(actions) == 1 else action
-      unknown = captions.unknown_words(action) if captions.is_english(action) else []
-      notes = pipeline.notes([action], postures=False)
+      warns = "warn" not in self._choices["without"]
+      unknown = captions.unknown_words(action) if warns and captions.is_english(action) else []
+      notes = pipeline.notes([action], postures=False) if warns else []
       self._send({"type": "words", "words": self._prompts, "prompt": action, "whole": prompt, "from_frame": begins,
                   "run": self._run, "unknown": unknown[:10],
                   "nearest": nearest_caption(pipeline, action) if unknown or notes else "", "notes": notes})

@@ -60,7 +60,7 @@ def test_the_command_line_knows_its_choices(folder, tmp_path, monkeypatch, capsy
   assert cli.main([*made, "--lag", "2"]) == 1
   assert "got --lag for the model run@" in capsys.readouterr().err
   with pytest.raises(SystemExit):
-    cli.main(["generate", "--help"])
+    cli.main(["generate", "--help-all"])
   told = capsys.readouterr().out
   assert "TINY models:" in told and "--spread" in told
   assert cli.main(["models", str(folder)]) == 0

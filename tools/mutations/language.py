@@ -32,7 +32,7 @@ MUTATIONS = (
     ("language-half-circle", "motion_jax_studio/checks/path_violations.py",
      "max(least - abs(total), abs(total) - most, 0.0)", "max(least - abs(total), 0.0)",
      (f"{PATHS}::test_half_a_circle_zigzags_and_straight_ways",)),
-    ("language-first-of-equals", "motion_jax_studio/resampling.py", "attempt.score < attempts[kept].score",
+    ("language-first-of-equals", "motion_jax_studio/checks/best_of.py", "attempt.score < attempts[kept].score",
      "attempt.score <= attempts[kept].score",
      ("tests/studio/test_resampling.py::test_of_equals_the_first_is_kept_and_all_attempts_are_recorded",)),
     # --- pipeline, streams, edits -----------------------------------------------------------------------------------

@@ -11,8 +11,7 @@ from motion_jax.data.datasets.synthetic import synthetic_clips
 from motion_jax.export import bvh
 from motion_jax.models.base import TextToMotionModel
 from motion_jax.models.results import Motion
-from motion_jax_studio import cli
-from motion_jax_studio.cli import make
+from motion_jax_studio import batches, cli
 from motion_jax_studio.pipeline import Pipeline
 from tests.export.test_bvh import bent
 
@@ -85,7 +84,7 @@ def test_motions_come_in_pieces_with_a_seed_for_each_sample(generate, tmp_path, 
     return [Motion(joints, 20.0, meta={}) for _ in prompts]
 
   monkeypatch.setattr(Pipeline, "__call__", sample)
-  monkeypatch.setattr(make, "BATCH_FRAMES", 40)
+  monkeypatch.setattr(batches, "BATCH_FRAMES", 40)
   (tmp_path / "p.txt").write_text("a person walks\n\na person runs\n")
   assert generate(tmp_path / "p.txt", "--num-frames", 20, "--num-samples", 3, "--seed", 7, "--no-plan", "--out",
                   tmp_path / "m.npy") == 0
@@ -142,7 +141,7 @@ def test_a_mapping_in_every_command_that_reads_motion(tmp_path, capsys):
   capsys.readouterr()
   for command in ("generate", "extend", "edit", "blend", "retrieve"):
     with pytest.raises(SystemExit):
-      cli.main([command, "--help"])
+      cli.main([command, "--help-all" if command in ("generate", "extend", "edit") else "--help"])
     assert "--mapping FILE.json" in capsys.readouterr().out
 
 

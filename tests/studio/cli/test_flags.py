@@ -43,6 +43,26 @@ def test_what_commands_share_is_called_alike(flag):
   assert len(kinds) == 1, kinds
 
 
+@pytest.mark.parametrize("words, shown, hidden", [
+    ("generate", "--seconds --path --schedule --contrast-scale (2)", "--keyframe --num-iterations --bvh-unit --ends"),
+    ("generate --model=cdamd-small", "--seconds --num-iterations (50)", "--schedule --lag --bvh-unit"),
+    ("edit --model cdamd-small", "--change --num-steps --mask (50)", "--part --residual-scale --camera"),
+    ("extend --model nothing", "--prompt --model --out", "--guidance-scale --schedule")])
+def test_help_shows_what_the_chosen_model_takes_and_help_all_the_rest(words, shown, hidden, capsys):
+  printed = {}
+  for flag in ("--help", "--help-all"):
+    with pytest.raises(SystemExit):
+      cli.main([*words.split(), flag])
+    printed[flag] = capsys.readouterr().out
+  assert all(one in printed["--help"] for one in shown.split())
+  assert not any(one in printed["--help"] for one in hidden.split())
+  assert len(re.findall(r"^  --", printed["--help"], re.MULTILINE)) <= 22
+  assert all(one in printed["--help-all"] for one in f"{shown} {hidden}".split() if "(" not in one)
+  assert {f"--{name.replace('_', '-')}" for options in registry.options().values() for name in options.described()
+          } & {option for prog, option, _ in FLAGS if prog == f"motion-jax {words.split()[0]}"} <= {
+              *re.findall(r"--[a-z-]+", printed["--help-all"])}
+
+
 def test_dashes_and_underscores_are_the_same_flag():
   parsed = cli.parse("generate x --num-samples 2 --guidance-scale=3 --no-plan --max-attempts 1 --bvh-unit m".split())
   assert parsed == cli.parse("generate x --num_samples 2 --guidance_scale=3 --no_plan --max_attempts 1 --bvh_unit m"

@@ -38,6 +38,7 @@ def tracks(document, sample):
 
 
 def test_a_reply_is_the_models_motion(client, library, request_body):
+  request_body["options"]["without"] = ["cleanup"]
   reply = client.post("/mmcp/generate", json=request_body)
   assert reply.status_code == 200 and reply.headers["content-type"] == "model/gltf+json"
   document, model = reply.json(), library.model("tiny", "multi_prompt")
@@ -47,7 +48,8 @@ def test_a_reply_is_the_models_motion(client, library, request_body):
              for sample in about["samples"])
   found, skeleton = tracks(document, 1), model.stats.layout.skeleton
   pipeline = library.pipeline("tiny", "multi_prompt")
-  made = pipeline.multi_prompt([("a person walks", 2), ("a person waves", 1)], seed=6, num_steps=4)
+  rows = [("a person walks", 2), ("a person waves", 1)]
+  made = pipeline.multi_prompt(rows, seed=6, num_steps=4, without="cleanup")
   assert np.abs(found["translation", 0] - made.joints[:, 0]).max() < 1e-5
   turns = np.stack([found["rotation", i][:, [3, 0, 1, 2]] for i in range(22)], 1).astype(float)
   offsets = np.array([joint["rest_translation"] for joint in request_body["skeleton"]["joints"]])
@@ -139,7 +141,8 @@ def test_rate_loop_and_guidance(client, request_body):
     ({"constraints": [{"type": "root_path", "frames": [*range(50)], "positions_xz": [[0, 0]] * 50}] * 97}, 422,
      "schema_validation"),  # 4,850 points
     ({"extra": 1}, 422, "schema_validation"), ({"segments": [{"type": "pose"}]}, 400, "unsupported_segment"),
-    ({"options": {"loop": True}}, 400, "invalid_options"), ({"timing": {"fps": 0}}, 422, "schema_validation")])
+    ({"options": {"loop": True}}, 400, "invalid_options"), ({"options": {"without": "pose"}}, 400, "invalid_options"),
+    ({"options": {"without": [1]}}, 400, "invalid_options"), ({"timing": {"fps": 0}}, 422, "schema_validation")])
 def test_refusals_have_their_codes(client, request_body, change, status, code):
   reply = client.post("/mmcp/generate", json=request_body | change)
   error = reply.json()["error"]

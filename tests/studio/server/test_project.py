@@ -20,7 +20,7 @@ PROJECT = {"format": "motion_jax project", "version": 1, "model": {"name": "tiny
 
 def test_a_project_is_what_its_requests_make(client, library):
   found = client.post("/v1/project", json=PROJECT).json()
-  assert found == PROJECT | {"cleanup": True, "past": None, "control": None, "edits": []}
+  assert found == PROJECT | {"cleanup": True, "past": None, "control": None, "edits": [], "without": []}
   made = project.made(found, library, Limits())
   body = {"segments": found["blocks"], "sampling": found["sampling"], "seed": 9, "model": "tiny"}
   asked = client.post("/v1/multi-prompt", json=body)
@@ -42,6 +42,18 @@ def test_edits_are_done_in_their_order(library, monkeypatch):
   project.made(found, library, Limits(), notify=told.append)
   assert [row[4] for row in asked] == [2, 3] and asked[0][2] == [(8, 16)]
   assert "made with old@1234" in told[0]
+
+
+def test_steps_of_a_project_are_left_out_of_its_blocks_and_edits(library, monkeypatch):
+  given = []
+  monkeypatch.setattr(project, "make_edit", lambda pipeline, clip, *rest: (given.append(rest[-1]), clip)[1])
+  edit = {"prompt": "a person kicks", "change": [[8, 16]], "take": 1, "model": {"name": "editor", "id": ""}}
+  checked = project.checked(PROJECT | {"without": ["plan", "check"], "edits": [edit]}, Limits())
+  assert checked["without"] == ["plan", "check"]
+  motion = project.made(checked, library, Limits())
+  assert [row["step"] for row in motion.meta["steps"]] == ["sample", "cleanup"] and given == [{"plan", "check"}]
+  with pytest.raises(InputError, match="'pose' in without, expected a list of steps, some of plan, warn, cleanup, corr"):
+    project.checked(PROJECT | {"without": ["pose"]}, Limits())
 
 
 @pytest.mark.slow

@@ -146,6 +146,17 @@ def test_the_actions_of_a_prompt_count_one_after_the_other(page):
   assert page.until(type="started", run=2) and page.until(type="words", prompt="a person waves", run=2)
 
 
+def test_steps_of_a_stream_are_left_out_by_name(page):
+  page.send(type="start", prompt="a person walks, then zorbles", seed=4, speed=0, ahead=1, without=["plan", "warn"])
+  words = page.until(type="words")
+  assert words["prompt"] == words["whole"] and not words["notes"] and not words["unknown"] and not words["nearest"]
+  page.send(type="prompt", prompt="a person zorbles, then waves")
+  words = page.until(type="words")
+  assert words["prompt"] == words["whole"] and not words["notes"]
+  page.send(type="start", prompt="a person walks", without=["pose"])
+  assert "'pose' in without, expected" in page.until(type="error")["message"]
+
+
 def test_a_page_that_does_not_read_stops_the_sampling(page, studio):
   page.send(type="start", prompt="a person walks", seed=1, speed=0, ahead=3)
   page.more(3, ack=False)

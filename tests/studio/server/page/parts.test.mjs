@@ -10,7 +10,7 @@ import { socketAddress } from "./stream.js";
 import { contacts, curves, footprints, fromJson, isEdited, part, toJson } from "./motion.js";
 import { Player } from "./player.js";
 import { liveRows, liveProject, timelineRows } from "./timeline_rows.js";
-import { read, readSeed } from "./sampling.js";
+import { STEPS_OF_PROMPTS, leftOut, read, readSeed } from "./sampling.js";
 import { between, indexAt, panned, showing, zoomed } from "./scale.js";
 import { initial, keyOf, placed, reduce, saved, snapped } from "./state.js";
 import { MultiPrompt, joined } from "./multi_prompt.js";
@@ -240,6 +240,7 @@ function studio(refuse = () => null) {
       return { motion: sent(20 * request.segments.length), reused_frames: 0, same_frames: 0 };
     },
     edit: async (request) => {
+      assert.deepEqual(request.without, []);
       asked.push(["edit", request.prompt]);
       return { motion: request.motion, made: request.change };
     },
@@ -492,6 +493,15 @@ test("other choices of sampling count once the studio has begun with them", () =
   block(0);
   const made = liveProject(page, { ...initial().project, cleanup: false, edits: [{}] });
   assert.deepEqual([made.seeds, made.sampling, made.cleanup, made.edits], [[7], { num_steps: 10 }, true, []]);
+});
+
+test("steps that are left out go to the requests that have them", () => {
+  assert.deepEqual(leftOut(["warn", "check"], STEPS_OF_PROMPTS), ["warn"]);
+  assert.deepEqual(leftOut(["warn", "check", "new"]), ["warn", "check"]);
+  assert.deepEqual(leftOut(undefined), []); // a project of an earlier page
+  const state = acted({ type: "add", prompt: "walk" }, { type: "set", fields: { without: ["check"] } });
+  assert.deepEqual(saved(state.project).without, ["check"]);
+  assert.notEqual(keyOf(state.project), keyOf({ ...state.project, without: [] }));
 });
 
 test("numbers of sampling are read, and other text is reported", () => {
