@@ -45,7 +45,7 @@ CORE = {"absl", "chex", "filelock", "flatbuffers", "flax", "jax", "jaxtyping", "
 # Packages of extras, imported inside the functions that need them.
 LAZY = {"torch", "transformers", "imageio_ffmpeg", "huggingface_hub", "tensorflow_datasets", "grain", "tensorboardX",
         "uvicorn", "mujoco", "mink", "ezc3d", "jax2onnx", "onnx", "onnxruntime", "bpy", "mathutils", "ufbx",
-        "pxr"}
+        "pxr", "jaxlib"}  # jaxlib comes with jax
 # Rooms that nobody enters without an extra, whose packages they import at the top.
 OF_EXTRAS = {"server": {"anyio", "msgspec", "starlette"}, "client": {"websockets"}}
 METHODS = ("cmdm", "cdamd", "mdm", "mld", "momask", "t2m_gpt", "motionstreamer")

@@ -172,7 +172,7 @@ def _extend(args):
 
 def _edit(args):
   from motion_jax.models.results import colors_of
-  from motion_jax.utils.spans import spans_of
+  from motion_jax.models.shared.spans import spans_of
   outputs, clip = shared.outputs_of(args), shared.read_motion(args.file, args)
   if not (args.task or args.change or args.keep or args.keep_parts):
     raise InputError("got nothing to regenerate; give --task, --change, --keep or --keep-parts")

@@ -171,8 +171,8 @@ class CdamdModel(TextToMotionModel):
     """The paper's editing: clips with whole latents sampled from their prompts, and all latents decoded, in one batch.
 
     clips: of any source, or arrays: joints (T, J, 3), or features (T, F) as this model knows them, not normalized.
-    Which parts are new: a task of `utils.spans.TASKS`, or spans to keep or to change, [(0, 30), ...] in frames of this
-    model (`utils.spans.spans_of` reads "0:1.5s"), the same in every clip. meta["made"] lists the new frames. The motion
+    Which parts are new: a task of `spans.TASKS`, or spans to keep or to change, [(0, 30), ...] in frames of this
+    model (`spans.spans_of` reads "0:1.5s"), the same in every clip. meta["made"] lists the new frames. The motion
     stands where the model begins, at the origin facing +Z, and kept frames have been through the autoencoder;
     `shared.pasting` puts new frames into the clip itself. mask: which latents a new one attends to, of `nets.masks`;
     by default the one that the run was trained with.

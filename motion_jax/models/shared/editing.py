@@ -102,7 +102,7 @@ class EditingModel(TextToMotionModel):
     """The paper's editing: clips with the chosen frames sampled from their prompts, all frames as the networks give
     them, in one batch.
 
-    clips: of any source, joints (T, J, 3), or features (T, F), not normalized. New are a task of `utils.spans.TASKS`,
+    clips: of any source, joints (T, J, 3), or features (T, F), not normalized. New are a task of `spans.TASKS`,
     or spans to keep or to change, [(0, 30), ...] in frames of this model, the same in every clip. meta["made"] lists
     the new frames. The motion stands where the model begins; `shared.pasting` puts new frames into the clip itself.
     """
