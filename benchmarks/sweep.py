@@ -19,7 +19,8 @@ import subprocess
 import sys
 from typing import NamedTuple
 
-from motion_jax.utils import child, config_files, exit_status
+from motion_jax.data.mocap import child
+from motion_jax.utils import config_files, exit_status
 from motion_jax.utils.errors import InputError
 from motion_jax.utils.nearest import did_you_mean
 from motion_jax.utils.numerals import real

@@ -1,6 +1,9 @@
 """Line charts with labelled axes and intervals as bands, as SVG text or as a picture.
 
 `svg` leaves colours to a page's style sheet, by the classes s0, s1, .. and real, which follow its light and dark mode.
+
+Why not matplotlib: the default install, which is without it, draws loss.png and the reports; their SVG follows the
+page's colours by classes. As an extra it would be a second way to draw the same chart, and no line here would go.
 """
 import html
 import math

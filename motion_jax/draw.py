@@ -6,6 +6,7 @@
   mj.draw.network(mj.nets.CausalVAE(), x, noise)
 
 A notebook shows them as they are. Colours are those of charts and reports (`motion_jax.look`), in light and dark.
+Why not matplotlib or graphviz: see `motion_jax.charts`; and boxes come from shapes of a network's own code.
 """
 import html
 import math

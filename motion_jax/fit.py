@@ -19,10 +19,10 @@ from motion_jax.latents import TOKENIZER
 from motion_jax.models import registry
 from motion_jax.motion import stats as stats_lib
 from motion_jax.motion.representations import get_layout
-from motion_jax.training import checkpoint, distributed, loop, metrics
+from motion_jax.training import checkpoint, distributed, lock, loop, metrics
 from motion_jax.training import setup as training_setup
 from motion_jax.training.optimizers import is_schedule_free
-from motion_jax.utils import atomic, config_files, lock, plugins
+from motion_jax.utils import atomic, config_files, plugins
 from motion_jax.utils.errors import InputError
 from motion_jax.utils.nearest import did_you_mean
 

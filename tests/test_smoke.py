@@ -17,8 +17,9 @@ import yaml
 from motion_jax import fit as training
 from motion_jax.training import checkpoint
 from motion_jax.training.metrics import read_metrics
-from motion_jax.utils import config_files, overrides
+from motion_jax.utils import config_files
 from motion_jax_studio import cli
+from motion_jax_studio.cli import overrides
 from tests.conftest import ROOT, load_config, some_of
 from tests.pages import CARDS, LANDING, MORE, PAGES, TYPED, blocks, commands, name_of, shell_lines
 from tools.site import notebooks

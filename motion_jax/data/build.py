@@ -8,11 +8,12 @@ import shlex
 import numpy as np
 import tqdm
 
+from motion_jax.data import merged_warnings
 from motion_jax.data.clip import Caption
 from motion_jax.data.datasets import humanml3d
 from motion_jax.data.datasets.registry import find_dataset
 from motion_jax.data.mocap.files import READERS, none_read, read_clip, read_mapping
-from motion_jax.utils import notes, text_files
+from motion_jax.utils import text_files
 from motion_jax.utils.errors import InputError
 from motion_jax.utils.input_files import json_row
 from motion_jax.utils.numerals import SECONDS, NumberError, named, real
@@ -46,7 +47,7 @@ def build(source, out, captions=None, mapping=None, mode="corrected", mirror=Tru
   if dataset is not None:
     clips, left_out = dataset.clips(source), []
   else:
-    with notes.merged():
+    with merged_warnings.merged():
       clips, left_out = read_captures(source, captions, mapping, fps or 20.0, progress, source_fps, faults)
   if not clips and faults:
     raise InputError(none_read(source, faults))

@@ -8,7 +8,7 @@ import platform
 
 import jax
 
-from motion_jax.utils.code import commit
+from motion_jax.training.code_version import commit
 
 _PACKAGES = ("jax", "jaxlib", "flax", "numpy", "scipy", "safetensors", "tokenizers")
 

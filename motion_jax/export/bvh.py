@@ -2,7 +2,8 @@
 
 All files of a model have one skeleton (`export.rig`) and one order of axes for each joint, so that the motion of one
 file plays on the armature of another. Angles follow a body round and round without a jump: of the two triples of angles
-that mean one rotation, and of all whole turns, the one nearest to the frame before is written.
+that mean one rotation, and of all whole turns, the one nearest to the frame before is written. That choice is the work
+here; the format itself is a page of text, for which no library is needed.
 """
 import pathlib
 

@@ -1,7 +1,8 @@
 """GLB (binary glTF 2.0): the mannequin as a skinned, animated mesh that opens in any 3-D program or browser.
 
-Numpy and JSON only. The bind pose is the T-pose of `export.rig`, the same for all motions of a model; joints turn about
-it, the root also moves. The soles reach down to y = 0, however high the clip's toe joints stand (`export.body`).
+Numpy and JSON only: pygltflib has the same JSON as classes, but packs no arrays and makes no skin or animation, which
+is what this file does. The bind pose is the T-pose of `export.rig`, the same for all motions of a model; joints turn
+about it, the root also moves. The soles reach down to y = 0, however high the clip's toe joints stand (`export.body`).
 
 glTF counts seconds. Blender places keys by the scene's rate when it imports (24 a second in a new scene): set the
 scene's rate to the motion's first (`asset.extras.fps` in the file), then each key is on a whole frame.

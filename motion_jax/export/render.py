@@ -1,4 +1,6 @@
-"""A small software renderer: meshes and tapered capsules in numpy, no graphics card, no OpenGL.
+"""A small software renderer: meshes and tapered capsules in numpy.
+
+Our own because OpenGL needs a display or a graphics driver, which servers and CI lack, and Pillow shades nothing.
 
 A camera looks at a ground with a grid; bodies stand on it, shaded, with soft shadows. Images are
 (H, W, 3) uint8. Bodies are drawn at twice the size and averaged, ground lines are smooth by formula.

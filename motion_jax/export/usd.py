@@ -1,7 +1,8 @@
 """USD as text (.usda): a skeleton, its animation and the mannequin, for Omniverse, Houdini, Maya, Blender and Unreal.
 
-Text alone; nothing of USD is needed. Rows of a matrix are vectors, as USD has them. Joint names that are no USD names,
-such as "mixamorig:Hips", have "_" in place of other signs, and stand as they are in `jointNames`.
+Text alone, so that every install writes it; usd-core is an extra, used for reading. Rows of a matrix are vectors, as
+USD has them. Joint names that are no USD names, such as "mixamorig:Hips", have "_" in place of other signs, and stand
+as they are in `jointNames`.
 Source: openusd.org, UsdSkel schemas.
 """
 import json

@@ -6,11 +6,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from tokenizers import AddedToken, Regex, Tokenizer, models, normalizers, pre_tokenizers, processors
 
+from motion_jax.nets.network_sizes import check_sizes
 from motion_jax.text import bert, clip, hugging_face, mpnet, t5
 from motion_jax.utils.errors import InputError, reading
 from motion_jax.utils.input_files import load_safetensors, read_json, shards
 from motion_jax.utils.install import pip_install
-from motion_jax.utils.network_sizes import check_sizes
 
 CONFIG, WEIGHTS, TOKENIZER = "config.json", "model.safetensors", "tokenizer.json"
 SHARDED = f"{WEIGHTS}.index.json"

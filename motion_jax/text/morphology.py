@@ -1,7 +1,8 @@
 """English inflection: the base form of a word, and the forms of a verb.
 
 One table of irregular forms and one set of rules for endings serve the tagger of captions, the vocabulary of training
-captions and the parser of prompts.
+captions and the parser of prompts. Our own because spaCy and NLTK load models or data that they download, and lemmas
+and inflected forms must agree.
 """
 import functools
 

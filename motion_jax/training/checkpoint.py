@@ -11,11 +11,11 @@ import ml_collections
 import numpy as np
 from safetensors.numpy import save_file
 
+from motion_jax.nets.network_sizes import check_sizes
 from motion_jax.training.distributed import by_first
 from motion_jax.utils.atomic import atomic_path
 from motion_jax.utils.errors import InputError, reading
 from motion_jax.utils.input_files import load_safetensors, read_json
-from motion_jax.utils.network_sizes import check_sizes
 
 CONFIG, PARAMS = "config.json", "params.safetensors"
 RAW = "raw.safetensors"        # the last weights as they are, where PARAMS holds their average

@@ -16,6 +16,7 @@ from tqdm import tqdm
 
 from motion_jax import charts, look
 from motion_jax.training import checkpoint
+from motion_jax.training.code_version import commit
 from motion_jax.training.distributed import on_host
 from motion_jax.training.metrics import (
   METRICS,
@@ -32,7 +33,6 @@ from motion_jax.training.optimizers import parameters_to_use
 from motion_jax.training.saver import environment
 from motion_jax.training.train_step import variables_of
 from motion_jax.utils.atomic import atomic_path
-from motion_jax.utils.code import commit
 from motion_jax.utils.errors import reason
 
 REPORT, SAMPLES = "report.html", "samples"

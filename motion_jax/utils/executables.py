@@ -1,8 +1,12 @@
 """Compiled programs as bytes: what a second process loads instead of tracing, lowering and compiling a function again.
 
 A stored program is a JSON header, which says what the outputs are, and the executable as XLA serializes it. It belongs
-to one machine and one version of everything: `machine` is part of its key. Nothing is unpickled. Where this version of
-jax or the device cannot serialize, or arguments are spread over several devices, `can_store` is false.
+to one machine and one version of everything: `machine` is part of its key. Where this version of jax or the device
+cannot serialize, or arguments are spread over several devices, `can_store` is false.
+
+This is our own code because `jax.experimental.serialize_executable` unpickles what it loads, which a file in a cache
+folder must not be able to use. The names of jaxlib below are those that it uses; a test names the versions that have
+them.
 """
 import contextlib
 import functools
@@ -46,16 +50,11 @@ def machine() -> str:
   device = jax.devices()[0]
   about = [device.platform, device.device_kind, device.client.platform_version, platform.machine(), platform.system(),
            os.environ.get("XLA_FLAGS", ""), str(_num_cpus()), _processor()]
-  library = _library(device.client)
+  library = sys.modules[type(device.client).__module__]  # jaxlib's extension module
   if getattr(library, "__file__", None):
     stat = os.stat(library.__file__)
     about.append(f"{stat.st_size} {stat.st_mtime_ns}")  # of a build that has the version number of another
   return hashlib.sha256("\n".join(about).encode()).hexdigest()
-
-
-def _library(client):
-  """The extension module of jaxlib in which a client's type is."""
-  return sys.modules[type(client).__module__]
 
 
 def _num_cpus():
@@ -131,9 +130,10 @@ def outside_jax_cache():
 
 def load(stored: bytes) -> Callable:
   """The function that `compile_and_store` stored. Raises one of `ERRORS` where that cannot be done."""
+  from jaxlib import xla_client
   size = int.from_bytes(stored[:4], "little")
   device = jax.devices()[0]
-  devices = _library(device.client).DeviceList((device,))
+  devices = xla_client.DeviceList((device,))
   executable = device.client.deserialize_executable(stored[4 + size:], devices, None)
   return _callable(executable, json.loads(stored[4:4 + size]))
 

@@ -73,7 +73,7 @@ def regenerate_parts(args, clip, pipeline, sampling):
   """The motions of `edit --keep-parts`: body parts of the clip are kept, the prompt controls the others."""
   from motion_jax.control.constraints import KeepParts
   from motion_jax.models.shared.known_motion import at_rate
-  from motion_jax.utils.spans import spans_of
+  from motion_jax.models.shared.spans import spans_of
   if args.task or args.keep:
     raise InputError("got --keep-parts with --task or --keep; use --change for the span in which the other "
                      "parts are regenerated")

@@ -110,12 +110,11 @@ def _encode(args):
 
 
 def _describe(args):
-  from motion_jax.data import describe_folders
-  from motion_jax.utils import notes
+  from motion_jax.data import describe_folders, merged_warnings
   if args.out:
     describe_folders.check_table(args.out)
   rows, faults = [], []
-  with notes.merged():
+  with merged_warnings.merged():
     for name, start, end, sentences in describe_folders.describe_folder(args.folder, args.fps, args.mapping, faults):
       rows.append((name, start, end, sentences))
       print(f"{name} ({start:.1f} to {end:.1f} s): {sentences[0] if sentences else '-'}", flush=True)

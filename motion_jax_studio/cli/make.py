@@ -165,7 +165,7 @@ def _edit(args):
 
 def _spans(args, clip, fps):
   """{"keep": spans or None, "change": spans or None} of --keep and --change."""
-  from motion_jax.utils.spans import spans_of
+  from motion_jax.models.shared.spans import spans_of
   flag, texts = ("keep", args.keep) if args.keep else ("change", args.change or [])
   with shared.value_of(f"--{flag}", " ".join(texts)):
     return {"keep": None, "change": None} | {flag: spans_of(texts, round(clip.seconds * fps), fps) or None}

@@ -80,7 +80,8 @@ def add_config(parser):
 
 def config_of(args):
   """The config that the flags of `add_config` name."""
-  from motion_jax.utils import config_files, overrides
+  from motion_jax.utils import config_files
+  from motion_jax_studio.cli import overrides
   config = config_files.load(args.config)
   if args.data and "passes" in config:
     raise InputError(f"got --data with the recipe {args.config!r}, whose passes name their archives; give the "
@@ -249,7 +250,7 @@ def span_of(args, clip) -> slice:
   """The frames of --trim, or all frames."""
   if args.trim is None:
     return slice(0, clip.num_frames)
-  from motion_jax.utils.spans import spans_of
+  from motion_jax.models.shared.spans import spans_of
   with value_of("--trim", args.trim):
     first, past = spans_of([args.trim], clip.num_frames, clip.fps)[0]
   if not 0 <= first < past:

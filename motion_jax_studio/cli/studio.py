@@ -46,6 +46,8 @@ def _make(args):
   with progress.part("starting"):
     from motion_jax import export
     from motion_jax_studio.cli import control
+    from motion_jax_studio.server.server import require_packages
+    require_packages("a project of the studio", "msgspec")
     from motion_jax_studio.server import project
     from motion_jax_studio.server.library import Library
     from motion_jax_studio.server.limits import Limits

@@ -20,6 +20,8 @@ extra `studio`.
   project             saved projects
   suggestions         prompts that a model can do
   mmcp, mmcp_constraints  the MMCP protocol of animation programs
-  limits, openapi     bounds and fields of requests, and their description for programs
+  limits              bounds of one studio
+  request_types, fields  requests as types, values with rules of their own, the sentences of errors
+  openapi             the requests described for programs
   serialization       motions as JSON, blocks of a stream as bytes
 """

@@ -13,14 +13,14 @@ from motion_jax.motion.skeleton import HUMANML3D
 from motion_jax.utils.errors import InputError
 from motion_jax_studio.server import export_choices, fields
 from motion_jax_studio.server.limits import Limits
-from motion_jax_studio.server.request_tables import EXPORT
+from motion_jax_studio.server.request_types import types_of
 
 _FILM_SECONDS = 60.0  # of a rendered film
 
 
 def exported(body: Any, limits: Limits) -> tuple[bytes, str, str]:
-  """(bytes, media type, file name) of a request with the fields of EXPORT."""
-  request = fields.parse(EXPORT, body, limits)
+  """(bytes, media type, file name) of a request with the fields of `Export`."""
+  request = fields.parse(types_of(limits).export, body, limits)
   clip, kind = request.motion, request.format
   given = export_choices.options_of(kind, {name: getattr(request, name) for name in export_choices.OPTIONS})
   if request.rig and request.character is not None:

@@ -1,26 +1,23 @@
-"""Fields of requests: each kind of value states once how it is read and how OpenAPI describes it.
+"""Reading of requests by the types of request_types.py: values with rules beyond a type, and the sentences of errors.
 
-A request is a table {name: Field}. `parse` reads a JSON object by it, `schema` describes it (openapi.py), so that the
-two cannot differ. A field that is null is treated as missing. Bounds may be the name of a field of `Limits`.
+msgspec checks the JSON and describes the same types to OpenAPI (openapi.py). Its errors become one sentence: the field,
+what came, what was expected. A field that is null counts as missing.
 """
-import base64
-import dataclasses
-import math
-from collections.abc import Mapping
-from types import SimpleNamespace
-from typing import Any
+import json
+import re
+from typing import Annotated, Any
 
+import msgspec
 import numpy as np
 
 from motion_jax.control import files
 from motion_jax.control.constraints import Constraint, KeepParts
+from motion_jax.models.results import Motion
 from motion_jax.utils.errors import InputError
-from motion_jax.utils.numerals import SEEDS
 from motion_jax.utils.text_files import is_text
 from motion_jax_studio.server import serialization
 from motion_jax_studio.server.limits import ChoiceError, Limits
 
-REQUIRED = object()
 _MOST_SPANS, _MOST_CHOICES = 100, 20
 # Arguments of model methods that are not sampling choices.
 _NO_CHOICES = frozenset((
@@ -30,265 +27,242 @@ _NO_CHOICES = frozenset((
     "negative_prompts"))
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class Field:
-  """A field of any value. default: REQUIRED, or its value where it is missing; about: its description."""
-  default: Any = REQUIRED
-  about: str = ""
+class Request(msgspec.Struct, forbid_unknown_fields=True):
+  """A JSON object of a request, with one attribute per field."""
 
-  def read(self, value: Any, name: str, limits: Limits) -> Any:
-    """The parsed value. Raises InputError with one sentence for a value that is not allowed."""
-    return value
-
-  def missing(self, name: str) -> str:
-    """The sentence of the error if a required field is missing."""
-    return f"{name} is missing"
-
-  def value_schema(self, limits: Limits) -> dict[str, Any]:
-    """The JSON schema of a value that is not null."""
-    return {}
-
-  def schema(self, limits: Limits) -> dict[str, Any]:
-    """The JSON schema of the field: with null, default and description."""
-    found = self.value_schema(limits)
-    if self.default is not REQUIRED and found:
-      found = found | {"type": [found["type"], "null"]} if "type" in found else {"anyOf": [found, {"type": "null"}]}
-    if self.default is not REQUIRED and self.default not in (None, ()):
-      found = found | {"default": self.default}
-    return found | ({"description": self.about} if self.about else {})
+  def __post_init__(self):
+    for field in msgspec.structs.fields(type(self)):
+      value = getattr(self, field.name)
+      if value is None and field.default_factory is not msgspec.NODEFAULT:
+        setattr(self, field.name, field.default_factory())
+      elif value is None and not field.required:
+        setattr(self, field.name, field.default)
+      if isinstance(value, str) and not is_text(value):
+        raise InputError(f"got a {field.name} with bytes that are no UTF-8 text")
 
 
-@dataclasses.dataclass(frozen=True)
-class Text(Field):
-  longest: int = 200
-
-  def read(self, value, name, limits):
-    if not isinstance(value, str) or not is_text(value) or len(value) > self.longest:
-      raise InputError(f"got {name} {str(value)[:40]!r}, expected a text of at most {self.longest} characters")
-    return value
-
-  def value_schema(self, limits):
-    return {"type": "string", "maxLength": self.longest}
+class _KindType(type):
+  def __instancecheck__(cls, value):
+    return isinstance(value, cls.returns)
 
 
-@dataclasses.dataclass(frozen=True)
-class Bytes(Field):
-  """The bytes of a file, in base64."""
+class Kind(metaclass=_KindType):
+  """A kind of value with rules beyond a type. returns: the type of what `read` returns, which msgspec checks."""
+  returns: type | tuple[type, ...] = object
 
-  def read(self, value, name, limits):
-    try:
-      return base64.b64decode(value, validate=True)
-    except (TypeError, ValueError):
-      raise InputError(f"got a {name} that is not in base64, expected the bytes of a file") from None
+  @classmethod
+  def read(cls, value: Any, limits: Limits) -> Any:
+    """The value of a JSON value. Raises InputError with one sentence, or ValueError, for one that is not allowed."""
+    raise NotImplementedError
 
-  def value_schema(self, limits):
-    return {"type": "string", "contentEncoding": "base64",
-            "pattern": "^([A-Za-z0-9+/]{4})*([A-Za-z0-9+/]{2}==|[A-Za-z0-9+/]{3}=)?$"}
-
-
-@dataclasses.dataclass(frozen=True)
-class Choice(Field):
-  """One of several words."""
-  options: tuple[str, ...]
-
-  def read(self, value, name, limits):
-    if value not in self.options or not isinstance(value, str):
-      raise InputError(f"got the {name} {str(value)[:20]!r}, expected one of {', '.join(self.options)}")
-    return value
-
-  def value_schema(self, limits):
-    return {"type": "string", "enum": list(self.options)}
+  @classmethod
+  def schema(cls, limits: Limits) -> dict[str, Any]:
+    """The JSON schema of a value."""
+    raise NotImplementedError
 
 
-@dataclasses.dataclass(frozen=True)
-class Prompt(Field):
-  def read(self, value, name, limits):
+def number(low: float, high: float, whole: bool = False) -> type[Kind]:
+  """A number from low to high; whole: 3.0 is read as 3."""
+  plain = Annotated[int if whole else float, msgspec.Meta(ge=low, le=high)]
+
+  class Number(Kind):
+    returns = int, float
+
+    @classmethod
+    def read(cls, value, limits):
+      value = int(value) if whole and type(value) is float and value.is_integer() else value
+      msgspec.convert(value, plain)
+      return value
+
+    @classmethod
+    def schema(cls, limits):
+      return msgspec.json.schema(plain)
+
+  return Number
+
+
+def choice(options: tuple[str, ...]) -> type[Kind]:
+  """One of several words, which OpenAPI and errors list in this order; those of a Literal are sorted."""
+  class Choice(Kind):
+    returns = str
+
+    @classmethod
+    def read(cls, value, limits):
+      if not isinstance(value, str) or value not in options:
+        raise ValueError("not allowed")
+      return value
+
+    @classmethod
+    def schema(cls, limits):
+      return {"type": "string", "enum": list(options)}
+
+  return Choice
+
+
+class Prompt(Kind):
+  returns = str
+
+  @classmethod
+  def read(cls, value, limits):
     return check_prompt(value, limits)
 
-  def value_schema(self, limits):
+  @classmethod
+  def schema(cls, limits):
     return {"type": "string", "minLength": 1, "maxLength": limits.prompt, "pattern": r"\S"}
 
 
-@dataclasses.dataclass(frozen=True)
-class Number(Field):
-  low: float
-  high: float | str
-  whole: bool = False
-
-  def read(self, value, name, limits):
-    high = _bound(self.high, limits)
-    fits = type(value) is int or type(value) is float and (value.is_integer() if self.whole else math.isfinite(value))
-    if not fits or not self.low <= value <= high:
-      raise InputError(f"got {name} {str(value)[:40]}, expected a {'whole ' if self.whole else ''}number from "
-                       f"{self.low:,} to {high:,}")
-    return int(value) if self.whole else value
-
-  def value_schema(self, limits):
-    return {"type": "integer" if self.whole else "number", "minimum": self.low, "maximum": _bound(self.high, limits)}
-
-
-def seed(default: Any = 0) -> Number:
-  return Number(*SEEDS, whole=True, default=default, about="random seed")
-
-
-@dataclasses.dataclass(frozen=True)
-class Switch(Field):
-  def read(self, value, name, limits):
-    if not isinstance(value, bool):
-      raise InputError(f"got {name} {str(value)[:40]!r}, expected true or false")
-    return value
-
-  def value_schema(self, limits):
-    return {"type": "boolean"}
-
-
-@dataclasses.dataclass(frozen=True)
-class Steps(Field):
-  """Names of steps to leave out."""
-  names: tuple[str, ...]
-
-  def read(self, value, name, limits):
-    unknown = [one for one in value if one not in self.names] if isinstance(value, list) else [value]
-    if unknown:
-      raise InputError(f"got {str(unknown[0])[:40]!r} in {name}, expected a list of steps, some of "
-                       f"{', '.join(self.names)}")
-    return frozenset(value)
-
-  def value_schema(self, limits):
-    return {"type": "array", "items": {"type": "string", "enum": list(self.names)}}
-
-
-@dataclasses.dataclass(frozen=True)
-class Spans(Field):
+class Spans(Kind):
   """[[first, past], ...] in frames, 0 <= first < past."""
+  returns = list
 
-  def read(self, value, name, limits):
-    if not (isinstance(value, list) and 0 < len(value) <= _MOST_SPANS and all(
-        isinstance(span, list) and len(span) == 2 and all(type(frame) is int for frame in span)
-        and 0 <= span[0] < span[1] for span in value)):
-      raise InputError(f"got {name} {str(value)[:40]}, expected spans of frames such as [[20, 60]]")
-    return [tuple(span) for span in value]
+  @classmethod
+  def read(cls, value, limits):
+    spans = msgspec.convert(value, Annotated[list[tuple[int, int]], msgspec.Meta(min_length=1, max_length=_MOST_SPANS)])
+    if not all(0 <= first < past for first, past in spans):
+      raise ValueError("the order of a span")
+    return spans
 
-  def value_schema(self, limits):
-    return {"type": "array", "minItems": 1, "maxItems": _MOST_SPANS, "items": {
+  @classmethod
+  def schema(cls, limits):
+    return {"type": "array", "minItems": 1, "maxItems": _MOST_SPANS, "examples": [[[20, 60]]], "items": {
         "type": "array", "minItems": 2, "maxItems": 2, "items": {"type": "integer", "minimum": 0}}}
 
 
-@dataclasses.dataclass(frozen=True)
-class Sampling(Field):
+class Sampling(Kind):
   """Sampling choices: names and plain values; the model checks which values it accepts."""
+  returns = dict
 
-  def read(self, value, name, limits):
+  @classmethod
+  def read(cls, value, limits):
     if not (isinstance(value, dict) and len(value) <= _MOST_CHOICES and all(
         item is None or type(item) in (int, float, str, bool) for item in value.values())):
-      raise ChoiceError(f"got {name} {str(value)[:40]}, expected an object such as {{\"guidance_scale\": 3}}")
+      raise ChoiceError(f"got sampling {str(value)[:40]}, expected an object such as {{\"guidance_scale\": 3}}")
     if unknown := sorted(_NO_CHOICES & set(value)):
-      raise ChoiceError(f"got {unknown[0]!r} in {name}, which is not a sampling choice; use the request's field of "
+      raise ChoiceError(f"got {unknown[0]!r} in sampling, which is not a sampling choice; use the request's field of "
                         "that name, if there is one")
     return {str(key)[:60]: item for key, item in value.items() if item is not None}
 
-  def value_schema(self, limits):
+  @classmethod
+  def schema(cls, limits):
     return {"type": "object", "maxProperties": _MOST_CHOICES, "propertyNames": {"not": {"enum": sorted(_NO_CHOICES)}},
             "additionalProperties": {"type": ["number", "string", "boolean", "null"]}}
 
 
-@dataclasses.dataclass(frozen=True)
-class Control(Field):
+class Control(Kind):
   """Constraints in the form of docs/control.md."""
+  returns = list
 
-  def read(self, value, name, limits):
+  @classmethod
+  def read(cls, value, limits):
     try:
-      found = files.from_json(value)
+      constraints = files.from_json(value)
     except InputError as error:
-      raise InputError(f"{name}: {error}") from None
-    check_points(found, limits, name)
-    frames = max((len(one.joints) for one in found if isinstance(one, KeepParts)), default=0)
+      raise InputError(f"control: {error}") from None
+    check_points(constraints, limits, "control")
+    frames = max((len(kept.joints) for kept in constraints if isinstance(kept, KeepParts)), default=0)
     if frames > limits.frames:
-      raise InputError(f"{name}: got {frames:,} frames to keep parts of, expected at most {limits.frames:,}")
-    return found
+      raise InputError(f"control: got {frames:,} frames to keep parts of, expected at most {limits.frames:,}")
+    return constraints
 
-  def value_schema(self, limits):
+  @classmethod
+  def schema(cls, limits):
     return {"type": "object", "required": ["version", "constraints"], "properties": {
         "version": {"const": 1},
         "constraints": {"type": "array", "items": {"type": "object"}, "maxItems": files.MOST}}}
 
 
-@dataclasses.dataclass(frozen=True)
-class MotionField(Field):
+class MotionField(Kind):
   """A motion as /v1/generate returns it."""
+  returns = Motion
 
-  def missing(self, name):
-    return serialization.NO_MOTION
-
-  def read(self, value, name, limits):
+  @classmethod
+  def read(cls, value, limits):
     return serialization.from_json(value, limits.frames)
 
-  def value_schema(self, limits):
+  @classmethod
+  def schema(cls, limits):
     return {"$ref": "#/components/schemas/Motion"}
 
 
-@dataclasses.dataclass(frozen=True)
-class Record(Field):
-  """An object with a table of fields."""
-  table: Mapping[str, Field]
+def parse(kind: type[Request], body: Any, limits: Limits) -> Any:
+  """The request of a JSON object. Raises InputError for wrong, missing and unknown fields."""
+  def read(of, value):
+    try:
+      return of.read(value, limits)
+    except msgspec.ValidationError:  # which msgspec would pass on without the name of the field
+      raise ValueError("not allowed") from None
 
-  def read(self, value, name, limits):
-    return parse(self.table, value, limits)
-
-  def value_schema(self, limits):
-    return schema(self.table, limits)
-
-
-@dataclasses.dataclass(frozen=True)
-class Listed(Field):
-  """A list of fields of one kind."""
-  item: Field
-  longest: int | str
-  example: str
-  shortest: int = 1
-
-  def missing(self, name):
-    return f"got no {name}, expected a list such as {self.example}"
-
-  def read(self, value, name, limits):
-    longest = _bound(self.longest, limits)
-    if not isinstance(value, list) or len(value) < self.shortest:
-      raise InputError(self.missing(name))
-    if len(value) > longest:
-      raise InputError(f"got {len(value):,} {name}, expected at most {longest}")
-    return [self.item.read(one, name.removesuffix("s"), limits) for one in value]
-
-  def value_schema(self, limits):
-    return {"type": "array", "items": self.item.value_schema(limits), "minItems": self.shortest,
-            "maxItems": _bound(self.longest, limits)}
+  try:
+    return msgspec.convert(body, kind, dec_hook=read)
+  except UnicodeEncodeError as error:
+    raise InputError(f"got {error.object[:40]!r}, expected text that can be written as UTF-8") from None
+  except msgspec.ValidationError as error:
+    raise _in_words(error, kind, body, limits) from None
 
 
-def parse(table: Mapping[str, Field], value: Any, limits: Limits) -> SimpleNamespace:
-  """The fields of a JSON object as attributes. Raises InputError for wrong, missing and unknown fields."""
-  if not isinstance(value, dict):
-    raise InputError(f"got {_kind_of(value)}, expected a JSON object such as {{\"prompt\": \"a person waves\"}}")
-  found = SimpleNamespace()
-  for name, field in table.items():
-    given = value.get(name)
-    if given is None and field.default is REQUIRED:
-      raise InputError(field.missing(name))
-    setattr(found, name, field.default if given is None else field.read(given, name, limits))
-  if unknown := set(value) - set(table):
-    raise InputError(f"got the unknown field {str(min(unknown, key=str))[:60]!r}; docs/protocol.md lists all fields")
-  return found
+def schemas(kinds: list[type[Request]], limits: Limits) -> dict[str, Any]:
+  """{name: JSON schema} of types and of those in them, with references below "#/components/schemas/"."""
+  return msgspec.json.schema_components(kinds, schema_hook=lambda of: of.schema(limits),
+                                        ref_template="#/components/schemas/{name}")[1]
 
 
-def schema(table: Mapping[str, Field], limits: Limits) -> dict[str, Any]:
-  """The JSON schema of an object that `parse` reads."""
-  return {"type": "object", "required": [name for name, field in table.items() if field.default is REQUIRED],
-          "properties": {name: field.schema(limits) for name, field in table.items()}, "additionalProperties": False}
+def _in_words(error, kind, body, limits):
+  """The InputError of a msgspec error "what - at `$.field[0]`"."""
+  what, _, place = str(error).partition(" - at `$")
+  known = schemas([kind], limits)
+  value, rule, name, index = body, known[kind.__name__], "", ""
+  for field, index in re.findall(r"\.(\w+)|\[(\d+)\]", place):
+    value = value[field] if field else value[int(index)]
+    rule, name = _rule(rule["properties"][field] if field else rule["items"], known), field or name
+  if lacks := re.fullmatch("Object missing required field `(.*)`", what):
+    value, name, index = None, lacks[1], ""
+    rule = _rule(rule["properties"][name], known)
+  if value is None and name and not index or value == [] and "examples" in rule:
+    return InputError(serialization.NO_MOTION if rule == serialization.SCHEMA else f"{name} is missing" if
+                      "examples" not in rule else f"got no {name}, expected a list such as {_example(rule)}")
+  if isinstance(error.__cause__, InputError):
+    return error.__cause__
+  if unknown := re.fullmatch("Object contains unknown field `(.*)`", what, re.DOTALL):
+    return InputError(f"got the unknown field {unknown[1][:60]!r}; docs/protocol.md lists all fields")
+  if rule.get("type") == "object":
+    return InputError(f"got {_kind_of(value)}, expected a JSON object such as {{\"prompt\": \"a person waves\"}}")
+  if rule.get("type") == "array" and isinstance(value, list) and len(value) > rule.get("maxItems", len(value)):
+    return InputError(f"got {len(value):,} {name}, expected at most {rule['maxItems']}")
+  shown = f"{value[:40]!r}" if isinstance(value, str) else str(value)[:40]
+  return InputError(f"got {shown} in {name}, expected {_expected(rule)}" if index else
+                    f"got {name} {shown}, expected {_expected(rule)}")
+
+
+def _rule(schema, known):
+  """A schema without its reference and without null."""
+  schema = next((option for option in schema.get("anyOf", ()) if option != {"type": "null"}), schema)
+  name = schema.get("$ref", "").rpartition("/")[2]
+  return serialization.SCHEMA if name == "Motion" else known.get(name, schema)
+
+
+def _expected(rule):
+  if "enum" in rule:
+    return f"one of {', '.join(rule['enum'])}"
+  if rule["type"] in ("integer", "number"):
+    return f"a {'whole ' * (rule['type'] == 'integer')}number from {rule['minimum']:,} to {rule['maximum']:,}"
+  if "maxLength" in rule:
+    return f"a text of at most {rule['maxLength']} characters"
+  if rule["type"] == "string":
+    return "the bytes of a file in base64"
+  if rule["type"] == "array" and "examples" not in rule:
+    return f"a list, some of {', '.join(rule['items']['enum'])}"
+  return "true or false" if rule["type"] == "boolean" else f"a list such as {_example(rule)}"
+
+
+def _example(rule):
+  return json.dumps(rule["examples"][0])
 
 
 def check_points(constraints: list[Constraint], limits: Limits, name: str) -> None:
   """Raises InputError if paths and targets together have more points than a request may have."""
-  count = sum(max((len(value) for field, value in vars(one).items()
+  count = sum(max((len(value) for field, value in vars(constraint).items()
                    if field != "joints" and isinstance(value, np.ndarray) and value.ndim), default=0)
-              for one in constraints)
+              for constraint in constraints)
   if count > limits.points:
     raise InputError(f"{name}: got {count:,} points of paths and targets, expected at most {limits.points:,}")
 
@@ -304,10 +278,6 @@ def check_prompt(value: Any, limits: Limits) -> str:
   if not is_text(value):
     raise InputError("got a prompt with bytes that are no UTF-8 text")
   return value
-
-
-def _bound(value, limits):
-  return getattr(limits, value) if isinstance(value, str) else value
 
 
 def _kind_of(value):

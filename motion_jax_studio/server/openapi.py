@@ -1,10 +1,10 @@
-"""`GET /openapi.json`: the HTTP part of docs/protocol.md for programs, from the tables by which requests are parsed."""
+"""`GET /openapi.json`: the HTTP part of docs/protocol.md for programs, from the types by which requests are read."""
 from typing import Any
 
 import motion_jax
 from motion_jax_studio.server import fields, serialization
 from motion_jax_studio.server.limits import Limits
-from motion_jax_studio.server.request_tables import EDIT, EXPORT, GENERATE, MULTI_PROMPT
+from motion_jax_studio.server.request_types import types_of
 
 _MOTION = {"$ref": "#/components/schemas/Motion"}
 _REPORT = {"type": "object", "description": "the constraints as they are drawn, and the motion's distance from them in "
@@ -20,8 +20,10 @@ _REFUSALS = {"400": "the request is not valid", "401": "no token", "403": "sent 
 def described(limits: Limits) -> dict[str, Any]:
   """An OpenAPI 3.1 document of the requests of /v1."""
   listed = lambda item: {"type": "array", "items": item}
-  edit = fields.schema(EDIT, limits)
-  edit["oneOf"] = [{"required": [name], "properties": {name: {"type": "array"}}} for name in ("change", "keep")]
+  types = types_of(limits)
+  bodies = fields.schemas([types.generate, types.multi_prompt, types.edit, types.export], limits)
+  bodies["Edit"]["oneOf"] = [{"required": [name], "properties": {name: {"type": "array"}}}
+                             for name in ("change", "keep")]
   paths = {
       "/v1/status": {"get": _answer("running streams and models", {"type": "object"})},
       "/v1/models": {"get": _answer("the models and their loading progress", {"type": "object"})},
@@ -32,28 +34,28 @@ def described(limits: Limits) -> dict[str, Any]:
       "/v1/suggestions": {"get": _answer("prompts that a model can do", {"type": "object"})
                           | {"parameters": [_query("model", "a name of /v1/models"),
                                             _query("words", "adds training captions of similar meaning")]}},
-      "/v1/generate": {"post": _request("motions of one prompt", fields.schema(GENERATE, limits), {
+      "/v1/generate": {"post": _request("motions of one prompt", "Generate", {
           "motions": listed(_MOTION), "constraints": listed(_REPORT)} | _NOTES)},
-      "/v1/multi-prompt": {"post": _request("one motion of several prompts", fields.schema(MULTI_PROMPT, limits), {
+      "/v1/multi-prompt": {"post": _request("one motion of several prompts", "MultiPrompt", {
           "motion": _MOTION, "constraints": _REPORT, "reused_frames": {"type": "integer"},
           "same_frames": {"type": "integer"}, "segments": listed({"type": "object", "properties": _NOTES | {
               "nearest": {"type": "string", "description": "the training caption closest to a prompt with notes"}}})
           } | _NOTES)},
-      "/v1/edit": {"post": _request("regenerates frames of a motion", edit, {
-          "motion": _MOTION, "made": fields.Spans().value_schema(limits)} | _NOTES)},
+      "/v1/edit": {"post": _request("regenerates frames of a motion", "Edit", {
+          "motion": _MOTION, "made": fields.Spans.schema(limits)} | _NOTES)},
       "/v1/project": {"post": _request("validates a project and returns it with every field", {
           "type": "object", "required": ["format", "version", "model", "blocks"]}, {})},
       "/v1/import": {"post": {
           "summary": "the motion in a file", "parameters": [_query("name", "the name of the file", required=True)],
           "requestBody": {"content": {"application/octet-stream": {}}},
           "responses": _responses({"type": "object", "properties": {"motion": _MOTION}})}},
-      "/v1/export": {"post": _request("a motion as a file", fields.schema(EXPORT, limits), None)},
+      "/v1/export": {"post": _request("a motion as a file", "Export", None)},
       "/v1/export-choices": {"get": {"summary": "formats and rigs of /v1/export", "responses": _responses(
           {"type": "object", "required": ["formats", "rigs"]})}},
   }
   return {"openapi": "3.1.0", "info": {"title": "motion_jax studio", "version": motion_jax.__version__},
           "security": [{"token": []}], "paths": paths,
-          "components": {"schemas": {"Motion": serialization.SCHEMA, "Error": _ERROR},
+          "components": {"schemas": {"Motion": serialization.SCHEMA, "Error": _ERROR} | bodies,
                          "securitySchemes": {"token": {"type": "http", "scheme": "bearer"}}}}
 
 
@@ -73,5 +75,7 @@ def _query(name, description, required=False):
 
 
 def _request(summary, body, answer):
+  """A POST request. body: a JSON schema, or the name of one."""
+  body = {"$ref": f"#/components/schemas/{body}"} if isinstance(body, str) else body
   return _answer(summary, None if answer is None else {"type": "object", "properties": answer}) | {
       "requestBody": {"required": True, "content": {"application/json": {"schema": body}}}}

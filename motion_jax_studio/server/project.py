@@ -3,6 +3,8 @@ import pathlib
 from collections.abc import Callable
 from typing import Any
 
+import msgspec
+
 from motion_jax.control import files
 from motion_jax.control.constraints import Constraint
 from motion_jax.utils.errors import InputError
@@ -11,7 +13,7 @@ from motion_jax.utils.text_files import read_text
 from motion_jax_studio.server import fields, serialization
 from motion_jax_studio.server.library import Library
 from motion_jax_studio.server.limits import Limits
-from motion_jax_studio.server.request_tables import PROJECT
+from motion_jax_studio.server.request_types import types_of
 from motion_jax_studio.server.requests import RequestHandler, make_edit
 from motion_jax_studio.step_names import EDIT, EXTEND
 
@@ -19,23 +21,20 @@ FORMAT, VERSION = "motion_jax project", 1
 
 
 def checked(value: Any, limits: Limits) -> dict[str, Any]:
-  """A project with all of its fields (PROJECT), each checked. Raises InputError for a project that is not valid."""
+  """A project with all of its fields (`Project`), each checked. Raises InputError for a project that is not valid."""
   if not isinstance(value, dict) or value.get("format") != FORMAT:
     raise InputError("this is no project of motion_jax; one is saved by the studio's page")
   if value.get("version") != VERSION:
     raise InputError(f"this project is of version {str(value.get('version'))[:20]}, this program reads version "
                      f"{VERSION}; open it with the version of motion_jax that saved it")
-  found = fields.parse(PROJECT, {key: one for key, one in value.items() if key not in ("format", "version")}, limits)
-  seeds = list(found.seeds)
-  if found.chosen >= len(seeds):
-    raise InputError(f"got chosen {found.chosen}, expected a whole number from 0 to {len(seeds) - 1}, the place of one "
-                     "of the seeds")
-  return {"format": FORMAT, "version": VERSION, "model": vars(found.model),
-          "blocks": [vars(block) for block in found.blocks], "seeds": seeds, "chosen": found.chosen,
-          "sampling": found.sampling, "cleanup": found.cleanup, "past": value.get("past"),
-          "without": [name for name in EDIT if name in found.without],
-          "control": files.to_json(found.control) if found.control else None,
-          "edits": [vars(edit) | {"model": vars(edit.model)} for edit in found.edits]}
+  body = {name: part for name, part in value.items() if name not in ("format", "version")}
+  project = fields.parse(types_of(limits).project, body, limits)
+  if project.chosen >= len(project.seeds):
+    raise InputError(f"got chosen {project.chosen}, expected a whole number from 0 to {len(project.seeds) - 1}, the "
+                     "place of one of the seeds")
+  return {"format": FORMAT, "version": VERSION} | msgspec.to_builtins(msgspec.structs.asdict(project) | {
+      "past": value.get("past"), "without": [name for name in EDIT if name in project.without],
+      "control": files.to_json(project.control) if project.control else None})
 
 
 def read(path: str | pathlib.Path, limits: Limits) -> dict[str, Any]:

@@ -4,7 +4,6 @@ import tempfile
 import threading
 from collections.abc import Collection, Sequence
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 from motion_jax import export
@@ -19,7 +18,7 @@ from motion_jax_studio.server import constraint_report, fields, serialization
 from motion_jax_studio.server.library import Library, live_sampling
 from motion_jax_studio.server.limits import Limits, check_sampling
 from motion_jax_studio.server.multi_prompt import MultiPromptCache
-from motion_jax_studio.server.request_tables import EDIT, GENERATE, MULTI_PROMPT
+from motion_jax_studio.server.request_types import types_of
 from motion_jax_studio.server.security import Refused
 
 _CHECKED = 0.5  # seconds after which a waiting request looks whether it was cancelled
@@ -51,8 +50,8 @@ class RequestHandler:
       self._admitted.release()
 
   def generate(self, body: Any) -> dict[str, Any]:
-    """Fields of GENERATE -> {motions, notes, constraints}."""
-    request = fields.parse(GENERATE, body, self.limits)
+    """Fields of `Generate` -> {motions, notes, constraints}."""
+    request = fields.parse(types_of(self.limits).generate, body, self.limits)
     pipeline, control = self.library.pipeline(request.model, "generate"), list(request.control)
     model = pipeline.model
     check_sampling(model, request.sampling)
@@ -70,8 +69,8 @@ class RequestHandler:
         pipeline, [request.prompt], notes_of(made), request.plan and "plan" not in request.without, request.without)
 
   def multi_prompt(self, body: Any) -> dict[str, Any]:
-    """Fields of MULTI_PROMPT -> {motion, reused_frames, same_frames, notes, unknown, segments, constraints}."""
-    request = fields.parse(MULTI_PROMPT, body, self.limits)
+    """Fields of `MultiPrompt` -> {motion, reused_frames, same_frames, notes, unknown, segments, constraints}."""
+    request = fields.parse(types_of(self.limits).multi_prompt, body, self.limits)
     rows, control = rows_of(request.segments), list(request.control)
     pipeline = self.library.pipeline(request.model, "multi_prompt")
     with self.place():
@@ -105,8 +104,8 @@ class RequestHandler:
     return motion.replace(meta=motion.meta | {"steps": [*planned, *motion.meta["steps"]]}), reused, same
 
   def edit(self, body: Any) -> dict[str, Any]:
-    """Fields of EDIT -> {motion, made, notes}."""
-    request = fields.parse(EDIT, body, self.limits)
+    """Fields of `Edit` -> {motion, made, notes}."""
+    request = fields.parse(types_of(self.limits).edit, body, self.limits)
     if (request.change is None) == (request.keep is None):
       raise InputError("got both or neither of change and keep; give one of them, the frames to regenerate or to keep")
     pipeline = self.library.pipeline(request.model or self._first_with("edit"), "edit")
@@ -142,9 +141,9 @@ class RequestHandler:
     return {"motion": serialization.to_json(clip)}
 
 
-def rows_of(segments: Sequence[SimpleNamespace]) -> list[tuple[str, float | None]]:
+def rows_of(segments: Sequence[Any]) -> list[tuple[str, float | None]]:
   """[(prompt, seconds or None)] of parsed segments."""
-  return [(one.prompt, one.seconds) for one in segments]
+  return [(segment.prompt, segment.seconds) for segment in segments]
 
 
 def make_edit(pipeline: Any, clip: Any, prompt: str, change: Any, keep: Any, seed: int, sampling: dict[str, Any],

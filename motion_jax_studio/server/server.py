@@ -23,6 +23,12 @@ _SHORTEST = 16   # characters of a token
 _PATIENCE = 1.5  # seconds for pages and threads to end
 
 
+def require_packages(what: str, *names: str) -> None:
+  """Raises InputError if packages of the extra `studio` are not installed."""
+  if missing := [name for name in names if importlib.util.find_spec(name) is None]:
+    raise InputError(f"{what} needs the packages {', '.join(missing)}: {pip_install('studio')}")
+
+
 def check_address(host: str, token: str | None) -> None:
   """Raises InputError for an address that other machines can reach, if no token was given."""
   if host not in LOOPBACK and token is None:
@@ -81,9 +87,7 @@ def serve(names: Sequence[str], host: str = "127.0.0.1", port: int = 8765, token
   """Runs until Ctrl-C. Prints the address, of a proxy in front if there is one, before the slow imports."""
   public_url = public_url and checked_url(public_url)
   check_address(host, token)
-  missing = [name for name in ("starlette", "uvicorn", "websockets") if importlib.util.find_spec(name) is None]
-  if missing:
-    raise InputError(f"the studio needs the packages {', '.join(missing)}: {pip_install('studio')}")
+  require_packages("the studio", "msgspec", "starlette", "uvicorn", "websockets")
   listener = take_port(host, port)
   token = token or kept_token()
   address = f"{public_url}?token={urllib.parse.quote(token)}" if public_url else address_of(

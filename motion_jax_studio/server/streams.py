@@ -16,7 +16,7 @@ from motion_jax_studio.server import fields, stream_constraints
 from motion_jax_studio.server.library import Library, live_sampling
 from motion_jax_studio.server.limits import Limits, check_sampling
 from motion_jax_studio.server.poses import RATE, Poses
-from motion_jax_studio.server.request_tables import DEFAULT_AHEAD, MESSAGES
+from motion_jax_studio.server.request_types import DEFAULT_AHEAD, types_of
 from motion_jax_studio.server.requests import nearest_caption
 from motion_jax_studio.server.serialization import Block, pack, pack_poses
 
@@ -63,13 +63,13 @@ class Stream:
 
   def receive(self, message: Any) -> None:
     """Queues a message of the page. Raises InputError for an invalid one, which changes nothing."""
-    kind = message.get("type") if isinstance(message, dict) else None
+    messages, kind = types_of(self._limits).messages, message.get("type") if isinstance(message, dict) else None
     if isinstance(message, dict) and kind is None:
       raise InputError("type is missing")
-    if isinstance(message, dict) and (not isinstance(kind, str) or kind not in MESSAGES):
-      raise InputError(f"got a message of type {str(kind)[:40]!r}, expected one of {', '.join(MESSAGES)}")
+    if isinstance(message, dict) and (not isinstance(kind, str) or kind not in messages):
+      raise InputError(f"got a message of type {str(kind)[:40]!r}, expected one of {', '.join(messages)}")
     body = {name: value for name, value in message.items() if name != "type"} if isinstance(message, dict) else message
-    request = fields.parse(MESSAGES.get(kind, {}), body, self._limits)
+    request = fields.parse(messages[kind or "stop"], body, self._limits)
     action = getattr(self, f"_on_{kind}")(request)
     with self._wake:
       if len(self._inbox) >= _QUEUED:

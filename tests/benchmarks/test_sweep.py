@@ -7,9 +7,10 @@ import pytest
 
 from motion_jax.training import saver, setup
 from motion_jax.training.metrics import append_metrics
-from motion_jax.utils import config_files, overrides
+from motion_jax.utils import config_files
 from motion_jax.utils.errors import InputError
 from motion_jax_studio import cli
+from motion_jax_studio.cli import overrides
 from tests.conftest import ROOT
 
 sys.path.insert(0, str(ROOT / "benchmarks"))

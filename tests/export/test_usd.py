@@ -7,10 +7,9 @@ import pytest
 from pxr import Sdf, Usd, UsdGeom, UsdSkel
 
 from motion_jax import export
-from motion_jax.data.mocap import native
+from motion_jax.data.mocap import child, native
 from motion_jax.export.rig import on_rig
 from motion_jax.motion.skeleton import HUMANML3D
-from motion_jax.utils import child
 from motion_jax.utils.errors import InputError
 from tests.export.test_bvh import walk
 from tests.export.test_rigs import places_of

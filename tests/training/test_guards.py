@@ -151,7 +151,7 @@ def test_a_spike_of_the_gradient_is_told_and_left_out_where_the_config_says_so(t
 
 _STUCK = """
 import pathlib, sys, threading
-from motion_jax.utils import lock
+from motion_jax.training import lock
 from motion_jax.training.guards import Watchdog
 def stuck_here():
   threading.Event().wait()

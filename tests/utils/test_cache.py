@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import jaxlib
 import numpy as np
 import pytest
 
@@ -57,6 +58,20 @@ def test_what_is_damaged_is_not_read(kept):
     for damaged in (whole[:place], whole[:place] + bytes([whole[place] ^ 1]) + whole[place + 1:]):
       path.write_bytes(damaged)
       assert cache.read("kind", key) is None
+
+
+def test_this_jaxlib_has_what_stored_programs_need():
+  """Without one of these names every process compiles again, in silence: `Program` falls back on any of `ERRORS`."""
+  from jaxlib import xla_client
+  client = jax.devices()[0].client
+  places = {"jaxlib.xla_client": (xla_client, ("DeviceList",)),
+            "the client of a device": (client, ("serialize_executable", "deserialize_executable"))}
+  missing = [f"{name} of {place}" for place, (owner, names) in places.items() for name in names
+             if not hasattr(owner, name)]
+  assert not missing, (f"jaxlib {jaxlib.__version__} has no {', '.join(missing)}: motion_jax/utils/executables.py was "
+                       "checked with jaxlib 0.10.2 and 0.12.0; see what jax.experimental.serialize_executable uses now")
+  run, stored = executables.compile_and_store(lambda x: (x + 1,), [jnp.arange(3)])
+  np.testing.assert_array_equal(executables.load(stored)(jnp.arange(3))[0], run(jnp.arange(3))[0])
 
 
 def test_jax_keeps_no_program_while_any_thread_makes_one():

@@ -12,9 +12,11 @@ import time
 import pytest
 
 from motion_jax import fit
+from motion_jax.data.mocap import child
+from motion_jax.training import lock
 from motion_jax.training import loop as train
 from motion_jax.training.saver import Saver
-from motion_jax.utils import atomic, child, lock, stopping
+from motion_jax.utils import atomic, stopping
 from motion_jax.utils.atomic import atomic_folder, atomic_path
 from tests import processes
 from tests.conftest import ROOT, devices_env, load_config
@@ -213,7 +215,7 @@ def test_the_lock_of_a_dead_program_is_taken_over(tmp_path, owner, taken):
 
 _HOLDS = """
 import sys, time
-from motion_jax.utils import lock
+from motion_jax.training import lock
 with lock.locked(sys.argv[1]):
   print("holds it", flush=True)
   time.sleep(60)

@@ -41,6 +41,14 @@ def test_windows_1252_is_a_guess_with_a_warning(tmp_path):
     assert cli.read_prompts(str(tmp_path / "a.txt"))[1] == (SENTENCE, None)
 
 
+@pytest.mark.parametrize("text", ["café", "x,y;Ä", "ü", "naïve", "un homme s’assoit à côté d’une chaise"])
+def test_short_texts_in_windows_1252(tmp_path, text):
+  """Too short to guess by letters: charset-normalizer reads the first two as Chinese."""
+  (tmp_path / "a.txt").write_bytes(text.encode("cp1252"))
+  with pytest.warns(UserWarning, match="a.txt is not UTF-8 .line 1., read as Windows-1252"):
+    assert text_files.read_text(tmp_path / "a.txt") == text
+
+
 @pytest.mark.parametrize("name", ["x" * 241, "ü" * 121, "a/b", "..\\a", "a\0b", ""])
 def test_names_that_no_file_has(tmp_path, name):
   with pytest.raises(ValueError, match="train.txt line 1: got the name .*expected that of a file"):

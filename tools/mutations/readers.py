@@ -17,7 +17,7 @@ MUTATIONS = (
      ("tests/studio/cli/test_cli.py::test_a_full_disk_is_one_line",)),
     ("readers-decimal-comma", "motion_jax/utils/text_files.py", 'cell.replace(",", ".") if', "cell if",
      (f"{READERS}::test_tables_of_any_separator_and_spelling_are_read",)),
-    ("readers-child-path", "motion_jax/utils/child.py", "if os.path.isabs(folder)]", "if True]",
+    ("readers-child-path", "motion_jax/data/mocap/child.py", "if os.path.isabs(folder)]", "if True]",
      ("tests/utils/test_stopping.py::test_a_child_runs_nothing_of_the_current_folder",)),
     ("readers-soles", POSING, "move[:, 1] = depth + clearance", "move[:, 1] = 0.08 + clearance",
      (f"{FEET}::test_soles_stand_on_the_floor_whatever_the_length_of_the_shoes",)),

@@ -31,7 +31,7 @@ from motion_jax.data.augment.stepping import stepping
 from motion_jax.data.augment.wandering import wandering
 from motion_jax.data.augment.warps import time_warp
 from motion_jax.data.clip import Clip
-from motion_jax.utils.worker_processes import Workers
+from motion_jax.data.worker_processes import Workers
 
 # {kind: function(parts, rng), an endless generator of clips, or None for failed attempts}
 KINDS: dict[str, Callable] = {"stitched": stitched, "bent_paths": bent_paths, "idle": idle, "counted": counted,
@@ -44,7 +44,7 @@ def augmented(clips, shares, progress=False, workers=None) -> list[Clip]:
   """New clips made of training clips; shares: {kind: how many of it for each of these}, kinds as in `KINDS`.
 
   Clips of other skeletons than HumanML3D's, or of other rates than 20 frames a second, are not used. There are fewer
-  new clips than requested if too few fit. workers: processes that make them (`utils.worker_processes`).
+  new clips than requested if too few fit. workers: processes that make them (`data.worker_processes`).
   """
   unknown = sorted(set(shares) - set(KINDS))
   if unknown:

@@ -20,11 +20,11 @@ from motion_jax.data import checks, mirror
 from motion_jax.data.augment import augmented
 from motion_jax.data.clip import Clip
 from motion_jax.data.kinematic_captions import with_kinematic_captions
+from motion_jax.data.worker_processes import workers
 from motion_jax.motion.representations import LAYOUTS, FeatureLayout, get_layout, to_features
 from motion_jax.motion.stats import Stats, compute_stats
 from motion_jax.text.paraphrase import paraphrases
 from motion_jax.utils.atomic import atomic_folder
-from motion_jax.utils.worker_processes import workers
 
 SHORTEST = 8  # frames of a clip of which features are made
 

@@ -10,7 +10,7 @@ import tempfile
 
 import numpy as np
 
-from motion_jax.utils import child
+from motion_jax.data.mocap import child
 from motion_jax.utils.errors import InputError
 from motion_jax.utils.install import pip_install
 

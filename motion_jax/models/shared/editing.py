@@ -75,8 +75,8 @@ class EditingModel(TextToMotionModel):
     """The paper's editing: clips with the chosen frames sampled from their prompts, all frames as the networks decode
     them, in one batch.
 
-    clips: of any source, joints (T, J, 3), or features (T, F), not normalized. New are a task of `utils.spans.TASKS`,
-    or spans to keep or to change, [(0, 30), ...] in frames of this model (`utils.spans.spans_of` reads "0:1.5s"), the
+    clips: of any source, joints (T, J, 3), or features (T, F), not normalized. New are a task of `spans.TASKS`,
+    or spans to keep or to change, [(0, 30), ...] in frames of this model (`spans.spans_of` reads "0:1.5s"), the
     same in every clip. meta["made"] lists the new frames. The motion stands where the model begins, at the origin
     facing +Z; `shared.pasting` puts new frames into the clip itself. sampling: choices of this method's `options`.
     """

@@ -13,8 +13,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from motion_jax.models.shared.spans import TASKS
 from motion_jax.shapes import Array
-from motion_jax.utils.spans import TASKS
 
 # --- training ----------------------------------------------------------------------------------------------------
 

@@ -14,11 +14,11 @@ from jaxtyping import Bool, Float
 from motion_jax.data.clip import Caption, Clip
 from motion_jax.models.results import Motion, Motions, captions_with, cleanup_record, features_of, gathered
 from motion_jax.models.shared.known_motion import KnownMotion, at_rate, clip_of
+from motion_jax.models.shared.spans import TASKS
 from motion_jax.motion import step_records
 from motion_jax.motion.cleanup import clean_up
 from motion_jax.motion.filling import fill_frames, in_spans, runs_of
 from motion_jax.utils.errors import InputError
-from motion_jax.utils.spans import TASKS
 
 Spans = Sequence[Sequence[int]]  # [(first frame, the one past the last), ...]
 
@@ -46,7 +46,7 @@ def requested_frames(num_frames: int, task: str | None = None, keep: Spans | Non
                      ) -> Bool[np.ndarray, " t"]:
   """(num_frames,): the frames that one of task, keep and change requests to be new.
 
-  A task of `utils.spans.TASKS`: "prefix" keeps the first half, "suffix" the second, "inpainting" the first and last
+  A task of `spans.TASKS`: "prefix" keeps the first half, "suffix" the second, "inpainting" the first and last
   quarter, "outpainting" the middle. Spans are in frames.
   """
   new = np.zeros(num_frames, bool)

@@ -11,10 +11,10 @@ from motion_jax import fit as training
 from motion_jax.data.datasets.synthetic import synthetic_clips, synthetic_joints
 from motion_jax.loading import load
 from motion_jax.models.results import colors_of
+from motion_jax.models.shared.spans import spans_of
 from motion_jax.motion.representations import to_joints
 from motion_jax.motion.retarget import with_lengths
 from motion_jax.motion.skeleton import HUMANML3D, bone_lengths
-from motion_jax.utils.spans import spans_of
 from motion_jax_studio import Pipeline, cli
 from tests.conftest import load_config
 

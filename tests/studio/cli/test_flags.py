@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from motion_jax.models import registry
-from motion_jax.utils import config_files, overrides
+from motion_jax.utils import config_files
 from motion_jax_studio import cli, step_names
-from motion_jax_studio.cli import control, generation_flags
+from motion_jax_studio.cli import control, generation_flags, overrides
 from tests.conftest import ROOT, devices_env
 from tests.export.test_bvh import bent
 

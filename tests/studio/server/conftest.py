@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 # Only CI is sure to have the extra; tests/test_imports.py proves that it has.
-collect_ignore_glob = [] if all(map(importlib.util.find_spec, ("starlette", "motionmcp"))) else ["test_*.py"]
+collect_ignore_glob = [] if all(map(importlib.util.find_spec, ("msgspec", "starlette", "motionmcp"))) else ["test_*.py"]
 
 TOKEN = "a-token-of-the-tests"
 BASE, SOCKET = "http://127.0.0.1:8765", "ws://127.0.0.1:8765"

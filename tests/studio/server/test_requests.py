@@ -259,7 +259,7 @@ def test_a_motion_is_exported_on_the_character_that_the_page_shows(client, walk,
   for change, words in (({"format": "bvh"}, "got character for the format bvh, expected one of glb, vrm"),
                         ({"format": "glb", "rig": "mixamo"}, "keeps its own bones"),
                         ({"format": "vrm", "character": None}, "vrm without a character"),
-                        ({"format": "glb", "character": "no base64!"}, "not in base64"),
+                        ({"format": "glb", "character": "no base64!"}, "in base64"),
                         ({"format": "glb", "character": base64.b64encode(data[:3000]).decode()}, "the character")):
     assert words in refusal(client.post("/v1/export", json=body | change)), change
 

@@ -61,11 +61,12 @@ def test_what_cannot_be_served_is_told(capsys, words, told):
   assert told in said and len(said.splitlines()) == 1
 
 
-def test_a_missing_package_is_told_before_an_address(capsys, monkeypatch):
-  monkeypatch.setattr(server.importlib.util, "find_spec", lambda name: None if name == "uvicorn" else name)
-  assert cli.main(["studio", "--port", "0"]) == 1
-  told = capsys.readouterr()
-  assert "needs the packages uvicorn: pip install" in told.err and not told.out
+@pytest.mark.parametrize("words, package", [(["studio", "--port", "0"], "uvicorn"), (["make", "p.json"], "msgspec")])
+def test_a_missing_package_is_reported_before_anything_else(capsys, monkeypatch, words, package):
+  monkeypatch.setattr(server.importlib.util, "find_spec", lambda name: None if name == package else name)
+  assert cli.main(words) == 1
+  output = capsys.readouterr()
+  assert f"needs the packages {package}: pip install" in output.err and not output.out
 
 
 def test_the_token_is_kept_for_the_user_alone(tmp_path):

@@ -4,7 +4,7 @@ import pathlib
 import subprocess
 import sys
 
-_ROOT = pathlib.Path(__file__).parents[2]
+_ROOT = pathlib.Path(__file__).parents[3]
 _CODE = """
 import sys
 root, module, memory = sys.argv[1:4]

@@ -3,8 +3,9 @@ import sys
 
 import pytest
 
-from motion_jax.utils import config_files, overrides
+from motion_jax.utils import config_files
 from motion_jax_studio import cli
+from motion_jax_studio.cli import overrides
 from tests.conftest import ROOT
 
 TINY = f"{ROOT}/configs/cmdm_tokenizer.py:tiny"
