@@ -5,7 +5,7 @@ other initial steps, other controllers and another norm, so they stop elsewhere 
 the reference's result carries its own step sizes to 1e-3. Source: docs/papers/cdamd.md#diffusion-mlp.
 """
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -109,7 +109,7 @@ def dopri5(velocity: Callable, x: Float[Array, "*lead c"], rows: Bool[Array, "*l
   return Solution(jnp.where(state.time < last, jnp.nan, value), state.num_evaluations)
 
 
-def _step_factor(ratio, precise):
+def _step_factor(ratio: Float[Array, ""], precise: Any) -> Float[Array, ""]:
   """The factor by which the next step is longer, by the ratio of the error to the allowed one."""
   exact = ratio == 0
   factor = SAFETY / jnp.where(exact, 1, ratio).astype(precise) ** (1 / ORDER)

@@ -109,13 +109,14 @@ def to_pose(joints: Num[Array, "t j 3"], skeleton: Skeleton = HUMANML3D, fps: fl
   return Pose(offsets, shifts, joints[:, 0].copy(), local, world)
 
 
-def _turn_to_rest(shape, offsets, firmness):
+def _turn_to_rest(shape: Float[np.ndarray, "n 3"], offsets: Float[np.ndarray, "n 3"], firmness: float
+                  ) -> Float[np.ndarray, "_ 4"]:
   """The turn, by least squares, between the bones of a clip and those of a rig; a shape of no width leaves it at 0."""
   firm = firmness * np.eye(3)
   return rot.from_matrix(rot.best_turn(np.concatenate([shape, firm])[None], np.concatenate([offsets, firm])))
 
 
-def _mean_head_direction(chest, bone):
+def _mean_head_direction(chest: Float[np.ndarray, "t 4"], bone: Float[np.ndarray, "t 3"]) -> Float[np.ndarray, " 3"]:
   """Direction of the head in a T-pose: necks differ between captures, so it is the average of the clip."""
   _, y, z = rot.rotate(rot.conjugate(chest), bone).mean(0)
   tilt = np.clip(np.arctan2(z, y), -0.1, 0.7)

@@ -1,11 +1,13 @@
 """Limits on what a config file may request of a network, checked before memory or time is spent on it."""
+from typing import Any
+
 from motion_jax.utils.errors import InputError
 
 LARGEST = 1_000_000  # of any number: a width, a vocabulary, a count of positions
 REPEATS = {"depth": 100, "num_layers": 100, "num_levels": 100, "num_halvings": 8}  # one module, one loop pass each
 
 
-def check_sizes(value, source, name="", advice="restore it"):
+def check_sizes(value: Any, source: Any, name: str = "", advice: str = "restore it") -> None:
   """Raises InputError for a number in a config section, however deep, that no network has.
 
   source: the file, for the message; name: the section's name in it. A damaged digit in a depth would build modules

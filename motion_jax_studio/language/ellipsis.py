@@ -16,7 +16,8 @@ _SLOWER, _FASTER = {"slow", "slows", "decelerates", "slower"}, {"speed", "speeds
 _PACE_WORDS = _SLOWER | _FASTER | set("goes gets up down gradually suddenly then slowly quickly abruptly picks again "
                                       "some bit little to into walk run jog sprint".split())
 _SHAPE = re.compile(r"(?i)sideways\b|(?:in|along) an? (?:\w+ )?(?:circle|loop|arc|curve|semicircle|spiral)\b")
-_CONTINUE = {"goes on", "moves on", "carries on", "keeps going", "continues", "resumes", "proceeds"}
+_CONTINUE = {*(f"{verb} on" for verb in ("goes", "moves", "carries")), "keeps going", "continues", "resumes",
+             "proceeds"}
 
 
 def completed(done, kind, tokens, clause):

@@ -1,4 +1,6 @@
 """Parts of a motion as people write them: "0:1.5s", "25%:0.5", "30:"."""
+from collections.abc import Iterable
+
 from motion_jax.utils.numerals import SECONDS, NumberError, real, whole
 
 TASKS = {  # tasks of editing: the parts of a motion that are new, as shares of its frames
@@ -7,7 +9,7 @@ TASKS = {  # tasks of editing: the parts of a motion that are new, as shares of 
 }
 
 
-def spans_of(texts, num_frames, fps):
+def spans_of(texts: Iterable[str], num_frames: int, fps: float) -> list[tuple[int, int]]:
   """[(first, past)] in frames from texts "A:B", each side in seconds ("1.5s"), as a share ("0.25", "25%") or in frames
   ("30"); an empty side is the end on that side."""
   def place(text, empty):
