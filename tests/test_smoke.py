@@ -166,9 +166,3 @@ def test_the_landing_page_says_what_the_readme_says():
             for line in bare(block)]
   lines = [line for language in ("bash", "python") for block in blocks(LANDING, language) for line in bare(block)]
   assert lines and set(lines) <= set(readme)
-
-
-def test_the_docs_have_an_index():
-  index = (ROOT / "docs" / "README.md").read_text(encoding="utf-8")
-  missing = [page.name for page in PAGES[1:] if page.name != "README.md" and f"]({page.name})" not in index]
-  assert not missing

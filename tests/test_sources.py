@@ -119,3 +119,14 @@ def test_dead_links_are_found(tmp_path):
   page = tmp_path / "page.md"
   page.write_text("# A heading\n[a](#a-heading) [b](#b) [c](page.md) [d](none.md) [e](https://x.org/y) ![f](g.png)\n")
   assert dead_links(page) == ["#b", "none.md", "g.png"]
+
+
+def test_workflows_run_every_part_of_the_checks():
+  """Those of .ci/run; what `python3.12` shows, library and application show on that version."""
+  parts = re.search(r'(?m)^PARTS="(.*)"', (ROOT / ".ci" / "run").read_text())[1].split()
+  texts = [path.read_text() for path in sorted((ROOT / ".github" / "workflows").glob("*.yml"))]
+  called = {part for text in texts for words in re.findall(r"bash \.ci/run(.*)", text) for part in words.split()}
+  assert called == set(parts) - {"python3.12"} and len(texts) == 6
+  missing = [path for path in re.findall(r"\btests/[\w/*.]+", (ROOT / ".ci" / "run").read_text())
+             if not list(ROOT.glob(path))]
+  assert not missing
