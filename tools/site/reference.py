@@ -29,7 +29,12 @@ def tree_of(module):
   """(path, syntax tree) of a module or package, or None where the name is neither."""
   base = ROOT.joinpath(*module.split("."))
   path = next((path for path in (base / "__init__.py", base.with_suffix(".py")) if path.is_file()), None)
-  return path and (path, ast.parse(path.read_text(encoding="utf-8")))
+  if path is None:
+    return None
+  tree, stub = ast.parse(path.read_text(encoding="utf-8")), path.with_suffix(".pyi")
+  if stub.is_file():  # of a package whose names are imported when they are first used
+    tree.body += ast.parse(stub.read_text(encoding="utf-8")).body
+  return path, tree
 
 
 def rooms():
@@ -66,14 +71,15 @@ def resolve(module, name, seen=()):
       targets = node.targets if isinstance(node, ast.Assign) else [node.target]
       if any(getattr(part, "id", "") == name for target in targets for part in ast.walk(target)):
         return Entry(name, "constant", module, node, "")
-    if isinstance(node, ast.ImportFrom) and node.module and (module, name) not in seen:
+    if isinstance(node, ast.ImportFrom) and (module, name) not in seen:
+      source = ".".join(filter(None, (module if node.level else "", node.module)))
       for alias in node.names:
         if (alias.asname or alias.name) != name:
           continue
-        if tree_of(f"{node.module}.{alias.name}"):
-          return _module_entry(name, f"{node.module}.{alias.name}")
-        if tree_of(node.module):
-          return resolve(node.module, alias.name, (*seen, (module, name)))._replace(name=name)
+        if tree_of(f"{source}.{alias.name}"):
+          return _module_entry(name, f"{source}.{alias.name}")
+        if tree_of(source):
+          return resolve(source, alias.name, (*seen, (module, name)))._replace(name=name)
   if tree_of(f"{module}.{name}"):
     return _module_entry(name, f"{module}.{name}")
   raise LookupError(f"{module}.__all__ names {name!r}, which stands nowhere in {path}; take it out or define it")
