@@ -41,13 +41,13 @@ LAYERS = {
         ("client", "cli", "__init__")],
 }
 CORE = {"absl", "chex", "filelock", "flatbuffers", "flax", "jax", "jaxtyping", "jinja2", "lazy_loader",
-        "ml_collections", "numpy", "optax", "orbax", "PIL", "safetensors", "scipy", "tokenizers", "tqdm"}
+        "ml_collections", "msgspec", "numpy", "optax", "orbax", "PIL", "safetensors", "scipy", "tokenizers", "tqdm"}
 # Packages of extras, imported inside the functions that need them.
 LAZY = {"torch", "transformers", "imageio_ffmpeg", "huggingface_hub", "tensorflow_datasets", "grain", "tensorboardX",
         "uvicorn", "mujoco", "mink", "ezc3d", "jax2onnx", "onnx", "onnxruntime", "bpy", "mathutils", "ufbx",
         "pxr", "jaxlib"}  # jaxlib comes with jax
 # Rooms that nobody enters without an extra, whose packages they import at the top.
-OF_EXTRAS = {"server": {"anyio", "msgspec", "starlette"}, "client": {"websockets"}}
+OF_EXTRAS = {"server": {"anyio", "starlette"}, "client": {"websockets"}}
 METHODS = ("cmdm", "cdamd", "mdm", "mld", "momask", "t2m_gpt", "motionstreamer")
 FILES = sorted(path for package in LAYERS for path in (ROOT / package).rglob("*.py"))
 
@@ -161,7 +161,7 @@ def test_the_tests_have_what_the_studio_needs():
   extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
   assert any("studio" in requirement.partition("[")[2] for requirement in extras["test"])
   names = {re.split(r"[<>=\[]", requirement)[0] for extra in ("studio", "test") for requirement in extras[extra]}
-  assert {"msgspec", "starlette", "uvicorn", "websockets", "httpx2", "motionmcp-sdk"} <= names
+  assert {"starlette", "uvicorn", "websockets", "httpx2", "motionmcp-sdk"} <= names
 
 
 ROOMS = ("nets", "quant", "diffusion", "motion", "rigs", "metrics", "text", "analysis", "data", "control", "evaluation",
