@@ -21,7 +21,6 @@ from motion_jax_studio.language.meaning import is_a
 
 _TOKEN = re.compile(r"\d+(?:\.\d+)?|\w+(?:['’-]\w+)*|\S", re.UNICODE)
 _NOT = re.compile(r"(?i)\b(do|does|did)n['’]t\b")
-_HELD_LIMBS = re.compile(r"(?i)with (?:[a-z]+ ){0,3}(?:arms?|hands?)\b(?! (?:down )?(?:by|at|to|on) (?:\w+ )?sides?\b)")
 _SUBORDINATE = ("before", "after", "while", "until")
 _LONGEST_SUBJECT = 5  # words: "the tired old man"
 _LONGEST_CLAUSE = 40  # words after which a participle begins no further clause
@@ -87,10 +86,10 @@ def _begins_at_finite_verb(words, start, at):
   if words[at] in lexicon.STAIRS and (before != "NOUN" or words[at - 1] in lexicon.NUMBERS or (
       words[at + 1:at + 2] not in ([one] for one in lexicon.DIRECTIONS))):
     return False  # "walks up the steps", but not "stands with the arms at the sides, steps forward"
-  if clause is None or clause.form.endswith("ed") or clause.verb in lexicon.WITH_ACTIONS_AS_OBJECTS:
+  if clause is None or clause.verb in lexicon.WITH_ACTIONS_AS_OBJECTS:
     return False
   if words[at - 1] == clause.form:  # "a person standing scratches his head"
-    return is_participle(clause.form) and bool(clause.subject)
+    return is_participle(clause.form)
   return before in ("ADV", "NOUN") or words[at - 1] in lexicon.DIRECTIONS | {"out"}
 
 
@@ -119,7 +118,6 @@ def parts_of(fragments):
   result: list[Part] = []
   lead = ""          # a subordinate clause in front waits for its main clause
   subject: list[str] = []  # of a clause in front that is no action
-  beside: list[str] = []   # what that says of limbs: "with the arms out"
   for place, (kind, between, tokens) in enumerate(fragments):
     clause = clause_of(tokens)
     if clause is None and not result and fragments[place + 1:] and fragments[place + 1][0] == "then" and (
@@ -130,12 +128,9 @@ def parts_of(fragments):
         kind == "then" and clause.subject and not is_person(clause.subject)):
       clause = unknown_verb(tokens) or clause
     if clause and subject and not result:
-      kept = beside if clause.part == "legs" else []
-      kind, clause, subject, beside = "", clause._replace(
-          subject=clause.subject or subject, words=[*clause.words, *kept]), [], []
+      kind, clause, subject = "", clause._replace(subject=clause.subject or subject), []
     if not result and clause and place + 1 < len(fragments) and _is_no_action(clause, fragments[place + 1]):
       subject = clause.subject
-      beside = clause.words if _HELD_LIMBS.match(" ".join(clause.words)) else []
       continue
     if not result:
       lead = kind if kind in _SUBORDINATE else ""
@@ -244,13 +239,13 @@ def _stands_alone(part, previous):
     if not begins and is_participle(clause.form) and clause.verb == before.verb and not clause.words:
       return False  # "walks forward and keeps walking"
     if begins and kind == "and" and before.form != clause.form and not (
-        is_participle(before.form) or "is" in before.subject or previous.kind in ("while", ",")):
+        is_participle(before.form) or previous.kind in ("while", ",")):
       return False  # "walks with jumping and singing"
     return bool(verb_of(clause.form.lower()) or before.words and _begins_with_object(clause.words))
-  if kind == "while" and not previous.kind.startswith("lead") and not can_be_simultaneous([before], clause):
+  if kind == "while" and not can_be_simultaneous([before], clause):
     return False  # "turns left while walking"
   if kind in _SUBORDINATE:
-    return bool(clause.subject or is_participle(clause.form) or kind == "until" or not clause.before)
+    return bool(clause.subject or is_participle(clause.form) or not clause.before)
   return True
 
 

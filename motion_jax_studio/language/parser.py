@@ -22,11 +22,7 @@ from motion_jax_studio.language.plan import Plan
 from motion_jax_studio.language.poses import holding, is_hold, with_poses
 from motion_jax_studio.language.segments import Action, Segment, pause
 
-_ON_THE_WAY = re.compile(r" on (?:the|his|her|their) way\Z")
-_TURN_TO_A_SIDE = re.compile(r"(?:\w+ly )?(?:turns?|walks? and makes? a) (?:\w+ly )?(?:to (?:the|his|her|their) )?"
-                             rf"(?:left|right)(?: turn)?(?:{_ON_THE_WAY.pattern})?")
-_WAY_BACK = re.compile(r"((?:\w+ly )?\w+) back\b(?!wards?\b| and forth)"
-                       r"(?: (?:to|the way|where|towards?|in the)\b.*)?")
+_WHERE_TO = {"to", "the", "where", "toward", "towards", "in"}  # after "walks back"
 _NOT_FORWARD = frozenset("backward backwards back sideways turns turn circle around diagonally".split())
 
 
@@ -74,14 +70,14 @@ def _with_ways_back(segments):
   found = list(segments)
   for place, (turn, back) in enumerate(zip(segments, segments[1:])):
     one, other = turn.action, back.action
-    if not (_WAY_BACK.match(other.words) and is_a(other.verb, "walk", "run")) or turn.simultaneous or not (
-        one.verb in lexicon.TURNING or one.verb == "swing" and "around" in one.words.split()):
+    if not (other.leads_back and is_a(other.verb, "walk", "run")) or one.verb not in lexicon.TURNING:
       continue
     sides = {"left", "right"} & set(one.words.lower().split())
     words = " ".join(["turns around", *(f"to the {side}" for side in sides if len(sides) == 1)])
     found[place] = turn._replace(action=one._replace(
         prompt=f"{one.subject} {words}", words=words, part="legs", verb="turn", reworded=True))
-    words = _WAY_BACK.sub(r"\1 forward", other.words)
+    way, rest = other.words.lower().split("back", 1)
+    words = f"{way}forward{'' if _WHERE_TO & {*rest.split()[:1]} else rest}"
     found[place + 1] = back._replace(action=other._replace(
         prompt=f"{other.subject} {words}", words=words, reworded=True, goes_back=True))
   return found
@@ -95,8 +91,9 @@ def _on_the_way(segments, text):
     before, turn = found[-1] if found else None, segment.action
     walks_on = after is not None and is_a(after.action.verb, "walk", "run")
     if before and _goes_on(before) and not any((walks_on, segment.simultaneous, segment.seconds, turn.times > 1)) and (
-        _TURN_TO_A_SIDE.fullmatch(turn.words)):
-      words = _ON_THE_WAY.sub("", f"{before.action.words} and {turn.words}")
+        turn.is_turn_to_a_side):
+      words = f"{before.action.words} and {turn.words}"
+      words = " ".join(words.split()[:-3]) if turn.said.endswith(" on way ") else words
       found[-1] = before._replace(action=before.action._replace(
           prompt=f"{before.action.subject} {words}", words=words,
           reworded=before.action.reworded or turn.reworded and "turn" not in text.lower()))

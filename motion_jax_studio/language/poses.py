@@ -36,9 +36,9 @@ def with_poses(segments, who):
     action, before = segment.action, found[-1] if found else None
     if action.words == HOLD and before is None and lexicon.LOW_POSES & set(action.prompt.split()):
       action = action._replace(words=action.prompt.removeprefix(who + " "))
-    elif action.words == HOLD and (before is None or segment.simultaneous and not low):
+    elif action.words == HOLD and before is None:
       action = action._replace(prompt=f"{who} {PAUSE}", words=PAUSE, reworded=True)
-    elif action.words == PAUSE and (low or before is not None and before.hold_pose and not segment.simultaneous):
+    elif action.words == PAUSE and (low or before and before.hold_pose and not segment.simultaneous):
       action = action._replace(prompt=f"{who} {HOLD}", words=HOLD)
     elif low and all(map(_stays_low, (action, *segment.simultaneous))):
       segment = segment._replace(simultaneous=(action, *segment.simultaneous))

@@ -50,6 +50,18 @@ class Action(NamedTuple):
     return says(self.said, "backward, backwards")
 
   @property
+  def leads_back(self) -> bool:
+    """Whether it goes back: "walks back to the door", but not "walks back and forth"."""
+    words = [word for word in self.said.split() if not word.endswith("ly")]
+    return words[1:2] == ["back"] and words[2:4] != ["and", "forth"]
+
+  @property
+  def is_turn_to_a_side(self) -> bool:
+    """Whether it is a turn to the left or right and no more: "turns sharply to the left on his way"."""
+    words = [word for word in self.said.removesuffix("on way ").split() if word != "to" and not word.endswith("ly")]
+    return words in ([turn, side] for turn in ("turn", "turns") for side in ("left", "right"))
+
+  @property
   def hands(self) -> HandPlace | None:
     """Where it has hands; None where its words name no place."""
     return hand_place_of(self.verb, self.part, self.sides, self.times, self.words)
