@@ -33,39 +33,39 @@ def fragments_of(text):
   """
   tokens = _TOKEN.findall(lexicon.spelt(_NOT.sub(r"\1 not", text)))
   words = [token.lower().replace("’", "'") for token in tokens]
-  found, kind, start, at = [], "", 0, 0
+  fragments, kind, start, at = [], "", 0, 0
   between = []  # tokens of the connectors since the last fragment
   while at < len(tokens):
     length, here = connector_at(words, at)
     begins = "" if length else _begins_at_verb(words, start, at)
     if begins:
-      found.append((kind, between, tokens[start:at]))
+      fragments.append((kind, between, tokens[start:at]))
       kind, between, start = begins, [], at
     if length:
       if at > start:
-        found.append((kind, between, tokens[start:at]))
+        fragments.append((kind, between, tokens[start:at]))
         kind, between = "", []
       kind, between = stronger(kind, here), [*between, *tokens[at:at + length]]
       start = at + length
     at += length or 1
   if start < len(tokens):
-    found.append((kind, between, tokens[start:]))
-  return _with_subjects(found)
+    fragments.append((kind, between, tokens[start:]))
+  return _with_subjects(fragments)
 
 
 def _with_subjects(fragments):
   """The fragments, of which one that is only a subject begins the next one: "he" and "sits" of "he then sits"."""
-  found: list = []
+  joined: list = []
   for kind, between, tokens in fragments:
-    if len(found) > 1 and _is_subject(lower(found[-1][2])):
-      before, words, subject = found.pop()
+    if len(joined) > 1 and _is_subject(lower(joined[-1][2])):
+      before, words, subject = joined.pop()
       kind, between, tokens = stronger(before, kind), [*words, *between], [*subject, *tokens]
-    found.append((kind, between, tokens))
-  return found
+    joined.append((kind, between, tokens))
+  return joined
 
 
 def _is_subject(words):
-  return words in ([one] for one in lexicon.SUBJECT_PRONOUNS) or (
+  return words in ([pronoun] for pronoun in lexicon.SUBJECT_PRONOUNS) or (
       words[0] in lexicon.DETERMINERS and words[-1] in lexicon.PEOPLE - {"one"} and len(words) <= _LONGEST_SUBJECT)
 
 
@@ -84,7 +84,7 @@ def _begins_at_finite_verb(words, start, at):
     return False
   clause, before = clause_of(words[start:at]), tag_words(words[start:at])[-1][1]
   if words[at] in lexicon.STAIRS and (before != "NOUN" or words[at - 1] in lexicon.NUMBERS or (
-      words[at + 1:at + 2] not in ([one] for one in lexicon.DIRECTIONS))):
+      words[at + 1:at + 2] not in ([direction] for direction in lexicon.DIRECTIONS))):
     return False  # "walks up the steps", but not "stands with the arms at the sides, steps forward"
   if clause is None or clause.verb in lexicon.WITH_ACTIONS_AS_OBJECTS:
     return False
@@ -99,9 +99,9 @@ def _begins_at_participle(words, start, at):
       (lexicon.BEFORE_A_PARTICIPLE | lexicon.POSSESSIVES) & {words[at - 1], verb_of(words[at - 1])}):
     return False
   last_tag = tag_words(words[start:at])[-1][1]
-  clause, own = clause_of(words[start:at]), clause_of(words[at:at + 4])
-  return last_tag not in ("ADP", "DET", "ADJ", "NUM", "AUX") and clause is not None and own is not None and (
-      own.part in ("arms", "head")) and can_be_simultaneous([clause], own)
+  clause, waving = clause_of(words[start:at]), clause_of(words[at:at + 4])
+  return last_tag not in ("ADP", "DET", "ADJ", "NUM", "AUX") and clause is not None and waving is not None and (
+      waving.part in ("arms", "head")) and can_be_simultaneous([clause], waving)
 
 
 class Part(NamedTuple):
@@ -250,7 +250,7 @@ def _stands_alone(part, previous):
 
 
 def _begins_with_object(words):
-  return lower(words[:1]) in ([one] for one in {"both", *lexicon.DETERMINERS, *lexicon.POSSESSIVES, *lexicon.LIMBS})
+  return lower(words[:1]) in ([word] for word in {"both", *lexicon.DETERMINERS, *lexicon.POSSESSIVES, *lexicon.LIMBS})
 
 
 def _ends_in_nouns(clause):

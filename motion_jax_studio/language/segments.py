@@ -101,14 +101,14 @@ class Segment(NamedTuple):
   @property
   def words(self) -> str:
     """The words of all its actions: "walks forward + waves 3 times"."""
-    return " + ".join(one.words + (f" {one.times} times" if one.times > 1 else "")
-                      for one in self.actions)
+    return " + ".join(action.words + (f" {action.times} times" if action.times > 1 else "")
+                      for action in self.actions)
 
   @property
   def prompt(self) -> str:
     """All its sampled actions in one sentence, for motion that cannot be layered: "a person walks and waves"."""
     first, *others = self.sampled or (self.action,)
-    return " and ".join([first.prompt_with_count, *(one.words for one in others)])
+    return " and ".join([first.prompt_with_count, *(action.words for action in others)])
 
   @property
   def is_pause(self) -> bool:
