@@ -27,7 +27,7 @@ _NO_SIDE = set("hand hands arm arms leg foot feet knee then bend circle curve co
 
 
 _ACROSS = "over, through, under, into, in, out, off, on, onto, around"  # no climb up or down
-_ON_STAIRS = "stairs, stair, steps, staircase, stairway, ladder, hill, slope, ramp"
+_ON_STAIRS = ", ".join(sorted(lexicon.STAIRS))
 _UPRIGHT = "straight, tall, upright"  # "stands up straight" is no getting up
 _ELSEWHERE = ("across, along, around, away, backward, backwards, circle, circles, forward, forwards, into, left, out, "
               "right, round, sideways, through, toward, towards")  # words that take a dance to another place
