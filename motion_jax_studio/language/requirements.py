@@ -176,7 +176,7 @@ def _event_of(action, shapes):
 
 
 def _switches(said):
-  return said[:1] == ["turns"] and said[1:2] in (["on"], ["off"]) and len(said) > 2 and (
+  return said[0].startswith("turn") and said[1:2] in (["on"], ["off"]) and len(said) > 2 and (
       _NO_LAMP.isdisjoint(said[2:5]))
 
 
