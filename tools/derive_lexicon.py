@@ -12,8 +12,7 @@ import collections
 import pathlib
 import re
 
-from motion_jax.text import tagger
-from motion_jax.text.lexicon import ACTIONS, FUNCTION_WORDS, VERBS
+from motion_jax.text.lexicon import ACTIONS, FUNCTION_WORDS, TAGGED_VERBS, VERBS
 from motion_jax.text.wordnet import LOST, TABLE
 
 # Files of verbs by topic, and how likely a verb in a sentence about a body is meant in a sense of that topic: motion,
@@ -33,7 +32,7 @@ _FAST, _SLOW = {"fast", "hurried"}, {"slow", "unhurried"}
 _NO_MANNER = {"usually", "often", "especially", "typically", "normally", "apparently", "only"}
 _LOOKS = set("as like impeded unable gait toes legs knees feet hands arms waist steps stride weight".split())
 # Verbs whose object says the action ("takes a bow"), and verbs without a movement, are no targets.
-TARGETS = (ACTIONS | tagger.VERBS | {"sleep", "flinch"}) - VERBS[""] - set(
+TARGETS = (ACTIONS | TAGGED_VERBS | {"sleep", "flinch"}) - VERBS[""] - set(
     "do perform play practice take get put set place hold move direct land exercise call clean bring use work".split())
 
 

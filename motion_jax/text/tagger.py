@@ -6,6 +6,7 @@ them on the official files.
 """
 import re
 
+from motion_jax.text.lexicon import TAGGED_VERBS
 from motion_jax.text.morphology import BASE_OF, base_form
 
 _CLOSED = {tag: words.split() for tag, words in {
@@ -28,16 +29,6 @@ _CLOSED = {tag: words.split() for tag, words in {
 _TAG = {word: tag for tag, words in reversed(_CLOSED.items()) for word in words}
 _SIDES = ("left", "right", "front", "back", "straight", "upper", "lower", "other", "same")
 
-VERBS = set("""
-answer balance bend block blow bounce bow box brush call catch circle clap clean climb close come cross crawl crouch
-dangle dash descend dance direct do draw dribble drink drop duck exercise extend fall fight flap fly fold follow
-gesture get give glide go grab hang hit hold hop jab jack jog jump keep kick kneel land laugh lean leap let lie lift
-look lower lunge make march move open perform pick pirouette place play point pose practice pull punch push put
-raise reach respond rest return rise rock roll rotate rub run salute say scoop scratch screw scrub shake shoot show
-shout shuffle shower sidestep signal sing sit skip slash slide spin sprint squat stamp stand start step stay stop
-strafe stretch stride strike stroll stumble sweep swim swing switch take tap think throw thrust tilt tiptoe touch
-trot turn twist unscrew use wade waddle walk wash wave wipe work
-""".split())
 _NOUNS = set("""
 person man woman someone people figure arm leg hand foot feet knee elbow head hip waist chin face mouth eye shoulder
 ankle wrist torso body back side front place ball basketball soccer bottle car cap ground floor stair step stool
@@ -71,7 +62,7 @@ def tag_words(words) -> list[tuple[str, str]]:
 
 def _look_up(word, before, after):
   """(lemma, tag) of a word, with the tag before it and the word after it."""
-  verb, noun = base_form(word, VERBS), base_form(word, _NOUNS, ("es", "s"))
+  verb, noun = base_form(word, TAGGED_VERBS), base_form(word, _NOUNS, ("es", "s"))
   if word in _SIDES and (after in _NOUNS or base_form(after, _NOUNS, ("es", "s"))):
     return word, "ADJ"
   if word in _SIDES[:4] and before in ("DET", "PRON"):
@@ -80,7 +71,7 @@ def _look_up(word, before, after):
     return _LEMMAS.get(word, word), _TAG[word]
   if word in _LEMMAS:
     lemma = _LEMMAS[word]
-    return lemma, "VERB" if lemma in VERBS else "NOUN"
+    return lemma, "VERB" if lemma in TAGGED_VERBS else "NOUN"
   inside_noun_phrase = before in ("DET", "ADJ", "NUM") or (before == "ADP" and not word.endswith("ing"))
   if noun and (inside_noun_phrase or not verb):
     return noun, "NOUN"

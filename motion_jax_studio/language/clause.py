@@ -1,5 +1,4 @@
 """One clause: its subject, its verb and the other words, how often and for how long."""
-import re
 from typing import NamedTuple
 
 from motion_jax.text.morphology import is_participle, is_past, verb_of
@@ -112,19 +111,17 @@ def keeps_limbs(words, at):
 
 
 def _describes(words, at):
-  """Whether a participle belongs to the noun after it: "a walking man", "with bent knees"."""
+  """Whether a participle belongs to the noun after it: "a walking man"."""
   before, after = words[at - 1] if at else "", words[at + 1] if at + 1 < len(words) else ""
-  return is_participle(words[at]) and before in lexicon.DETERMINERS and after in lexicon.PEOPLE or (
-      is_past(words[at]) and before in lexicon.WITH_A_LIMB | {"with"} and after in lexicon.LIMBS)
+  return is_participle(words[at]) and before in lexicon.DETERMINERS and after in lexicon.PEOPLE
 
 
 def unknown_verb(tokens):
   """The clause of words that begin with a verb of no list, as in "then warms them"; None of other words."""
   word = tokens[0].lower()
-  if not re.fullmatch(r"[a-z]{3,}s", word) or word.endswith(("ss", "us", "is")) or (
-      word in lexicon.DIRECTIONS | lexicon.LIMBS or tag_words([word])[0][1] != "NOUN"):
-    return None
-  return Clause([], [], word[:-1], word, tokens[1:])
+  is_verb = len(word) > 3 and word.isalpha() and word.endswith("s") and not word.endswith("ss") and (
+      word not in lexicon.DIRECTIONS | lexicon.LIMBS)
+  return Clause([], [], word[:-1], word, tokens[1:]) if is_verb else None
 
 
 def is_person(subject):

@@ -21,7 +21,6 @@ from motion_jax_studio.language.meaning import is_a
 
 _TOKEN = re.compile(r"\d+(?:\.\d+)?|\w+(?:['’-]\w+)*|\S", re.UNICODE)
 _NOT = re.compile(r"(?i)\b(do|does|did)n['’]t\b")
-_HELD_LIMBS = re.compile(r"(?i)with (?:[a-z]+ ){0,3}(?:arms?|hands?)\b(?! (?:down )?(?:by|at|to|on) (?:\w+ )?sides?\b)")
 _SUBORDINATE = ("before", "after", "while", "until")
 _LONGEST_SUBJECT = 5  # words: "the tired old man"
 _LONGEST_CLAUSE = 40  # words after which a participle begins no further clause
@@ -34,39 +33,39 @@ def fragments_of(text):
   """
   tokens = _TOKEN.findall(lexicon.spelt(_NOT.sub(r"\1 not", text)))
   words = [token.lower().replace("’", "'") for token in tokens]
-  found, kind, start, at = [], "", 0, 0
+  fragments, kind, start, at = [], "", 0, 0
   between = []  # tokens of the connectors since the last fragment
   while at < len(tokens):
     length, here = connector_at(words, at)
     begins = "" if length else _begins_at_verb(words, start, at)
     if begins:
-      found.append((kind, between, tokens[start:at]))
+      fragments.append((kind, between, tokens[start:at]))
       kind, between, start = begins, [], at
     if length:
       if at > start:
-        found.append((kind, between, tokens[start:at]))
+        fragments.append((kind, between, tokens[start:at]))
         kind, between = "", []
       kind, between = stronger(kind, here), [*between, *tokens[at:at + length]]
       start = at + length
     at += length or 1
   if start < len(tokens):
-    found.append((kind, between, tokens[start:]))
-  return _with_subjects(found)
+    fragments.append((kind, between, tokens[start:]))
+  return _with_subjects(fragments)
 
 
 def _with_subjects(fragments):
   """The fragments, of which one that is only a subject begins the next one: "he" and "sits" of "he then sits"."""
-  found: list = []
+  joined: list = []
   for kind, between, tokens in fragments:
-    if len(found) > 1 and _is_subject(lower(found[-1][2])):
-      before, words, subject = found.pop()
+    if len(joined) > 1 and _is_subject(lower(joined[-1][2])):
+      before, words, subject = joined.pop()
       kind, between, tokens = stronger(before, kind), [*words, *between], [*subject, *tokens]
-    found.append((kind, between, tokens))
-  return found
+    joined.append((kind, between, tokens))
+  return joined
 
 
 def _is_subject(words):
-  return words in ([one] for one in lexicon.SUBJECT_PRONOUNS) or (
+  return words in ([pronoun] for pronoun in lexicon.SUBJECT_PRONOUNS) or (
       words[0] in lexicon.DETERMINERS and words[-1] in lexicon.PEOPLE - {"one"} and len(words) <= _LONGEST_SUBJECT)
 
 
@@ -85,12 +84,12 @@ def _begins_at_finite_verb(words, start, at):
     return False
   clause, before = clause_of(words[start:at]), tag_words(words[start:at])[-1][1]
   if words[at] in lexicon.STAIRS and (before != "NOUN" or words[at - 1] in lexicon.NUMBERS or (
-      words[at + 1:at + 2] not in ([one] for one in lexicon.DIRECTIONS))):
+      words[at + 1:at + 2] not in ([direction] for direction in lexicon.DIRECTIONS))):
     return False  # "walks up the steps", but not "stands with the arms at the sides, steps forward"
-  if clause is None or clause.form.endswith("ed") or clause.verb in lexicon.WITH_ACTIONS_AS_OBJECTS:
+  if clause is None or clause.verb in lexicon.WITH_ACTIONS_AS_OBJECTS:
     return False
   if words[at - 1] == clause.form:  # "a person standing scratches his head"
-    return is_participle(clause.form) and bool(clause.subject)
+    return is_participle(clause.form)
   return before in ("ADV", "NOUN") or words[at - 1] in lexicon.DIRECTIONS | {"out"}
 
 
@@ -100,9 +99,9 @@ def _begins_at_participle(words, start, at):
       (lexicon.BEFORE_A_PARTICIPLE | lexicon.POSSESSIVES) & {words[at - 1], verb_of(words[at - 1])}):
     return False
   last_tag = tag_words(words[start:at])[-1][1]
-  clause, own = clause_of(words[start:at]), clause_of(words[at:at + 4])
-  return last_tag not in ("ADP", "DET", "ADJ", "NUM", "AUX") and clause is not None and own is not None and (
-      own.part in ("arms", "head")) and can_be_simultaneous([clause], own)
+  clause, waving = clause_of(words[start:at]), clause_of(words[at:at + 4])
+  return last_tag not in ("ADP", "DET", "ADJ", "NUM", "AUX") and clause is not None and waving is not None and (
+      waving.part in ("arms", "head")) and can_be_simultaneous([clause], waving)
 
 
 class Part(NamedTuple):
@@ -119,7 +118,6 @@ def parts_of(fragments):
   result: list[Part] = []
   lead = ""          # a subordinate clause in front waits for its main clause
   subject: list[str] = []  # of a clause in front that is no action
-  beside: list[str] = []   # what that says of limbs: "with the arms out"
   for place, (kind, between, tokens) in enumerate(fragments):
     clause = clause_of(tokens)
     if clause is None and not result and fragments[place + 1:] and fragments[place + 1][0] == "then" and (
@@ -130,12 +128,9 @@ def parts_of(fragments):
         kind == "then" and clause.subject and not is_person(clause.subject)):
       clause = unknown_verb(tokens) or clause
     if clause and subject and not result:
-      kept = beside if clause.part == "legs" else []
-      kind, clause, subject, beside = "", clause._replace(
-          subject=clause.subject or subject, words=[*clause.words, *kept]), [], []
+      kind, clause, subject = "", clause._replace(subject=clause.subject or subject), []
     if not result and clause and place + 1 < len(fragments) and _is_no_action(clause, fragments[place + 1]):
       subject = clause.subject
-      beside = clause.words if _HELD_LIMBS.match(" ".join(clause.words)) else []
       continue
     if not result:
       lead = kind if kind in _SUBORDINATE else ""
@@ -244,18 +239,18 @@ def _stands_alone(part, previous):
     if not begins and is_participle(clause.form) and clause.verb == before.verb and not clause.words:
       return False  # "walks forward and keeps walking"
     if begins and kind == "and" and before.form != clause.form and not (
-        is_participle(before.form) or "is" in before.subject or previous.kind in ("while", ",")):
+        is_participle(before.form) or previous.kind in ("while", ",")):
       return False  # "walks with jumping and singing"
     return bool(verb_of(clause.form.lower()) or before.words and _begins_with_object(clause.words))
-  if kind == "while" and not previous.kind.startswith("lead") and not can_be_simultaneous([before], clause):
+  if kind == "while" and not can_be_simultaneous([before], clause):
     return False  # "turns left while walking"
   if kind in _SUBORDINATE:
-    return bool(clause.subject or is_participle(clause.form) or kind == "until" or not clause.before)
+    return bool(clause.subject or is_participle(clause.form) or not clause.before)
   return True
 
 
 def _begins_with_object(words):
-  return lower(words[:1]) in ([one] for one in {"both", *lexicon.DETERMINERS, *lexicon.POSSESSIVES, *lexicon.LIMBS})
+  return lower(words[:1]) in ([word] for word in {"both", *lexicon.DETERMINERS, *lexicon.POSSESSIVES, *lexicon.LIMBS})
 
 
 def _ends_in_nouns(clause):

@@ -25,9 +25,9 @@ def completed(done, kind, tokens, clause):
 
   done: the clauses before; kind: how the words are joined to them; clause: of the words by themselves, or None.
   """
-  found = _first(_CONTINUATIONS, done, kind, tokens)
-  if found is not None or clause is not None:
-    return found
+  continued = _first(_CONTINUATIONS, done, kind, tokens)
+  if continued is not None or clause is not None:
+    return continued
   previous = done[-1]
   if kind == "then":
     return _verbless(previous, tokens)
@@ -46,8 +46,8 @@ def _verbless(previous, tokens):
   if times is None:
     return _first(_VERBLESS, previous, tokens, lower(tokens))
   again = previous._replace(words=without_times(previous.words)[0], before=[], subject=[])
-  found = _verbless(previous, tokens) if tokens else again
-  return found and found._replace(times=times)
+  clause = _verbless(previous, tokens) if tokens else again
+  return clause and clause._replace(times=times)
 
 
 def _first(rules, *args):
@@ -65,7 +65,7 @@ def _with_words(previous, words):
 # --- continuations ----------------------------------------------------------------------------------------------------
 
 def _continuing(done, kind, tokens):
-  gait = next((one for one in reversed(done) if _is_gait(one.verb)), None)
+  gait = next((before for before in reversed(done) if _is_gait(before.verb)), None)
   continues = gait is not None and " ".join(lower(tokens)) in _CONTINUE
   return gait._replace(before=[], subject=[]) if continues else None
 
@@ -133,8 +133,8 @@ def _other_limb(previous, tokens, words):
   start = [word for word in ("with", "on") if word in previous.words and word not in words][:1]
   start += ["the"] if len(words) == 1 and words[0] in lexicon.SIDES else []
   side = next((lexicon.SIDES[word] for word in said if word in lexicon.SIDES), "other")
-  own = [side if word.lower() == "other" else word for word in tokens]
-  return _with_words(previous, [*start, *own, *([] if words[-1] in lexicon.LIMBS else [limb])])
+  named = [side if word.lower() == "other" else word for word in tokens]
+  return _with_words(previous, [*start, *named, *([] if words[-1] in lexicon.LIMBS else [limb])])
 
 
 _CONTINUATIONS = (_continuing, _change_of_pace, _further_steps)

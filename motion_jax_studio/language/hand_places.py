@@ -19,11 +19,10 @@ _GOES_ON = {"up", "down", "back", "forth"}  # after "and": "up and down"
 _AT = set("to at on onto near by against around toward towards over behind in front top".split())
 _LEVELS = ("level", "height")  # "at chest level" is before the body, not at the chest
 _PLACES = (
-    ("", "up and down, down and up, and back, back and forth, bent, dangling, hanging, moving, waving, flapping, "
-        "swinging, clapping, shaking, spinning, pushing, pumping, circling, rotating, backward, backwards, pocket, "
-        "pockets, floor, ground, prayer, zombie"),
-    ("shoulder", "on shoulder, on shoulders, to shoulder, to shoulders, onto shoulder, onto shoulders"),
-    ("up", "above head, above heads, over head, over heads, overhead"),
+    ("", "up and down, and back, back and forth, bent, dangling, hanging, moving, waving, flapping, swinging, pumping, "
+         "backward, backwards, floor, ground, zombie"),
+    ("shoulder", "on shoulder, on shoulders, to shoulder, to shoulders"),
+    ("up", "above head, over head, overhead"),
     ("crossed", "cross*, fold*"),
     ("face", "@ face, @ mouth, @ nose, @ chin, @ eye, @ eyes, @ lips, @ cheek, @ cheeks"),
     ("ear", "@ ear, @ ears"),
@@ -35,17 +34,16 @@ _PLACES = (
     ("together", "together, clasp*"),
     ("chest", "@ chest, @ heart"),
     ("front", "front"),
-    ("side", "sideways, horizontally, apart, wide, shoulder-level, shoulder-height, level with shoulders"))
+    ("side", "sideways, horizontally, apart, wide, shoulder-level, shoulder-height, raised aside"),
+    ("down", "at side, at sides, to side, to sides, by side, by sides"),
+    ("front", "forward, forwards, ahead, level, height"),
+    ("down", "down, lower, lowers, drop, drops"),
+    ("out", "out, outward, outwards, outstretched, extended, stretched, spread"),
+    ("up", "up, air, high, raised, lifted"),
+    ("out", "extend, extends, spreads"))
 _ASIDE = ("on side, on sides, to side, to sides, at side, at sides, by side, by sides, to left, to right, on left, "
           "on right")
 _RAISED = "out*, stretch*, spread*, rais*, extend*, lift*"  # hands that are _ASIDE by these are up
-_OTHER_PLACES = (
-    ("down", "at side, at sides, to side, to sides, by side, by sides, beside side, beside sides"),
-    ("front", "forward, forwards, ahead, before him, before her, before it, before them, level, height"),
-    ("down", "down, lower, lowers, drop, drops, lowering, dropping"),
-    ("out", "out, outward, outwards, outstretched, extended, stretched, spread"),
-    ("up", "up, air, high, raised, lifted"),
-    ("out", "extends, extend, spreads"))
 # Actions in which hands carry the body.
 _CARRY = "push up, push ups, push-up, push-ups, pushup, pushups, crawl*, plank, planks, handstand*, cartwheel*"
 
@@ -134,9 +132,8 @@ def _place_of(words, sides):
     return "down"
   at_a_part = said("@" if word in _AT else word for word in plain.replace("top of", "on").replace(
       "front of", "on").split())
-  place = first_of(_PLACES, plain + at_a_part)
-  if place is None:
-    place = "side" if says(plain, _ASIDE) and says(plain, _RAISED) else first_of(_OTHER_PLACES, plain)
+  aside = " raised aside " if says(plain, _ASIDE) and says(plain, _RAISED) else ""
+  place = first_of(_PLACES, plain + at_a_part + aside)
   return "front" if place == "out" and plain.startswith(" reach") else _resolved(place or None, sides)
 
 
@@ -164,12 +161,12 @@ def hand_place_of(verb: str, part: str, sides: tuple[str, ...], times: int, text
   rest = words[start + 1:]
   if verb in _BRINGS and (place := _hands_brought(verb, words[start:start + 1], rest, sides)):
     return place
-  one = sides or ("right",)
-  if verb in _TOUCHES and (place := _brought(("to", *_thing(rest)), one)):
+  hand = sides or ("right",)
+  if verb in _TOUCHES and (place := _brought(("to", *_thing(rest)), hand)):
     rubbed = verb in _RUBS and _RUBBED.get(place.place)
     return place if not rubbed else place._replace(gesture=((place.place, _BEAT), (rubbed, _BEAT)), rhythm=True)
   if verb in _AT_THE_HEAD:
-    return HandPlace(_AT_THE_HEAD[verb], one, False)
+    return HandPlace(_AT_THE_HEAD[verb], hand, False)
   if gesture := _gesture_of(verb, part, sides, times, words):
     return gesture
   limb = _limb_beside(words) if part != "arms" else None

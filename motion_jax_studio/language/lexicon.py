@@ -163,23 +163,11 @@ EVENTS = {"kick": "kick", "punch": "punch", "jab": "punch", "box": "punch", "sha
           "hop": "hop", "squat": "squat", "bow": "bow", "wave": "wave", "turn": "turn", "spin": "turn", "pivot": "turn",
           "sit": "sit", "crouch": "crouch"}
 SIDED_EVENTS = {"kick", "punch", "wave", "turn", "sideways", "foot", "balance"}
-# Words of a hand that is raised to below the shoulder, or not straight up.
-NOT_RAISED = set("to out front side sides sideways forward chest waist stomach hip hips face mouth shoulder level low "
-                 "slightly halfway parallel down bent across behind again".split())
 ARMS = {"hand", "hands", "arm", "arms"}
-UP = set("air sky".split())  # "raises a hand to the sky"
-BENT_BODY = {"over", "forward", "forwards", "down", "waist"}  # "bends over"
 TURNING = {"turn", "spin", "pivot", "rotate"}
 STEPPING = {"step", "take", "move", "slide", "sidestep", "go"}  # verbs that may lead to a side, beside walking
 IN_PLACE = "in place, on place, in spot, on spot, in one spot, on one spot"
-STRIKES, FISTS = {"strike", "hit"}, {"fist", "fists"}
-# Words that take a dance to another place.
-ELSEWHERE = {"across", "along", "around", "away", "backward", "backwards", "circle", "circles", "forward", "forwards",
-             "into", "left", "out", "right", "round", "sideways", "through", "toward", "towards"}
-GETTING_UP = {("stand", "up"), ("get", "up"), ("rise", "")}  # verb, and the word that it needs
-UPRIGHT = {"straight", "tall", "upright"}  # "stands up straight" is no getting up
 STAIRS = {"stairs", "stair", "steps", "staircase", "stairway", "ladder", "hill", "slope", "ramp"}
-ACROSS = {"over", "through", "under", "into", "in", "out", "off", "on", "onto", "around"}  # no climb up or down
 NEGATIONS = {"without", "not", "no", "never", "nor", "don't", "doesn't"}
 
 # --- paths ------------------------------------------------------------------------------------------------------------

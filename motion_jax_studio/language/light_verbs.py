@@ -76,15 +76,15 @@ def _put_hands_up(verb, words, lower):
 
 
 def _side_steps(verb, words, lower):
-  found = _SIDE_STEPS.fullmatch(" ".join([verb, *lower]))
-  if found is None:
+  steps = _SIDE_STEPS.fullmatch(" ".join([verb, *lower]))
+  if steps is None:
     return None
-  side = {"left": "left", "right": "right"}.get(found["side"] or found["way"] or "", "")
+  side = {"left": "left", "right": "right"}.get(steps["side"] or steps["way"] or "", "")
   way = ["to", "the", side] if side else []
-  times = {"once": "one", "twice": "two", "thrice": "three"}.get(found["times"], (found["times"] or "").split(" ")[0])
+  times = {"once": "one", "twice": "two", "thrice": "three"}.get(steps["times"], (steps["times"] or "").split(" ")[0])
   if times in lexicon.NUMBERS:  # counted steps have a duration
-    return _action("take", [times, "steps", *(way or ["sideways"]), *found["after"].split()])
-  return _action("walk", ["sideways", *way, *found["after"].split()])
+    return _action("take", [times, "steps", *(way or ["sideways"]), *steps["after"].split()])
+  return _action("walk", ["sideways", *way, *steps["after"].split()])
 
 
 def _stretch(verb, words, lower):
@@ -93,9 +93,9 @@ def _stretch(verb, words, lower):
 
 
 def _motion_of_an_action(verb, words, lower):
-  found = _MOTION.match(" ".join(lower)) if verb in lexicon.LIGHT_VERBS else None
-  meant = found and verb_of(found["verb"])
-  return _action(meant, words[len(found[0].split()):]) if meant else None
+  motion = _MOTION.match(" ".join(lower)) if verb in lexicon.LIGHT_VERBS else None
+  meant = motion and verb_of(motion["verb"])
+  return _action(meant, words[len(motion[0].split()):]) if meant else None
 
 
 def _noun_of_an_action(verb, words, lower):
@@ -128,10 +128,10 @@ def _noun_of_an_action(verb, words, lower):
 
 def _verb_of_noun(noun):
   """The words of the action that a noun names: ["bow"] of "bows"; [] of a noun that names none."""
-  for one in (noun, noun.removesuffix("s"), noun.removesuffix("es")):
-    if one in lexicon.IDIOMS:
-      return lexicon.IDIOMS[one].split()
-    if verb := "" if one in lexicon.NO_ACTION_NOUNS else wordnet.verb_of_noun(one):
+  for form in (noun, noun.removesuffix("s"), noun.removesuffix("es")):
+    if form in lexicon.IDIOMS:
+      return lexicon.IDIOMS[form].split()
+    if verb := "" if form in lexicon.NO_ACTION_NOUNS else wordnet.verb_of_noun(form):
       return [verb]
   return []
 

@@ -22,11 +22,7 @@ from motion_jax_studio.language.plan import Plan
 from motion_jax_studio.language.poses import holding, is_hold, with_poses
 from motion_jax_studio.language.segments import Action, Segment, pause
 
-_ON_THE_WAY = re.compile(r" on (?:the|his|her|their) way\Z")
-_TURN_TO_A_SIDE = re.compile(r"(?:\w+ly )?(?:turns?|walks? and makes? a) (?:\w+ly )?(?:to (?:the|his|her|their) )?"
-                             rf"(?:left|right)(?: turn)?(?:{_ON_THE_WAY.pattern})?")
-_WAY_BACK = re.compile(r"((?:\w+ly )?\w+) back\b(?!wards?\b| and forth)"
-                       r"(?: (?:to|the way|where|towards?|in the)\b.*)?")
+_WHERE_TO = {"to", "the", "where", "toward", "towards", "in"}  # after "walks back"
 _NOT_FORWARD = frozenset("backward backwards back sideways turns turn circle around diagonally".split())
 
 
@@ -71,38 +67,39 @@ def _segments(text, joined):
 
 def _with_ways_back(segments):
   """The segments, of which a turn before a walk back goes around, and the walk is one ahead, to where one came from."""
-  found = list(segments)
+  changed = list(segments)
   for place, (turn, back) in enumerate(zip(segments, segments[1:])):
-    one, other = turn.action, back.action
-    if not (_WAY_BACK.match(other.words) and is_a(other.verb, "walk", "run")) or turn.simultaneous or not (
-        one.verb in lexicon.TURNING or one.verb == "swing" and "around" in one.words.split()):
+    turning, walking = turn.action, back.action
+    if not (walking.leads_back and is_a(walking.verb, "walk", "run")) or turning.verb not in lexicon.TURNING:
       continue
-    sides = {"left", "right"} & set(one.words.lower().split())
+    sides = {"left", "right"} & set(turning.words.lower().split())
     words = " ".join(["turns around", *(f"to the {side}" for side in sides if len(sides) == 1)])
-    found[place] = turn._replace(action=one._replace(
-        prompt=f"{one.subject} {words}", words=words, part="legs", verb="turn", reworded=True))
-    words = _WAY_BACK.sub(r"\1 forward", other.words)
-    found[place + 1] = back._replace(action=other._replace(
-        prompt=f"{other.subject} {words}", words=words, reworded=True, goes_back=True))
-  return found
+    changed[place] = turn._replace(action=turning._replace(
+        prompt=f"{turning.subject} {words}", words=words, part="legs", verb="turn", reworded=True))
+    way, rest = walking.words.lower().split("back", 1)
+    words = f"{way}forward{'' if _WHERE_TO & {*rest.split()[:1]} else rest}"
+    changed[place + 1] = back._replace(action=walking._replace(
+        prompt=f"{walking.subject} {words}", words=words, reworded=True, goes_back=True))
+  return changed
 
 
 def _on_the_way(segments, text):
   """The segments, of which a walk or run and a turn to a side after it are one, as captions say them: "walks forward
   and turns left"; None where no more than the text is left. A turn before another walk is an action of its own."""
-  found: list[Segment] = []
+  joined: list[Segment] = []
   for segment, after in zip(segments or (), [*(segments or ())[1:], None]):
-    before, turn = found[-1] if found else None, segment.action
+    before, turn = joined[-1] if joined else None, segment.action
     walks_on = after is not None and is_a(after.action.verb, "walk", "run")
     if before and _goes_on(before) and not any((walks_on, segment.simultaneous, segment.seconds, turn.times > 1)) and (
-        _TURN_TO_A_SIDE.fullmatch(turn.words)):
-      words = _ON_THE_WAY.sub("", f"{before.action.words} and {turn.words}")
-      found[-1] = before._replace(action=before.action._replace(
+        turn.is_turn_to_a_side):
+      words = f"{before.action.words} and {turn.words}"
+      words = " ".join(words.split()[:-3]) if turn.said.endswith(" on way ") else words
+      joined[-1] = before._replace(action=before.action._replace(
           prompt=f"{before.action.subject} {words}", words=words,
           reworded=before.action.reworded or turn.reworded and "turn" not in text.lower()))
     else:
-      found.append(segment)
-  return tuple(found) if found and not Plan(text, tuple(found)).is_plain else None
+      joined.append(segment)
+  return tuple(joined) if joined and not Plan(text, tuple(joined)).is_plain else None
 
 
 def _goes_on(segment):
@@ -115,15 +112,15 @@ def _goes_on(segment):
 def _segment(group, subject):
   """The Segment of simultaneous clauses; the one whose part comes first in PARTS is the base of the motion."""
   ordered = sorted(group, key=lambda clause: actions.PARTS.index(clause.part) if clause.part else -1)
-  found = []
+  acting = []
   for clause in ordered:
     action = _action(clause, subject)
-    found += _with_hands_up(action) if action.part == "legs" and action.hands else [action]
+    acting += _with_hands_up(action) if action.part == "legs" and action.hands else [action]
   seconds = [clause.seconds for clause in ordered if clause.seconds is not None]
-  if not seconds and found[0].words in (PAUSE, HOLD):
+  if not seconds and acting[0].words in (PAUSE, HOLD):
     words = " ".join(lower(ordered[0].words))
     seconds = [time for name, time in lexicon.PAUSE_SECONDS.items() if name in words]
-  return Segment(found[0], tuple(found[1:]), seconds[0] if seconds else None)
+  return Segment(acting[0], tuple(acting[1:]), seconds[0] if seconds else None)
 
 
 def _with_hands_up(action):

@@ -24,13 +24,13 @@ class Plan:
   def sampled(self) -> tuple[Action, ...]:
     """The actions that a model samples, in order; a pause only where it is all there is."""
     first, *others = self.segments
-    return tuple(one for part in self.segments for one in part.sampled) if others else (
+    return tuple(action for part in self.segments for action in part.sampled) if others else (
         first.action, *first.simultaneous)
 
   @property
   def prompts(self) -> list[str]:
     """The prompts that a model gets, one per sampled action, without duplicates."""
-    return list(dict.fromkeys(one.prompt for one in self.sampled))
+    return list(dict.fromkeys(action.prompt for action in self.sampled))
 
   @property
   def read_segments(self) -> tuple[Segment, ...]:
@@ -41,7 +41,8 @@ class Plan:
   @property
   def summary(self) -> str:
     """The segments for a reader: "walks forward + waves | stands still [2]", with durations in seconds."""
-    return " | ".join(one.words + (f" [{one.seconds:g}]" if one.seconds else "") for one in self.segments)
+    seconds = lambda segment: f" [{segment.seconds:g}]" if segment.seconds else ""
+    return " | ".join(segment.words + seconds(segment) for segment in self.segments)
 
   @property
   def is_plain(self) -> bool:

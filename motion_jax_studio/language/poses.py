@@ -31,26 +31,27 @@ def with_poses(segments, who):
 
   With no pose before it a hold is a pause, but for "stays seated", which is an action then.
   """
-  found, low = [], False
+  posed, low = [], False
   for segment in map(_without_beside, _without_repeated_pauses(segments)):
-    action, before = segment.action, found[-1] if found else None
+    action, before = segment.action, posed[-1] if posed else None
     if action.words == HOLD and before is None and lexicon.LOW_POSES & set(action.prompt.split()):
       action = action._replace(words=action.prompt.removeprefix(who + " "))
-    elif action.words == HOLD and (before is None or segment.simultaneous and not low):
+    elif action.words == HOLD and before is None:
       action = action._replace(prompt=f"{who} {PAUSE}", words=PAUSE, reworded=True)
-    elif action.words == PAUSE and (low or before is not None and before.hold_pose and not segment.simultaneous):
+    elif action.words == PAUSE and (low or before and before.hold_pose and not segment.simultaneous):
       action = action._replace(prompt=f"{who} {HOLD}", words=HOLD)
     elif low and all(map(_stays_low, (action, *segment.simultaneous))):
       segment = segment._replace(simultaneous=(action, *segment.simultaneous))
       action = hold(who)
-    found.append(segment._replace(action=action))
-    low = action.verb in lexicon.LOW or low and found[-1].hold_pose
-  return tuple(found)
+    posed.append(segment._replace(action=action))
+    low = action.verb in lexicon.LOW or low and posed[-1].hold_pose
+  return tuple(posed)
 
 
 def _without_beside(segment):
   """The segment without pauses and holds beside its action: "steps back while holding still" steps back."""
-  return segment._replace(simultaneous=tuple(one for one in segment.simultaneous if one.words not in (PAUSE, HOLD)))
+  acting = tuple(action for action in segment.simultaneous if action.words not in (PAUSE, HOLD))
+  return segment._replace(simultaneous=acting)
 
 
 def _stays_low(action):
@@ -59,5 +60,5 @@ def _stays_low(action):
 
 def _without_repeated_pauses(segments):
   """The segments, of which a pause without a duration after another pause is left out: "stops and stands still"."""
-  return [one for one, before in zip(segments, (None, *segments))
-          if before is None or not (one.is_pause and before.is_pause and one.seconds is None)]
+  return [segment for segment, before in zip(segments, (None, *segments))
+          if before is None or not (segment.is_pause and before.is_pause and segment.seconds is None)]

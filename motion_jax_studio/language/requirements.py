@@ -8,7 +8,7 @@ from motion_jax_studio.language import lexicon
 from motion_jax_studio.language.meaning import is_a
 from motion_jax_studio.language.path_shapes import BENT, is_gait, path_shapes_of
 from motion_jax_studio.language.segments import Action
-from motion_jax_studio.language.words import first_of, says
+from motion_jax_studio.language.words import first_of, said, says
 
 COUNTED = {"kick", "punch", "jump", "hop", "squat", "bow"}  # events of which each is one repetition
 # Degrees, least and most, of a turn by its words; a number in the text may be missed by _NEAR, or by a fifth of it.
@@ -26,6 +26,48 @@ _TO_A_SIDE = set("around bend corner forward forwards ahead and sideways to towa
 _NO_SIDE = set("hand hands arm arms leg foot feet knee then bend circle curve corner sided".split())  # after "left"
 
 
+_ACROSS = "over, through, under, into, in, out, off, on, onto, around"  # no climb up or down
+_ON_STAIRS = ", ".join(sorted(lexicon.STAIRS))
+_UPRIGHT = "straight, tall, upright"  # "stands up straight" is no getting up
+_ELSEWHERE = ("across, along, around, away, backward, backwards, circle, circles, forward, forwards, into, left, out, "
+              "right, round, sideways, through, toward, towards")  # words that take a dance to another place
+_NOT_UP = ("to, out, front, side, sides, sideways, forward, chest, waist, stomach, hip, hips, face, mouth, shoulder, "
+           "level, low, slightly, halfway, parallel, down, bent, across, behind, again")  # of a raised hand
+_SHAPED = ", ".join(sorted(lexicon.PATH_NOUNS))
+
+
+class _Sign(NamedTuple):
+  """What an action shows by its verb and words, as far as its words need more than its verb."""
+  kind: str
+  verbs: str            # "gait" stands for all kinds of walking and running
+  part: str = ""        # of the body; "" for any
+  needed: tuple[str, ...] = ()  # phrases: one of each
+  lacking: str = ""     # phrases of which none may be there
+
+  def shows(self, action):
+    after = said(action.said.split()[1:])  # "steps up" has no steps
+    return (action.verb in self.verbs.split() or "gait" in self.verbs and is_gait(action.verb)) and (
+        self.part in ("", action.part) and all(says(after, phrases) for phrases in self.needed)) and not (
+            self.lacking and says(after, self.lacking))
+
+
+_STATES = (
+    _Sign("still", "stand stay", "", ("still, place, motionless",), ", ".join(sorted(lexicon.LIMBS))),
+    _Sign("dance", "dance", lacking=_ELSEWHERE),
+    _Sign("dance", " ".join(sorted(lexicon.LIGHT_VERBS)), "", ("dance, dances",), _ELSEWHERE),
+    _Sign("rise", "stand get", "", ("up",), _UPRIGHT), _Sign("rise", "rise", lacking=_UPRIGHT),
+    _Sign("descend", "descend", lacking=_ACROSS), _Sign("descend", "climb", "", ("down",), f"up, {_ACROSS}"),
+    _Sign("descend", "gait step go come move", "", ("down", _ON_STAIRS), f"up, {_ACROSS}"),
+    _Sign("ascend", "climb", lacking=f"down, {_ACROSS}"),
+    _Sign("ascend", "gait step go come move", "", ("up", _ON_STAIRS), f"down, {_ACROSS}"))
+_EVENTS = (
+    _Sign("punch", "strike hit", "", ("fist, fists",)), _Sign("raise", "raise lift", "arms", (), _NOT_UP),
+    _Sign("lie", "lie", "", ("down",)), _Sign("balance", "balance stand stay", "", (_ON_FOOT,)),
+    _Sign("foot", "raise lift", "legs"), _Sign("bend", "bend", "torso", ("over, forward, forwards, down, waist",)),
+    _Sign("sideways", "gait step take move slide go", "", ("sideways",), _SHAPED),
+    _Sign("sideways", "sidestep", lacking=_SHAPED), _Sign("walk", "walk", "", ("backward, backwards",)))
+
+
 class Requirement(NamedTuple):
   """One thing that a motion has to show: an event, a state of the body, or the shape or pace of its path."""
   kind: str      # "kick", "seated", "circle", "slowly", "stays", "aside", ...
@@ -37,12 +79,12 @@ class Requirement(NamedTuple):
 
 def requirements_of(actions: Sequence[Action], text: str) -> list[Requirement]:
   """The measurable requirements of actions; none where their text is a negation ("without turning")."""
-  if len(actions) == 1 and _stands_still(actions[0]):  # also "does not move"
+  if len(actions) == 1 and "still" in _states_of(actions[0]):  # also "does not move"
     return [Requirement("still", "", 1, False)]
   if lexicon.NEGATIONS & set(text.lower().split()):
     return []
   shapes = path_shapes_of(actions)
-  climbs = {_climbs(action) for action in actions} - {""}
+  climbs = {kind for action in actions for kind in _states_of(action) if kind in ("ascend", "descend")}
   climbs = climbs if len(climbs) == 1 else ()  # up and down again: neither can be measured
   states, climbs = ([(kind, "") for kind in kinds] for kinds in (_states(actions), climbs))
   required = {key: Requirement(*key, 1, False) for key in (*states, *shapes, *climbs, *_places(actions, shapes))}
@@ -66,13 +108,17 @@ def requirements_of(actions: Sequence[Action], text: str) -> list[Requirement]:
   return list(required.values())
 
 
+def _states_of(action):
+  return {sign.kind for sign in _STATES if sign.shows(action)}
+
+
 def _states(actions):
   """Kinds of requirements about the body as a whole."""
-  if actions and all(map(_dances_in_place, actions)):
+  if actions and all("dance" in _states_of(action) for action in actions):
     yield "dance"
   if _ends_seated(actions):
     yield "seated"
-  if actions and _gets_up(actions[-1]):
+  if actions and "rise" in _states_of(actions[-1]):
     yield "rise"
 
 
@@ -95,7 +141,8 @@ def _places(actions, shapes):
       yield "aside", side
   away = next((i for i, gait in enumerate(gaits) if gait), len(gaits))
   last = [action for action, gait in zip(going[away + 1:], gaits[away + 1:]) if gait]
-  if len(last) == 1 and (last[0].goes_back or _returns(last[0])):
+  if len(last) == 1 and (last[0].goes_back or last[0].leads_back or (
+      last[0].verb == "return" or says(last[0].said, "to starting, to start, to original"))):
     yield "return", ""
 
 
@@ -106,52 +153,30 @@ def _side_of(words):
   return words[at] if words[at] in lexicon.SIDES and _NO_SIDE.isdisjoint(after) else ""
 
 
-def _returns(action):
-  """Whether a walk leads back to where it came from."""
-  words = [word for word in action.said.split() if not word.endswith("ly")]
-  return words[1:2] == ["back"] and words[2:4] != ["and", "forth"] or action.verb == "return" or (
-      says(action.said, "to starting, to start, to original"))
-
-
 def _event_of(action, shapes):
   """(kind, side) of the event of an action; (None, "") where it has none."""
-  said, verb, kind, side = action.said.replace(" , ", " ").split(), action.verb, lexicon.EVENTS.get(action.verb), ""
-  words = set(said)
-  if verb == "walk" and words & {"backward", "backwards"}:
-    kind, side = "step" if action.counts_steps else "walk", "backward"
-  if (is_gait(verb) or verb in lexicon.STEPPING) and not words & lexicon.PATH_NOUNS and (
-      "sideways" in words or verb == "sidestep"):
-    kind = "sideways"
-  if verb in lexicon.LIGHT_VERBS and kind is None:
-    kind = lexicon.EVENTS.get(verb_of(_head_noun(said[1:])))  # "does a couple of small kicks"
-  if verb == "bend" and action.part == "torso" and words & lexicon.BENT_BODY:
-    kind = "bend"
-  if action.part == "legs" and verb in ("raise", "lift"):
-    kind = "foot"
-  if verb in ("balance", "stand", "stay") and says(action.said, _ON_FOOT):
-    kind = "balance"
-  if kind == "turn" and (action.part not in ("legs", "") or _switches(said)):
+  words = action.said.replace(" , ", " ").split()
+  kind = lexicon.EVENTS.get(action.verb)
+  if action.verb in lexicon.LIGHT_VERBS and kind is None:
+    kind = lexicon.EVENTS.get(verb_of(_head_noun(words[1:])))  # "does a couple of small kicks"
+  if kind == "turn" and (action.part not in ("legs", "") or _switches(words)):
     kind = None  # "rotates the wrists", "turns on the light"
-  if verb == "lie" and "down" in words:
-    kind = "lie"
-  if verb in ("raise", "lift") and action.part == "arms" and not words & lexicon.NOT_RAISED and (
-      not lexicon.ARMS.isdisjoint(action.said.split(" with ")[0].split())):  # not "lifts a box with both hands"
-    kind, side = "raise", "both" if len(action.sides) == 2 else next(iter(action.sides), "")
-  if verb in lexicon.STRIKES and words & lexicon.FISTS:
-    kind = "punch"
-  if kind is None and is_gait(verb) and not any(shape.kind in BENT for shape in shapes):  # "walks, turning to the left"
-    side = first_of(_TURNING, " ".join(["", *(word for word in said if word not in _ADVERBS), ""]), "")
+  kind = next((sign.kind for sign in _EVENTS if sign.shows(action)), kind)
+  if kind == "raise":  # not "lifts a box with both hands"
+    lifts = not lexicon.ARMS.isdisjoint(action.said.split(" with ")[0].split())
+    return (kind, "both" if len(action.sides) == 2 else "".join(action.sides)) if lifts else (None, "")
+  if kind == "walk":
+    return "step" if action.counts_steps else kind, "backward"
+  if kind is None and is_gait(action.verb) and not any(shape.kind in BENT for shape in shapes):
+    side = first_of(_TURNING, said(word for word in words if word not in _ADVERBS), "")  # "walks, turning to the left"
     return ("turn", side) if side else (None, "")
-  if kind == "turn":  # the right foot is no way to turn
-    words = {word for word, thing in zip(said, [*said[1:], ""]) if thing not in lexicon.LIMBS - {"shoulder"}}
-  named = {"left", "right"} & words
-  if kind in lexicon.SIDED_EVENTS and not side and len(named) == 1:
-    side = named.pop()
-  return kind, side
+  things = lexicon.LIMBS - {"shoulder"} if kind == "turn" else ()  # the right foot is no way to turn
+  sides = {word for word, thing in zip(words, [*words[1:], ""]) if word in lexicon.SIDES and thing not in things}
+  return kind, sides.pop() if kind in lexicon.SIDED_EVENTS and len(sides) == 1 else ""
 
 
 def _switches(said):
-  return said[:1] == ["turns"] and said[1:2] in (["on"], ["off"]) and len(said) > 2 and (
+  return said[0].startswith("turn") and said[1:2] in (["on"], ["off"]) and len(said) > 2 and (
       _NO_LAMP.isdisjoint(said[2:5]))
 
 
@@ -187,30 +212,3 @@ def _ends_seated(actions):
   last = next((i for i, action in enumerate(actions) if action.words == lexicon.HOLD and all(on_the_chair[i:])),
               len(actions))
   return any(action.verb == "sit" for action in actions[last - 1:last])
-
-
-def _dances_in_place(action):
-  is_dance = action.verb == "dance" or action.verb in lexicon.LIGHT_VERBS and says(action.said, "dance, dances")
-  return is_dance and lexicon.ELSEWHERE.isdisjoint(action.said.split())
-
-
-def _climbs(action):
-  """"ascend" or "descend" for stairs, a ladder and the like, "" for other actions."""
-  words = set(action.said.split()[1:])
-  if words & lexicon.ACROSS or {"up", "down"} <= words:
-    return ""
-  on_stairs = words & lexicon.STAIRS and (is_gait(action.verb) or action.verb in ("step", "go", "come", "move"))
-  if action.verb == "descend" or "down" in words and (action.verb == "climb" or on_stairs):
-    return "descend"
-  return "ascend" if action.verb == "climb" or "up" in words and on_stairs else ""
-
-
-def _stands_still(action):
-  return action.verb in ("stand", "stay") and says(action.said, "still, place, motionless") and (
-      lexicon.LIMBS.isdisjoint(action.said.split()))  # "standing still lifts an arm"
-
-
-def _gets_up(action):
-  words = {*action.said.split(), ""}
-  return lexicon.UPRIGHT.isdisjoint(words) and any(
-      action.verb == verb and word in words for verb, word in lexicon.GETTING_UP)

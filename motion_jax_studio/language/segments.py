@@ -50,6 +50,18 @@ class Action(NamedTuple):
     return says(self.said, "backward, backwards")
 
   @property
+  def leads_back(self) -> bool:
+    """Whether it goes back: "walks back to the door", but not "walks back and forth"."""
+    words = [word for word in self.said.split() if not word.endswith("ly")]
+    return words[1:2] == ["back"] and words[2:4] != ["and", "forth"]
+
+  @property
+  def is_turn_to_a_side(self) -> bool:
+    """Whether it is a turn to the left or right and no more: "turns sharply to the left on his way"."""
+    words = [word for word in self.said.removesuffix("on way ").split() if word != "to" and not word.endswith("ly")]
+    return words in ([turn, side] for turn in ("turn", "turns") for side in ("left", "right"))
+
+  @property
   def hands(self) -> HandPlace | None:
     """Where it has hands; None where its words name no place."""
     return hand_place_of(self.verb, self.part, self.sides, self.times, self.words)
@@ -89,14 +101,14 @@ class Segment(NamedTuple):
   @property
   def words(self) -> str:
     """The words of all its actions: "walks forward + waves 3 times"."""
-    return " + ".join(one.words + (f" {one.times} times" if one.times > 1 else "")
-                      for one in self.actions)
+    return " + ".join(action.words + (f" {action.times} times" if action.times > 1 else "")
+                      for action in self.actions)
 
   @property
   def prompt(self) -> str:
     """All its sampled actions in one sentence, for motion that cannot be layered: "a person walks and waves"."""
     first, *others = self.sampled or (self.action,)
-    return " and ".join([first.prompt_with_count, *(one.words for one in others)])
+    return " and ".join([first.prompt_with_count, *(action.words for action in others)])
 
   @property
   def is_pause(self) -> bool:

@@ -3,7 +3,8 @@ import time
 
 import pytest
 
-from motion_jax_studio.language import parse
+from motion_jax_studio.language import parse, parser
+from motion_jax_studio.language.clauses import parts_of
 from tests.studio.sentences import table
 
 
@@ -12,6 +13,14 @@ def test_sentences_are_parted_into_their_actions_or_stay_whole():
   plans = {text: parse(text) for text in wanted}
   assert {text: "" if plan.is_plain else plan.summary.lower() for text, plan in plans.items()} == wanted
   assert all(plan.text == text and (not plan.is_plain or plan.prompts == [text]) for text, plan in plans.items())
+
+
+def test_a_sentence_is_cut_into_clauses_once(monkeypatch):
+  passes = []
+  monkeypatch.setattr(parser, "parts_of", lambda fragments: passes.append(1) or parts_of(fragments))
+  for known in (None, lambda text: True, lambda text: False):
+    parse("a person walks and waves, then sits down", known)
+  assert len(passes) == 3
 
 
 def test_prompts_keep_their_subject():
