@@ -3,13 +3,29 @@
 Annotations name dimensions, `x: Float[Array, "b l c"]`: b batch, t frames, l latents, j joints, f features, d width,
 c latent channels, h heads, k channels of a head or codes, s tokens, q levels, n steps; *lead is any number of them, #b
 is b or 1. Within one call a letter is one length. Only tests have them checked (`tests/conftest.py`), no user pays.
+Rooms that load no JAX take `Bool`, `Float`, `Int` and `Num` from here: jaxtyping takes as long to import as numpy.
 """
+import sys
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 Whole = int | np.integer
 Net = Any  # a flax module, where it is applied: flax does not say what that gives
+if TYPE_CHECKING or "jaxtyping" in sys.modules:  # a test, or a program that has them checked
+  from jaxtyping import Bool as Bool
+  from jaxtyping import Float as Float
+  from jaxtyping import Int as Int
+  from jaxtyping import Num as Num
+else:
+
+  class _Unchecked:
+    """Stands for `Float[Array, "b t"]` and the like where annotations are not read."""
+
+    def __class_getitem__(cls, _: Any) -> Any:
+      return Any
+
+  Bool = Float = Int = Num = _Unchecked
 # Of annotations; numpy's arrays are welcome wherever JAX's are. What runs needs only their shapes and types, no JAX.
 if TYPE_CHECKING:
   import jax

@@ -6,12 +6,11 @@ calibrated on labelled clips (docs/captions.md). numpy, whole clips of HumanML3D
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Num
 
 from motion_jax.analysis.signals import JOINT, PAIR, SIDES, Body, course_of, turning_points
 from motion_jax.motion.contacts import majority, velocity
 from motion_jax.motion.smoothing import find_peaks
-from motion_jax.shapes import Array
+from motion_jax.shapes import Array, Num
 
 _G = 9.81
 PUNCH = 2.2  # metres a second of a fist

@@ -2,12 +2,12 @@
 import functools
 
 import numpy as np
-from jaxtyping import Float
 
 from motion_jax.motion.contacts import feet_stand, velocity
 from motion_jax.motion.retarget import floor_height
 from motion_jax.motion.skeleton import HUMANML3D, SIDES, facing
 from motion_jax.motion.smoothing import gaussian_filter1d
+from motion_jax.shapes import Float
 
 JOINT = {name: number for number, name in enumerate(HUMANML3D.joints)}
 PAIR = {part: [JOINT[f"{side}_{part}"] for side in SIDES] for part in

@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from jaxtyping import Num
 
 from motion_jax.control import paths
 from motion_jax.control.constraints import (
@@ -18,6 +17,7 @@ from motion_jax.control.constraints import (
 )
 from motion_jax.control.signal import NUM_JOINTS, ControlSignal, rotate_about_y
 from motion_jax.motion.skeleton import HUMANML3D, facing
+from motion_jax.shapes import Num
 from motion_jax.utils.errors import InputError
 
 _SAME = 2e-3  # metres by which two constraints may differ about one joint in one frame

@@ -12,11 +12,10 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float, Int
 
 from motion_jax.control.signal import NUM_JOINTS, ControlSignal
 from motion_jax.motion.skeleton import HUMANML3D
-from motion_jax.shapes import Array
+from motion_jax.shapes import Array, Bool, Float, Int
 
 FPS = HUMANML3D.fps
 HORIZON = 160          # frames; targets farther ahead are left out

@@ -3,7 +3,6 @@ import warnings
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Float, Num
 
 from motion_jax.control.compiling import angle_of
 from motion_jax.control.constraints import Constraint, InPlace, KeepParts, Loop
@@ -15,6 +14,7 @@ from motion_jax.motion.retarget import retarget, with_lengths
 from motion_jax.motion.retiming import resample
 from motion_jax.motion.skeleton import HUMANML3D, with_own_lengths
 from motion_jax.motion.splicing import REACH, meeting, spliced, weights
+from motion_jax.shapes import Float, Num
 from motion_jax.utils.errors import InputError
 
 _EASE = 0.4   # seconds in which a part comes to another motion's and goes back, at a span's ends

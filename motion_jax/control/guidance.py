@@ -10,10 +10,9 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Float
 
 from motion_jax.control.signal import ControlSignal
-from motion_jax.shapes import Array
+from motion_jax.shapes import Array, Float
 
 TOLERANCE = 0.01  # metres
 SETTLING = 6      # conjugate gradient steps of each Gauss-Newton step on finished latents

@@ -5,7 +5,8 @@ The standard curves (`CURVES`) begin at the origin and lead towards +z, as motio
 from collections.abc import Callable
 
 import numpy as np
-from jaxtyping import Float, Num
+
+from motion_jax.shapes import Float, Num
 
 _FINE = 40  # places of a curve between two way points, by which its length is measured
 

@@ -11,11 +11,11 @@ symmetric matrices (3, T): the diagonal and the two below it. numpy, float64.
 import dataclasses
 
 import numpy as np
-from jaxtyping import Bool, Float
 
 from motion_jax.control.signal import ControlSignal
 from motion_jax.motion.retarget import retarget, with_lengths
 from motion_jax.motion.skeleton import HUMANML3D, bone_lengths
+from motion_jax.shapes import Bool, Float
 
 FADES = 0.3              # seconds over which what is done for one frame comes and goes
 _THICK, _OWN = 0.25, 3.0  # seconds between poses that come thick; w between those

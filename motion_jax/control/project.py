@@ -14,7 +14,6 @@ from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float, Num
 
 from motion_jax.control import poses
 from motion_jax.control.compiling import angle_of, clip_to_feasible, compile, warn_missed
@@ -25,6 +24,7 @@ from motion_jax.motion.pinned_feet import stands
 from motion_jax.motion.root_paths import along
 from motion_jax.motion.skeleton import HUMANML3D
 from motion_jax.motion.smoothing import gaussian_filter1d
+from motion_jax.shapes import Bool, Float, Num
 from motion_jax.utils.errors import InputError
 
 _FAR, _TURNED = 0.12, 0.35  # metres, radians off, from which the body is carried step by step

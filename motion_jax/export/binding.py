@@ -2,12 +2,12 @@
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
 
 from motion_jax.export.body import make_figure
 from motion_jax.export.mesh import Skin, make_skins, rest_joints
 from motion_jax.export.rig import RigMotion, on_rig, rigged
 from motion_jax.motion import rotations as rot
+from motion_jax.shapes import Float
 
 
 class Binding(NamedTuple):

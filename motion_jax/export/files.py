@@ -30,7 +30,7 @@ from motion_jax.utils.input_files import PickledError, load_npy, load_npz, npz_n
 from motion_jax.utils.json_values import plain
 from motion_jax.utils.plugins import Registry
 
-_HOLOSOMA_FPS = 30.0
+_HOLOSOMA_FPS, _KIMODO_FPS = 30.0, 30.0
 _OWN_AXIS = ".bvh", ".amc"  # their readers derive the upward axis and say so
 
 
@@ -128,11 +128,11 @@ def _tell_upward_axis(read_as, path):
 def _load_npz(path, fps, unit, up, mapping):
   arrays = load_npz(path, ("joints", "features", "posed_joints", "fps", "seed"),
                     ("skeleton", "prompt", "captions", "about", "meta", "model_id"))
-  from motion_jax.export import research_files  # half of its imports are of use to these files only
   if "posed_joints" in arrays and "joints" not in arrays:
     arrays["joints"] = arrays.pop("posed_joints")
-    arrays.setdefault("fps", np.float64(research_files.KIMODO_FPS))
+    arrays.setdefault("fps", np.float64(_KIMODO_FPS))
   if "joints" not in arrays and "features" not in arrays:
+    from motion_jax.export import research_files  # half of its imports are of use to these files only
     keys = npz_names(path)
     if research_files.is_amass(keys):
       joints, rate = research_files.read_amass(path, up, fps)

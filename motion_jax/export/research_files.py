@@ -16,7 +16,7 @@ from motion_jax.utils.atomic import atomic_path
 from motion_jax.utils.errors import InputError
 from motion_jax.utils.input_files import load_npz, npz_names
 
-KIMODO_FPS, _VIDEO_FPS = 30.0, 30.0
+_VIDEO_FPS = 30.0
 # {AMASS' name: those of tools that read video}; what is of the world comes before what is of the camera.
 _VIDEO_NAMES = {"root_orient": ("root_orient", "global_orient"), "pose_body": ("pose_body", "body_pose"),
                 "trans": ("trans_world", "transl", "trans"), "poses": ("pose_world", "poses", "pose")}

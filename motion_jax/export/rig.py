@@ -3,7 +3,6 @@ import functools
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
 
 from motion_jax.data.clip import Clip
 from motion_jax.motion import looping
@@ -14,6 +13,7 @@ from motion_jax.motion.rigid import fit_pose, rest_offsets
 from motion_jax.motion.skeleton import Skeleton
 from motion_jax.motion.smoothing import gaussian_filter1d
 from motion_jax.rigs.rig import Rig, get_rig, of_skeleton, tip
+from motion_jax.shapes import Float
 from motion_jax.utils.errors import InputError
 
 _ROOT_SECONDS = 0.25  # standard deviation of the Gaussian that makes a root bone's path of the pelvis' one

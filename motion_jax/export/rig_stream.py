@@ -4,7 +4,6 @@ The motion is turned into rotations in windows of fixed frames, whatever the blo
 and goes over into the next one where both overlap. Any blocks give the same rows.
 """
 import numpy as np
-from jaxtyping import Float, Num
 
 from motion_jax.export.rig import pose_on_rig
 from motion_jax.motion import rotations as rot
@@ -12,6 +11,7 @@ from motion_jax.motion.pose import turn_ends
 from motion_jax.motion.rigid import fit_pose
 from motion_jax.motion.skeleton import HUMANML3D, t_pose
 from motion_jax.rigs.rig import get_rig
+from motion_jax.shapes import Float, Num
 
 _BACK = 1.5    # seconds of a window before the frames that it adds
 _HOP = 0.2     # seconds that a window adds

@@ -10,10 +10,9 @@ However the rows are cut into chunks, the same generator gives the same diversit
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Num
 
 from motion_jax.metrics import scores
-from motion_jax.shapes import Array
+from motion_jax.shapes import Array, Num
 
 
 class Passed(NamedTuple):

@@ -7,7 +7,8 @@ Of each motion the distances, in metres, of a controlled joint from where it sho
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Num
+
+from motion_jax.shapes import Num
 
 THRESHOLDS = {"20": 0.2, "50": 0.5}  # metres; papers print those of 0.5
 NAMES = (*(f"{kind}_{name}" for kind in ("trajectory", "location") for name in THRESHOLDS), "control_error")

@@ -11,12 +11,11 @@ from collections.abc import Sequence as SequenceOf
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Num
 
 from motion_jax.metrics import physics, scores
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.skeleton import HUMANML3D, Skeleton, facing
-from motion_jax.shapes import Array
+from motion_jax.shapes import Array, Float, Num
 
 Embed = Callable[[list], Array]  # motions, any array with time first each -> (N, E)
 

@@ -9,13 +9,12 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Num
 
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.rotations import A
 from motion_jax.motion.skeleton import HUMANML3D, Skeleton, facing
 from motion_jax.motion.smoothing import moving_average
-from motion_jax.shapes import Array
+from motion_jax.shapes import Array, Float, Num
 
 # Mean jerk of real transitions, the level that AUJ is measured from (FlowMDM's; docs/papers/cmdm.md#long-horizon).
 REAL_JERK = {"humanml3d": 0.033031363, "babel": 0.016383045}

@@ -12,11 +12,10 @@ from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Num
 
 from motion_jax.metrics import scores
 from motion_jax.motion.representations import Representation, layout_for, to_joints
-from motion_jax.shapes import Array
+from motion_jax.shapes import Array, Num
 
 
 @dataclasses.dataclass(frozen=True)

@@ -7,9 +7,8 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float, Int, Num
 
-from motion_jax.shapes import Array
+from motion_jax.shapes import Array, Bool, Float, Int, Num
 
 RECALLS = (1, 2, 3, 5, 10)
 

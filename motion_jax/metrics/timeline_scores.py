@@ -9,13 +9,12 @@ import dataclasses
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from jaxtyping import Float, Int, Num
 
 from motion_jax.data.timelines import Interval
 from motion_jax.metrics import physics, scores
 from motion_jax.motion.representations import get_layout, to_features, to_joints
 from motion_jax.motion.skeleton import HUMANML3D, Skeleton
-from motion_jax.shapes import Array
+from motion_jax.shapes import Array, Float, Int, Num
 
 
 @dataclasses.dataclass(frozen=True)

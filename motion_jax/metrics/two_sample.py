@@ -9,9 +9,9 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int, Num
 
 from motion_jax.motion.skeleton import HUMANML3D, Skeleton, facing
+from motion_jax.shapes import Float, Int, Num
 
 SECONDS = 2.0  # of a window
 FOLDS = 5

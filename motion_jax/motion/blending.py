@@ -2,10 +2,9 @@
 from collections.abc import Iterable
 
 import numpy as np
-from jaxtyping import Bool, Float, Num
 
 from motion_jax.motion.smoothing import gaussian_filter1d
-from motion_jax.shapes import Array
+from motion_jax.shapes import Array, Bool, Float, Num
 
 _FADE = 12      # frames over which an offset of pose and speed fades: 0.6 s at 20 frames a second
 _ALIGN = 6      # frames by which two motions are aligned

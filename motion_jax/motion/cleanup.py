@@ -16,12 +16,11 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Num
 
 from motion_jax.motion.retarget import bend, floor_height, knee_side, with_lengths
 from motion_jax.motion.skeleton import HUMANML3D, Skeleton
 from motion_jax.motion.steady_bones import SteadyBones
-from motion_jax.shapes import Array
+from motion_jax.shapes import Array, Float, Num
 
 SMOOTHING = 0.7          # frames: 2 Hz passes at 0.91, 6 Hz at 0.43; at 0.4 0.99 and 0.89
 _BRISK = (1.2, 2.4)      # m/s relative to the pelvis: smoothing decreases from the first speed, ends at the second

@@ -7,12 +7,12 @@ inside jit as well.
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float, Num
 
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.retarget import floor_height
 from motion_jax.motion.rotations import A
 from motion_jax.motion.skeleton import HUMANML3D, Skeleton
+from motion_jax.shapes import Bool, Float, Num
 
 SLOW = 0.15   # metres a second
 LOW = 0.10    # metres over the floor

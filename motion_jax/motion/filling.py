@@ -9,7 +9,6 @@ from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float, Num
 
 from motion_jax.motion.contacts import feet_stand
 from motion_jax.motion.pinned_feet import pin_feet
@@ -17,7 +16,7 @@ from motion_jax.motion.retarget import floor_height, with_lengths
 from motion_jax.motion.skeleton import HUMANML3D, Skeleton
 from motion_jax.motion.smoothing import gaussian_filter1d
 from motion_jax.motion.splicing import Meeting, laid, meeting
-from motion_jax.shapes import Array
+from motion_jax.shapes import Array, Bool, Float, Num
 
 _FADE = 0.6       # seconds in which a difference of pose fades
 _USUAL_JUMP = 0.02  # metres that a joint's step across a border may differ from the steps beside it

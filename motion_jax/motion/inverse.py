@@ -8,11 +8,11 @@ import dataclasses
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.rotations import A
 from motion_jax.motion.skeleton import THIN, Skeleton, body_axes, bone_lengths, from_nearest
+from motion_jax.shapes import Float
 from motion_jax.utils.lazy import jax
 
 

@@ -2,11 +2,11 @@
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Float, Num
 
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.pose import to_pose
 from motion_jax.motion.skeleton import Skeleton, facing
+from motion_jax.shapes import Float, Num
 
 _ONE_SIDED = 2.0  # how many times farther than the other a hand travels if only one of them acts
 

@@ -1,9 +1,9 @@
 """Lean the trunk of a body to a side, ahead or back: the spine bends evenly, pelvis and legs stay."""
 import numpy as np
-from jaxtyping import Float, Num
 
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.skeleton import HUMANML3D, facing
+from motion_jax.shapes import Float, Num
 
 _SPINE = (0, *(HUMANML3D.joints.index(name) for name in ("spine1", "spine2", "spine3")))
 

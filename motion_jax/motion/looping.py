@@ -11,12 +11,11 @@ around it (`rounds`), so that it is periodic too; `close` then removes the round
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Num
 
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.retarget import with_lengths
 from motion_jax.motion.skeleton import HUMANML3D, Skeleton, bone_lengths
-from motion_jax.shapes import Array
+from motion_jax.shapes import Array, Float, Num
 
 _FADE = 0.5      # seconds over which a difference fades, at the most half of the motion
 _BONES = 5e-3    # metres by which a body's bones may differ from the skeleton's to be held at its lengths

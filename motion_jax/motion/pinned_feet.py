@@ -4,12 +4,11 @@ Used where captured motion is turned or joined (`root_paths`, `splicing`) and th
 numpy, whole clips.
 """
 import numpy as np
-from jaxtyping import Bool, Float, Num
 
 from motion_jax.motion.cleanup import solve_legs
 from motion_jax.motion.contacts import feet_stand
 from motion_jax.motion.skeleton import HUMANML3D, Skeleton
-from motion_jax.shapes import Array
+from motion_jax.shapes import Array, Bool, Float, Num
 
 
 def pin_feet(joints: Num[Array, "t j 3"], ankles: Num[Array, "t 2 3"], toes: Num[Array, "t 2 3"],

@@ -7,10 +7,9 @@ and joint; unusual motion that can be used is a warning. numpy, float64.
 import warnings
 
 import numpy as np
-from jaxtyping import Num
 
 from motion_jax.motion.skeleton import HUMANML3D, Skeleton
-from motion_jax.shapes import Array
+from motion_jax.shapes import Array, Num
 from motion_jax.utils.errors import InputError
 from motion_jax.utils.numerals import FRAME_RATES
 

@@ -9,7 +9,6 @@ from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Num
 
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.skeleton import (
@@ -23,7 +22,7 @@ from motion_jax.motion.skeleton import (
   unit_or_nearest,
 )
 from motion_jax.motion.smoothing import gaussian_filter1d
-from motion_jax.shapes import Array
+from motion_jax.shapes import Array, Float, Num
 
 Tree = list[list[int]]  # the children of each joint
 

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Num
 
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.skeleton import HUMANML3D, SIDES
+from motion_jax.shapes import Float, Num
 
 _STRAIGHT = 0.985  # of the length of an arm: the farthest that a wrist is brought from its shoulder
 _DETOUR, _BEFORE = 0.5, (0.7, 0.0, 0.7)  # lengths of the arm, and the direction, of the way around the shoulder

@@ -7,12 +7,11 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Num
 
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.rotations import A
 from motion_jax.motion.skeleton import HUMANML3D, Skeleton, body_axes, t_pose
-from motion_jax.shapes import Array
+from motion_jax.shapes import Array, Float, Num
 
 _FLOOR_PERCENTILE = 5     # of the lower foot's height over the clip: a tracking spike does not lift the clip
 _SOFT_REACH = 0.985       # from this part of a straight leg on, a knee resists being straighter than the source's

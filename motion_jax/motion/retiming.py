@@ -5,13 +5,12 @@ rate, accelerations with its square, so the rate of flights differs from 1 by at
 where they stand. numpy, whole clips, float64.
 """
 import numpy as np
-from jaxtyping import Bool, Float, Num
 
 from motion_jax.motion.pinned_feet import pin_feet
 from motion_jax.motion.retarget import floor_height, with_lengths
 from motion_jax.motion.skeleton import HUMANML3D, Skeleton
 from motion_jax.motion.smoothing import gaussian_filter1d
-from motion_jax.shapes import Array
+from motion_jax.shapes import Array, Bool, Float, Num
 
 FLIGHT = 0.1     # by how much the rate of a flight may differ from 1
 _ALOFT = 0.05    # metres over the floor of the lowest joint of both feet

@@ -5,12 +5,11 @@ second to a centimetre. `fit_pose` finds the root path and the rotations whose j
 that rotations alone describe the motion and every file of one model moves the same rig.
 """
 import numpy as np
-from jaxtyping import Float, Num
 
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.pose import Pose, to_pose
 from motion_jax.motion.skeleton import Skeleton, bone_lengths, t_pose
-from motion_jax.shapes import Array
+from motion_jax.shapes import Array, Float, Num
 
 _SAME_BONES = 0.01  # metres: a body whose mean bone lengths differ less from the skeleton's gets the skeleton's rig
 _FEET, _HANDS = 30.0, 3.0  # weights of the squared distances of feet and hands, those of other joints being 1

@@ -8,14 +8,13 @@ atan(v^2 / g r). Separating path and detail: M. Gleicher, Motion path editing, I
 from collections.abc import Callable
 
 import numpy as np
-from jaxtyping import Float, Num
 
 from motion_jax.motion.contacts import velocity
 from motion_jax.motion.pinned_feet import pin_feet
 from motion_jax.motion.retarget import floor_height
 from motion_jax.motion.skeleton import HUMANML3D, Skeleton
 from motion_jax.motion.smoothing import gaussian_filter1d
-from motion_jax.shapes import Array
+from motion_jax.shapes import Array, Float, Num
 
 SMALLEST = {"walk": 1.2, "run": 3.0}  # metres: the radius that a foot can stand on without twisting
 _STEP = 0.35       # seconds, sigma of what is smoothed away of the pelvis' path

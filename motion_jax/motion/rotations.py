@@ -8,9 +8,8 @@ import sys
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
-from jaxtyping import Float, Num
 
-from motion_jax.shapes import Array
+from motion_jax.shapes import Array, Float, Num
 from motion_jax.utils.lazy import is_jax
 
 if TYPE_CHECKING:

@@ -7,11 +7,11 @@ from collections.abc import Sequence
 from typing import Any, SupportsIndex
 
 import numpy as np
-from jaxtyping import Bool, Float, Num
 
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.rotations import A
 from motion_jax.motion.smoothing import gaussian
+from motion_jax.shapes import Bool, Float, Num
 
 # Where each kind of bone points in the T-pose; x is for the left side and is mirrored for the right.
 _REST = {

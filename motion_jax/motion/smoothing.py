@@ -6,10 +6,10 @@ importing scipy takes as long as sampling does.
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.rotations import A
+from motion_jax.shapes import Float
 from motion_jax.utils.lazy import jax, jnp
 
 

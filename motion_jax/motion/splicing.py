@@ -7,12 +7,11 @@ offset at the border fades out of the second motion, but not out of a foot while
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Num
 
 from motion_jax.motion.pinned_feet import pin_feet, stands
 from motion_jax.motion.retarget import with_lengths
 from motion_jax.motion.skeleton import HUMANML3D, Skeleton, facing
-from motion_jax.shapes import Array
+from motion_jax.shapes import Array, Float, Num
 
 REACH = 3   # frames compared before and after the one where two motions meet
 _FADE = 9   # frames in which an offset fades

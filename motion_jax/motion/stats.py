@@ -6,11 +6,10 @@ import pathlib
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Float, Num
 
 from motion_jax.motion.representations import Representation, get_layout, layout_for
 from motion_jax.motion.rotations import A
-from motion_jax.shapes import Array
+from motion_jax.shapes import Array, Float, Num
 from motion_jax.utils.atomic import atomic_path
 from motion_jax.utils.errors import InputError
 from motion_jax.utils.input_files import load_npy

@@ -6,10 +6,10 @@ as the bone has its length; the turn of a bone that is too short is spread over 
 many behind as needed. Trusted directions stay bit for bit.
 """
 import numpy as np
-from jaxtyping import Float
 
 from motion_jax.motion.layering import turned_towards
 from motion_jax.motion.skeleton import Skeleton
+from motion_jax.shapes import Float
 
 _MOST = 30.0             # degrees a frame by which an ambiguous bone turns at most
 _DOUBT = (0.6, 1.0)      # parts of a bone's length: below the first its direction is ignored, from the second trusted

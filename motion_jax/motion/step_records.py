@@ -9,10 +9,10 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from jaxtyping import Num
 
 from motion_jax.motion.filling import runs_of
 from motion_jax.motion.skeleton import HUMANML3D, Skeleton
+from motion_jax.shapes import Num
 
 Record = dict[str, Any]
 MOVED = 1e-4  # metres that a joint moves, at least, in a frame that counts as changed

@@ -4,12 +4,11 @@ Every bone turns as its counterpart does, from a T-pose that both skeletons shar
 the legs. Feet may slide a little where proportions differ; `retarget` avoids that for 22 joints.
 """
 import numpy as np
-from jaxtyping import Float, Num
 
 from motion_jax.motion import inverse
 from motion_jax.motion.pose import to_pose
 from motion_jax.motion.skeleton import HUMANML3D, SMPL, SNAPMOGEN, Skeleton, t_pose
-from motion_jax.shapes import Array
+from motion_jax.shapes import Array, Float, Num
 
 # {joint of another skeleton: joint of HumanML3D that it turns with}
 _LIKE = {"root": "pelvis", "torso_low": "spine1", "torso_high": "spine3", "neck2": "neck", "left_heel": "left_ankle",

@@ -8,12 +8,12 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
 
 from motion_jax.motion.skeleton import HUMANML3D, SIDES
 from motion_jax.rigs.joint_maps import rig_of
 from motion_jax.rigs.joint_names import LIMBS, Tree, plain
 from motion_jax.rigs.named_bodies import NamedBody
+from motion_jax.shapes import Float
 from motion_jax.utils.errors import InputError
 from motion_jax.utils.numerals import named
 

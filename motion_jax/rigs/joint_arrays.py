@@ -4,12 +4,11 @@ import warnings
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Num
 
 from motion_jax.motion import plausibility
 from motion_jax.motion.skeleton import HUMANML3D, KIT, SNAPMOGEN, Skeleton
 from motion_jax.rigs.joint_maps import map_joints
-from motion_jax.shapes import Array
+from motion_jax.shapes import Array, Num
 from motion_jax.utils.errors import InputError
 
 _HAND = 0.085  # metres from a wrist to SMPL's hand

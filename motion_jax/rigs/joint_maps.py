@@ -8,14 +8,13 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Num
 
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.skeleton import HUMANML3D, SKELETONS, Skeleton
 from motion_jax.rigs.joint_names import Tree, plain
 from motion_jax.rigs.named_bodies import NamedBody
 from motion_jax.rigs.rig import Rig, all_rigs
-from motion_jax.shapes import Array
+from motion_jax.shapes import Array, Float, Num
 from motion_jax.utils.numerals import named, shortened
 
 

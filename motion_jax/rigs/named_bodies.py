@@ -7,11 +7,11 @@ import itertools
 from collections.abc import Mapping
 
 import numpy as np
-from jaxtyping import Float, Num
 
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.skeleton import HUMANML3D, SIDES, SMPL
 from motion_jax.rigs.joint_names import Limbs, Tree, find_limbs
+from motion_jax.shapes import Float, Num
 
 _HEIGHT = dict(zip(HUMANML3D.joints, SMPL.offsets[:, 1]))  # of each joint above its parent, at rest
 _SPINE = "spine1", "spine2", "spine3", "neck"

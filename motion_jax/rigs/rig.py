@@ -12,11 +12,11 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
 
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.pose import TIPS
 from motion_jax.motion.skeleton import HUMANML3D, KIT, SIDES, Skeleton, side_and_kind
+from motion_jax.shapes import Float
 from motion_jax.utils.errors import InputError
 from motion_jax.utils.nearest import did_you_mean
 

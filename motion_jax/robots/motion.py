@@ -3,13 +3,13 @@ import dataclasses
 from typing import Any, Self
 
 import numpy as np
-from jaxtyping import Bool, Float
 
 from motion_jax.data.clip import Caption, Clip
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.figure import Figure
 from motion_jax.motion.skeleton import HUMANML3D
 from motion_jax.robots.robot import SIDES, Robot, from_robot_axes
+from motion_jax.shapes import Bool, Float
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -7,13 +7,13 @@ import time
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Num
 
 from motion_jax.data.clip import Clip
 from motion_jax.motion import rotations as rot
 from motion_jax.robots.motion import RobotMotion
 from motion_jax.robots.robot import SIDES, SITE, Robot
 from motion_jax.robots.targets import Target, TargetStream, sizes_of, targets_of
+from motion_jax.shapes import Float, Num
 from motion_jax.utils.errors import InputError
 
 RATE = 50.0          # frames a second, the tick of most controllers

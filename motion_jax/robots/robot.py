@@ -13,12 +13,11 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Num
 
 from motion_jax.motion import rotations as rot
 from motion_jax.robots import description
 from motion_jax.robots.description import SIDES
-from motion_jax.shapes import Array
+from motion_jax.shapes import Array, Float, Num
 from motion_jax.utils.errors import InputError, reading
 from motion_jax.utils.install import pip_install
 from motion_jax.utils.numerals import named

@@ -6,7 +6,6 @@ stream and a whole clip give the same numbers.
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float, Num
 
 from motion_jax.data.clip import Clip
 from motion_jax.motion import rotations as rot
@@ -14,6 +13,7 @@ from motion_jax.motion.contacts import feet_stand
 from motion_jax.motion.retarget import bend, floor_height, knee_side, retarget
 from motion_jax.motion.skeleton import HUMANML3D, body_axes, bone_lengths
 from motion_jax.robots.robot import SIDES, Robot, to_robot_axes, turn_to_robot_axes
+from motion_jax.shapes import Bool, Float, Num
 
 DELAY = 0.4         # seconds that a target needs to see of what comes after it, at 20 frames a second in
 _BLEND = 0.12       # seconds in which a foot goes over to where it is held, and back

@@ -3,7 +3,8 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float
+
+from motion_jax.shapes import Bool, Float
 
 
 class Contrast(NamedTuple):

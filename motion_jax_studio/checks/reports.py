@@ -4,10 +4,10 @@ import warnings
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Num
 
 from motion_jax.analysis.events import find_events
 from motion_jax.analysis.signals import Body
+from motion_jax.shapes import Num
 from motion_jax_studio.checks.violations import events_of, number_of, violation
 from motion_jax_studio.language.path_shapes import KINDS
 from motion_jax_studio.language.requirements import Requirement

@@ -11,11 +11,11 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-from jaxtyping import Num
 
 from motion_jax.analysis.events import PUNCH, Event, feet_up, find_events, punch_speed
 from motion_jax.analysis.signals import JOINT, SIDES, Body
 from motion_jax.motion.skeleton import HUMANML3D
+from motion_jax.shapes import Num
 from motion_jax_studio.checks import posture_violations
 from motion_jax_studio.checks.path_violations import path_violation
 from motion_jax_studio.language.path_shapes import KINDS, PathShape

@@ -4,6 +4,7 @@ Nothing heavy is imported before a command runs, so that `--help` and a mistyped
 """
 import errno
 import gc
+import importlib
 import sys
 import warnings
 
@@ -11,10 +12,14 @@ import motion_jax
 from motion_jax.utils import progress, stopping
 from motion_jax.utils.errors import InputError
 from motion_jax.utils.numerals import shortened
-from motion_jax_studio.cli import blend, convert, data, evaluate, export, make, retrieve, robot, show, studio, train
 from motion_jax_studio.cli.parser import Parser
 from motion_jax_studio.cli.prompts import read_prompts, read_sequences
 
+# {command: its module}, in the order of --help.
+MODULES = {"generate": "make", "multi-prompt": "make", "extend": "make", "edit": "make", "blend": "blend",
+           "studio": "studio", "make": "studio", "render": "show", "models": "show", "rigs": "show", "data": "data",
+           "train": "train", "evaluate": "evaluate", "convert": "convert", "export": "export", "retrieve": "retrieve",
+           "retarget": "robot"}
 __all__ = ["main", "parse", "read_prompts", "read_sequences"]
 
 # Errors that a user can fix. Errors of libraries are translated where they occur (`errors.reading`); any other
@@ -44,7 +49,8 @@ def main(argv=None, command=None, program=None):
 
 def parse(argv=None, command=None, program=None):
   """The parsed arguments of `main`; mistakes in them end the program with one line."""
-  parser, argv = _parser(), list(sys.argv[1:] if argv is None else argv)
+  argv = list(sys.argv[1:] if argv is None else argv)
+  parser = _parser(command or next(iter(argv), None))
   if command is not None:
     parser = _commands_of(parser)[command]
     parser.prog = program
@@ -99,14 +105,15 @@ def _out_of_memory(error):
   return isinstance(error, MemoryError) or isinstance(error, RuntimeError) and "RESOURCE_EXHAUSTED" in str(error)
 
 
-def _parser():
+def _parser(command=None):
+  """The parser of a command, or of all where there is no such command."""
   parser = Parser(prog="motion-jax", description="Text-to-motion generation in JAX. Flags may be "
                   "written with dashes or underscores.")
   parser.add_argument("--version", action="version", version=f"motion-jax {motion_jax.__version__}",
                       help="print the version")
   commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-  for group in (make, blend, studio, show, data, train, evaluate, convert, export, retrieve, robot):
-    group.add_to(commands)
+  for module in dict.fromkeys([MODULES[command]] if command in MODULES else MODULES.values()):
+    importlib.import_module(f"motion_jax_studio.cli.{module}").add_to(commands)
   return parser
 
 

@@ -3,10 +3,10 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Num
 
 from motion_jax.motion.layering import put_on
 from motion_jax.motion.skeleton import Skeleton
+from motion_jax.shapes import Float, Num
 from motion_jax_studio.language import Action, Segment
 from motion_jax_studio.language.actions import held_pose
 from motion_jax_studio.planning.pauses import held_frame, insert_pause

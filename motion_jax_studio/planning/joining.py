@@ -6,11 +6,10 @@ other foot beside the one that has come down, and begins with such a step, time 
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Float, Num
 
 from motion_jax.motion.skeleton import HUMANML3D, Skeleton
 from motion_jax.motion.splicing import REACH, laid, landings, meeting, spliced, stepped
-from motion_jax.shapes import Array
+from motion_jax.shapes import Array, Float, Num
 
 SLACK = 48       # frames that a part should have beyond those that it is to fill, to be left and entered where it fits
 _AROUND = 14     # frames before and after where a part should end in which it may be left

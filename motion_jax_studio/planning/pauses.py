@@ -2,11 +2,11 @@
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Float, Num
 
 from motion_jax.motion.layering import turned_towards
 from motion_jax.motion.retarget import bend_leg
 from motion_jax.motion.skeleton import Skeleton
+from motion_jax.shapes import Float, Num
 
 _EASE = 8         # frames in which the body stops, and in which it continues
 _BEFORE, _BEHIND = 16, 8  # frames before and after the requested one in which the pause may begin

@@ -2,13 +2,13 @@
 import itertools
 
 import numpy as np
-from jaxtyping import Float
 
 from motion_jax.models.results import Motion
 from motion_jax.motion.layering import put_on
 from motion_jax.motion.reaching import bring_hands, distance_to_place
 from motion_jax.motion.skeleton import HUMANML3D
 from motion_jax.motion.smoothing import smoothstep
+from motion_jax.shapes import Float
 from motion_jax_studio.language import Plan
 from motion_jax_studio.language.hand_places import HandPlace, places_of
 from motion_jax_studio.posing.spans import bounds_of, rising

@@ -1,10 +1,10 @@
 """The trunk leans where a plan says so, in a sampled motion in which it does not."""
 import numpy as np
-from jaxtyping import Float
 
 from motion_jax.models.results import Motion
 from motion_jax.motion.leaning import lean, leans
 from motion_jax.motion.smoothing import gaussian_filter1d
+from motion_jax.shapes import Float
 from motion_jax_studio.language import Plan
 from motion_jax_studio.language.leaning import Lean
 from motion_jax_studio.posing.spans import bounds_of, rising

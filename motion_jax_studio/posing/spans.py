@@ -2,10 +2,10 @@
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Float
 
 from motion_jax.models.results import Motion
 from motion_jax.motion.smoothing import smoothstep
+from motion_jax.shapes import Float
 from motion_jax_studio.language import Segment
 
 _RISE, _FALL = 0.8, 0.7  # seconds in which a posture is taken, and goes over into the sampled motion

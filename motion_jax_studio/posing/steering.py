@@ -2,13 +2,13 @@
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Float
 
 from motion_jax.analysis.signals import Body
 from motion_jax.models.results import Motion
 from motion_jax.motion.root_paths import bent, course
 from motion_jax.motion.skeleton import HUMANML3D
 from motion_jax.motion.smoothing import smoothstep
+from motion_jax.shapes import Float
 from motion_jax_studio.language import Plan, Segment
 from motion_jax_studio.posing.spans import bounds_of
 

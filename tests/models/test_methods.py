@@ -130,6 +130,9 @@ def test_a_stream_is_the_motion_and_a_motion_is_continued(name, models):
   made, late, early = (model.extend(part, "a person jumps", seconds=2.0, seed=5).joints
                        for part in (clip, clip.cut(200, 600), clip.cut(0, 580)))
   np.testing.assert_array_equal(made[:600], clip.joints)
+  sampled, cleaned = model.extend(clip.cut(540, 600), "a person jumps", seconds=2.0, cleanup=True).meta["steps"]
+  assert (sampled["step"], cleaned["step"]) == ("sample", "cleanup") and cleaned["cm"] > 0
+  assert 60 <= cleaned["frames"][0][0] and cleaned["frames"][-1][-1] <= 100
   assert len(made) == 640 and np.isfinite(made).all()
   np.testing.assert_allclose(late[400:], made[600:], atol=2e-3)
   assert np.abs((early - early[579])[580:] - (made - made[599])[600:]).max() > 0.01

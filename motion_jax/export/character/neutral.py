@@ -6,11 +6,11 @@ character's mesh shows these parts at ease in its rest pose, so bones turn from 
 ease. A character of the motion's own skeleton (`is_own`) takes all as it is.
 """
 import numpy as np
-from jaxtyping import Float
 
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.contacts import feet_stand
 from motion_jax.motion.skeleton import HUMANML3D, SIDES
+from motion_jax.shapes import Float
 
 _OF = {name: number for number, name in enumerate(HUMANML3D.joints)}
 _SAME = 0.01            # metres by which offsets of the motion's own skeleton may differ

@@ -9,7 +9,6 @@ import dataclasses
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
 
 from motion_jax.export.character.figure import Figure
 from motion_jax.export.character.neutral import eased, is_own
@@ -19,6 +18,7 @@ from motion_jax.motion import rotations as rot
 from motion_jax.motion.pose import pose_to_joints
 from motion_jax.motion.retarget import bend_leg, firmness, floor_height, foot_move
 from motion_jax.motion.skeleton import HUMANML3D, SIDES
+from motion_jax.shapes import Float
 
 _LINES = {"shoulder": "elbow", "elbow": "wrist", "hip": "knee", "knee": "ankle"}  # the next joint of a limb
 _TURNS_WITH = {"wrist": "elbow", "foot": "ankle"}

@@ -223,6 +223,7 @@ class BlockModel(TextToMotionModel):
     """random: (keys, seeds); choices: further arguments of the method's `continue_motion`."""
     from motion_jax.models.results import captions_in_a_row, go_on
     from motion_jax.models.shared.known_motion import KnownMotion, at_rate, clip_of
+    from motion_jax.motion.step_records import record
     if isinstance(prompt, str):
       if num_frames is not None or seconds is not None:
         seconds = self.frames_of([prompt], num_frames, seconds)[0] / self.fps
@@ -235,6 +236,10 @@ class BlockModel(TextToMotionModel):
     prompts = [text for text, _ in segments]
     about |= dict(prompt=" | ".join(prompts), seed=seeds[0], cleanup=bool(cleanup))
     new = known.continued(joints, ends[-1], self.fps, cleanup)
+    if cleanup and not steps:
+      before = known.continued(joints, ends[-1], self.fps, False)
+      steps = [record("cleanup", "bone lengths restored, feet pinned", before, new, layout.skeleton,
+                      start=len(known.joints))]
     return go_on(self, clip, known.joints, new, captions_in_a_row(prompts, ends, self.fps), about, *steps)
 
   @arguments.checked

@@ -16,8 +16,6 @@ A further representation is a subclass of `Representation` and an entry of `LAYO
 `motion_jax.representations` in another package. It is used by name: `get_layout("full").to_joints(features)`, or
 `to_joints(features, "full")`.
 """
-from jaxtyping import Float, Num
-
 from motion_jax.motion.representations.babel import BABEL
 from motion_jax.motion.representations.base import MODES, Block, Representation
 from motion_jax.motion.representations.coordinates import COORDINATES, COORDINATES_KIT
@@ -26,7 +24,7 @@ from motion_jax.motion.representations.motionstreamer import MOTIONSTREAMER
 from motion_jax.motion.representations.snapmogen import SNAPMOGEN_148, SNAPMOGEN_296
 from motion_jax.motion.representations.steps import STEPS, STEPS_KIT
 from motion_jax.motion.rotations import A
-from motion_jax.shapes import Array
+from motion_jax.shapes import Array, Float, Num
 from motion_jax.utils.plugins import Registry
 
 LAYOUTS: Registry[Representation] = Registry("motion_jax.representations", {layout.name: layout for layout in (

@@ -16,7 +16,6 @@ yaw of an upright body only roughly (69 degrees for 90), so features depend on w
 yaw of the body's front.
 """
 import numpy as np
-from jaxtyping import Float, Num
 
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.inverse import relative, world_rotations
@@ -24,7 +23,7 @@ from motion_jax.motion.representations.base import ROTATION, Block, Representati
 from motion_jax.motion.representations.motionstreamer import matrix_from_rows, smpl_joints, to_rows
 from motion_jax.motion.rotations import A
 from motion_jax.motion.skeleton import SMPL
-from motion_jax.shapes import Array
+from motion_jax.shapes import Array, Float, Num
 
 # From the features' axes (z up, the first frame faces -x) to ours (y up, the first frame faces +z).
 _TO_OURS = np.array([[0.0, -1, 0], [0, 0, 1], [-1, 0, 0]])

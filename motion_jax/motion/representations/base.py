@@ -5,12 +5,11 @@ from collections.abc import Sequence
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Num
 
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.rotations import A
 from motion_jax.motion.skeleton import Skeleton
-from motion_jax.shapes import Array
+from motion_jax.shapes import Array, Float, Num
 from motion_jax.utils.lazy import is_jax, jnp
 
 MODES = ("benchmark", "corrected")

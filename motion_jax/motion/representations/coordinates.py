@@ -7,12 +7,12 @@ import dataclasses
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Num
 
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.representations.base import VECTOR, Block, Representation
 from motion_jax.motion.representations.humanml3d import FULL, FULL_KIT, HumanML3D
 from motion_jax.motion.rotations import A
+from motion_jax.shapes import Float, Num
 from motion_jax.utils.lazy import is_jax
 
 

@@ -24,7 +24,6 @@ Two modes make full features from joints:
   by the wrapped angle, an arm's first rotation relative to the spine. Joints come back exactly.
 """
 import numpy as np
-from jaxtyping import Float, Num
 
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.representations import base
@@ -32,7 +31,7 @@ from motion_jax.motion.representations.base import GROUND, ROTATION, VECTOR, Blo
 from motion_jax.motion.retarget import retarget, with_lengths
 from motion_jax.motion.rotations import A
 from motion_jax.motion.skeleton import HUMANML3D, KIT, Skeleton, bone_lengths, facing
-from motion_jax.shapes import Array
+from motion_jax.shapes import Array, Float, Num
 from motion_jax.utils.lazy import is_jax, jnp
 
 _AHEAD = np.array([0.0, 0.0, 1.0])

@@ -13,14 +13,13 @@ Rotations are the first two ROWS of their matrix (HumanML3D's are columns). The 
 not of hips and shoulders. Nothing is lost: a row looks back, so T frames make T rows, and joints come back exactly.
 """
 import numpy as np
-from jaxtyping import Float, Num
 
 from motion_jax.motion import inverse
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.representations.base import GROUND, ROTATION, VECTOR, Block, Representation, join_rows
 from motion_jax.motion.rotations import A
 from motion_jax.motion.skeleton import SMPL
-from motion_jax.shapes import Array
+from motion_jax.shapes import Array, Float, Num
 from motion_jax.utils.lazy import is_jax, jax, jnp
 
 

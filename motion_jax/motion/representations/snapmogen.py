@@ -20,7 +20,6 @@ smoothing of the heading, which there depends a little on where the source faces
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Num
 
 from motion_jax.motion import inverse
 from motion_jax.motion import rotations as rot
@@ -28,7 +27,7 @@ from motion_jax.motion.representations.base import GROUND, ROTATION, VECTOR, Blo
 from motion_jax.motion.rotations import A
 from motion_jax.motion.skeleton import SNAPMOGEN
 from motion_jax.motion.smoothing import gaussian
-from motion_jax.shapes import Array
+from motion_jax.shapes import Array, Float, Num
 
 _SMOOTH = 5.0                       # sigma of the heading, frames
 _STAND_HEIGHT = np.array([9.0, 4.0])  # centimetres under which ankle and toes can stand

@@ -12,7 +12,6 @@ pelvis of frame 0 over the origin.
 from functools import partial
 
 import numpy as np
-from jaxtyping import Num
 
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.contacts import feet_stand
@@ -20,6 +19,7 @@ from motion_jax.motion.representations.base import VECTOR, Block
 from motion_jax.motion.representations.coordinates import Coordinates
 from motion_jax.motion.representations.humanml3d import FULL, FULL_KIT
 from motion_jax.motion.rotations import A
+from motion_jax.shapes import Num
 from motion_jax.utils.lazy import jax
 
 _GROUND = np.array([1.0, 0.0, 1.0])

@@ -29,6 +29,15 @@ def _options(parser):
 FLAGS = [found for found in _options(cli._parser()) if found[1] not in ("-h", "--help")]
 
 
+def test_each_command_is_read_by_its_module_alone(capsys):
+  assert [*cli._commands_of(cli._parser())] == [*cli.MODULES]
+  for command, module in cli.MODULES.items():
+    assert [*cli._commands_of(cli._parser(command))] == [name for name in cli.MODULES if cli.MODULES[name] == module]
+  with pytest.raises(SystemExit):
+    cli.parse(["generat", "x"])
+  assert "did you mean generate" in capsys.readouterr().err
+
+
 def test_flags_are_words_joined_by_dashes_and_have_a_help_text():
   assert len(FLAGS) > 100
   strange = [(prog, option) for prog, option, _ in FLAGS if not re.fullmatch(r"--[a-z]+(-[a-z]+)*", option)]
