@@ -195,7 +195,7 @@ class TextItems:
     weights = np.ones(len(self)) if self.weights is None else np.asarray(self.weights)[self.kept]
     shares = np.array([weights[self.bucket_of == b].sum() for b in range(len(self.lengths))])
     inside = [np.flatnonzero(self.bucket_of == b) for b in range(len(self.lengths))]
-    return shares / shares.sum(), [(own, _upto(weights[own] / shares[b])) for b, own in enumerate(inside)]
+    return shares / shares.sum(), [(items, _upto(weights[items] / shares[b])) for b, items in enumerate(inside)]
 
   def draw(self, batch_size, seed, step):
     """Draws the clips of a batch, the cut and the caption of each."""

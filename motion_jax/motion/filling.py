@@ -123,22 +123,22 @@ def _between(body, left, right, skeleton, fps):
     return _continued(body, left, skeleton, fps)
   if left is None:
     return _continued(body[::-1], right, skeleton, fps)[::-1]
-  one, other = laid(body, left.at), laid(body, right.at)
+  start, end = laid(body, left.at), laid(body, right.at)
   turn = (right.at.yaw - left.at.yaw + np.pi) % (2 * np.pi) - np.pi
   # Spread the turn over the frames in which the body moves; a difference that exceeds its path, over all frames.
-  off = np.linalg.norm((_ground(other) - _ground(one))[len(body) // 2])
+  off = np.linalg.norm((_ground(end) - _ground(start))[len(body) // 2])
   pause = max(_PAUSE / skeleton.unit, off / len(body))
   travel = np.linalg.norm(np.diff(body[:, 0, [0, 2]], axis=0), axis=-1) + pause
   travel = np.pad(travel, 1, mode="edge") if len(travel) else np.ones(2)
   share = np.cumsum(travel)[:-1] / travel.sum()
   share = (share * share * (3 - 2 * share))[:, None]
   pose = np.empty_like(body)
-  for i, frame in enumerate(one - _ground(one)[:, None]):
+  for i, frame in enumerate(start - _ground(start)[:, None]):
     pose[i] = laid(frame[None], Meeting(0.0, turn * share[i, 0], np.zeros(2), np.zeros(2)))[0]
   count, most = len(body), -(-len(body) // 2)  # both offsets have faded in the middle
   pose += _offsets(left, count, skeleton, fps, most) + _offsets(right, count, skeleton, fps, most)[::-1]
-  ahead = _ground(one) + _detour(left, count, fps, most)
-  back = _ground(other) + _detour(right, count, fps, most)[::-1]
+  ahead = _ground(start) + _detour(left, count, fps, most)
+  back = _ground(end) + _detour(right, count, fps, most)[::-1]
   return pose + ((1 - share) * ahead + share * back)[:, None]
 
 
