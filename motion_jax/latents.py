@@ -1,8 +1,8 @@
-"""Tokenizers as what is built on them uses them: a codec turns features into latents and back.
+"""Codecs: trained tokenizers, which encode features to scaled latents and decode them.
 
-A codec holds a network, its parameters and the scale of its latents as one pytree, whose network is static: it goes
-through jit, grad and pmap as any array does. Latents are those that a generator knows: `(z - mean) / std` of what the
-encoder gives. In files a codec is `tokenizer`, `latent_mean` and `latent_std` (`parts`).
+A codec is one pytree of a network, which is static, its parameters and the scale of its latents; it can be an argument
+of jit, grad and pmap. Latents are scaled, `(z - mean) / std` of the encoder's output z, as generators use them. In
+files a codec is `tokenizer`, `latent_mean` and `latent_std` (`parts`).
 """
 import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
@@ -18,15 +18,15 @@ from motion_jax import quant
 from motion_jax.nets.causal_vae import sample_latent
 from motion_jax.shapes import Array
 
-TOKENIZER, MEAN, STD = "tokenizer", "latent_mean", "latent_std"  # the names of its parts in a file
-SAMPLED = TOKENIZER, "residual"  # the networks in such a file that every sampled motion passes through
+TOKENIZER, MEAN, STD = "tokenizer", "latent_mean", "latent_std"  # names of a codec's parts in a file
+SAMPLED = TOKENIZER, "residual"  # networks in such a file that every sampled motion passes through
 
 
 @flax.struct.dataclass
 class LatentCodec:
   """A trained tokenizer: features (B, T, F), normalized, <-> latents (B, L, C), T = L * frames_per_latent.
 
-  net: the module, static; params: its variables; mean, std (C,): of the latents, 0 and 1 where they are not scaled.
+  net: the module, static; params: its variables; mean, std (C,): of unscaled latents; 0 and 1: no scaling.
   """
   net: Any = flax.struct.field(pytree_node=False)
   params: Any
@@ -35,12 +35,12 @@ class LatentCodec:
 
   @classmethod
   def of(cls, net: Any, parts: Mapping[str, Any]) -> Self:
-    """The codec whose `parts` these are, or that stand among others in what a generator was trained on."""
+    """The codec with these `parts`, which may be among others, as in a generator's file."""
     return cls(net, parts[TOKENIZER], parts[MEAN], parts[STD])
 
   @property
   def parts(self) -> dict:
-    """What a run folder keeps of it, by the names in the file."""
+    """The arrays that a run folder saves, by their names in the file."""
     return {TOKENIZER: self.params, MEAN: self.mean, STD: self.std}
 
   @property
@@ -48,7 +48,7 @@ class LatentCodec:
     return self.net.frames_per_latent
 
   def unscaled(self) -> Self:
-    """The same codec with the encoder's own latents."""
+    """The same codec without scaling of latents."""
     shape = (self.net.latent_dim,)
     return dataclasses.replace(self, mean=np.zeros(shape, np.float32), std=np.ones(shape, np.float32))
 
@@ -59,12 +59,12 @@ class LatentCodec:
     return latents * self.std + self.mean
 
   def real_frames(self, real_mask: Bool[Array, "b l"]) -> Bool[Array, "b t"]:
-    """(B, T) of a mask of latents (B, L)."""
+    """The mask of frames (B, T) from one of latents (B, L)."""
     return jnp.repeat(real_mask, self.frames_per_latent, axis=1)
 
   def _clips(self, features: Sequence[np.ndarray], num_clips: int, length: int
              ) -> Iterator[tuple[Float[np.ndarray, "1 {length} f"], int]]:
-    """Some clips of features, a list of (T, F), padded with zeros: ((1, length, F), whole latents) of each."""
+    """A subset of clips (T, F), padded with zeros to one length -> (clip (1, length, F), its whole latents) each."""
     for i in np.linspace(0, len(features) - 1, min(num_clips, len(features))).astype(int):
       clip = features[i][:length]
       padded = np.zeros((1, length, clip.shape[-1]), np.float32)
@@ -74,17 +74,17 @@ class LatentCodec:
 
 @flax.struct.dataclass
 class VaeCodec(LatentCodec):
-  """Of a variational autoencoder that looks back only (`nets.causal_vae`): its encoder gives a distribution."""
+  """Codec of a causal variational autoencoder (`nets.causal_vae`), whose encoder gives a distribution."""
 
   def _distribution(self, features: Float[Array, "b t f"]) -> tuple[Float[Array, "b l c"], Float[Array, "b l c"]]:
     return self.net.apply(self.params, features, method="encode")
 
   def distribution(self, features: Float[Array, "b t f"]) -> Float[Array, "b l k"]:
-    """Mean and logarithm of the variance of the encoder's own latents, side by side (B, L, 2 C)."""
+    """Mean and log-variance of the unscaled latents, concatenated (B, L, 2 C)."""
     return jnp.concatenate(self._distribution(features), axis=-1)
 
   def drawn(self, distribution: Float[Array, "b l k"], keys: jax.Array | None = None) -> Float[Array, "b l c"]:
-    """Latents of what `distribution` gives: drawn by keys (B,), one per clip, or without keys the means."""
+    """Scaled latents from the result of `distribution`: drawn by keys (B,), one per clip, or without keys the means."""
     mean, logvar = jnp.split(distribution, 2, axis=-1)
     return self.scale(mean if keys is None else self._of(mean, logvar, keys))
 
@@ -108,15 +108,15 @@ class VaeCodec(LatentCodec):
     return self.net.apply(self.params, self.unscale(latents), method="decode")
 
   def init_decode_state(self, batch_size: int) -> Any:
-    """What the decoder remembers of a stream of latents that has not begun."""
+    """The decoder's state before the first latents of a stream."""
     return self.net.apply(self.params, batch_size, method="init_decode_state")
 
   def decode_step(self, latents: Float[Array, "b l c"], state: Any) -> tuple[Float[Array, "b t f"], Any]:
-    """(features, state) of the next latents of a stream: those that `decode` gives of all latents at once."""
+    """(features, state) of the next latents of a stream; the features are those that `decode` gives for the whole."""
     return self.net.apply(self.params, self.unscale(latents), state, method="decode_step")
 
   def reconstruct(self, features: Float[Array, "b t f"], keys: jax.Array | None = None) -> Float[Array, "b t f"]:
-    """Features there and back, by the means or, with keys (B,), by latents that are drawn."""
+    """Reconstructs features from the means or, with keys (B,), from latents that are drawn."""
     z = self._distribution(features)[0] if keys is None else self._draw(features, keys)
     return self.net.apply(self.params, z, method="decode")
 
@@ -135,9 +135,9 @@ class VaeCodec(LatentCodec):
 
 @flax.struct.dataclass
 class AutoencoderCodec(LatentCodec):
-  """Codec of a deterministic autoencoder that sees both directions (`nets.autoencoder`); it needs the ends of clips.
+  """Codec of a deterministic, non-causal autoencoder (`nets.autoencoder`), which needs to know where clips end.
 
-  real_mask (B, L): the latents that are no padding.
+  real_mask (B, L): True for latents that are not padding.
   """
 
   def encode(self, features: Float[Array, "b t f"], real_mask: Bool[Array, "b l"]) -> Float[Array, "b l c"]:
@@ -150,7 +150,7 @@ class AutoencoderCodec(LatentCodec):
 
   def reconstruct(self, features: Float[Array, "b t f"], frame_mask: Bool[Array, "b t"], real_mask: Bool[Array, "b l"]
                   ) -> Float[Array, "b t f"]:
-    """Features there and back; frame_mask (B, T): the frames that are no padding."""
+    """Reconstructs features; frame_mask (B, T): True for frames that are not padding."""
     z = self.net.apply(self.params, features, real_mask=frame_mask, method="encode")
     return self.net.apply(self.params, z, real_mask=real_mask, method="decode")
 
@@ -167,7 +167,7 @@ class AutoencoderCodec(LatentCodec):
 
 @flax.struct.dataclass
 class RvqCodec(LatentCodec):
-  """Of an RVQ-VAE: an autoencoder whose latents are codes of residual levels. params: {"params", "codebooks"}."""
+  """Codec of an RVQ-VAE, whose latents are residually quantized. params: {"params", "codebooks"}."""
 
   @property
   def _codes(self) -> Float[Array, "q k c"]:
@@ -186,5 +186,5 @@ class RvqCodec(LatentCodec):
 
   def reconstruct(self, features: Float[Array, "b t f"], frame_mask: Bool[Array, "b t"] | None = None
                   ) -> Float[Array, "b t f"]:
-    """Features there and back through their codes."""
+    """Reconstructs features from their codes."""
     return self.decode(self.encode(features, frame_mask)[0])

@@ -1,4 +1,4 @@
-"""Analysis of joints: what a motion shows, as events (walk, turn, kick, ...), signals and sentences."""
+"""Analysis of joints: events (walk, turn, kick, ...), signals, and sentences about them."""
 import lazy_loader
 
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

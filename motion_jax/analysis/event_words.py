@@ -1,12 +1,11 @@
-"""Events of a motion in words: verb phrases with side, count, pace and degrees, in several choices of words.
+"""Sentences about the events of a motion: verb phrases with side, count, pace and degrees, in several wordings.
 
-Sides are said so that `data.mirror.mirror_caption` exchanges them: the sentence of a mirrored motion is the mirrored
-sentence.
+The sentence of a mirrored motion is the mirrored sentence (`data.mirror.mirror_caption`).
 """
 from motion_jax.text.captions import SUBJECTS
 
-# Usual pace of an action, medians over the labelled archives (docs/captions.md): walk and run metres a second, by
-# where they lead, waves to and fro a second. Below 0.75 of it is slow, above 1.3 quick.
+# Usual pace of an action, medians over the labelled archives (docs/captions.md): walk and run in metres a second, by
+# direction, waves in cycles a second. Below 0.75 of it is slow, above 1.3 quick.
 USUAL = {"walk forward": 1.15, "walk backward": 0.70, "walk forward-left": 0.97, "walk forward-right": 0.97,
          "run forward": 2.75, "wave": 1.5}
 SLOWLY, QUICKLY = 0.75, 1.3
@@ -17,7 +16,7 @@ _DEGREES = ((45, 12), (90, 20), (180, 20), (270, 20), (360, 20))
 
 
 def sentence(events, seconds, variant, subject=""):
-  """One sentence in the variant-th choice of words, "" for no event; subject: who moves, in other words than these."""
+  """One sentence in the variant-th wording, "" for no event; subject: replaces "a person" and the like."""
   moving = [event for event in events if event.kind != "still"]
   phrases = []
   for index, event in enumerate(moving):
@@ -28,7 +27,7 @@ def sentence(events, seconds, variant, subject=""):
       phrases.append(phrase)
   if not phrases and any(event.kind == "still" and event.end - event.start > 0.8 * seconds for event in events):
     phrases = [_pick(variant, "stands still", "is standing still", "stands in place and does not move")]
-  elif not 1 <= len(phrases) <= 3:  # more than that is no sentence
+  elif not 1 <= len(phrases) <= 3:  # more are too many for a sentence
     return ""
   elif moving:
     begin, end = min(event.start for event in moving), max(event.end for event in moving)
@@ -52,22 +51,22 @@ def _pick(variant, *choices):
   return choices[variant % len(choices)]
 
 
-def _same(one, other):
-  return one.kind == other.kind and one[3:5] == other[3:5] and one[6:] == other[6:]
+def _same(event, other):
+  return event.kind == other.kind and event[3:5] == other[3:5] and event[6:] == other[6:]
 
 
 def _phrase(event, others, variant):
-  """The verb phrase of an event, or "" where another one says it already."""
+  """The verb phrase of an event, or "" if that of another event includes it."""
   return _PHRASES[event.kind](event, others, variant)
 
 
 def usual_pace(event):
-  """The usual pace of an event's kind, None where none is known."""
+  """The usual pace of an event's kind, None if unknown."""
   return USUAL.get(event.kind) or USUAL.get(f"{event.kind} {event.way}")
 
 
 def pace(event):
-  """How an event goes against the usual pace of its kind: "slowly", "quickly" or "" for as usual or not known."""
+  """The pace of an event relative to its kind: "slowly", "quickly", or "" for usual or unknown."""
   usual = usual_pace(event)
   if not usual or not event.amount:
     return ""
@@ -132,14 +131,14 @@ def _punch(event, others, variant):
                "throws punches with both hands")
 
 
-def _blow(event, variant, limb, several, does, one, both):
-  """Kicks or punches, several of which are also the verb; both: what is said where both limbs act more than twice."""
+def _blow(event, variant, limb, several, does, single, both):
+  """Kicks or punches. several: plural and verb; single: "a kick"; both: phrase for over two blows of both limbs."""
   if event.side == "both":
     return f"{several} with one {limb} and then the other" if event.count == 2 else both
   if variant % 3 == 2 and event.count:
     number = _NUMBER.get(event.count)
-    return f"{does} {f'{number} {several}' if number else one} with the {event.side} {limb}"
-  if event.count == 1 and one == "a punch" and (other := variant // 3 % 4):
+    return f"{does} {f'{number} {several}' if number else single} with the {event.side} {limb}"
+  if event.count == 1 and single == "a punch" and (other := variant // 3 % 4):
     return (f"{does} a {event.side} punch", f"strikes with the {event.side} {limb}",
             f"jabs with the {event.side} {limb}")[other - 1]
   return _spaced(several, TIMES.get(event.count, ""), f"with the {event.side} {limb}")

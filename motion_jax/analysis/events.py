@@ -1,6 +1,6 @@
-"""What a motion does, measured on its joints: walks, turns, kicks, raised and waving hands, jumps, squats, rests.
+"""Detect events in joints: walks, turns, kicks, raised and waving hands, jumps, squats, rests.
 
-Every rule has a zone of doubt in which it finds nothing. Thresholds are metres, seconds and degrees of an adult,
+Every rule has a zone of doubt in which it detects nothing. Thresholds are metres, seconds and degrees of an adult,
 calibrated on labelled clips (docs/captions.md). numpy, whole clips of HumanML3D's 22 joints.
 """
 from typing import NamedTuple
@@ -13,20 +13,18 @@ from motion_jax.motion.smoothing import find_peaks
 from motion_jax.shapes import Array, Num
 
 _G = 9.81
-PUNCH = 2.2  # metres a second of a fist
-_RISE = 1.5  # seconds in which a hand comes up from below to over its shoulder
-LONG = 0.4  # metres that the pelvis moves while both feet of a single long jump are in the air
+PUNCH = 2.2  # metres a second: least speed of a fist
+_RISE = 1.5  # seconds: longest rise of a hand to above its shoulder
+LONG = 0.4  # metres: least travel of the pelvis in the flight of a long jump
 
 
 class Event(NamedTuple):
-  """Something that is done between two seconds of a motion.
+  """An action or state between two times of a motion, seconds.
 
-  side: left, right, both or "". count: how often, 0 where that is in doubt. amount: metres a second of walk and run,
-  degrees to the left of turn, metres of jump and raise, degrees of knee or trunk of squat and bow, times a second of
-  wave; else 0.
-  way: where a walk leads (forward, backward, left, right, forward-left, ...), where a jump does, or "".
-  path: of a walk, straight, curve, circle, u-turn, zigzag or ""; of a single jump forward, long if it is one
-  (`LONG`).
+  side: left, right, both or "". count: repetitions, 0 if uncertain. amount: speed of walk and run, metres a second;
+  degrees to the left of turn; metres of jump and raise; degrees of knee or trunk of squat and bow; cycles a second of
+  wave; else 0. way: direction of a walk (forward, backward, left, right, forward-left, ...) or jump, or "". path: of a
+  walk: straight, curve, circle, u-turn, zigzag or ""; of a single jump forward: "long" beyond `LONG`.
   """
   kind: str
   start: float
@@ -39,27 +37,26 @@ class Event(NamedTuple):
 
 
 def find_events(joints: Num[Array, "t 22 3"], fps: float = 20.0) -> list[Event]:
-  """The events of joints (T, 22, 3), metres, y up, in the order of their beginnings. Less than half a second has none.
-  """
+  """Detects the events of joints (T, 22, 3), metres, y up, sorted by start; none in less than half a second."""
   if len(joints) < max(0.5 * fps, 4):
     return []
   body = Body(np.asarray(joints, np.float64), fps)
-  found = [event for rule in (_locomotion, _turns, _kicks, _hands, _punches, _arm_circles, _jumps, _squats, _bows,
+  events = [event for rule in (_locomotion, _turns, _kicks, _hands, _punches, _arm_circles, _jumps, _squats, _bows,
                               _floor_reaches, _lies, _rests) for event in rule(body)]
-  # Knees bend before a jump, and on the way to the ground: that is no squat. Who squats often may spring up between.
-  squats = sum(event.count for event in found if event.kind == "squat")
+  # Knees that bend before a jump or on the way to the ground are no squat. Several squats may have small jumps between.
+  squats = sum(event.count for event in events if event.kind == "squat")
   if squats > 1:
-    found = [event for event in found if event.kind != "jump" or event.count > 1 or event.amount > 0.2]
-  others = [event for event in found if event.kind in ("jump", "hop", "reach-floor", "lie-down", "bow", "kick")]
-  found = [event for event in found if event.kind != "squat" or not any(
+    events = [event for event in events if event.kind != "jump" or event.count > 1 or event.amount > 0.2]
+  others = [event for event in events if event.kind in ("jump", "hop", "reach-floor", "lie-down", "bow", "kick")]
+  events = [event for event in events if event.kind != "squat" or not any(
       other.start - 0.8 < event.end and event.start < other.end + 0.8 for other in others)]
-  # An arm that is raised before the body and lowered beside it has gone round, too.
-  hands = {event.side for event in found if event.kind in ("raise", "wave")}
-  found = [event for event in found if event.kind != "arm-circle" or not hands or event.side == "both" == max(hands)]
-  return sorted(found, key=lambda event: (event.start, event.end, event.kind, event.side))
+  # An arm raised in front of the body and lowered at its side describes a circle, too.
+  hands = {event.side for event in events if event.kind in ("raise", "wave")}
+  events = [event for event in events if event.kind != "arm-circle" or not hands or event.side == "both" == max(hands)]
+  return sorted(events, key=lambda event: (event.start, event.end, event.kind, event.side))
 
 
-# --- where the body goes ---------------------------------------------------------------------------------------------
+# --- locomotion ------------------------------------------------------------------------------------------------------
 
 _WAYS = (("forward", 0, 15), ("forward-{}", 20, 60), ("{}", 67, 113), ("backward-{}", 120, 148), ("backward", 155, 180))
 
@@ -84,7 +81,7 @@ def _locomotion(body):
 
 
 def _way(body, first, past):
-  """Where a walk leads as the body sees it, "" in doubt or where that changes."""
+  """Direction of a walk relative to the body, "" if uncertain or changing."""
   step = np.gradient(body.path, axis=0)[first:past]
   moving = body.speed[first:past] > 0.3
   angle = np.arctan2(step[:, 0], step[:, 1]) - body.heading[first:past]
@@ -97,7 +94,7 @@ def _way(body, first, past):
 
 
 def _shape(path, length):
-  """The shape of a way over the ground, path (N, 2)."""
+  """The shape of a path over the ground (N, 2)."""
   course = course_of(path)
   turned = course - course[0]
   chord = np.linalg.norm(path[-1] - path[0]) / length
@@ -116,7 +113,7 @@ def _shape(path, length):
 
 
 def _turns(body):
-  """Turns of the heading, to the left positive, rounded to what people say where it is near that."""
+  """Turns of the heading, positive to the left, of at least 35 degrees."""
   rate = np.degrees(np.gradient(body.heading)) * body.fps
   for sign in (1, -1):
     for first, past in body.spans(sign * rate > 15, least=0.3, gap=0.3):
@@ -129,7 +126,7 @@ def _turns(body):
 
 
 def _kicks(body):
-  """A fast foot that goes high on a stretched leg while the other stands."""
+  """Kicks: a fast, high foot on a stretched leg while the other foot stands."""
   height = body.joints[:, PAIR["foot"], 1]
   peaks = []
   for side in (0, 1):
@@ -145,16 +142,16 @@ def _kicks(body):
 
 
 def feet_up(body: "Body") -> int:
-  """How often a foot goes 0.4 m over the other one while the body stays about where it is: kicks, and what looks much
-  like one though it is slow or the leg stays bent."""
+  """Number of times that a foot rises 0.4 m above the other one while the body stays in place: kicks, and kick-like
+  movements that are slow or with a bent leg."""
   height, near = body.joints[:, PAIR["foot"], 1], int(0.4 * body.fps)
-  found = [peak for side in (0, 1) for peak in find_peaks(
+  peaks = [peak for side in (0, 1) for peak in find_peaks(
       height[:, side] - height[:, 1 - side], height=0.4, distance=max(near, 1), prominence=0.25)]
-  return sum(bool(np.median(body.speed[max(0, peak - near):peak + near + 1]) < 1.5) for peak in found)
+  return sum(bool(np.median(body.speed[max(0, peak - near):peak + near + 1]) < 1.5) for peak in peaks)
 
 
 def _jumps(body):
-  """Flights of both feet at once: jumps; on one leg: hops."""
+  """Flights: jumps from both feet, hops on one leg."""
   flights = []
   usual = np.median(body.pelvis)
   for first, past in body.spans(body.air > 0.05, least=0.1):
@@ -167,19 +164,19 @@ def _jumps(body):
     spread = np.linalg.norm((apart[:, 0] - apart[:, 1])[:, [0, 2]], axis=-1).max()
     uneven = np.abs(apart[:, 0, 1] - apart[:, 1, 1]).max()
     lifted = body.joints[:, PAIR["foot"], 1] - body.floor > 0.12
-    one = [side for side in (0, 1) if whole and min(lifted[near, 1 - side].mean() for near in (before, after)) > 0.6]
+    legs = [side for side in (0, 1) if whole and min(lifted[near, 1 - side].mean() for near in (before, after)) > 0.6]
     moved = np.linalg.norm(body.joints[past - 1, 0, [0, 2]] - body.joints[first, 0, [0, 2]])
     seconds = (past - first) / body.fps
     height = float(rise) if abs(rise - _G * seconds ** 2 / 8) < 0.35 * rise + 0.03 else 0.0
-    if one:
-      flights.append((first, past, "hop", SIDES[one[0]], height, moved, whole))
+    if legs:
+      flights.append((first, past, "hop", SIDES[legs[0]], height, moved, whole))
     elif uneven < 0.25 and spread < 0.6 and rise > 0.08:
       flights.append((first, past, "jump", "", height, moved, whole))
   for kind, side in sorted({flight[2:4] for flight in flights}):
-    own = [flight for flight in flights if flight[2:4] == (kind, side)]
-    for group in _near(own, 2.5 * body.fps):
+    same_kind = [flight for flight in flights if flight[2:4] == (kind, side)]
+    for group in _near(same_kind, 2.5 * body.fps):
       first, past = group[0][0], group[-1][1]
-      count = len(group) * all(flight[6] for flight in group)  # a flight that the clip cuts off may be half of one
+      count = len(group) * all(flight[6] for flight in group)  # uncertain if the clip cuts off a flight
       if not any(flight[6] for flight in group):
         continue
       moved = np.mean([flight[5] for flight in group]) > 0.3
@@ -191,7 +188,7 @@ def _jumps(body):
 
 
 def _squats(body):
-  """Both knees bent, the trunk fairly upright, feet on the ground, and up again."""
+  """Squats: both knees bend and stretch again, the trunk fairly upright, feet on the ground."""
   bent = body.knees.max(1)
   low = (bent < 105) & (body.trunk < 55) & (body.air < 0.15) & (body.pelvis > 0.2)
   down = []
@@ -210,7 +207,7 @@ def _squats(body):
 
 
 def _bows(body):
-  """The trunk bent forward over straight knees, hands off the ground."""
+  """Bows: the trunk bends forward over straight knees, hands off the ground."""
   ahead = np.stack([np.sin(body.heading), 0 * body.heading, np.cos(body.heading)], -1)
   forward = ((body.joints[:, JOINT["neck"]] - body.joints[:, 0]) * ahead).sum(-1) > 0
   hands = body.joints[:, PAIR["wrist"], 1].min(1) - body.floor
@@ -223,7 +220,7 @@ def _bows(body):
 
 
 def _floor_reaches(body):
-  """A hand that goes to the ground and comes up again, of a body that stands on its feet."""
+  """Reaches to the floor: a hand moves to the ground and up again while the body stands on its feet."""
   hands = body.joints[:, PAIR["wrist"], 1] - body.floor
   for first, past in body.spans(hands.min(1) < 0.3, least=0.1, gap=0.4):
     lowest = hands[first:past].min(0)
@@ -244,10 +241,10 @@ def _lies(body):
 
 
 def _hands(body):
-  """Hands over the shoulders, and what they do there: wave, or stay there after they have come up from below.
+  """Raised and waving hands: above the shoulders, after rising from below.
 
-  A hand that is up, or on its way up, when the motion begins may wave; it is not raised. One that has been near its
-  shoulder for longer counts for neither.
+  A hand that is up, or rising, at the beginning of the motion may wave, but is not raised. One that has been near its
+  shoulder for longer does neither.
   """
   over = body.local("wrist", "shoulder")[..., 1]
   raised = majority(over > 0.0, body.fps)
@@ -266,9 +263,9 @@ def _hands(body):
     named = "both" if together else SIDES[side]
     hangs = (over[:, 1 - side] < -0.2) & (first <= frames) & (frames < past)
     whole = together or hangs.sum() == past - first
-    if not whole:  # a wave counts from where the other hand has been lowered
+    if not whole:  # a wave of one hand counts only while the other hand is lowered
       first, past = max(body.spans(hangs, least=1.0, gap=0.0), key=np.ptp, default=(0, 0))
-    swings = [_swings(body, first, past, one) for one in ((0, 1) if named == "both" else (side,))]
+    swings = [_swings(body, first, past, each) for each in ((0, 1) if named == "both" else (side,))]
     if all(count >= 3 for count, _, _ in swings):
       sure = len({count for count, _, _ in swings}) == 1 and all(sure for _, sure, _ in swings)
       yield _event(body, "wave", first, past, side=named, count=swings[0][0] if sure else 0,
@@ -278,7 +275,7 @@ def _hands(body):
 
 
 def _punches(body):
-  """A fist that shoots out from a bent arm, level and ahead, to an arm that is nearly stretched, and comes back."""
+  """Punches: a fast fist, level and ahead, from a bent arm to a nearly stretched one, and back."""
   line, reach, fast, there = _fists(body)
   frames = lambda seconds: max(1, int(seconds * body.fps))
   peaks = []
@@ -295,8 +292,8 @@ def _punches(body):
 
 
 def _fists(body):
-  """Of both fists, (T, 2): the line from the shoulder (T, 2, 3), its length, the speed against the pelvis where the arm
-  stretches (0 where it does not), and whether the arm is nearly stretched, level and ahead."""
+  """Signals of both fists: vector from the shoulder (T, 2, 3); of shape (T, 2) its length, the speed relative to the
+  pelvis while the arm stretches (else 0), and whether the arm is nearly stretched, level and ahead."""
   line = body.local("wrist", "shoulder")
   reach = np.linalg.norm(line, axis=-1)
   out = np.gradient(body.smooth(reach, 0.05), axis=0) * body.fps
@@ -306,8 +303,8 @@ def _fists(body):
 
 
 def punch_speed(body: "Body", side: str = "") -> float:
-  """How fast, in metres a second, a fist of that side (left, right or, "", either) moves towards where a punch
-  ends, whether it is a punch or not; 0 where it never gets there."""
+  """Largest speed, metres a second, of a fist of a side ("left", "right", "": either) before it reaches the end pose of
+  a punch, whether or not it is one; 0 if it never does."""
   if body.num < 4:
     return 0.0
   _, _, fast, there = _fists(body)
@@ -318,9 +315,9 @@ def punch_speed(body: "Body", side: str = "") -> float:
 
 
 def _swings(body, first, past, side):
-  """(how often the hand swings to and fro, whether that is sure, swings a second) of a raised hand."""
+  """(number of swings, whether it is certain, swings per second) of a raised hand."""
   line = body.local("wrist", "shoulder")[first:past, side]
-  edge = int(0.25 * body.fps)  # on its way up and down a hand does not wave
+  edge = int(0.25 * body.fps)  # a hand does not wave while it rises and falls
   line = line[edge:-edge] if len(line) > 4 * edge else line[:0]
   if len(line) < 4:
     return 0, False, 0.0
@@ -341,7 +338,7 @@ def _swings(body, first, past, side):
 
 
 def _period(wave):
-  """Frames after which a signal is most like itself, by autocorrelation; 0 where nothing repeats."""
+  """Period of a signal in frames, by autocorrelation; 0 if there is none."""
   wave = wave - wave.mean()
   same = np.correlate(wave, wave, mode="full")[len(wave) - 1:] / np.arange(len(wave), 0, -1)
   peaks = find_peaks(same[:max(4, int(0.7 * len(wave)))])
@@ -349,7 +346,7 @@ def _period(wave):
 
 
 def _arm_circles(body):
-  """Straight arms that go round their shoulders by a whole turn or more."""
+  """Arm circles: straight arms that turn about their shoulders by a full turn or more."""
   line = body.local("wrist", "shoulder")
   turned = np.degrees(np.unwrap(np.arctan2(line[..., 1], line[..., 2]), axis=0))  # ahead to up: backward
   aside = np.abs(line[..., 0]) / np.linalg.norm(line, axis=-1)
@@ -360,15 +357,15 @@ def _arm_circles(body):
     side = "both" if all(going) and np.sign(total[0]) == np.sign(total[1]) else (
         SIDES[going.index(True)] if sum(going) == 1 else "")
     if side:
-      own = total[0 if side != "right" else 1]
-      yield _event(body, "arm-circle", 0, body.num, side=side, way="backward" if own > 0 else "forward")
+      angle = total[0 if side != "right" else 1]
+      yield _event(body, "arm-circle", 0, body.num, side=side, way="backward" if angle > 0 else "forward")
 
 
 # --- rests -----------------------------------------------------------------------------------------------------------
 
 
 def _rests(body):
-  """Half a second or more in which no joint moves faster than a tenth of a metre a second."""
+  """Rests: half a second or more in which no joint is faster than 0.1 m/s."""
   fastest = np.linalg.norm(velocity(body.joints, body.fps, 0.2), axis=-1).max(1)
   for first, past in body.spans(fastest < 0.1, least=0.5, gap=0.1):
     if body.trunk[first:past].max() < 25 and body.knees[first:past].min() > 140:
@@ -384,7 +381,7 @@ def _event(body, kind, first, past, **about):
 
 
 def _near(items, frames):
-  """Items (first, past, ...) in groups whose members follow one another within `frames`."""
+  """Groups of items (first, past, ...) that follow one another within `frames`."""
   groups: list[list] = []
   for item in sorted(items):
     if groups and item[0] - groups[-1][-1][1] <= frames:
@@ -395,7 +392,7 @@ def _near(items, frames):
 
 
 def _grouped(body, kind, items, gap):
-  """One event for each group of (first, past, side): of one side, or of both where they alternate."""
+  """One event for each group of (first, past, side): of one side, or of both if they alternate."""
   for group in _near(items, gap * body.fps):
     sides = {side for _, _, side in group}
     yield _event(body, kind, group[0][0], group[-1][1], side=SIDES[sides.pop()] if len(sides) == 1 else "both",

@@ -1,4 +1,4 @@
-"""Signals of a motion that rules use: speeds, heading, joint angles, standing feet; each computed once."""
+"""Signals of a motion for event rules: speeds, heading, joint angles, standing feet; each computed once."""
 import functools
 
 import numpy as np
@@ -15,7 +15,7 @@ PAIR = {part: [JOINT[f"{side}_{part}"] for side in SIDES] for part in
 
 
 class Body:
-  """Joints (T, 22, 3) and the signals computed from them, each once."""
+  """Joints (T, 22, 3) with signals as cached properties."""
 
   def __init__(self, joints: Float[np.ndarray, "t 22 3"], fps: float) -> None:
     self.joints, self.fps, self.num = joints, fps, len(joints)
@@ -23,13 +23,13 @@ class Body:
 
   @functools.cached_property
   def stands(self) -> np.ndarray:
-    """Left and right: whether a foot's ankle or toes stand, (T, 2)."""
+    """Whether the left and the right foot stand, by ankle or toes, (T, 2)."""
     flags = feet_stand(self.joints, self.fps, floor=self.floor)
     return np.stack([flags[:, :2].any(1), flags[:, 2:].any(1)], 1)
 
   @functools.cached_property
   def path(self) -> np.ndarray:
-    """The pelvis over the ground with the sway of the steps taken out, (T, 2): x, z."""
+    """Path of the pelvis over the ground without the sway of the steps, (T, 2): x, z."""
     return self.smooth(self.joints[:, 0][:, [0, 2]], 0.2)
 
   @functools.cached_property
@@ -38,13 +38,13 @@ class Body:
 
   @functools.cached_property
   def heading(self) -> np.ndarray:
-    """Radians to the left that the body faces, unwrapped, (T,)."""
+    """Heading, radians to the left, unwrapped, (T,)."""
     ahead = self.smooth(facing(self.joints), 0.25)
     return np.unwrap(np.arctan2(ahead[:, 0], ahead[:, 2]))
 
   @functools.cached_property
   def toes(self) -> np.ndarray:
-    """Speed (T, 2) of the toes against the pelvis, metres a second."""
+    """Speed (T, 2) of the toes relative to the pelvis, metres a second."""
     return np.linalg.norm(velocity(self.joints[:, PAIR["foot"]] - self.joints[:, :1], self.fps), axis=-1)
 
   @functools.cached_property
@@ -58,7 +58,7 @@ class Body:
 
   @functools.cached_property
   def trunk(self) -> np.ndarray:
-    """Degrees (T,) between the trunk and upright."""
+    """Angle (T,) of the trunk from upright, degrees."""
     line = self.joints[:, JOINT["neck"]] - self.joints[:, 0]
     return np.degrees(np.arccos(np.clip(line[:, 1] / np.linalg.norm(line, axis=-1), -1, 1)))
 
@@ -73,7 +73,7 @@ class Body:
     return self.joints[:, PAIR["ankle"] + PAIR["foot"], 1].min(1) - self.floor
 
   def local(self, part: str, base: str) -> np.ndarray:
-    """Joints of both sides against those of base, (T, 2, 3), in the body's own axes: left, up, ahead."""
+    """Joints of both sides relative to those of base, (T, 2, 3), in the body's axes: left, up, ahead."""
     vector = self.joints[:, PAIR[part]] - self.joints[:, PAIR[base]]
     sin, cos = np.sin(self.heading)[:, None], np.cos(self.heading)[:, None]
     x, y, z = np.moveaxis(vector, -1, 0)
@@ -83,7 +83,7 @@ class Body:
     return gaussian_filter1d(values, seconds * self.fps, axis=0, mode="nearest")
 
   def spans(self, flags: np.ndarray, least: float = 0.0, gap: float = 0.0) -> list[tuple[int, int]]:
-    """(first, past) frames of the runs of flags (T,), joined over gaps, those of at least `least` seconds."""
+    """(first, past) of the runs of flags (T,), joined over gaps of up to `gap` seconds, of at least `least` seconds."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(int)))
     runs: list[list[int]] = []
     for first, past in zip(edges[::2], edges[1::2]):
@@ -101,13 +101,13 @@ class Body:
 
 
 def course_of(path: Float[np.ndarray, "t 2"]) -> np.ndarray:
-  """Degrees (T,) of where a way over the ground, x and z of T >= 2 frames, leads: unwrapped, to the left positive."""
+  """Direction (T,) of a path over the ground (x and z, T >= 2), degrees, unwrapped, positive to the left."""
   step = np.gradient(path, axis=0)
   return np.degrees(np.unwrap(np.arctan2(step[:, 0], step[:, 1])))
 
 
 def turning_points(values: Float[np.ndarray, " t"], least: float) -> np.ndarray:
-  """Frames at which values turn round by more than `least`, with both ends."""
+  """Frames of the local extrema of values that differ by more than `least`, with both ends."""
   points, extreme, rising = [0], 0, None
   for index, value in enumerate(values):
     if rising is None:

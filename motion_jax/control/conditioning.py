@@ -1,11 +1,10 @@
-"""Features of a `ControlSignal` for each latent: the targets in its own frames, and the next goals ahead.
+"""Network inputs from a `ControlSignal`, per latent: the targets in the latent's frames, and the next goals ahead.
 
-Everything is expressed along a *reference path*, which is known before a motion is made: straight between the targets
-of the pelvis (or, where it has none, of other joints), from the origin on, with the likely heading of the body: its
-heading targets, given hips and shoulders, else the direction of the path. Joints are relative to it, and so are goals
-ahead: a latent that is denoised before them sees no later latent, yet has to head for them. No
-number grows with the length of a motion, so that a stream gets the same numbers as a short clip. In training the
-targets come from the motion itself: `draw_constraints`.
+Everything is relative to a *reference path*, which depends on the targets only: straight lines between the targets of
+the pelvis (or, if it has none, of other joints), beginning at the origin, with the likely heading of the body: heading
+targets, target hips and shoulders, else the direction of the path. Goals ahead are needed because a causal latent
+cannot attend to the later latents that hold them. No feature grows with the length of a motion: a stream gets the same
+numbers as a short clip. In training the targets are sampled from the motion: `draw_constraints`.
 """
 from typing import NamedTuple
 
@@ -18,10 +17,10 @@ from motion_jax.motion.skeleton import HUMANML3D
 from motion_jax.shapes import Array, Bool, Float, Int
 
 FPS = HUMANML3D.fps
-HORIZON = 160          # frames; targets farther ahead are left out
-AHEAD = (10, 20, 40)   # frames ahead at which the reference path is given
-# Where people's joints usually are, metres to the left, ahead and over the floor of the place below the pelvis, and how
-# far they stray from there: rounded over the train clips of CMU and Bandai, both sides alike.
+HORIZON = 160          # frames; targets farther ahead are omitted
+AHEAD = (10, 20, 40)   # frames ahead at which the reference path is a feature
+# Mean positions of joints relative to the floor below the pelvis, metres to the left, ahead and up, and their standard
+# deviations: of the training clips of CMU and Bandai, rounded and symmetric.
 _USUAL = np.array([
     [0.00, 0.00, 0.95], [0.06, 0.00, 0.87], [-0.06, 0.00, 0.87], [0.00, -0.01, 1.08], [0.08, 0.08, 0.50],
     [-0.08, 0.08, 0.50], [0.00, 0.00, 1.23], [0.08, -0.08, 0.12], [-0.08, -0.08, 0.12], [0.00, 0.00, 1.28],
@@ -30,11 +29,11 @@ _USUAL = np.array([
     [0.30, 0.10, 1.18], [-0.30, 0.10, 1.18]], np.float32)
 _STRAYS = np.array([0.05, 0.05, 0.05, 0.05, 0.08, 0.08, 0.05, 0.10, 0.10, 0.05, 0.12, 0.12, 0.06, 0.05, 0.05, 0.07,
                     0.06, 0.06, 0.11, 0.11, 0.20, 0.20], np.float32)
-_REACH, _MOVES = 5, 0.15  # frames on both sides, and metres between them, that show a direction
+_REACH, _MOVES = 5, 0.15  # frames on both sides, and least distance between them, metres, that define a direction
 
 
 class Reference(NamedTuple):
-  """The reference path: places (B, T, 2) on the floor, headings (B, T), and where both are known, not only held."""
+  """The reference path: positions (B, T, 2) on the floor, headings (B, T); known (B, T): up to the last target."""
   place: Float[Array, "b t 2"]
   heading: Float[Array, "b t"]
   known: Bool[Array, "b t"]
@@ -46,14 +45,14 @@ def size(frames_per_latent: int = 4) -> int:
 
 
 def _around(defined: Bool[Array, "b t"]) -> tuple[Int[Array, "b t"], Int[Array, "b t"]]:
-  """The nearest defined frame up to each frame, -1 if there is none, and from it on, T if there is none."""
+  """(last defined frame at or before each frame, -1 if none; next defined frame at or after it, T if none)."""
   index = jnp.arange(defined.shape[1])
   return (jax.lax.cummax(jnp.where(defined, index, -1), axis=1),
           jax.lax.cummin(jnp.where(defined, index, defined.shape[1]), axis=1, reverse=True))
 
 
 def _at(values, index):
-  """values (B, T, ...) at frames index (B, N), those past the ends at the ends."""
+  """Values (B, T, ...) at frames index (B, N), clipped to the ends."""
   index = jnp.clip(index, 0, values.shape[1] - 1).reshape(index.shape + (1,) * (values.ndim - 2))
   return jnp.take_along_axis(values, index, axis=1)
 
@@ -63,7 +62,7 @@ def _wrapped(angle):
 
 
 def _between(values, defined, angles=False):
-  """Values (B, T, ...) straight between those of defined frames, of which frame 0 is one, held behind the last."""
+  """Linear interpolation of values (B, T, ...) between defined frames, frame 0 among them; constant after the last."""
   before, after = _around(defined)
   first, last = _at(values, before), _at(values, jnp.where(after < defined.shape[1], after, before))
   share = (jnp.arange(defined.shape[1]) - before) / jnp.maximum(after - before, 1)
@@ -72,19 +71,19 @@ def _between(values, defined, angles=False):
 
 
 def _turned(vectors, heading):
-  """Vectors (..., 2), x and z in the world, as a body of this heading (...) sees them."""
+  """Vectors (..., 2), x and z in the world, in the frame of a body with this heading (...)."""
   x, z = vectors[..., 0], vectors[..., 1]
   cos, sin = jnp.cos(heading), jnp.sin(heading)
   return jnp.stack([x * cos - z * sin, x * sin + z * cos], axis=-1)
 
 
 def _floor(signal):
-  """(B, T, J): whether both x and z of a joint are given; one alone is left to guidance and projection."""
+  """(B, T, J): whether both x and z of a joint are given; only guidance and projection use one alone."""
   return signal.given[..., 0] & signal.given[..., 2]
 
 
 def reference(signal: ControlSignal, start: Float[Array, "b 3"] | None = None) -> Reference:
-  """The reference path of a signal. start: x, z and heading at its first frame, where these are not 0."""
+  """The reference path of a signal. start: x, z and heading of its first frame, by default 0."""
   flat, floor = signal.positions[..., ::2], _floor(signal)
   frames = floor.shape[1]
   start = jnp.zeros((floor.shape[0], 3)) if start is None else start
@@ -111,88 +110,89 @@ def reference(signal: ControlSignal, start: Float[Array, "b 3"] | None = None) -
   return Reference(place, heading, (goal < frames) & (goal - index <= HORIZON))
 
 
-def _joints(signal, found):
-  """(B, T, 5 J): of each joint its place relative to the reference path, against where it usually is, and whether it is
-  given on the floor and in height; 0 where not."""
+def _joints(signal, path):
+  """Targets of joints (B, T, 5 J): standardized positions relative to the reference path, and flags of floor position
+  and height; 0 for absent targets."""
   floor, height = _floor(signal), signal.given[..., 1]
-  around = _turned(signal.positions[..., ::2] - found.place[:, :, None], found.heading[..., None])
+  around = _turned(signal.positions[..., ::2] - path.place[:, :, None], path.heading[..., None])
   around, above = (around - _USUAL[:, :2]) / _STRAYS[:, None], (signal.positions[..., 1] - _USUAL[:, 2]) / _STRAYS
   parts = jnp.concatenate([jnp.where(floor[..., None], around, 0.0), jnp.where(height, above, 0.0)[..., None],
                            floor[..., None], height[..., None]], axis=-1)
   return parts.reshape(parts.shape[:2] + (-1,))
 
 
-def _seen(found, here, there, visible):
-  """(B, L, 4): the reference at frames there (B, L) as it looks from here; 0 where not visible."""
-  heading = _at(found.heading, here)
-  turn = _at(found.heading, there) - heading
-  parts = jnp.concatenate([_turned(_at(found.place, there) - _at(found.place, here), heading),
+def _seen(path, here, there, visible):
+  """(B, L, 4): position and heading of the reference at frames there (B, L), relative to frames here; 0 if not visible.
+  """
+  heading = _at(path.heading, here)
+  turn = _at(path.heading, there) - heading
+  parts = jnp.concatenate([_turned(_at(path.place, there) - _at(path.place, here), heading),
                            jnp.stack([jnp.sin(turn), jnp.cos(turn)], -1)], -1)
   return jnp.where(visible[..., None], parts, 0.0)
 
 
 def features(signal: ControlSignal, frames_per_latent: int = 4, start: Float[Array, "b 3"] | None = None
              ) -> Float[Array, "b l n"]:
-  """(B, T / frames_per_latent, `size`): features of each latent; 0 without targets in its frames or ahead.
+  """Features (B, T / frames_per_latent, `size`) of each latent; 0 without targets in its frames or ahead.
 
   start: see `reference`.
   """
-  found, frames = reference(signal, start), signal.given.shape[1]
+  ref, frames = reference(signal, start), signal.given.shape[1]
   rows = lambda x: x.reshape((x.shape[0], frames // frames_per_latent, -1))
   last = jnp.broadcast_to(jnp.arange(frames // frames_per_latent) * frames_per_latent + frames_per_latent - 1,
                           (signal.given.shape[0], frames // frames_per_latent))
 
   def goal(given):
-    """The next given frame (B, L) behind a latent's own, and its time in seconds as numbers (B, L, 3)."""
+    """(next given frame (B, L) after a latent's frames, whether within the horizon, features of its time (B, L, 3))."""
     at = _at(_around(jnp.pad(given, ((0, 0), (0, 1))))[1], last + 1)
     visible = (at < frames) & (at - last <= HORIZON)
     seconds = (at - last) / FPS
     return at, visible, jnp.where(visible[..., None], jnp.stack(
         [jnp.ones_like(seconds), seconds / 4, jnp.exp(-seconds)], -1), 0.0)
 
-  joints = _joints(signal, found)
-  step = _turned(jnp.diff(found.place, axis=1, append=found.place[:, -1:]), found.heading) * FPS
-  turn = _wrapped(jnp.diff(found.heading, axis=1, append=found.heading[:, -1:])) * FPS
-  both = found.known & jnp.roll(found.known, -1, axis=1).at[:, -1].set(False)
+  joints = _joints(signal, ref)
+  step = _turned(jnp.diff(ref.place, axis=1, append=ref.place[:, -1:]), ref.heading) * FPS
+  turn = _wrapped(jnp.diff(ref.heading, axis=1, append=ref.heading[:, -1:])) * FPS
+  both = ref.known & jnp.roll(ref.known, -1, axis=1).at[:, -1].set(False)
   path = jnp.where(both[..., None], jnp.concatenate([step, turn[..., None]], -1), 0.0)
-  own = jnp.concatenate([joints, path, both[..., None], signal.heading_given[..., None]], -1)
+  frames_own = jnp.concatenate([joints, path, both[..., None], signal.heading_given[..., None]], -1)
   place, visible_place, time_of_place = goal(_floor(signal).any(-1) | signal.heading_given)
   body, visible_body, time_of_body = goal(signal.given[:, :, 1:].any((-1, -2)))
-  facing = _at(found.heading, last)
-  parts = [rows(own), jnp.stack([jnp.sin(facing), jnp.cos(facing)], -1),
-          time_of_place, _seen(found, last, place, visible_place), time_of_body,
-          _seen(found, last, body, visible_body), jnp.where(visible_body[..., None], _at(joints, body), 0.0)]
+  facing = _at(ref.heading, last)
+  parts = [rows(frames_own), jnp.stack([jnp.sin(facing), jnp.cos(facing)], -1),
+          time_of_place, _seen(ref, last, place, visible_place), time_of_body,
+          _seen(ref, last, body, visible_body), jnp.where(visible_body[..., None], _at(joints, body), 0.0)]
   for count in AHEAD:
-    visible = (last + count < frames) & _at(found.known, last + count)
-    parts += [_seen(found, last, last + count, visible), visible[..., None]]
-  something = rows(found.known | signal.given.any((-1, -2))).any(-1, keepdims=True) | (
+    visible = (last + count < frames) & _at(ref.known, last + count)
+    parts += [_seen(ref, last, last + count, visible), visible[..., None]]
+  something = rows(ref.known | signal.given.any((-1, -2))).any(-1, keepdims=True) | (
       visible_place | visible_body)[..., None]
   return jnp.where(something, jnp.concatenate([something, *parts], -1).astype(jnp.float32), 0.0)
 
 
-# --- training: constraints drawn at random from real motions ----------------------------------------------------------
+# --- training: random constraints of real motions ---------------------------------------------------------------------
 #
-# A pattern is some joints at some frames: the pelvis' path (more often than all else), the whole body, one hand, foot
-# or the head, or any few joints; at 1, 2 or 5 frames, at a quarter of them, at all, or at a stretch of them. Two of
-# three motions have one pattern, the third has two, one over the other.
+# A pattern is some joints at some frames: the pelvis' path (most frequent), the whole body, one hand, foot or the head,
+# or a random few joints; at 1, 2 or 5 frames, at a quarter of them, at all, or at a contiguous span. Two of three
+# motions have one pattern, the third has two.
 
 PELVIS = 0
 ENDS = np.array([HUMANML3D.joints.index(name) for name in
                  ("pelvis", "left_foot", "right_foot", "head", "left_wrist", "right_wrist")])
-# Chances of the kinds of joints: the path, the whole body, one of ENDS, any few; and of the kinds of frames.
+# Probabilities of the kinds of joints: the path, the whole body, one of ENDS, a random few; and of the kinds of frames.
 _JOINTS = np.array([0.45, 0.2, 0.2, 0.15], np.float32)
 _FRAMES = np.array([0.05, 0.05, 0.1, 0.2, 0.5, 0.1], np.float32)  # 1, 2, 5, a quarter, all, a stretch
 
 
 def draw_frames(key: jax.Array, count: Int[Array, ""], num_frames: Int[Array, ""], length: int
                 ) -> Bool[Array, " {length}"]:
-  """(length,): `count` of the first num_frames, drawn uniformly without replacement."""
+  """Mask (length,) of `count` of the first num_frames frames, drawn uniformly without replacement."""
   order = jnp.where(jnp.arange(length) < num_frames, jax.random.uniform(key, (length,)), 2.0)
   return (jnp.argsort(jnp.argsort(order)) < count) & (jnp.arange(length) < num_frames)
 
 
 def _pattern(key, num_frames, length):
-  """(given (length, J, 3), heading (length,))."""
+  """A random pattern: flags of (positions (length, J, 3), headings (length,))."""
   joint_key, end_key, few_key, frame_key, time_key, high_key, heading_key, stretch_key = jax.random.split(key, 8)
   joint = jnp.arange(NUM_JOINTS)
   kind = jax.random.categorical(joint_key, jnp.log(_JOINTS))
@@ -211,8 +211,8 @@ def _pattern(key, num_frames, length):
 
 def draw_constraints(joints: Float[Array, "b t j 3"], heading: Float[Array, "b t"], num_frames: Int[Array, " b"],
                      keys: jax.Array, rate: float) -> ControlSignal:
-  """A signal of a share `rate` of motions, joints (B, T, 22, 3) of which num_frames (B,) are real, nothing of the
-  others; keys (B,), one each."""
+  """Draws a signal for a share `rate` of motions, joints (B, T, 22, 3) with num_frames (B,) real frames; empty for the
+  others. keys (B,): one each."""
   length = joints.shape[1]
 
   def one(key, count):

@@ -1,4 +1,4 @@
-"""The kinds of constraint, a dataclass each: paths, poses, places of hands and feet, loops, parts of the body.
+"""The kinds of constraint as dataclasses: paths, poses, targets of hands and feet, loops, kept body parts.
 
 World metres, Y up; times are seconds from the motion's first frame; headings are radians about +Y, 0 = +Z, towards +X.
 `control.compiling.compile` turns paths, poses and targets into arrays; a loop, a motion in place and kept parts are
@@ -14,30 +14,30 @@ from motion_jax.motion.skeleton import HUMANML3D, facing
 from motion_jax.utils.errors import InputError
 from motion_jax.utils.nearest import did_you_mean
 
-# What people call the end of a limb, and Kimodo's names, to the joint that is moved there.
+# Joint indices by our names, by everyday names of end effectors, and by Kimodo's names.
 JOINTS = {name: number for number, name in enumerate(HUMANML3D.joints)} | {
     "left_hand": 20, "right_hand": 21, "root": 0, "hips": 0}
 KIMODO_JOINTS = {"LeftHand": "left_hand", "RightHand": "right_hand", "LeftFoot": "left_foot",
                  "RightFoot": "right_foot", "Hips": "pelvis"}
 PARTS = ("legs", "torso", "left_arm", "right_arm", "head")
 _FARTHEST = 1e4  # metres
-_SLOWEST = 1e-4  # metres a second of a path that is gone along
+_SLOWEST = 1e-4  # metres a second: least speed along a path
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Constraint:
-  """A requirement on a motion beside its prompt; `kind` is its name in files."""
+  """Base class of constraints on a motion; `kind` is the name in files."""
   kind: ClassVar[str] = ""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class RootPath(Constraint):
-  """Where the pelvis goes: way points (N, 2) of x and z or (N, 3) of x, y and z, joined by a smooth curve.
+  """Path of the pelvis: waypoints (N, 2) of x and z or (N, 3) of x, y and z, on a smooth curve.
 
-  times (N,): when each is passed; without them the curve is gone along at one speed, which is `speed` in metres a
-  second or, without that, such that it takes all of the motion. heading: where the body faces, one angle or one for
-  each point; without it the body faces as it goes. Without points: speed and heading, one each or one for each of
-  times, are followed from the origin on. between: False asks for the way points alone, and the way is free.
+  times (N,): time of each waypoint; without them the speed is constant: `speed`, metres a second, or else such that the
+  path takes the whole motion. heading: facing direction, one angle or one per point; by default along the path. Without
+  points: follow speed and heading, one each or one for each of times, from the origin. between: False constrains the
+  waypoints only.
   """
   kind: ClassVar[str] = "root_path"
   points: Any = None
@@ -74,10 +74,10 @@ class RootPath(Constraint):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Keyframe(Constraint):
-  """The whole body in one pose, joints (22, 3), at a time; `place` says where.
+  """Whole-body pose, joints (22, 3), at a time.
 
-  "anywhere": where the body is then, facing as it does, or on the given path; the height counts. "world":
-  exactly where the joints are.
+  place: "anywhere" moves the pose to the body's position and heading at that time, or to the given path, and keeps its
+  height; "world" keeps the joints' positions.
   """
   kind: ClassVar[str] = "keyframe"
   joints: Any
@@ -113,10 +113,10 @@ class EndPose(Constraint):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class EffectorTarget(Constraint):
-  """Where a hand, a foot, the head, the pelvis or any other joint is at given times: positions (N, 3), times (N,).
+  """Positions (N, 3) of a hand, a foot, the head, the pelvis or any other joint at times (N,).
 
-  relative_to: "world", or "root", the spot on the floor below the pelvis, turned with the body: x to its left, y over
-  the floor, z ahead. between: the joint follows a smooth curve from point to point, too.
+  relative_to: "world", or "root": the point on the floor below the pelvis, turned with the body, with x to its left, y
+  up, z ahead. between: the joint also follows a smooth curve between the points.
   """
   kind: ClassVar[str] = "effector"
   joint: str
@@ -139,21 +139,21 @@ class EffectorTarget(Constraint):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Loop(Constraint):
-  """The last frame has the pose of the first, so that the motion can be played over and over."""
+  """The last frame has the pose of the first: the motion can be repeated."""
   kind: ClassVar[str] = "loop"
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class InPlace(Constraint):
-  """The body stays over one spot of the floor, as on a treadmill."""
+  """The root stays at one position on the floor, as on a treadmill."""
   kind: ClassVar[str] = "in_place"
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class KeepParts(Constraint):
-  """Parts of the body, of `PARTS`, move as in a motion that exists, joints (T, 22, 3) at fps; the others are new.
+  """Body parts, of `PARTS`, that keep the motion of joints (T, 22, 3) at fps; the others are generated.
 
-  spans: [(first second, last), ...] in which the others are new; elsewhere all of the body is kept.
+  spans: [(first second, last), ...] in which the others are generated; elsewhere the whole body is kept.
   """
   kind: ClassVar[str] = "keep_parts"
   joints: Any
@@ -181,19 +181,19 @@ class KeepParts(Constraint):
 
 
 KINDS: dict[str, type[Constraint]] = {
-    one.kind: one for one in (RootPath, Keyframe, EffectorTarget, StartPose, EndPose, Loop, InPlace, KeepParts)}
+    kind.kind: kind for kind in (RootPath, Keyframe, EffectorTarget, StartPose, EndPose, Loop, InPlace, KeepParts)}
 
 
 def joint_number(name: str) -> int:
-  """The number of a joint of the 22, by its name, or one such as left_hand. Raises InputError for another."""
+  """Index of one of the 22 joints, by its name or an alias such as left_hand. Raises InputError for other names."""
   name = KIMODO_JOINTS.get(name, name) if isinstance(name, str) else str(name)
   if name not in JOINTS:
     raise InputError(f"got the joint {name[:40]!r}{did_you_mean(name, JOINTS)}, expected one of {', '.join(JOINTS)}")
   return JOINTS[name]
 
 
-def _keep(one: Constraint, name: str, value: Any) -> None:
-  object.__setattr__(one, name, value)
+def _keep(constraint: Constraint, name: str, value: Any) -> None:
+  object.__setattr__(constraint, name, value)
 
 
 def _choice(value: Any, known: Sequence[str], what: str) -> None:
@@ -201,17 +201,18 @@ def _choice(value: Any, known: Sequence[str], what: str) -> None:
     raise InputError(f"got {str(value)[:40]!r} as {what}, expected one of {', '.join(known)}")
 
 
-def _pose(one: Any, what: str) -> None:
-  _choice(one.place, ("anywhere", "world"), "the place of a pose")
-  joints = _numbers(one.joints, f"the joints of {what}", 2, (3,))
+def _pose(constraint: Any, what: str) -> None:
+  _choice(constraint.place, ("anywhere", "world"), "the place of a pose")
+  joints = _numbers(constraint.joints, f"the joints of {what}", 2, (3,))
   if len(joints) != 22:
     raise InputError(f"got {len(joints)} joints of {what}, expected 22")
   _check_facing(joints[None], f"the joints of {what}")
-  _keep(one, "joints", joints)
+  _keep(constraint, "joints", joints)
 
 
 def _check_facing(joints: np.ndarray, what: str) -> None:
-  """Raises InputError for bodies (T, 22, 3) without a heading: it follows from the lines through hips and shoulders."""
+  """Raises InputError for bodies (T, 22, 3) without a heading, which follows from the lines through hips and shoulders.
+  """
   with np.errstate(invalid="ignore"):
     unknown = ~np.isfinite(facing(joints)).all(-1)
   if unknown.any():
@@ -221,26 +222,26 @@ def _check_facing(joints: np.ndarray, what: str) -> None:
 
 
 def _times(values: Any, what: str) -> Any:
-  found = _numbers(values, f"the times of {what}", 1)
-  if found is not None and ((found < 0).any() or (np.diff(found) <= 0).any()):
+  times = _numbers(values, f"the times of {what}", 1)
+  if times is not None and ((times < 0).any() or (np.diff(times) <= 0).any()):
     raise InputError(f"got times of {what} that are below 0 or do not rise, expected seconds such as 0, 1.5, 3")
-  return found
+  return times
 
 
 def _numbers(values: Any, what: str, dims: int | None, last: Sequence[int] = ()) -> Any:
-  """float64 array of `dims` dimensions, or one number or a list of them; None stays."""
+  """Converts to a finite float64 array of `dims` dimensions (None: 0 or 1); None stays None."""
   if values is None:
     return None
   try:
-    found = np.asarray(values, np.float64)
+    array = np.asarray(values, np.float64)
   except (TypeError, ValueError, OverflowError):
     raise InputError(f"got {what} that are no numbers, or not as many in every row") from None
-  if (found.ndim > 1 if dims is None else found.ndim != dims) or not found.size or last and found.shape[-1] not in last:
+  if (array.ndim > 1 if dims is None else array.ndim != dims) or not array.size or last and array.shape[-1] not in last:
     shape = " or ".join(f"(..., {count})" for count in last) or "a list"
-    raise InputError(f"got {what} of shape {found.shape}, expected {shape}")
-  bad = ~np.isfinite(found) | (np.abs(found) > _FARTHEST)
+    raise InputError(f"got {what} of shape {array.shape}, expected {shape}")
+  bad = ~np.isfinite(array) | (np.abs(array) > _FARTHEST)
   if bad.any():
-    where = int(np.argwhere(bad)[0][0]) if found.ndim else 0
-    raise InputError(f"got {what} with {found[bad].flat[0]:g} in number {where}, expected finite numbers below "
+    where = int(np.argwhere(bad)[0][0]) if array.ndim else 0
+    raise InputError(f"got {what} with {array[bad].flat[0]:g} in number {where}, expected finite numbers below "
                      f"{_FARTHEST:g}")
-  return found
+  return array

@@ -1,9 +1,8 @@
 """Constraints as JSON: {"version": 1, "constraints": [{"type": "root_path", "points": [[0, 0], [2, 0]]}, ...]}.
 
-The format of the command line, the studio and other programs. Kimodo's file is read, too (nv-tlabs/kimodo@7330e7e,
+The format of the command line, the studio and other programs. Kimodo's files are read, too (nv-tlabs/kimodo@7330e7e,
 docs/source/user_guide/constraints.md): a list of {"type", "frame_indices", ...} in metres, Y up, +Z forward, frames
-from 0, poses as rotations of SMPL-X's 22 body joints. Only JSON is read, numbers are bounded, and other files can be
-named only where the reader allows it.
+from 0, poses as rotations of SMPL-X's 22 body joints. Numbers are bounded, and references to other files need a reader.
 """
 import dataclasses
 import json
@@ -42,26 +41,27 @@ _LIMBS = {f"{side}-{part}": f"{side}_{part}" for side in ("left", "right") for p
 
 
 def to_json(constraints: Sequence[Constraint]) -> dict[str, Any]:
-  """What `json.dumps` takes; `from_json` gives the same constraints back."""
-  return {"version": VERSION, "constraints": [{"type": one.kind} | _fields(one) for one in constraints]}
+  """Constraints as JSON values; `from_json` is the inverse."""
+  return {"version": VERSION,
+          "constraints": [{"type": constraint.kind} | _fields(constraint) for constraint in constraints]}
 
 
-def _fields(one: Constraint) -> dict[str, Any]:
-  found = {}
-  for field in dataclasses.fields(one):
-    value = getattr(one, field.name)
+def _fields(constraint: Constraint) -> dict[str, Any]:
+  fields = {}
+  for field in dataclasses.fields(constraint):
+    value = getattr(constraint, field.name)
     if value is not None and not (field.default is not dataclasses.MISSING and np.ndim(value) == 0
                                   and value == field.default):
-      found[field.name] = value.tolist() if isinstance(value, np.ndarray) else (
+      fields[field.name] = value.tolist() if isinstance(value, np.ndarray) else (
           list(value) if isinstance(value, tuple) else value)
-  return found
+  return fields
 
 
 def from_json(data: Any, read: Reader | None = None) -> list[Constraint]:
-  """Constraints of parsed JSON. Raises InputError for anything that is none.
+  """Constraints of parsed JSON. Raises InputError for invalid data.
 
-  read(path, frame): the joints of a motion file that a pose or a motion names by "file" in place of "joints"; None
-  refuses such names, as a server must.
+  read(path, frame): reads the joints of a motion file, for constraints with "file" instead of "joints"; None rejects
+  these, as a server must.
   """
   if not isinstance(data, dict) or set(data) != {"version", "constraints"}:
     raise InputError('got no constraints, expected {"version": 1, "constraints": [...]}')
@@ -112,7 +112,7 @@ def _constraint(row: Any, number: int, read: Reader | None) -> Constraint:
 
 
 def load(path: str | os.PathLike, read: Reader | None = None) -> list[Constraint]:
-  """Constraints of a .json file: ours, or Kimodo's (a list; its frames are taken at 30 a second)."""
+  """Reads constraints from a .json file, ours or Kimodo's (a list; 30 frames per second)."""
   path = pathlib.Path(path)
   if not path.is_file():
     raise FileNotFoundError(f"there is no file of constraints {path}")
@@ -138,21 +138,21 @@ def save(constraints: Sequence[Constraint], path: str | os.PathLike) -> pathlib.
 
 
 def from_kimodo(data: Any, fps: float = KIMODO_FPS) -> list[Constraint]:
-  """Constraints of a parsed Kimodo file. Raises InputError for anything else, and for other skeletons."""
+  """Constraints of a parsed Kimodo file. Raises InputError for invalid data and for other skeletons."""
   if not isinstance(data, list) or len(data) > MOST:
     raise InputError(f"got no list of at most {MOST} constraints of Kimodo")
-  found: list[Constraint] = []
+  constraints: list[Constraint] = []
   for number, row in enumerate(data):
     kind = row.get("type") if isinstance(row, dict) else None
     if kind not in ("root2d", "fullbody", "end-effector", *_LIMBS):
       raise InputError(f"constraint {number}: got Kimodo's type {str(kind)[:40]!r}, expected root2d, fullbody, "
                        f"end-effector, {', '.join(_LIMBS)}")
     try:
-      found += _kimodo_constraints(kind, row, fps)
+      constraints += _kimodo_constraints(kind, row, fps)
     except (KeyError, TypeError, ValueError, IndexError) as error:
       raise InputError(f"constraint {number} ({kind}): {error if isinstance(error, InputError) else repr(error)}"
                        ) from None
-  return found
+  return constraints
 
 
 def _kimodo_constraints(kind: str, row: dict[str, Any], fps: float) -> list[Constraint]:
@@ -171,20 +171,20 @@ def _kimodo_constraints(kind: str, row: dict[str, Any], fps: float) -> list[Cons
 
 
 def _kimodo_joints(row: dict[str, Any]) -> np.ndarray:
-  """Joints (T, 22, 3) on our bones, of rotations (T, 22, 3) and a root path (T, 3)."""
+  """Joints (T, 22, 3) with our bone lengths, from rotations (T, 22, 3) and a root path (T, 3)."""
   turns, root = (np.asarray(row[name], np.float64) for name in ("local_joints_rot", "root_positions"))
   if turns.ndim != 3 or turns.shape[1:] != (22, 3) or root.shape != (len(turns), 3):
     raise InputError(f"got rotations of shape {turns.shape}, expected (frames, 22, 3) of SMPL-X's body and a root "
                      "position for each; other skeletons are not known here")
   local, world = rot.from_vector(turns), [None] * 22
-  for joint in inverse.order(SMPL):
+  for joint in SMPL.order:
     parent = SMPL.parents[joint]
     world[joint] = local[:, joint] if parent < 0 else rot.multiply(world[parent], local[:, joint])
   return with_lengths(inverse.forward(root, np.stack(world, 1), SMPL), HUMANML3D)
 
 
 def constraints_of(control: Any, count: int) -> list[list[Constraint] | ControlSignal]:
-  """The constraints of each of count motions: of a file, a list of constraints for all of them, a list with an entry
+  """The constraints of each of count motions, from a file, a list of constraints for all of them, a list with an entry
   for each motion (None: no constraint), or a signal (count, T)."""
   if control is None:
     return [[] for _ in range(count)]
@@ -196,9 +196,9 @@ def constraints_of(control: Any, count: int) -> list[list[Constraint] | ControlS
     control = load(control)
   if isinstance(control, Constraint):
     control = [control]
-  if all(isinstance(one, Constraint) for one in control):
+  if all(isinstance(entry, Constraint) for entry in control):
     return [list(control) for _ in range(count)]
   if len(control) != count:
     raise InputError(f"got control for {len(control)} motions and {count} prompts; give constraints for all of them, "
                      "or a list of them for each")
-  return [constraints_of(one, 1)[0] for one in control]
+  return [constraints_of(entry, 1)[0] for entry in control]

@@ -1,7 +1,7 @@
-"""Constraints as arrays: where joints should be, frame by frame, where the body faces, and where the motion begins.
+"""Constraints as arrays: target positions of joints per frame, target headings, and the placement of a motion.
 
 All kinds of constraint are compiled to a `ControlSignal` (`control.compiling`); networks, guidance and projection read
-it. A motion begins at x = z = 0 and faces +Z in its own frame; `placement` finds where that is in the world.
+it. In its own frame a motion begins at x = z = 0 and faces +Z; `placement` gives the transform to the world.
 """
 from collections.abc import Sequence
 from typing import Any, NamedTuple, Self
@@ -11,20 +11,20 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from motion_jax.motion.rotations import namespace
+from motion_jax.motion.rotations import namespace, rotate_about_y
 
 NUM_JOINTS = 22
-_MOVES = 0.1  # metres of a path that show its direction
+_MOVES = 0.1  # metres: least length of a path that defines a direction
 
 
 @flax.struct.dataclass
 class ControlSignal:
-  """Target positions and headings, frame by frame; where nothing is given the value is 0 and the flag False.
+  """Target positions and headings per frame, with a flag for each; absent targets have value 0 and flag False.
 
-  World metres, Y up, in the motion's own frame: a motion starts at x = z = 0 and faces +Z, as HumanML3D's do.
+  Metres, Y up, in the motion's own frame: a motion starts at x = z = 0 and faces +Z, as in HumanML3D.
   """
   positions: Any      # float (B, T, 22, 3)
-  given: Any          # bool (B, T, 22, 3), of each coordinate: a path on the floor gives the pelvis' x and z alone
+  given: Any          # bool (B, T, 22, 3), of each coordinate: a path on the floor gives only x and z of the pelvis
   heading: Any        # float (B, T), radians about +Y: 0 faces +Z, a half of pi +X
   heading_given: Any  # bool (B, T)
 
@@ -38,7 +38,7 @@ class ControlSignal:
 
   @property
   def is_empty(self) -> bool:
-    """Whether there is no target at all. For concrete arrays only, not inside of jit."""
+    """Whether there is no target. For concrete arrays only, not inside jit."""
     return not (bool(self.given.any()) or bool(self.heading_given.any()))
 
   def slice_frames(self, start: int, stop: int) -> Self:
@@ -74,24 +74,17 @@ def errors(signal: ControlSignal, joints: Any) -> jax.Array:
   return jnp.where(there, jnp.sqrt(jnp.where(there, total, 1.0)), 0.0)
 
 
-def rotate_about_y(points: Any, angle: Any) -> np.ndarray:
-  """Points (..., 3) rotated about +Y by angle (radians), from +Z towards +X."""
-  points = np.asarray(points, np.float64)
-  sin, cos = np.sin(angle), np.cos(angle)
-  x, y, z = np.moveaxis(points, -1, 0)
-  return np.stack([cos * x + sin * z, y, cos * z - sin * x], -1)
-
 
 class Placement(NamedTuple):
-  """Where a motion begins on the floor (x, z), and its heading there in radians."""
+  """World position on the floor (x, z) and heading, radians, of a motion's first frame."""
   x: float = 0.0
   z: float = 0.0
   heading: float = 0.0
 
 
 def placement(signal: ControlSignal) -> Placement:
-  """The placement that a signal (1, T) implies: the pelvis target of the first frame, with its heading target or else
-  the direction of the path. Without a pelvis target in the first frame: the origin, facing +Z."""
+  """The placement implied by a signal (1, T): the pelvis target of the first frame and its heading target, or else the
+  direction of the path. Without a pelvis target in the first frame: the origin, facing +Z."""
   given, places = np.asarray(signal.given)[0, :, 0][:, [0, 2]].all(-1), np.asarray(signal.positions)[0, :, 0]
   if not given[0]:
     return Placement()
@@ -107,7 +100,7 @@ def placement(signal: ControlSignal) -> Placement:
 
 
 def to_model_frame(signal: ControlSignal, place: Placement) -> ControlSignal:
-  """A signal (1, T) in world coordinates, in the frame of a motion that begins at `place`."""
+  """Transforms a signal (1, T) from world coordinates to the frame of a motion that begins at `place`."""
   given = np.asarray(signal.given)
   x, y, z = np.moveaxis(np.asarray(signal.positions, np.float64) - [place.x, 0, place.z], -1, 0)
   across = given[..., 0] & given[..., 2]
@@ -121,7 +114,7 @@ def to_model_frame(signal: ControlSignal, place: Placement) -> ControlSignal:
 
 
 def to_world_frame(joints: np.ndarray, place: Placement) -> np.ndarray:
-  """Joints (T, J, 3) of a motion that begins at `place`, in world coordinates; unchanged where it is the origin."""
+  """Transforms joints (T, J, 3) of a motion that begins at `place` to world coordinates; unchanged for the origin."""
   if place == Placement():
     return joints
   return (rotate_about_y(joints, place.heading) + [place.x, 0, place.z]).astype(joints.dtype)

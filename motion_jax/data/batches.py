@@ -1,7 +1,6 @@
-"""Batches: items, cuts and padding are a pure function of (seed, step), so a resumed run sees the same data.
+"""Batches: items, cuts and padding are a pure function of (seed, step): a resumed run sees the same data.
 
-Each of several processes can make its own part of a batch: `rows` is a slice of the B rows, equal to those rows of the
-whole batch.
+Each of several processes can make a part of a batch: `rows` selects rows of the B rows of the whole batch.
 """
 import dataclasses
 import functools
@@ -15,7 +14,7 @@ _SHORT = 0.1  # share of clips that may be shorter than a window without a warni
 
 
 def step_rng(seed, *path):
-  """A numpy generator keyed by integers: the same numbers whatever ran before."""
+  """A numpy generator keyed by integers, independent of earlier draws."""
   return np.random.Generator(np.random.Philox(np.random.SeedSequence((seed,) + path)))
 
 
@@ -39,19 +38,19 @@ def epoch_indices(num_items, batch_size, seed, step):
 
 @functools.lru_cache(maxsize=2)
 def _epoch(num_items, seed, epoch):
-  """The order of an epoch; kept, for there may be millions of windows."""
+  """The order of an epoch; cached, since there may be millions of windows."""
   return step_rng(seed, 0, epoch).permutation(num_items)
 
 
 def window_starts(lengths, window, stride, released=False):
-  """The windows of clips with these numbers of rows: (N, 2), the clip's number and the window's first row.
+  """The windows of clips with these numbers of rows: (N, 2), index of the clip and first row of the window.
 
-  Clips shorter than the window are left out. released: the list of CDAMD's and MARDM's released loader, one window per
-  row beyond the first window (docs/papers/cdamd.md#items), every stride-th of it.
+  Clips shorter than the window are omitted. released: every stride-th window of CDAMD's and MARDM's released loader,
+  which has one window per row beyond the first window (docs/papers/cdamd.md#items).
   """
   if released:
-    # Parity: its last possible start is never used, a clip of just the window's rows gives nothing, and the first start
-    # of a clip is there because item 0 and the steps between clips fall on it.
+    # Parity: the last possible start is never used, a clip of exactly the window's length has no window, and the first
+    # start of a clip is used only because item 0 and the steps between clips fall on it.
     kept = np.flatnonzero(np.asarray(lengths) >= window)
     ends = np.cumsum(np.concatenate([[0], np.asarray(lengths)[kept] - window]))
     items = np.arange(ends[-1])[::stride]
@@ -65,12 +64,12 @@ def window_starts(lengths, window, stride, released=False):
 class Windows:
   """Windows of a fixed number of frames from clips, for the autoencoders (docs/papers/cmdm.md#items).
 
-  features: list of normalized (T_i, F); clips shorter than the window are left out. released: see `window_starts`.
+  features: list of normalized (T_i, F); clips shorter than the window are omitted. released: see `window_starts`.
   groups: the action of each clip; with balance > 0 windows are drawn with replacement, those of rare groups more often
-  (`balance_weights`), else each occurs once per epoch. short: length of the windows of every second batch, which then
-  includes shorter clips and more beginnings of clips; 0: no such batches. one_per_clip: one window a clip and epoch, at
-  a random place, so that short clips count as much as long ones (docs/papers/t2m_gpt.md#vq-vae). factors: of each clip,
-  what multiplies the draws of its windows.
+  (`balance_weights`), else each occurs once per epoch. short: length of the windows of every second batch, which
+  includes shorter clips and more beginnings of clips; 0: no such batches. one_per_clip: one window per clip and epoch,
+  at a random position; short clips then weigh as much as long ones (docs/papers/t2m_gpt.md#vq-vae). factors: sampling
+  factor of each clip's windows.
   """
   features: list[np.ndarray]
   window: int = 64
@@ -95,7 +94,7 @@ class Windows:
       warnings.warn(f"{missed:,} of {len(self.features):,} clips are shorter than a window of {self.window} frames, "
                     "and nothing is learned from them; data.short_window = 24 adds shorter ones", stacklevel=2)
     object.__setattr__(self, "starts", starts)
-    upto = None  # of each window, the share of all draws that fall on it or on those before it
+    upto = None  # cumulative sampling probabilities of the windows
     if self.balance or self.factors is not None:
       weights = balance_weights([self.groups[i] for i in starts[:, 0]], self.balance)
       if self.factors is not None:
@@ -129,9 +128,9 @@ Segments = tuple[tuple[str, int, int], ...]  # (caption, first frame, frame past
 
 
 class Draw(NamedTuple):
-  """The items of a batch: clips (B,), their first frames and numbers of frames (B,), captions, the padded length.
+  """The items of a batch: clips (B,), first frames and numbers of frames (B,), captions, the padded length.
 
-  segments: for clips with per-segment captions, their parts inside the cut; () for other clips; None if there are none.
+  segments: of clips with per-segment captions, their parts inside the cut; () for other clips; None without any.
   """
   clip: np.ndarray
   start: np.ndarray
@@ -145,18 +144,18 @@ class Draw(NamedTuple):
 class TextItems:
   """Clips with captions, for the generators (docs/papers/cmdm.md#items, docs/papers/cdamd.md#items).
 
-  features: list of normalized (T_i, F), captions: a list of captions for each. `lengths` are the possible padded frame
-  counts, rising; a batch is drawn from the items of one of them, which saves computing padding. With one length
-  everything is padded to it, as in the reference. `weights` (one per item) are sampling weights with replacement, for
-  data with rare actions; without them and with one length every item occurs once per epoch.
+  features: list of normalized (T_i, F), captions: a list of captions for each. lengths: possible padded frame counts,
+  increasing; a batch is drawn from the items of one of them, which avoids computing padding. With one length everything
+  is padded to it, as in the reference. weights (one per item): sampling weights with replacement, for data with rare
+  actions; without them and with one length every item occurs once per epoch.
 
-  max_frames is the longest padded length. crop_frames, if given, is the most real frames of an item: whole latents may
-  not fill whole blocks (320 frames are 80 latents, padded to 27 blocks of 3: 324 frames;
-  docs/papers/cmdm.md#data-sets). keep_long cuts longer clips instead of leaving them out. shorten_rate is the
-  probability that an item is shortened by the frames of one latent.
+  max_frames: the longest padded length. crop_frames: if given, the largest number of real frames of an item, since
+  whole latents may not fill whole blocks (320 frames are 80 latents, padded to 27 blocks of 3: 324 frames;
+  docs/papers/cmdm.md#data-sets). keep_long: cut longer clips instead of omitting them. shorten_rate: probability that
+  an item is shortened by the frames of one latent.
 
-  spans: the parts of each clip that was joined from several, () for others; per_segment_captions is the probability
-  that such a clip has the captions of its parts, each in its own frames, instead of one caption for all of it.
+  spans: the parts of each clip that was joined from several, () for others; per_segment_captions: probability that such
+  a clip has the captions of its parts, each in its frames, instead of one caption of the whole clip.
   """
   features: list[np.ndarray]
   captions: list[list[str]]
@@ -192,11 +191,11 @@ class TextItems:
 
   @functools.cached_property
   def _shares(self):
-    """Of each padded length the share of all draws, and (its items, their shares, summed up)."""
+    """Sampling probabilities of the padded lengths, and for each length (its items, their cumulative probabilities)."""
     weights = np.ones(len(self)) if self.weights is None else np.asarray(self.weights)[self.kept]
     shares = np.array([weights[self.bucket_of == b].sum() for b in range(len(self.lengths))])
     inside = [np.flatnonzero(self.bucket_of == b) for b in range(len(self.lengths))]
-    return shares / shares.sum(), [(own, _upto(weights[own] / shares[b])) for b, own in enumerate(inside)]
+    return shares / shares.sum(), [(items, _upto(weights[items] / shares[b])) for b, items in enumerate(inside)]
 
   def draw(self, batch_size, seed, step):
     """Draws the clips of a batch, the cut and the caption of each."""
@@ -208,12 +207,12 @@ class TextItems:
       shares, of_lengths = self._shares
       bucket = rng.choice(len(self.lengths), p=shares)
       inside, upto = of_lengths[bucket]
-      # As rng.choice(inside, batch_size, p=...), whose sums over all items would take long in every step.
+      # Equals rng.choice(inside, batch_size, p=...), without its sum over all items in every step.
       chosen, length = self.kept[inside[upto.searchsorted(rng.random(batch_size), "right")]], self.lengths[bucket]
     starts, num_frames, captions = [], [], []
     for i in chosen:
       frames = len(self.features[i])
-      # Parity: one time in three a latent less than the clip holds, then a random place in the clip.
+      # Parity: one time in three one latent less than the clip holds, then a random position in the clip.
       count = self._frames(frames, rng.random() < self.shorten_rate)
       starts.append(rng.integers(frames - count + 1))
       num_frames.append(count)
@@ -250,26 +249,26 @@ class TextItems:
 
 
 def _upto(shares):
-  """Shares (N,) summed up to 1, as `numpy.random.Generator.choice` does; of none, none."""
+  """Cumulative probabilities (N,), as `numpy.random.Generator.choice` computes them; [] for []."""
   total = shares.cumsum()
   return total / total[-1] if len(total) else total
 
 
 def _inside(spans, first, past):
-  """Spans in frames of the cut first:past, without those that it leaves out."""
+  """Spans in frames of the cut first:past; spans outside of it are dropped."""
   cut = [(text, max(a, first) - first, min(b, past) - first) for text, a, b in spans]
   return tuple(span for span in cut if span[1] < span[2])
 
 
 def balance_weights(groups, power):
-  """Weights (N,) that draw group g in proportion to count(g) ** (1 - power): 0 by frequency, 1 all groups equally."""
+  """Weights (N,) that sample group g in proportion to count(g) ** (1 - power): 0 by frequency, 1 all groups equally."""
   names, inverse, counts = np.unique(groups, return_inverse=True, return_counts=True)
   return counts[inverse].astype(np.float64) ** -power
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class CaptionedClips:
-  """Whole clips with a caption, for the teacher: any length, padded with zeros or cut at random.
+  """Whole clips with a caption, for the teacher: zero-padded, or cut at a random position.
 
   Source: docs/papers/cmdm.md#items.
   """
@@ -288,8 +287,8 @@ class CaptionedClips:
     return len(self.kept)
 
   def rows(self, chosen, rng, rows=ALL):
-    """Of the clips with these numbers -> features (B, max_frames, F), num_frames (B,), index (B,), of these rows;
-    caption, a list of all B."""
+    """A batch of the clips with these indices -> features (B, max_frames, F), num_frames (B,), index (B,), of these
+    rows; caption, a list of all B."""
     starts, captions = [], []
     for i in chosen:
       starts.append(rng.integers(max(len(self.features[i]) - self.max_frames, 0) + 1))

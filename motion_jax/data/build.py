@@ -18,7 +18,7 @@ from motion_jax.utils.errors import InputError
 from motion_jax.utils.input_files import json_row
 from motion_jax.utils.numerals import SECONDS, NumberError, named, real
 
-LONGEST = 200  # frames; the field's loaders leave longer clips out
+LONGEST = 200  # frames; the field's loaders omit longer clips
 _COLUMNS = ("file", "caption", "start", "end", "split", "source", "license")
 _SECONDS = real(*SECONDS, unit="seconds")
 _ENOUGH = 5  # number of recordings from which on each split gets at least one
@@ -34,8 +34,8 @@ def build(source, out, captions=None, mapping=None, mode="corrected", mirror=Tru
   name, a JSON file or a dict {our joint: theirs}. fps: of the folder (20); source_fps: frame rate of the captured
   files, replacing the one that they state (.amc files state none: 120). Clips of more than 200 frames are cut into
   equal pieces; clips without a split get one from a hash of their name, 80 % train, 5 % val, 15 % test. faults: a list
-  that takes (file, what is wrong) of captured files that cannot be read, which are left out; without it the first is
-  raised. Nothing is left in out if anything fails.
+  to which (file, fault) of unreadable captured files is appended; these are omitted; without it the first is raised.
+  `out` is created only if everything succeeds.
   """
   source = pathlib.Path(source)
   if not source.is_dir():
@@ -59,7 +59,7 @@ def build(source, out, captions=None, mapping=None, mode="corrected", mirror=Tru
 
 
 def read_captures(folder, captions=None, mapping=None, fps=20.0, progress=False, source_fps=None, faults=None):
-  """Clips of the captured files in a folder that the table of captions names, and the files that it does not name."""
+  """(clips of the captured files that the table of captions names, files that it does not name)."""
   folder = pathlib.Path(folder)
   files = {path.relative_to(folder).as_posix(): path for path in sorted(folder.rglob("*"))
            if path.suffix.lower() in READERS}
@@ -76,11 +76,11 @@ def read_captures(folder, captions=None, mapping=None, fps=20.0, progress=False,
     if "#" in key and key not in files and (file := key.rpartition("#")[0]) in files:  # one clip of several in a file
       files[key] = files[file].with_name(f"{files[file].name}#{key.rpartition('#')[2]}")
       named_clips.add(file)
-    found = [key] if key in files else stems.get(key, ())
-    if len(found) > 1:
-      raise InputError(f"the captions name {key!r}, which may be {named(found)}; give the file's whole name")
-    if found:
-      rows.setdefault(found[0], []).append(row)
+    matches = [key] if key in files else stems.get(key, ())
+    if len(matches) > 1:
+      raise InputError(f"the captions name {key!r}, which may be {named(matches)}; give the file's whole name")
+    if matches:
+      rows.setdefault(matches[0], []).append(row)
     else:
       unknown.append(row["file"])
   if there := [name for name in unknown if (folder / name).is_file()]:
@@ -92,14 +92,14 @@ def read_captures(folder, captions=None, mapping=None, fps=20.0, progress=False,
                      f"{named(files, 3)}")
   mapping = read_mapping(mapping)
   clips = []
-  for name, own in tqdm.tqdm(rows.items(), desc="files", unit="file", disable=not progress):
-    splits = {row["split"] for row in own if row["split"]}
+  for name, captions_of_file in tqdm.tqdm(rows.items(), desc="files", unit="file", disable=not progress):
+    splits = {row["split"] for row in captions_of_file if row["split"]}
     if len(splits) > 1:
       raise InputError(f"the captions put {name} into the splits {named(sorted(splits), 5)}; expected one")
-    first = own[0]
+    first = captions_of_file[0]
     clip = read_clip(
         files[name], name, faults, mapping=mapping, fps=fps, source_fps=source_fps, id=_id(name), split="".join(splits),
-        captions=tuple(Caption(row["caption"], row["start"], row["end"]) for row in own),
+        captions=tuple(Caption(row["caption"], row["start"], row["end"]) for row in captions_of_file),
         source=first["source"] or folder.resolve().name, license=first["license"])
     if clip is not None and clip.num_frames < 2:
       short = f"it has {clip.num_frames} frame at {fps:g} frames a second, expected 2 or more"
@@ -147,7 +147,7 @@ def read_captions(path) -> list[dict]:
 
 
 def with_own_ids(clips, mirror=True):
-  """Clips whose ids name files of their own: one that is taken, itself or as a mirrored copy's, gets _2, _3, ..."""
+  """Makes ids unique, mirrored copies included, by suffixes _2, _3, ..."""
   taken, result = set(), []
   for clip in clips:
     id, number = clip.id, 1
@@ -160,7 +160,7 @@ def with_own_ids(clips, mirror=True):
 
 
 def pieces(clip, longest=LONGEST):
-  """A clip, or equal pieces of it with at most `longest` frames; a piece keeps spans that overlap it by a second."""
+  """A clip, or equal pieces of at most `longest` frames; a piece keeps timed captions that overlap it by a second."""
   num = math.ceil(clip.num_frames / longest)
   if num == 1:
     return [clip]
@@ -182,17 +182,17 @@ def pieces(clip, longest=LONGEST):
 
 
 def with_splits(clips):
-  """Clips that lack a split get one from a hash of their name (of the whole clip's, so pieces stay together)."""
+  """Assigns a split to clips without one, by a hash of the name of the whole clip: its pieces stay together."""
   def split_of(clip):
     digest = hashlib.sha256(_recording(clip).encode()).digest()
     place = int.from_bytes(digest[:8], "big") / 2**64
     return next(name for name, end in _SPLITS if place < end)
   chosen = [clip.split or split_of(clip) for clip in clips]
-  if "train" not in chosen:  # a handful of clips: the hash may leave nothing to learn from
+  if "train" not in chosen:  # the hash may leave train empty for a handful of clips
     chosen = [clip.split or "train" for clip in clips]
   names = sorted({_recording(clip) for clip in clips}, key=lambda name: hashlib.sha256(name.encode()).digest())
   if len(names) >= _ENOUGH and not any(clip.split for clip in clips):
-    # A few dozen clips: the hash may leave val or test empty.
+    # The hash may leave val or test empty for a few dozen clips.
     for split in ("val", "test"):
       if split not in chosen:
         of_train = [name for name in names if all(
@@ -207,7 +207,7 @@ def _recording(clip):
 
 
 def summary(out, info, left_out=()) -> str:
-  """A summary of the folder that was written, to print."""
+  """A printable summary of the written folder."""
   seconds = info["num_frames"] / info["fps"]
   lines = [f"{out}: {info['num_clips']} clips, {info['num_frames']} frames, {seconds / 3600:.2f} hours at "
            f"{info['fps']:g} frames a second, {info['layout']} features, {info['mode']} mode",

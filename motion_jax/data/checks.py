@@ -1,4 +1,4 @@
-"""The checks of `doctor` for a motion, its texts and its statistics. Each reports faults by `found.add`."""
+"""The checks of `doctor` for a motion, its texts and its statistics; each reports faults by `tally.add`."""
 import numpy as np
 
 from motion_jax.motion import plausibility
@@ -19,109 +19,112 @@ _TWISTED, _CROSSED = 65, 100  # degrees between hips and shoulders; 1,600 captur
 LEAK = "results on test or val would be too good: keep each recording in one split"
 
 
-def load(path, found):
+def load(path, tally):
   try:
     return load_npy(path)
   except (InputError, OSError) as error:
-    if found:
-      found.add("error", "files that cannot be read", "copy them again",
+    if tally:
+      tally.add("error", "files that cannot be read", "copy them again",
                 f"{path.parent.name}/{path.name} ({error_detail(error, path)})"[:120])
     return None
 
 
 def error_detail(error, path):
-  """The text of an error without the path that it begins with."""
+  """The message of an error without the path at its beginning."""
   return str(error).removeprefix(str(path)).lstrip(":/ ")
 
 
-def compare_joints(saved, recovered, layout, name, found):
+def compare_joints(saved, recovered, layout, name, tally):
   if saved.shape != recovered.shape:
-    found.add("error", "joints of another shape than their features", "make new_joints again from the features",
+    tally.add("error", "joints of another shape than their features", "make new_joints again from the features",
               f"{name} {saved.shape} for {recovered.shape}")
   elif not np.isfinite(saved).all():
-    found.add("error", "joints with NaN or infinity", "make new_joints again from the features", name)
+    tally.add("error", "joints with NaN or infinity", "make new_joints again from the features", name)
   elif np.abs(saved - recovered).max() * layout.skeleton.unit > 2e-3:
-    found.add("error", "joints that do not belong to their features (over 2 mm apart)", "one of the two is from "
+    tally.add("error", "joints that do not belong to their features (over 2 mm apart)", "one of the two is from "
               "another version of the data: make new_joints again from the features", name)
 
 
-def report_lengths(rows, splits, least, found):
-  """Reports clips that training leaves out: below `least` rows, by split, or from 200 on. rows: {id: rows}."""
+def report_lengths(rows, splits, least, tally):
+  """Reports clips that training omits: below `least` rows, by split, or from 200 on. rows: {id: number of rows}."""
   for split, ids in splits.items():
-    lengths = np.array([rows[one] for one in ids if one in rows])
+    lengths = np.array([rows[clip_id] for clip_id in ids if clip_id in rows])
     short = lengths < least
     if short.any():
       level = "error" if short.all() else "warning" if short.mean() > _FEW else "note"
       spared = (f", those of the sizes :laptop and :small clips of less than {SMALL_LEAST} "
                 f"({(lengths < SMALL_LEAST).sum()} of these)" if least > SMALL_LEAST else "")
-      found.add(level, f"{short.sum()} of {len(lengths)} {split} clips have less than {least} rows and stay unused",
+      tally.add(level, f"{short.sum()} of {len(lengths)} {split} clips have less than {least} rows and stay unused",
                 f"configs leave clips of less than {least} rows out{spared}; record longer ones, or train with "
                 "--config.data.min_frames=N", count=int(short.sum()))
   long = sum(count >= 200 for count in rows.values())
   if long:
-    found.add("warning" if long == len(rows) else "note", "clips of 200 rows or more", "text-to-motion loaders leave "
+    tally.add("warning" if long == len(rows) else "note", "clips of 200 rows or more", "text-to-motion loaders leave "
               "them out; motion-jax data build cuts long clips", count=long)
 
 
-def report_duplicates(hashes, splits, found):
-  where = {one: split for split, ids in splits.items() for one in ids}
+def report_duplicates(hashes, splits, tally):
+  where = {clip_id: split for split, ids in splits.items() for clip_id in ids}
   for names in hashes.values():
     if len(names) > 1:
       apart = len({where.get(name) for name in names}) > 1
-      found.add("error" if apart else "warning", "equal motions in different splits" if apart else "equal motions",
+      tally.add("error" if apart else "warning", "equal motions in different splits" if apart else "equal motions",
                 "keep one of them; a motion in train and test makes results too good" if apart else "keep one of them",
                 " = ".join(names[:3]))
 
 
 def shared_captions(captions):
-  """Facts (label, text) on the captions of val and test that are in train, word for word; captions: {split: [text]}.
+  """Facts (label, text) on the captions of val and test that train has, too, word for word; captions: {split: [text]}.
 
-  Letter case, white space and a last full stop make no difference.
+  Letter case, white space and a final full stop are ignored.
   """
   known = {split: {" ".join(text.lower().split()).rstrip(" .") for text in texts} - {""}
            for split, texts in captions.items()}
-  return [(f"{split} captions in train", f"{len(own & known['train'])} of {len(own)} different ones "
-           f"({len(own & known['train']) / len(own):.0%}), word for word")
-          for split, own in known.items() if split in ("val", "test") and own and known.get("train")]
+  return [(f"{split} captions in train", f"{len(sentences & known['train'])} of {len(sentences)} different ones "
+           f"({len(sentences & known['train']) / len(sentences):.0%}), word for word")
+          for split, sentences in known.items() if split in ("val", "test") and sentences and known.get("train")]
 
 
-def check_stats(folder, layout, own, found):
-  """Reports Mean and Std that are missing, of another representation, not by block, or of other data."""
+def check_stats(folder, layout, computed, tally):
+  """Reports Mean and Std that are missing, not by block, or of another representation or other data.
+
+  computed: the Stats of the folder's own features.
+  """
   values = {}
   for name in ("Mean", "Std"):
     path = folder / f"{name}.npy"
     if not path.is_file():
-      found.add("error", f"no {name}.npy", "build again, or compute it with motion_jax.motion.stats.compute_stats")
+      tally.add("error", f"no {name}.npy", "build again, or compute it with motion_jax.motion.stats.compute_stats")
       return
-    values[name] = load(path, found)
+    values[name] = load(path, tally)
     if values[name] is None:
       return
     if values[name].shape != (layout.dim,) or not np.isfinite(values[name]).all():
-      found.add("error", f"{name}.npy is {values[name].shape}, or not finite; the features need ({layout.dim},)",
+      tally.add("error", f"{name}.npy is {values[name].shape}, or not finite; the features need ({layout.dim},)",
                 "these statistics belong to another representation: restore the data's own")
       return
   mean, std = values["Mean"].astype(np.float64), values["Std"].astype(np.float64)
   if (std <= 0).any():
-    found.add("error", "Std.npy is not positive everywhere", "restore the data's own")
+    tally.add("error", "Std.npy is not positive everywhere", "restore the data's own")
     return
   blocks = {name: std[part] for name, part in layout.blocks.items()}
   if any(np.ptp(block) > 1e-4 * block.mean() for block in blocks.values()):
-    found.add("error", "Std.npy differs inside a block", "the field averages the std over each block (turn, root "
+    tally.add("error", "Std.npy differs inside a block", "the field averages the std over each block (turn, root "
               "velocity, height, positions, rotations, velocities, contacts): build again")
     return
   by_block = np.array([block.mean() for block in blocks.values()])
-  ours = np.array([own.std[part].mean() for part in layout.blocks.values()])
+  ours = np.array([computed.std[part].mean() for part in layout.blocks.values()])
   if len(by_block) == 7 and np.allclose(by_block, _EVALUATOR_STD, rtol=2e-2) and layout.skeleton is HUMANML3D:
-    found.add("error", "Mean and Std are the evaluator's, not the data's", "root and contacts of these are divided by "
+    tally.add("error", "Mean and Std are the evaluator's, not the data's", "root and contacts of these are divided by "
               "25: take Mean.npy and Std.npy of the data set")
   elif len(by_block) == 7 and np.allclose(by_block[[0, 1, 2, 6]] * 5, ours[[0, 1, 2, 6]], rtol=0.1):
-    found.add("error", "Std of root and contacts is a fifth of the data's", "these are a training run's statistics "
+    tally.add("error", "Std of root and contacts is a fifth of the data's", "these are a training run's statistics "
               "(feat_bias 5): take those of the data set")
-  elif np.abs(by_block / ours - 1).max() > 0.1 or (np.abs(mean - own.mean) / std).max() > 0.2:
+  elif np.abs(by_block / ours - 1).max() > 0.1 or (np.abs(mean - computed.mean) / std).max() > 0.2:
     official = (len(by_block) == 7 and layout.skeleton is HUMANML3D
                 and np.allclose(by_block, _OFFICIAL_STD, rtol=1e-3))
     worst = int(np.abs(by_block / ours - 1).argmax())
-    found.add("warning" if official else "error",
+    tally.add("warning" if official else "error",
               "Mean and Std are official HumanML3D's, the clips are not all of it" if official else
               f"Mean and Std are not this data's (std of {list(blocks)[worst]}: {by_block[worst]:.4g}, computed "
               f"{ours[worst]:.4g})",
@@ -130,24 +133,24 @@ def check_stats(folder, layout, own, found):
 
 
 def _twist(joints, skeleton):
-  """Degrees between the lines through the hips and through the shoulders, median over a clip."""
+  """Angle between the lines through hips and shoulders, degrees, median over a clip."""
   lines = [joints[:, left] - joints[:, right] for right, left in (skeleton.hips, skeleton.shoulders)]
   cosine = np.prod([rot.unit(line, eps=1e-9) for line in lines], axis=0).sum(-1)
   return float(np.degrees(np.arccos(np.clip(np.median(cosine), -1, 1))))
 
 
 class Body:
-  """Checks bodies: feet below or above the floor, sliding feet, bones that change, exchanged sides."""
+  """Checks bodies: feet below or above the floor, sliding feet, bones of varying length, exchanged sides."""
 
-  def __init__(self, found, skeleton, canonical=True):
-    self.found, self.skeleton, self.canonical = found, skeleton, canonical
+  def __init__(self, tally, skeleton, canonical=True):
+    self.tally, self.skeleton, self.canonical = tally, skeleton, canonical
     self.floors, self.slides, self.heights, self.backwards = [], [], [], []
 
   def check(self, name, joints):
     """Checks joints (T, J, 3) in the skeleton's unit; a single frame is skipped."""
     if len(joints) < 2:
       return
-    skeleton, add = self.skeleton, self.found.add
+    skeleton, add = self.skeleton, self.tally.add
     fault = plausibility.fault(joints, skeleton, name=name)
     if fault:
       add("error", "joints that are no person's", "cut the frames away, scale the source to metres, or remove the clip",
@@ -198,13 +201,13 @@ class Body:
 
   def report(self):
     if len(self.backwards) > 0.3 * len(self.floors):
-      self.found.add_all("error", "bodies whose standing toes point backwards", "left and right are exchanged, or an "
+      self.tally.add_all("error", "bodies whose standing toes point backwards", "left and right are exchanged, or an "
                          "axis is mirrored: check the mapping and the axes of the source", self.backwards)
     elif self.backwards:
-      self.found.add_all("note", "bodies whose standing toes point backwards", "fine for a few, who twist or dance",
+      self.tally.add_all("note", "bodies whose standing toes point backwards", "fine for a few, who twist or dance",
                          self.backwards)
     if self.heights and not 0.3 < np.median(self.heights) < 1.6:
-      self.found.add("error", f"pelvis at {np.median(self.heights):.3g} m in most clips", "the unit is wrong "
+      self.tally.add("error", f"pelvis at {np.median(self.heights):.3g} m in most clips", "the unit is wrong "
                      "(HumanML3D has metres, KIT millimetres) or y is not up")
 
   def facts(self):

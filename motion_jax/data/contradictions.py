@@ -1,14 +1,14 @@
 """Captions that contradict a motion: the same sentence with another side, count, pace or direction.
 
 A generator that follows captions has a larger error with such a sentence than with the true one; `loss.contrast` of
-CMDM's denoiser and CDAMD's generator makes it so (docs/training.md#contradicting-captions).
+CMDM's denoiser and CDAMD's generator trains this (docs/training.md#contradicting-captions).
 """
 import functools
 import re
 
 from motion_jax.data.mirror import mirror_caption
 
-# What is changed for what, by kind; of several one is drawn. A number of things keeps them plural.
+# Replacements by kind; of several one is drawn. Numbers of things stay plural.
 _TIMES = {"once": ("twice", "three times"), "twice": ("once", "three times", "four times"),
           "two times": ("once", "three times", "four times"), "three times": ("once", "twice"),
           "four times": ("once", "twice"), "five times": ("once", "twice")}
@@ -33,28 +33,29 @@ _BOTH = tuple(re.compile(rf"\b{a}\b[^.;]*\b(?:and|or|then|to)\b[^.;]*\b{b}\b", r
 
 @functools.lru_cache(1 << 16)
 def contradictions(caption: str) -> tuple[tuple[str, ...], ...]:
-  """The captions that contradict one, by kind; kinds that it says nothing of are left out.
+  """Captions that contradict one, by kind; kinds that it does not mention are omitted.
 
     "walks forward slowly"           ("walks forward quickly",), ("walks backward slowly",)
     "kicks with the left leg twice"  (... right leg twice,), (... left leg once, ... three times, ... four times)
 
-  Every word of a kind is changed. A caption of both sides, or of both directions, may say the same with the two
-  exchanged ("waves with the left and the right hand"), so that kind is left out.
+  Every word of a kind is changed. A caption of both sides, or of both directions, may mean the same with the two
+  exchanged ("waves with the left and the right hand"): that kind is omitted.
   """
-  found = [] if any(both.search(caption) for both in _BOTH[:2]) else [(mirror_caption(caption),)]
+  kinds = [] if any(both.search(caption) for both in _BOTH[:2]) else [(mirror_caption(caption),)]
   for words, table in _KINDS:
     if table is _DIRECTION and _BOTH[2].search(caption) or not (match := words.search(caption)):
       continue
     others = table[match[0].lower()]
     if isinstance(others, str):
-      found.append((words.sub(lambda one, table=table: table[one[0].lower()], caption),))
+      kinds.append((words.sub(lambda word, table=table: table[word[0].lower()], caption),))
     else:
-      found.append(tuple(f"{caption[:match.start()]}{other}{caption[match.end():]}" for other in others))
-  return tuple(kind for kind in found if kind[0] != caption)
+      kinds.append(tuple(f"{caption[:match.start()]}{other}{caption[match.end():]}" for other in others))
+  return tuple(kind for kind in kinds if kind[0] != caption)
 
 
 def contradict(caption: str, chance: float) -> str:
-  """One of the contradictions of a caption by a number of [0, 1), each kind as often; the caption itself for none."""
+  """Picks a contradiction of a caption by a number in [0, 1), kinds equally likely; the caption itself if none exists.
+  """
   kinds = contradictions(caption)
   if not kinds:
     return caption

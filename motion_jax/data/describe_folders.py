@@ -14,13 +14,13 @@ from motion_jax.utils.errors import InputError
 
 
 def describe_folder(folder, source_fps=None, mapping=None, faults=None, progress=False):
-  """Yields (name, start, end, sentences) of what lies in a folder, start and end in seconds.
+  """Yields (name, start, end, sentences) for the motions of a folder, start and end in seconds.
 
   folder: motion-capture files, in sub-folders too, one such file, or a data folder such as an archive, whose own
-  captions are left aside. Files longer than ten seconds are described in equal pieces. source_fps: the files' rate,
-  whatever they state. mapping: their joints' names (`rigs.map_joints`), as a dict or a JSON file. faults: a list
-  that takes (file, what is wrong) of files that cannot be read, which are left out; without it the first is raised.
-  Raises FileNotFoundError where there is no motion.
+  captions are ignored. Files longer than ten seconds are described in equal pieces. source_fps: overrides the rate in
+  the files. mapping: their joints' names (`rigs.map_joints`), as a dict or a JSON file. faults: a list to which (file,
+  fault) of unreadable files is appended; these are omitted; without it the first is raised. Raises FileNotFoundError if
+  there is no motion.
   """
   folder = pathlib.Path(folder)
   if not folder.exists():
@@ -50,7 +50,7 @@ def describe_folder(folder, source_fps=None, mapping=None, faults=None, progress
 
 
 def check_table(path) -> pathlib.Path:
-  """The path of a table of captions that may be written: a new .csv file. Raises InputError, or FileExistsError."""
+  """Checks the path of a new table of captions, a .csv file. Raises InputError, or FileExistsError."""
   path = pathlib.Path(path)
   if path.suffix.lower() != ".csv":
     raise InputError(f"got {path.name} to write captions to, expected a .csv file")
@@ -60,7 +60,7 @@ def check_table(path) -> pathlib.Path:
 
 
 def write_table(rows, path) -> int:
-  """Rows of `describe_folder` as a table that `motion-jax data build --captions` reads: file, caption, start, end.
+  """Writes rows of `describe_folder` as a table for `motion-jax data build --captions`: file, caption, start, end.
   Returns the number of captions."""
   lines = [(name, sentence, round(start, 3), round(end, 3)) for name, start, end, sentences in rows
            for sentence in sentences]

@@ -23,7 +23,7 @@ class Finding:
 
 @dataclasses.dataclass(frozen=True)
 class Report:
-  """What `examine` found: facts (label, value) and findings, the worst first."""
+  """Result of `examine`: facts (label, value) and findings, the worst first."""
   folder: str
   facts: tuple[tuple[str, str], ...]
   findings: tuple[Finding, ...]
@@ -37,11 +37,11 @@ class Report:
 def examine(folder, progress=False) -> Report:
   """Checks every file of a data folder. Raises FileNotFoundError if no known data set matches the folder."""
   folder = pathlib.Path(folder)
-  found = _Findings()
+  findings = _Findings()
   dataset = dataset_of(folder)
-  with np.errstate(all="ignore"):  # numbers may be of any size here, and are reported
-    facts = dataset.examine(folder, found, progress)
-  return Report(str(folder), tuple(facts), found.sorted())
+  with np.errstate(all="ignore"):  # bad numbers are reported as findings
+    facts = dataset.examine(folder, findings, progress)
+  return Report(str(folder), tuple(facts), findings.sorted())
 
 
 def format_report(report) -> str:
@@ -64,7 +64,7 @@ def format_report(report) -> str:
 
 
 class _Findings:
-  """Collects findings of one kind into one line."""
+  """Collects findings; those of one kind become one line."""
 
   def __init__(self):
     self.kinds = {}

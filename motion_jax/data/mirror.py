@@ -4,7 +4,7 @@ import re
 from motion_jax.data.clip import Clip
 from motion_jax.motion.retarget import mirror as mirror_joints
 
-# What follows when "right" or "left" is no side: right away, a right angle; left the room, left behind.
+# Words after "right" or "left" that mean no side: right away, a right angle; left the room, left behind.
 _NO_SIDE = {
     "right": r"away|after|afterwards|before|now|then|here|there|next\s+to|in\s+front|angles?|as|when|where|back\s+to",
     "left": r"the|behind|alone|over\s+from"}
@@ -13,13 +13,13 @@ _SIDE = (rf"(?P<side>left|right)(?P<rest>wards?|most|[-\s]?handed|[-\s]?footed|[
          r"(?![\w'])")
 _TURN = r"(?P<turn>(?:counter|anti)[-\s]?clockwise|clockwise)"
 _WORD = re.compile(rf"(?<![\w-]){_TURN}(?!\w)|(?<!\w){_SIDE}", re.IGNORECASE)
-# A side of the body's lower half, and of what one leg does.
+# A side of the lower body, or of an action of one leg.
 _LEG = re.compile(
     r"(?<![\w-])(?:left|right)[-\s]*(?:foot(?:ed)?|feet|leg(?:s|ged)?|knees?|heels?|toes?|ankles?|kicks?)(?![-\w])",
     re.IGNORECASE)
 _ALL_RIGHT = re.compile(r"\ball\s+$", re.IGNORECASE)
 _WHOSE = re.compile(r"\b(?:the|his|her|their|its)\s+$", re.IGNORECASE)
-# What says that a "right" before then, before, now and the like is a side, by the words in front of it.
+# Words before "right" that make it a side although then, before, now or the like follows.
 _BY_WAY = re.compile(r"\b(?:to|from|towards?)\s+$", re.IGNORECASE)
 _CHANGES_SIDE = re.compile(
     r"\b(?:turn|veer|lean|pivot|rotat|swerv|curv|tilt|twist|sway|step|sidestep|shuffl|shift|straf|dodg)"
@@ -40,11 +40,10 @@ def mirror_caption(text) -> str:
   """Exchanges left with right and clockwise with counterclockwise, keeping capitals.
 
   Whole words only, with their compounds (leftward, left-handed, righthand, right-most): "upright" stays. "right" before
-  away, after, before, now, then, here, angle and the like is no side ("right then he sits"), unless the words around it
-  say that it is one: an article, "to", a verb that goes to a side ("turns right before sitting"), or another side
-  beside it ("left then right then left"). "left" before the, behind, alone is no side either, so "left the room" is
-  kept, at the price of a caption like "turns left the second time". Anticlockwise comes back from two mirrors as
-  counterclockwise.
+  away, after, before, now, then, here, angle and the like is no side ("right then he sits"), unless its context makes
+  it one: an article, "to", a verb of moving to a side ("turns right before sitting"), or another side next to it ("left
+  then right then left"). "left" before the, behind, alone is no side either: "left the room" stays, but so does "turns
+  left the second time". After two mirrors, anticlockwise is counterclockwise.
   """
   def swap(match):
     if match["turn"]:
@@ -63,7 +62,7 @@ def mirror_caption(text) -> str:
 
 
 def _is_side(before, after):
-  """Whether a "right" between these words is a side although then, before, now or the like follows it."""
+  """Whether a "right" between these words is a side although then, before, now or the like follows."""
   if _BY_WAY.search(before) or _BESIDE_A_SIDE.search(before):
     return True
   if not _IN_TIME.match(after):  # right away, in front of, next to
@@ -76,12 +75,12 @@ def _is_side(before, after):
 
 
 def mirror_legs(text) -> str:
-  """Exchanges left with right where they say which leg: a left foot, right-legged, a left kick. Hands and ways stay."""
+  """Exchanges left with right of legs only: a left foot, right-legged, a left kick. Hands and directions stay."""
   return _LEG.sub(lambda match: mirror_caption(match[0]), text)
 
 
 def mirror_clip(clip) -> Clip:
-  """The mirrored clip, with id "M" + id and mirrored captions; without features, which have to be recomputed."""
+  """The mirrored clip, with id "M" + id and mirrored captions, without features."""
   captions = tuple(_with_text(caption, mirror_caption(caption.text)) for caption in clip.captions)
   meta = {key: value for key, value in clip.meta.items() if key != "tokens"}
   if "spans" in meta:
@@ -95,5 +94,5 @@ def _with_text(caption, text):
 
 
 def _like(old, new):
-  """new with the capitals of old."""
+  """new with the capitalization of old."""
   return new.upper() if old.isupper() else new.capitalize() if old[:1].isupper() else new

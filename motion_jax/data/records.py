@@ -31,7 +31,8 @@ def write(folders, out, layout="full", mode="corrected", mirror=True, overwrite=
     parts, whole = (sources.load_items(config, split, captioned) for captioned in (True, False))
     if parts:
       splits[split] = parts
-    if whole and [(one.id, len(one.features)) for one in whole] != [(one.id, len(one.features)) for one in parts]:
+    sizes = lambda items: [(item.id, len(item.features)) for item in items]
+    if whole and sizes(whole) != sizes(parts):
       splits[split + records.WHOLE] = whole
   if "train" not in splits:
     raise InputError(f"{', '.join(map(str, folders))}: no clip is in the split train, expected one: statistics "
@@ -46,14 +47,14 @@ def write(folders, out, layout="full", mode="corrected", mirror=True, overwrite=
                  splits={split: [row(item) for item in items] for split, items in splits.items()})
     (folder / records.INDEX).write_text(json.dumps(about, ensure_ascii=False) + "\n", encoding="utf-8")
     # This file marks a folder that this program made and may overwrite.
-    origin = dict(format="records", sources=[pathlib.Path(one).name for one in folders])
+    origin = dict(format="records", sources=[pathlib.Path(source).name for source in folders])
     (folder / "dataset.json").write_text(json.dumps(origin) + "\n", encoding="utf-8")
   counts = ", ".join(f"{split} {len(items)}" for split, items in splits.items())
   return "\n".join(line for line in (message, f"wrote {out}: {counts} clips of {layout.name} features") if line)
 
 
 def _write_tfds(tfds, folder, splits, layout):
-  """The folder motions/1.0.0 by a builder of tensorflow-datasets, clips in the order of their split."""
+  """Writes motions/1.0.0 by a builder of tensorflow-datasets, clips in the order of their split."""
 
   class Motions(tfds.core.GeneratorBasedBuilder, skip_registration=True):
     """Motions as features, with captions."""

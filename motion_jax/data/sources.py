@@ -29,11 +29,11 @@ from motion_jax.utils.errors import InputError
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class FeatureSet:
-  """Clips of one split as normalized features (T_i, F), with their captions and a group (an action) each.
+  """Clips of one split as normalized features (T_i, F), with captions and a group (an action) each.
 
-  tokens: {caption: its tokens "lemma/POS"} where the data set's files hold them. spans: of each clip that was put
-  together of several, (caption, first, past) in rows of its features; of others (). sources: the archive of each clip,
-  "" where the data set names none. own_captions: `captions` without paraphrases (`data.paraphrases`).
+  tokens: {caption: its tokens "lemma/POS"}, if the data set has them. spans: of each clip that was joined from several,
+  (caption, first, past) in rows of its features; () for others. sources: the archive of each clip, "" if unknown.
+  own_captions: `captions` without paraphrases (`data.paraphrases`).
   """
   features: list[np.ndarray]
   captions: list[list[str]]
@@ -47,7 +47,7 @@ class FeatureSet:
   own_captions: list[list[str]] = dataclasses.field(default_factory=list)
 
   def source_factors(self, config) -> np.ndarray | None:
-    """What data.source_weights, pairs (archive, factor), multiply the draws of each clip by, (N,); None without them.
+    """Sampling factors (N,) of the clips by data.source_weights, pairs (archive, factor); None without them.
 
     Raises InputError for an archive that is not among the data.
     """
@@ -58,8 +58,8 @@ class FeatureSet:
     return np.array([factors.get(source, 1.0) for source in self.sources], np.float64) if factors else None
 
   def draw_weights(self, config, kept=slice(None)) -> np.ndarray | None:
-    """Weights (N,) by which the clips `kept` are drawn: data.balance over their groups, times `source_factors`; None
-    where the config has neither, and every clip occurs once an epoch."""
+    """Sampling weights (N,) of the clips `kept`: data.balance over their groups, times `source_factors`; None if the
+    config has neither, and every clip occurs once per epoch."""
     factors = self.source_factors(config)
     if not config.balance and factors is None:
       return None
@@ -71,9 +71,9 @@ def recognize(config):
   """Detects the data sets of a config's folders, updates its data section, and returns a message for the user, or "".
 
   config: an unlocked copy, as `fit.resolve` makes it. If data.name is a data set that is read clip by clip, data.name
-  and data.folder or data.folders are set to what the folders hold: a single folder is configured by its own data set
-  (`Dataset.configure`), several are read clip by clip as "archive". Data that are made, not read, give way to folders
-  of any kind, so that the size tiny trains on them. Other data sets are used as named.
+  and data.folder or data.folders are set by the content of the folders: a single folder is configured by its own data
+  set (`Dataset.configure`), several are read clip by clip as "archive". Procedural data are replaced by folders of any
+  kind, which size tiny then trains on. Other data sets are used as named.
   """
   data = config.data
   if data.name not in DATASETS or not _gives_way(DATASETS[data.name]):
@@ -89,7 +89,8 @@ def recognize(config):
   if len(folders) == 1:
     return datasets[0].configure(data, folders[0])
   data.update(name="archive", folder="", folders=folders)
-  return "" if {one.name for one in datasets} == {"archive"} else f"data: {len(folders)} folders, read clip by clip"
+  names = {dataset.name for dataset in datasets}
+  return "" if names == {"archive"} else f"data: {len(folders)} folders, read clip by clip"
 
 
 def _gives_way(dataset):
@@ -105,7 +106,7 @@ def _readable_by_clip(folder):
 
 
 def load_clips(config):
-  """The clips that a data section names, of all splits: those of its folders, each read by its own data set."""
+  """The clips of a data section, of all splits: those of its folders, each read by its own data set."""
   if config.get("folders"):
     return [clip for folder in config.folders for clip in _readable_by_clip(folder).pieces(folder, config)]
   dataset = get_dataset(config.name)
@@ -114,7 +115,7 @@ def load_clips(config):
 
 
 def _require_one_license(clips):
-  """Raises InputError for NonCommercial beside ShareAlike clips: no licence of weights or data meets both."""
+  """Raises InputError for NonCommercial together with ShareAlike clips: no licence of weights or data meets both."""
   marked = {mark: sorted({clip.source for clip in clips if mark in clip.license}) for mark in ("BY-NC", "BY-SA")}
   if all(marked.values()):
     raise InputError(f"got {', '.join(marked['BY-NC'])} (NonCommercial) and {', '.join(marked['BY-SA'])} (ShareAlike), "
@@ -129,34 +130,34 @@ def _check_folder(config, dataset):
 
 
 def digests(config) -> list[str]:
-  """A digest of the bytes of each folder that a data section names, in order; none of data that are made by formula."""
+  """Digests of the bytes of the folders of a data section, in order; [] for procedural data."""
   if config.get("folders"):
     return [_readable_by_clip(folder).digest(folder) for folder in config.folders]
   return [get_dataset(config.name).digest(config.folder)] if config.get("folder") else []
 
 
 def load_features(config, split="train", stats=None, captioned=True) -> FeatureSet:
-  """Features of a split of config.data, normalized by stats or, without, by the split's own.
+  """Features of a split of config.data, normalized by stats, or else by the split's own.
 
-  Clips become features here (config.mode), on the layout's skeleton and at its rate, mirrored too if config.mirror.
-  Folders of data sets that hold features, or say how clips are cut, are read as they are: there each captioned part is
-  an item of its own, and lengths are limited, unless captioned is False: the autoencoders see every whole clip once
+  Clips are converted to features (config.mode) on the layout's skeleton and at its rate, and mirrored copies are added
+  if config.mirror. Data sets that hold features, or define how clips are cut, are read as they are: each captioned part
+  is an item, and lengths are limited; captioned=False gives every whole clip once, for the autoencoders
   (docs/papers/cmdm.md#items).
   """
   kept = _kept.get()
   if kept is None:
     return _load_features(config, split, stats, captioned)
   key = _key(config, split, captioned)
-  own = stats.fingerprint if stats else (
+  statistics = stats.fingerprint if stats else (
       bool(config.get("per_axis")), bool(config.get("per_column")), config.get("feature_bias", 0.0))
-  if (key, own) not in kept:
+  if (key, statistics) not in kept:
     data = _load_features(config, split, stats, captioned)
-    kept[key, own] = kept[key, data.stats.fingerprint] = data
-  return kept[key, own]
+    kept[key, statistics] = kept[key, data.stats.fingerprint] = data
+  return kept[key, statistics]
 
 
 def load_items(config, split="train", captioned=True) -> list[TextItem]:
-  """The items of a split of config.data, as features that are not normalized; see `load_features`."""
+  """The items of a split of config.data, with unnormalized features; see `load_features`."""
   dataset, layout = get_dataset(config.name), get_layout(config.layout)
   if dataset.by_clip and config.get("folders"):
     clips = load_clips(config)
@@ -180,11 +181,11 @@ def _load_features(config, split, stats, captioned):
     places = ", ".join(config.get("folders") or [config.get("folder") or "procedural motion"])
     raise ValueError(f"data of {config.name!r} ({places}) has no clips in split {split!r}")
   given, features = stats, [item.features for item in items]
-  # Of clips that were captured only: a run on more that is made of them starts from the weights of one without.
+  # Statistics of captured clips only: a run with augmented clips can start from the weights of one without them.
   captured = [item.features for item in items if not item.made]
   for item in items:
     tokens |= {caption: words for caption, words in zip(item.captions, item.tokens) if words}
-  if stats is None and (by_clip or config.get("per_column", False)):  # by column no data set's own files are
+  if stats is None and (by_clip or config.get("per_column", False)):  # no data set has files of statistics by column
     stats = compute_stats(captured, layout, config.get("per_axis", False), config.get("per_column", False))
   elif stats is None:
     stats = dataset.stats(config, layout, captured)
@@ -197,7 +198,7 @@ def _load_features(config, split, stats, captioned):
                     [list(item.captions[:item.num_own]) for item in items])
 
 
-# --- features that are kept --------------------------------------------------------------------------------------
+# --- cached features ---------------------------------------------------------------------------------------------
 
 _kept = contextvars.ContextVar("features that are kept", default=None)
 
@@ -206,7 +207,7 @@ _kept = contextvars.ContextVar("features that are kept", default=None)
 def keep_features():
   """Caches features by representation, split and statistics while the block runs.
 
-  For programs that train many runs on the same data; the cache takes memory until the block ends.
+  For programs that train many runs on the same data; the cache holds memory until the block ends.
   """
   token = _kept.set({})
   try:
@@ -220,7 +221,7 @@ def _key(config, split, captioned):
   folders = tuple(config.get("folders") or ()) if get_dataset(config.name).by_clip else ()
   readers = [dataset_of(folder) for folder in folders] or [get_dataset(config.name)]
   settings = config.to_dict() | {"captioned": captioned or bool(folders)}
-  own = {field for reader in readers for field in reader.fields}
-  fields = sorted({"kinematic_captions", "paraphrases"} | own - {"augment"})
+  reader_fields = {field for reader in readers for field in reader.fields}
+  fields = sorted({"kinematic_captions", "paraphrases"} | reader_fields - {"augment"})
   return (config.name, folders or config.get("folder"), config.layout, split,
           tuple(sorted(augment_shares(config).items())), *((field, settings.get(field) or None) for field in fields))

@@ -1,7 +1,7 @@
-"""A test split that training has not seen, by sentences or by subjects, made of archives (`data.datasets.archive`).
+"""Make unseen test splits of archives (`data.datasets.archive`), by sentences or by subjects.
 
-Recordings that are apart may still say the same: template captions repeat, and all subjects may be in train. Sentences
-are compared as training shows them: without their subject, and mirrored as well.
+Different recordings may share captions, as template captions repeat, and all subjects may be in train. Sentences are
+compared without their subject, and mirrored as well, as training uses them.
 """
 import collections
 import hashlib
@@ -17,17 +17,17 @@ from motion_jax.utils.errors import InputError
 from motion_jax.utils.input_files import read_json_lines
 
 WAYS = ("captions", "subjects")
-GROUPS = ("subject", "actor", "style", "clip")  # a row's group is by the first of these that it has
-SHARES = (("test", 0.15), ("val", 0.05))        # of an archive's rows, by whole groups
+GROUPS = ("subject", "actor", "style", "clip")  # the first of these keys of a row defines its group
+SHARES = (("test", 0.15), ("val", 0.05))        # of an archive's rows, in whole groups
 
 
 def split(folders, out, by="captions", overwrite=False) -> str:
   """Writes a copy of each archive, with another split, to a folder of its name in `out`; returns a summary.
 
-  by "captions": train and val rows stay, test rows keep the sentences that no train row of any folder has, and those
-  without any are left out; models that were trained on the archives can be judged. by "subjects": whole subjects (where
-  an archive names none, actors, styles or clips) are assigned to splits first, in an order that only their names
-  decide; for models that are trained on this split. Raises InputError for what is no archive.
+  by "captions": train and val rows stay, test rows keep the sentences that no train row of any folder has, and rows
+  without any are omitted; for evaluating models that were trained on the archives. by "subjects": whole subjects (or
+  actors, styles, clips, if an archive names no subjects) are assigned to splits first, in an order that depends only on
+  their names; for models that are trained on this split. Raises InputError for folders that are no archives.
   """
   if by not in WAYS:
     raise InputError(f"got by {by!r}, expected {' or '.join(WAYS)}")
@@ -40,11 +40,11 @@ def split(folders, out, by="captions", overwrite=False) -> str:
     motions, path = read_motions(folder), folder / "captions.jsonl"
     archives[folder.name] = folder, [read_row(row, motions, f"{path} line {n}") for n, row in read_json_lines(path)]
   places = [pathlib.Path(out) / name for name in archives]
-  if found := next((place for place in places if place.exists()), None):
+  if existing := next((place for place in places if place.exists()), None):
     if not overwrite:
-      raise InputError(f"{found} exists; name another --out, or replace it with --overwrite")
+      raise InputError(f"{existing} exists; name another --out, or replace it with --overwrite")
     if any(place.resolve() == folder.resolve() for place, (folder, _) in zip(places, archives.values())):
-      raise InputError(f"{found} is an archive that is read; name another --out")
+      raise InputError(f"{existing} is an archive that is read; name another --out")
   if by == "subjects":
     chosen: dict[str, str] = {}
     for _, rows in archives.values():
@@ -63,12 +63,12 @@ def split(folders, out, by="captions", overwrite=False) -> str:
 
 
 def group_of(row) -> str:
-  """The group of a row that is in one split as a whole, as "subject 14"."""
+  """The group of a row, such as "subject 14"; a group is in one split as a whole."""
   return next(f"{key} {row[key]}" for key in GROUPS if row.get(key))
 
 
 def _assign(rows, chosen):
-  """Sets the split of rows by groups; chosen {group: split} of those of other archives, which is filled up."""
+  """Sets the split of rows by groups, and adds to chosen, the {group: split} of all archives so far."""
   sizes = collections.Counter(map(group_of, rows))
   order = sorted(sizes, key=lambda group: hashlib.sha256(group.encode()).hexdigest())
   for name, share in SHARES:
@@ -84,7 +84,7 @@ def _assign(rows, chosen):
 
 
 def _unseen(row, seen):
-  """A row with the sentences that count in its split; None for a test row without any."""
+  """A row without sentences that training has seen, if it is in test; None for a test row without any left."""
   if row["split"] != "test":
     return row
   text = [text for text in row["text"] if without_subject(text) not in seen]

@@ -5,12 +5,12 @@ features of every caption. A training run that names it in data.store reads rows
 every step. A store is a folder of plain files:
 
   store.json       what it was made from, and each table's shape and sha256 sum
-  NAME.rows        numbers, a row after the other, as they lie in memory
-  NAME.ends.npy    (N,) where the rows of each entry end
-  cuts.npy         (N, 3) of each entry of the tables of cuts: the clip's number, its first frame, its frames
-  captions.json    the captions whose features the table "words" holds
+  NAME.rows        raw numbers, row by row
+  NAME.ends.npy    (N,) end of the rows of each entry
+  cuts.npy         (N, 3) of each entry of the tables of cuts: index of the clip, first frame, number of frames
+  captions.json    the captions whose features are in the table "words"
 
-It is good for one data set, tokenizer and text encoder only: `Store.require` refuses any other by their digests.
+It is valid for one data set, tokenizer and text encoder only: `Store.require` rejects any other by their digests.
 """
 import contextlib
 import hashlib
@@ -35,13 +35,13 @@ _ADVICE = "make the store again by motion-jax data encode"
 
 
 class Writer:
-  """Writes a store's tables row by row; `with writing(folder) as writer` makes the folder whole or not at all."""
+  """Writes a store's tables row by row; `with writing(folder) as writer` creates the folder only if all succeeds."""
 
   def __init__(self, folder):
     self.folder, self._files, self._ends, self._about, self._sums = folder, {}, {}, {}, {}
 
   def add(self, table, rows):
-    """One entry of a table: rows (L, C), of the same C and type for all entries of it."""
+    """Adds one entry to a table: rows (L, C), of the same C and dtype for all entries."""
     rows = np.ascontiguousarray(rows)
     about = dict(columns=rows.shape[1], dtype=str(rows.dtype))
     if self._about.setdefault(table, about) != about:
@@ -55,7 +55,7 @@ class Writer:
     self._ends[table].append(self._ends[table][-1] + len(rows))
 
   def close(self, identity, cuts, captions):
-    """identity: {part: digest}; cuts (N, 3) of the entries of each table of cuts; captions of those of "words"."""
+    """Finishes the store. identity: {part: digest}; cuts (N, 3): entries of the tables of cuts; captions of "words"."""
     for table, file in self._files.items():
       file.close()
       np.save(self.folder / f"{table}.ends.npy", np.array(self._ends[table][1:], np.int64))
@@ -67,8 +67,7 @@ class Writer:
 
 @contextlib.contextmanager
 def writing(folder):
-  """Yields a Writer whose folder takes its place when the block ends well. Raises ValueError if there is one already.
-  """
+  """Yields a Writer whose folder is created when the block succeeds. Raises InputError if the folder is not empty."""
   folder = pathlib.Path(folder)
   if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
     raise InputError(f"{folder} is there already; remove it, or choose another folder")
@@ -93,14 +92,14 @@ class Store:
     self.captions = {caption: i for i, caption in enumerate(read_json(folder / CAPTIONS, list, advice=_ADVICE))}
     cuts = load_npy(folder / CUTS)
     self._cuts = {key: i for i, key in enumerate(map(tuple, cuts.tolist()))}
-    self._longest = {}  # {(clip, start): the entry of the most frames}
+    self._longest = {}  # {(clip, start): the entry with the most frames}
     for i, (clip, start, count) in enumerate(cuts.tolist()):
       known = self._longest.get((clip, start))
       if known is None or cuts[known, 2] < count:
         self._longest[clip, start] = i
 
   def __reduce__(self):
-    return Store, (self.folder.absolute(),)  # a process that makes batches opens it itself: the tables are large
+    return Store, (self.folder.absolute(),)  # other processes open the large tables themselves
 
   def _mapped(self, name, table):
     path, shape = self.folder / f"{name}.rows", (int(table["rows"]), int(table["columns"]))
@@ -110,18 +109,18 @@ class Store:
     return np.memmap(path, dtype, "r", shape=shape) if shape[0] else np.zeros(shape, dtype)
 
   def require(self, identity):
-    """Raises InputError, naming the parts, unless the store was made from these: {part: digest}."""
+    """Raises InputError, naming the differing parts, unless the store was made from identity, {part: digest}."""
     other = [part for part in {**identity, **self.identity} if identity.get(part) != self.identity.get(part)]
     if other:
       raise InputError(f"{self.folder} was made from other {', '.join(sorted(other))} than this run has; {_ADVICE}")
 
   def damage(self) -> list[str]:
-    """The tables whose content is not what was written."""
+    """Names of the tables whose content has changed since it was written."""
     digest = lambda name: hashlib.sha256((self.folder / f"{name}.rows").read_bytes()).hexdigest()
     return [name for name, table in self._tables.items() if digest(name) != table["sha256"]]
 
   def cut(self, table, clip, start, count=None):
-    """Rows (L, C) of a cut; without count those of its longest, of which a shorter one's are the first."""
+    """Rows (L, C) of a cut; without count those of the longest cut from this frame."""
     entry = self._longest.get((clip, start)) if count is None else self._cuts.get((clip, start, count))
     if entry is None:
       raise InputError(f"{self.folder} has no {table} of clip {clip} from frame {start}"
@@ -129,7 +128,7 @@ class Store:
     return self._entry(table, entry)
 
   def words(self, caption):
-    """Features (S, D) of a caption, or None where it has none."""
+    """Features (S, D) of a caption, or None."""
     entry = self.captions.get(caption)
     return None if entry is None else self._entry(WORDS, entry)
 
@@ -152,27 +151,28 @@ def digest_of(*parts) -> str:
 
 
 def stored_batch(store, items, tables, batch_size, seed, step, rows=ALL, *, latents_look_back):
-  """What `items.batch` gives, with rows of a store in the place of the features: {table: (B, L, C)}, zero-padded.
+  """`items.batch` with rows of a store instead of features: {table: (B, L, C)}, zero-padded.
 
-  latents_look_back: latents depend on no later frame, so those of a shorter cut are the first of its longest's.
+  latents_look_back: latents depend on no later frame: those of a shorter cut are the first of the longest cut's.
   """
   drawn = items.draw(batch_size, seed, step)
   cuts = [numbers[rows] for numbers in (drawn.clip, drawn.start, drawn.num_frames)]
   batch = {"num_frames": cuts[2], "caption": drawn.captions, "index": np.arange(batch_size)[rows]}
   for table in tables:
-    found = [store.cut(table, clip, start, None if latents_look_back else count)[:count // items.frames_per_latent]
-             for clip, start, count in zip(*map(np.ndarray.tolist, cuts))]
-    batch[table] = np.zeros((len(found), drawn.length // items.frames_per_latent, found[0].shape[-1]), found[0].dtype)
-    for row, latents in zip(batch[table], found):
-      row[:len(latents)] = latents
+    latents = [store.cut(table, clip, start, None if latents_look_back else count)[:count // items.frames_per_latent]
+               for clip, start, count in zip(*map(np.ndarray.tolist, cuts))]
+    shape = len(latents), drawn.length // items.frames_per_latent, latents[0].shape[-1]
+    batch[table] = np.zeros(shape, latents[0].dtype)
+    for row, cut in zip(batch[table], latents):
+      row[:len(cut)] = cut
   return batch
 
 
-# --- writing one: frozen networks applied to all cuts and captions that training may draw -----------------------------
+# --- writing a store: frozen networks applied to all cuts and captions that training may draw -------------------------
 
 
 def identity_of(codecs, items: TextItems, encoder: TextEncoder) -> dict[str, str]:
-  """{part: digest} of what a store is made from; codecs: the tree of the tokenizers' parameters."""
+  """{part: digest} of the inputs of a store; codecs: the tree of the tokenizers' parameters."""
   return {"tokenizer": digest_of(codecs), "data": digest_of(items.features),
           "rules of cutting": digest_of(np.array(list(items.cuts()), np.int64)),
           "text encoder": encoder.fingerprint}
@@ -183,7 +183,7 @@ def encode(folder, codecs, items: TextItems, encoder: TextEncoder, encode_cuts: 
   """Writes a store of the cuts of items and of their captions; returns a line about it.
 
   encode_cuts(codecs, features (B, T, F), num_frames (B,)) -> {table: rows (B, L, C)}, pure. vary_subject: training
-  varies the subject of captions. latents_look_back: see `stored_batch`; then the longest cut from each frame is enough.
+  varies the subject of captions. latents_look_back: see `stored_batch`; only the longest cut from each frame is stored.
   """
   captions = sorted({said for i in items.kept for caption in items.captions[i]
                      for said in (with_subjects(caption) if vary_subject else [caption])})
@@ -200,9 +200,9 @@ def encode(folder, codecs, items: TextItems, encoder: TextEncoder, encode_cuts: 
           features, counts = np.zeros((batch_size, length, items.features[0].shape[-1]), np.float32), [0] * batch_size
           for row, (clip, start, count, _) in enumerate(some):
             features[row, :count], counts[row] = items.features[clip][start:start + count], count
-          made = jax.tree.map(np.asarray, run(codecs, features, np.array(counts, np.int32)))
+          encoded = jax.tree.map(np.asarray, run(codecs, features, np.array(counts, np.int32)))
           for row, count in enumerate(counts[:len(some)]):
-            for table, rows in made.items():
+            for table, rows in encoded.items():
               writer.add(table, rows[row, :count // items.frames_per_latent])
           done += [cut[:3] for cut in some]
           bar.update(len(some))

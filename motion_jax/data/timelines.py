@@ -1,13 +1,13 @@
-"""Timelines: sentences with a start, an end and body parts, as in the multi-track format of STMC and its MTT data.
+"""Timelines: sentences with a start, an end and body parts, in the multi-track format of STMC and its MTT data.
 
-A text file; one interval a line, an empty line between timelines, seconds:
+A text file with one interval per line, an empty line between timelines, times in seconds:
 
   walking in a circle # 0.0 # 6.0 # legs
   raising both hands in the air # 2.0 # 5.0 # right arm # left arm
 
-`single_track` turns one into prompts that follow each other, for models that take one caption at a time.
+`single_track` turns one into consecutive prompts, for models that take one caption at a time.
 
-`read_sequences` reads prompts that follow each other anyway, as FlowMDM's evaluation lists them: JSON, [{"id": "0",
+`read_sequences` reads consecutive prompts in the format of FlowMDM's evaluation: JSON, [{"id": "0",
 "lengths": [frames, ..], "text": [caption, ..]}, ..].
 """
 from typing import NamedTuple
@@ -24,7 +24,7 @@ _SECONDS = real(*SECONDS, unit="seconds")
 
 
 class Interval(NamedTuple):
-  """A caption for the seconds start:end, about some parts of the body (none named: all of it)."""
+  """A caption of the seconds start:end, of some body parts (none: the whole body)."""
   text: str
   start: float
   end: float
@@ -32,7 +32,7 @@ class Interval(NamedTuple):
 
 
 def read_timelines(path) -> list[list[Interval]]:
-  """All timelines of a file, each moved to begin at 0. Raises ValueError with the line that is wrong."""
+  """Reads all timelines of a file, each shifted to begin at 0. Raises InputError with the number of a bad line."""
   timelines, current = [], []
   for number, line in enumerate(read_lines(path), 1):
     if line.strip():
@@ -47,12 +47,12 @@ def read_timelines(path) -> list[list[Interval]]:
 
 
 def read_sequences(path) -> list[list[tuple[str, int]]]:
-  """[[(caption, frames), ..], ..] of a file of sequences, in the order of their ids; ValueError for another file."""
+  """Reads sequences [[(caption, frames), ..], ..], in the order of their ids. Raises InputError for other content."""
   expected = 'expected a list of {"id", "lengths": [frames, ..], "text": [caption, ..]}, as many lengths as texts'
   content = read_json(path, list, advice=expected)
   try:
-    sequences = [list(zip(one["text"], map(int, one["lengths"]), strict=True))
-               for one in sorted(content, key=lambda one: int(one["id"]))]
+    sequences = [list(zip(sequence["text"], map(int, sequence["lengths"]), strict=True))
+               for sequence in sorted(content, key=lambda sequence: int(sequence["id"]))]
   except (KeyError, TypeError, ValueError, OverflowError) as error:
     raise InputError(f"{path} is no file of multi-prompt sequences ({reason(error)}); {expected}") from None
   bad = [i for i, sequence in enumerate(sequences) if len(sequence) < 2 or any(
@@ -64,7 +64,7 @@ def read_sequences(path) -> list[list[tuple[str, int]]]:
 
 
 def is_timeline(text) -> bool:
-  """Whether the lines of a file look like a timeline: three fields at least, parted by #."""
+  """Whether the lines of a file look like a timeline: at least three fields, separated by #."""
   lines = [line for line in lines_of(text) if line.strip()]
   return bool(lines) and all(line.count("#") >= 2 for line in lines)
 
@@ -95,12 +95,11 @@ def _from_zero(timeline):
 
 
 def single_track(timeline, shortest=0.6) -> list[tuple[str, float]]:
-  """[(caption, seconds)], one after the other, that say what a timeline of overlapping intervals says.
+  """Converts a timeline of overlapping intervals to consecutive prompts [(caption, seconds)].
 
-  Time is cut at every start and end. A piece's caption joins those of all intervals in it by "and", in the order in
-  which they start; body parts are not used, as the captions name them. Where nothing is said, what was said last goes
-  on. Pieces under `shortest` seconds are too short to be acted: they go to the longer neighbour. Equal neighbours are
-  one.
+  Time is cut at every start and end. The caption of a piece joins those of all its intervals by "and", in the order of
+  their starts; body parts are not used, as captions name them. A gap continues the caption before it. Pieces under
+  `shortest` seconds are merged into the longer neighbour, equal neighbours into one.
   """
   timeline = sorted(timeline, key=lambda interval: interval.start)
   cuts = sorted({time for interval in timeline for time in (interval.start, interval.end)})

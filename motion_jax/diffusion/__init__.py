@@ -1,4 +1,4 @@
-"""Pure functions around a denoiser: paths, noise schedules, samplers, guidance."""
+"""Diffusion and flow matching as pure functions: paths, noise schedules, samplers, guidance."""
 import lazy_loader
 
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

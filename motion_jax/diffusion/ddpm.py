@@ -1,8 +1,8 @@
-"""Diffusion in discrete steps: tables, and samplers of networks that predict the noise or the clean data.
+"""DDPM and DDIM: noise schedules, and samplers for networks that predict the noise or the clean data.
 
-MARDM's DDPM variant (docs/papers/cdamd.md#diffusion-mlp), MDM (docs/papers/mdm.md#diffusion), MLD
-(docs/papers/mld.md#diffusion) and MotionStreamer's head. Steps count upwards in noise, 0 being the cleanest, the other
-way round than the times elsewhere in this package: they are indices of the tables below, and what enters the network.
+For MARDM's DDPM variant (docs/papers/cdamd.md#diffusion-mlp), MDM (docs/papers/mdm.md#diffusion), MLD
+(docs/papers/mld.md#diffusion) and MotionStreamer's head. A larger step is noisier and 0 the cleanest, opposite to the
+times of `paths`: steps are indices of the tables below and the network's input.
 """
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -18,9 +18,9 @@ Table = Float[np.ndarray, " n"]
 
 
 class Schedule(NamedTuple):
-  """Tables (N,) in float64: the variance that each step adds, what is left of the data, and how to go one step back.
+  """Tables (N,) in float64: variances of the steps, cumulative products of alphas, and the posterior's terms.
 
-  `steps` are the steps of the training schedule that these correspond to; the network gets those.
+  steps: the steps of the training schedule that these correspond to, which are the network's input.
   """
   steps: Int[np.ndarray, " n"]
   betas: Table
@@ -34,12 +34,12 @@ class Schedule(NamedTuple):
 
 
 def schedule_of(betas: Table, steps: Int[np.ndarray, " n"] | None = None) -> Schedule:
-  """All tables from the variances betas (N,)."""
+  """Computes all tables from the variances betas (N,)."""
   betas = np.asarray(betas, np.float64)
   kept = np.cumprod(1 - betas)
   before = np.append(1.0, kept[:-1])
   variance = betas * (1 - before) / (1 - kept)
-  # The last step back has variance 0, whose logarithm is replaced by its neighbour's.
+  # The posterior variance of step 0 is 0; its logarithm is replaced by that of step 1.
   log_variance = np.log(np.append(variance[1], variance[1:])) if len(betas) > 1 else np.zeros(1)
   return Schedule(np.arange(len(betas)) if steps is None else np.asarray(steps), betas, kept, np.sqrt(1 / kept),
                   np.sqrt(1 / kept - 1), variance, log_variance, betas * np.sqrt(before) / (1 - kept),
@@ -55,21 +55,21 @@ def cosine_schedule(num_steps: int = 50) -> Schedule:
 
 
 def linear_schedule(num_steps: int = 1000) -> Schedule:
-  """Variances rising in a straight line, from 1e-4 to 0.02 for 1,000 steps."""
+  """The linear schedule: variances from 1e-4 to 0.02 for 1,000 steps."""
   scale = 1000 / num_steps
   return schedule_of(np.linspace(scale * 1e-4, scale * 0.02, num_steps))
 
 
 def scaled_linear_schedule(num_steps: int = 1000, start: float = 0.00085, end: float = 0.012) -> Schedule:
-  """Variances whose square roots rise in a straight line, as latent diffusion has them."""
+  """The scaled linear schedule of latent diffusion: square roots of the variances are linear."""
   return schedule_of(np.linspace(np.sqrt(start), np.sqrt(end), num_steps) ** 2)
 
 
 def spaced_steps(total: int, spacing: int | str) -> Int[np.ndarray, " n"]:
-  """Which of the `total` steps of training a sampler makes, rising.
+  """Which of the `total` training steps a sampler uses, ascending.
 
-  A number: that many, evenly spread, the first and the last among them. Several, "10,15,20": that many of each of as
-  many equal parts of training. "ddim50": 50 steps at the first whole stride that gives as many.
+  A number: that many, evenly spaced from the first to the last. Several, "10,15,20": total is split into as many equal
+  parts, with that many steps from each. "ddim50": 50 steps at the smallest integer stride that gives 50.
   """
   if isinstance(spacing, str) and spacing.startswith("ddim"):
     wanted = int(spacing.removeprefix("ddim"))
@@ -87,7 +87,7 @@ def spaced_steps(total: int, spacing: int | str) -> Int[np.ndarray, " n"]:
       raise ValueError(f"got {count} sampler steps, expected 1 to the {size} of training")
     apart = (size - 1) / (count - 1) if count > 1 else 1.0
     place = 0.0
-    for _ in range(count):  # added up as the reference does, whose rounding decides about halves
+    for _ in range(count):  # accumulated as in the reference, because its rounding decides ties
       chosen.append(first + round(place))
       place += apart
     first += size
@@ -95,19 +95,19 @@ def spaced_steps(total: int, spacing: int | str) -> Int[np.ndarray, " n"]:
 
 
 def respace(schedule: Schedule, spacing: int | str) -> Schedule:
-  """A schedule of some of the given one's steps: see `spaced_steps`."""
+  """The schedule of a subset of steps, chosen by `spaced_steps`."""
   return at_steps(schedule, spaced_steps(len(schedule.betas), spacing))
 
 
 def at_steps(schedule: Schedule, chosen: Int[np.ndarray, " n"]) -> Schedule:
-  """A schedule of these steps (N,) of the given one, rising."""
+  """The schedule of these steps (N,), ascending, of the given one."""
   kept = schedule.alphas_cumprod[chosen]
   return schedule_of(1 - kept / np.append(1.0, kept[:-1]), schedule.steps[chosen])
 
 
 def add_noise(schedule: Schedule, x1: Float[Array, "*lead c"], noise: Float[Array, "*lead c"],
               step: Int[Array, "*#lead"]) -> Float[Array, "*lead c"]:
-  """Data x1 (..., C) as it is after `step` (...)."""
+  """Forward diffusion: data x1 (..., C) with the noise of `step` (...)."""
   kept = schedule.alphas_cumprod
   of_data, of_noise = (jnp.asarray(np.sqrt(a), x1.dtype)[step][..., None] for a in (kept, 1 - kept))
   return of_data * x1 + of_noise * noise
@@ -121,44 +121,47 @@ def loss_rows(predict: Callable, schedule: Schedule, x1: Float[Array, "*lead c"]
 
 
 def _row(table: Table, index: Any, like: Array) -> Array:
-  """Entries of a table for indices (...), to be multiplied with an array (..., C)."""
+  """Entries of a table at indices (...), shaped for multiplication with an array (..., C)."""
   return jnp.asarray(table, like.dtype)[index][..., None]
 
 
 def x1_of_noise(schedule: Schedule, x: Float[Array, "*lead c"], noise: Float[Array, "*lead c"],
                 index: int | Int[Array, "*#lead"]) -> Float[Array, "*lead c"]:
-  """The clean data that x (..., C) at table row index (...) means with this noise."""
+  """The clean data of x (..., C) at table row index (...), given its noise."""
   return (_row(schedule.sqrt_recip_alphas_cumprod, index, x) * x
           - _row(schedule.sqrt_recipm1_alphas_cumprod, index, x) * noise)
 
 
 def noise_of_x1(schedule: Schedule, x: Float[Array, "*lead c"], x1: Float[Array, "*lead c"],
                 index: int | Int[Array, "*#lead"]) -> Float[Array, "*lead c"]:
-  """The noise in x (..., C) at table row index (...) if x1 is its clean data."""
+  """The noise of x (..., C) at table row index (...), given its clean data."""
   return ((_row(schedule.sqrt_recip_alphas_cumprod, index, x) * x - x1)
           / _row(schedule.sqrt_recipm1_alphas_cumprod, index, x))
 
 
 def posterior_mean(schedule: Schedule, x: Float[Array, "*lead c"], x1: Float[Array, "*lead c"],
                    index: int | Int[Array, "*#lead"]) -> Float[Array, "*lead c"]:
-  """The mean of the step before, given x (..., C) at table row index (...) and its clean data."""
+  """The posterior mean of the next cleaner step, given x (..., C) at table row index (...) and its clean data."""
   return _row(schedule.posterior_mean_coef1, index, x) * x1 + _row(schedule.posterior_mean_coef2, index, x) * x
 
 
 def step_back(schedule: Schedule, x: Float[Array, "*lead c"], x1: Float[Array, "*lead c"],
               index: int | Int[Array, ""], noise: Float[Array, "*lead c"], temperature: Any = 1.0
               ) -> Float[Array, "*lead c"]:
-  """One ancestral step from table row `index` () to the one before, given the clean data; row 0 adds no noise."""
+  """One ancestral sampling step from table row `index` () to the previous one, given the clean data.
+
+  Row 0 adds no noise.
+  """
   std = jnp.exp(0.5 * jnp.asarray(schedule.posterior_log_variance_clipped, x.dtype)[index])
   return posterior_mean(schedule, x, x1, index) + jnp.where(index > 0, std * temperature, 0.0) * noise
 
 
-PREDICTS = ("noise", "x1")  # what a network says of x
+PREDICTS = ("noise", "x1")  # outputs of a network: the noise, or the clean data
 
 
 def clean_of(predicts: str, schedule: Schedule, x: Float[Array, "*lead c"], predicted: Float[Array, "*lead c"],
              index: int | Int[Array, "*#lead"]) -> Float[Array, "*lead c"]:
-  """The clean data that a network's output, one of `PREDICTS`, means."""
+  """Converts a network's output, one of `PREDICTS`, to the clean data."""
   if predicts not in PREDICTS:
     raise ValueError(f"got a network that predicts {predicts!r}, expected {' or '.join(PREDICTS)}")
   return predicted if predicts == "x1" else x1_of_noise(schedule, x, predicted, index)
@@ -167,10 +170,10 @@ def clean_of(predicts: str, schedule: Schedule, x: Float[Array, "*lead c"], pred
 def ancestral_path(predict: Callable, schedule: Schedule, x: Float[Array, "*lead c"], fresh: Callable,
                    temperature: Any = 1.0, predicts: str = "noise", replace: Callable = lambda x1: x1
                    ) -> Float[Array, " n *lead c"]:
-  """What noise x (..., C) becomes after each step back, (N, ..., C), the last one data.
+  """Ancestral sampling from noise x (..., C) -> x after each step (N, ..., C), the last one data.
 
-  predict(x, step ()) -> noise or clean data (..., C), as `predicts` says; fresh(m) is the noise of the m-th step back,
-  m a traced integer from 0; replace(x1) changes the clean data that a prediction means, to paint a known part over it.
+  predict(x, step ()) -> noise or clean data (..., C), as `predicts` says; fresh(m) is the noise of the m-th step, m a
+  traced integer from 0; replace(x1) edits the predicted clean data, for example to insert known frames (inpainting).
   """
   def back(x, m):
     x = _back(predict, schedule, x, m, fresh, temperature, predicts, replace)
@@ -182,13 +185,13 @@ def ancestral_path(predict: Callable, schedule: Schedule, x: Float[Array, "*lead
 def ancestral(predict: Callable, schedule: Schedule, x: Float[Array, "*lead c"], fresh: Callable,
               temperature: Any = 1.0, predicts: str = "noise", replace: Callable = lambda x1: x1
               ) -> Float[Array, "*lead c"]:
-  """Carries noise x (..., C) to data: the last of `ancestral_path`."""
+  """Samples data from noise x (..., C) by ancestral steps: the last row of `ancestral_path`."""
   back = lambda x, m: (_back(predict, schedule, x, m, fresh, temperature, predicts, replace), None)
   return jax.lax.scan(back, x, jnp.arange(len(schedule.betas)))[0]
 
 
 def _predicted(predict: Callable, schedule: Schedule, x: Array, index: Any) -> Array:
-  """The network's output; it is given the step of training that a row of the table stands for."""
+  """The network's output at the training step that a table row stands for."""
   return predict(x, jnp.asarray(schedule.steps)[index])
 
 
@@ -201,9 +204,9 @@ def _back(predict: Callable, schedule: Schedule, x: Array, m: Any, fresh: Callab
 
 def ddim_path(predict: Callable, schedule: Schedule, x: Float[Array, "*lead c"], end: float = 1.0,
               predicts: str = "noise") -> Float[Array, " n *lead c"]:
-  """What noise x (..., C) becomes after each step of DDIM without noise, (N, ..., C); predict as in `ancestral_path`.
+  """Deterministic DDIM from noise x (..., C) -> x after each step (N, ..., C); predict as in `ancestral_path`.
 
-  end: what is left of the data after the last step: 1, or that of the cleanest training step.
+  end: the product of alphas after the last step: 1, or that of the cleanest training step.
   """
   before = np.append(end, schedule.alphas_cumprod[:-1])
 
@@ -220,5 +223,5 @@ def ddim_path(predict: Callable, schedule: Schedule, x: Float[Array, "*lead c"],
 
 def ddim(predict: Callable, schedule: Schedule, x: Float[Array, "*lead c"], end: float = 1.0, predicts: str = "noise"
          ) -> Float[Array, "*lead c"]:
-  """Carries noise x (..., C) to data: the last of `ddim_path`."""
+  """Samples data from noise x (..., C) by DDIM: the last row of `ddim_path`."""
   return ddim_path(predict, schedule, x, end, predicts)[-1]

@@ -1,4 +1,4 @@
-"""Classifier-free guidance: away from what the model does without words, towards what it does with them."""
+"""Classifier-free guidance: extrapolation from the prediction without a caption to that with it."""
 from collections.abc import Callable
 
 import jax.numpy as jnp
@@ -10,7 +10,7 @@ Scale = float | Num[Array, "..."]
 
 
 def combine(with_text: Float[Array, "*dims"], without: Float[Array, "*dims"], scale: Scale) -> Float[Array, "*dims"]:
-  """without + scale (with_text - without); scale 1 is the model itself, 0 ignores the words.
+  """without + scale (with_text - without); scale 1 is the prediction with text, 0 that without.
 
   Source: docs/papers/cmdm.md#guidance, docs/papers/cdamd.md#guidance.
   """
@@ -18,7 +18,7 @@ def combine(with_text: Float[Array, "*dims"], without: Float[Array, "*dims"], sc
 
 
 def guided(velocity: Callable, scale: Scale) -> Callable:
-  """Wraps velocity(x, t, drop (B,)) -> (B, L, C) into one of (x, t), both branches in one batch of 2 B."""
+  """Wraps velocity(x, t, drop (B,)) -> (B, L, C) into a guided one of (x, t), which runs both in a batch of 2 B."""
 
   def both(x, t):
     batch = x.shape[0]

@@ -1,8 +1,7 @@
-"""An adaptive solver with the controller of torchdiffeq 0.2.5, so that the reference's numbers can be met.
+"""Dormand and Prince's adaptive fifth-order ODE solver, with the step control of torchdiffeq 0.2.5.
 
-Dormand and Prince's fifth-order method. Why not a library: diffrax and jax.experimental.ode have the same tableau but
-other initial steps, other controllers and another norm, so they stop elsewhere and take another number of evaluations;
-the reference's result carries its own step sizes to 1e-3. Source: docs/papers/cdamd.md#diffusion-mlp.
+diffrax and jax.experimental.ode have the same tableau, but other initial steps, step control and error norms; the
+results of the reference depend on these by up to 1e-3. Source: docs/papers/cdamd.md#diffusion-mlp.
 """
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -50,14 +49,13 @@ class _State(NamedTuple):
 def dopri5(velocity: Callable, x: Float[Array, "*lead c"], rows: Bool[Array, "*lead"] | None = None,
            start: float = 0.0, end: float = 1.0, rtol: float = 1e-3, atol: float = 1e-6, max_steps: int = 10_000
            ) -> Solution:
-  """Carries x along velocity(x, t), t a scalar, from start to end, forward or back, by steps that keep the error
-  estimate small.
+  """Integrates dx/dt = velocity(x, t), t a scalar, from start to end, forward or backward in time.
 
-  All rows share one step size, so a row's result depends a little on its batch-mates. rows, if given, like x less its
-  last axis: only the rows where it is True count for the error. Not differentiable in reverse mode. If max_steps steps
-  do not reach the end, or the velocity is not finite, the value is NaN.
+  All rows share one step size, so a row's result depends slightly on the rest of the batch. rows (bool, x.shape[:-1]):
+  only True rows count for the error estimate. Not differentiable in reverse mode. If max_steps steps do not reach the
+  end, or the velocity is not finite, the value is NaN.
   """
-  if end < start:  # with the clock turned round
+  if end < start:  # in reversed time
     return dopri5(lambda x, t: -velocity(x, -t), x, rows, -start, -end, rtol, atol, max_steps)
   # In the reference times are float64 and values float32; without float64 here times are float32, which moves them by
   # about 1e-7 and matters only if a step ends within that of the last time.
@@ -70,7 +68,7 @@ def dopri5(velocity: Callable, x: Float[Array, "*lead c"], rows: Bool[Array, "*l
   mix = lambda weights, ks, width: sum(k * (w * width) for w, k in zip(weights, ks) if w)
 
   def first_step(x, v):
-    """Hairer's choice, for a method of order 4 (the embedded one)."""
+    """Hairer's initial step size, for order 4, that of the embedded method."""
     scale = atol + jnp.abs(x) * rtol
     size, slope = norm(x / scale), norm(v / scale)
     tiny = (size < 1e-5) | (slope < 1e-5)

@@ -1,7 +1,7 @@
-"""Solvers whose steps are given beforehand, so that a row never feels its batch-mates; `ode.dopri5` chooses its own.
+"""ODE solvers with fixed steps, in which batch items are independent; `ode.dopri5` has adaptive steps.
 
-`euler` and `heun` carry noise along a table of times, one per frame: the plain form, which the fast one is tested
-against. `runge_kutta` takes equal steps of any method of `METHODS`.
+`euler` and `heun` follow a table of times, one per latent: the simple form, against which cached sampling is tested.
+`runge_kutta` takes equal steps of any method of `METHODS`.
 """
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
@@ -17,7 +17,7 @@ Velocity = Callable[[jax.Array, jax.Array], jax.Array]  # of x (B, L, C) at time
 
 
 def euler(velocity: Velocity, x: Float[Array, "*lead c"], times: Float[Array, " n #l"]) -> Float[Array, "*lead c"]:
-  """Carries noise x (B, L, C) to data along times (N + 1, L), rising in N; velocity(x, t (L,)) -> (B, L, C)."""
+  """Samples data from noise x (B, L, C) along times (N + 1, L), ascending in N; velocity(x, t (L,)) -> (B, L, C)."""
 
   # Parity: the paper's algorithm 2 draws fresh noise in every step; the code, and we, take plain Euler steps.
   def step(x, interval):
@@ -39,14 +39,14 @@ def heun(velocity: Velocity, x: Float[Array, "*lead c"], times: Float[Array, " n
   return jax.lax.scan(step, x, (times[:-1], times[1:]))[0]
 
 
-SOLVERS = {"euler": euler, "heun": heun}  # those that frame-wise sampling knows too
+SOLVERS = {"euler": euler, "heun": heun}  # the solvers of frame-wise sampling
 
 
 class Method(NamedTuple):
-  """An explicit Runge-Kutta method of up to 4 evaluations a step, as arrays: all methods are one program.
+  """Butcher tableau of an explicit Runge-Kutta method of up to 4 evaluations per step.
 
-  nodes (4,): where in a step each evaluation is; stages (4, 4): what it adds of the velocities before it; weights (4,):
-  of all of them in the step; count: how many evaluations there are.
+  As arrays, all methods share one compiled program. nodes (4,): time of each evaluation within the step; stages (4, 4):
+  weights of earlier velocities at each; weights (4,): of all velocities in the step; count: number of evaluations.
   """
   nodes: Float[Array, "4"]
   stages: Float[Array, "4 4"]
@@ -74,12 +74,12 @@ METHODS = {
 def runge_kutta(velocity: Callable[..., Array], x: Float[Array, "*lead c"], method: Method, num_steps: Any,
                 prepare: Callable[[Float[Array, " n"]], Any] = lambda times: times, together: int = 4
                 ) -> Float[Array, "*lead c"]:
-  """Carries x from t = 0 to 1 in num_steps equal steps of a method; both may be traced.
+  """Integrates x from t = 0 to 1 in num_steps equal steps of a method; both may be traced.
 
-  velocity(x, ready) where ready is of prepare(times (N,)), its leading axis taken: what a velocity computes of the time
-  alone is computed for N evaluations at once, at most `together`.
+  velocity(x, ready), where ready is one row of prepare(times (N,)): prepare computes what depends on the time alone,
+  for up to `together` evaluations at once.
   """
-  if not any(isinstance(one, jax.Array) for one in (num_steps, method.count)):
+  if not any(isinstance(count, jax.Array) for count in (num_steps, method.count)):
     known = int(num_steps) * int(method.count)
     together = max(n for n in range(1, together + 1) if known % n == 0)  # so that both loops have known lengths
   else:

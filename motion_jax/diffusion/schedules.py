@@ -1,6 +1,6 @@
-"""Tables of times: row m says how clean every latent is after m steps, 0 = noise, 1 = clean.
+"""Tables of times: row m is the time of every latent after m steps, 0 = noise, 1 = clean.
 
-Which latent is cleaned when is the only thing in which full-sequence, frame-wise and autoregressive sampling differ.
+Full-sequence, frame-wise and autoregressive sampling differ in this table only.
 """
 from collections.abc import Sequence
 
@@ -11,7 +11,7 @@ from motion_jax.shapes import Whole
 
 
 def staircase_levels(num_steps: Whole, length: Whole, lag: Whole, block: Whole = 1) -> Int[np.ndarray, "n {length}"]:
-  """Steps that latents have made, (N + 1, L) integers 0..num_steps: block j starts j * lag steps late.
+  """Numbers of steps done by each latent, (N + 1, L) integers 0..num_steps: block j starts after j * lag steps.
 
   lag 0 is all at once, lag num_steps is autoregressive. N = num_steps + lag (blocks - 1); with num_steps 4, lag 2:
 
@@ -37,5 +37,5 @@ def staircase(num_steps: Whole, length: Whole, lag: Whole, block: Whole = 1) -> 
 
 
 def time_of_level(level: Int[np.ndarray, "*dims"] | Sequence[int], num_steps: Whole) -> Float[np.ndarray, "..."]:
-  """Time after `level` of num_steps steps; formed as 1 - k / K like the reference's, to the last bit."""
+  """Time after `level` of num_steps steps; computed as 1 - k / K, bitwise equal to the reference."""
   return (1 - (num_steps - np.asarray(level)) / num_steps).astype(np.float32)

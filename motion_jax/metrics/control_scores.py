@@ -1,8 +1,7 @@
-"""How well motions follow their spatial constraints: OmniControl's metrics.
+"""OmniControl's metrics of how well motions follow spatial constraints.
 
-Source: neu-vi/OmniControl@76336a6:utils/metrics.py.
-
-Of each motion the distances, in metres, of a controlled joint from where it should be, at the controlled frames.
+Source: neu-vi/OmniControl@76336a6:utils/metrics.py. Input: for each motion the distances, metres, of the controlled
+joint from its target, at the controlled frames.
 """
 from collections.abc import Sequence
 
@@ -15,12 +14,12 @@ NAMES = (*(f"{kind}_{name}" for kind in ("trajectory", "location") for name in T
 
 
 def control_scores(distances: Sequence[Num[np.ndarray, " _"]]) -> dict[str, float]:
-  """Of motions with distances (N,) each. trajectory_50: share of motions of which any is over 0.5 m; location_50: share
-  of all points that are; control_error: mean of each motion, then of the motions, in metres."""
-  if not distances or any(not len(one) for one in distances):
+  """Scores of motions with distances (N,) each. trajectory_50: share of motions with a distance over 0.5 m;
+  location_50: share of all points over 0.5 m; control_error: mean over motions of the mean distance, metres."""
+  if not distances or any(not len(errors) for errors in distances):
     raise ValueError("got a motion without a controlled frame; leave out motions that have no constraint")
   every = np.concatenate(distances)
-  found = {f"trajectory_{name}": float(np.mean([(one > most).any() for one in distances]))
+  row = {f"trajectory_{name}": float(np.mean([(errors > most).any() for errors in distances]))
            for name, most in THRESHOLDS.items()}
-  found |= {f"location_{name}": float((every > most).mean()) for name, most in THRESHOLDS.items()}
-  return found | {"control_error": float(np.mean([one.mean() for one in distances]))}
+  row |= {f"location_{name}": float((every > most).mean()) for name, most in THRESHOLDS.items()}
+  return row | {"control_error": float(np.mean([errors.mean() for errors in distances]))}

@@ -1,9 +1,9 @@
-"""How well a long motion follows a list of captions, and how smoothly it goes from one to the next.
+"""Scores of long motions with a list of captions: how well they follow the captions, and how smooth transitions are.
 
 FlowMDM's protocol (CVPR 2024), which CMDM's Tables 3, 4 and 5 use (docs/papers/cmdm.md#long-horizon): a long motion is
-cut at the borders of its captions, each piece is judged like a clip; frames around each border are judged as
-transitions, against random crops of real motions, and by their jerk. Evaluators come in as `embed(list of motions) ->
-(N, E)`; a motion is any array with time first that `embed` understands (features or joints).
+cut at the borders of its captions and each piece is evaluated like a clip; frames around each border are evaluated as
+transitions, against random crops of real motions, and by their jerk. Evaluators are functions `embed(list of motions)
+-> (N, E)`; a motion is any array with time first that `embed` accepts (features or joints).
 """
 import dataclasses
 from collections.abc import Callable, Iterable
@@ -22,20 +22,20 @@ Embed = Callable[[list], Array]  # motions, any array with time first each -> (N
 
 @dataclasses.dataclass(frozen=True)
 class LongHorizon:
-  """The choices of the protocol; the defaults are those for HumanML3D, `BABEL` holds the other ones."""
+  """Settings of the protocol; the defaults are for HumanML3D, see `BABEL` for the others."""
   width: int = 60                 # frames of a transition, half on either side of the border
-  unit_length: int = 4            # durations are cut to a multiple: neither paper nor FlowMDM says what else to do
+  unit_length: int = 4            # durations are rounded down to a multiple; paper and FlowMDM do not state a rule
   shortest: int = 70              # shortest real clip, in frames, of the reference set
   longest: int = 200
   top_k: int = 3
   merge_captions: bool = True     # equal captions of one sequence count once in R-precision
-  pool: int = 32                  # candidates of the real row's R-precision; a made sequence is a pool by itself
-  diversity_draws: int = 300      # or all samples, where there are fewer
-  # Parity: FlowMDM makes joints of each transition's features alone, so that it begins over the origin, facing +z; jerk
-  # is summed over x, y and z and is not the same in other directions.
+  pool: int = 32                  # candidates of the real row's R-precision; a generated sequence is one pool
+  diversity_draws: int = 300      # or all samples, if there are fewer
+  # Parity: FlowMDM decodes each transition's features alone: it begins over the origin, facing +z. Its jerk, a sum over
+  # x, y and z, depends on the direction.
   placed: bool = True
-  real_jerk: float | None = physics.REAL_JERK["humanml3d"]  # level that AUJ is measured from; None: the real crops' own
-  jerk_scale: float = 1.0         # times the jerk of joints in metres: 100 is centimetres
+  real_jerk: float | None = physics.REAL_JERK["humanml3d"]  # reference level of AUJ; None: that of the real crops
+  jerk_scale: float = 1.0         # factor of the jerk of joints in metres: 100 is centimetres
   cosine: bool = False            # R-precision ranks by angle, not by Euclidean distance (SnapMoGen)
 
 
@@ -45,7 +45,7 @@ BABEL = LongHorizon(width=30, unit_length=1, shortest=30, placed=False, real_jer
 class Sequence(NamedTuple):
   """A long motion (T, ..) for `embed`, its joints (T, J, 3), and its S pieces: frames, captions, embedded texts (S, E).
 
-  The pieces' frames, cut to the protocol's unit, follow each other from frame 0.
+  The pieces, rounded down to the protocol's unit, follow each other from frame 0.
   """
   motion: np.ndarray
   joints: np.ndarray
@@ -55,7 +55,7 @@ class Sequence(NamedTuple):
 
 
 class Reference(NamedTuple):
-  """The real side: a Gaussian of clips, embedded transitions (N, E), the mean jerk curve of these, the level of AUJ."""
+  """Statistics of real motion: Gaussian of clips, embedded transitions (N, E), their mean jerk curve, level of AUJ."""
   pieces: scores.Moments
   transitions: np.ndarray
   curve: np.ndarray
@@ -63,7 +63,7 @@ class Reference(NamedTuple):
 
 
 class Scores(NamedTuple):
-  """A row of numbers, {metric: number}, and the mean jerk curve (width - 3,) over its transitions."""
+  """Scores {metric: number}, and the mean jerk curve (width - 3,) of the transitions."""
   row: dict[str, float]
   curve: np.ndarray
 
@@ -86,7 +86,7 @@ def cut_pieces(motion: Num[Array, " t *frame"], frames: SequenceOf[int] | np.nda
 
 
 def random_crops(motions: SequenceOf[Array], width: int, rng: np.random.Generator) -> list[tuple[int, int]]:
-  """Where to cut each motion of width frames or more: [(index, first frame)], one place each, drawn by rng."""
+  """Random crops [(index, first frame)], one for each motion of width frames or more."""
   long_enough = [i for i, motion in enumerate(motions) if len(motion) >= width]
   if not long_enough:
     raise ValueError(f"none of {len(motions)} motions has the {width} frames of a transition")
@@ -95,10 +95,10 @@ def random_crops(motions: SequenceOf[Array], width: int, rng: np.random.Generato
 
 def caption_hits(text: Num[Array, "s e"], motion: Num[Array, "s e"], captions: SequenceOf[str], top_k: int = 3,
                  merge: bool = True, cosine: bool = False) -> Float[np.ndarray, " {top_k}"]:
-  """Hits of R-precision among one sequence's own pieces, text and motion (S, E) -> (top_k,), out of S.
+  """Hits of R-precision among the pieces of one sequence, text and motion (S, E) -> (top_k,), out of S.
 
-  merge: of equal captions only the first piece takes part, in texts and in motions, and hits are scaled up to S. A
-  random embedding of U different captions so scores S k / U. cosine: ranked by angle.
+  merge: of equal captions only the first piece is used, in texts and in motions, and hits are scaled up to S; a random
+  embedding of U different captions then scores S k / U. cosine: rank by angle.
   """
   if not len(text) == len(motion) == len(captions):
     raise ValueError(f"got {len(text)} texts, {len(motion)} pieces and {len(captions)} captions of one sequence")
@@ -109,7 +109,7 @@ def caption_hits(text: Num[Array, "s e"], motion: Num[Array, "s e"], captions: S
 
 
 def placed(joints: Num[np.ndarray, "t j 3"], skeleton: Skeleton) -> Float[np.ndarray, "t j 3"]:
-  """Joints (T, J, 3) moved so that the body begins over the origin, facing +z; its height and bones stay."""
+  """Moves and turns joints (T, J, 3) to begin over the origin, facing +z; height and bones stay."""
   joints = joints - joints[:1, :1] * [1, 0, 1]
   ahead = facing(joints[:1], skeleton)
   return rot.rotate(rot.between(ahead, np.array([[0.0, 0.0, 1.0]]))[:, None], joints)
@@ -117,7 +117,7 @@ def placed(joints: Num[np.ndarray, "t j 3"], skeleton: Skeleton) -> Float[np.nda
 
 def reference_of(sequences: Iterable[Sequence], embed: Embed, protocol: LongHorizon = LongHorizon(),
                  skeleton: Skeleton = HUMANML3D) -> Reference:
-  """The real side where real motions are as long as the made ones, with borders of their own: of real `Sequence`s."""
+  """Reference from real `Sequence`s, which have borders of their own."""
   pieces, crops, moving = [], [], []
   for sequence in sequences:
     borders = np.cumsum(sequence.frames)[:-1]
@@ -131,9 +131,9 @@ def reference_of(sequences: Iterable[Sequence], embed: Embed, protocol: LongHori
 
 def reference(motions: SequenceOf[Array], joints: SequenceOf[Array], embed: Embed, rng: np.random.Generator,
               protocol: LongHorizon = LongHorizon(), skeleton: Skeleton = HUMANML3D) -> Reference:
-  """The real side, from real clips (T, ..) and their joints (T, J, 3), as `embed` and physics read them.
+  """Reference from real clips (T, ..), for `embed`, and their joints (T, J, 3).
 
-  Clips of protocol.shortest to longest frames count as pieces, a random crop of each that is long enough as transition.
+  Clips of protocol.shortest to longest frames are pieces; a random crop of each that is long enough is a transition.
   """
   pieces = [motion for motion in motions if protocol.shortest <= len(motion) <= protocol.longest]
   if len(pieces) < 2:
@@ -148,26 +148,26 @@ def reference(motions: SequenceOf[Array], joints: SequenceOf[Array], embed: Embe
 def score(sequences: Iterable[Sequence], real: Reference, embed: Embed, rng: np.random.Generator,
           protocol: LongHorizon = LongHorizon(), skeleton: Skeleton = HUMANML3D, embed_text_space: Embed | None = None
           ) -> Scores:
-  """The row of made `Sequence`s (any iterable: one is looked at at a time) against a `Reference`.
+  """Scores generated `Sequence`s, any iterable, against a `Reference`.
 
-  embed(list of motions) -> (N, E); rng: numpy generator for the draws of diversity. embed_text_space: what is held
-  against texts, where FID is of another vector. Metrics: top1 .. top3, matching, fid, diversity of the pieces;
+  embed(list of motions) -> (N, E); rng: numpy generator for the draws of diversity. embed_text_space: embedding to
+  compare with texts, if FID uses another one. Metrics: top1 .. top3, matching, fid, diversity of the pieces;
   transition_fid, transition_kid (`scores.kernel_distance`, which needs no covariance), transition_diversity,
   transition_distance, peak_jerk, auj of the transitions.
   """
   beside_text = embed_text_space or embed
-  pieces, transitions, away, found, count = [], [], [], np.zeros(protocol.top_k), 0
+  pieces, transitions, away, hits, count = [], [], [], np.zeros(protocol.top_k), 0
   jerks, steps = [], []
   for sequence in sequences:
     frames = whole_units(sequence.frames, protocol)
     borders = np.cumsum(frames)[:-1]
     cut = cut_pieces(sequence.motion, frames)
-    made = beside_text(cut)
-    found += caption_hits(sequence.text, made, sequence.captions, protocol.top_k, protocol.merge_captions,
+    embedded = beside_text(cut)
+    hits += caption_hits(sequence.text, embedded, sequence.captions, protocol.top_k, protocol.merge_captions,
                           protocol.cosine)
-    away.append(np.linalg.norm(np.asarray(sequence.text, np.float64) - made, axis=1))
+    away.append(np.linalg.norm(np.asarray(sequence.text, np.float64) - embedded, axis=1))
     count += len(frames)
-    pieces.append(made if beside_text is embed else embed(cut))
+    pieces.append(embedded if beside_text is embed else embed(cut))
     if len(borders):
       transitions.append(embed(list(physics.cut_transitions(sequence.motion, borders, protocol.width))))
       moving = physics.cut_transitions(sequence.joints, borders, protocol.width)
@@ -175,17 +175,17 @@ def score(sequences: Iterable[Sequence], real: Reference, embed: Embed, rng: np.
       steps.append(physics.transition_distance(sequence.joints, borders, skeleton))
   if not jerks:
     raise ValueError("no sequence has two captions or more, so there are no transitions to score")
-  return _scores(found / count, away, np.concatenate(pieces), np.concatenate(transitions), np.concatenate(jerks), steps,
+  return _scores(hits / count, away, np.concatenate(pieces), np.concatenate(transitions), np.concatenate(jerks), steps,
                  real, rng, protocol)
 
 
 def real_row(motions: SequenceOf[Array], joints: SequenceOf[Array], captions: SequenceOf[str], text: Num[Array, "n e"],
              real: Reference, embed: Embed, rng: np.random.Generator, protocol: LongHorizon = LongHorizon(),
              skeleton: Skeleton = HUMANML3D) -> Scores:
-  """The same numbers of real clips, their captions (N,) and embedded texts (N, E), in random order.
+  """The same scores of real clips, their captions (N,) and embedded texts (N, E), in random order.
 
-  R-precision in pools of protocol.pool clips; transitions are random crops, their borders the middle frames. FID is 0
-  by definition where `real` was made of the same clips.
+  R-precision in pools of protocol.pool clips; transitions are random crops with their border in the middle. FID is 0 by
+  definition if `real` is of the same clips.
   """
   kept = [i for i, motion in enumerate(motions) if protocol.shortest <= len(motion) <= protocol.longest]
   kept = [kept[i] for i in rng.permutation(len(kept))]
@@ -193,40 +193,40 @@ def real_row(motions: SequenceOf[Array], joints: SequenceOf[Array], captions: Se
   if not pools:
     raise ValueError(f"got {len(kept)} real clips of {protocol.shortest} to {protocol.longest} frames, a pool needs "
                      f"{protocol.pool}")
-  made = dict(zip(kept, embed([motions[i] for i in kept])))
+  embedded = dict(zip(kept, embed([motions[i] for i in kept])))
   text = np.asarray(text, np.float64)
-  found, away = np.zeros(protocol.top_k), []
+  hits, away = np.zeros(protocol.top_k), []
   for pool in pools:
-    motion = np.stack([made[i] for i in pool])
-    found += caption_hits(text[pool], motion, [captions[i] for i in pool], protocol.top_k, protocol.merge_captions,
+    motion = np.stack([embedded[i] for i in pool])
+    hits += caption_hits(text[pool], motion, [captions[i] for i in pool], protocol.top_k, protocol.merge_captions,
                           protocol.cosine)
     away.append(np.linalg.norm(text[pool] - motion, axis=1))
   crops, moving = _crops(motions, joints, rng, protocol, skeleton)
   steps = [physics.transition_distance(crop, [protocol.width // 2], skeleton) for crop in moving]
-  return _scores(found / (len(pools) * protocol.pool), away, np.stack(list(made.values())), embed(crops),
+  return _scores(hits / (len(pools) * protocol.pool), away, np.stack(list(embedded.values())), embed(crops),
                  physics.jerk(moving), steps, real, rng, protocol)
 
 
 def transition_row(motions: SequenceOf[Array], joints: Num[Array, "n w j 3"], real: Reference, embed: Embed,
                    protocol: LongHorizon = LongHorizon(), skeleton: Skeleton = HUMANML3D) -> dict[str, float]:
-  """What is said of transitions alone: motions, a list of (width, ..), and their joints (N, width, J, 3)."""
+  """Scores of transitions alone: motions, a list of (width, ..), and their joints (N, width, J, 3)."""
   curve = protocol.jerk_scale * physics.jerk(_placed(joints, protocol, skeleton)).mean(0)
-  steps = [physics.transition_distance(one, [protocol.width // 2], skeleton) for one in joints]
-  made = embed(list(motions))
-  return {"transition_fid": scores.fid(scores.moments(real.transitions), made),
-          "transition_kid": scores.kernel_distance(real.transitions, made),
+  steps = [physics.transition_distance(crop, [protocol.width // 2], skeleton) for crop in joints]
+  embedded = embed(list(motions))
+  return {"transition_fid": scores.fid(scores.moments(real.transitions), embedded),
+          "transition_kid": scores.kernel_distance(real.transitions, embedded),
           "transition_distance": float(np.concatenate(steps).mean()), "peak_jerk": physics.peak_jerk(curve),
           "auj": physics.area_under_jerk(curve, real.level)}
 
 
 def _placed(transitions, protocol, skeleton):
-  """Joints (N, width, J, 3) of transitions as their jerk is taken of."""
-  return np.stack([placed(one, skeleton) for one in transitions]) if protocol.placed else transitions
+  """Joints (N, width, J, 3) of transitions, placed for the computation of jerk if the protocol does so."""
+  return np.stack([placed(crop, skeleton) for crop in transitions]) if protocol.placed else transitions
 
 
 def _crops(motions, joints, rng, protocol, skeleton):
   """Random crops of motions, as a list, and of their joints (N, width, J, 3), at the same frames."""
-  if [len(motion) for motion in motions] != [len(one) for one in joints]:
+  if [len(motion) for motion in motions] != [len(clip) for clip in joints]:
     raise ValueError("motions and joints have different numbers of frames; cut both to the frames that they share")
   places = random_crops(motions, protocol.width, rng)
   return ([motions[i][start:start + protocol.width] for i, start in places],
@@ -234,7 +234,7 @@ def _crops(motions, joints, rng, protocol, skeleton):
 
 
 def _scores(precision, away, pieces, transitions, jerks, steps, real, rng, protocol):
-  """Puts a row together: embeddings of pieces and transitions (N, E), jerks (N, width - 3), lists of distances."""
+  """Assembles Scores from embeddings of pieces and transitions (N, E), jerks (N, width - 3) and lists of distances."""
   curve = protocol.jerk_scale * jerks.mean(0)
   row = {f"top{k + 1}": float(share) for k, share in enumerate(precision)}
   row["matching"] = float(np.concatenate(away).mean())

@@ -1,13 +1,12 @@
-"""How the benchmarks turn motions into a row of numbers.
+"""The benchmarks' evaluation protocol: from embedded motions and texts to a row of scores.
 
 Source: docs/papers/cmdm.md#protocol, #reconstruction, docs/papers/cdamd.md#items, #metrics.
 
-Evaluators have done their work here already, so the loops can be used and tested without a network. A replication is a
-list of `Batch`, made one at a time while motions are generated; `generation_scores` and `reconstruction_scores` read it
-at the end. Random draws come from a numpy generator, so a replication is known by its key.
+Inputs are embeddings: no network is needed here. A replication is a list of `Batch`, collected while motions are
+generated; `generation_scores` and `reconstruction_scores` compute its row. Random draws come from a numpy generator: a
+replication is reproducible by its key.
 """
 import dataclasses
-import typing
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
@@ -20,12 +19,12 @@ from motion_jax.shapes import Array, Num
 
 @dataclasses.dataclass(frozen=True)
 class Protocol:
-  """The choices of a benchmark's evaluation; the defaults are those of CMDM's released scripts."""
+  """Settings of a benchmark's evaluation; the defaults are those of CMDM's released scripts."""
   pool: int = 32                # candidates of R-precision: a batch
   top_k: int = 3
   lost_frames: int = 1          # Parity: the evaluator gets length m - 1 (a predecessor lost a frame); 0: m
   diversity_draws: int = 300
-  few_draws: int = 100          # where there are no more samples than diversity_draws
+  few_draws: int = 100          # if there are no more samples than diversity_draws
   multimodality_batches: int = 3
   multimodality_motions: int = 30
   multimodality_pairs: int = 10
@@ -33,22 +32,12 @@ class Protocol:
   cosine: bool = False          # R-precision ranks by angle, not by Euclidean distance (SnapMoGen)
 
 
-@typing.runtime_checkable
-class Normalization(typing.Protocol):
-  """Mean and std (F,) of features, as `motion.stats.Stats` has them."""
-
-  @property
-  def mean(self) -> np.ndarray: ...
-
-  @property
-  def std(self) -> np.ndarray: ...
-
 
 class Batch(NamedTuple):
-  """What the evaluators make of one batch of matched texts, real motions and made ones: (B, E) each, rows alike.
+  """Embeddings of one batch of matched texts, real motions and generated ones (`made`): (B, E) each.
 
-  clip_text and clip_made, of the CLIP-type evaluator, may be None; errors is a list of (T_i,) joint errors, or None.
-  real_for_fid, made_for_fid (B, S): what FID and diversity are taken of, where that is not `real` and `made`.
+  clip_text and clip_made, of the CLIP-type evaluator, may be None; errors: a list of (T_i,) joint errors, or None.
+  real_for_fid, made_for_fid (B, S): other embeddings for FID and diversity, if not `real` and `made`.
   """
   text: np.ndarray
   real: np.ndarray
@@ -61,26 +50,26 @@ class Batch(NamedTuple):
 
 
 class DiversityPairs(NamedTuple):
-  """Rows for diversity, two draws for real motions and two for made ones."""
+  """Row indices for diversity: two draws for real motions and two for generated ones."""
   real: tuple[np.ndarray, np.ndarray]
   made: tuple[np.ndarray, np.ndarray]
 
 
 def evaluator_frames(num_frames: Sequence[int] | np.ndarray, protocol: Protocol) -> np.ndarray:
-  """The lengths (B,) that the evaluator gets for motions of num_frames."""
+  """Lengths (B,) that are passed to the evaluator for motions of num_frames."""
   return np.asarray(num_frames) - protocol.lost_frames
 
 
 def draw_diversity_pairs(rng: np.random.Generator, count: int, protocol: Protocol) -> DiversityPairs:
-  """The rows that diversity compares among count real and as many made motions."""
+  """Draws the rows that diversity compares among count real and as many generated motions."""
   size = protocol.diversity_draws if count > protocol.diversity_draws else protocol.few_draws
   return DiversityPairs(scores.draw_pairs(rng, count, size), scores.draw_pairs(rng, count, size))
 
 
 def generation_scores(batches: Iterable[Batch], protocol: Protocol, pairs: DiversityPairs) -> dict[str, float]:
-  """The text-to-motion row of one replication, with the real motions' numbers under "real_".
+  """The text-to-motion scores of one replication, with those of the real motions under "real_".
 
-  R-precision is counted inside each batch (each must have protocol.pool rows), the rest over all rows together.
+  R-precision is counted within each batch (each must have protocol.pool rows), the rest over all rows together.
   """
   batches = list(batches)
   wrong = [len(batch.text) for batch in batches if len(batch.text) != protocol.pool]
@@ -88,7 +77,7 @@ def generation_scores(batches: Iterable[Batch], protocol: Protocol, pairs: Diver
     raise ValueError(f"got {len(batches)} batches{f', one of {wrong[0]} rows' if wrong else ''}, the protocol needs "
                      f"batches of {protocol.pool}; drop the last partial one, or take more samples")
   join = lambda name: np.concatenate([getattr(batch, name) for batch in batches])
-  text, real, made = join("text"), join("real"), join("made")
+  text, real, generated = join("text"), join("real"), join("made")
   apart = batches[0].made_for_fid is not None
   real_for_fid, made_for_fid = map(join, ("real_for_fid", "made_for_fid") if apart else ("real", "made"))
   row = {"fid": scores.fid(real_for_fid, made_for_fid),
@@ -96,9 +85,9 @@ def generation_scores(batches: Iterable[Batch], protocol: Protocol, pairs: Diver
          "kid": scores.kernel_distance(real_for_fid, made_for_fid),
          "diversity": scores.diversity(made_for_fid, *pairs.made),
          "real_diversity": scores.diversity(real_for_fid, *pairs.real)}
-  for prefix, motion in (("", made), ("real_", real)):
-    found = scores.r_precision(text, motion, protocol.top_k, protocol.pool, _ranking_distances(protocol))
-    row |= {f"{prefix}top{k + 1}": float(share) for k, share in enumerate(found)}
+  for prefix, motion in (("", generated), ("real_", real)):
+    precision = scores.r_precision(text, motion, protocol.top_k, protocol.pool, _ranking_distances(protocol))
+    row |= {f"{prefix}top{k + 1}": float(share) for k, share in enumerate(precision)}
     row[f"{prefix}matching"] = scores.matching_score(text, motion)
   if batches[0].clip_text is not None:
     row["clip_score"] = scores.clip_score(join("clip_text"), join("clip_made"))
@@ -111,22 +100,22 @@ def _ranking_distances(protocol):
 
 
 def scores_by_motion(batches: Iterable[Batch], protocol: Protocol) -> dict[str, np.ndarray]:
-  """What R-precision, matching and CLIP score are means of, {metric: (N,)}, in the order of the batches' rows."""
-  found: dict[str, list] = {}
+  """Terms of R-precision, matching and CLIP score per motion, {metric: (N,)}, in the order of the batches' rows."""
+  terms: dict[str, list] = {}
   away = _ranking_distances(protocol)
   for batch in batches:
     hit = scores.hit_chances(away(batch.text, batch.made), protocol.top_k)
-    one = {f"top{k + 1}": hit[:, k] for k in range(protocol.top_k)}
-    one["matching"] = np.linalg.norm(np.asarray(batch.text, np.float64) - batch.made, axis=1)
+    row = {f"top{k + 1}": hit[:, k] for k in range(protocol.top_k)}
+    row["matching"] = np.linalg.norm(np.asarray(batch.text, np.float64) - batch.made, axis=1)
     if batch.clip_text is not None and batch.clip_made is not None:
-      one["clip_score"] = (scores.units(batch.clip_text) * scores.units(batch.clip_made)).sum(1)
-    for metric, values in one.items():
-      found.setdefault(metric, []).append(values)
-  return {metric: np.concatenate(parts) for metric, parts in found.items()}
+      row["clip_score"] = (scores.units(batch.clip_text) * scores.units(batch.clip_made)).sum(1)
+    for metric, values in row.items():
+      terms.setdefault(metric, []).append(values)
+  return {metric: np.concatenate(parts) for metric, parts in terms.items()}
 
 
 def reconstruction_scores(batches: Iterable[Batch], protocol: Protocol, pairs: DiversityPairs) -> dict[str, float]:
-  """The same for an autoencoder, with joint errors: true ones, and the released code's number ("released_mpjpe").
+  """`generation_scores` of an autoencoder, with MPJPE and the released code's number for it ("released_mpjpe").
 
   Raises ValueError for a batch without joint errors.
   """
@@ -138,21 +127,21 @@ def reconstruction_scores(batches: Iterable[Batch], protocol: Protocol, pairs: D
   return row | {"mpjpe": scores.mpjpe(errors), "released_mpjpe": scores.released_mpjpe(errors, protocol.pool)}
 
 
-def reconstruction_errors(real: Num[Array, "b t f"], made: Num[Array, "b _ f"],
+def reconstruction_errors(real: Num[Array, "b t f"], generated: Num[Array, "b _ f"],
                           num_frames: Sequence[int | np.integer] | np.ndarray,
                           alone: bool = True, layout: Representation | None = None) -> list[np.ndarray]:
-  """Joint errors (T_i,) of each clip, roots at one place; real and made (B, T, F) are de-normalized, one of them may
-  be padded further.
+  """Root-aligned joint errors (T_i,) of each clip; real and generated (B, T, F) are de-normalized, one of them may be
+  padded further.
 
-  alone: every frame is rebuilt by itself, facing ahead, so that heading errors do not count. Parity: that is what the
-  released evaluation does, for it hands features over as (frames, 1, F). False rebuilds the whole motion.
+  alone: decode every frame by itself, facing ahead: heading errors do not count. Parity: the released evaluation does
+  this, as it passes features as (frames, 1, F). False decodes the whole motion.
   """
   layout = layout or layout_for(np.shape(real)[-1])
   rebuild = lambda x: to_joints(x[:, None], layout)[:, 0] if alone else to_joints(x, layout)
-  clips = zip(np.asarray(real, np.float64), np.asarray(made, np.float64), num_frames)
+  clips = zip(np.asarray(real, np.float64), np.asarray(generated, np.float64), num_frames)
   return [scores.joint_errors(rebuild(a[:m]), rebuild(b[:m])) for a, b, m in clips]
 
 
 def draw_multimodality_pairs(rng: np.random.Generator, protocol: Protocol) -> tuple[np.ndarray, np.ndarray]:
-  """The pairs of generations that multimodality compares, the same for all texts."""
+  """Draws the pairs of generations that multimodality compares, the same for all texts."""
   return scores.draw_pairs(rng, protocol.multimodality_motions, protocol.multimodality_pairs)

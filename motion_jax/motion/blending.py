@@ -1,4 +1,4 @@
-"""Join new frames to kept ones without a jump: inertialization at the borders."""
+"""Join generated frames to kept ones without a jump, by inertialization at the borders."""
 from collections.abc import Iterable
 
 import numpy as np
@@ -8,51 +8,51 @@ from motion_jax.shapes import Array, Bool, Float, Num
 
 _FADE = 12      # frames over which an offset of pose and speed fades: 0.6 s at 20 frames a second
 _ALIGN = 6      # frames by which two motions are aligned
-_HASTE, _BESIDE, _CALM = 0.05, 0.3, 0.1  # seconds: offset behind a border, reach and width of the smoothing there
-_SWERVE = 0.15  # metres by which a joint's step across a border may differ from the steps beside it
+_HASTE, _BESIDE, _CALM = 0.05, 0.3, 0.1  # seconds: centre of the smoothing after a border, its reach and its width
+_SWERVE = 0.15  # metres by which a joint's step across a border may differ from the neighbouring steps
 
 
-def join(made: Num[Array, "t j 3"], given: Num[Array, "t j 3"], kept: Bool[Array, " t"], fade: int = _FADE
+def join(generated: Num[Array, "t j 3"], given: Num[Array, "t j 3"], kept: Bool[Array, " t"], fade: int = _FADE
          ) -> Float[np.ndarray, "t j 3"]:
-  """Joints (T, J, 3): `given` where kept (T,), `made` elsewhere, corrected so that the borders have no jump. float32.
+  """Joints (T, J, 3): `given` where kept (T,), elsewhere `generated` without jumps at the borders. float32.
 
-  made and given (T, J, 3), metres, agree in the kept frames up to the error of the network. The offset of position and
-  speed at a border is removed from the new frames beside it. The offset of the pose fades within `fade` frames; that
-  over the ground stays, so that new frames continue from the kept ones, and between two kept parts the path is
+  generated and given (T, J, 3), metres, agree in the kept frames up to the error of the network. The offset of position
+  and speed at a border is subtracted from the generated frames. The offset of the pose fades within `fade` frames; the
+  offset over the ground stays, since new frames continue from the kept ones. Between two kept parts the path is
   stretched to meet both. This is known as inertialization (D. Bollo, GDC 2018).
   """
-  made, given, kept = np.asarray(made, np.float64), np.asarray(given, np.float64), np.asarray(kept, bool)
-  if made.shape != given.shape or kept.shape != made.shape[:1]:
-    raise ValueError(f"got joints of shapes {made.shape} and {given.shape} with {kept.shape} frames kept or not; "
+  generated, given, kept = np.asarray(generated, np.float64), np.asarray(given, np.float64), np.asarray(kept, bool)
+  if generated.shape != given.shape or kept.shape != generated.shape[:1]:
+    raise ValueError(f"got joints of shapes {generated.shape} and {given.shape} with {kept.shape} frames kept or not; "
                      "expected the same frames of all")
-  result = np.where(kept[:, None, None], given, made)
+  result = np.where(kept[:, None, None], given, generated)
   edges = np.flatnonzero(np.diff(np.concatenate([[True], kept, [True]]).astype(int)))
   for first, past in zip(edges[::2], edges[1::2]):
-    new, closed = made[first:past], first > 0
+    new, closed = generated[first:past], first > 0
     if first > 0:
-      new = new + _correction(made[:past], given[:past], kept[:past], first, fade)
+      new = new + _correction(generated[:past], given[:past], kept[:past], first, fade)
     if past < len(kept):
-      # Backwards in time from this border. If the part meets the other border already, its path is stretched.
-      moved = np.concatenate([made[:first], new, made[past:] + (new[-1] - made[past - 1])])[::-1]
+      # Backwards in time from this border. If the other border was joined first, the path is stretched.
+      moved = np.concatenate([generated[:first], new, generated[past:] + (new[-1] - generated[past - 1])])[::-1]
       back = len(kept) - past
       new = new + _correction(moved, given[::-1], kept[::-1], back, fade, past - first, closed)[::-1]
     result[first:past] = new
   return result.astype(np.float32)
 
 
-def _correction(made, given, kept, first, fade, count=None, closed=False):
-  """The offset (N, J, 3) to add to the frames of made from `first` on, so that they continue given[first - 1].
+def _correction(generated, given, kept, first, fade, count=None, closed=False):
+  """The offset (N, J, 3) to add to generated[first:], which then continues given[first - 1].
 
   closed: the other end of the N frames does not move.
   """
-  count = len(made) - first if count is None else count
+  count = len(generated) - first if count is None else count
   last = first - 1
-  step = made[first] - made[last]
-  away, drift = given[last] - made[last], np.zeros_like(step)
-  beside = [made[first + 1] - made[first]] if count > 1 else []
+  step = generated[first] - generated[last]
+  away, drift = given[last] - generated[last], np.zeros_like(step)
+  beside = [generated[first + 1] - generated[first]] if count > 1 else []
   if last > 0 and kept[last - 1]:
-    drift = (given[last] - given[last - 1]) - (made[last] - made[last - 1])
-    beside.append(made[last] - made[last - 1])
+    drift = (given[last] - given[last - 1]) - (generated[last] - generated[last - 1])
+    beside.append(generated[last] - generated[last - 1])
   if beside:  # a step that is like neither of its neighbours is a jump
     swerve = step - np.mean(beside, axis=0)
     size = np.linalg.norm(swerve, axis=-1, keepdims=True)
@@ -70,9 +70,8 @@ def _correction(made, given, kept, first, fade, count=None, closed=False):
 def eased(joints: Num[Array, "t j 3"], borders: Iterable[int], fps: float = 20.0) -> Float[np.ndarray, "t j 3"]:
   """Smooths joints (T, J, 3) at the borders between prompts. float32.
 
-  When the prompt changes, a generated motion moves to its new pose within a few frames behind the border. There, and
-  fading within 0.3 s to either side, joints are smoothed by a Gaussian of 0.1 s, which changes little where nothing
-  jumps. Frames farther away stay as they are.
+  After a change of prompt, a generated motion moves to its new pose within a few frames. Joints are smoothed there by a
+  Gaussian of 0.1 s whose weight fades within 0.3 s to either side. Frames farther away stay unchanged.
   """
   joints = np.asarray(joints)
   result, frames = joints.astype(np.float64), np.arange(len(joints))
@@ -86,9 +85,9 @@ def eased(joints: Num[Array, "t j 3"], borders: Iterable[int], fps: float = 20.0
 
 def laid_over(shadow: Float[np.ndarray, "n j 3"], joints: Num[np.ndarray, "t j 3"], count: int
               ) -> Float[np.ndarray, "_ j 3"]:
-  """The frames of shadow (N, J, 3) after its first `count`, aligned to continue joints (T, J, 3).
+  """Frames count.. of shadow (N, J, 3), aligned to continue joints (T, J, 3).
 
-  The first `count` frames of shadow repeat the end of joints at another place; the remaining difference fades.
+  The first `count` frames of shadow repeat the end of joints at another position; the remaining difference fades.
   """
   near = min(_ALIGN, count)
   centre, turn, aim = _fitted(shadow[count - near:count], joints[-near:])

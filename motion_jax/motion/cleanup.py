@@ -26,7 +26,7 @@ SMOOTHING = 0.7          # frames: 2 Hz passes at 0.91, 6 Hz at 0.43; at 0.4 0.9
 _BRISK = (1.2, 2.4)      # m/s relative to the pelvis: smoothing decreases from the first speed, ends at the second
 _SLIDES = 0.10           # m/s: speed of standing feet in real motion, which is not corrected
 _NEAR = np.array([1, 2, 3, 2, 1]) / 9  # weights of neighbouring frames where a correction is spread in time
-_HINT = 0.15             # certainty of contacts nearby from which on the root follows the feet completely
+_HINT = 0.15             # certainty of contacts in neighbouring frames at which the root follows the feet completely
 _STANDS = 0.40           # m/s at which the certainty of a labelled contact is halved
 _SEEN = 0.20             # the same without labels: lower, so that a swinging foot is not pinned
 _LOW = 0.16              # metres over the floor at which the certainty that a point of the foot stands is halved
@@ -139,11 +139,11 @@ class _Stage:
 
   def flush(self, frames: _Frames | None) -> _Frames | None:
     """Adds the last frames and returns all that have not been returned yet."""
-    made = None if frames is None else self.push(frames)
+    ready = None if frames is None else self.push(frames)
     if self._held is None:
-      return made
+      return ready
     last = self.push(_repeat(self._held, -1, self._ahead)) if self._ahead else None
-    return _join(*(part for part in (made, last) if part is not None))
+    return _join(*(part for part in (ready, last) if part is not None))
 
 
 def _join(*parts: _Frames) -> _Frames:
@@ -189,7 +189,7 @@ class _Body:
     return smoothed + (now.joints - smoothed) * brisk * brisk * (3 - 2 * brisk)
 
   def risen(self, frames: _Frames) -> np.ndarray:
-    """By how much (count,) to lift the body after its bone lengths have been restored."""
+    """Height (count,) by which to lift the body after its bone lengths have been restored."""
     # Restored from the pelvis down, bones end at other heights. The height of the feet is closer to the floor's than
     # that of the pelvis: the body is lifted or lowered as a whole, so that knees stay as bent as they were.
     lowest = lambda joints: joints[:, self.feet, 1].min((1, 2))
@@ -197,8 +197,8 @@ class _Body:
     return _weighted(risen, _NEAR)
 
   def stands(self, frames: _Frames) -> tuple[np.ndarray, np.ndarray]:
-    """(certainty (n - 1, 2, 2) that the points of feet stand from each frame to the next, their steps (n - 1, 2, 2, 2)
-    over the ground)."""
+    """Contacts between consecutive frames: (certainty (n - 1, 2, 2) of each point of each foot, its steps
+    (n - 1, 2, 2, 2) over the ground)."""
     points = frames.joints[:, self.feet]
     height = np.maximum((points[..., 1] - self.floor) / self.metre, 0)
     sure = frames.sure / (1 + (height / _LOW) ** 6)
@@ -316,13 +316,13 @@ class _PinFeet:
     matrix = whole[..., 2:, 2:] + _PULL * np.eye(size)
     pushed = -np.einsum("ki,cfk,cfkd->cfid", first[:, 2:], firm, step)
     solved = np.linalg.solve(matrix, np.concatenate([pushed, -whole[..., 2:, :2]], -1))[:, :, 0]  # (count, feet, 4)
-    made = np.empty((count, 2, 2))
+    moves = np.empty((count, 2, 2))
     before, last = self._last
     for i in range(count):
-      made[i] = solved[i, :, :2] + solved[i, :, 2:3] * before + solved[i, :, 3:] * last
-      before, last = last, made[i]
+      moves[i] = solved[i, :, :2] + solved[i, :, 2:3] * before + solved[i, :, 3:] * last
+      before, last = last, moves[i]
     self._last = np.stack([before, last])
     now = _cut(frames, 1, 1 + count)
     move = np.zeros((count, 2, 3))
-    move[..., [0, 2]] = made
+    move[..., [0, 2]] = moves
     return now._replace(move=move)

@@ -17,16 +17,16 @@ from motion_jax.shapes import Bool, Float, Num
 SLOW = 0.15   # metres a second
 LOW = 0.10    # metres over the floor
 _SPAN = 0.1   # seconds over which a speed is taken, whatever the rate
-_SHORT = 0.25  # seconds of the median filter: what is shorter than half of it is no contact, and no gap of one
+_SHORT = 0.25  # seconds of the median filter, which removes contacts and gaps shorter than half of it
 
 
 def feet_stand(joints: Num[A, "t j 3"], fps: float = 20.0, skeleton: Skeleton = HUMANML3D,
                floor: float | None = None) -> Bool[A, "t 4"]:
   """Whether left ankle, left toes, right ankle, right toes stand in each frame of joints (T, J, 3): (T, 4).
 
-  A joint stands that moves slower than 0.15 m/s and is less than 0.10 m over the floor, for most of a quarter of a
-  second around the frame: the same at every rate from 20 frames a second on. floor: its height in the skeleton's unit;
-  None takes where the feet of this motion are at their lowest.
+  A joint stands if it moves slower than 0.15 m/s and is less than 0.10 m above the floor, for most of the 0.25 s around
+  the frame; the rule does not depend on the frame rate from 20 frames a second on. floor: its height in the skeleton's
+  unit; None uses `floor_height` of this motion.
   """
   xp: Any = rot.namespace(joints)
   feet = xp.asarray(joints, _exact(xp))[:, np.array(skeleton.left_feet + skeleton.right_feet)] * skeleton.unit
@@ -36,7 +36,7 @@ def feet_stand(joints: Num[A, "t j 3"], fps: float = 20.0, skeleton: Skeleton = 
 
 
 def velocity(points: Num[A, " t *n"], fps: float, span: float = _SPAN) -> Float[A, " t *n"]:
-  """Units a second of points (T, ...), taken over `span` seconds around each frame and clipped at the ends."""
+  """Velocity of points (T, ...), units a second, as differences over `span` seconds around each frame."""
   xp: Any = rot.namespace(points)
   points = xp.asarray(points, _exact(xp))
   time = np.arange(len(points)) / fps
@@ -46,19 +46,19 @@ def velocity(points: Num[A, " t *n"], fps: float, span: float = _SPAN) -> Float[
 
 
 def majority(flags: Bool[A, " t *n"], fps: float, seconds: float = _SHORT) -> Bool[A, " t *n"]:
-  """Flags (T, ...) as most of the frames within `seconds` around each have them: a median filter."""
+  """Median filter: each flag (T, ...) becomes that of most frames within `seconds` around it."""
   half = int(seconds * fps / 2 + 0.5)
   padded = rot.namespace(flags).pad(flags, ((half, half),) + ((0, 0),) * (flags.ndim - 1), mode="edge")
   return sum(padded[i:i + len(flags)].astype(int) for i in range(2 * half + 1)) > half
 
 
 def _exact(xp):
-  """The type that numpy reckons in; jax keeps its own."""
+  """dtype of computations: float64 for numpy, for jax that of the input."""
   return np.float64 if xp is np else None
 
 
 def _at(points, frames):
-  """Points (T, ...) at broken frame numbers, by linear interpolation."""
+  """Points (T, ...) at fractional frame numbers, by linear interpolation."""
   low = np.minimum(np.floor(frames + 1e-9).astype(int), len(points) - 1)
   part = np.clip(frames - low, 0, 1).reshape((-1,) + (1,) * (points.ndim - 1))
   return points[low] * (1 - part) + points[np.minimum(low + 1, len(points) - 1)] * part

@@ -1,8 +1,8 @@
-"""Rotations of a skeleton with a given rest pose, from joint positions alone: for data without rotations.
+"""Inverse kinematics of whole bodies: rotations of a skeleton with a given rest pose, from joint positions alone.
 
-Positions do not show how a bone is turned about itself: a joint with several children gets the turn that fits them
-best, or that of the body where they lie on one line; any other turns as little as possible from its parent. (`pose`
-chooses turns as a body would, from a T-pose of its own.)
+Positions do not determine the twist of a bone. A joint with several children gets the rotation that fits them best, or
+that of the body where they lie on one line; any other joint turns as little as possible from its parent. (`pose`
+chooses anatomical twists, from a T-pose.)
 """
 import dataclasses
 from typing import Any
@@ -23,7 +23,7 @@ def world_rotations(joints: Float[A, "*lead t j 3"], skeleton: Skeleton) -> Floa
   parents, offsets = skeleton.parents, skeleton.offsets
   bones = joints - joints[..., np.maximum(parents, 0), :]
   length = np.linalg.norm(offsets, axis=-1)
-  # A joint in its parent's place (SnapMoGen's pelvis) turns with it, and its bones count as the parent's.
+  # A joint that coincides with its parent (SnapMoGen's pelvis) turns with it, and its bones count as the parent's.
   holder = [j if j == 0 or length[j] > 1e-6 else parents[j] for j in range(skeleton.num_joints)]
   members = [[k for k in range(1, skeleton.num_joints) if length[k] > 1e-6 and holder[parents[k]] == j]
              for j in range(skeleton.num_joints)]
@@ -51,7 +51,7 @@ def world_rotations(joints: Float[A, "*lead t j 3"], skeleton: Skeleton) -> Floa
 
 def _fit(joints: Float[A, "*lead t j 3"], bones: Float[A, "*lead t n 3"], shape: Float[np.ndarray, "n 3"],
          joint: int, skeleton: Skeleton) -> Float[A, "*lead t 3 3"]:
-  """The turns (..., T, 3, 3) of a joint by the bones below it; by the body's axes where these do not span a plane."""
+  """Rotations (..., T, 3, 3) of a joint that fit its child bones; the body's axes where these do not span a plane."""
   xp: Any = rot.namespace(joints)
   thin = THIN * xp.median(bone_lengths(joints, skeleton)[..., list(skeleton.leg_bones)].sum(-1), axis=-1)
   spread = xp.linalg.svd(bones if xp is np else jax.lax.stop_gradient(bones), compute_uv=False)[..., 1]
@@ -59,7 +59,7 @@ def _fit(joints: Float[A, "*lead t j 3"], bones: Float[A, "*lead t n 3"], shape:
   if xp is np and by_bones.all():
     return from_nearest(rot.best_turn(bones, shape), spread > 1e-6 * thin)
   rest = np.zeros((1, skeleton.num_joints, 3))
-  for child in order(skeleton)[1:]:
+  for child in skeleton.order[1:]:
     rest[:, child] = rest[:, skeleton.parents[child]] + skeleton.offsets[child]
   part = int(joint == skeleton.chains[3][0])
   by_body = body_axes(joints, skeleton)[part] @ xp.asarray(body_axes(rest, skeleton)[part][0].T, joints.dtype)
@@ -70,7 +70,7 @@ def _fit(joints: Float[A, "*lead t j 3"], bones: Float[A, "*lead t n 3"], shape:
 
 
 def relative(turned: Float[A, "*lead j 4"], skeleton: Skeleton) -> Float[A, "*lead j 4"]:
-  """World rotations (..., J, 4) to rotations relative to the parents; the root's stays."""
+  """Rotations relative to the parents, of world rotations (..., J, 4); the root's stays."""
   parents = np.maximum(skeleton.parents, 0)
   local = rot.multiply(rot.conjugate(turned[..., parents, :]), turned)
   return rot.namespace(turned).concatenate([turned[..., :1, :], local[..., 1:, :]], axis=-2)
@@ -81,7 +81,7 @@ def forward(root: Float[np.ndarray, "t 3"], turned: Float[np.ndarray, "t j 4"], 
   """Joints (T, J, 3) of a root path (T, 3) and world rotations (T, J, 4) with the skeleton's own offsets."""
   joints = np.empty(turned.shape[:2] + (3,))
   joints[:, 0] = root
-  for joint in order(skeleton)[1:]:
+  for joint in skeleton.order[1:]:
     parent = skeleton.parents[joint]
     joints[:, joint] = joints[:, parent] + rot.rotate(turned[:, parent], skeleton.offsets[joint])
   return joints
@@ -95,13 +95,9 @@ def with_rest(skeleton: Skeleton, offsets: Float[np.ndarray, "j 3"]) -> Skeleton
 
 
 def levels(skeleton: Skeleton) -> list[list[int]]:
-  """Joints by their number of ancestors: the root, its children, theirs."""
-  found = [[0]]
-  while below := [k for k, parent in enumerate(skeleton.parents) if parent in found[-1]]:
-    found.append(below)
-  return found
+  """Joints grouped by depth in the tree: [[root], its children, their children, ...]."""
+  by_depth = [[0]]
+  while below := [k for k, parent in enumerate(skeleton.parents) if parent in by_depth[-1]]:
+    by_depth.append(below)
+  return by_depth
 
-
-def order(skeleton: Skeleton) -> list[int]:
-  """Joints, parents before children."""
-  return [joint for level in levels(skeleton) for joint in level]

@@ -13,7 +13,7 @@ _ONE_SIDED = 2.0  # how many times farther than the other a hand travels if only
 
 def put_on(base: Num[np.ndarray, "t j 3"], other: Num[np.ndarray, "t j 3"], part: str, sides: Sequence[str],
            weight: Num[np.ndarray, " t"], skeleton: Skeleton, upright: bool = False) -> Float[np.ndarray, "t j 3"]:
-  """Joints (T, J, 3) of base with a part of other, oriented relative to the chest (a torso: to the pelvis). float32.
+  """Joints (T, J, 3) of base with one body part of other, oriented relative to the chest (torso: the pelvis). float32.
 
   part: "arms", "head" or "torso", which includes head and arms. sides: "left", "right" or both arms; by default the
   arm that acts, or both if both do. weight (T,): 0 is base, 1 is other. upright: arms are oriented relative to the
@@ -37,13 +37,13 @@ def put_on(base: Num[np.ndarray, "t j 3"], other: Num[np.ndarray, "t j 3"], part
   result = base.copy()
   for chain in chains:
     for parent, joint in zip(chain[:-1], chain[1:]):
-      own, new = base[:, joint] - base[:, parent], rot.rotate(turn, other[:, joint] - other[:, parent])
-      result[:, joint] = result[:, parent] + turned_towards(own, new, weight)
+      bone, goal = base[:, joint] - base[:, parent], rot.rotate(turn, other[:, joint] - other[:, parent])
+      result[:, joint] = result[:, parent] + turned_towards(bone, goal, weight)
   return result.astype(np.float32)
 
 
 def acting(joints: Num[np.ndarray, "t j 3"], skeleton: Skeleton) -> tuple[str, ...]:
-  """The sides whose hands act: the one that travels more than twice as far relative to the chest, or both."""
+  """Sides of the acting hands: the one that travels over twice as far, relative to the chest, as the other; or both."""
   _, _, _, right, left = skeleton.chains
   turned = to_pose(joints, skeleton).turned[:, right[0]]
   way = {}
@@ -54,11 +54,11 @@ def acting(joints: Num[np.ndarray, "t j 3"], skeleton: Skeleton) -> tuple[str, .
   return sides or ("left", "right")
 
 
-def turned_towards(own: Float[np.ndarray, "t 3"], new: Float[np.ndarray, "t 3"], weight: Num[np.ndarray, " t"]
+def turned_towards(vector: Float[np.ndarray, "t 3"], goal: Float[np.ndarray, "t 3"], weight: Num[np.ndarray, " t"]
                    ) -> Float[np.ndarray, "t 3"]:
-  """Vectors (T, 3) of own's length, turned from own towards new by weight (T,) of the angle between the two."""
-  length = np.linalg.norm(own, axis=-1, keepdims=True)
-  safe = np.where(length > 1e-9, own, [0.0, 1.0, 0.0])
-  whole = rot.between(safe, np.where(np.linalg.norm(new, axis=-1, keepdims=True) > 1e-9, new, safe))
+  """Vectors (T, 3), turned towards goal (T, 3) by weight (T,) of the angle between the two; lengths stay."""
+  length = np.linalg.norm(vector, axis=-1, keepdims=True)
+  safe = np.where(length > 1e-9, vector, [0.0, 1.0, 0.0])
+  whole = rot.between(safe, np.where(np.linalg.norm(goal, axis=-1, keepdims=True) > 1e-9, goal, safe))
   still = np.broadcast_to([1.0, 0.0, 0.0, 0.0], whole.shape)
   return rot.rotate(rot.slerp(still, whole, np.asarray(weight, np.float64)), safe) * (length > 1e-9)

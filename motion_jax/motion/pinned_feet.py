@@ -1,7 +1,6 @@
-"""Place the feet of a motion: legs bend to reach them, and the hips are lowered where a leg is too short.
+"""Place the feet of a motion at given positions: legs bend, and the hips are lowered where a leg is too short.
 
-Used where captured motion is turned or joined (`root_paths`, `splicing`) and the positions of its feet are known.
-numpy, whole clips.
+For captured motion that is turned or joined (`root_paths`, `splicing`). numpy, whole clips.
 """
 import numpy as np
 
@@ -28,6 +27,6 @@ def pin_feet(joints: Num[Array, "t j 3"], ankles: Num[Array, "t 2 3"], toes: Num
 
 
 def stands(joints: Num[Array, "t j 3"], fps: float = 20.0, skeleton: Skeleton = HUMANML3D) -> Bool[np.ndarray, "t 2"]:
-  """Whether ankle or toes of the left and the right foot stand, by `contacts.feet_stand`: (T, 2)."""
+  """Whether the left and the right foot stand, by ankle or toes (`contacts.feet_stand`): (T, 2)."""
   flags = feet_stand(np.asarray(joints), fps, skeleton)
   return np.stack([flags[:, :2].any(1), flags[:, 2:].any(1)], 1)

@@ -1,8 +1,8 @@
-"""Check whether joints can be a person's motion, wherever motion is read from a file or another program.
+"""Check that joints read from a file or another program are plausible human motion.
 
 The unit follows from the bone lengths: a human's in metres, centimetres, millimetres, inches or feet. A body of another
 size, a joint far away, a jump of metres or an impossible frame rate is an error of one sentence that names file, frame
-and joint; unusual motion that can be used is a warning. numpy, float64.
+and joint; unusual but usable motion is a warning. numpy, float64.
 """
 import warnings
 
@@ -22,25 +22,24 @@ _LONGEST = 1.5          # metres, the longest bone
 # their joints in other orders: at least 0.39; SMPL's 24 joints taken for SnapMoGen's: at least 0.48.
 ODD = 0.36              # from here on a warning, and the unit cannot be derived from the bones
 _OTHER_ORDER = 0.6      # from here on an error
-_LOST_BONE = 1.0        # the most that one bone counts, for it may have no length
-_NO_LENGTH, _MOST = 0.01, 0.75  # of the usual length; the share of bones that must have one
+_LOST_BONE = 1.0        # largest contribution of one bone, which may have no length
+_NO_LENGTH, _MOST = 0.01, 0.75  # below this share of its length a bone has none; share of bones that must have length
 _STRETCH = 0.3          # metres by which a bone may change its length without a warning
 _FARTHEST = 100_000     # metres from the origin, where float32 resolves centimetres
-_COUNTABLE = 1e15       # numbers from here on count as infinite: their squares would be
+_COUNTABLE = 1e15       # larger numbers count as infinite: their squares overflow float32
 _STEP, _SPEED = 3.0, 150.0  # metres in one frame and metres a second: a root that exceeds both is an error
-_JUMP = 1.0             # metres in one frame: a joint that exceeds this and
-_FAST = 20.0            # metres a second is a warning
+_JUMP, _FAST = 1.0, 20.0    # the same of any joint: a warning
 
 
 def check(joints: Num[Array, "t j 3"], skeleton: Skeleton = HUMANML3D, fps: float | None = None, name: str = "motion"
           ) -> None:
-  """Raises ValueError, beginning with name, unless joints (T, J, 3) in the skeleton's unit can be a person's.
+  """Raises ValueError, beginning with name, unless joints (T, J, 3), in the skeleton's unit, form a plausible body.
 
-  Warns about joints in another order, left and right exchanged, bones that change their length, and jumps. fps: frames
-  a second, if known.
+  Warns about joints in another order, left and right exchanged, bones of varying length, and jumps. fps: frames per
+  second, if known.
   """
   lengths, oddness, metres = _checked(joints, skeleton, fps, name)
-  _tell_jumps(metres, skeleton, fps, name)
+  _warn_of_jumps(metres, skeleton, fps, name)
   if is_mirrored(metres, skeleton):
     warnings.warn(f"{name}: left and right are exchanged: the left hip is where a body whose toes point ahead has its "
                   "right one; the file's axes are left-handed (negate one of x, y, z) or its sides are swapped",
@@ -57,7 +56,7 @@ def check(joints: Num[Array, "t j 3"], skeleton: Skeleton = HUMANML3D, fps: floa
 
 
 def _checked(joints, skeleton, fps, name):
-  """(bone lengths (T, J - 1), their oddness, joints in metres); raises InputError for joints of no person."""
+  """(bone lengths (T, J - 1), their oddness, joints in metres); raises InputError for an implausible skeleton."""
   check_rate(fps, name)
   joints = _array(joints, skeleton, name)
   metres = joints * skeleton.unit
@@ -85,7 +84,7 @@ def _checked(joints, skeleton, fps, name):
 
 def fault(joints: Num[Array, "t j 3"], skeleton: Skeleton = HUMANML3D, fps: float | None = None, name: str = "motion"
           ) -> str:
-  """The text of the error that `check` would raise, "" for none. Does not warn."""
+  """The message of the error that `check` raises, or "". Does not warn."""
   try:
     _checked(joints, skeleton, fps, name)
   except ValueError as error:
@@ -94,7 +93,7 @@ def fault(joints: Num[Array, "t j 3"], skeleton: Skeleton = HUMANML3D, fps: floa
 
 
 def check_bones(lengths: Num[Array, " j"], skeleton: Skeleton = HUMANML3D) -> None:
-  """Raises ValueError for bone lengths (J,), metres, for which no mannequin can be built."""
+  """Raises ValueError for bone lengths (J,), metres, that are too long for drawing a body."""
   joint = int(np.argmax(lengths))
   if not lengths[joint] <= _LONGEST:
     raise InputError(f"the bone to {skeleton.joints[joint]} is {_far(lengths[joint])} long, expected at most "
@@ -102,7 +101,7 @@ def check_bones(lengths: Num[Array, " j"], skeleton: Skeleton = HUMANML3D) -> No
 
 
 def check_rate(fps: float | None, name: str = "motion") -> None:
-  """Raises ValueError unless fps is None or a rate of frames that motion may have."""
+  """Raises ValueError unless fps is None or within `FRAME_RATES`."""
   low, high = FRAME_RATES
   if fps is not None and not low <= fps <= high:
     raise InputError(f"{name}: got {fps:g} frames per second, expected {low} to {high}; give another by --fps (fps=)")
@@ -130,7 +129,7 @@ def to_unit(joints: Num[Array, "t j 3"], skeleton: Skeleton = HUMANML3D, unit: s
 
 
 def with_y_up(joints: Num[np.ndarray, "*lead 3"], up: str) -> Num[np.ndarray, "*lead 3"]:
-  """Joints (..., 3) turned so that the axis up of the file, "x", "y", "z" or with a minus before it, is +y."""
+  """Rotates joints (..., 3) with upward axis up ("x", "y", "z", or with a minus before it) to y up."""
   if up == "y":
     return joints
   if up.removeprefix("-") not in AXES:
@@ -140,8 +139,7 @@ def with_y_up(joints: Num[np.ndarray, "*lead 3"], up: str) -> Num[np.ndarray, "*
 
 
 def upward_axis(joints: Num[Array, "t j 3"], skeleton: Skeleton = HUMANML3D) -> str:
-  """The axis along which the neck is above the feet, by the median of joints (T, J, 3): "y", "-z", ...; "" if it is
-  along none."""
+  """The upward axis of joints (T, J, 3), from the feet to the neck: "y", "-z", ...; "" if there is none."""
   feet = list(skeleton.left_feet + skeleton.right_feet)
   rise = np.median(joints[:, skeleton.joints.index("neck")] - np.asarray(joints)[:, feet].mean(1), axis=0)
   axis = int(np.abs(rise).argmax())
@@ -150,7 +148,7 @@ def upward_axis(joints: Num[Array, "t j 3"], skeleton: Skeleton = HUMANML3D) -> 
 
 
 def is_mirrored(joints: Num[Array, "t j 3"], skeleton: Skeleton = HUMANML3D) -> bool:
-  """Whether the toes of joints (T, J, 3) point behind: away from left hip x neck, which is ahead of every body."""
+  """Whether joints (T, J, 3) are a mirror image: toes point opposite to left hip x neck, the forward direction."""
   joints = np.asarray(joints, np.float64)
   across = joints[:, skeleton.hips[1]] - joints[:, skeleton.hips[0]]
   ahead = np.cross(across, joints[:, skeleton.joints.index("neck")] - joints[:, 0])
@@ -160,7 +158,7 @@ def is_mirrored(joints: Num[Array, "t j 3"], skeleton: Skeleton = HUMANML3D) -> 
 
 
 def guess_unit(joints: Num[Array, "t j 3"], skeleton: Skeleton = HUMANML3D) -> str | None:
-  """The unit in which the body of joints (T, J, 3) is nearest to the skeleton's size; None if none is near."""
+  """The unit in which the body of joints (T, J, 3) is closest to the skeleton's size; None if none is plausible."""
   size, oddness = _size(_lengths(np.asarray(joints, np.float64), skeleton), skeleton)
   if not 0 < size < np.inf or oddness > ODD:
     return None
@@ -169,7 +167,7 @@ def guess_unit(joints: Num[Array, "t j 3"], skeleton: Skeleton = HUMANML3D) -> s
 
 
 def oddness(joints: Num[Array, "t j 3"], skeleton: Skeleton = HUMANML3D) -> float:
-  """How much the proportions of joints (T, J, 3) differ from the skeleton's, in any unit: mean |log| of the ratios."""
+  """Deviation of the proportions of joints (T, J, 3), in any unit, from the skeleton's: mean |log| of the ratios."""
   return _size(_lengths(np.asarray(joints, np.float64), skeleton), skeleton)[1]
 
 
@@ -181,12 +179,12 @@ def _lengths(joints, skeleton):
 
 
 def _size(lengths, skeleton):
-  """(bones of a body in metres relative to the skeleton's, by the median bone; mean |log| of what differs).
+  """(size of a body in metres relative to the skeleton, by the median bone; its oddness: mean |log| of the ratios).
 
-  A few bones without length, such as collars that lie in the neck, say nothing about the order of the joints.
+  A few bones without length, such as collars that coincide with the neck, are ignored.
   """
-  own = skeleton.bone_lengths[1:] * skeleton.unit
-  ratio = np.median(lengths, axis=0)[own > 1e-6] / own[own > 1e-6]
+  expected = skeleton.bone_lengths[1:] * skeleton.unit
+  ratio = np.median(lengths, axis=0)[expected > 1e-6] / expected[expected > 1e-6]
   size = float(np.median(ratio))
   if not 0 < size < np.inf:
     return size, 0.0
@@ -227,7 +225,7 @@ def _check_path(metres, skeleton, fps, name):
                      f"before, {root[frame] * rate:,.0f} m/s; cut the frames away, or give the right rate by --fps")
 
 
-def _tell_jumps(metres, skeleton, fps, name):
+def _warn_of_jumps(metres, skeleton, fps, name):
   step = np.linalg.norm(np.diff(metres, axis=0), axis=-1)  # (T - 1, J)
   jumps = (step > _JUMP) & (step * (fps or skeleton.fps) > _FAST)
   if jumps.any():

@@ -1,9 +1,9 @@
-"""From joint positions to a posed skeleton: one rotation per joint, relative to its parent, from a T-pose of our own.
+"""Inverse kinematics of clips: joint positions to one rotation per joint, relative to its parent, from a T-pose.
 
-Positions say where bones point but not how they are turned about themselves. The turn is chosen as a body would: the
-pelvis by its hip and spine bones, the chest by the neck and collar bones, the spine in between by both; upper arms and
-thighs so that elbows and knees bend like hinges (a straight leg goes by its foot); every other joint turns as little as
-possible from its parent. Turns change smoothly in time and any number of whole turns of the body is followed.
+Positions define the direction of bones but not their twist, which is chosen anatomically: the pelvis by its hip and
+spine bones, the chest by the neck and collar bones, the spine in between by both; upper arms and thighs by elbows and
+knees as hinges (a straight leg by its foot); every other joint turns as little as possible from its parent. Rotations
+change smoothly in time, over any number of whole turns of the body.
 """
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
@@ -26,21 +26,21 @@ from motion_jax.shapes import Array, Float, Num
 
 Tree = list[list[int]]  # the children of each joint
 
-# An easy pose of the bone below the joint, opposite to which no limb can point: the turn from there is never ambiguous.
+# A comfortable direction of the bone below the joint. No limb can point the opposite way, so turns are unambiguous.
 _EASY = {"shoulder": (0.45, -0.55, 0.7), "hip": (0.1, -0.85, 0.5)}
 _HINGES = {"shoulder": (0, -1, 0), "hip": (1, 0, 0)}  # axis of elbow and knee in the T-pose, again for the left side
 TIPS = {"head": (0, 0.18, 0.02), "wrist": (0.17, 0, 0), "foot": (0, 0, 0.07)}  # ends of limbs, metres; x for the left
 _BENDS = {"foot": ((-1, 0, 0), 60), "wrist": ((0, 0, 1), 80)}  # hinge by which a tip bends up, and how far, degrees
 _LONGEST = 100_000  # frames: more than an hour at 20 a second, a gigabyte
-_SECONDS = 0.12  # how far apart in time the turns of a limb are alike
-_UNTWISTED = 0.08  # how much evidence there always is for a limb that is not twisted
-_TWIST_SPEED, _TWIST_PRICE = 8.0, 0.05  # radians a second at the most, and how dear twisting is against its evidence
+_SECONDS = 0.12  # time scale of the smoothing of twists
+_UNTWISTED = 0.08  # weight of the prior that a limb is not twisted
+_TWIST_SPEED, _TWIST_PRICE = 8.0, 0.05  # largest twist speed, radians a second; cost of twisting relative to evidence
 
 
 class Pose(NamedTuple):
-  """A moving skeleton, in the unit of the joints that it was made of."""
+  """A moving skeleton: offsets, root path and joint rotations, in the unit of the source joints."""
   offsets: Float[np.ndarray, "j 3"]      # from the parent, in the T-pose; the root's is zero
-  shifts: Float[np.ndarray, "t j 3"]     # further than the offset: what rotations cannot reach
+  shifts: Float[np.ndarray, "t j 3"]     # added to the offset: the residual that rotations cannot express
   root: Float[np.ndarray, "t 3"]         # position of the root
   rotations: Float[np.ndarray, "t j 4"]  # quaternions (w, x, y, z) relative to the parent; signs continuous in time
   turned: Float[np.ndarray, "t j 4"]     # the same in the world
@@ -48,24 +48,23 @@ class Pose(NamedTuple):
 
 def to_pose(joints: Num[Array, "t j 3"], skeleton: Skeleton = HUMANML3D, fps: float = 20.0,
             rest: Float[np.ndarray, "j 3"] | None = None) -> Pose:
-  """Joints (T, J, 3) to the rotations of a T-pose skeleton: of offsets rest (J, 3), or the clip's own mean bones.
+  """Joints (T, J, 3) to the rotations of a T-pose skeleton with offsets rest (J, 3), by default the clip's mean bones.
 
-  Every bone keeps its direction, so `pose_to_joints` gives the joints back where bone lengths are constant. A joint
-  with several children (pelvis, chest) has one rotation for all of them: what its bones bend against each other, which
-  is nothing in most captures, is left in `shifts`; with `rest` given, so is whatever else its bones cannot reach.
-  float64.
+  Every bone keeps its direction, so `pose_to_joints` restores the joints if bone lengths are constant. A joint with
+  several children (pelvis, chest) has one rotation; how its bones move against each other, which is nothing in most
+  captures, is left in `shifts`. With `rest` given, so is any other difference from the rest bones. float64.
   """
   if len(joints) > _LONGEST:
     raise ValueError(f"got {len(joints):,} frames to draw or to turn into angles, expected at most {_LONGEST:,}; cut "
                      "the motion in parts, .npz and .npy hold any length")
   joints = np.asarray(joints, np.float64)
-  parents, children = skeleton.parents, _children(skeleton)
+  parents, children = skeleton.parents, skeleton.children
   lengths = np.linalg.norm(joints - joints[:, np.maximum(parents, 0)], axis=-1).mean(0)
   offsets = t_pose(skeleton, lengths) if rest is None else np.array(rest, np.float64)
   bones = joints - joints[:, np.maximum(parents, 0)]
   turned: list = [None] * skeleton.num_joints
   shifts = np.zeros_like(joints)
-  for joint in _order(skeleton):
+  for joint in skeleton.order:
     if len(members := children[joint]) > 1:
       turned[joint], shape = _fit(joints, bones, joint, members, skeleton)
       if rest is not None:
@@ -75,7 +74,7 @@ def to_pose(joints: Num[Array, "t j 3"], skeleton: Skeleton = HUMANML3D, fps: fl
       local = rot.rotate(rot.conjugate(turned[joint])[:, None], bones[:, members])
       shifts[:, members] = local - offsets[members]
       for member in members:
-        # The collar of a figure without collars has no length: at rest the shoulder is where it is on average.
+        # The collar of a figure without collars has no length: its shoulder rests at its mean position.
         if lengths[member] < 1e-3 * lengths.sum() and children[member]:
           child = children[member][0]
           offsets[child] = lengths[child] * rot.unit(
@@ -84,12 +83,12 @@ def to_pose(joints: Num[Array, "t j 3"], skeleton: Skeleton = HUMANML3D, fps: fl
     head = skeleton.joints.index("head")
     chest = next(turned[j] for j in _ancestors(head, parents) if turned[j] is not None)
     offsets[head] = _mean_head_direction(chest, bones[:, head]) * lengths[head]
-  for joint in _order(skeleton):
+  for joint in skeleton.order:
     if turned[joint] is not None:
       continue
     above = turned[parents[joint]]
     if not children[joint]:
-      turned[joint] = above  # nothing below shows how an end of a limb is turned
+      turned[joint] = above  # the end of a limb has no child bone that would define its rotation
       continue
     child, (_, kind) = children[joint][0], side_and_kind(skeleton.joints[joint])
     if kind in _HINGES:
@@ -126,7 +125,7 @@ def pose_to_joints(pose: Pose, skeleton: Skeleton = HUMANML3D) -> Float[np.ndarr
   """Forward kinematics: joints (T, J, 3) of a pose."""
   joints, turned = np.empty(pose.rotations.shape[:2] + (3,)), pose.rotations.copy()
   joints[:, 0] = pose.root
-  for joint in _order(skeleton)[1:]:
+  for joint in skeleton.order[1:]:
     parent = skeleton.parents[joint]
     turned[:, joint] = rot.multiply(turned[:, parent], pose.rotations[:, joint])
     joints[:, joint] = joints[:, parent] + rot.rotate(turned[:, parent], pose.offsets[joint] + pose.shifts[:, joint])
@@ -135,11 +134,12 @@ def pose_to_joints(pose: Pose, skeleton: Skeleton = HUMANML3D) -> Float[np.ndarr
 
 def turn_ends(pose: Pose, joints: Float[np.ndarray, "t j 3"], skeleton: Skeleton = HUMANML3D,
               level: float | None = None) -> Pose:
-  """The pose with toes that stay on the ground while the foot rolls over them, and hands that lie on it.
+  """The pose with toes and hands bent up where they would be below the ground.
 
-  No joint shows how the end of a limb is turned, but the ground does: a tip that would be below the level on which the
-  toes stand bends up about the joint's hinge until it is there. In the air, and at the head, ends stay straight. joints
-  (T, J, 3): in metres; level: the height of toes that stand, None: of the lowest in this motion.
+  No joint defines the rotation of the end of a limb, but the ground does: toes stay on it while the foot rolls over
+  them. A tip that would be below the level of standing toes bends up about the joint's hinge as far as needed. In the
+  air, and at the head, ends stay straight. joints (T, J, 3): metres; level: height of standing toes, by default the 5th
+  percentile of the lower foot in this motion.
   """
   feet = [j for j, name in enumerate(skeleton.joints) if name.endswith("foot")]
   level = np.percentile(joints[:, feet, 1].min(1), 5) if level is None else level
@@ -162,21 +162,11 @@ def turn_ends(pose: Pose, joints: Float[np.ndarray, "t j 3"], skeleton: Skeleton
   return pose._replace(rotations=rot.continuous(local), turned=rot.continuous(world))
 
 
-def _children(skeleton: Skeleton) -> Tree:
-  return [[k for k, parent in enumerate(skeleton.parents) if parent == j] for j in range(skeleton.num_joints)]
-
 
 def _ancestors(joint: int, parents: Sequence[int]) -> Iterator[int]:
   while (joint := parents[joint]) >= 0:
     yield joint
 
-
-def _order(skeleton: Skeleton) -> list[int]:
-  """Joints, parents before children."""
-  children, order = _children(skeleton), [0]
-  for joint in order:
-    order.extend(children[joint])
-  return order
 
 
 def _next_branch(joint: int, children: Tree) -> tuple[int, int] | None:
@@ -189,11 +179,11 @@ def _next_branch(joint: int, children: Tree) -> tuple[int, int] | None:
 
 def _fit(joints: Float[np.ndarray, "t j 3"], bones: Float[np.ndarray, "t j 3"], joint: int, members: list[int],
          skeleton: Skeleton) -> tuple[Float[np.ndarray, "t 4"], Float[np.ndarray, "c 3"]]:
-  """The turn (T, 4) of a joint with several children and their offsets (C, 3), by least squares.
+  """Rotations (T, 4) of a joint with several children, and the children's offsets (C, 3), by least squares.
 
-  First a frame from the line between the left and the right child and the remaining one, then the mean shape in that
-  frame, then the turn that fits the shape best in each frame (Kabsch). Children in one point or on one line do not show
-  a turn: then hips, shoulders and trunk do (`skeleton.body_axes`).
+  First axes from the line between the left and the right child and the remaining child, then the mean shape in these
+  axes, then the rotation that fits this shape best in each frame (Kabsch). Children in one point or on one line define
+  no rotation: then hips, shoulders and trunk do (`skeleton.body_axes`).
   """
   names = [skeleton.joints[j] for j in members]
   sides = [side_and_kind(name)[0] if name.startswith(("left", "right")) else 0 for name in names]
@@ -217,13 +207,13 @@ def _fit(joints: Float[np.ndarray, "t j 3"], bones: Float[np.ndarray, "t j 3"], 
 
 def _swing(turn: Float[np.ndarray, "t 4"], rest: Float[np.ndarray, "3"], bone: Float[np.ndarray, "t 3"]
            ) -> Float[np.ndarray, "t 4"]:
-  """The least further turn after `turn` (T, 4) that brings rest (3,) onto the direction of bone (T, 3)."""
+  """`turn` (T, 4) followed by the smallest rotation that brings rest (3,) onto the direction of bone (T, 3)."""
   if np.linalg.norm(rest) < 1e-9:
     return turn
   now, length = rot.unit(rot.rotate(turn, rest)), np.linalg.norm(bone, axis=-1, keepdims=True)
   goal = np.where(length > 1e-9, bone / np.maximum(length, 1e-9), now)
   opposed = (now * goal).sum(-1, keepdims=True) < -1 + 1e-9
-  aside = np.cross(rest, np.eye(3)[np.abs(rest).argmin()])  # across the bone, and turned with the body
+  aside = np.cross(rest, np.eye(3)[np.abs(rest).argmin()])  # perpendicular to the bone; turns with the body
   goal = np.where(opposed, rot.unit(goal + 1e-3 * rot.rotate(turn, aside)), goal)
   return rot.multiply(rot.between(now, goal), turn)
 
@@ -231,7 +221,7 @@ def _swing(turn: Float[np.ndarray, "t 4"], rest: Float[np.ndarray, "3"], bone: F
 def _hinge_turn(joint: int, bones: Float[np.ndarray, "t j 3"], offsets: Float[np.ndarray, "j 3"],
                 above: Float[np.ndarray, "t 4"], children: Tree, skeleton: Skeleton, fps: float
                 ) -> Float[np.ndarray, "t 4"]:
-  """The turn (T, 4) of a shoulder or hip: its bone exact, the axis of elbow or knee where bending shows it."""
+  """Rotations (T, 4) of a shoulder or hip: exact for its bone, twisted by the hinge of elbow or knee where it bends."""
   side, kind = side_and_kind(skeleton.joints[joint])
   child = children[joint][0]
   mirror = np.array([side, 1, 1])
@@ -241,7 +231,7 @@ def _hinge_turn(joint: int, bones: Float[np.ndarray, "t j 3"], offsets: Float[np
   bone = rot.rotate(turn, rest)
   if not children[child]:
     return turn
-  lower = rot.unit(bones[:, children[child][0]], eps=1e-9)  # of no length: zero, which shows no hinge
+  lower = rot.unit(bones[:, children[child][0]], eps=1e-9)  # zero if it has no length: then no evidence of a hinge
   evidence = _angle_evidence(turn, bone, axis, np.cross(bone, lower))
   end = children[children[child][0]]
   if kind == "hip" and end:
@@ -253,46 +243,46 @@ def _hinge_turn(joint: int, bones: Float[np.ndarray, "t j 3"], offsets: Float[np
 
 def _own_twist(turn: Float[np.ndarray, "t 4"], above: Float[np.ndarray, "t 4"], rest: Float[np.ndarray, "3"]
                ) -> Float[np.ndarray, " t"]:
-  """How far a limb that turns by `turn` (T, 4) has twisted about its bone `rest` (3,), against its parent: radians."""
+  """Accumulated twist (T,), radians, of rotations `turn` (T, 4) about the bone `rest` (3,), relative to the parent."""
   local = rot.multiply(rot.conjugate(above), turn)
   step = rot.multiply(rot.conjugate(local[:-1]), local[1:])
   angle = 2 * np.arctan2(step[:, 1:] @ rest, step[:, 0])
   return np.cumsum(np.append(0.0, (angle + np.pi) % (2 * np.pi) - np.pi))
 
 
-def _smooth_twist(evidence: Float[np.ndarray, "t 2"], own: Float[np.ndarray, " t"], fps: float
+def _smooth_twist(evidence: Float[np.ndarray, "t 2"], measured: Float[np.ndarray, " t"], fps: float
                   ) -> Float[np.ndarray, " t"]:
-  """The angles (T,) to add to a limb's own twist: near those of evidence (T, 2), as far as a limb twists smoothly.
+  """Angles (T,) to add to the measured twist (T,) of a limb: near those of evidence (T, 2), but smooth in time.
 
-  The cheapest path over a circle of angles, by dynamic programming: evidence that turns about from one frame to the
-  next, as that of a nearly straight limb does, is passed over where following it would be a jump.
+  The cheapest path over a circle of angles, by dynamic programming. Evidence that flips between frames, as for a nearly
+  straight limb, is ignored where following it would be a jump.
   """
   num, reach = 72, max(1, round(_TWIST_SPEED / fps / (2 * np.pi / 72)))
   angles = np.arange(num) * 2 * np.pi / num
-  target, weight = np.arctan2(evidence[:, 1], evidence[:, 0]) + own, np.linalg.norm(evidence, axis=-1)
+  target, weight = np.arctan2(evidence[:, 1], evidence[:, 0]) + measured, np.linalg.norm(evidence, axis=-1)
   price = weight[:, None] * (1 - np.cos(angles - target[:, None]))
   steps = np.arange(-reach, reach + 1)
   change = _TWIST_PRICE * fps * (steps * 2 * np.pi / num) ** 2
-  before, total = np.empty((len(own), num), int), price[0]
-  for t in range(1, len(own)):
+  before, total = np.empty((len(measured), num), int), price[0]
+  for t in range(1, len(measured)):
     ways = np.stack([np.roll(total, step) for step in steps]) + change[:, None]
     before[t] = steps[ways.argmin(0)]
     total = ways.min(0) + price[t]
-  path = np.empty(len(own))
+  path = np.empty(len(measured))
   at = int(total.argmin())
   place = float(at)
-  for t in range(len(own) - 1, -1, -1):
+  for t in range(len(measured) - 1, -1, -1):
     path[t] = place
     if t:
       step = before[t, at]
       at, place = (at - step) % num, place - step
-  return gaussian_filter1d(path * 2 * np.pi / num, _SECONDS / 2 * fps, mode="nearest") - own
+  return gaussian_filter1d(path * 2 * np.pi / num, _SECONDS / 2 * fps, mode="nearest") - measured
 
 
 def _angle_evidence(turn: Float[np.ndarray, "t 4"], bone: Float[np.ndarray, "t 3"], axis: Float[np.ndarray, "3"],
                     normal: Float[np.ndarray, "t 3"]) -> Float[np.ndarray, "t 2"]:
-  """Cosine and sine (T, 2) of the angle about the bone from the hinge axis to the normal, times the square of the
-  normal's length: a limb that hardly bends hardly says where its hinge is."""
+  """Cosine and sine (T, 2) of the angle about the bone from the hinge axis to the normal, times the squared length of
+  the normal: a nearly straight limb gives little evidence of its hinge."""
   before = rot.rotate(turn, axis)
   parts = np.stack([(before * normal).sum(-1), (np.cross(bone, before) * normal).sum(-1)], axis=-1)
   return parts * np.linalg.norm(normal, axis=-1, keepdims=True)

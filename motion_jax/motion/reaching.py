@@ -1,7 +1,7 @@
-"""Bring hands to a place by turning and bending the arms: out to the sides, ahead, to the face, on the hips.
+"""Bring hands to named places by turning and bending the arms: out to the sides, ahead, to the face, on the hips.
 
-Places are relative to the body, so that a hand keeps its place while the body walks, turns or bends. numpy, whole clips
-of `HUMANML3D`'s joints.
+Places are relative to the body: a hand stays there while the body walks, turns or bends. numpy, whole clips of
+`HUMANML3D`'s joints.
 """
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -12,15 +12,15 @@ from motion_jax.motion import rotations as rot
 from motion_jax.motion.skeleton import HUMANML3D, SIDES
 from motion_jax.shapes import Float, Num
 
-_STRAIGHT = 0.985  # of the length of an arm: the farthest that a wrist is brought from its shoulder
-_DETOUR, _BEFORE = 0.5, (0.7, 0.0, 0.7)  # lengths of the arm, and the direction, of the way around the shoulder
+_STRAIGHT = 0.985  # largest distance from shoulder to wrist, relative to the length of the arm
+_DETOUR, _BEFORE = 0.5, (0.7, 0.0, 0.7)  # size, in lengths of the arm, and direction of the detour around the shoulder
 
 
 class _Place(NamedTuple):
-  """Where a wrist is, seen from a joint: out (away from the other arm), up and ahead, in lengths of the arm."""
+  """Position of a wrist relative to a joint: out (away from the other arm), up and ahead, in lengths of the arm."""
   joint: str  # "{}" in it is the side of the arm, "[]" the other side
   away: tuple[float, float, float]
-  elbow: tuple[float, float, float]  # direction to which the elbow points: out, up, ahead
+  elbow: tuple[float, float, float]  # direction in which the elbow points: out, up, ahead
 
 
 PLACES = {
@@ -46,25 +46,25 @@ def bring_hands(joints: Num[np.ndarray, "t j 3"], place: str, sides: Sequence[st
                 ) -> Float[np.ndarray, "t j 3"]:
   """Joints (T, J, 3) with the hands of some sides brought to one of PLACES. float32.
 
-  weight (T,): 0 leaves an arm as it is, 1 brings its wrist to the place, as near as the arm is long; in between the
-  wrist is on its way, before the body and beside it where the place is on the other side of the shoulder. Bones keep
+  weight (T,): 0 leaves an arm unchanged, 1 brings its wrist to the place, within reach; in between the wrist is on its
+  way, with a detour in front of and outside the body if the place is on the other side of the shoulder. Bones keep
   their lengths; all other joints stay.
   """
   result, weight = np.array(joints, np.float64), np.asarray(weight, np.float64)[:, None]
   for side in sides:
     shoulder, elbow, wrist = (HUMANML3D.joints.index(f"{side}_{name}") for name in ("shoulder", "elbow", "wrist"))
     bones = [result[:, elbow] - result[:, shoulder], result[:, wrist] - result[:, elbow]]
-    own, new = result[:, wrist] - result[:, shoulder], target(result, place, side) - result[:, shoulder]
-    opposite = 0.5 - 0.5 * (rot.unit(own) * rot.unit(new)).sum(-1, keepdims=True)
-    detour = _DETOUR * np.linalg.norm(new, axis=-1, keepdims=True) * opposite * _in_the_world(result, side, _BEFORE)
-    line = own + weight * (new - own) + 4 * weight * (1 - weight) * detour
-    result[:, elbow], result[:, wrist] = _bent(result[:, shoulder], bones, own, line, weight,
+    arm, goal = result[:, wrist] - result[:, shoulder], target(result, place, side) - result[:, shoulder]
+    opposite = 0.5 - 0.5 * (rot.unit(arm) * rot.unit(goal)).sum(-1, keepdims=True)
+    detour = _DETOUR * np.linalg.norm(goal, axis=-1, keepdims=True) * opposite * _in_the_world(result, side, _BEFORE)
+    line = arm + weight * (goal - arm) + 4 * weight * (1 - weight) * detour
+    result[:, elbow], result[:, wrist] = _bent(result[:, shoulder], bones, arm, line, weight,
                                                _in_the_world(result, side, PLACES[place].elbow))
   return result.astype(np.float32)
 
 
 def target(joints: Num[np.ndarray, "t j 3"], place: str, side: str) -> Float[np.ndarray, "t 3"]:
-  """Where (T, 3) the wrist of a side is to be for one of PLACES."""
+  """Target position (T, 3) of the wrist of a side for one of PLACES."""
   other = SIDES[1 - SIDES.index(side)]
   shoulder, elbow, wrist, seen_from = (HUMANML3D.joints.index(name) for name in (
       f"{side}_shoulder", f"{side}_elbow", f"{side}_wrist",
@@ -74,7 +74,7 @@ def target(joints: Num[np.ndarray, "t j 3"], place: str, side: str) -> Float[np.
 
 
 def distance_to_place(joints: Num[np.ndarray, "t j 3"], place: str, side: str) -> Float[np.ndarray, " t"]:
-  """Metres (T,) from the wrist of a side to where it is to be for one of PLACES."""
+  """Distance (T,), metres, of the wrist of a side from its target for one of PLACES."""
   wrist = HUMANML3D.joints.index(f"{side}_wrist")
   return np.linalg.norm(joints[:, wrist] - target(joints, place, side), axis=-1)
 
@@ -89,16 +89,16 @@ def _in_the_world(joints, side, direction):
   return (out if side == "left" else -out) * left + high * up + ahead * np.cross(left, up)
 
 
-def _bent(shoulder, bones, own, line, weight, hint):
-  """(elbow, wrist) (T, 3) of an arm of bones' lengths whose wrist is at a line from the shoulder.
+def _bent(shoulder, bones, arm, line, weight, hint):
+  """(elbow, wrist) (T, 3) of an arm whose wrist is at shoulder + line, within reach of its bones.
 
-  The elbow is where it was, seen from the line of the arm, at weight (T, 1) 0, and points to the hint at 1.
+  At weight (T, 1) 0 the elbow keeps its direction from the line of the arm, at 1 it points along the hint.
   """
   first, second = (np.linalg.norm(bone, axis=-1, keepdims=True) for bone in bones)
-  now = np.linalg.norm(own, axis=-1, keepdims=True)
+  now = np.linalg.norm(arm, axis=-1, keepdims=True)
   far = np.clip(np.linalg.norm(line, axis=-1, keepdims=True), np.abs(first - second) + 1e-3,
                 np.maximum(now, _STRAIGHT * (first + second)))
-  way, before = rot.unit(line), rot.unit(own)
+  way, before = rot.unit(line), rot.unit(arm)
   points = (bones[0] - (bones[0] * before).sum(-1, keepdims=True) * before) / first
   points = points + weight * (hint - points)
   aside = rot.unit(points - (points * way).sum(-1, keepdims=True) * way, 1e-9)

@@ -1,7 +1,7 @@
 """Retarget the motion of any body to the canonical skeleton: its bone lengths, the same steps.
 
-`rigs.map_joints` picks joints out of a file by name; `retarget` gives them canonical bone lengths without
-letting the feet slide; `mirror` swaps left and right. numpy, float64, whole clips at once.
+`rigs.map_joints` picks joints out of a file by name; `retarget` gives them canonical bone lengths without foot sliding;
+`mirror` swaps left and right. numpy, float64, whole clips at once.
 """
 from collections.abc import Sequence
 from typing import Any
@@ -13,20 +13,20 @@ from motion_jax.motion.rotations import A
 from motion_jax.motion.skeleton import HUMANML3D, Skeleton, body_axes, t_pose
 from motion_jax.shapes import Array, Float, Num
 
-_FLOOR_PERCENTILE = 5     # of the lower foot's height over the clip: a tracking spike does not lift the clip
-_SOFT_REACH = 0.985       # from this part of a straight leg on, a knee resists being straighter than the source's
-_KNEE_BIAS = 0.005        # metres ahead that a straight leg's knee is taken to bend
-_NO_LENGTH = 1e-3         # of the legs' length: a bone so short shows no direction
+_FLOOR_PERCENTILE = 5     # of the lower foot's height over the clip: tracking spikes do not lift the clip
+_SOFT_REACH = 0.985       # share of a straight leg from which on a knee resists being straighter than the source's
+_KNEE_BIAS = 0.005        # metres ahead that the knee of a straight leg is assumed to bend
+_NO_LENGTH = 1e-3         # of the legs' length: a shorter bone defines no direction
 
 
 def retarget(joints: Num[Array, "*shape"], skeleton: Skeleton = HUMANML3D, feet: bool = True
              ) -> Float[np.ndarray, "t j 3"]:
-  """Brings joints (T, J, 3) of any proportions to the skeleton's bone lengths, feet standing where they stood. float64.
+  """Brings joints (T, J, 3) of any proportions to the skeleton's bone lengths without foot sliding. float64.
 
   Bone directions stay; the path is scaled by the ratio of leg lengths (both legs, median over the clip). With `feet`
-  each ankle then follows the scaled source's by two-bone inverse kinematics in the source's knee plane, so that a
-  foot that stood still stands still. The floor, which is where the lower foot is in its lowest 5 % of frames, goes to
-  y = 0. Raises ValueError for a wrong shape, numbers that are not finite, or legs of no length.
+  each ankle then follows the scaled source's by two-bone inverse kinematics in the source's knee plane: standing feet
+  stay fixed. The floor, the 5th percentile of the lower foot's height, moves to y = 0. Raises ValueError for a wrong
+  shape, numbers that are not finite, or legs of no length.
   """
   joints = np.asarray(joints, np.float64)
   if joints.ndim != 3 or joints.shape[1:] != (skeleton.num_joints, 3) or not len(joints):
@@ -38,12 +38,12 @@ def retarget(joints: Num[Array, "*shape"], skeleton: Skeleton = HUMANML3D, feet:
   scale = leg_scale(joints, skeleton)
   source = joints * scale
   result = with_lengths(source, skeleton)
-  # The middle between the hips keeps its path, not the pelvis: legs hang from there, and trunks differ most above it.
+  # The middle between the hips keeps its path, not the pelvis: legs start there, and trunks differ most above it.
   hips = [leg[0] for leg in legs]
   result += (source[:, hips] - result[:, hips]).mean(1, keepdims=True)
   if feet:
     moves = [foot_move(source, result, leg, skeleton.unit) for leg in legs]
-    # Another foot height lifts or lowers the whole body once, instead of bending the knees.
+    # A different foot height lifts or lowers the whole body once, instead of bending the knees.
     lift = np.median([move[:, 1] for move in moves])
     result[..., 1] += lift
     for leg, move in zip(legs, moves):
@@ -53,33 +53,33 @@ def retarget(joints: Num[Array, "*shape"], skeleton: Skeleton = HUMANML3D, feet:
 
 
 def leg_scale(joints: Float[Array, "t j 3"], skeleton: Skeleton = HUMANML3D) -> float:
-  """How many times longer the skeleton's legs (thigh and shin, both) are than those of joints (T, J, 3)."""
-  own, length = 0.0, 0.0
+  """Ratio of the skeleton's leg lengths (thigh and shin, both legs) to those of joints (T, J, 3)."""
+  measured, length = 0.0, 0.0
   for chain in skeleton.chains[:2]:
     for parent, joint in zip(chain[1:3], chain[2:4]):
-      own += np.median(np.linalg.norm(joints[:, joint] - joints[:, parent], axis=-1))
+      measured += np.median(np.linalg.norm(joints[:, joint] - joints[:, parent], axis=-1))
       length += skeleton.bone_lengths[joint]
-  if not own > 0:
+  if not measured > 0:
     raise ValueError("the legs have no length: all of hip, knee and ankle lie in one point; check the joint mapping")
-  return length / own
+  return length / measured
 
 
 def floor_height(joints: Float[Array, "t j 3"], skeleton: Skeleton = HUMANML3D) -> float | np.floating:
-  """The height at which the feet of joints (T, J, 3) stand: the lower foot in its lowest frames, spikes aside."""
+  """Floor height of joints (T, J, 3): the 5th percentile of the lower foot's height."""
   feet = list(skeleton.left_feet + skeleton.right_feet)
   return np.percentile(joints[:, feet, 1].min(1), _FLOOR_PERCENTILE)
 
 
 def mirror(joints: Num[Array, "*lead j 3"], skeleton: Skeleton = HUMANML3D) -> Num[np.ndarray, "*lead j 3"]:
-  """The motion in a mirror: joints (..., J, 3) with x negated, left and right joints exchanged."""
+  """Mirror image of joints (..., J, 3): x negated, left and right joints exchanged."""
   return np.asarray(joints)[..., list(skeleton.mirror), :] * np.array([-1, 1, 1], np.asarray(joints).dtype)
 
 
 def bend(start: Float[np.ndarray, "t 3"], end: Float[np.ndarray, "t 3"], side: Float[np.ndarray, "t 3"], upper: float,
          lower: float) -> Float[np.ndarray, "t 3"]:
-  """The middle joint (T, 3) of a limb from start to end whose bones are upper and lower long, bent towards side.
+  """The middle joint (T, 3) of a limb with bone lengths upper and lower, bent towards side.
 
-  All (T, 3); ends farther apart than the limb is long are the caller's to avoid.
+  start, end, side: (T, 3); the caller keeps start and end within the limb's reach.
   """
   line = end - start
   distance = np.linalg.norm(line, axis=-1, keepdims=True)
@@ -91,9 +91,9 @@ def bend(start: Float[np.ndarray, "t 3"], end: Float[np.ndarray, "t 3"], side: F
 
 
 def with_lengths(source: Float[A, "*lead t j 3"], skeleton: Skeleton) -> Float[A, "*lead t j 3"]:
-  """The source's bone directions with the skeleton's lengths, from the source's root.
+  """Joints (..., T, J, 3) with the source's root and bone directions and the skeleton's bone lengths.
 
-  A bone of no length goes straight on from the one before; the first of a limb, as it does in a T-pose of the body.
+  A bone of no length continues the direction of the bone before it; the first of a limb has that of a T-pose.
   """
   xp: Any = rot.namespace(source)
   bones = source - source[..., np.maximum(skeleton.parents, 0), :]
@@ -117,11 +117,11 @@ def with_lengths(source: Float[A, "*lead t j 3"], skeleton: Skeleton) -> Float[A
 
 def foot_move(source: Float[np.ndarray, "t j 3"], result: Float[np.ndarray, "t j 3"], leg: Sequence[int], unit: float
                ) -> Float[np.ndarray, "t 3"]:
-  """How an ankle should differ from the scaled source's, (T, 3), so that neither ankle nor toes slide on the floor.
+  """Offset (T, 3) of an ankle from the scaled source's that avoids sliding of both ankle and toes.
 
-  A foot of another length cannot keep both. In height the toes are kept. On the ground the difference e solves
-  min sum a |step of e|^2 + b |step of (e + g)|^2 + c |e + g / 2|^2, where g is how much further the toes reach, a and b
-  say how firmly ankle and toes stand in the source, and the small c keeps the foot from drifting away.
+  A foot of another length cannot keep both. In height the toes are kept. On the ground the offset e solves
+  min sum a |step of e|^2 + b |step of (e + g)|^2 + c |e + g / 2|^2, where g is the difference of foot lengths, a and b
+  the firmness with which ankle and toes stand in the source, and a small c prevents drift.
   """
   from scipy.linalg import solveh_banded
   ankle, toes = leg[2], leg[-1]
@@ -143,7 +143,7 @@ def foot_move(source: Float[np.ndarray, "t j 3"], result: Float[np.ndarray, "t j
 
 
 def firmness(path: Float[np.ndarray, "t 3"], unit: float) -> Float[np.ndarray, " t-1"]:
-  """How firmly a joint (T, 3) stands during each step (T - 1,): 1 when slow and low, near 0.02 in the air."""
+  """Firmness (T - 1,) with which a joint (T, 3) stands between frames: 1 when slow and low, near 0.02 in the air."""
   speed = np.linalg.norm(np.diff(path, axis=0), axis=-1) * unit
   height = (path[:, 1] - np.percentile(path[:, 1], _FLOOR_PERCENTILE)) * unit
   low = 1 / (1 + (np.maximum(height[:-1], height[1:]).clip(0) / 0.06) ** 4)
@@ -152,7 +152,7 @@ def firmness(path: Float[np.ndarray, "t 3"], unit: float) -> Float[np.ndarray, "
 
 def bend_leg(source: Float[np.ndarray, "t j 3"], result: Float[np.ndarray, "t j 3"], leg: Sequence[int],
              move: Float[np.ndarray, "t 3"], skeleton: Skeleton) -> None:
-  """Moves knee, ankle and all below so that the ankle is at source + move, as far as the leg reaches. In place."""
+  """Moves knee, ankle and all joints below; the ankle reaches source + move as far as the leg allows. In place."""
   hip, knee, ankle = leg[:3]
   thigh, shin = skeleton.bone_lengths[knee], skeleton.bone_lengths[ankle]
   line = source[:, ankle] + move - result[:, hip]
@@ -170,19 +170,19 @@ def bend_leg(source: Float[np.ndarray, "t j 3"], result: Float[np.ndarray, "t j 
 
 
 def knee_side(source: Float[np.ndarray, "t j 3"], leg: Sequence[int], skeleton: Skeleton) -> Float[np.ndarray, "t 3"]:
-  """Where a leg's knee points (T, 3): off its own line from hip to ankle, and for legs too straight to tell ahead."""
+  """Direction (T, 3) in which a knee points: off the line from hip to ankle, and ahead for legs that are straight."""
   hip, knee, ankle = leg[:3]
-  own = _across(source[:, knee] - source[:, hip], source[:, ankle] - source[:, hip])
-  return own + body_axes(source, skeleton)[0][..., 2] * _KNEE_BIAS / skeleton.unit
+  off_line = _across(source[:, knee] - source[:, hip], source[:, ankle] - source[:, hip])
+  return off_line + body_axes(source, skeleton)[0][..., 2] * _KNEE_BIAS / skeleton.unit
 
 
 def _soft_limit(distance: Float[np.ndarray, " t"], start: Float[np.ndarray, " t"], reach: float
                 ) -> Float[np.ndarray, " t"]:
-  """distance up to start, then ever slower towards reach, without a kink."""
+  """Limits distances (T,) smoothly: unchanged up to start, then approaching reach."""
   over = np.maximum(distance - start, 0)
   return np.minimum(distance, start) + (reach - start) * -np.expm1(-over / (reach - start))
 
 
 def _across(v: Float[np.ndarray, "t 3"], line: Float[np.ndarray, "t 3"]) -> Float[np.ndarray, "t 3"]:
-  """The part of v (T, 3) at right angles to line (T, 3)."""
+  """The component of v (T, 3) perpendicular to line (T, 3)."""
   return v - line * ((v * line).sum(-1, keepdims=True) / np.maximum((line * line).sum(-1, keepdims=True), 1e-12))

@@ -1,8 +1,7 @@
-"""Other frame rates (`resample`), and the same motion at another pace (`retimed`).
+"""Change the frame rate (`resample`) or the pace (`retimed`) of a motion.
 
-At another pace what happens on the ground is slower or faster, while gravity stays the same: speeds scale with the
-rate, accelerations with its square, so the rate of flights differs from 1 by at most a tenth. Feet that stand stay
-where they stand. numpy, whole clips, float64.
+Gravity does not change with the pace: speeds scale with the rate, accelerations with its square. The rate of flights
+therefore differs from 1 by at most a tenth. Standing feet do not slide. numpy, whole clips, float64.
 """
 import numpy as np
 
@@ -12,17 +11,17 @@ from motion_jax.motion.skeleton import HUMANML3D, Skeleton
 from motion_jax.motion.smoothing import gaussian_filter1d
 from motion_jax.shapes import Array, Bool, Float, Num
 
-FLIGHT = 0.1     # by how much the rate of a flight may differ from 1
-_ALOFT = 0.05    # metres over the floor of the lowest joint of both feet
-_BESIDE = 0.2    # seconds before and after a flight that are played at its rate, so that it is left and met smoothly
-_CHANGE = 0.1    # seconds, sigma within which one rate becomes another
+FLIGHT = 0.1     # largest difference of a flight's rate from 1
+_ALOFT = 0.05    # metres above the floor of the lowest joint of both feet
+_BESIDE = 0.2    # seconds before and after a flight that are played at its rate
+_CHANGE = 0.1    # seconds, sigma of the transition from one rate to another
 
 
 def resample(values: Num[np.ndarray, " t *frame"], fps: float, to_fps: float, smooth: bool = False
              ) -> Num[np.ndarray, " n *frame"]:
-  """Values (T, ...) at times k / fps, taken at times k / to_fps as far as they reach: (N, ...).
+  """Resamples values (T, ...) at times k / fps to times k / to_fps within the same duration: (N, ...).
 
-  Between frames linear, or with `smooth` along cubic splines.
+  Linear interpolation, or with `smooth` cubic splines.
   """
   seconds = (len(values) - 1) / fps
   at = np.arange(int(np.floor(seconds * to_fps + 1e-6)) + 1) * (fps / to_fps)
@@ -36,9 +35,9 @@ def resample(values: Num[np.ndarray, " t *frame"], fps: float, to_fps: float, sm
 
 def retimed(joints: Num[Array, "t j 3"], rate: float, skeleton: Skeleton = HUMANML3D, fps: float = 20.0
             ) -> Float[np.ndarray, "n j 3"]:
-  """Joints (T, J, 3) played `rate` times as fast, flights within a tenth of their own pace: (N, J, 3).
+  """Joints (T, J, 3) played `rate` times as fast, flights within a tenth of their original pace: (N, J, 3).
 
-  Joints have the skeleton's bone lengths, and so has the result.
+  Joints and result have the skeleton's bone lengths.
   """
   from scipy.interpolate import CubicSpline
   from scipy.ndimage import binary_dilation
@@ -56,6 +55,6 @@ def retimed(joints: Num[Array, "t j 3"], rate: float, skeleton: Skeleton = HUMAN
 
 
 def aloft(joints: Num[np.ndarray, "t j 3"], skeleton: Skeleton = HUMANML3D) -> Bool[np.ndarray, " t"]:
-  """Frames (T,) in which no foot is on the ground."""
+  """Mask (T,) of the frames in which no foot is on the ground."""
   lowest = joints[:, list(skeleton.left_feet + skeleton.right_feet), 1].min(1)
   return (lowest - floor_height(joints, skeleton)) * skeleton.unit > _ALOFT

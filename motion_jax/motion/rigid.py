@@ -1,8 +1,8 @@
 """Fit a rigid skeleton to a motion: one rest pose for all motions of a model, and the rotations that fit best.
 
 A rig has bones of constant length and a rigid pelvis and chest. The joints of a network satisfy the first exactly, the
-second to a centimetre. `fit_pose` finds the root path and the rotations whose joints are nearest to the motion's, so
-that rotations alone describe the motion and every file of one model moves the same rig.
+second to a centimetre. `fit_pose` finds the root path and rotations whose joints are nearest to the motion's. Rotations
+alone then describe the motion, and all files of one model move the same rig.
 """
 import numpy as np
 
@@ -11,7 +11,7 @@ from motion_jax.motion.pose import Pose, to_pose
 from motion_jax.motion.skeleton import Skeleton, bone_lengths, t_pose
 from motion_jax.shapes import Array, Float, Num
 
-_SAME_BONES = 0.01  # metres: a body whose mean bone lengths differ less from the skeleton's gets the skeleton's rig
+_SAME_BONES = 0.01  # metres: a body whose mean bone lengths differ less gets the skeleton's own rig
 _FEET, _HANDS = 30.0, 3.0  # weights of the squared distances of feet and hands, those of other joints being 1
 _DAMPING = 1e-3     # metres^2 per radian^2: how strongly a joint resists turning in one step, most in straight limbs
 _STEPS, _CHUNK = 6, 2000
@@ -20,22 +20,22 @@ _STEPS, _CHUNK = 6, 2000
 def rest_offsets(joints: Num[Array, "t j 3"], skeleton: Skeleton, fps: float = 20.0) -> Float[np.ndarray, "j 3"]:
   """The T-pose offsets (J, 3) of the rig for joints (T, J, 3).
 
-  The skeleton's own if the body has the skeleton's bone lengths, as all motions of a model have; else the body's,
-  rounded to tenths of a millimetre so that two recordings of one person share them.
+  Those of the skeleton if the body has its bone lengths, as in all motions of a model; else those of the body, rounded
+  to tenths of a millimetre: two recordings of one person then share them.
   """
-  own = bone_lengths(np.asarray(joints, np.float64), skeleton).mean(0)
-  if np.abs(own - skeleton.bone_lengths).max() * skeleton.unit < _SAME_BONES:
+  lengths = bone_lengths(np.asarray(joints, np.float64), skeleton).mean(0)
+  if np.abs(lengths - skeleton.bone_lengths).max() * skeleton.unit < _SAME_BONES:
     return t_pose(skeleton)
   step = 1e-4 / skeleton.unit
-  return np.round(rot.unit(to_pose(joints, skeleton, fps).offsets, eps=1e-9) * own[:, None] / step) * step
+  return np.round(rot.unit(to_pose(joints, skeleton, fps).offsets, eps=1e-9) * lengths[:, None] / step) * step
 
 
 def fit_pose(joints: Num[Array, "t j 3"], skeleton: Skeleton, fps: float = 20.0,
              rest: Float[np.ndarray, "j 3"] | None = None) -> Pose:
-  """The root path and rotations of the rig of offsets rest (J, 3) whose joints are nearest to joints (T, J, 3).
+  """Root path and rotations of a rig with offsets rest (J, 3) whose joints are nearest to joints (T, J, 3).
 
-  Gauss-Newton on the squared distances of all joints, feet first; the twist of each limb stays as `to_pose` chooses it.
-  rest: `rest_offsets` by default. `shifts` are zero. float64.
+  Gauss-Newton on the squared distances of all joints, with larger weights for feet and hands; twists of limbs stay as
+  `to_pose` chooses them. rest: `rest_offsets` by default. `shifts` are zero. float64.
   """
   joints = np.asarray(joints, np.float64)
   rest = rest_offsets(joints, skeleton, fps) if rest is None else rest
@@ -50,7 +50,7 @@ def fit_pose(joints: Num[Array, "t j 3"], skeleton: Skeleton, fps: float = 20.0,
 
 
 def _fitted(joints, root, turned, rest, skeleton):
-  """Root path (T, 3) and world rotations (T, J, 4) after a few steps of Gauss-Newton from those given."""
+  """Root path (T, 3) and world rotations (T, J, 4) after `_STEPS` steps of Gauss-Newton from the given ones."""
   parents, number = skeleton.parents, skeleton.num_joints
   movers = sorted(set(parents[1:]))
   weights = np.ones(number)
@@ -61,7 +61,7 @@ def _fitted(joints, root, turned, rest, skeleton):
     bones = rot.rotate(turned[:, np.maximum(parents, 0)], rest)
     places, slopes = np.empty_like(joints), np.zeros(joints.shape + (3 * len(movers) + 3,))
     places[:, 0], slopes[:, 0, :, -3:] = root, np.eye(3)
-    for joint in _below_root(parents):
+    for joint in skeleton.order[1:]:
       parent = parents[joint]
       places[:, joint] = places[:, parent] + bones[:, joint]
       slopes[:, joint] = slopes[:, parent]
@@ -76,23 +76,16 @@ def _fitted(joints, root, turned, rest, skeleton):
     turns = np.zeros_like(joints)
     turns[:, movers] = step[:, :-3].reshape(len(joints), -1, 3)
     turned = rot.unit(rot.multiply(rot.from_vector(turns), turned))
-  # An end of a limb turns with what it hangs on.
+  # The end of a limb turns with its parent.
   ends = [j for j in range(number) if j not in movers]
   before = [parents[j] for j in ends]
   turned[:, ends] = turned[:, before]
   return root, turned
 
 
-def _below_root(parents):
-  """Joints but the root, parents before children."""
-  order = [0]
-  for joint in order:
-    order += [k for k, parent in enumerate(parents) if parent == joint]
-  return order[1:]
-
 
 def _turn_slope(bone):
-  """How the end of bones (T, 3) moves with a rotation vector in the world: (T, 3, 3), w -> w x bone."""
+  """Derivative (T, 3, 3) of the end of bones (T, 3) by a rotation vector in the world: w -> w x bone."""
   slope = np.zeros((len(bone), 3, 3))
   for a, b, c in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
     slope[:, a, b], slope[:, a, c] = bone[:, c], -bone[:, b]

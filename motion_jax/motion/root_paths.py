@@ -1,7 +1,7 @@
 """Bend a straight walk or run onto another path: circles, arcs, u-turns, zigzags; feet stay pinned.
 
 The course c(l) is the path of the pelvis without the sway of the steps. Each piece of it is turned by angle(l), and
-each frame is turned with its piece. A standing foot takes the turn at the middle of its stance; in the air it is
+each frame is turned with its piece. A standing foot takes the turn at the middle of its stance; in the air the turn is
 interpolated to the next stance by 3 u^2 - 2 u^3; the legs follow. A body leans into a curve of radius r by
 atan(v^2 / g r). Separating path and detail: M. Gleicher, Motion path editing, I3D 2001. numpy, whole clips, float64.
 """
@@ -13,35 +13,28 @@ from motion_jax.motion.contacts import velocity
 from motion_jax.motion.pinned_feet import pin_feet
 from motion_jax.motion.retarget import floor_height
 from motion_jax.motion.skeleton import HUMANML3D, Skeleton
-from motion_jax.motion.smoothing import gaussian_filter1d
+from motion_jax.motion.smoothing import gaussian_along_path, gaussian_filter1d
 from motion_jax.shapes import Array, Float, Num
 
-SMALLEST = {"walk": 1.2, "run": 3.0}  # metres: the radius that a foot can stand on without twisting
-_STEP = 0.35       # seconds, sigma of what is smoothed away of the pelvis' path
+SMALLEST = {"walk": 1.2, "run": 3.0}  # metres: the smallest radius at which standing feet need not twist
+_STEP = 0.35       # seconds, sigma of the Gaussian that removes the sway of the steps
 _G = 9.81
-_STANDS = (0.35, 0.14)  # of the body's speed, and metres over the floor: what a foot in a stance does not exceed
-_LEAN = 0.7        # of the lean that balances a point mass: feet are set a little outside, too
+_STANDS = (0.35, 0.14)  # upper limits of a standing foot: speed relative to the body's, metres above the floor
+_LEAN = 0.7        # share of the lean that balances a point mass: feet are placed a little outside, too
 
 
 def course(joints: Num[Array, "t j 3"], fps: float = 20.0) -> tuple[Float[np.ndarray, "t 2"], Float[np.ndarray, " t"]]:
-  """Where a body goes: x and z (T, 2) of its pelvis without the sway of the steps, and metres gone until each frame."""
+  """The course of a body: x and z (T, 2) of its pelvis without the sway of the steps, and its arc length (T,)."""
   root = np.asarray(joints, np.float64)[:, 0][:, [0, 2]]
-  pad = int(4 * _STEP * fps)
-  # Beyond its ends a path is extrapolated by its last second: a filter without that slows it down.
-  beside = min(int(fps), len(root) - 1)
-  far = np.arange(1, pad + 1)[:, None] / beside
-  long = np.concatenate([root[0] + far[::-1] * (root[0] - root[beside]), root,
-                         root[-1] + far * (root[-1] - root[-1 - beside])])
-  smooth = gaussian_filter1d(long, _STEP * fps, axis=0)[pad:-pad]
+  smooth = gaussian_along_path(root, _STEP * fps, int(4 * _STEP * fps), int(fps))
   return smooth, np.append(0.0, np.cumsum(np.linalg.norm(np.diff(smooth, axis=0), axis=-1)))
 
 
 def bent(joints: Num[Array, "t j 3"], angle: Callable[[np.ndarray], np.ndarray], skeleton: Skeleton = HUMANML3D,
          fps: float = 20.0) -> Float[np.ndarray, "t j 3"]:
-  """Joints (T, J, 3) whose course is turned to the left by angle(l), radians, at l metres (N,) from its beginning.
+  """Joints (T, J, 3) whose course is turned to the left by angle(l), radians, at arc length l (N,) from its beginning.
 
-  Joints have the skeleton's bone lengths, the feet of the result those places that they would have if each step were
-  turned as a whole.
+  joints: have the skeleton's bone lengths. Feet are placed as if each step were turned as a whole.
   """
   joints = np.asarray(joints, np.float64)
   path, gone = course(joints, fps)
@@ -55,8 +48,8 @@ def bent(joints: Num[Array, "t j 3"], angle: Callable[[np.ndarray], np.ndarray],
 def along(joints: Num[Array, "t j 3"], turn: Float[np.ndarray, " t"], path: Float[np.ndarray, "t 2"],
           goal: Float[np.ndarray, "t 2"], skeleton: Skeleton = HUMANML3D, fps: float = 20.0
           ) -> Float[np.ndarray, "t j 3"]:
-  """Joints (T, J, 3), each frame turned to the left by turn (T,), radians, about its place on path (T, 2), x and z, and
-  moved from there to goal (T, 2). Each step is turned and moved as a whole, so that standing feet stand."""
+  """Moves joints (T, J, 3) from one course to another: each frame turns to the left by turn (T,), radians, about
+  path (T, 2), x and z, and moves from there to goal (T, 2). Each step turns and moves as a whole: feet do not slide."""
   joints = np.asarray(joints, np.float64)
   gone = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=-1)))
   body = _moved(joints, turn, path, goal)
@@ -70,14 +63,14 @@ def along(joints: Num[Array, "t j 3"], turn: Float[np.ndarray, " t"], path: Floa
 
 
 def _at(values, when):
-  """values (T, ...) at broken frame numbers (N,)."""
+  """Values (T, ...) at fractional frame numbers (N,), by linear interpolation."""
   low = np.clip(when.astype(int), 0, max(len(values) - 2, 0))
   part = (when - low).reshape((-1,) + (1,) * (values.ndim - 1))
   return values[low] * (1 - part) + values[np.minimum(low + 1, len(values) - 1)] * part
 
 
 def turned(vectors: Num[Array, "n 2"], angle: np.ndarray | float) -> Float[np.ndarray, "n 2"]:
-  """x and z (N, 2), turned by an angle or by (N,) of them, radians, about y from z to x, which is to the left."""
+  """Ground vectors (N, 2), x and z, turned to the left by one angle or by (N,) angles, radians."""
   sin, cos = np.sin(angle), np.cos(angle)
   return np.stack([vectors[:, 0] * cos + vectors[:, 1] * sin, vectors[:, 1] * cos - vectors[:, 0] * sin], -1)
 
@@ -92,7 +85,7 @@ def _moved(joints, turn, path, goal):
 
 
 def _lean(body, turn, gone, goal, floor, fps):
-  """Leans bodies (T, J, 3) into their curves about the ground below them. In place."""
+  """Leans bodies (T, J, 3) into the curves of their path, about their ground positions. In place."""
   speed = np.gradient(gone) * fps
   push = gaussian_filter1d(speed * np.gradient(turn) * fps, _STEP * fps, mode="nearest")  # v^2 / r, to the left
   lean = np.arctan(_LEAN * push / _G)
@@ -107,7 +100,7 @@ def _lean(body, turn, gone, goal, floor, fps):
 
 
 def _stances(joints, points, gone, skeleton, fps):
-  """Frames (T,) in which one of a foot's points is slow against the body and near the ground."""
+  """Mask (T,) of the stances of a foot: one of its points is slow compared with the body and near the ground."""
   feet = joints[:, list(points)]
   slow = np.linalg.norm(velocity(feet, fps)[..., [0, 2]], axis=-1) * skeleton.unit
   body = np.gradient(gone) * fps * skeleton.unit
@@ -116,12 +109,12 @@ def _stances(joints, points, gone, skeleton, fps):
 
 
 def _when(stance):
-  """The frame (T,) whose turn a foot takes: the middle of a stance while it lasts, eased from one to the next."""
+  """The frame (T,) whose turn a foot takes: the middle of its stance, eased from one stance to the next."""
   edges = np.flatnonzero(np.diff(np.concatenate([[False], stance, [False]]).astype(int)))
   spans = list(zip(edges[::2], edges[1::2] - 1))
   ends, middles = [], []
   for first, last in spans:
-    # A stance that the clip cuts off has its middle where the part of it that is there has.
+    # Of a stance that is cut off by the clip, the middle of the visible part counts.
     ends += [first, last]
     middles += [(first + last) / 2] * 2
   if not spans or spans[0][0] > 0:

@@ -107,6 +107,13 @@ def about_axis(angle: float | Float[A, "*lead"], axis: str) -> Float[A, "*lead 4
   return xp.stack(parts, axis=-1)
 
 
+def rotate_about_y(points: Num[np.ndarray, "*lead 3"], angle: Any) -> Float[np.ndarray, "*shape 3"]:
+  """Rotates points (..., 3) about y by angles (...), radians, from z to x (to the left); float64 numpy."""
+  x, y, z = np.moveaxis(np.asarray(points, np.float64), -1, 0)
+  sin, cos = np.sin(angle), np.cos(angle)
+  return np.stack(np.broadcast_arrays(cos * x + sin * z, y, cos * z - sin * x), -1)
+
+
 def from_vector(v: Float[A, "*lead 3"]) -> Float[A, "*lead 4"]:
   """Rotation vectors (..., 3), axis times angle in radians as SMPL's poses are, to quaternions (..., 4)."""
   xp = namespace(v)

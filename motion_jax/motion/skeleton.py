@@ -1,4 +1,4 @@
-"""Skeletons: which joints there are, how they hang together, how long the bones are, where the body faces.
+"""Skeletons: joints, their tree, bone lengths and rest poses; facing direction and axes of the body.
 
 Axes: y up, +z ahead, +x to the body's left.
 """
@@ -13,23 +13,22 @@ from motion_jax.motion.rotations import A
 from motion_jax.motion.smoothing import gaussian
 from motion_jax.shapes import Bool, Float, Num
 
-# Where each kind of bone points in the T-pose; x is for the left side and is mirrored for the right.
+# Direction of each kind of bone in the T-pose; x is for the left side and is mirrored for the right.
 _REST = {
     "hip": (0.74, -0.67, 0), "knee": (0, -1, 0), "ankle": (0, -1, 0), "heel": (0, -0.8, -0.6), "foot": (0, -0.45, 0.9),
     "spine1": (0, 1, 0), "spine2": (0, 1, 0), "spine3": (0, 1, 0), "torso_low": (0, 1, 0), "torso_high": (0, 1, 0),
     "neck": (0, 1, 0), "neck2": (0, 1, 0), "pelvis": (0, -1, 0), "head": (0, 0.95, 0.3),
     "collar": (0.65, 0.755, -0.085), "shoulder": (1, 0, 0), "elbow": (1, 0, 0), "wrist": (1, 0, 0)}
 SIDES = "left", "right"
-THIN = 0.02  # of the legs' length: joints less far apart show no direction
+THIN = 0.02  # of the legs' length: joints closer together define no direction
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Skeleton:
   """A tree of J joints with the tables that features need.
 
-  `bone_lengths[j]` is the length of the bone that ends at joint j, in the skeleton's own unit
-  (`unit` metres); `mirror[j]` is the joint that j becomes in a mirror. The chains are those along which the
-  benchmark's inverse kinematics walks (HumanML3D `paramUtil.py`); together they name each joint's parent.
+  `bone_lengths[j]` is the length of the bone that ends at joint j, in units of `unit` metres. The chains are those of
+  the benchmark's inverse kinematics (HumanML3D `paramUtil.py`); together they define each joint's parent.
   """
   name: str
   joints: tuple[str, ...]
@@ -41,12 +40,12 @@ class Skeleton:
   leg_bones: tuple[int, int]   # thigh and shin of one leg: they set the scale of a person
   left_feet: tuple[int, int]   # ankle, toes
   right_feet: tuple[int, int]
-  contact_threshold: float     # squared step, unit^2 per frame^2, below which a foot stands
+  contact_threshold: float     # squared step, unit^2 per frame^2, below which a foot is labelled as standing
   fps: float
   unit: float                  # metres per unit
 
   def __reduce_ex__(self, protocol: SupportsIndex) -> str | tuple[Any, ...]:
-    known = SKELETONS.get(self.name) is self  # in another process, the one of that process
+    known = SKELETONS.get(self.name) is self  # pickled by name: another process has its own instance
     return (_known_skeleton, (self.name,)) if known else super().__reduce_ex__(protocol)
 
   @property
@@ -62,7 +61,30 @@ class Skeleton:
     return tuple(parents)
 
   @property
+  def children(self) -> list[list[int]]:
+    """Of each joint, the joints whose parent it is."""
+    parents = self.parents
+    return [[child for child, parent in enumerate(parents) if parent == joint] for joint in range(self.num_joints)]
+
+  @property
+  def order(self) -> list[int]:
+    """Joints, parents before children."""
+    children, order = self.children, [0]
+    for joint in order:
+      order.extend(children[joint])
+    return order
+
+  def descendants(self, joint: int) -> list[int]:
+    """Joints below a joint, parents before children."""
+    children = self.children
+    joints = list(children[joint])
+    for descendant in joints:
+      joints.extend(children[descendant])
+    return joints
+
+  @property
   def mirror(self) -> tuple[int, ...]:
+    """Of each joint, the joint with which a mirror exchanges it."""
     swap = lambda name: ("right" + name[4:] if name.startswith("left")
                          else "left" + name[5:] if name.startswith("right") else name)
     return tuple(self.joints.index(swap(name)) for name in self.joints)
@@ -116,17 +138,16 @@ KIT = Skeleton(
     contact_threshold=0.05, fps=12.5, unit=0.001)
 
 
-
 def _from_offsets(offsets: Sequence[tuple[float, float, float]], **fields: Any) -> Skeleton:
-  """A skeleton by the vectors (J, 3) from each joint's parent at rest, for data whose rotations start from there."""
+  """A skeleton from the offsets (J, 3) of its rest pose, for data whose rotations are relative to that pose."""
   vectors = np.array(offsets, np.float64)
   lengths = np.linalg.norm(vectors, axis=-1)
   return Skeleton(rest_directions=vectors / np.maximum(lengths, 1e-12)[:, None], bone_lengths=lengths, **fields)
 
 
-# SMPL's 22 body joints in its own T-pose, from which the rotations of 272 and 135 features turn (MotionStreamer,
-# BABEL). An adult's to the millimetre, left and right alike: the body model has a licence of its own and is not here.
-# Recovery takes exact offsets as an argument.
+# SMPL's 22 body joints in its T-pose, to which the rotations of 272 and 135 features are relative (MotionStreamer,
+# BABEL). An adult's, rounded to the millimetre and symmetric: the body model itself has a licence of its own and is not
+# included. Recovery takes exact offsets as an argument.
 SMPL = _from_offsets(
     [(0, 0, 0), (0.059, -0.086, -0.016), (-0.059, -0.086, -0.016), (0, 0.124, -0.038), (0.043, -0.385, 0.002),
      (-0.043, -0.385, 0.002), (0, 0.138, 0.027), (-0.017, -0.423, -0.036), (0.017, -0.423, -0.036), (0, 0.056, 0.003),
@@ -137,7 +158,7 @@ SMPL = _from_offsets(
     left_feet=(7, 10), right_feet=(8, 11), contact_threshold=0.002, fps=30.0, unit=1.0)
 
 # SnapMoGen's figure of 1.1 m, centimetres (rest pose of the dataset's BVH files: a T-pose, no rotation anywhere). Its
-# root and its pelvis are one point; the shoulders that tell the heading are the clavicles.
+# root and its pelvis coincide; the shoulders that define the heading are the clavicles.
 SNAPMOGEN = _from_offsets(
     [(0, 0, 0), (0, 1.619, 0), (0, 4.942, 0), (0, 4.8606, 0), (0, 17.026, 0), (0, 3.25, 0), (0, 5.278, 0),
      (4.59, 12.067, 0.834), (7.8296, -0.0005, -3.4524), (16.585, 0, 0.0015), (16.988, 0, 0.0015),
@@ -154,7 +175,7 @@ SNAPMOGEN = _from_offsets(
     hips=(20, 16), shoulders=(11, 7), leg_bones=(17, 18), left_feet=(18, 19), right_feet=(22, 23),
     contact_threshold=0.11, fps=30.0, unit=0.01)
 
-# Their names in the dataset's BVH files, in the order of the features.
+# Joint names in the dataset's BVH files, in the order of the features.
 SNAPMOGEN_BVH = ("ROOT",) + tuple(f"{name}_bind_JNT" for name in (
     "C_spine0001", "C_spine0002", "C_spine0003", "C_neck0001", "C_neck0002", "C_head",
     "L_clavicle", "L_armUpper0001", "L_armLower0001", "L_hand0001",
@@ -175,7 +196,7 @@ def bone_lengths(joints: Num[A, "*lead j 3"], skeleton: Skeleton) -> Float[A, "*
 
 
 def with_own_lengths(joints: Num[np.ndarray, "t j 3"], skeleton: Skeleton) -> Skeleton:
-  """The skeleton with the bone lengths of joints (T, J, 3), medians over the frames."""
+  """The skeleton with the bone lengths of joints (T, J, 3): medians over the frames."""
   return dataclasses.replace(skeleton, bone_lengths=np.median(bone_lengths(joints, skeleton), axis=0))
 
 
@@ -197,9 +218,9 @@ def side_and_kind(name: str) -> tuple[int, str]:
 
 def facing(joints: Num[A, "*lead t j 3"], skeleton: Skeleton = HUMANML3D, smooth: float = 0.0,
            benchmark_sign: bool = False) -> Float[A, "*lead t 3"]:
-  """Where the body faces: unit vectors (..., T, 3) in the ground plane, from the lines through hips and shoulders.
+  """Facing direction: unit vectors (..., T, 3) in the ground plane, from the lines through hips and shoulders.
 
-  smooth is the sigma in frames of a Gaussian over time. benchmark_sign takes the hips with the wrong sign.
+  smooth: sigma, in frames, of a Gaussian over time. benchmark_sign: give the hips the wrong sign, as HumanML3D does.
   """
   (right_hip, left_hip), (right_shoulder, left_shoulder) = skeleton.hips, skeleton.shoulders
   across_hips = joints[..., right_hip, :] - joints[..., left_hip, :]
@@ -215,11 +236,11 @@ def facing(joints: Num[A, "*lead t j 3"], skeleton: Skeleton = HUMANML3D, smooth
 
 def body_axes(joints: Num[A, "*lead t j 3"], skeleton: Skeleton = HUMANML3D
               ) -> tuple[Float[A, "*lead t 3 3"], Float[A, "*lead t 3 3"]]:
-  """How pelvis and chest are turned: matrices (..., T, 3, 3) whose columns point to the left, up and ahead.
+  """Orientation of pelvis and chest: matrices (..., T, 3, 3) whose columns point to the left, up and ahead.
 
-  Left is along the line through the hips, or the shoulders; up is from between the hips to the first joint of the
-  trunk that lies apart from there, and from the chest to the neck, or what lies apart behind it. Where one of the two
-  has no width (its joints lie in one point), it takes the other's: nothing here depends on the axes of the world.
+  Left is along the line through the hips, or the shoulders. Up is from the middle of the hips to the first joint of the
+  trunk that does not coincide with it, and from the chest to the neck, or the next joint that does not coincide. Where
+  hips or shoulders have no width (their joints coincide), the other pair is used; no axis of the world is.
   """
   xp: Any = rot.namespace(joints)
   joints = xp.asarray(joints, np.float64 if xp is np else None)
@@ -238,11 +259,11 @@ def body_axes(joints: Num[A, "*lead t j 3"], skeleton: Skeleton = HUMANML3D
 
 
 def _axes(lefts: Sequence[Any], ups: Sequence[Any], thin: Any) -> Any:
-  """Matrices (..., T, 3, 3) from the first of the vectors up, and the first of those to the left, that are not thin."""
+  """Matrices (..., T, 3, 3) from the first upward and the first leftward vectors that are longer than thin."""
   xp: Any = rot.namespace(*lefts)
   up = unit_or_nearest(_first_not_thin(xp.stack(ups), xp.stack(ups), thin, otherwise=0))
   flat = xp.stack([v - up * (v * up).sum(-1, keepdims=True) for v in lefts])
-  # A part's own line is kept, another part's made level.
+  # The part's own line is kept; that of another part is made perpendicular to up.
   left = unit_or_nearest(_first_not_thin(flat, xp.concatenate([lefts[0][None], flat[1:]]), thin, otherwise=-1))
   ahead = unit_or_nearest(xp.cross(left, up))
   return xp.stack([left, xp.cross(ahead, left), ahead], axis=-1)
@@ -250,7 +271,7 @@ def _axes(lefts: Sequence[Any], ups: Sequence[Any], thin: Any) -> Any:
 
 def _first_not_thin(vectors: Float[A, "n *lead t 3"], values: Float[A, "n *lead t 3"], thin: Any, otherwise: int
                     ) -> Float[A, "*lead t 3"]:
-  """Of each motion the value (..., T, 3) that belongs to its first vectors (..., T, 3) longer than thin (...)."""
+  """For each motion the values (..., T, 3) that belong to its first vectors (..., T, 3) longer than thin (...)."""
   xp: Any = rot.namespace(vectors)
   thick = xp.median(rot.length(vectors), axis=-1) > thin
   first = xp.where(thick.any(0), thick.argmax(0), otherwise % len(vectors))
@@ -258,14 +279,14 @@ def _first_not_thin(vectors: Float[A, "n *lead t 3"], values: Float[A, "n *lead 
 
 
 def unit_or_nearest(v: Float[A, "*lead t 3"]) -> Float[A, "*lead t 3"]:
-  """Unit vectors (..., T, 3); one of no length takes that of the nearest frame before, else behind, that has one."""
+  """Unit vectors (..., T, 3); a zero vector takes the direction of the last good frame, else of the first good one."""
   length = rot.length(v)[..., None]
   good = length > 1e-9
   return from_nearest(v / rot.namespace(v).where(good, length, 1), good[..., 0])
 
 
 def from_nearest(values: Float[A, "*values"], good: Bool[A, "*lead t"]) -> Float[A, "*values"]:
-  """Values (..., T, ...); frames that are not good take those of the last good one before, else of the first."""
+  """Values (..., T, ...); frames that are not good take the value of the last good frame, else of the first good."""
   xp: Any = rot.namespace(values, good)
   if xp is np and (good.all() or not good.any()):
     return values

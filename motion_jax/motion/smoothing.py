@@ -1,7 +1,6 @@
-"""Filters over time of numpy arrays, and of jax arrays, where they are differentiable and work inside jit.
+"""Filters over time, of numpy arrays and of jax arrays (differentiable, inside jit).
 
-`gaussian_filter1d` and `find_peaks` give what scipy's functions of these names give. Every command smooths motion, and
-importing scipy takes as long as sampling does.
+`gaussian_filter1d` and `find_peaks` equal scipy's functions of these names; importing scipy takes as long as sampling.
 """
 from typing import Any
 
@@ -9,25 +8,37 @@ import numpy as np
 
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.rotations import A
-from motion_jax.shapes import Float
+from motion_jax.shapes import Float, Num
 from motion_jax.utils.lazy import jax, jnp
 
 
 def gaussian(values: Float[A, "*lead t k"], sigma: float) -> Float[A, "*lead t k"]:
-  """Values (..., T, K) under a Gaussian of sigma frames; the first and last frame continue beyond the ends."""
+  """Smooths values (..., T, K) by a Gaussian of sigma frames; the first and last frame continue beyond the ends."""
   if rot.namespace(values) is np:
     return gaussian_filter1d(values, sigma, axis=-2, mode="nearest")
   reach = int(4 * sigma + 0.5)
   return _convolve(values, gaussian_filter1d(np.eye(1, 2 * reach + 1, reach)[0], sigma, mode="constant"), "edge")
 
 
+def gaussian_along_path(points: Num[np.ndarray, "t k"], sigma: float, pad: int, span: int) -> Float[np.ndarray, "t k"]:
+  """Smooths points (T, K) by a Gaussian of sigma frames, after extrapolating both ends linearly by `pad` frames.
+
+  span: frames at each end whose mean velocity is continued. Without extrapolation, a filter slows the ends down.
+  """
+  span = min(span, len(points) - 1)
+  far = np.arange(1, pad + 1)[:, None] / max(span, 1)
+  long = np.concatenate([points[0] + far[::-1] * (points[0] - points[span]), points,
+                         points[-1] + far * (points[-1] - points[-1 - span])])
+  return gaussian_filter1d(long, sigma, axis=0)[pad:len(long) - pad]
+
+
 _PADS: dict[str, Any] = {"nearest": "edge", "reflect": "symmetric", "constant": "constant"}
 
 
 def gaussian_filter1d(values: Any, sigma: float, axis: int = -1, mode: str = "reflect", truncate: float = 4.0) -> Any:
-  """Values under a Gaussian of sigma samples along an axis, summed in float64 in the order of scipy's.
+  """Smooths values by a Gaussian of sigma samples along an axis; float64 sums in the order of scipy's.
 
-  mode: beyond the ends stand the values mirrored ("reflect"), the last one ("nearest") or zeros ("constant").
+  mode: padding beyond the ends: mirrored values ("reflect"), the last value ("nearest") or zeros ("constant").
   """
   reach = int(truncate * float(sigma) + 0.5)
   weights = np.exp(-0.5 / (sigma * sigma) * np.arange(-reach, reach + 1) ** 2)
@@ -35,16 +46,16 @@ def gaussian_filter1d(values: Any, sigma: float, axis: int = -1, mode: str = "re
   rows = np.moveaxis(np.asarray(values), axis, 0)
   padded = np.pad(rows.astype(float), ((reach, reach),) + ((0, 0),) * (rows.ndim - 1), mode=_PADS[mode])
   at = lambda offset: padded[reach + offset:reach + offset + len(rows)]
-  found = at(0) * weights[reach]
+  total = at(0) * weights[reach]
   for offset in range(-reach, 0):
-    found += (at(offset) + at(-offset)) * weights[reach + offset]
-  return np.moveaxis(found.astype(rows.dtype), 0, axis)
+    total += (at(offset) + at(-offset)) * weights[reach + offset]
+  return np.moveaxis(total.astype(rows.dtype), 0, axis)
 
 
 def find_peaks(values: np.ndarray, height: float | None = None, distance: int = 1, prominence: float = 0.0
                ) -> np.ndarray:
-  """Places of the local maxima of values (T,), of a flat one its middle, that are at least so high, so far from a
-  higher one, and so prominent: above the higher of the lowest values between them and a higher value on either side.
+  """Indices of the local maxima of values (T,), the middle of flat ones, filtered as by `scipy.signal.find_peaks`:
+  by minimum height, distance from a higher peak, and prominence above the higher of the two neighbouring valleys.
   """
   change = np.flatnonzero(np.diff(values) != 0)
   first, last = np.concatenate([[0], change + 1]), np.concatenate([change, [len(values) - 1]])  # of equal values
@@ -70,7 +81,7 @@ def _prominence(values, peak):
 
 
 def moving_average(values: Float[A, "*lead t k"], window: int) -> Float[A, "*lead t k"]:
-  """Mean over `window` frames around each of values (..., T, K), zeros beyond the ends."""
+  """Moving average of values (..., T, K) over `window` frames, with zeros beyond the ends."""
   from scipy.ndimage import uniform_filter1d
   if rot.namespace(values) is np:
     return uniform_filter1d(values, window, axis=-2, mode="constant")
@@ -78,17 +89,17 @@ def moving_average(values: Float[A, "*lead t k"], window: int) -> Float[A, "*lea
 
 
 def _convolve(values: Any, kernel: Float[np.ndarray, " n"], mode: str) -> Any:
-  """Values (..., T, K) correlated with a kernel over time, padded at the ends as `jnp.pad` does in mode."""
+  """Correlates values (..., T, K) with a kernel over time; mode: padding, as of `jnp.pad`."""
   rows: Any = jnp.moveaxis(values, -2, -1)
   before, after = len(kernel) // 2, (len(kernel) - 1) // 2
   padded = jnp.pad(rows, ((0, 0),) * (rows.ndim - 1) + ((before, after),), mode=mode)
   flat = padded.reshape(-1, 1, padded.shape[-1])
-  found = jax.lax.conv_general_dilated(flat, jnp.asarray(kernel, values.dtype)[None, None], (1,), "VALID",
+  filtered = jax.lax.conv_general_dilated(flat, jnp.asarray(kernel, values.dtype)[None, None], (1,), "VALID",
                                        precision="highest")
-  return jnp.moveaxis(found.reshape(rows.shape), -1, -2)
+  return jnp.moveaxis(filtered.reshape(rows.shape), -1, -2)
 
 
 def smoothstep(share: Float[np.ndarray, " t"]) -> Float[np.ndarray, " t"]:
-  """A share of a way, below 0 before it and above 1 after it, that begins and ends slowly."""
+  """Cubic ease-in and ease-out: 3 x^2 - 2 x^3 of a share x (T,), clipped to 0..1."""
   part = np.clip(share, 0.0, 1.0)
   return part * part * (3 - 2 * part)

@@ -1,4 +1,4 @@
-"""Mean and standard deviation of a feature layout: what a network sees is (features - mean) / std."""
+"""Mean and standard deviation of a feature layout; networks see (features - mean) / std."""
 import dataclasses
 import hashlib
 import os
@@ -43,7 +43,7 @@ class Stats:
 
   @property
   def fingerprint(self) -> str:
-    """Short hash by which a run names the statistics that it was trained with."""
+    """Short hash that identifies the statistics of a training run."""
     return hashlib.sha256(self.mean.tobytes() + self.std.tobytes()).hexdigest()[:12]
 
 
@@ -52,7 +52,7 @@ def compute_stats(features: Sequence[Num[Array, "_ f"]] | Num[Array, "n f"], lay
   """Statistics over all frames of a list of (T, F) arrays, or of one (N, F) array.
 
   Full and essential features: the std is averaged inside each block (docs/papers/cmdm.md#statistics), or with
-  per_column each has its own, as TMR has it (docs/papers/cmdm.md#tmr). Coordinates: per column, or with per_axis one
+  per_column kept for each column, as in TMR (docs/papers/cmdm.md#tmr). Coordinates: per column, or with per_axis one
   mean and std for x, y and z over all joints (docs/papers/cdamd.md#representations).
   """
   layout = get_layout(layout)
@@ -68,13 +68,13 @@ def compute_stats(features: Sequence[Num[Array, "_ f"]] | Num[Array, "n f"], lay
     if layout.std_by_block and not per_column:
       for block in layout.blocks.values():
         std[block] = std[block].mean()
-  # A column that never moves stays as it is; on its own it may move by the rounding of float32.
+  # A constant column keeps its values; a single column may vary by the rounding of float32.
   std = np.where(std < (1e-5 if per_column else 1e-8), 1.0, std)
   return Stats(mean.astype(np.float32), std.astype(np.float32), layout)
 
 
 class RunningStats:
-  """Mean and std of features that pass by one clip at a time; sums are float64, shifted by the first clip's mean."""
+  """Streaming mean and std of features, clip by clip; sums are float64, shifted by the first clip's mean."""
 
   def __init__(self, layout: Representation) -> None:
     self.layout, self.num, self.shift = layout, 0, None
@@ -100,10 +100,10 @@ class RunningStats:
 
 
 def biased_std(std: Num[Array, " f"], bias: float = 5.0) -> Float[np.ndarray, " f"]:
-  """The std (F,) of features with that of turn, root velocity, root height and contacts over `bias`.
+  """The std (F,) of features, divided by `bias` in the columns of turn, root velocity, root height and contacts.
 
-  MoMask's and T2M-GPT's loaders apply it twice to one array, so that their networks and the evaluator know these eight
-  columns by std / 25 (docs/papers/momask.md#statistics). float32.
+  MoMask's and T2M-GPT's loaders apply it twice to one array: their networks and the evaluator use std / 25 in these
+  eight columns (docs/papers/momask.md#statistics). float32.
   """
   std = np.array(std, np.float32)
   layout = layout_for(len(std))
@@ -113,7 +113,7 @@ def biased_std(std: Num[Array, " f"], bias: float = 5.0) -> Float[np.ndarray, " 
 
 
 def save_stats(stats: Stats, folder: str | os.PathLike) -> None:
-  """Writes Mean.npy and Std.npy, the names that the field's tools look for."""
+  """Writes Mean.npy and Std.npy, the usual names in the field."""
   for name, values in (("Mean", stats.mean), ("Std", stats.std)):
     with atomic_path(pathlib.Path(folder) / f"{name}.npy") as path:  # a write cut short leaves the old file as it was
       np.save(path, values)
@@ -121,8 +121,8 @@ def save_stats(stats: Stats, folder: str | os.PathLike) -> None:
 
 def load_stats(folder: str | os.PathLike, layout: Representation | str | None = None,
                names: tuple[str, str] = ("Mean.npy", "Std.npy")) -> Stats:
-  """Reads Mean.npy and Std.npy; without a layout their length tells it. Three numbers are one for each axis of
-  coordinates."""
+  """Reads Mean.npy and Std.npy. layout: by default the one of their length; of coordinates they may also hold three
+  numbers, one per axis."""
   folder = pathlib.Path(folder)
   values = []
   for name in names:

@@ -1,9 +1,9 @@
 """Records of what each step did to a motion, as plain JSON values: the rows of `motion.meta["steps"]`.
 
-A record has "step" and "did", in words. Where joints changed it has, measured from the joints before and after,
-"frames" [[first, past], ...], "cm", the farthest that a joint moved, and "degrees", the largest turn of the trunk or of
-the line through the hips. "num_frames" [before, after] stands where the length changed, "score" [before, after] where a
-step scores: violation scores, 0 where the prompt is met.
+A record has "step" and "did", a description. If joints changed, it has "frames" [[first, past], ...], "cm", the largest
+distance that a joint moved, and "degrees", the largest turn of the trunk or of the line through the hips. "num_frames"
+[before, after] is there if the length changed, "score" [before, after] if the step scores: violation scores, 0 if the
+prompt is met.
 """
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
@@ -15,15 +15,15 @@ from motion_jax.motion.skeleton import HUMANML3D, Skeleton
 from motion_jax.shapes import Num
 
 Record = dict[str, Any]
-MOVED = 1e-4  # metres that a joint moves, at least, in a frame that counts as changed
+MOVED = 1e-4  # metres: a frame counts as changed if a joint moves farther
 _STEPS = "steps"
 
 
 def change_between(before: Num[np.ndarray, "t j 3"], after: Num[np.ndarray, "n j 3"], skeleton: Skeleton = HUMANML3D,
                    start: int = 0) -> Record:
-  """{frames, cm, degrees, num_frames} of what changed in the frames that both have; {} where nothing did.
+  """Change {frames, cm, degrees, num_frames} between two versions of a motion, in their common frames; {} for none.
 
-  start: the frame of the motion at which these joints begin.
+  start: the frame of the whole motion at which these joints begin.
   """
   count = min(len(before), len(after))
   length = {} if len(before) == len(after) else {"num_frames": [len(before), len(after)]}
@@ -39,7 +39,7 @@ def change_between(before: Num[np.ndarray, "t j 3"], after: Num[np.ndarray, "n j
 
 
 def _largest_angle(a, b):
-  """Degrees between rows of a and b (T, 3), the largest."""
+  """Largest angle between rows of a and b (T, 3), degrees."""
   angles = np.arctan2(np.linalg.norm(np.cross(a, b), axis=-1), (a * b).sum(-1))
   return float(np.degrees(angles.max()))
 
@@ -47,26 +47,26 @@ def _largest_angle(a, b):
 def record(step: str, did: str, before: Num[np.ndarray, "t j 3"] | None = None,
            after: Num[np.ndarray, "n j 3"] | None = None, skeleton: Skeleton = HUMANML3D,
            score: Sequence[float] | None = None, start: int = 0) -> Record:
-  """The record of a step; with joints before and after it also what changed, with two scores also these."""
+  """The record of a step, with the change between joints before and after and with two scores, if these are given."""
   change = {} if before is None or after is None else change_between(before, after, skeleton, start)
   return {"step": step, "did": did} | change | (
       {"score": [round(float(value), 4) for value in score]} if score is not None else {})
 
 
 def added(meta: Mapping[str, Any], *records: Record) -> dict[str, Any]:
-  """A motion's meta with further records after those it has."""
+  """A motion's meta with records appended."""
   return {**meta, _STEPS: [*meta.get(_STEPS, ()), *records]}
 
 
 def largest(records: Iterable[Record]) -> Record:
-  """One record of a step that was taken on several parts of a motion, with the largest change of any."""
+  """One record for a step that was applied to several parts of a motion, with the largest change of all."""
   rows = list(records)
   return {key: rows[0][key] for key in ("step", "did")} | {
       key: max(row[key] for row in rows if key in row) for key in ("cm", "degrees") if any(key in row for row in rows)}
 
 
 def lines(meta: Mapping[str, Any]) -> list[str]:
-  """The records of a motion's meta in one line each; of a file's meta, which anyone may have written, what can be read.
+  """The records of a motion's meta, one line each; malformed records of foreign files are skipped or shortened.
 
   "pose: hands brought to their places, frames 12 to 58, up to 31.2 cm and 4 degrees".
   """

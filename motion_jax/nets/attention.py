@@ -1,4 +1,4 @@
-"""Attention with normalized queries and keys and rotary positions, in pieces that a key-value cache can use."""
+"""Attention with normalized queries and keys and rotary positions, in the steps that a key-value cache needs."""
 import functools
 import math
 from collections.abc import Callable
@@ -14,7 +14,7 @@ from motion_jax.nets.partitioning import Axes, partitioned
 from motion_jax.shapes import Array
 
 IMPLEMENTATIONS = ("xla", "cudnn")
-FUSED_WIDTHS = range(8, 129, 8)  # of heads that cuDNN's attention takes on every GPU; size S has heads of 256
+FUSED_WIDTHS = range(8, 129, 8)  # head widths that cuDNN's attention takes on every GPU; size S has heads of 256
 
 
 class RMSNorm(nn.Module):
@@ -33,14 +33,14 @@ class RMSNorm(nn.Module):
 
 def rotary_table(positions: Num[Array, "*lead l"], size: int, dtype: Any = jnp.float32, base: float = 10_000.0
                  ) -> tuple[Float[Array, "*lead l 1 half"], Float[Array, "*lead l 1 half"]]:
-  """Cosine and sine by which `turn` turns size channels at positions (..., L)."""
+  """Cosine and sine of the rotary angles of `size` channels at positions (..., L), for `turn`."""
   half, dtype = size // 2, promote_to_f32(dtype)
   angles = positions[..., None].astype(dtype) * base ** (-jnp.arange(half, dtype=dtype) / half)
   return jnp.cos(angles)[..., None, :], jnp.sin(angles)[..., None, :]
 
 
 def turn(x: Float[Array, "*lead l h k"], table: tuple[Array, Array]) -> Float[Array, "*lead l h k"]:
-  """Adjacent pairs of channels of x (..., L, H, K), turned by a `rotary_table` of its positions."""
+  """Rotates adjacent pairs of channels of x (..., L, H, K) by a `rotary_table` of its positions."""
   cos, sin = table
   even, odd = x[..., 0::2], x[..., 1::2]
   turned = jnp.stack([even * cos - odd * sin, even * sin + odd * cos], axis=-1)
@@ -49,9 +49,9 @@ def turn(x: Float[Array, "*lead l h k"], table: tuple[Array, Array]) -> Float[Ar
 
 def rotary(x: Float[Array, "*lead l h k"], positions: Num[Array, "*#lead l"], base: float = 10_000.0
            ) -> Float[Array, "*lead l h k"]:
-  """Turns adjacent pairs of channels by position * base^(-2 i / K): x (..., L, H, K), positions (L,) or (..., L).
+  """Rotary position embedding: rotates pair i of adjacent channels by position * base^(-2 i / K).
 
-  Scores then depend on differences of positions only, so positions may be shifted all together.
+  x (..., L, H, K), positions (L,) or (..., L). Scores then depend on differences of positions only.
   """
   return turn(x, rotary_table(positions, x.shape[-1], x.dtype, base))
 
@@ -63,9 +63,9 @@ def dot_product_attention(q: Float[Array, "b l h k"], k: Float[Array, "b s h k"]
                           implementation: str = "xla") -> Float[Array, "b l h k"]:
   """softmax(q k^T / sqrt(K) + bias) v: the attention of every network here.
 
-  attn_mask True = may attend; a row that may attend to nothing is finite. scaled=False leaves sqrt(K) out, as T5 does.
-  drop acts on the weights. implementation "cudnn": NVIDIA's fused kernel for what it takes, see `fused_attention`;
-  "xla": matrix products and a softmax.
+  attn_mask True = may attend; a row that may attend to nothing is finite. scaled=False: no division by sqrt(K), as in
+  T5. drop: dropout, applied to the attention weights. implementation "cudnn": NVIDIA's fused kernel where it supports
+  the type and shape, see `fused_attention`; "xla": matrix products and a softmax.
   """
   if implementation not in IMPLEMENTATIONS:
     raise ValueError(f"got attention {implementation!r}, expected one of {', '.join(IMPLEMENTATIONS)}")
@@ -91,9 +91,10 @@ def fused_attention(q: Float[Array, "b l h k"], k: Float[Array, "b s h k"], v: F
                     attn_mask: Bool[Array, "#b #h #l s"] | None = None) -> Float[Array, "b l h k"]:
   """`dot_product_attention` by cuDNN in programs for CUDA devices, by matrix products in programs for others.
 
-  For bfloat16 and float16 and heads of FUSED_WIDTHS. The kernel's gradient takes even lengths only, so odd ones get a
-  row, or a key that no row attends to. Without an installed cuDNN JAX does not trace the kernel, and the program is the
-  plain one. Source: https://docs.nvidia.com/deeplearning/cudnn/frontend/latest/operations/Attention.html
+  For bfloat16 and float16 and heads of FUSED_WIDTHS. The kernel's gradient takes even lengths only, so odd ones are
+  padded by a row, or by a key that no row attends to. Without an installed cuDNN JAX cannot trace the kernel, and the
+  matrix products are used. Source:
+  https://docs.nvidia.com/deeplearning/cudnn/frontend/latest/operations/Attention.html
   """
   plain, fused = (functools.partial(jax.nn.dot_product_attention, implementation=name) for name in ("xla", "cudnn"))
   length, odd_rows, odd_keys = q.shape[1], q.shape[1] % 2, k.shape[1] % 2
@@ -116,11 +117,10 @@ class Attention(nn.Module):
   """Multi-head attention in three steps: `queries`, `keys_values`, `attend`.
 
   Queries and keys are RMS-normalized over the whole width before the heads are split (docs/papers/cmdm.md#causal-dit);
-  with normalize="head" those of each head have length 1 instead, with normalize=False they are left as they are.
-  `rotary` turns them between the steps, so that a cache can hold keys that are not tied to a position yet. drop, where
-  it is given, acts on the weights. logit_scale, where it is not 0, is what scores are multiplied by instead of being
-  divided by sqrt(K); it is saved with the parameters, and no gradient reaches it. implementation: of
-  `dot_product_attention`.
+  with normalize="head" those of each head have length 1 instead, with normalize=False they are not normalized. Callers
+  apply `rotary` between the steps, which lets a cache hold keys without positions. drop: dropout, applied to the
+  attention weights. logit_scale: if not 0, scores are multiplied by it instead of being divided by sqrt(K); it is saved
+  with the parameters, and no gradient reaches it. implementation: of `dot_product_attention`.
   Shapes: x (B, L, D); q, k, v (B, L, H, D / H); attn_mask (B or 1, 1, L, S).
   """
   width: int
@@ -150,7 +150,7 @@ class Attention(nn.Module):
   def _unit(self, x: Float[Array, "b l h k"]) -> Float[Array, "b l h k"]:
     if self.normalize != "head":
       return x
-    return x / jnp.sqrt(jnp.maximum((x * x).sum(-1, keepdims=True), 1e-24))  # of nothing a gradient of 0, not nan
+    return x / jnp.sqrt(jnp.maximum((x * x).sum(-1, keepdims=True), 1e-24))  # floor: no nan gradient at 0
 
   def queries(self, x: Float[Array, "b l d"]) -> Float[Array, "b l h k"]:
     q = self._unit(self._heads(self.norm_q(self.q(x))))
@@ -166,7 +166,7 @@ class Attention(nn.Module):
                                              implementation=self.implementation))
 
   def output(self, y: Float[Array, "b l h k"]) -> Float[Array, "b l d"]:
-    """The last layer, on the heads' weighted values; on the values themselves where there is a single one."""
+    """The output projection of the heads' weighted values, which with a single key are the values themselves."""
     return self.o(y.reshape(y.shape[:-2] + (self.width,)))
 
   def __call__(self, x: Float[Array, "b l d"], context: Float[Array, "b s d"] | None = None,

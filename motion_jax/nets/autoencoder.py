@@ -1,8 +1,8 @@
-"""Autoencoder of CDAMD and MARDM: coordinates to latents and back, looking both ways in time.
+"""Autoencoder of CDAMD and MARDM: features to latents and back, by convolutions that are not causal.
 
 Source: docs/papers/cdamd.md#autoencoder.
 
-Its RVQ-VAE has the same layers with weights of its own; there the latents are exchanged for codes in between.
+CDAMD's RVQ-VAE has the same layers, trained separately, and quantizes the latents between encoder and decoder.
 """
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -16,7 +16,7 @@ from motion_jax.shapes import Array
 
 
 class ConvStack(nn.Module):
-  """One half of an autoencoder: the layers that `make(features, width, out, ...)` lists, one after the other."""
+  """Encoder or decoder of an autoencoder: the layers that `make(features, width, out, ...)` lists, in sequence."""
   make: Callable  # halving_layers or doubling_layers
   features: int
   width: int
@@ -39,13 +39,13 @@ class Autoencoder(nn.Module):
   """Deterministic autoencoder: x (B, T, F) normalized features <-> z (B, N, C), N = T // 2**num_halvings.
 
   items (B,), places in the whole batch, switch on the dropout of the residual branches, which needs
-  rngs={"dropout": key}. Latents are not normalised. Frames past the last whole latent are not encoded.
+  rngs={"dropout": key}. Latents are not normalized. Frames past the last whole latent are not encoded.
 
   hide_padding: with a real_mask, (B, T) of frames or (B, N) of latents, a clip is encoded and decoded as if it ended
-  where its padding begins. Without, padding is motion like any other: after training on windows, which have none, the
-  end of a padded clip comes back far worse than its middle.
+  where its padding begins. Without, the network sees padding as motion: after training on windows, which have none, the
+  end of a padded clip is reconstructed far worse than its middle.
   """
-  # Parity: the reference does not hide padding, from its encoder nor, as zero latents, from its decoder.
+  # Parity: the reference hides padding neither from its encoder nor from its decoder, which gets zero latents there.
   # Parity: the paper says "3-layer"; these are the code's 2 halvings with 3 residual blocks each.
   features: int = 66
   latent_dim: int = 512

@@ -2,10 +2,10 @@
 
 Source: docs/papers/cmdm.md#causal-dit, #masks.
 
-The whole network is `__call__`. The sampler uses the same layers in pieces, because most of what they compute does not
-change from step to step: `modulation` depends on the noise level only, `text_keys_values` on the caption only, and keys
-and values of finished latents stay as they are; `window` runs the latents that are being denoised against them. The
-pieces run one layer `depth` times over stacked parameters (`stack_layers`), which is one layer to compile.
+`__call__` is the whole network. The sampler calls parts of it, because most intermediate results do not change from
+step to step: `modulation` depends on the noise level only, `text_keys_values` on the caption only, and keys and values
+of finished latents are cached; `window` runs the latents in denoising against that cache. The parts scan one layer over
+stacked parameters (`stack_layers`), so only one layer is compiled.
 """
 from typing import Any, NamedTuple
 
@@ -22,7 +22,7 @@ from motion_jax.nets.masks import two_way_mask
 from motion_jax.shapes import Array
 
 PREDICTION_FLOOR = 0.02  # one of the default 50 sampling steps
-ADAPTER_RANK = 128       # hidden numbers of what adds constraints to a layer's tokens
+ADAPTER_RANK = 128       # hidden width of a `ControlAdapter`
 SIZES = {"S": dict(num_heads=2, depth=4, width=512), "M": dict(num_heads=4, depth=8, width=512),
          "L": dict(num_heads=6, depth=12, width=768), "XL": dict(num_heads=8, depth=16, width=1024)}
 # Not of the paper: about 1 and 3 billion parameters, with heads of 128 channels, for meshes (docs/pods.md).
@@ -41,7 +41,7 @@ class Text(NamedTuple):
   """What cross-attention needs of captions: keys and values (B, S, H, D / H) of a layer, or (depth, B, S, H, D / H) of
   all; mask (B, S), or (B, L, S) where the latents of one motion have words of their own.
 
-  null (1, 1, D), if there, is the layer's whole output for a dropped caption: its words are all alike, so attention to
+  null (1, 1, D), if given, is the layer's whole output for a dropped caption: its words are all alike, so attention to
   them is a constant (docs/papers/cmdm.md#text). A batch of 2 B then means B latents with their captions and B without.
   """
   k: Float[Array, "*depth b s h k"]
@@ -98,7 +98,7 @@ class Block(nn.Module):
   def step(self, x: Float[Array, "b l d"], modulation: Float[Array, "#b #l 6 d"], text: Text,
            attn_mask: Bool[Array, "#b 1 l s"], table: tuple[Array, Array], past: KeysValues | None = None
            ) -> tuple[Float[Array, "b l d"], KeysValues]:
-    """-> (x, (k, v)) with the keys and values of x, keys not turned; past (k, v), keys turned, stand before them.
+    """-> (x, (k, v)) with the keys and values of x before rotation; past (k, v): those of earlier latents, rotated.
 
     table: `rotary_table` of the positions of x."""
     shift1, scale1, gate1, shift2, scale2, gate2 = (part[..., 0, :] for part in jnp.split(modulation, 6, axis=-2))
@@ -115,7 +115,7 @@ class Block(nn.Module):
 
 
 class ControlAdapter(nn.Module):
-  """Adds the influence of constraints to the tokens x (B, L, D) at times t (B, L) before a layer: D -> rank -> D.
+  """Adds constraints to the tokens x (B, L, D) at times t (B, L) before a layer, by a bottleneck D -> rank -> D.
 
   control_emb (B, L, rank) is one layer's part of `CausalDiT.control_tokens`; latents whose has_control (B, L, 1) is 0
   stay unchanged. control_emb may have B / 2 rows: the second half of x is then the same latents without their captions,
@@ -141,7 +141,7 @@ class CausalDiT(nn.Module):
   """Velocity of latents x (B, L, C) at times t (B, L) under a caption, 0 = noise, 1 = clean; predicts="ddpm": the noise
   of the paper's levels instead (`models.cmdm.ddpm_forcing`).
 
-  t may also be (B, L / n), one time for n neighbours; it is spread after the modulation, which saves its arithmetic.
+  t may also be (B, L / n), one time for n neighbours: the modulation is then computed once for them and repeated.
   """
   latent_dim: int = 64
   width: int = 512
@@ -152,14 +152,14 @@ class CausalDiT(nn.Module):
   block: int = 3
   use_rope: bool = True
   use_adaln: bool = True  # False: the time embedding is added to the tokens instead (ablation)
-  predicts: str = "velocity"  # what the network itself gives; eps and x1 are turned into the velocity, ddpm's noise not
-  time_scale: float = 1.0  # times which t is embedded; 1000 where it stands for a DDPM's levels
+  predicts: str = "velocity"  # the raw output: velocity; eps or x1, converted to the velocity; or "ddpm", its noise
+  time_scale: float = 1.0  # factor on t before its embedding; 1000 for the levels of a DDPM
   dtype: Any = jnp.float32
-  control: int = 0  # how many numbers tell a latent what it is held to (`motion_jax.control.conditioning`); 0: none
-  remat: bool = False  # a gradient computes what is inside of a block once more, instead of keeping it
+  control: int = 0  # numbers per latent that encode its constraints (`motion_jax.control.conditioning`); 0: none
+  remat: bool = False  # recompute each block in the backward pass instead of storing its activations
   attention: str = "xla"  # of `attention.dot_product_attention`: "xla", or "cudnn" for 16 bits on NVIDIA's GPUs
   two_way: bool = False  # latents in denoising (0 < t < 1) see one another in both directions (`masks.two_way_mask`)
-  scan_layers: bool = False  # training compiles one layer and runs it `depth` times, instead of compiling each
+  scan_layers: bool = False  # in training, compile one layer and scan it `depth` times instead of compiling each
 
   # Parity: blocks of 3 latents that see one another, the RMS norm of queries and keys, a feed-forward of 2 D and no
   # norm before the output are the code's; the paper has a mask per latent (block = 1) and says nothing of the rest.
@@ -186,8 +186,10 @@ class CausalDiT(nn.Module):
     return self.time_out(nn.silu(self.time_in(timestep_embedding(t))))
 
   def stack_layers(self, params: Any) -> Any:
-    """Parameters with all layers in one: leaves of "blocks" and "adapters" (depth, ...) in the place of those of each
-    layer. The sampler's methods take them so, and stack them in every call where they are not; `__call__` does not."""
+    """Parameters with those of all layers stacked: leaves (depth, ...) of "blocks" and "adapters".
+
+    The sampler's methods take these; unstacked parameters they stack in every call. `__call__` takes unstacked ones.
+    """
     layers = dict(params["params"])
     for kind in ("block", "adapter"):
       rows = [layers.pop(name) for name in (f"{kind}{i}" for i in range(self.depth)) if name in layers]
@@ -198,14 +200,14 @@ class CausalDiT(nn.Module):
 
   def _stacked(self, kind: str) -> Any:
     """The stacked parameters of "blocks" or "adapters"."""
-    own = self.variables["params"]
-    return own[kind] if kind in own else self.stack_layers({"params": own})["params"][kind]
+    params = self.variables["params"]
+    return params[kind] if kind in params else self.stack_layers({"params": params})["params"][kind]
 
   def _block(self) -> Block:
     return Block(self.width, self.num_heads, self.ff_width, self.dtype, self.attention, parent=None)
 
   def modulation(self, t: Float[Array, "*lead"]) -> Float[Array, "depth *lead 6 d"]:
-    """Everything that depends on t alone, for all layers: (depth, ..., 6, D)."""
+    """Shifts, scales and gates of all layers, which depend on t alone: (depth, ..., 6, D)."""
     if not self.use_adaln:
       return jnp.stack(self._modulations(t))
     level, block = self.level(t), self._block()
@@ -215,7 +217,7 @@ class CausalDiT(nn.Module):
   def _modulations(self, t: Float[Array, "*lead"]) -> list[Float[Array, "*lead 6 d"]]:
     level = self.level(t)
     if not self.use_adaln:
-      # Gates open, no shift, no scale: `window` adds the level to the tokens instead.
+      # The identity, with gates of 1: `window` adds the time embedding to the tokens instead.
       plain = jnp.zeros(level.shape[:-1] + (6, self.width), level.dtype).at[..., 2, :].set(1).at[..., 5, :].set(1)
       return [plain] * self.depth
     return [block.modulation(level) for block in self.blocks]
@@ -252,7 +254,7 @@ class CausalDiT(nn.Module):
     return rotary_table(positions * self.use_rope, self.width // self.num_heads, self.dtype)
 
   def turn_keys(self, cache: KeysValues, positions: Num[Array, " p"]) -> KeysValues:
-    """Cached (k, v) (depth, B, P, H, K) with the keys turned to positions (P,), as `window` takes them."""
+    """Cached (k, v) (depth, B, P, H, K) with the keys rotated to positions (P,), as `window` takes them."""
     k, v = cache
     return turn(k, self._table(positions)), v
 
@@ -263,9 +265,9 @@ class CausalDiT(nn.Module):
              ) -> tuple[Float[Array, "b w c"], KeysValues]:
     """Velocity of a window of latents and its keys and values: x (B, W, C), modulation (depth, B or 1, W, 6, D).
 
-    text: of text_keys_values. positions (W,) or (B, W). past: (k, v) (depth, B, P, H, K), keys turned, that stand
-    before the window; attn_mask (B or 1, 1, W, P + W) says which of them are there. control: of control_tokens.
-    -> (velocity, (k, v)) with the keys and values of x (depth, B, W, H, K), keys not turned.
+    text: of text_keys_values. positions (W,) or (B, W). past: (k, v) (depth, B, P, H, K) of the latents before the
+    window, keys rotated; attn_mask (B or 1, 1, W, P + W) masks unused ones. control: of control_tokens.
+    -> (velocity, (k, v)) with the keys and values of x (depth, B, W, H, K), keys not rotated.
     """
     latents, x, attn_mask = x, self.x_in(x.astype(self.dtype)), self._seen(attn_mask, t)
     if not self.use_adaln:
@@ -292,9 +294,9 @@ class CausalDiT(nn.Module):
 
   def _to_velocity(self, y: Float[Array, "b l c"], x: Float[Array, "b l c"], t: Float[Array, "#b l"]
                    ) -> Float[Array, "b l c"]:
-    """The velocity (x1 - eps) that a prediction means at x = t x1 + (1 - t) eps.
+    """Converts a prediction at x = t x1 + (1 - t) eps to the velocity x1 - eps.
 
-    It has no bound where eps (t = 0) or x1 (t = 1) is known from x alone; divisors are floored at a sampler's step.
+    The conversion divides by t or 1 - t; divisors are floored at a sampler's step (`PREDICTION_FLOOR`).
     """
     if self.predicts in ("velocity", "ddpm"):
       return y
@@ -340,8 +342,7 @@ class CausalDiT(nn.Module):
   def _scanned(self, x: Float[Array, "b l c"], t: Float[Array, "b m"], text_emb: Float[Array, "b s e"],
                attn_mask: Bool[Array, "#b 1 l l"], text_mask: Bool[Array, "b *m s"],
                control: Float[Array, "_ l control"] | None) -> Float[Array, "b l c"]:
-    """`__call__` by one loop over the layers. Their parameters are stacked here, on the way in: in files and in an
-    optimizer each layer has its own."""
+    """`__call__` by one scan over the layers, whose parameters it stacks; files and optimizers have them apart."""
     level, words = self.level(t), self.text_in(text_emb.astype(self.dtype))
     plain = None if self.use_adaln else self._modulations(t)[0]
     count, table = x.shape[1] // t.shape[1], self._table(jnp.arange(x.shape[1]))

@@ -1,6 +1,6 @@
 """MAC-VAE of CMDM: features to causal latents and back (docs/papers/cmdm.md#tokenizer).
 
-Latent j depends on frames <= 4 j + 3 and frame f on latents <= f // 4, exactly: all convolutions look left only.
+Latent j depends exactly on frames <= 4 j + 3 and frame f on latents <= f // 4: all convolutions are causal.
 
 Parity: the paper counts 7 causal convolutions and 2 residual blocks in each half; these are the code's layers, whose
 parameters are those of the released weights.
@@ -86,9 +86,10 @@ class Decoder(nn.Module):
 class CausalVAE(nn.Module):
   """Causal autoencoder: x (B, T, F) normalized features <-> z (B, N, C), N = T // 2**num_halvings.
 
-  `encode` gives mean and log-variance, `decode` features; `*_step` do the same to the next chunk of a stream, from the
-  state of `init_*_state(batch)`, whatever the chunk sizes (for encoding: multiples of 2**num_halvings frames). With
-  causal=False it is the plain VAE of the paper's Table 4, which looks both ways and cannot stream.
+  `encode` gives mean and log-variance, `decode` features; `encode_step` and `decode_step` give the same for the next
+  chunk of a stream, starting from `init_encode_state(batch)` or `init_decode_state(batch)`. Chunks may have any size
+  (for encoding: multiples of 2**num_halvings frames). causal=False: the plain VAE of the paper's Table 4, which also
+  sees later frames and cannot stream.
   """
   features: int = 263
   latent_dim: int = 64
@@ -96,7 +97,7 @@ class CausalVAE(nn.Module):
   num_halvings: int = 2
   dilations: Sequence[int] = (9, 3, 1)  # in this order in both halves
   teacher_dim: int = 0                    # 256 adds the alignment projection (training only)
-  teacher_to_latent: bool = False         # the other projection: the teacher's features into latent space
+  teacher_to_latent: bool = False         # project the teacher's features into latent space, not latents into theirs
   causal: bool = True
   dtype: Any = jnp.float32
 
@@ -144,11 +145,11 @@ class CausalVAE(nn.Module):
 
   def aligned(self, z: Float[Array, "b l c"], teacher: Float[Array, "b l e"]
               ) -> tuple[Float[Array, "b l a"], Float[Array, "b l a"]]:
-    """Latents and the teacher's features, both (B, N, ...), in the space where they are compared."""
+    """Latents and the teacher's features, both (B, N, ...), projected to the space of the alignment loss."""
     return (z, self.align(teacher)) if self.teacher_to_latent else (self.align(z), teacher)
 
   def project(self, z: Float[Array, "b l c"]) -> Float[Array, "b l e"]:
-    """Latents as the teacher would see them, (B, N, teacher_dim)."""
+    """Latents projected to the teacher's feature space, (B, N, teacher_dim)."""
     return self.align(z)
 
   def _check_causal(self) -> None:
@@ -168,7 +169,7 @@ class CausalVAE(nn.Module):
 
 def sample_latent(mean: Float[Array, "*lead c"], logvar: Float[Array, "*lead c"], noise: Float[Array, "*lead c"]
                   ) -> Float[Array, "*lead c"]:
-  """Reparameterisation: a draw from the normal distribution that the encoder names."""
+  """Reparameterization: mean + exp(logvar / 2) noise."""
   return mean + jnp.exp(logvar / 2) * noise
 
 

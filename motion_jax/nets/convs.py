@@ -1,9 +1,9 @@
-"""Convolutions over time and the stacks of them that halve and double the frame rate.
+"""Convolutions over time and stacks of them that halve and double the frame rate.
 
-Causal ones can run on a stream: a layer's whole memory is its left context, zeros at the start; `step` takes a chunk of
+Causal ones can run on a stream: a layer's whole state is its left context, zeros at the start; `step` takes a chunk of
 frames and the context and returns the output and the next context. A whole clip is one step from zeros, so streaming
-and offline cannot differ. With causal=False the same zeros lie half before and half after the clip; nothing is streamed
-then.
+and offline results are the same. With causal=False the same zeros pad half before and half after the clip, which
+cannot be streamed.
 """
 import functools
 import math
@@ -19,7 +19,7 @@ from jaxtyping import Bool, Float, Int
 from motion_jax.nets.layers import Dense, Dropout
 from motion_jax.shapes import Array
 
-Layer = Callable  # a module that can also `step` on a stream, or a function (x, context) -> (x, context)
+Layer = Callable  # a module with a method `step` for streams, or a function (x, context) -> (x, context)
 Contexts = tuple[Float[Array, "b _ _"] | None, ...]  # of a stack of layers; functions have none
 
 
@@ -33,11 +33,11 @@ def uniform_fan_in(fan_in: int) -> Callable[..., jax.Array]:
 def conv(x: Float[Array, "b t c"], kernel: Float[Array, "k c d"], strides: Sequence[int], padding: Any,
          lhs_dilation: Any, rhs_dilation: Sequence[int], dimension_numbers: Any, feature_group_count: int = 1,
          precision: Any = None) -> Float[Array, "b n d"]:
-  """`lax.conv_general_dilated` of x (B, T, C) and a kernel (K, C, D) without padding, as `nn.Conv` calls it; the same
-  numbers, another gradient.
+  """`lax.conv_general_dilated` of x (B, T, C) and a kernel (K, C, D) without padding, with a gradient of its own.
 
-  The gradient of x is a matrix product whose parts are shifted and added. XLA's CPU compiles it in half the time of the
-  convolution that is JAX's own gradient, and runs it faster.
+  It has the signature that `nn.Conv` expects and the same output. The gradient of x is a matrix product whose parts are
+  shifted and added. On CPU, XLA compiles it in half the time of the convolution that is JAX's gradient, and runs it
+  faster.
   """
   return lax.conv_general_dilated(jnp.asarray(x), jnp.asarray(kernel), strides, padding, lhs_dilation, rhs_dilation,
                                   dimension_numbers, feature_group_count, precision=precision)
@@ -69,7 +69,7 @@ conv.defvjp(_conv_forward, _conv_backward)
 class CausalConv(nn.Module):
   """1-D convolution over time padded on the left only: x (B, T, in_features) -> (B, T // stride, features).
 
-  causal=False pads both sides alike, where `context` is even: kernel 3, and kernel 4 with stride 2.
+  causal=False pads both sides alike, which needs an even `context`: kernel 3, or kernel 4 with stride 2.
   """
   in_features: int
   features: int
@@ -81,7 +81,7 @@ class CausalConv(nn.Module):
 
   @property
   def context(self) -> int:
-    """Frames of the past that an output needs (docs/papers/cmdm.md#tokenizer)."""
+    """How many earlier frames an output depends on (docs/papers/cmdm.md#tokenizer)."""
     return (self.kernel - 1) * self.dilation + 1 - self.stride
 
   def init_context(self, batch: int) -> Float[Array, "{batch} context c"]:
@@ -146,8 +146,8 @@ def apply_layers(layers: Sequence[Layer], x: Float[Array, "b t c"], items: Int[A
                  real_mask: Bool[Array, "b t"] | None = None) -> Float[Array, "b n d"]:
   """Runs a whole clip through layers, causal or not.
 
-  real_mask (B, T), the first frames of each clip: what lies behind them is zero in front of every layer, as it is
-  behind a clip that ends there, so padding changes nothing.
+  real_mask (B, T), True for the first frames of each clip: the others are set to zero before every layer, as if the
+  clip ended there, so padding changes nothing.
   """
   x = zero_padding(x, real_mask)
   for layer in layers:
@@ -166,7 +166,7 @@ def zero_padding(x: Float[Array, "b t c"], real_mask: Bool[Array, "b t"] | None)
 
 
 def at_rate(real_mask: Bool[Array, "b t"], length: int) -> Bool[Array, "b {length}"]:
-  """The mask (B, T) of what a layer made of those frames, (B, length): as it is, halved or doubled."""
+  """The mask (B, T) of a layer's input, at the rate of its output: (B, length), the same, half or double."""
   if length > real_mask.shape[1]:
     return jnp.repeat(real_mask, 2, axis=1)
   return real_mask if length == real_mask.shape[1] else real_mask[:, 1::2]  # half a pair makes no frame
@@ -174,7 +174,7 @@ def at_rate(real_mask: Bool[Array, "b t"], length: int) -> Bool[Array, "b {lengt
 
 def run_layers(layers: Sequence[Layer], x: Float[Array, "b n c"], contexts: Contexts
                ) -> tuple[Float[Array, "b m d"], Contexts]:
-  """Runs (x, context) steps one after the other; plain functions carry no context, so theirs is None."""
+  """Runs the steps of layers in sequence -> (x, contexts); plain functions have no context, so theirs is None."""
   after = []
   for layer, context in zip(layers, contexts, strict=True):
     x, context = (layer.step if hasattr(layer, "step") else layer)(x, context)
@@ -194,7 +194,7 @@ def res_stack(width: int, dilations: Sequence[int], name: str, dtype: Any = jnp.
 
 def halving_layers(features: int, width: int, out: int, num_halvings: int, dilations: Sequence[int],
                    dtype: Any = jnp.float32, causal: bool = True, dropout: float = 0.0) -> list[Layer]:
-  """Layers of an encoder, to be made in a module's setup: (B, T, features) -> (B, T // 2**num_halvings, out)."""
+  """Layers of an encoder, created in a module's setup: (B, T, features) -> (B, T // 2**num_halvings, out)."""
   conv: dict[str, Any] = dict(dtype=dtype, causal=causal)
   layers: list[Layer] = [CausalConv(features, width, 3, **conv, name="conv_in"), relu_step]
   for i in range(num_halvings):
@@ -205,7 +205,7 @@ def halving_layers(features: int, width: int, out: int, num_halvings: int, dilat
 
 def doubling_layers(features: int, width: int, out: int, num_halvings: int, dilations: Sequence[int],
                     dtype: Any = jnp.float32, causal: bool = True, dropout: float = 0.0) -> list[Layer]:
-  """Layers of a decoder, to be made in a module's setup: (B, N, features) -> (B, 2**num_halvings N, out)."""
+  """Layers of a decoder, created in a module's setup: (B, N, features) -> (B, 2**num_halvings N, out)."""
   conv: dict[str, Any] = dict(dtype=dtype, causal=causal)
   layers: list[Layer] = [CausalConv(features, width, 3, **conv, name="conv_in"), relu_step]
   for i in range(num_halvings):

@@ -2,8 +2,8 @@
 
 Source: docs/papers/cdamd.md#diffusion-mlp.
 
-It knows no neighbours. The same network serves both ways of training: as a flow it gives the velocity at times in
-[0, 1], as DDPM the noise at steps 0, 1, 2, ...
+Each token is denoised alone, without attention. The same network serves both ways of training: as a flow it predicts
+the velocity at times in [0, 1], as DDPM the noise at steps 0, 1, 2, ...
 """
 from typing import Any
 
@@ -20,7 +20,7 @@ LARGER_SIZES = {"1B": dict(width=2560, depth=24), "3B": dict(width=4096, depth=2
 
 
 class ResBlock(nn.Module):
-  """Two layers on a modulated norm; x, y (..., D). As initialised it is the identity."""
+  """Residual block: two layers after a norm that y modulates; x, y (..., D). At initialization it is the identity."""
   width: int
   dtype: Any
 
@@ -31,7 +31,7 @@ class ResBlock(nn.Module):
     self.ff_out = Dense(self.width, ("mlp", "embed"), kernel_init=XAVIER, dtype=self.dtype)
 
   def modulation(self, y: Float[Array, "*lead d"]) -> Float[Array, "*lead e"]:
-    """Shift, scale and gate side by side (..., 3 D); it does not depend on x."""
+    """Shift, scale and gate, concatenated (..., 3 D); independent of x."""
     return self.film(nn.silu(y))
 
   def run(self, x: Float[Array, "*lead d"], modulation: Float[Array, "*#lead e"]) -> Float[Array, "*lead d"]:
@@ -46,14 +46,14 @@ class ResBlock(nn.Module):
 class DiffusionMLP(nn.Module):
   """x (..., C) noisy latents at t (...), condition (..., H) -> velocity or noise (..., C).
 
-  `modulation` is what depends on t and condition alone, three fifths of the parameters; a solver can compute it for
+  `modulation` depends on t and condition alone and holds three fifths of the parameters; a solver can compute it for
   several times together. `run` is the rest.
   """
   latent_dim: int = 512
   width: int = 1792
   depth: int = 16
   dtype: Any = jnp.float32
-  remat: bool = False  # a gradient computes what is inside of a block once more, instead of keeping it
+  remat: bool = False  # recompute each block in the backward pass instead of storing its activations
 
   def setup(self) -> None:
     dense = lambda size, *axes, init=XAVIER: Dense(size, axes, kernel_init=init, dtype=self.dtype)
@@ -73,12 +73,12 @@ class DiffusionMLP(nn.Module):
     return self.time_out(nn.silu(self.time_in(numbers))) + self.condition_in(condition.astype(self.dtype))
 
   def modulation(self, t: Num[Array, "*#lead"], condition: Float[Array, "*#lead h"]) -> tuple[Array, ...]:
-    """Of each block (..., 3 D), and of the last layer (..., 2 D)."""
+    """Modulation of each block (..., 3 D), and of the last layer (..., 2 D)."""
     y = self._level(t, condition)
     return (*(block.modulation(y) for block in self.blocks), self.film(nn.silu(y)))
 
   def run(self, x: Float[Array, "*lead c"], modulation: tuple[Array, ...]) -> Float[Array, "*lead c"]:
-    """Velocity or noise (..., C) of x, with what `modulation` gives."""
+    """Velocity or noise (..., C) of x, given the result of `modulation`."""
     x = self.x_in(x.astype(self.dtype))
     for block, film in zip(self.blocks, modulation):
       x = block.run(x, film)
@@ -97,10 +97,10 @@ class DiffusionMLP(nn.Module):
 
 
 class Generator(nn.Module):
-  """A masked transformer and its diffusion head, as they are trained and saved together.
+  """A masked transformer and its diffusion head, trained and saved together.
 
-  transformer: a `MaskedTransformer` or `GatedTransformer`; head: a `DiffusionMLP`. `condition` is the one's call,
-  `predict` the other's; `text_state`, `window`, `modulation` and `run` are the same passes in parts.
+  transformer: a `MaskedTransformer` or `GatedTransformer`; head: a `DiffusionMLP`. `condition` calls the transformer,
+  `predict` the head; `text_state`, `window`, `modulation` and `run` are the same passes in parts.
   """
   transformer: Any
   head: Any

@@ -1,4 +1,4 @@
-"""A gated recurrent unit, PyTorch's."""
+"""A gated recurrent unit with PyTorch's equations."""
 from typing import Any
 
 import flax.linen as nn
@@ -13,9 +13,8 @@ from motion_jax.shapes import Array
 class GRU(nn.Module):
   """A GRU in one direction: x (B, L, W), first state h (B, H), real_mask (B, L) or None -> states (B, L, H).
 
-  A step that is not real leaves the state as it is, so the last state of a padded sequence is that of its last real
-  step (of its first, with reverse). Gates are in the order reset, update, new; the reset gate acts after the hidden
-  bias.
+  Padding leaves the state unchanged, so the last state of a padded sequence is that of its last real step (of its
+  first, with reverse). Gates are in the order reset, update, new; the reset gate is applied after the hidden bias.
   """
   width: int
   reverse: bool = False

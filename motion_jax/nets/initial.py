@@ -1,4 +1,4 @@
-"""Initial parameters as PyTorch draws them, for networks that are to begin as their authors' do."""
+"""PyTorch's initialization, for networks whose reference implementation relies on it."""
 import re
 import zlib
 from typing import Any
@@ -7,16 +7,16 @@ import flax
 import jax
 import jax.numpy as jnp
 
-_STACKED = ("query", "key", "value", "q", "k", "v")  # one matrix of attention in PyTorch
+_STACKED = ("query", "key", "value", "q", "k", "v")  # PyTorch's attention has one matrix for these three
 
 
 def initial_as_pytorch(params: Any, rng: jax.Array, alike: str = "", xavier: bool = False) -> Any:
-  """Initial parameters of transformers as PyTorch draws them.
+  """Draws the parameters of transformers from PyTorch's default distributions.
 
   Kernels and biases of linear layers are uniform within 1 / sqrt(inputs), the three kernels of attention Xavier uniform
-  as one matrix, their biases and that of attention's output 0; norms and other arrays stay. alike: layers whose names
-  begin so begin with the parameters of the first one, as copies of a layer do. xavier: all kernels, but those of layers
-  that are not in a stack, are Xavier uniform.
+  as one matrix, their biases and that of attention's output 0; norms and other arrays are not changed. alike: a name
+  prefix; layers with it get the parameters of the first one, as PyTorch's TransformerEncoder copies its layer. xavier:
+  all kernels of layers in a stack are Xavier uniform.
   """
   flat = flax.traverse_util.flatten_dict(params)
 
@@ -27,7 +27,7 @@ def initial_as_pytorch(params: Any, rng: jax.Array, alike: str = "", xavier: boo
       return leaf
     fan_in, fan_out = kernel.shape
     if name == "bias" and (part in _STACKED or part in ("o", "out") and any(
-        (*path[:-2], one, "kernel") in flat for one in _STACKED)):
+        (*path[:-2], sibling, "kernel") in flat for sibling in _STACKED)):
       return jnp.zeros_like(leaf)
     key = jax.random.fold_in(rng, zlib.crc32("/".join(path).encode()))
     bound = fan_in ** -0.5
@@ -35,9 +35,9 @@ def initial_as_pytorch(params: Any, rng: jax.Array, alike: str = "", xavier: boo
       bound = (6 / (fan_in + (3 if part in _STACKED else 1) * fan_out)) ** 0.5
     return jax.random.uniform(key, leaf.shape, leaf.dtype, -bound, bound)
 
-  made = {path: draw(path, leaf) for path, leaf in flat.items()}
+  drawn = {path: draw(path, leaf) for path, leaf in flat.items()}
   if alike:
     first = lambda path: tuple(f"{alike}0" if re.fullmatch(rf"{alike}\d+", part) else part for part in path)
-    made = {path: made.get(first(path), leaf) if made.get(first(path), leaf).shape == leaf.shape else leaf
-            for path, leaf in made.items()}
-  return flax.traverse_util.unflatten_dict(made)
+    drawn = {path: drawn.get(first(path), leaf) if drawn.get(first(path), leaf).shape == leaf.shape else leaf
+            for path, leaf in drawn.items()}
+  return flax.traverse_util.unflatten_dict(drawn)

@@ -17,7 +17,7 @@ Gaussian = tuple[Float[Array, "b n d"], Float[Array, "b n d"]]  # mean and log-v
 
 def positions(module: nn.Module, name: str, x: Float[Array, "b l d"], max_length: int, kind: str = "learned"
               ) -> Float[Array, "b l d"]:
-  """x with its positions: rows of a learned table, or, of kind "sines", of the fixed one."""
+  """Adds positions to x: rows of a learned table or, with kind "sines", of the sinusoidal one."""
   length, width = x.shape[1:]
   if kind == "sines":
     return x + jnp.asarray(sinusoid_table(length, width), x.dtype)
@@ -91,9 +91,9 @@ class TokenDecoder(nn.Module):
 class TokenVAE(nn.Module):
   """MLD's VAE: x (B, T, F) normalized features of frame_mask (B, T) <-> z (B, num_tokens, latent_dim).
 
-  distribution: where mean and log-variance come from, tokens of their own or one "linear" layer. decoder: frames attend
-  to z as to a "memory", or stand behind it in a sequence of an "encoder". positions: "learned" or "sines". The released
-  models have the first of each. latent_width: numbers of a latent, through a linear layer on either side; 0: width.
+  distribution: where mean and log-variance come from, "tokens" for each or one "linear" layer. decoder: frames attend
+  to z as a "memory", or follow it in the sequence of an "encoder". positions: "learned" or "sines". The released
+  models have the first of each. latent_width: numbers of a latent, by a linear layer before and after; 0: width.
   """
   features: int = 263
   width: int = 256
@@ -105,7 +105,7 @@ class TokenVAE(nn.Module):
   distribution: str = "tokens"
   decoder: str = "memory"
   position_kind: str = "learned"
-  max_length: int = 500  # of learned positions, those of the tokens among them
+  max_length: int = 500  # number of learned positions, including those of the tokens
   latent_width: int = 0
   dtype: Any = jnp.float32
 
@@ -144,11 +144,11 @@ class TokenVAE(nn.Module):
 
 
 class TokenDenoiser(nn.Module):
-  """MLD's: z (B, N, D) noisy latents at steps t (B,), text_emb (B, S, E) -> the noise, or what it learned, (B, N, D).
+  """MLD's denoiser: z (B, N, D) noisy latents at steps t (B,), text_emb (B, S, E) -> predicted noise (B, N, D).
 
-  With `features` it is the variant without a VAE: x (B, T, features) -> (B, T, features), frames attending to each
-  other, those of frame_mask (B, T), and to time and words. latent_width: numbers of a latent, through a linear layer on
-  either side; 0: width, and no layers.
+  A network trained for another target predicts that. With `features` it is the variant without a VAE:
+  x (B, T, features) -> (B, T, features), real frames of frame_mask (B, T) attending to each other, to time and to
+  words. latent_width: numbers of a latent, by a linear layer before and after; 0: width, without these layers.
   """
   width: int = 256
   depth: int = 9

@@ -1,6 +1,6 @@
-"""A causal transformer of LLaMA's layers over a caption and latents, in pieces that a key-value cache can use.
+"""MotionStreamer's causal transformer: LLaMA's layers over a caption and latents, with a key-value cache.
 
-MotionStreamer's (docs/papers/motionstreamer.md#transformer); its rows condition a diffusion head (`diffusion_mlp`).
+Its outputs condition a diffusion head, `diffusion_mlp` (docs/papers/motionstreamer.md#transformer).
 """
 import math
 from typing import Any, NamedTuple
@@ -20,18 +20,18 @@ EPS = 1e-5
 
 
 class LlamaCache(NamedTuple):
-  """Keys, turned by their places, and values of all layers (N, B, max_length, H, K), and how many places are filled."""
+  """Rotated keys and values of all layers (N, B, max_length, H, K), and how many positions are filled."""
   keys: Float[Array, "n b s h k"]
   values: Float[Array, "n b s h k"]
   length: Int[Array, ""]
 
 
 class LlamaBlock(nn.Module):
-  """Attention and a gated feed-forward part, each behind an RMS norm and without biases.
+  """Attention and a gated feed-forward part, each after an RMS norm and without biases.
 
-  Queries and keys have length 1 and are turned by their places; scores are multiplied by a number that is no trained
-  parameter, `logit_scale`. Shapes: x (B, L, D), positions (L,), attn_mask (1, 1, L, S); past: keys and values
-  (B, S, H, K) of a cache, of which the L places from `start` are replaced by those of x.
+  Queries and keys are normalized to length 1 and rotated by their positions; scores are multiplied by `logit_scale`,
+  which is not trained. Shapes: x (B, L, D), positions (L,), attn_mask (1, 1, L, S); past: keys and values
+  (B, S, H, K) of a cache, in which the L positions from `start` are replaced by those of x.
   """
   num_heads: int
   mlp_width: int
@@ -65,15 +65,15 @@ class LatentLlama(nn.Module):
   """text_emb (B, E), latents (B, L, C) -> conditions (B, 1 + L, D): row i, of the caption and i latents, is for the
   latent that follows.
 
-  At most max_length - 1 latents. `init_cache`, `extend`: the same rows, some at a time.
+  At most max_length - 1 latents. `init_cache` and `extend` compute the same rows, a few at a time.
   """
   latent_dim: int = 16
   width: int = 768
   depth: int = 12
   num_heads: int = 12
   text_dim: int = 768
-  max_length: int = 78  # rows, the caption's among them
-  mlp_width: int = 0    # 0: two thirds of four times the width, up to a multiple of 256
+  max_length: int = 78  # rows, including the caption's
+  mlp_width: int = 0    # 0: 8 / 3 of the width, rounded up to a multiple of 256
   dtype: Any = jnp.float32
 
   def setup(self) -> None:
@@ -86,7 +86,7 @@ class LatentLlama(nn.Module):
     self.out = Dense(self.width, dtype=self.dtype)
 
   def tokens(self, text_emb: Float[Array, "b e"], latents: Float[Array, "b l c"]) -> Float[Array, "b 1+l d"]:
-    """The rows that enter the blocks: the caption's, then those of the latents."""
+    """Input rows of the blocks: the caption's, then those of the latents."""
     return jnp.concatenate([self.text_in(text_emb.astype(self.dtype))[:, None],
                             self.x_in(latents.astype(self.dtype))], axis=1)
 
@@ -100,14 +100,14 @@ class LatentLlama(nn.Module):
     return self.out(self.norm(x))
 
   def init_cache(self, batch: Whole) -> LlamaCache:
-    """A cache in which no place is filled."""
+    """An empty cache."""
     shape = (self.depth, batch, self.max_length, self.num_heads, self.width // self.num_heads)
     return LlamaCache(jnp.zeros(shape, self.dtype), jnp.zeros(shape, self.dtype), jnp.zeros((), jnp.int32))
 
   def extend(self, tokens: Float[Array, "b n d"], cache: LlamaCache) -> tuple[Float[Array, "b n d"], LlamaCache]:
-    """(conditions of the next rows, cache with them); tokens as `tokens` makes them.
+    """-> (conditions of the next rows, cache with them); tokens: of `tokens`.
 
-    Rows behind the filled places are seen by none, so rows that were put too far are overwritten.
+    Rows after the filled positions are masked, so rows written there earlier do no harm and are overwritten.
     """
     count = tokens.shape[1]
     places = cache.length + jnp.arange(count)
@@ -120,16 +120,16 @@ class LatentLlama(nn.Module):
     return self.out(self.norm(x)), LlamaCache(keys, values, cache.length + count)
 
   def start(self, text_emb: Float[Array, "b e"]) -> Float[Array, "b 1 d"]:
-    """The caption's row."""
+    """The caption's input row."""
     return self.text_in(text_emb.astype(self.dtype))[:, None]
 
   def follow(self, latents: Float[Array, "b n c"]) -> Float[Array, "b n d"]:
-    """The rows of latents."""
+    """The latents' input rows."""
     return self.x_in(latents.astype(self.dtype))
 
 
 class LatentGenerator(nn.Module):
-  """A `LatentLlama` and its diffusion head, as they are trained and saved together."""
+  """A `LatentLlama` and its diffusion head, trained and saved together."""
   transformer: LatentLlama
   head: DiffusionMLP
 
@@ -138,18 +138,18 @@ class LatentGenerator(nn.Module):
 
   def predict(self, x: Float[Array, "*lead c"], t: Int[Array, "*#lead"], condition: Float[Array, "*#lead d"]
               ) -> Float[Array, "*lead c"]:
-    """The noise in latents x at steps t."""
+    """Predicts the noise in latents x at steps t."""
     return self.head(x, t, condition)
 
   def init_cache(self, batch: Whole) -> LlamaCache:
     return self.transformer.init_cache(batch)
 
   def begin(self, text_emb: Float[Array, "b e"], cache: LlamaCache) -> tuple[Float[Array, "b 1 d"], LlamaCache]:
-    """(conditions, cache) of the caption, the first row."""
+    """-> (conditions, cache) after the caption, the first row."""
     return self.transformer.extend(self.transformer.start(text_emb), cache)
 
   def extend(self, latents: Float[Array, "b n c"], cache: LlamaCache) -> tuple[Float[Array, "b n d"], LlamaCache]:
-    """(conditions, cache) of further latents."""
+    """-> (conditions, cache) after further latents."""
     return self.transformer.extend(self.transformer.follow(latents), cache)
 
   def __call__(self, text_emb: Float[Array, "b e"], latents: Float[Array, "b l c"], t: Int[Array, "*#lead"]

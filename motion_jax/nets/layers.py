@@ -15,11 +15,11 @@ from motion_jax.shapes import Array
 
 @functools.partial(jax.custom_vjp, nondiff_argnums=(2, 3))
 def dot_general(x: Array, kernel: Array, dimension_numbers: Any, precision: Any = None) -> Array:
-  """`lax.dot_general` of x (..., D) and a kernel (D, E), as `nn.Dense` calls it; the same numbers, another gradient.
+  """`lax.dot_general` of x (..., D) and a kernel (D, E), with a gradient that is faster on CPU.
 
-  JAX's own gradient of the kernel is the transpose of a product of the output's gradient with x, which XLA's CPU
-  computes at half the speed of a product of x with that gradient. Not under `jax.vmap`, which would make a gradient of
-  the kernel for each item and add them up.
+  It has the signature that `nn.Dense` expects and the same output. JAX's gradient of the kernel is the transpose of a
+  product of the output's gradient with x, which XLA computes on CPU at half the speed of a product of x with that
+  gradient. Not under `jax.vmap`, which would compute a gradient of the kernel for each item and add them up.
   """
   return lax.dot_general(x, kernel, dimension_numbers, precision)
 
@@ -31,7 +31,7 @@ def _forward(x: Array, kernel: Array, dimension_numbers: Any, precision: Any) ->
 def _backward(dimension_numbers: Any, precision: Any, residuals: tuple[Array, Array], grad: Array
               ) -> tuple[Array, Array]:
   x, kernel = residuals
-  # Both of two axes: with more, XLA would transpose x into a copy, for which it computes what made x once more.
+  # Both with two axes: with more, XLA would transpose x into a copy, for which it recomputes x.
   rows = lambda array: array.reshape(-1, array.shape[-1])
   return (lax.dot_general(grad, kernel, (((grad.ndim - 1,), (1,)), ((), ())), precision),
           lax.dot_general(rows(x), rows(grad), (((0,), (0,)), ((), ())), precision))
@@ -48,7 +48,7 @@ def Dense(features: int, axes: Axes = (None, None), kernel_init: Callable[..., A
 
 
 def promote_to_f32(dtype: Any) -> Any:
-  """The dtype for norms, angles and softmax: float32, or float64 where `dtype` is."""
+  """The dtype for norms, angles and softmax: float64 if `dtype` is float64, else float32."""
   return jnp.promote_types(dtype, jnp.float32)
 
 
@@ -69,7 +69,7 @@ def timestep_embedding(t: Num[Array, "*lead"], count: int = 256) -> Float[Array,
 def broadcast_to_length(x: Float[Array, "b m *lead d"], count: int) -> Float[Array, "b l *lead d"]:
   """Repeat each row `count` times: (B, M, ...) -> (B, M * count, ...).
 
-  Its gradient is a sum of slices, which XLA's CPU computes many times faster than the reduction that is the gradient
+  Its gradient is a sum of slices, which XLA computes on CPU many times faster than the reduction that is the gradient
   of `jnp.repeat`.
   """
   return jnp.repeat(x, count, axis=1)
@@ -80,9 +80,9 @@ broadcast_to_length.defvjp(lambda x, count: (broadcast_to_length(x, count), None
 
 
 class Dropout(nn.Module):
-  """Dropout of x (B, ...) where `items` (B,) are given, places of the rows in the whole batch; without them x itself.
+  """Dropout of x (B, ...) if `items` (B,), places of the rows in the whole batch, are given; else x unchanged.
 
-  What an item loses depends on its place and the "dropout" rng alone, so it is the same on any number of devices.
+  The mask of an item depends on its place and the "dropout" rng alone, so it is the same on any number of devices.
   """
   rate: float
 
@@ -94,7 +94,7 @@ class Dropout(nn.Module):
     rng, shape = self.make_rng("dropout"), x.shape[1:]
     count = functools.reduce(lambda a, b: a * b, shape)
 
-    def of_item(item):  # 16 bits decide about a number: half the random bits that a float would take
+    def of_item(item):  # 16 random bits per number, half of what a float would take
       bits = jax.random.bits(jax.random.fold_in(rng, item), (-(-count // 2),), jnp.uint32)
       return lax.bitcast_convert_type(bits, jnp.uint16).reshape(-1)[:count].reshape(shape)
 

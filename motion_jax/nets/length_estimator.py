@@ -1,4 +1,4 @@
-"""MARDM's length estimator: how long the motion of a sentence is likely to be (docs/papers/cdamd.md#length)."""
+"""MARDM's length estimator: a distribution of motion lengths for a sentence (docs/papers/cdamd.md#length)."""
 from typing import Any
 
 import flax.linen as nn

@@ -1,7 +1,7 @@
 """Masked transformers: from latents, some of them masked, and a caption to a condition for every latent's diffusion.
 
-CDAMD's and, as its baseline, MARDM's (docs/papers/cdamd.md#masked-transformer). Both give (B, L, D), the residual
-stream of their last block, to `nets.diffusion_mlp`, which makes a latent of each row.
+CDAMD's and, as its baseline, MARDM's (docs/papers/cdamd.md#masked-transformer). Both return (B, L, D), the residual
+stream of their last block; `nets.diffusion_mlp` generates a latent from each row.
 """
 import functools
 from typing import Any, NamedTuple
@@ -43,7 +43,7 @@ Cache = tuple[Array, Array]  # keys and values (B, L, H, D / H) of one block's s
 
 
 def with_window(cache: Cache | None, window: Cache, start: Int[Array, " b"] | None) -> Cache:
-  """The cache with the keys and values of a window at the positions from start on; None: the window is everything."""
+  """Writes a window's keys and values into the cache from position start on; without start the window is the whole."""
   if cache is None or start is None:
     return window
   put = jax.vmap(functools.partial(jax.lax.dynamic_update_slice_in_dim, axis=0))
@@ -51,21 +51,21 @@ def with_window(cache: Cache | None, window: Cache, start: Int[Array, " b"] | No
 
 
 def rows_from(table: Float[Array, "l d"], start: Int[Array, " b"] | None, count: int) -> Float[Array, "#b w d"]:
-  """`count` rows of a table of positions, from the first or, for each motion, from start on."""
+  """`count` rows of a table of positions, from the first or, with start (B,), from each motion's start on."""
   if start is None:
     return table[None, :count]
   return jax.vmap(lambda first: jax.lax.dynamic_slice_in_dim(table, first, count))(start)
 
 
 def empty_caches(transformer: Any, batch: int, length: int) -> tuple[Cache, ...]:
-  """Caches of all blocks for `window`, before its first."""
+  """Empty caches of all blocks, for the first `window`."""
   shape = (batch, length, transformer.num_heads, transformer.width // transformer.num_heads)
   return tuple((jnp.zeros(shape, transformer.dtype), jnp.zeros(shape, transformer.dtype))
                for _ in range(transformer.depth))
 
 
 class Inputs(nn.Module):
-  """What both transformers begin with: latents and words as tokens, and the latent that stands for a masked one."""
+  """Input layers of both transformers: embeddings of latents and words, and the learned mask token."""
   latent_dim: int
   width: int
   text_scale: float
@@ -80,7 +80,7 @@ class Inputs(nn.Module):
 
   def embed(self, tokens: Float[Array, "b l d"], items: Int[Array, " b"] | None,
             start: Int[Array, " b"] | None = None, length: int = 0) -> Float[Array, "b l d"]:
-    """Tokens (B, L, D) with their fixed positions, from start on of `length`, then dropout."""
+    """Tokens (B, L, D) plus sinusoidal positions, from start on of `length`, then dropout."""
     table = sinusoids(length or tokens.shape[1], tokens.shape[2], self.dtype)
     return self.drop(tokens + rows_from(table, start, tokens.shape[1]), items)
 
@@ -92,19 +92,19 @@ class Inputs(nn.Module):
     return self.text_in(text_emb.astype(self.dtype) * self.text_scale)
 
   def mask_token(self) -> Float[Array, "1 1 c"]:
-    """(1, 1, C): what a masked latent is replaced by."""
+    """The learned latent (1, 1, C) that replaces masked ones."""
     return self.mask_latent
 
 
 class TextState(NamedTuple):
-  """What a caption gives to one block: scale and shift of each norm (B, 1, D), and keys and values (B, S, H, D / H) of
-  the cross-attention or, where there is a single token to attend to, its output (B, 1, D)."""
+  """A caption's precomputed inputs of one block: scale and shift of each norm (B, 1, D), and keys and values
+  (B, S, H, D / H) of the cross-attention or, with a single token to attend to, its output (B, 1, D)."""
   modulation: tuple[tuple[Array, Array], ...]
   cross: Any
 
 
 class Block(nn.Module):
-  """Self-attention, cross-attention to the conditions, feed-forward, each behind a norm that the caption modulates.
+  """Self-attention, cross-attention to the conditions, feed-forward, each after a norm that the caption modulates.
 
   Shapes: x (B, L, D), cond (B, S + L, D), text (B, 1, D), masks (B, 1, L, L) and (B, 1, L, S + L) -> (B, L, D).
   """
@@ -129,7 +129,7 @@ class Block(nn.Module):
   def text_state(self, cond: Float[Array, "b s d"], text: Float[Array, "b 1 d"], training: bool = False) -> TextState:
     scales, shifts = (self.scale1, self.scale2, self.scale3), (self.shift1, self.shift2, self.shift3)
     keys, values = self.cross_attn.keys_values(cond)
-    # A softmax over a single key is 1, whatever the query; training drops that weight, too, and init needs all layers.
+    # A softmax over a single key is 1 for any query. Not in training, where dropout acts on it, nor in init.
     single = keys.shape[1] == 1 and not training and not self.is_initializing()
     return TextState(tuple((scale(text), shift(text)) for scale, shift in zip(scales, shifts)),
                      self.cross_attn.output(values) if single else (keys, values))
@@ -137,7 +137,7 @@ class Block(nn.Module):
   def run(self, x: Float[Array, "b w d"], state: TextState, attn_mask: Bool[Array, "#b 1 w l"],
           cross_mask: Bool[Array, "b 1 w s"], items: Int[Array, " b"] | None = None, cache: Cache | None = None,
           start: Int[Array, " b"] | None = None) -> tuple[Float[Array, "b w d"], Cache]:
-    """x at the positions from start on, others' keys and values being in the cache -> (y, the cache with these)."""
+    """Runs x at the positions from start on, with other positions' keys and values in the cache -> (y, new cache)."""
     drop_weights = None if items is None or not self.dropout else functools.partial(self.drops[0], items=items)
     norm = lambda x, i: self.norm(x) * (1 + state.modulation[i][0]) + state.modulation[i][1]
     y = norm(x, 0)
@@ -160,13 +160,13 @@ class Block(nn.Module):
 
 
 class MaskedTransformer(nn.Module):
-  """CDAMD's: x (B, L, C) latents, the masked ones replaced by `mask_token()`, zero at padding -> conditions (B, L, D).
+  """CDAMD's transformer: latents x (B, L, C) -> conditions (B, L, D).
 
-  text_emb (B, S, E): a sentence vector (S = 1) or words, of which the first modulates the norms; all 0 stands for no
-  caption. text_mask (B, S). attn_mask (B, 1, L, L), see `nets.masks.latent_mask`; prior tokens are looked at like the
-  latents whose codes they are. codes: of one level (B, L), or of several (B, L, Q), or None; prior_mask (B,) False
-  takes an item's codes away, which is the same as None. items (B,), places in the whole batch, switch on dropout, which
-  needs rngs={"dropout": key}.
+  Masked latents are `mask_token()`, padding is zero. text_emb (B, S, E): a sentence vector (S = 1) or words, of which
+  the first modulates the norms; all 0 stands for no caption. text_mask (B, S). attn_mask (B, 1, L, L), see
+  `nets.masks.latent_mask`; it also applies to prior tokens, as to the latents whose codes they embed. codes: of one
+  level (B, L), or of several (B, L, Q), or None; prior_mask (B,) False drops an item's codes, which is the same as
+  None. items (B,), places in the whole batch, switch on dropout, which needs rngs={"dropout": key}.
   """
   latent_dim: int = 512
   width: int = 512
@@ -177,11 +177,11 @@ class MaskedTransformer(nn.Module):
   text_scale: float = 1.0  # sqrt(text_dim) for sentence vectors of length 1; CLIP's are ten times as long
   num_codes: int = 1027  # Parity: rows of the reference's table, of which 512 are used
   num_levels: int = 4
-  separate_levels: bool = False  # a table for each level and their sum, instead of one for all and the mean
+  separate_levels: bool = False  # sum of one table per level, instead of the mean of one table for all
   max_length: int = 200
   dropout: float = 0.2
   dtype: Any = jnp.float32
-  remat: bool = False  # a gradient computes what is inside of a block once more, instead of keeping it
+  remat: bool = False  # recompute each block in the backward pass instead of storing its activations
   attention: str = "xla"  # of `attention.dot_product_attention`; attention with dropout is always plain
 
   def setup(self) -> None:
@@ -203,31 +203,31 @@ class MaskedTransformer(nn.Module):
     return self.inputs.mask_token()
 
   def text_state(self, text_emb: Float[Array, "b s e"]) -> tuple[TextState, ...]:
-    """What `window` takes of a caption, of each block."""
+    """Each block's `TextState` of a caption, for `window`."""
     words = self.inputs.words(text_emb)
     return tuple(block.text_state(words, words[:, :1]) for block in self.blocks)
 
   def window(self, x: Float[Array, "b w c"], state: tuple[TextState, ...], attn_mask: Bool[Array, "#b 1 w l"],
              text_mask: Bool[Array, "b s"] | None = None, caches: tuple[Cache, ...] | None = None,
              start: Int[Array, " b"] | None = None) -> tuple[Float[Array, "b w d"], tuple[Cache, ...]]:
-    """Conditions of W latents of each motion from position start (B,) on, and the caches of all L, which these join.
+    """Conditions of W latents of each motion from position start (B,) on, and the updated caches of all L.
 
-    Without start the window is everything. As `__call__` without codes.
+    Without start the window is the whole motion. The result is that of `__call__` without codes.
     """
     positions = rows_from(self.positions[0], start, x.shape[1]).astype(self.dtype)
     y = self.inputs.latents(x, None, start, attn_mask.shape[-1]) + positions
     if text_mask is None:
       text_mask = jnp.ones((x.shape[0], 1), bool)
     cross_mask = jnp.broadcast_to(text_mask[:, None, None], (x.shape[0], 1, x.shape[1], text_mask.shape[1]))
-    made = []
+    new_caches = []
     for i, block in enumerate(self.blocks):
       y, cache = block.run(y, state[i], attn_mask, cross_mask, cache=caches[i] if caches else None, start=start)
-      made.append(cache)
-    return y, tuple(made)
+      new_caches.append(cache)
+    return y, tuple(new_caches)
 
   def prior(self, codes: Int[Array, "b l *q"]) -> Float[Array, "b l d"]:
-    """Prior tokens (B, L, D). Several levels have a row of their own added and are averaged, one alone has not."""
-    # Parity: the paper does not say how levels are put together; this is the code's way, separate_levels the option.
+    """Prior tokens (B, L, D): embedded codes; of several levels the mean, each with a learned row added, or the sum."""
+    # Parity: the paper does not say how levels are combined; this is the code's way, separate_levels an option.
     if self.separate_levels:
       codes = codes[..., None] if codes.ndim == 2 else codes
       return self.code_table[jnp.arange(codes.shape[-1]), codes].sum(-2).astype(self.dtype)
@@ -259,7 +259,7 @@ class MaskedTransformer(nn.Module):
 
 
 class GatedBlock(nn.Module):
-  """Self-attention and feed-forward whose scale, shift and gate come from the caption; the identity at first."""
+  """Self-attention and feed-forward with scale, shift and gate from the caption; the identity at initialization."""
   width: int
   num_heads: int
   ff_width: int
@@ -299,7 +299,7 @@ class GatedBlock(nn.Module):
 
 
 class GatedTransformer(nn.Module):
-  """MARDM's, called like `MaskedTransformer`; it has no prior and takes the first word's vector.
+  """MARDM's transformer, called like `MaskedTransformer`; it has no prior and uses the first word's vector only.
 
   Source: docs/papers/cdamd.md#mardm.
   """
@@ -312,7 +312,7 @@ class GatedTransformer(nn.Module):
   text_scale: float = 1.0
   dropout: float = 0.2
   dtype: Any = jnp.float32
-  remat: bool = False  # a gradient computes what is inside of a block once more, instead of keeping it
+  remat: bool = False  # recompute each block in the backward pass instead of storing its activations
   attention: str = "xla"  # of `attention.dot_product_attention`; attention with dropout is always plain
 
   def setup(self) -> None:
@@ -333,11 +333,11 @@ class GatedTransformer(nn.Module):
              start: Int[Array, " b"] | None = None) -> tuple[Float[Array, "b w d"], tuple[Cache, ...]]:
     """As `MaskedTransformer.window`."""
     length = attn_mask.shape[-1]
-    y, made = self.inputs.latents(x, None, start, length), []
+    y, new_caches = self.inputs.latents(x, None, start, length), []
     for i, block in enumerate(self.blocks):
       y, cache = block.run(y, state[i], attn_mask, cache=caches[i] if caches else None, start=start)
-      made.append(cache)
-    return y, tuple(made)
+      new_caches.append(cache)
+    return y, tuple(new_caches)
 
   def __call__(self, x: Float[Array, "b l c"], text_emb: Float[Array, "b s e"], attn_mask: Bool[Array, "#b 1 l l"],
                codes: Int[Array, "b l *q"] | None = None, prior_mask: Bool[Array, " b"] | None = None,

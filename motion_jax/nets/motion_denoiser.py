@@ -1,4 +1,4 @@
-"""MDM's network: noisy features of all frames and a caption to the clean features (docs/papers/mdm.md#network)."""
+"""MDM's network: from noisy features of all frames and a caption to the clean features (docs/papers/mdm.md#network)."""
 from typing import Any
 
 import flax.linen as nn
@@ -17,16 +17,15 @@ class MotionDenoiser(nn.Module):
   """x (B, T, F) noisy features at diffusion steps t (B,), from 0 = least noise -> clean features (B, T, F).
 
   text_emb (B, S, E): a sentence vector (S = 1) or words; all 0 stands for no caption. text_mask (B, S). frame_mask
-  (B, T): frames that are no padding; without it padding is attended to like any frame. prefix (B, P, F): clean frames
-  right before those of x, which the network reads and does not return. goals (B, num_goals, 4): three coordinates and
-  whether they count (1 or 0), of a network with goals; None: no goal and no part of its embedding, and so are those of
-  motions that are not in goals_mask (B,). items (B,), places in the whole batch, switch on dropout, which needs
-  rngs={"dropout": key}.
+  (B, T): True = real; without it padding is attended to like any frame. prefix (B, P, F): clean frames directly before
+  those of x, which the network reads and does not return. goals (B, num_goals, 4), for a network with goals: three
+  coordinates and 1, or 0 for an unused goal; without goals, and for motions whose goals_mask (B,) is False, no
+  embedding is added. items (B,), places in the whole batch, switch on dropout, which needs rngs={"dropout": key}.
 
-  kind "encoder": a token of time and first word in front of the frames, post-norm encoder layers over all of them.
-  "decoder": frames attend to each other and to the words, each with the time added; time_token puts the time in front
-  of the frames, too. "gru": recurrent layers over the frames, each frame with the token's features.
-  An action model is one whose "caption" is a one-hot vector of its action.
+  kind "encoder": post-norm encoder layers over a token, time plus first word, and the frames. "decoder": frames attend
+  to each other and to the words, each with the time added; with time_token the time is also a token before the frames.
+  "gru": recurrent layers over the frames, each concatenated with the token.
+  In an action model the "caption" is a one-hot vector of the action.
   """
   features: int = 263
   width: int = 512
@@ -37,7 +36,7 @@ class MotionDenoiser(nn.Module):
   kind: str = "encoder"
   time_token: bool = False
   num_goals: int = 0
-  num_steps: int = 1000  # of training; t is below it
+  num_steps: int = 1000  # diffusion steps in training: t < num_steps
   dropout: float = 0.1
   dtype: Any = jnp.float32
 
@@ -64,7 +63,7 @@ class MotionDenoiser(nn.Module):
     return self.time_out(nn.silu(self.time_in(rows)))
 
   def text(self, text_emb: Float[Array, "b s e"]) -> Float[Array, "b s d"]:
-    """The embedding (B, S, D) of words (B, S, E); that of no caption is the layer's bias."""
+    """The embedding (B, S, D) of words (B, S, E); for no caption, zeros, it is the layer's bias."""
     return self.text_in(text_emb.astype(self.dtype))
 
   def goal(self, goals: Float[Array, "b g 4"]) -> Float[Array, "b d"]:

@@ -1,4 +1,4 @@
-"""MotionPatches: a motion as an image, time downwards and the body's chains side by side, seen by a vision transformer.
+"""MotionPatches: a vision transformer on a motion as an image, time downwards and the body's chains side by side.
 
 Yu, Tanaka, Fujiwara: "Exploring Vision Transformers for 3D Human Motion-Language Models with Motion Patches", CVPR 2024
 (docs/papers/cmdm.md#motionpatches). A teacher of CMDM's Table 9.
@@ -18,7 +18,7 @@ from motion_jax.shapes import Array
 def resample(num_joints: int, num_points: int) -> Float[np.ndarray, "{num_points} {num_joints}"]:
   """Weights (num_points, num_joints) that put points along a chain of joints, linear between neighbours.
 
-  Point i lies at (i + 1/2) num_joints / num_points - 1/2, held at both ends, as an image is resized by pixel centres.
+  Point i lies at (i + 1/2) num_joints / num_points - 1/2, clamped to the ends, as in resizing an image.
   """
   place = (np.arange(num_points) + 0.5) * num_joints / num_points - 0.5
   place = np.clip(place, 0, num_joints - 1)
@@ -26,7 +26,7 @@ def resample(num_joints: int, num_points: int) -> Float[np.ndarray, "{num_points
 
 
 def kit_frames(num_rows: int) -> Int[np.ndarray, " {num_rows}"]:
-  """Which frame at 12.5 a second each of num_rows image rows at 20 shows: of every 12 frames 20 rows are made."""
+  """Which frame at 12.5 per second each of num_rows image rows at 20 per second shows: 20 rows for every 12 frames."""
   row = np.arange(num_rows)
   return 12 * (row // 20) + (0.625 * (row % 20)).astype(int)
 
@@ -35,13 +35,13 @@ class MotionPatches(Teacher):
   """A vision transformer on an image of (3 axes, num_rows frames, num_points for each chain), cut into square patches.
 
   chains: for each chain its joints, each as three columns of the normalized features, -1 where a coordinate is 0 by
-  definition (`motion.body_parts.chain_columns`); the layout "coordinates" gives the published image. A shorter clip has
-  zeros behind it, and the network sees them: there is no mask. A longer one is cut. upsample: KIT's 12.5 frames a
+  definition (`motion.body_parts.chain_columns`); the layout "coordinates" gives the published image. A shorter clip is
+  padded with zeros, which the network sees, as it has no mask; a longer one is cut. upsample: KIT's 12.5 frames per
   second are shown at 20 (`kit_frames`).
 
-  Parity: a clip's vector is of the mean over all patch tokens, then a norm, then the head. A frame's feature, which the
-  paper does not define, is the same of the tokens of its row of patches (docs/papers/cmdm.md#frame-features). dropout
-  and pool of the other teachers have no meaning here.
+  Parity: a clip's vector is the mean over all patch tokens, then a norm, then the head. A frame's feature, which the
+  paper does not define, is the same over its row of patches (docs/papers/cmdm.md#frame-features). dropout and pool of
+  the other teachers are not used.
   """
   chains: Sequence[Sequence[Sequence[int]]] = ()
   num_points: int = 16
@@ -58,12 +58,12 @@ class MotionPatches(Teacher):
 
   @property
   def grid(self) -> tuple[int, int]:
-    """Patches downwards and across."""
+    """Numbers of patches, downwards and across."""
     return self.num_rows // self.patch, len(self.chains) * self.num_points // self.patch
 
   @property
   def max_frames(self) -> int:
-    """The most frames of a clip that the image shows."""
+    """How many frames of a clip fit the image."""
     return int(kit_frames(self.num_rows)[-1]) + 1 if self.upsample else self.num_rows
 
   def image(self, x: Float[Array, "b t f"], frame_mask: Bool[Array, "b t"] | None = None
@@ -92,7 +92,7 @@ class MotionPatches(Teacher):
 
   def hidden(self, x: Float[Array, "b t f"], frame_mask: Bool[Array, "b t"] | None = None, deterministic: bool = True
              ) -> Float[Array, "b t d"]:
-    """For each frame what its row of patches shows, before the head: (B, T, D)."""
+    """Each frame's mean over its row of patch tokens, before the head: (B, T, D)."""
     rows = self.tokens(x, frame_mask)[:, 1:].reshape(len(x), *self.grid, -1).mean(2)
     shown = kit_frames(self.num_rows) if self.upsample else np.arange(self.num_rows)
     first = np.searchsorted(shown, np.arange(min(x.shape[1], self.max_frames)))  # the first image row of each frame
@@ -102,5 +102,5 @@ class MotionPatches(Teacher):
 
   def motion_vector(self, x: Float[Array, "b t f"], frame_mask: Bool[Array, "b t"] | None = None,
                     deterministic: bool = True) -> Float[Array, "b e"]:
-    """One vector per motion (B, E), not of unit length."""
+    """One vector per motion (B, E), not normalized."""
     return self.motion_projection(self.features(x, frame_mask), deterministic)

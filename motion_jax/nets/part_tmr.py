@@ -19,7 +19,7 @@ from motion_jax.shapes import Array
 
 
 class PartEncoder(nn.Module):
-  """One part's stream through a bidirectional transformer; x (B, T, n) -> (B, T, D), and of its token (B, D)."""
+  """A bidirectional transformer over one part's columns: x (B, T, n) -> frames (B, T, D) and class token (B, D)."""
   width: int
   depth: int
   num_heads: int
@@ -58,10 +58,10 @@ class ProjectionHead(nn.Module):
 
 
 class Teacher(nn.Module):
-  """What all motion-language teachers share: heads, pools and the temperature; a subclass says how motion is encoded.
+  """Base of the motion-language teachers: heads, pooling and temperature; a subclass defines `encode_motion`.
 
-  `frames` gives a feature per frame (B, T, E), `motion_vector` one per motion (B, E), `text_head` turns the first
-  hidden state (B, W) of the text transformer, a module of its own (`text.bert`), into one. x (B, T, F) normalized
+  `frames` gives a feature per frame (B, T, E), `motion_vector` one per motion (B, E), `text_head` one per sentence from
+  the first hidden state (B, W) of the text transformer, a separate module (`text.bert`). x (B, T, F) normalized
   features, frame_mask (B, T) True = real.
   """
   width: int = 512
@@ -95,7 +95,7 @@ class Teacher(nn.Module):
 
   def frames(self, x: Float[Array, "b t f"], frame_mask: Bool[Array, "#b t"] | None = None, deterministic: bool = True
              ) -> Float[Array, "b t e"]:
-    """What the tokenizer is aligned with: a feature per frame (B, T, E)."""
+    """A feature per frame (B, T, E), the target of the tokenizer's alignment loss."""
     return self.motion_projection(self.hidden(x, frame_mask, deterministic), deterministic)
 
   def motion_vector(self, x: Float[Array, "b t f"], frame_mask: Bool[Array, "#b t"] | None = None,
@@ -114,7 +114,7 @@ class Teacher(nn.Module):
     return self.text_projection(hidden, deterministic)
 
   def scale(self) -> Float[Array, ""]:
-    """What cosines are multiplied by: the inverse temperature."""
+    """The inverse temperature, the factor on cosine similarities."""
     return jnp.exp(self.logit_scale)
 
   def __call__(self, x: Float[Array, "b t f"], text_hidden: Float[Array, "b w"]
@@ -125,8 +125,7 @@ class Teacher(nn.Module):
 class PartTMR(Teacher):
   """A transformer per body part; its frame outputs are averaged over the parts.
 
-  parts: ((name, columns), ...) of the normalized features, from `motion.body_parts`; there may be one for the whole
-  body.
+  parts: ((name, columns), ...) of the normalized features, from `motion.body_parts`; one may be the whole body.
   """
   parts: Sequence[Sequence] = ()
 
@@ -141,6 +140,7 @@ class PartTMR(Teacher):
   def encode_motion(self, x: Float[Array, "b t f"], frame_mask: Bool[Array, "#b t"] | None, deterministic: bool
                     ) -> tuple[Float[Array, "b t d"], Float[Array, "b d"]]:
     streams = self.split(x)
-    made = [encoder(streams[name], frame_mask, deterministic) for encoder, (name, _) in zip(self.encoders, self.parts)]
-    frames, token = (functools.reduce(operator.add, rows) / len(made) for rows in zip(*made))
+    outputs = [encoder(streams[name], frame_mask, deterministic)
+               for encoder, (name, _) in zip(self.encoders, self.parts)]
+    frames, token = (functools.reduce(operator.add, rows) / len(outputs) for rows in zip(*outputs))
     return frames, token

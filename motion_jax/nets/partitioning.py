@@ -1,12 +1,12 @@
-"""Names for the axes of parameters, by which a mesh shards a network (docs/pods.md#sharding).
+"""Logical names of parameter axes, from which a network's sharding on a mesh follows (docs/pods.md#sharding).
 
-A module states the names of an array once, at its initializer. Rules of a config map names to the axes of a mesh:
+A module names the axes of an array at its initializer. Rules of a config map names to the axes of a mesh:
 
   embed   the residual stream            heads   channels of all attention heads
   mlp     hidden layer of a feed-forward film    shifts, scales and gates of a modulation
   layers  the layers of a stack that is scanned
 
-Arrays and axes without a name stay whole on every device, but for the rule ANY.
+Arrays and axes without a name are replicated on every device, except for the rule ANY.
 """
 import contextlib
 import contextvars
@@ -25,8 +25,8 @@ Axes = tuple[str | None, ...]
 Rules = Sequence[tuple[str, str]]  # (name of an axis of an array, axis of the mesh), in order of precedence
 
 DATA, MODEL = "data", "model"  # the axes of the mesh
-ANY = "*"                      # in a rule: the longest axis of a large array that has no other axis on this one
-LEAST_SHARDED = 1024           # numbers of an array that is sharded over data
+ANY = "*"                      # in a rule: the longest axis of a large array, unless another is on this mesh axis
+LEAST_SHARDED = 1024           # size from which an array is sharded over data
 _TENSOR = (("heads", MODEL), ("mlp", MODEL), ("film", MODEL))
 LAYOUTS: dict[str, Rules] = {
     "replicated": (),
@@ -38,7 +38,7 @@ _boxed = contextvars.ContextVar("boxed", default=False)
 
 
 def partitioned(init: Callable[..., jax.Array], axes: Axes) -> Callable[..., Any]:
-  """An initializer whose array has names for its axes in `axes_of`, and is a plain array everywhere else."""
+  """Wraps an initializer so that `axes_of` sees names of the axes; elsewhere the array is a plain one."""
   named = nn.with_logical_partitioning(init, axes)
   return lambda *args, **fields: (named if _boxed.get() else init)(*args, **fields)
 
@@ -53,20 +53,20 @@ def _boxing() -> Iterator[None]:
 
 
 def axes_of(init: Callable[..., Any], *args: Any) -> Any:
-  """The tree that init(*args) returns with, in place of each array, the names of its axes: one name or None for each.
+  """The tree of init(*args) with each array replaced by the names of its axes, a name or None for each.
 
-  Nothing is computed. An array that was stacked after its initialization has the axis "layers" in front.
+  It only traces init. An array that was stacked after its initialization has a first axis "layers".
   """
   with _boxing():
-    boxed = jax.eval_shape(lambda *args: init(*args), *args)  # a new function: the traces of others are not boxed
+    boxed = jax.eval_shape(lambda *args: init(*args), *args)  # a new function: no cached trace without boxes
   is_box = lambda node: isinstance(node, nn.LogicallyPartitioned)
 
   def names(leaf: Any) -> Axes:
-    found, array = (leaf.names, leaf.value) if is_box(leaf) else ((), leaf)
+    axes, array = (leaf.names, leaf.value) if is_box(leaf) else ((), leaf)
     if not hasattr(array, "ndim"):
-      return array  # an optimizer's mark that it leaves this parameter to another one
-    missing = array.ndim - len(found)
-    return ("layers" if found else None,) * missing + tuple(found)
+      return array  # an optimizer's marker (optax.MaskedNode) for a parameter of another optimizer
+    missing = array.ndim - len(axes)
+    return ("layers" if axes else None,) * missing + tuple(axes)
 
   return jax.tree.map(names, boxed, is_leaf=is_box)
 
@@ -79,8 +79,8 @@ def is_axes(node: Any) -> bool:
 def shardings(axes: Any, shapes: Any, mesh: Mesh | AbstractMesh, rules: Rules) -> Any:
   """The NamedSharding of each array of a tree of arrays or shapes, whose axes are named by `axes` (of `axes_of`).
 
-  Raises InputError for an axis that a rule places on "model", and that the mesh does not divide. On "data", such an
-  axis stays whole, and so do vectors and small arrays.
+  Raises InputError for an axis that a rule places on "model" and whose length the mesh does not divide. On "data", such
+  an axis is not sharded, nor are vectors and small arrays.
   """
   def sharding(path: Any, names: Axes, leaf: Any) -> NamedSharding:
     names = names if len(names) == leaf.ndim else (None,) * leaf.ndim  # of an optimizer that keeps parts of an array

@@ -1,4 +1,4 @@
-"""The transformer layers of 2017, which text encoders, teachers, evaluators and many generators of the field use."""
+"""Post-norm transformer layers ("Attention is all you need"), of text encoders, teachers, evaluators and generators."""
 from collections.abc import Callable
 from typing import Any
 
@@ -21,7 +21,7 @@ ACTIVATIONS = {
 
 
 def _dropout(rate: float, deterministic: bool, items: Array | None) -> tuple[Callable[[Array], Array], bool]:
-  """(dropout, whether it does anything): of each item by its place in the whole batch, or of the batch as it is."""
+  """(dropout function, whether it is active): by each item's place in the whole batch, or flax's over the batch."""
   if items is not None:
     return lambda y: Dropout(rate)(y, items), rate > 0
   return lambda y: nn.Dropout(rate, deterministic=deterministic)(y), not deterministic and rate > 0
@@ -85,7 +85,7 @@ class PostNormDecoderLayer(nn.Module):
     norm = lambda name: nn.LayerNorm(epsilon=1e-5, dtype=self.dtype, use_fast_variance=False, name=name)
     dense = lambda size, name: nn.Dense(size, dtype=self.dtype, name=name)
     drop, drops = _dropout(self.dropout, deterministic, items)
-    # A module of this one, not of the attention that calls it.
+    # A submodule of this layer, not of the attention that calls it.
     of_weights: Any = (Dropout(self.dropout) if items is not None else
                        nn.Dropout(self.dropout, deterministic=deterministic))
     drop_weights: Any = None if not drops else of_weights if items is None else lambda y: of_weights(y, items)
@@ -98,7 +98,7 @@ class PostNormDecoderLayer(nn.Module):
 
 
 def sinusoids(length: int, width: int, dtype: Any = jnp.float32) -> Float[Array, "{length} {width}"]:
-  """The fixed positions (length, width): even columns sine, odd columns cosine, base 10000."""
+  """Sinusoidal positions (length, width): even columns sine, odd columns cosine, base 10000."""
   wide = promote_to_f32(dtype)
   rate = 10_000.0 ** (-jnp.arange(0, width, 2, dtype=wide) / width)
   angle = jnp.arange(length, dtype=wide)[:, None] * rate
@@ -106,10 +106,10 @@ def sinusoids(length: int, width: int, dtype: Any = jnp.float32) -> Float[Array,
 
 
 def sinusoid_table(length: int, width: int, cosines_first: bool = False) -> Float[np.ndarray, "{length} {width}"]:
-  """Embeddings of the integers 0 .. length - 1, base 10000, as a table in float64: pairs of sine and cosine, as in
-  `sinusoids`, or, cosines_first, all cosines and then all sines.
+  """Sinusoidal embeddings of the integers 0 .. length - 1, base 10000, as a table in float64.
 
-  In float32 the angle of step 999 is off by up to 1e-4, so a table is computed here and rounded where it is used.
+  Pairs of sine and cosine, as in `sinusoids`; with cosines_first all cosines, then all sines. Computed in float32, the
+  angle of step 999 would be off by up to 1e-4; callers round the table.
   """
   rates = 10_000.0 ** (-np.arange(0, width, 2) / width)
   angles = np.arange(length)[:, None] * rates

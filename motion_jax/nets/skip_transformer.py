@@ -1,4 +1,4 @@
-"""A stack of post-norm layers with skip connections, as a U-Net has them: MLD's (docs/papers/mld.md#skip-stack)."""
+"""MLD's stack of post-norm layers with skip connections as in a U-Net (docs/papers/mld.md#skip-stack)."""
 from typing import Any
 
 import flax.linen as nn
@@ -10,11 +10,11 @@ from motion_jax.shapes import Array
 
 
 class SkipTransformer(nn.Module):
-  """x (B, L, D) -> (B, L, D), of `depth` layers, an odd number, and a norm at the end.
+  """x (B, L, D) -> (B, L, D) by `depth` layers, an odd number, and a final norm.
 
-  Outputs of the first half are joined, in the opposite order, to inputs of the second: of 5 layers, down0, down1,
-  middle, up0 (with down1's), up1 (with down0's). key_mask (B, L), True = may be attended to. memory (B, M, D): with it
-  layers are a decoder's, which also attend to it. items: see `PostNormLayer`.
+  Outputs of the first half are concatenated, in reverse order, to inputs of the second: of 5 layers, down0, down1,
+  middle, up0 (with down1's), up1 (with down0's). key_mask (B, L), True = may be attended to. memory (B, M, D): layers
+  are then decoder layers, which also attend to it. items: see `PostNormLayer`.
   """
   depth: int = 9
   num_heads: int = 4
@@ -31,10 +31,10 @@ class SkipTransformer(nn.Module):
 
     def layer(name, x):
       kind: Any = PostNormLayer if memory is None else PostNormDecoderLayer
-      made = kind(self.num_heads, self.mlp_width, dropout=self.dropout, dtype=self.dtype, name=name)
+      module = kind(self.num_heads, self.mlp_width, dropout=self.dropout, dtype=self.dtype, name=name)
       if memory is None:
-        return made(x, key_mask, items=items)
-      return made(x, memory, None if key_mask is None else key_mask[:, None, None, :], items=items)
+        return module(x, key_mask, items=items)
+      return module(x, memory, None if key_mask is None else key_mask[:, None, None, :], items=items)
 
     kept = []
     for i in range(self.depth // 2):

@@ -1,4 +1,4 @@
-"""TMR: a Gaussian for a motion and one for a sentence in the same space, and a decoder from there back to motion.
+"""TMR: encoders of motions and of sentences to Gaussians in one latent space, and a decoder from it to motions.
 
 Petrovich, Black, Varol: "TMR: Text-to-Motion Retrieval Using Contrastive 3D Human Motion Synthesis", ICCV 2023; layers
 and sizes are those of Mathux/TMR (docs/papers/cmdm.md#tmr). A teacher of CMDM's Table 9.
@@ -16,8 +16,8 @@ Rows = tuple[Float[Array, "b d"], Float[Array, "b d"], Float[Array, "b t d"]]  #
 
 
 class GaussianTokens(nn.Module):
-  """A bidirectional transformer behind two learned tokens: x (B, T, F), mask (B, T) True = real or None
-  -> mean (B, D), logvar (B, D) of the two tokens, and the rows of the frames (B, T, D).
+  """A bidirectional transformer over two learned tokens and the frames x (B, T, F), mask (B, T) True = real or None
+  -> mean (B, D) and logvar (B, D), the outputs of the tokens, and those of the frames (B, T, D).
   """
   width: int
   depth: int
@@ -43,7 +43,7 @@ class GaussianTokens(nn.Module):
 
 
 class LatentDecoder(nn.Module):
-  """z (B, D), frame_mask (B, T) -> motions (B, T, F), zeros where not real. Queries are the positions alone."""
+  """z (B, D), frame_mask (B, T) -> motions (B, T, F), zeros at padding. Queries are the positions alone."""
   features: int
   depth: int
   num_heads: int
@@ -59,19 +59,19 @@ class LatentDecoder(nn.Module):
     x = nn.Dropout(self.dropout, deterministic=deterministic)(x)
     for i in range(self.depth):
       layer = PostNormDecoderLayer(self.num_heads, self.mlp_width, self.dropout, self.dtype, name=f"layer{i}")
-      # One key, so its weight is 1: queries and keys of the attention to z change nothing and never learn.
+      # z is the only key, so its weight is 1: queries and keys of this attention have no effect and no gradient.
       x = layer(x, z[:, None], frame_mask[:, None, None, :], deterministic)
     return jnp.where(frame_mask[..., None], nn.Dense(self.features, dtype=self.dtype, name="out")(x), 0.0)
 
 
 class TMR(nn.Module):
-  """Both encoders and the decoder. x (B, T, features) normalized, frame_mask (B, T), text_emb (B, S, W) hidden states
+  """TMR's two encoders and decoder. x (B, T, features) normalized, frame_mask (B, T), text_emb (B, S, W) hidden states
   of a frozen text transformer, text_mask (B, S); True = real.
 
-  pool says which vector of a motion is compared with sentences: "token", the mean of its Gaussian, as TMR has it, or
-  "real", the mean of the rows of its real frames. As a teacher it gives those rows, and in TMR as published no loss
-  ever touches them: CMDM does not say how TMR gives a feature per frame; "real" trains it as Part-TMR was changed for
-  the same purpose (docs/papers/cmdm.md#frame-features).
+  pool: the vector of a motion that is compared with sentences, "token", the mean of its Gaussian, as in TMR, or "real",
+  the mean of the outputs of its real frames. As a teacher, the network gives these outputs, which no loss of the
+  published TMR trains; CMDM does not say how it gets a feature per frame from TMR. "real" trains them, the change that
+  CMDM makes to Part-TMR (docs/papers/cmdm.md#frame-features).
   """
   features: int = 263
   width: int = 256
@@ -84,7 +84,7 @@ class TMR(nn.Module):
 
   @property
   def dim(self) -> int:
-    """Numbers of a frame's feature and of a motion's vector."""
+    """Width of a frame's feature and of a motion's vector."""
     return self.width
 
   def setup(self) -> None:
@@ -112,18 +112,18 @@ class TMR(nn.Module):
 
   def frames(self, x: Float[Array, "b t f"], frame_mask: Bool[Array, "b t"] | None = None, deterministic: bool = True
              ) -> Float[Array, "b t d"]:
-    """What the tokenizer is aligned with: a feature per frame (B, T, D)."""
+    """A feature per frame (B, T, D), the target of the tokenizer's alignment loss."""
     return self.motion_encoder(x, frame_mask, deterministic)[2]
 
   def motion_vector(self, x: Float[Array, "b t f"], frame_mask: Bool[Array, "b t"] | None = None,
                     deterministic: bool = True) -> Float[Array, "b d"]:
-    """One vector per motion (B, D), not of unit length."""
+    """One vector per motion (B, D), not normalized."""
     mean, _, rows = self.motion_encoder(x, frame_mask, deterministic)
     return mean if self.pool == "token" else mean_rows(rows, frame_mask)
 
   def text(self, text_emb: Float[Array, "b s w"], text_mask: Bool[Array, "b s"] | None = None,
            deterministic: bool = True) -> Float[Array, "b d"]:
-    """One vector per sentence (B, D), not of unit length."""
+    """One vector per sentence (B, D), not normalized."""
     return self.text_encoder(text_emb, text_mask, deterministic)[0]
 
   def __call__(self, x: Float[Array, "b t f"], frame_mask: Bool[Array, "b t"], text_emb: Float[Array, "b s w"],

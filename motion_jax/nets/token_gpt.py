@@ -20,13 +20,13 @@ NORMAL = nn.initializers.normal(0.02)
 
 
 class Cache(NamedTuple):
-  """Keys and values (depth, B, S, H, K) of the tokens so far; rows behind the current one mean nothing."""
+  """Keys and values (depth, B, S, H, K) of the tokens so far; later rows are unused."""
   keys: Float[Array, "n b s h k"]
   values: Float[Array, "n b s h k"]
 
 
 class PreNormBlock(nn.Module):
-  """Attention, then a feed-forward part, each behind a norm and added: x (B, L, D), attn_mask (B or 1, 1, L, S).
+  """Pre-norm attention and feed-forward part with residuals: x (B, L, D), attn_mask (B or 1, 1, L, S).
 
   items (B,), places in the whole batch, switch on dropout.
   """
@@ -55,7 +55,7 @@ class PreNormBlock(nn.Module):
 
   def step(self, x: Float[Array, "b 1 d"], place: Int[Array, ""], keys: Float[Array, "b s h k"],
            values: Float[Array, "b s h k"]) -> tuple[Array, Array, Array]:
-    """One token at a place, with the keys and values of those before -> (x, keys, values)."""
+    """Runs one token at a position, given the keys and values of earlier ones -> (x, keys, values)."""
     y = self.norm1(x)
     key, value = self.attn.keys_values(y)
     put = lambda cache, new: jax.lax.dynamic_update_slice_in_dim(cache, new.astype(cache.dtype), place, axis=1)
@@ -66,9 +66,9 @@ class PreNormBlock(nn.Module):
 
 
 class CodeGPT(nn.Module):
-  """codes (B, n) in 0 .. K + 1, text_emb (B, E) -> logits (B, n + 1, K + 1) of the codes 0 .. n and of the end, K.
+  """codes (B, n) in 0 .. K + 1, text_emb (B, E) -> logits (B, n + 1, K + 1) of the next code at each position.
 
-  Position 0 is the text; code K ends a motion, K + 1 is padding behind it, an input only. At most max_length - 1 codes.
+  Position 0 is the text. Code K ends a motion; K + 1 is padding after it, an input only. At most max_length - 1 codes.
   """
   num_codes: int = 512
   width: int = 1024
@@ -98,7 +98,7 @@ class CodeGPT(nn.Module):
 
   def hidden(self, codes: Int[Array, "b n"], text_emb: Float[Array, "b e"], items: Int[Array, " b"] | None = None,
              num_blocks: int | None = None) -> Float[Array, "b m d"]:
-    """The residual stream (B, n + 1, D) behind the first num_blocks blocks, all of them by default."""
+    """The residual stream (B, n + 1, D) after the first num_blocks blocks, by default all."""
     length = codes.shape[1] + 1
     if length > self.max_length:
       raise ValueError(f"got {length - 1} codes, this transformer has positions for {self.max_length - 1}")
@@ -118,11 +118,11 @@ class CodeGPT(nn.Module):
 
   def step(self, codes: Int[Array, " b"], place: Int[Array, ""], text_emb: Float[Array, "b e"], cache: Cache
            ) -> tuple[Float[Array, "b k"], Cache]:
-    """Logits (B, K + 1) of code `place`, from the code before it, which place 0 does not read, and the cache."""
+    """Logits (B, K + 1) of the code at position `place`, given the previous code, unused at 0, and the cache."""
     token = jnp.where(place == 0, self.text_in(text_emb.astype(self.dtype)), self.code_table[codes].astype(self.dtype))
     x: Array = (token + sinusoids(self.max_length, self.width, self.dtype)[place])[:, None]
-    made = []
+    new_rows = []
     for block, keys, values in zip(self.blocks, *cache):
       x, *rows = block.step(x, place, keys, values)
-      made.append(rows)
-    return self.out(self.norm(x))[:, 0], Cache(*(jnp.stack(rows) for rows in zip(*made)))
+      new_rows.append(rows)
+    return self.out(self.norm(x))[:, 0], Cache(*(jnp.stack(rows) for rows in zip(*new_rows)))

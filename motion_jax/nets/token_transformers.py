@@ -1,7 +1,7 @@
-"""MoMask's transformers on codes of a residual quantizer: one fills masked codes of level 0, one adds the levels above.
+"""MoMask's transformers on codes of a residual quantizer: one fills masked codes of level 0, one predicts later levels.
 
-Source: MoMask, section 3; docs/papers/momask.md#transformers. Both read [text | codes] by layers of 2017 without a norm
-at the end, in both directions; the text is one token, a sentence vector, all 0 for no caption.
+Source: MoMask, section 3; docs/papers/momask.md#transformers. Both run bidirectional post-norm layers, without a final
+norm, over [text | codes]; the text is one token, a sentence vector, all 0 for no caption.
 """
 from typing import Any
 
@@ -20,8 +20,8 @@ NORMAL = nn.initializers.normal(0.02)
 class CodeTrunk(nn.Module):
   """Embedded codes x (B, L, C), text_emb (B, E), lead (B, D) or None, real_mask (B, L) -> (B, L, D).
 
-  Tokens are [text | lead | codes]; code i has position i whatever stands before it. items (B,), places in the whole
-  batch, switch on dropout, which needs rngs={"dropout": key}.
+  Tokens are [text | lead | codes]; code i has position i, with or without lead. items (B,), places in the whole batch,
+  switch on dropout, which needs rngs={"dropout": key}.
   """
   width: int
   depth: int
@@ -51,7 +51,7 @@ class CodeTrunk(nn.Module):
 
 
 class CodeHead(nn.Module):
-  """(B, L, D) -> (B, L, out): dense, GELU, norm, dense."""
+  """Output head (B, L, D) -> (B, L, out): dense, GELU, norm, dense."""
   out: int
   dtype: Any
 
@@ -66,7 +66,7 @@ class CodeHead(nn.Module):
 class MaskedCodeTransformer(nn.Module):
   """codes (B, L) in 0 .. K + 1, text_emb (B, E), real_mask (B, L) -> logits (B, L, K) of the codes of level 0.
 
-  Code K stands for a masked one, K + 1 for padding; neither is an output.
+  Code K is the mask token, K + 1 padding; neither is an output.
   """
   num_codes: int = 512
   code_dim: int = 512
@@ -93,7 +93,7 @@ class MaskedCodeTransformer(nn.Module):
 
   def hidden(self, codes: Int[Array, "b l"], text_emb: Float[Array, "b e"], real_mask: Bool[Array, "b l"],
              items: Int[Array, " b"] | None = None) -> Float[Array, "b l d"]:
-    """What the last layer gives."""
+    """The output of the last layer, before the head."""
     return self.trunk(self.code_table[codes], text_emb, real_mask, items)
 
   def __call__(self, codes: Int[Array, "b l"], text_emb: Float[Array, "b e"], real_mask: Bool[Array, "b l"],
@@ -105,7 +105,7 @@ class ResidualCodeTransformer(nn.Module):
   """Logits (B, L, K + 1) of the codes of one level, 1 .. Q - 1 for each item, from the sum of all levels below.
 
   history (B, L, C) of `history`, level (B,), text_emb (B, E), real_mask (B, L). Code K is padding, and an output.
-  shared_tables: the table by which codes of a level are read is the one that they are compared with.
+  shared_tables: one table per level is both the input embedding and the output weights.
   """
   num_codes: int = 512
   code_dim: int = 512
@@ -138,7 +138,7 @@ class ResidualCodeTransformer(nn.Module):
     self.head = CodeHead(self.code_dim, self.dtype)
 
   def embed(self, codes: Int[Array, "b l"], level: int | Int[Array, ""]) -> Float[Array, "b l c"]:
-    """Codes (B, L) of one level, 0 .. Q - 2, as they enter the sum."""
+    """Embeds codes (B, L) of one level, 0 .. Q - 2, for the sum of `history`."""
     return self.tables_in[level][codes]
 
   def history(self, codes: Int[Array, "b l q"], level: Int[Array, " b"]) -> Float[Array, "b l c"]:
@@ -150,9 +150,9 @@ class ResidualCodeTransformer(nn.Module):
   def __call__(self, history: Float[Array, "b l c"], level: Int[Array, " b"], text_emb: Float[Array, "b e"],
                real_mask: Bool[Array, "b l"], items: Int[Array, " b"] | None = None) -> Float[Array, "b l k"]:
     lead = self.level_in(jax.nn.one_hot(level, self.num_levels, dtype=self.dtype))
-    made = self.head(self.trunk(history, text_emb, real_mask, items, lead))
-    logits = jnp.einsum("blc,bkc->blk", made, self.tables_out[level - 1].astype(made.dtype))
+    hidden = self.head(self.trunk(history, text_emb, real_mask, items, lead))
+    logits = jnp.einsum("blc,bkc->blk", hidden, self.tables_out[level - 1].astype(hidden.dtype))
     if self.shared_tables:
       return logits
     # Parity: the code adds the product to itself before the bias; only the level's row of the bias is used.
-    return 2 * logits + self.bias_out[level - 1][:, None].astype(made.dtype)
+    return 2 * logits + self.bias_out[level - 1][:, None].astype(hidden.dtype)

@@ -1,4 +1,4 @@
-"""The vision transformer of 2020: pre-norm blocks over patches, a class token, learned positions."""
+"""Vision transformer (ViT): pre-norm blocks over patches, a class token, learned positions."""
 from typing import Any
 
 import flax.linen as nn
@@ -27,7 +27,7 @@ class ViTBlock(nn.Module):
 
 
 class ViT(nn.Module):
-  """Patches (B, N, P) of an image -> tokens (B, 1 + N, D) of the last block, class token first, without a last norm."""
+  """Patches (B, N, P) of an image -> tokens (B, 1 + N, D) of the last block, class token first, not normalized."""
   width: int = 768
   depth: int = 12
   num_heads: int = 12
@@ -47,10 +47,10 @@ class ViT(nn.Module):
 
 def resize_positions(table: Float[Array, "n d"], grid: tuple[int, int], new_grid: tuple[int, int]
                      ) -> Float[Array, "m d"]:
-  """A table of learned positions (1 + h w, D), its class row first, for a grid (h, w) of patches, on another grid.
+  """Resizes a table of learned positions (1 + h w, D), class row first, from a grid (h, w) of patches to another.
 
   The grid is resized as an image, by a bicubic filter (Keys, a = -1/2) that is widened where the new grid is coarser,
-  as timm does with ImageNet weights (docs/papers/cmdm.md#motionpatches). The class row stays.
+  as timm does with ImageNet weights (docs/papers/cmdm.md#motionpatches). The class row is unchanged.
   """
   if table.shape[0] != 1 + grid[0] * grid[1]:
     raise ValueError(f"got a table of {table.shape[0]} positions for a grid of {grid[0]} x {grid[1]} patches, expected "

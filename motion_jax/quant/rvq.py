@@ -1,4 +1,4 @@
-"""Residual quantization: each level names what the levels before it left over.
+"""Residual vector quantization: each level quantizes the residual of the levels before it.
 
 Source: CDAMD eq. 8, 9; docs/papers/cdamd.md#rvq.
 
@@ -16,19 +16,19 @@ from motion_jax.shapes import Array
 
 
 class Noise(NamedTuple):
-  """Draws of one training step: gumbel (Q, N, K) for the rows of this device; start and replace (Q, K, C), the same on
-  all devices, for when there are fewer rows than codes."""
+  """Random numbers of one training step: gumbel (Q, N, K) for the rows of this device, and start and replace (Q, K, C),
+  the same on all devices, added to repeated rows when there are fewer rows than codes."""
   gumbel: Float[Array, "q n k"]
   start: Float[Array, "q k c"]
   replace: Float[Array, "q k c"]
 
 
 class Quantized(NamedTuple):
-  """What a training step quantized.
+  """Result of quantization in a training step.
 
-  quantized (B, L, C), with straight-through gradient; indices (B, L, Q), -1 where a level was left out; commitment ():
-  mean squared distance of residuals to their codes; perplexity () and usage () (share of the codes that were chosen):
-  over the rows of all devices. The last three are means over the active levels.
+  quantized (B, L, C), with straight-through gradient; indices (B, L, Q), -1 at unused levels; commitment (): mean
+  squared distance of residuals to their codes; perplexity () and usage () (share of the codes that were chosen) over
+  the rows of all devices. The last three are means over the active levels.
   """
   quantized: Float[Array, "b l c"]
   indices: Int[Array, "b l q"]
@@ -38,7 +38,7 @@ class Quantized(NamedTuple):
 
 
 def draw_noise(rng: Key[Array, ""], item_keys: Key[Array, " b"], num_rows: int, codebooks: vq.Codebook) -> Noise:
-  """Noise for num_rows rows of each item; item_keys (B,), one per item, make it the same on any number of devices."""
+  """Draws noise for num_rows rows of each item; item_keys (B,) make it the same on any number of devices."""
   levels, num_codes, dim = codebooks.codes.shape
   gumbel = jax.vmap(lambda key: jax.random.gumbel(key, (levels, num_rows, num_codes)))(item_keys)
   gumbel = jnp.moveaxis(gumbel, 0, 1).reshape(levels, -1, num_codes)
@@ -47,7 +47,7 @@ def draw_noise(rng: Key[Array, ""], item_keys: Key[Array, " b"], num_rows: int, 
 
 
 def draw_active(rng: Key[Array, ""], num_levels: int, drop_rate: float) -> Int[Array, ""]:
-  """Quantize dropout: how many levels a step uses. All of them, or with drop_rate 1 to all alike."""
+  """Quantization dropout: how many levels a step uses; all or, with probability drop_rate, 1 to all, uniform."""
   drop_rng, count_rng = jax.random.split(rng)
   count = jax.random.randint(count_rng, (), 1, num_levels + 1)
   return jnp.where(jax.random.bernoulli(drop_rng, drop_rate), count, num_levels)
@@ -56,10 +56,10 @@ def draw_active(rng: Key[Array, ""], num_levels: int, drop_rate: float) -> Int[A
 def train(codebooks: vq.Codebook, x: Float[Array, "b l c"], num_active: int | Int[Array, ""], noise: Noise,
           decay: float = 0.99, temperature: float = 0.5, gain_once: bool = False, axis_name: str | None = None
           ) -> tuple[Quantized, vq.Codebook]:
-  """Quantizes x (B, L, C) by sampled codes and moves the codebooks -> (Quantized, codebooks).
+  """Quantizes x (B, L, C) by sampled codes and updates the codebooks -> (Quantized, codebooks).
 
   temperature: of the distribution over codes; 0: the nearest code, without noise.
-  num_active (): levels in use, the others neither quantize nor learn. All gradients go to x: straight through from
+  num_active (): levels in use; the others neither quantize nor learn. All gradients go to x: straight through from
   `quantized`, and from the commitment.
   """
   num_levels, num_codes, dim = codebooks.codes.shape
@@ -85,14 +85,14 @@ def train(codebooks: vq.Codebook, x: Float[Array, "b l c"], num_active: int | In
   # once per active level; gain_once is the textbook's straight-through estimator.
   gain = 1 if gain_once else num_active
   quantized = jax.lax.stop_gradient(total) + gain * (rows - jax.lax.stop_gradient(rows))
-  made = Quantized(quantized.reshape(x.shape), jnp.stack(indices, -1).reshape(x.shape[:-1] + (num_levels,)),
+  result = Quantized(quantized.reshape(x.shape), jnp.stack(indices, -1).reshape(x.shape[:-1] + (num_levels,)),
                    *(sum(terms[1:], terms[0]) / num_active))
-  return made, jax.tree.map(lambda *levels: jnp.stack(levels), *books)
+  return result, jax.tree.map(lambda *levels: jnp.stack(levels), *books)
 
 
 def learn(codes: Float[Array, "q k c"], x: Float[Array, "b l c"], num_active: int | Int[Array, ""],
           axis_name: str | None = None) -> tuple[Quantized, Float[Array, ""]]:
-  """Quantizes x (B, L, C) by the nearest of codes (Q, K, C), to which a gradient goes -> (Quantized, codebook ()).
+  """Quantizes x (B, L, C) by the nearest of codes (Q, K, C), trained by gradients -> (Quantized, codebook loss ()).
 
   codebook: mean squared distance of the codes to the residuals that chose them, ||sg(z) - e||^2 of CDAMD's equation 10,
   as the commitment is ||z - sg(e)||^2; both means over active levels. Straight through once.
@@ -118,7 +118,7 @@ def learn(codes: Float[Array, "q k c"], x: Float[Array, "b l c"], num_active: in
 
 def first_codes(x: Float[Array, "b l c"], num_levels: int, num_codes: int, rng: Key[Array, ""]
                 ) -> Float[Array, "{num_levels} {num_codes} c"]:
-  """Codes (Q, K, C) to begin with: the first rows of what each level has to name of x (B, L, C), as `train` begins."""
+  """Initial codes (Q, K, C): the first rows of each level's residuals of x (B, L, C), as `train` initializes them."""
   residual, codes = x.reshape(-1, x.shape[-1]), []
   for key in jax.random.split(rng, num_levels):
     codes.append(vq.first_rows(residual, num_codes, jax.random.normal(key, (num_codes, x.shape[-1]))))
@@ -142,9 +142,9 @@ def encode(codes: Float[Array, "q k c"], x: Float[Array, "b l c"]
 
 def decode(codes: Float[Array, "q k c"], indices: Int[Array, "b l q2"], num_levels: int | None = None
            ) -> Float[Array, "b l c"]:
-  """Sum (B, L, C) of the code vectors that indices (B, L, Q) name, of the first num_levels only if that is given.
+  """Sum (B, L, C) of the code vectors of indices (B, L, Q), by default of all levels, else of the first num_levels.
 
-  -1 names nothing.
+  Index -1 adds nothing.
   """
   used = len(codes) if num_levels is None else num_levels
   if not 1 <= used <= min(len(codes), indices.shape[-1]):

@@ -1,9 +1,9 @@
-"""One codebook: every vector becomes the code near it, and the codes follow the vectors.
+"""Vector quantization with one codebook, updated by moving averages of the vectors that choose each code.
 
 Source: CDAMD eq. 8; docs/papers/cdamd.md#rvq.
 
 No gradient reaches a code. A codebook is state that a training step takes and returns: running sums and counts of the
-vectors that chose each code. With `axis_name` these are summed over devices, so that N devices learn what one learns.
+vectors that chose each code. With `axis_name` these are summed over devices, which then learn the same as a single one.
 """
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -15,10 +15,10 @@ from jaxtyping import Bool, Float, Int
 
 from motion_jax.shapes import Array
 
-# Counts that are 1 but for the last bit: 0.99 + 0.01 may round to the number below 1 where a compiler contracts or
-# reorders, and a code used exactly once would then be reset.
+# Just below 1: 0.99 + 0.01 may round down where a compiler contracts or reorders, and a code used exactly once must not
+# be reset for that.
 _ALIVE = 1 - 2.0 ** -24
-_EXACT = jax.lax.Precision.HIGHEST  # low-precision products would choose other codes and drift
+_EXACT = jax.lax.Precision.HIGHEST  # products in low precision choose other codes and drift
 
 
 class Codebook(NamedTuple):
@@ -35,12 +35,12 @@ class Codebook(NamedTuple):
 def empty_codebook(num_codes: int, dim: int, levels: Sequence[int] = (), dtype: Any = jnp.float32) -> Codebook:
   """All zero; the first call of `train` fills it. levels: leading shape, (Q,) for a stack."""
   codes = jnp.zeros(tuple(levels) + (num_codes, dim), dtype)
-  # Two arrays, not one twice: donated buffers may not be shared.
+  # Separate arrays, because donated buffers may not be shared.
   return Codebook(codes, jnp.zeros_like(codes), jnp.zeros(codes.shape[:-1], dtype), jnp.zeros(tuple(levels), bool))
 
 
 def codebook_of(codes: Float[Array, "*q k c"]) -> Codebook:
-  """A Codebook from its codes (..., K, C) alone, with a usage count of 1 for each.
+  """A Codebook with these codes (..., K, C) and a usage count of 1 for each.
 
   Parity: released checkpoints hold only the codes; the reference re-initializes its counts from its first batch.
   """
@@ -53,7 +53,7 @@ def choose(condition: bool | np.bool_ | Bool[Array, ""], book: Codebook, other: 
 
 
 def squared_distances(codes: Float[Array, "k c"], x: Float[Array, "n c"]) -> Float[Array, "n k"]:
-  """codes (K, C), x (N, C) -> (N, K)."""
+  """Squared distances (N, K) of x (N, C) to codes (K, C)."""
   product = jnp.einsum("nc,kc->nk", x, codes, precision=_EXACT)
   return (x ** 2).sum(-1, keepdims=True) - 2 * product + (codes ** 2).sum(-1)
 
@@ -70,15 +70,15 @@ def sample(codes: Float[Array, "k c"], x: Float[Array, "n c"], gumbel: Float[Arr
 
 
 def perplexity(counts: Float[Array, " k"]) -> Float[Array, ""]:
-  """exp of the entropy of counts (K,): the number of codes in use if all were used alike."""
+  """Perplexity, exp of the entropy of counts (K,): K if all codes are used equally often."""
   p = counts / counts.sum()
   return jnp.exp(-(p * jnp.log(p + 1e-7)).sum())
 
 
 def first_rows(x: Float[Array, "n c"], num_rows: int, noise: Float[Array, "_ c"], axis_name: str | None = None
                ) -> Float[Array, "{num_rows} c"]:
-  """The first rows (num_rows, C) of x (N, C), all devices in line; fewer are repeated, with noise (num_rows, C) times
-  0.01 / sqrt(C) on all."""
+  """The first rows (num_rows, C) of x (N, C), gathered in order of devices; if there are fewer, they are repeated, and
+  noise (num_rows, C) times 0.01 / sqrt(C) is added to all."""
   rows = x[:num_rows]
   if axis_name is not None:
     rows = jax.lax.all_gather(rows, axis_name, tiled=True)
@@ -90,7 +90,7 @@ def first_rows(x: Float[Array, "n c"], num_rows: int, noise: Float[Array, "_ c"]
 
 def initialise(book: Codebook, x: Float[Array, "n c"], noise: Float[Array, "k c"], axis_name: str | None = None
                ) -> Codebook:
-  """Codes are the first rows of x, each as if used once; a codebook that is initialised stays as it is."""
+  """Initializes an empty codebook with the first rows of x, each with count 1; others are returned unchanged."""
   rows = first_rows(x, len(book.codes), noise, axis_name)
   from_batch = Codebook(rows, rows, jnp.ones_like(book.counts), jnp.ones_like(book.initialised))
   return choose(book.initialised, book, from_batch)
@@ -98,7 +98,7 @@ def initialise(book: Codebook, x: Float[Array, "n c"], noise: Float[Array, "k c"
 
 def usage_counts(indices: Int[Array, " n"], num_codes: int, dtype: Any, axis_name: str | None = None
                  ) -> tuple[Float[Array, "n {num_codes}"], Float[Array, " {num_codes}"]]:
-  """How many of indices (N,) name each code: one-hot rows (N, K) and their sums (K,) over all devices."""
+  """How often each code occurs in indices (N,): one-hot rows (N, K) and their sums (K,) over all devices."""
   chosen = jax.nn.one_hot(indices, num_codes, dtype=dtype)
   counts = chosen.sum(0)
   return chosen, counts if axis_name is None else jax.lax.psum(counts, axis_name)
@@ -108,8 +108,8 @@ def update(book: Codebook, x: Float[Array, "n c"], indices: Int[Array, " n"], no
            decay: float = 0.99, axis_name: str | None = None) -> tuple[Codebook, Float[Array, " k"]]:
   """Moves the codes towards the x (N, C) that chose them -> (Codebook, counts (K,) of this batch).
 
-  A code whose running count is below 1 is dead and takes row k of the batch; its sum and count go on, so that it is
-  replaced at every step until enough rows choose it.
+  A code k whose running count is below 1 is dead and is replaced by row k of the batch. Its sum and count are kept, so
+  it is replaced at every step until enough rows choose it.
   """
   chosen, counts = usage_counts(indices, len(book.codes), x.dtype, axis_name)
   sums = jnp.einsum("nk,nc->kc", chosen, x, precision=_EXACT)
@@ -124,5 +124,5 @@ def update(book: Codebook, x: Float[Array, "n c"], indices: Int[Array, " n"], no
 
 
 def num_dead(book: Codebook) -> Int[Array, "*q"]:
-  """Codes below the reset threshold, (...)."""
+  """How many codes are below the reset threshold, (...)."""
   return (book.counts < _ALIVE).sum(-1)

@@ -1,4 +1,4 @@
-"""Identify the skeleton of an array of joints without names, by the number of joints and by the bones."""
+"""Identify the skeleton of an array of joints without names, by the number of joints and the bone lengths."""
 import dataclasses
 import warnings
 from typing import NamedTuple
@@ -20,7 +20,7 @@ _SMPL_24 = dataclasses.replace(
 
 
 class _Named(NamedTuple):
-  """Joints of a file by name and number, from the pelvis on; each limb's in order."""
+  """Joint order of a known file format: index of the first joint of trunk, arms and legs; joints follow in order."""
   name: str
   trunk: int
   left_arm: int
@@ -52,11 +52,11 @@ _BY_COUNT: dict[int, tuple[Skeleton, ...]] = {21: (KIT,), 22: (HUMANML3D,), 24: 
 
 
 def pick_joints(joints: Num[Array, "*shape"], name: str = "motion") -> tuple[Num[np.ndarray, "t j 3"], Skeleton]:
-  """The joints (T, J, 3) of a known skeleton in an array of any number of joints, and the skeleton.
+  """Selects the joints (T, J, 3) of a known skeleton from an array of any number of joints: (joints, skeleton).
 
-  21 joints are KIT's, 22 HumanML3D's, 24 SnapMoGen's or SMPL's, whichever has such bones; of more, the first 22 are
-  taken where they make a body, as in the arrays of SMPL-H (52) and SMPL-X (55), and Kimodo's SOMA (77 and 30) is known
-  by its order. What is left out is a warning. Raises InputError for an array that is none of these.
+  21 joints are KIT's, 22 HumanML3D's, 24 SnapMoGen's or SMPL's, depending on the bones. Of larger arrays the first 22
+  joints are used if they form a body, as for SMPL-H (52) and SMPL-X (55); Kimodo's SOMA (77 and 30) is recognized by
+  its order. Warns about omitted joints. Raises InputError for any other array.
   """
   joints = np.asarray(joints)
   count = joints.shape[1] if joints.ndim == 3 and joints.shape[2] == 3 else 0
@@ -67,7 +67,7 @@ def pick_joints(joints: Num[Array, "*shape"], name: str = "motion") -> tuple[Num
   if not candidates or not len(joints):
     raise InputError(f"got an array of shape {joints.shape}, expected joints (frames, 22, 3) or (frames, 21, 3), or "
                      "features (frames, F)")
-  skeleton = min(candidates, key=lambda one: _oddness(joints[:, :one.num_joints], one))
+  skeleton = min(candidates, key=lambda candidate: _oddness(joints[:, :candidate.num_joints], candidate))
   if count == skeleton.num_joints and skeleton is not _SMPL_24:
     return joints, skeleton
   if not _oddness(joints[:, :skeleton.num_joints], skeleton) <= plausibility.ODD:

@@ -1,11 +1,10 @@
 """Map the joints of a file to HumanML3D's 22: exact tables for some skeletons, joint names for all others.
 
-An entry of a table is a name, a list of names to average, or a `Made` joint for what the other skeleton does not have
-(the SMPL pelvis lies higher than most hips, say). Files that no table fits are read by `joint_names` and
-`named_bodies`.
+An entry of a table is a name, a list of names to average, or a `Made` joint for one that the other skeleton lacks (the
+SMPL pelvis is higher than most hips, for example). All other files are read by `joint_names` and `named_bodies`.
 """
 from collections.abc import Callable, Mapping, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -15,11 +14,12 @@ from motion_jax.rigs.joint_names import Tree, plain
 from motion_jax.rigs.named_bodies import NamedBody
 from motion_jax.rigs.rig import Rig, all_rigs
 from motion_jax.shapes import Array, Float, Num
+from motion_jax.utils.errors import InputError
 from motion_jax.utils.numerals import named, shortened
 
 
 class Made(NamedTuple):
-  """A joint computed from joints that a file has: make(Source) -> (T, 3)."""
+  """A joint computed from the joints of a file: make(Source) -> (T, 3)."""
   needs: tuple[str, ...]
   make: Callable[["Source"], np.ndarray]
 
@@ -44,11 +44,11 @@ class Source:
     return self.positions[:, self.index[plain(name)]]
 
   def length(self, a: str, b: str) -> float:
-    """The distance of two joints, median over the clip."""
+    """Distance between two joints, median over the clip."""
     return np.median(np.linalg.norm(self[a] - self[b], axis=-1))
 
   def between(self, a: str, b: str, part: float) -> Float[np.ndarray, "t 3"]:
-    """The point at this part of the way from joint a to joint b."""
+    """Linear interpolation from joint a (part 0) to joint b (part 1)."""
     return self[a] + part * (self[b] - self[a])
 
   def turn(self, name: str) -> Num[np.ndarray, "t 4"]:
@@ -58,12 +58,12 @@ class Source:
     return self.turned[:, self.index[plain(name)]]
 
   def at(self, name: str, offset: Sequence[float] | np.ndarray) -> Float[np.ndarray, "t 3"]:
-    """The point at an offset (3,) or (T, 3) in the turned frame of a joint."""
+    """Point at an offset (3,) or (T, 3) in the local frame of a joint."""
     return self[name] + rot.rotate(self.turn(name), np.asarray(offset, np.float64))
 
 
 def _sided(middle, left, swap):
-  """A table from entries of the middle and of the left side; swap makes a left name a right one."""
+  """A table from the entries of the trunk and of the left side; swap turns a left name into a right one."""
   right = {}
   for joint, entry in left.items():
     other = [swap(name) for name in entry] if isinstance(entry, list) else swap(entry)
@@ -72,7 +72,7 @@ def _sided(middle, left, swap):
 
 
 def _asf_side(left):
-  """ASF/AMC as CMU has it. A body's size is its left leg; collars lie lower and nearer to the neck than clavicles."""
+  """CMU's ASF/AMC. Offsets scale with the left leg; collars are lower and closer to the neck than clavicles."""
   s, name = ("l", "left") if left else ("r", "right")
   leg = lambda f: f.length("lhipjoint", "lfemur") + f.length("lfemur", "ltibia")
   legs = ("lhipjoint", "lfemur", "ltibia")
@@ -81,7 +81,7 @@ def _asf_side(left):
     local = rot.rotate(rot.conjugate(f.turn("thorax")), f[s + "clavicle"] - f["thorax"])
     return f.at("thorax", local * [0.37, 1, 0.37] - np.array([0, 0.05487, 0]) * leg(f))
 
-  def wrist(f):  # CMU's wrist bone ends in the hand
+  def wrist(f):  # CMU's wrist bone extends into the hand
     along = rot.unit(f[s + "radius"] - f[s + "humerus"])
     return f[s + "humerus"] + 0.95 * f.length(s + "clavicle", s + "humerus") * along
 
@@ -105,7 +105,8 @@ def _cmu_asf():
 
 
 def _cmu_bvh():
-  """B. Hahne's (cgspeed) Daz-friendly figure; offsets in its centimetres, by its thigh of 36.8272."""
+  """CMU's BVH files by B. Hahne (cgspeed), Daz-friendly; offsets in centimetres of its figure, whose thigh is 36.8272.
+  """
   unit = lambda f: f.length("lThigh", "lShin") / 36.8272
   at = lambda joint, *offset: Made((joint, "lThigh", "lShin"), lambda f: f.at(joint, np.array(offset) * unit(f)))
   table = {"pelvis": at("hip", 0, 11.3, -1.0), "spine1": at("abdomen", 0, 1.5, 0), "spine2": at("chest", 0, 2.5, 0),
@@ -114,7 +115,7 @@ def _cmu_bvh():
     table |= {f"{name}_hip": s + "Thigh", f"{name}_knee": s + "Shin", f"{name}_ankle": s + "Foot",
               f"{name}_foot": s + "Foot_end", f"{name}_collar": at("chest", sign * 5.0, 13.5, -2.4),
               f"{name}_shoulder": s + "Shldr", f"{name}_elbow": s + "ForeArm",
-              # The figure's hand is bent forward off the forearm's line; the elbow's own line is straight.
+              # The figure's hand is bent forward from the line of the forearm.
               f"{name}_wrist": at(s + "ForeArm", sign * 23.61, -1.43, 0.41)}
   return table
 
@@ -145,12 +146,12 @@ TABLES: dict[str, Mapping[str, Entry]] = {
 def map_joints(names: Sequence[str], positions: Num[Array, "t n 3"], mapping: str | Mapping[str, Entry] | None = None,
                turned: Num[np.ndarray, "t n 4"] | None = None, parents: Sequence[int] | None = None
                ) -> tuple[Float[np.ndarray, "t 22 3"], str]:
-  """Picks HumanML3D's 22 joints out of a file's: positions (T, N, 3) -> (T, 22, 3), name of the table used.
+  """Selects HumanML3D's 22 joints from a file's: positions (T, N, 3) -> (joints (T, 22, 3), name of the table used).
 
-  mapping: a key of TABLES, a rig's name, a dict {our joint: their joint or a list to average}, or None for what the
-  names tell. A dict need not be whole: what it leaves out is looked for by name, and by the tree that parents (N,) tell
-  (-1 for a root). turned (T, N, 4), the joints' world rotations, is needed by the CMU tables. Raises ValueError that
-  lists the joints missing and those that the file has.
+  mapping: a key of TABLES, a rig's name, a dict {our joint: their joint or a list to average}, or None to identify
+  joints by name. Joints that a dict omits are found by name and by the tree of parents (N,) (-1 for a root). turned
+  (T, N, 4): world rotations of the joints, needed by the CMU tables. Raises ValueError that lists the missing joints
+  and those of the file.
   """
   source = Source(names, np.asarray(positions, np.float64), turned)
   if isinstance(mapping, str):
@@ -172,13 +173,13 @@ def map_joints(names: Sequence[str], positions: Num[Array, "t n 3"], mapping: st
 
 
 def table_of(source: Source) -> str:
-  """The table all of whose joints a file has, or ""."""
+  """Key of the first table whose joints a file has completely, or ""."""
   for label, table in TABLES.items():
     if all(name in source for entry in table.values() for name in _needs(entry)):
-      # In BVH files made of ASF skeletons joints lie where bones begin, not where they end.
+      # In BVH files converted from ASF skeletons joints are at the start of bones, not at their end.
       if label == "cmu_asf" and not source.length("root", "lhipjoint") > 1e-6:
         continue
-      # Bandai's own files have the pelvis between the hips; files that were written for the rig have ours.
+      # Bandai's files have the pelvis between the hips; files that this library writes for the rig have it above them.
       if label == "bandai" and "joint_Root" in source and _raised(source, all_rigs()["bandai"]):
         continue
       return label
@@ -186,19 +187,18 @@ def table_of(source: Source) -> str:
 
 
 def rig_of(names: Sequence[str]) -> Rig | None:
-  """The rig with joints in between all of whose names a file has; the one with most names of several.
+  """The largest rig with intermediate joints whose names a file has completely, or None.
 
-  Rigs without joints in between are found by their names alone (`joint_names`), as files have them with and without
-  prefixes.
+  Rigs without intermediate joints are identified by `joint_names`, with and without prefixes.
   """
-  own = {plain(name) for name in names}
-  found = [rig for rig in all_rigs().values() if len(rig.names) > len(rig.joints) == HUMANML3D.num_joints
-           and own >= set(map(plain, rig.names))]
-  return max(found, key=lambda rig: len(rig.names), default=None)
+  keys = {plain(name) for name in names}
+  candidates = [rig for rig in all_rigs().values() if len(rig.names) > len(rig.joints) == HUMANML3D.num_joints
+           and keys >= set(map(plain, rig.names))]
+  return max(candidates, key=lambda rig: len(rig.names), default=None)
 
 
 def _raised(source, rig):
-  """Whether the pelvis is above the hips, as HumanML3D's is; else `NamedBody` places it and the spine."""
+  """Whether the pelvis is above the hips, as in HumanML3D; otherwise `NamedBody` places it and the spine."""
   at = {joint: rig.names[number] for joint, number in rig.joints.items()}
   hips = source.between(at["left_hip"], at["right_hip"], 0.5)
   leg = source.length(at["left_hip"], at["left_knee"]) + source.length(at["left_knee"], at["left_ankle"])
@@ -206,17 +206,29 @@ def _raised(source, rig):
 
 
 def skeleton_of(names: Sequence[str]) -> Skeleton:
-  """The skeleton whose joints these are, name by name, End Sites aside; HumanML3D for any other."""
-  own = {plain(name) for name in names if not name.endswith("_end")}
-  return next((skeleton for skeleton in SKELETONS.values() if own == set(map(plain, skeleton.joints))),
+  """The skeleton with exactly these joint names, ignoring End Sites; HumanML3D if there is none."""
+  keys = {plain(name) for name in names if not name.endswith("_end")}
+  return next((skeleton for skeleton in SKELETONS.values() if keys == set(map(plain, skeleton.joints))),
               HUMANML3D)
 
 
 def own_joints(names: Sequence[str], positions: Num[Array, "t n 3"], skeleton: Skeleton
                ) -> Float[np.ndarray, "t j 3"]:
-  """A skeleton's joints (T, J, 3) out of a file that names them as the skeleton does."""
+  """A skeleton's joints (T, J, 3) from a file with the skeleton's joint names."""
   source = Source(names, np.asarray(positions, np.float64))
   return np.stack([source[joint] for joint in skeleton.joints], axis=1)
+
+
+def check_mapped_joints(mapping: Mapping[str, Any]) -> None:
+  """Raises InputError for keys of a mapping that are no joints of HumanML3D."""
+  foreign = [joint for joint in mapping if joint not in HUMANML3D.joints]
+  if foreign:
+    raise InputError(f"the mapping names {named(foreign)}, expected our joints {', '.join(HUMANML3D.joints)}")
+
+
+def template(lacking: Sequence[str]) -> str:
+  """A mapping file to fill in, as JSON."""
+  return "{" + ", ".join(f'"{joint}": "..."' for joint in lacking) + "}"
 
 
 def _by_table(source, names, label):
@@ -228,16 +240,14 @@ def _by_table(source, names, label):
 
 
 def _by_names(source, names, mapping, parents):
-  foreign = [joint for joint in mapping if joint not in HUMANML3D.joints]
-  if foreign:
-    raise ValueError(f"the mapping names {named(foreign)}, expected our joints {', '.join(HUMANML3D.joints)}")
+  check_mapped_joints(mapping)
   tree = Tree(names, parents)
-  found = {joint: {name: tree.find(name) for name in _needs(entry)} for joint, entry in mapping.items()}
-  absent = [name for places in found.values() for name, index in places.items() if index is None]
+  indices = {joint: {name: tree.find(name) for name in _needs(entry)} for joint, entry in mapping.items()}
+  absent = [name for places in indices.values() for name, index in places.items() if index is None]
   if absent:
     raise ValueError(f"the mapping names the joints {named(sorted(absent))}; the file has {named(names)}")
-  own = {joint: [index for index in places.values() if index is not None] for joint, places in found.items()}
-  body = NamedBody(tree, source.positions, source.turned, own)
+  mapped = {joint: [index for index in places.values() if index is not None] for joint, places in indices.items()}
+  body = NamedBody(tree, source.positions, source.turned, mapped)
   lacking = [joint for joint in HUMANML3D.joints if joint not in body.joints]
   if lacking:
     raise ValueError(_refusal(body, lacking, names))
@@ -247,7 +257,7 @@ def _by_names(source, names, mapping, parents):
 
 def mapping_template(names: Sequence[str], positions: Num[Array, "t n 3"], parents: Sequence[int] | None = None
                      ) -> tuple[dict[str, str], str]:
-  """{our joint: the file's joint, "" where none is known} to correct and fill in, and whose names are nearest."""
+  """A mapping to complete, {our joint: the file's joint, "" if unknown}, and the program with the nearest names."""
   source = Source(names, np.asarray(positions, np.float64))
   label = table_of(source)
   named_once = {joint: entry for joint, entry in TABLES.get(label, {}).items() if isinstance(entry, str)}
@@ -255,24 +265,23 @@ def mapping_template(names: Sequence[str], positions: Num[Array, "t n 3"], paren
     return {joint: names[source.index[plain(entry)]] for joint, entry in named_once.items()}, label
   rig = rig_of(names)
   if rig is not None:
-    own = {plain(name): name for name in reversed(names)}
-    return {joint: own[plain(rig.names[rig.joints[joint]])] for joint in HUMANML3D.joints}, rig.title
+    name_of = {plain(name): name for name in reversed(names)}
+    return {joint: name_of[plain(rig.names[rig.joints[joint]])] for joint in HUMANML3D.joints}, rig.title
   body = NamedBody(Tree(names, parents), source.positions, None, {})
   indices = {joint: body.at.get(joint) for joint in HUMANML3D.joints}
   return {joint: "" if index is None else names[index] for joint, index in indices.items()}, body.label
 
 
 def _refusal(body, lacking, names):
-  """What is missing, whose names are nearest, and the mapping file that helps."""
+  """Error message: missing joints, the program with the most similar names, and the mapping file to write."""
   wanted = [joint for joint in HUMANML3D.joints if joint in body.lacking] or lacking
-  template = ", ".join(f'"{joint}": "..."' for joint in wanted)
   if body.label:
     missing = [f'{joint} ("{body.lacking[joint]}")' if joint in body.lacking else joint for joint in wanted]
     what = f"its joints are nearest to those of {body.label}, without {named(missing)}"
   else:
     what = "its joint names are of no skeleton that is known"
-  return (f"{what}; the file has {named(names)}. Write a JSON file {{{template}}} with the names that it has, and give "
-          "it by --mapping FILE.json (mapping=); motion-jax rigs FILE --write-mapping FILE.json begins one")
+  return (f"{what}; the file has {named(names)}. Write a JSON file {template(wanted)} with the names that it has, and "
+          "give it by --mapping FILE.json (mapping=); motion-jax rigs FILE --write-mapping FILE.json begins one")
 
 
 def _needs(entry):

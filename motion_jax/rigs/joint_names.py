@@ -1,8 +1,8 @@
-"""Identify joints by the names that many programs give them, and by their place in the tree.
+"""Identify joints by the names that many programs give them, and by their position in the tree.
 
 Names are compared as words: `key` gives LeftUpLeg, UpLeg_L, lUpLeg and mixamorig:LeftUpLeg one spelling. Legs and arms
-are found by the tables below, three names each; what they share before or after those names (Character1_, Bip01, _JNT)
-may be anything. Pelvis, spine, neck, head, collars and toes follow from the tree.
+are found by the tables below, three names each, with any common prefix or suffix (Character1_, Bip01, _JNT). Pelvis,
+spine, neck, head, collars and toes follow from the tree.
 """
 import collections
 import re
@@ -16,7 +16,7 @@ _GLUED_SIDE = re.compile(r"(?<![A-Za-z])([LR])(?=[A-Z][A-Za-z]*[a-z])")  # LHipJ
 _SIDES = {"left": "left", "l": "left", "right": "right", "r": "right", "c": ""}
 _MOST_AFFIXES = 12
 
-# hip, knee, ankle: what programs call the joints of a side.
+# Names of hip, knee, ankle: programs that use them.
 LEGS = {
     "upleg leg foot": "Mixamo, HumanIK",
     "hip knee ankle": "Xsens, Vicon, SMPL",
@@ -32,7 +32,7 @@ LEGS = {
     "femur tibia foot": "Acclaim",
     "hip knee foot": "MocapNET",
 }
-# shoulder (where the upper arm begins), elbow, wrist.
+# Names of shoulder (start of the upper arm), elbow, wrist.
 ARMS = {
     "arm forearm hand": "Mixamo, HumanIK",
     "shoulder elbow wrist": "Xsens, Vicon, SMPL",
@@ -52,14 +52,14 @@ LIMBS = (("hip", "knee", "ankle"), LEGS), (("shoulder", "elbow", "wrist"), ARMS)
 
 
 class Limbs(NamedTuple):
-  """What `find_limbs` found: {our joint: index}, whose names they are, and what the nearest names lack."""
-  joints: dict[str, int]
-  label: str
-  missing: dict[str, str]  # {our joint: the word that the nearest names have for it}
+  """Result of `find_limbs`."""
+  joints: dict[str, int]   # {our joint: index}
+  label: str               # the programs whose names fit best
+  missing: dict[str, str]  # {our joint: the word that those programs have for it}
 
 
 def key(name: str) -> str:
-  """One spelling of a joint's name: its side, if any, then its words without marks and in lower case."""
+  """Canonical spelling of a joint's name: its side, if any, then its words without punctuation, in lower case."""
   words = [str(int(word)) if word.isdecimal() else word.lower()
            for word in _WORDS.findall(_GLUED_SIDE.sub(r"\1 ", re.split(r"[:|]", name)[-1]))]
   side = next((_SIDES[word] for word in words if word in _SIDES), "")
@@ -67,12 +67,12 @@ def key(name: str) -> str:
 
 
 def plain(name: str) -> str:
-  """A joint's name without marks, and in lower case."""
+  """A joint's name without punctuation, in lower case."""
   return re.sub(r"[-_ .]", "", name.split(":")[-1].lower())
 
 
 class Tree:
-  """The joints of a file by name and place. parents: index of each joint's parent, -1 for a root; None if unknown."""
+  """The joints of a file by name and in their tree. parents: index of each parent, -1 for a root; None if unknown."""
 
   def __init__(self, names: Sequence[str], parents: Sequence[int] | None) -> None:
     self.names, self.is_known = list(names), parents is not None
@@ -87,15 +87,15 @@ class Tree:
       self._children[parent].append(i)
 
   def find(self, name: str) -> int | None:
-    """A joint by its own name, else by its letters, else by its words."""
-    plains = [plain(own) for own in self.names]
-    for wanted, there in ((name, self.names), (plain(name), plains), (key(name), self.keys)):
-      if wanted in there:
-        return there.index(wanted)
+    """Index of a joint by its exact name, else by its letters (`plain`), else by its words (`key`); or None."""
+    for wanted, spellings in ((name, self.names), (plain(name), [plain(joint) for joint in self.names]),
+                              (key(name), self.keys)):
+      if wanted in spellings:
+        return spellings.index(wanted)
     return None
 
   def line(self, joint: int) -> list[int]:
-    """A joint and all above it, from the root down."""
+    """A joint and its ancestors, from the root down."""
     line = []
     while joint >= 0:
       line.append(joint)
@@ -103,25 +103,25 @@ class Tree:
     return line[::-1]
 
   def below(self, joint: int, without: Sequence[int | None] = ()) -> Iterator[list[int]]:
-    """The joints one step below a joint, two steps below it, ...; without some and what hangs on them."""
+    """Descendants of a joint by depth: its children, their children, ...; without some joints and their descendants."""
     level = [joint]
-    while level := [child for one in level for child in self._children[one] if child not in without]:
+    while level := [child for joint_above in level for child in self._children[joint_above] if child not in without]:
       yield level
 
   def fork(self, a: int, b: int) -> int | None:
-    """The last joint above both, or None."""
+    """Lowest common ancestor of two joints, or None."""
     shared = [x for x, y in zip(self.line(a)[:-1], self.line(b)[:-1]) if x == y]
     return shared[-1] if shared else None
 
   def in_line(self, joints: Sequence[int]) -> bool:
-    """Whether each joint hangs on the one before it, as far as that is known."""
+    """Whether each joint is a descendant of the one before it; True if the tree is unknown."""
     return not self.is_known or all(above in self.line(joint)[:-1] for above, joint in zip(joints[:-1], joints[1:]))
 
 
-def find_limbs(tree: Tree, own: Mapping[str, int | None]) -> Limbs:
-  """Hips, knees, ankles, shoulders, elbows and wrists by the names of the tables that fit best.
+def find_limbs(tree: Tree, known: Mapping[str, int | None]) -> Limbs:
+  """Finds hips, knees, ankles, shoulders, elbows and wrists by the rows of the tables that fit best.
 
-  own: joints that are known already, {our joint: index, or None for a place between joints}.
+  known: {our joint: index, or None for a point between joints}, which are not looked for.
   """
   joints: dict[str, int] = {}
   labels: list[list[str]] = []
@@ -130,21 +130,21 @@ def find_limbs(tree: Tree, own: Mapping[str, int | None]) -> Limbs:
     wanted = [f"{side}_{joint}" for side in SIDES for joint in ours]
     rows = [(_fit(tree, words.split(), affix), words.split(), label) for words, label in table.items()
             for affix in _affixes(tree, words.split())]
-    found, words, label = max(rows, key=lambda row: len(row[0]))  # the first of equals: tables begin with the usual
+    matches, words, label = max(rows, key=lambda row: len(row[0]))  # the first of equals: tables begin with the usual
     places = dict(zip(wanted, [(side, word) for side in SIDES for word in words]))
-    joints |= {joint: found[place] for joint, place in places.items() if place in found and joint not in own}
-    missing |= {joint: word for joint, (side, word) in places.items() if (side, word) not in found and joint not in own}
-    if found:
+    joints |= {joint: matches[place] for joint, place in places.items() if place in matches and joint not in known}
+    missing |= {joint: place[1] for joint, place in places.items() if place not in matches and joint not in known}
+    if matches:
       labels.append(label.split(", "))
   shared = [name for name in labels[0] if all(name in label for label in labels)] if labels else []
   return Limbs(joints, ", ".join(shared) or " and ".join(label[0] for label in labels), missing)
 
 
 def _affixes(tree, words):
-  """What may stand before and after the words of a limb in this file: nothing, and what often stands there."""
+  """Pairs of prefix and suffix of a limb's words in this file: none, and the most frequent ones."""
   around: collections.Counter[tuple[str, str]] = collections.Counter()
-  for one in tree.index:
-    core = one.split()[-1] if one else ""
+  for spelling in tree.index:
+    core = spelling.split()[-1] if spelling else ""
     for word in words:
       start = core.find(word)
       if start >= 0:
@@ -153,18 +153,18 @@ def _affixes(tree, words):
 
 
 def _fit(tree, words, affix):
-  """{(side, word): index} of the words found with an affix; without those that do not hang on one another."""
-  found: dict[tuple[str, str], int] = {}
+  """{(side, word): index} of the words found with an affix; a side only if its joints form one chain."""
+  matches: dict[tuple[str, str], int] = {}
   for side in SIDES:
     indices = [_sided(tree, side, affix[0] + word + affix[1]) for word in words]
     there = [index for index in indices if index is not None]
     if there and tree.in_line(there):
-      found |= {(side, word): index for word, index in zip(words, indices) if index is not None}
-  return found
+      matches |= {(side, word): index for word, index in zip(words, indices) if index is not None}
+  return matches
 
 
 def _sided(tree, side, core):
-  """A joint of a side, however its name says the side."""
+  """Index of a joint of one side, whatever its spelling of the side; or None."""
   for spelling in (f"{side} {core}", side + core, core + side, side[0] + core, core + side[0]):
     if spelling in tree.index:
       return tree.index[spelling]

@@ -16,10 +16,11 @@ from motion_jax.shapes import Float, Num
 _HEIGHT = dict(zip(HUMANML3D.joints, SMPL.offsets[:, 1]))  # of each joint above its parent, at rest
 _SPINE = "spine1", "spine2", "spine3", "neck"
 _TRUNK = np.cumsum([-_HEIGHT["left_hip"], *(_HEIGHT[joint] for joint in _SPINE)])  # pelvis to neck, above the hips
-_COINCIDENT, _LEVEL = 0.01, 0.05   # parts of a leg: joints that are one; a pelvis that lies between the hips
-_ASIDE = 0.25                      # of the way to the shoulder that a collar lies aside; SMPL's 0.39
-_SHORTEST, _FOOT = 0.07, (0.07, 0.16)  # parts of a leg: a foot at least; one that is made, down and ahead
-# {joint: its names among points that hang on nothing}
+# In lengths of a leg: distance of coincident joints; height over the hips of a pelvis that counts as between them.
+_COINCIDENT, _LEVEL = 0.01, 0.05
+_ASIDE = 0.25                      # least sideways position of a collar, as a share of the shoulder's; SMPL's is 0.39
+_SHORTEST, _FOOT = 0.07, (0.07, 0.16)  # in lengths of a leg: shortest foot; down and ahead of a computed foot
+# {joint: its names among points without a tree}
 _MARKERS = {"head": ("head", "headtop", "tophead", "skull"), "neck": ("neck",)} | {
     f"{side}_foot": tuple(f"{side} {name}" for name in ("bigtoe", "toe", "toebase", "toes", "forefoot", "toetip"))
     for side in SIDES}
@@ -27,13 +28,13 @@ _TOES = "toe", "ball", "forefoot", "metatarsal", "foot"
 
 
 class NamedBody:
-  """Finds the joints of HumanML3D in a file: `joints` is {our joint: (T, 3)}, `lacking` what stays unknown."""
+  """Finds the joints of HumanML3D in a file: `joints` is {our joint: (T, 3)}, `lacking` the unknown ones."""
 
   def __init__(self, tree: Tree, positions: Num[np.ndarray, "t n 3"], turned: Num[np.ndarray, "t n 4"] | None,
-               own: Mapping[str, list[int]]) -> None:
-    self.tree, self.positions, self.turned, self.own = tree, positions, turned, set(own)
-    self.joints = {joint: positions[:, indices].mean(1) for joint, indices in own.items()}
-    self.at = {joint: indices[0] if len(indices) == 1 else None for joint, indices in own.items()}
+               known: Mapping[str, list[int]]) -> None:
+    self.tree, self.positions, self.turned, self.own = tree, positions, turned, set(known)
+    self.joints = {joint: positions[:, indices].mean(1) for joint, indices in known.items()}
+    self.at = {joint: indices[0] if len(indices) == 1 else None for joint, indices in known.items()}
     limbs: Limbs = find_limbs(tree, self.at)
     self.label, self.lacking = limbs.label, dict(limbs.missing)
     for joint, index in limbs.joints.items():
@@ -54,11 +55,11 @@ class NamedBody:
     return np.median(np.linalg.norm(self.joints[a] - self.joints[b], axis=-1))
 
   def _apart(self, a, b):
-    """Whether two joints of the file lie in two points."""
+    """Whether two joints of the file do not coincide."""
     return np.median(np.linalg.norm(self.positions[:, a] - self.positions[:, b], axis=-1)) > _COINCIDENT * self.leg
 
   def _fork(self, joint):
-    """The last joint of the file above the left and right one."""
+    """Lowest common ancestor of a left and right joint."""
     left, right = (self.at[f"{side}_{joint}"] for side in SIDES)
     return None if left is None or right is None else self.tree.fork(left, right)
 
@@ -68,7 +69,7 @@ class NamedBody:
     joints, pelvis, chest = self.joints, self._fork("hip"), self._fork("shoulder")
     if "pelvis" not in joints and pelvis is not None:
       self._take("pelvis", pelvis)
-    if chest is None:  # points of a table or markers, which hang on nothing: these go by their names alone
+    if chest is None:  # points of a table or markers, without a tree: identified by name alone
       for joint, names in _MARKERS.items():
         at = next((self.tree.index[name] for name in names if name in self.tree.index), None)
         if joint not in joints and at is not None:
@@ -92,14 +93,14 @@ class NamedBody:
     self._spine([self.positions[:, joint] for joint in spines])
 
   def _spine_and_head(self, pelvis, chest):
-    """Joints of the file from above the pelvis to the head, those that lie in one point once."""
+    """Joints of the file from above the pelvis to the head, coincident ones once."""
     if pelvis is None or chest is None:
       return []
     arms = [self.at[f"{side}_shoulder"] for side in SIDES]
     head = self.at.get("head")
     if head is None:
-      above = [one for level in self.tree.below(chest, arms) for one in level]
-      heads, necks = ([one for one in above if word in self.tree.keys[one]] for word in ("head", "neck"))
+      above = [bone for level in self.tree.below(chest, arms) for bone in level]
+      heads, necks = ([bone for bone in above if word in self.tree.keys[bone]] for word in ("head", "neck"))
       if not heads and not necks:
         return []
       head = heads[0] if heads else necks[-1]  # the neck's End Site is the top of such a head
@@ -112,7 +113,7 @@ class NamedBody:
     return line
 
   def _spine(self, spines):
-    """Spine joints: the file's three, or points at HumanML3D's heights on the line from hips or pelvis to neck."""
+    """Sets the spine joints: the file's three, or points at HumanML3D's heights on the line from hips to neck."""
     joints = self.joints
     hips = (joints["left_hip"] + joints["right_hip"]) / 2
     up = rot.unit(joints["neck"] - hips)
@@ -134,17 +135,17 @@ class NamedBody:
   # --- collars and toes ------------------------------------------------------------------------------------------
 
   def _collar(self, side):
-    """The first joint from the chest to a shoulder that lies to its side; else a point at SMPL's place between them.
+    """Sets a collar: the first joint from the chest to a shoulder that is off the middle, else a point as in SMPL.
 
-    Many rigs hang both arms on one point or on the line of the spine, which says nothing about collars. Such collars
-    turn with the chest: shrugs and raised arms do not turn it.
+    Many rigs attach both arms to one point or to the spine and have no collars. Computed collars turn with the chest:
+    shrugs and raised arms do not move them.
     """
     joints, joint = self.joints, f"{side}_collar"
     if joint in joints or "spine3" not in joints:
       return
     shoulder, chest = self.at[f"{side}_shoulder"], self._fork("shoulder")
     way = [] if chest is None or shoulder is None else self.tree.line(shoulder)[len(self.tree.line(chest)):-1]
-    way = [one for one in way if not self.tree.names[one].startswith("__")]
+    way = [bone for bone in way if not self.tree.names[bone].startswith("__")]
     if way and self._apart(way[0], shoulder) and self._aside(way[0], side) > _ASIDE:
       self._take(joint, way[0])
     else:
@@ -152,21 +153,21 @@ class NamedBody:
       joints[joint] = self._fixed(base + 0.39 * (joints[f"{side}_shoulder"] - base), chest)
 
   def _fixed(self, points, index):
-    """Points (T, 3) at their median place in the turned frame of a joint of the file; as they are without turns."""
+    """Points (T, 3) at their median position in the local frame of a joint of the file; unchanged without rotations."""
     if self.turned is None or index is None:
       return points
     turn, origin = self.turned[:, index], self.positions[:, index]
     return origin + rot.rotate(turn, np.median(rot.rotate(rot.conjugate(turn), points - origin), axis=0)[None])
 
   def _aside(self, index, side):
-    """How far towards the shoulder a joint lies from the middle of the body: 1 at the shoulder."""
+    """Sideways position of a joint: 0 in the middle of the body, 1 at the shoulder."""
     left, right = self.joints["left_shoulder"], self.joints["right_shoulder"]
     half = (left - right) / 2 * (1 if side == "left" else -1)
     off = self.positions[:, index] - (left + right) / 2
     return np.median((off * half).sum(-1) / np.maximum((half * half).sum(-1), 1e-12))
 
   def _toes(self, side):
-    """Toes: joints of that name below the ankle, else the foot's End Site, else a foot made from the ankle's turns."""
+    """Sets the toes: joints of that name below the ankle, else the foot's End Site, else `_made_toes`."""
     joint, ankle, knee = f"{side}_foot", self.joints[f"{side}_ankle"], self.joints[f"{side}_knee"]
     if joint in self.joints:
       return
@@ -190,7 +191,7 @@ class NamedBody:
     self.joints[joint] = self._made_toes(ankle, shin, index)
 
   def _made_toes(self, joint, shin, ankle):
-    """Toes (T, 3) ahead of an ankle, where the hips face; where the file has turns they are fixed to the ankle."""
+    """Toes (T, 3) ahead of an ankle in the direction of the hips; fixed to the ankle if the file has rotations."""
     joints = self.joints
     hips = joints["left_hip"] - joints["right_hip"]
     trunk = joints["neck"] - (joints["left_hip"] + joints["right_hip"]) / 2
@@ -201,7 +202,7 @@ class NamedBody:
 
 
 def _along(curve: list[Float[np.ndarray, "t 3"]], parts: Float[np.ndarray, " n"]) -> list[Float[np.ndarray, "t 3"]]:
-  """Points at these parts of a line through places (T, 3), each bone of it as long as it is in the median frame."""
+  """Points at relative arc lengths (N,) of a polyline through points (T, 3), by its median segment lengths."""
   bones = [np.median(np.linalg.norm(b - a, axis=-1)) for a, b in zip(curve[:-1], curve[1:])]
   ends = np.cumsum([0, *bones])
   points = []

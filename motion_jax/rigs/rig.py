@@ -1,8 +1,8 @@
-"""Rigs of other programs: names, tree, unit and rest pose, one JSON file each, for all that writes or reads skeletons.
+"""Rigs of other programs, one JSON file each: names, tree, unit and rest pose, for readers and writers of skeletons.
 
-A file names the trunk from pelvis to head, a leg and an arm, "+" standing for the side. Below each name stands the
-joint of HumanML3D's 22 that is in its place: "-" is a joint in between, which keeps still, "end" the tip of a chain.
-"turn_with" names joints that turn with another one than that in whose place they are, where a rig has fewer.
+A file names the trunk from pelvis to head, a leg and an arm, with "+" for the side. Each name has the corresponding
+joint of HumanML3D's 22: "-" is an intermediate joint, which does not turn, "end" the tip of a chain. "turn_with" names
+joints that turn with a joint other than the corresponding one, in rigs with fewer joints.
 """
 import functools
 import json
@@ -25,11 +25,11 @@ _A_POSE = np.radians(45)  # of the arms below the horizontal, in an A-pose
 
 
 class Rig(NamedTuple):
-  """N joints, parents before children.
+  """A skeleton of another program: N joints, parents before children.
 
-  joints: {joint of the skeleton: number here}; between: (N,) for a joint of no place of its own (joint before, joint
-  after, share of the way), for a tip (joint before, None, 0); rest: "T" or "A"; unit: metres per unit of its files;
-  turn_with: {number here: joint of the skeleton that it turns with, another than the one in whose place it is}.
+  joints: {joint of our skeleton: index here}; between (N,): for an intermediate joint (joint before, joint after, share
+  of the distance), for a tip (joint before, None, 0), else None; rest: "T" or "A"; unit: metres per unit of its files;
+  turn_with: {index here: joint of our skeleton that it turns with, if not the corresponding one}.
   """
   name: str
   title: str
@@ -43,31 +43,31 @@ class Rig(NamedTuple):
   turn_with: Mapping[int, str] = types.MappingProxyType({})
 
   def places(self, offsets: Float[np.ndarray, "j 3"], skeleton: Skeleton = HUMANML3D) -> Float[np.ndarray, "n 3"]:
-    """Where the joints (N, 3) are in a T-pose of the skeleton's offsets (J, 3), the pelvis at the origin."""
+    """Joint positions (N, 3) in a T-pose with the skeleton's offsets (J, 3), the pelvis at the origin."""
     ours = np.zeros_like(offsets)
     for chain in skeleton.chains:
       for parent, joint in zip(chain[:-1], chain[1:]):
         ours[joint] = ours[parent] + offsets[joint]
     at = {name: ours[j] for j, name in enumerate(skeleton.joints)}
     of = {number: name for name, number in self.joints.items()}
-    found = np.zeros((len(self.names), 3))
+    places = np.zeros((len(self.names), 3))
     for number, place in enumerate(self.between):
       if number in of:
-        found[number] = at[of[number]]
+        places[number] = at[of[number]]
       elif place is not None:
         before, after, share = place
-        found[number] = at[before] + (tip(before) if after is None else share * (at[after] - at[before]))
-    return found
+        places[number] = at[before] + (tip(before) if after is None else share * (at[after] - at[before]))
+    return places
 
   def followed(self, skeleton: Skeleton = HUMANML3D) -> list[int]:
-    """The joint of the skeleton with which each of the N joints turns; -1 for a root that does not."""
+    """For each of the N joints the index of the skeleton's joint that it turns with; -1 for a root without one."""
     of = {number: skeleton.joints.index(name) for name, number in self.joints.items()}
     of |= {number: skeleton.joints.index(name) for number, name in self.turn_with.items()}
     return [of.get(number, -1 if place is None else skeleton.joints.index(place[0]))
             for number, place in enumerate(self.between)]
 
   def arm_rest(self, skeleton: Skeleton = HUMANML3D) -> Float[np.ndarray, "j 4"]:
-    """How each joint of the skeleton (J, 4) is turned in this rig's rest pose, seen from a T-pose."""
+    """Rotations (J, 4) of the skeleton's joints from a T-pose to this rig's rest pose."""
     turned = np.tile([1.0, 0, 0, 0], (skeleton.num_joints, 1))
     if self.rest == "A":
       for j, name in enumerate(skeleton.joints):
@@ -77,13 +77,13 @@ class Rig(NamedTuple):
 
 
 def tip(joint: str) -> Float[np.ndarray, " 3"]:
-  """From a joint to the end of its limb in a T-pose, metres."""
+  """Offset (3,) from a joint to the tip of its limb in a T-pose, metres."""
   side, kind = side_and_kind(joint)
   return np.array(TIPS.get(kind, (0, 0.05, 0))) * [side or 1, 1, 1]
 
 
 def of_skeleton(skeleton: Skeleton) -> Rig:
-  """The rig that a skeleton is by itself, in centimetres."""
+  """A skeleton as a rig, in centimetres."""
   count = skeleton.num_joints
   return Rig(skeleton.name, skeleton.name, (), skeleton.joints, skeleton.parents,
              {name: j for j, name in enumerate(skeleton.joints)}, (None,) * count)
@@ -91,14 +91,14 @@ def of_skeleton(skeleton: Skeleton) -> Rig:
 
 @functools.cache
 def all_rigs() -> dict[str, Rig]:
-  """{name: rig} of all rigs, by name."""
-  found = {path.stem: _read(path) for path in _FOLDER.glob("*.json")}
-  found[KIT.name] = of_skeleton(KIT)._replace(title="KIT-ML, 21 joints", aliases=("kit-ml",))
-  return dict(sorted(found.items()))
+  """All rigs, {name: rig}, sorted by name."""
+  rigs = {path.stem: _read(path) for path in _FOLDER.glob("*.json")}
+  rigs[KIT.name] = of_skeleton(KIT)._replace(title="KIT-ML, 21 joints", aliases=("kit-ml",))
+  return dict(sorted(rigs.items()))
 
 
 def get_rig(name: str) -> Rig:
-  """A rig by its name or another name of it. Raises InputError that lists them."""
+  """A rig by its name or an alias. Raises InputError that lists the names."""
   for rig in all_rigs().values():
     if name.lower() in (rig.name, *rig.aliases):
       return rig
@@ -118,19 +118,19 @@ def _read(path):
     return len(names) - 1
 
   def chain(words, ours, parent, side="", numbers=None):
-    """Adds the joints `numbers` of a chain, all by default; ours: what stands in the places of its words."""
-    own = [i for i, joint in enumerate(ours) if joint not in ("-", "end")]
+    """Adds the joints `numbers` of a chain, by default all; ours: the corresponding joints of its words."""
+    placed = [i for i, joint in enumerate(ours) if joint not in ("-", "end")]
     for i in numbers or range(len(words)):
       place: tuple[str, str | None, float] | None = None
-      if i not in own:
-        first, after = max((j for j in own if j < i), default=None), next((j for j in own if j > i), None)
-        if first is None:  # a limb that begins where it hangs
+      if i not in placed:
+        first, after = max((j for j in placed if j < i), default=None), next((j for j in placed if j > i), None)
+        if first is None:  # a limb that begins at its parent
           place = ("pelvis", "pelvis", 0.0)
         else:
           place = (side + ours[first], None, 0.0) if after is None else (
               side + ours[first], side + ours[after], (i - first) / (after - first))
       parent = at[words[i]] = add(words[i], parent, place)
-      if i in own:
+      if i in placed:
         joints[side + ours[i]] = parent
 
   at: dict[str, int] = {}

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from motion_jax.nets.post_norm import ACTIVATIONS, PostNormLayer
-from motion_jax.text.names import params_from_names
+from motion_jax.text.names import check_activation, check_positions, params_from_names
 
 
 class Bert(nn.Module):
@@ -47,9 +47,7 @@ class Bert(nn.Module):
 
   def hidden_states(self, ids, text_mask, type_ids=None):
     """The embeddings and the output of each layer: num_layers + 1 arrays (B, S, D)."""
-    if ids.shape[1] > self.max_positions:
-      raise ValueError(f"got {ids.shape[1]} word pieces, this encoder has {self.max_positions} positions; "
-                       "use a shorter sentence")
+    check_positions(ids.shape[1], self.max_positions)
     x = self.words(ids) + self.positions(jnp.arange(ids.shape[1]))
     if self.num_types:
       x = x + self.types(jnp.zeros_like(ids) if type_ids is None else type_ids)
@@ -69,11 +67,6 @@ class Bert(nn.Module):
     return jnp.tanh(self.pooler(self(ids, text_mask, type_ids)[:, 0]))
 
 
-def mean_words(hidden, text_mask):
-  """The mean over real word pieces: (B, S, D), (B, S) -> (B, D)."""
-  weight = text_mask[..., None].astype(hidden.dtype)
-  return (hidden * weight).sum(1) / weight.sum(1)
-
 
 def bert_fields(config):
   """Fields of `Bert` from a Hugging Face config.json (model_type bert or distilbert).
@@ -85,8 +78,7 @@ def bert_fields(config):
     raise ValueError(f"got a text encoder of model_type {kind!r}, expected 'bert' or 'distilbert'")
   distil = kind == "distilbert"
   activation = config.get("activation" if distil else "hidden_act", "gelu")
-  if activation not in ACTIVATIONS:
-    raise ValueError(f"got activation {activation!r}, expected one of {', '.join(ACTIVATIONS)}")
+  check_activation(activation, ACTIVATIONS)
   position_type = config.get("position_embedding_type", "absolute")
   if position_type != "absolute":
     raise ValueError(f"got position_embedding_type {position_type!r}, expected 'absolute'")

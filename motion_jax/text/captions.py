@@ -1,4 +1,4 @@
-"""Subjects of captions, and captions with the same meaning."""
+"""Vary and strip subjects of captions, and group captions of the same meaning."""
 import re
 
 SUBJECTS = ("a person", "someone", "the person", "a man", "the man", "a woman", "the woman", "a human", "somebody",
@@ -9,43 +9,43 @@ _ANYBODY = re.compile(rf"^(?:{'|'.join(SUBJECTS)})\s+", re.IGNORECASE)
 
 
 def vary_subject(caption, rng, rate):
-  """The caption with another subject with probability rate, if it starts with one ("a person walks." -> "she walks.").
+  """Replaces the subject of a caption with probability rate: "a person walks." -> "she walks.".
 
-  rng: a numpy generator, from which two numbers are drawn whatever the caption.
+  rng: a numpy generator, from which two numbers are drawn for every caption.
   """
   chance, place = rng.random(), int(rng.integers(len(SUBJECTS)))
-  found = _KNOWN.match(caption)
-  if chance >= rate or not found:
+  match = _KNOWN.match(caption)
+  if chance >= rate or not match:
     return caption
-  return f"{SUBJECTS[place]} {caption[found.end():]}"
+  return f"{SUBJECTS[place]} {caption[match.end():]}"
 
 
 def with_subjects(caption):
-  """All captions that `vary_subject` can return for one, the caption itself first."""
-  found = _KNOWN.match(caption)
-  return [caption] + ([f"{subject} {caption[found.end():]}" for subject in SUBJECTS] if found else [])
+  """All possible results of `vary_subject`, the caption itself first."""
+  match = _KNOWN.match(caption)
+  return [caption] + ([f"{subject} {caption[match.end():]}" for subject in SUBJECTS] if match else [])
 
 
 def without_subject(caption):
-  """A caption in small letters without its subject: "someone walks forward ." -> "walks forward"."""
+  """A caption in lower case without its subject: "someone walks forward ." -> "walks forward"."""
   return re.sub(r"\s+([,.;:!?])", r"\1", _KNOWN.sub("", caption.strip().lower())).rstrip(" .!")
 
 
 def of_a_person(caption) -> str:
-  """The caption with "a person" as its subject, where it has one of SUBJECTS: "she bows" -> "a person bows"."""
+  """Replaces a subject of SUBJECTS by "a person": "she bows" -> "a person bows"."""
   return _ANYBODY.sub("a person ", caption.strip(), count=1)
 
 
 def known_subject(caption) -> bool:
-  """Whether a caption begins with a subject that can be replaced or left out."""
+  """Whether a caption begins with a subject that can be replaced or removed."""
   return bool(_KNOWN.match(caption))
 
 
 def meanings(captions):
-  """{sentence: number} of lists of sentences, one list per clip: sentences linked by clips have the same number.
+  """Groups {sentence: number} of lists of sentences, one list per clip: sentences of one clip have the same number.
 
-  Of captions from templates "someone bows" and "a person takes a bow" occur in the same clips; a contrastive loss
-  should not separate the two.
+  Template captions such as "someone bows" and "a person takes a bow" occur in the same clips; a contrastive loss should
+  not separate them.
   """
   leader = {}
 

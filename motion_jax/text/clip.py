@@ -12,10 +12,10 @@ import numpy as np
 
 from motion_jax.nets.attention import dot_product_attention
 from motion_jax.nets.post_norm import ACTIVATIONS
-from motion_jax.text.names import params_from_names
+from motion_jax.text.names import check_activation, check_positions, params_from_names
 
 CLIP_ACTIVATIONS = ACTIVATIONS | {"quick_gelu": lambda x: x * jax.nn.sigmoid(1.702 * x)}
-# The parts of a CLIPModel beside its text half, and a position buffer of old files.
+# The parts of a CLIPModel other than its text half, and a position buffer of old files.
 IGNORED = r"vision_model\.|visual_projection\.|logit_scale$|text_model\.embeddings\.position_ids$"
 LEGACY_END = 2  # end token in old config.json files, where the real one is the largest id of a sentence
 
@@ -73,8 +73,7 @@ class ClipText(nn.Module):
   def hidden_states(self, ids, text_mask=None):
     """The embeddings and the output of each layer before the last norm: num_layers + 1 arrays (B, S, D)."""
     length = ids.shape[1]
-    if length > self.max_positions:
-      raise ValueError(f"got {length} word pieces, CLIP has {self.max_positions} positions; use a shorter sentence")
+    check_positions(length, self.max_positions)
     attn_mask = jnp.tril(jnp.ones((length, length), bool))[None, None]
     if text_mask is not None:
       attn_mask = attn_mask & text_mask[:, None, None, :]
@@ -112,8 +111,7 @@ def clip_fields(config):
   if kind == "clip":
     part = (config.get("text_config") or {}) | (config.get("text_config_dict") or {})
   activation = part.get("hidden_act", "quick_gelu")
-  if activation not in CLIP_ACTIVATIONS:
-    raise ValueError(f"got activation {activation!r}, expected one of {', '.join(CLIP_ACTIVATIONS)}")
+  check_activation(activation, CLIP_ACTIVATIONS)
   end_id = part.get("eos_token_id", 49407)
   return dict(
       vocab_size=part.get("vocab_size", 49408), width=part.get("hidden_size", 512),
@@ -143,6 +141,6 @@ def names(fields):
 def params_from_reference(state, fields, dtype=np.float32):
   """Params of `ClipText(**fields)` from a state dict of a CLIPTextModel with or without projection, or of a CLIPModel.
 
-  The image half of a CLIPModel is left out. Raises ValueError that lists missing, unknown or misshapen arrays.
+  The image half of a CLIPModel is ignored. Raises ValueError that lists missing, unknown or misshapen arrays.
   """
   return params_from_names(state, names(fields), ClipText(**fields), IGNORED, dtype)

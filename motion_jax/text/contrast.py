@@ -1,4 +1,4 @@
-"""Contrast guidance: text embeddings of prompts, moved away from those of negative prompts."""
+"""Contrast guidance: move text embeddings of prompts away from those of negative prompts."""
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
@@ -8,7 +8,7 @@ from motion_jax.shapes import Bool, Float
 
 
 class Contrast(NamedTuple):
-  """negative(prompt) -> the prompt to move away from, the prompt itself for none; scale: by how much."""
+  """negative(prompt): the prompt to move away from, or the prompt itself for none; scale: strength."""
   negative: Callable[[str], str]
   scale: float
 
@@ -17,9 +17,8 @@ def contrasted(encoder: Callable, prompts: Sequence[str], text_emb: Float[np.nda
                text_mask: Bool[np.ndarray, "b s"], contrast: Contrast) -> Float[np.ndarray, "b s e"]:
   """text_emb + scale (text_emb - embedding of the negative prompt), for each prompt (B, S, E) that has one.
 
-  What both prompts share stays, what distinguishes them is amplified, as guidance amplifies what the prompt changes of
-  a velocity; it takes no further pass of the network. A prompt whose negative has another number of tokens stays as it
-  is, since its tokens have no counterpart.
+  Differences between the two prompts are amplified, as classifier-free guidance amplifies differences of velocities,
+  without a further pass of the network. A prompt whose negative has another number of tokens is not changed.
   """
   text_emb = text_emb.copy()
   for row, prompt in enumerate(prompts):
@@ -28,6 +27,6 @@ def contrasted(encoder: Callable, prompts: Sequence[str], text_emb: Float[np.nda
       continue
     other = encoder([negative])[0][0]
     if len(other) == text_mask[row].sum():
-      own = text_emb[row, :len(other)]
-      text_emb[row, :len(other)] = own + np.float32(contrast.scale) * (own - other)
+      features = text_emb[row, :len(other)]
+      text_emb[row, :len(other)] = features + np.float32(contrast.scale) * (features - other)
   return text_emb

@@ -1,4 +1,4 @@
-"""Frozen text encoders: captions to features of words or sentences, each caption encoded once."""
+"""Frozen text encoders: captions to features of words or sentences, with a cache."""
 import concurrent.futures
 import contextlib
 import copy
@@ -27,9 +27,9 @@ SHIPPED = pathlib.Path(__file__).parents[1] / "pretrained"
 LEVELS = ("words", "sentence")
 KNOWN_WORDS = "known_words.txt"
 CARRIED = "text_encoder"  # folder of the encoder inside a run (`training.checkpoint.ENCODER`)
-FAMILIAR = 0.65  # cosine to the nearest known word from which an unseen word counts as known
-# Cosine of two words' features from which they are synonyms: walks and saunters 0.74, throws and tosses 0.76, quick and
-# hastily 0.83; not grab and catches with 0.65, bounces and backflip with 0.38.
+FAMILIAR = 0.65  # least cosine to the nearest known word of an unseen word that counts as known
+# Least cosine of the features of synonyms: walks and saunters 0.74, throws and tosses 0.76, quick and hastily 0.83; not
+# grab and catches with 0.65, bounces and backflip with 0.38.
 SYNONYM = 0.67
 _GROUP = 8  # captions that are encoded together in training
 _MOST, _MOST_IN_TRAINING = 50_000, 200_000  # captions in the cache: about 6 kB each of the shipped encoder
@@ -37,7 +37,7 @@ _MOST, _MOST_IN_TRAINING = 50_000, 200_000  # captions in the cache: about 6 kB 
 
 @functools.cache
 def _threads():
-  """Threads that encode groups of captions side by side."""
+  """Threads that encode groups of captions in parallel."""
   return concurrent.futures.ThreadPoolExecutor(min(8, os.cpu_count() or 1), "captions")
 
 
@@ -95,7 +95,7 @@ class TextEncoder:
     return text_emb, np.arange(length) < np.array([len(f) for f in features])[:, None]
 
   def no_caption(self):
-    """The sentence vector (1, E) of an empty caption: of its special word pieces, zeros where it has none."""
+    """The sentence vector (1, E) of an empty caption: of its special word pieces, or zeros without any."""
     ids = self._encode("").ids
     if not ids:
       return np.zeros((1, len(self._sentence.projection)), np.float32)
@@ -144,17 +144,17 @@ class TextEncoder:
                        f"{worst[:60]!r}... Shorten them, or take an encoder with more positions")
 
   def too_long(self, captions) -> dict[str, int]:
-    """{caption: its word pieces} of those that are too long for this encoder; none if it truncates."""
+    """{caption: number of word pieces} of the captions that are too long for this encoder; {} if it truncates."""
     captions = list(dict.fromkeys(captions)) if not self._truncates else []
-    counts = [len(found.ids) for i in range(0, len(captions), 4096)
-              for found in self.tokenizer.encode_batch(captions[i:i + 4096])]
+    counts = [len(encoding.ids) for i in range(0, len(captions), 4096)
+              for encoding in self.tokenizer.encode_batch(captions[i:i + 4096])]
     return {caption: count for caption, count in zip(captions, counts) if count > self.max_words}
 
   def word(self, sentence, word):
-    """The feature (D,) of a word in a sentence: the mean of its pieces. Raises ValueError if it is not in it."""
-    found = re.search(rf"(?<!\w){re.escape(word.lower())}(?!\w)", sentence.lower())
+    """The feature (D,) of a word in a sentence: the mean of its pieces. Raises InputError if the word is not in it."""
+    match = re.search(rf"(?<!\w){re.escape(word.lower())}(?!\w)", sentence.lower())
     offsets = self._encode(sentence).offsets
-    rows = [i for i, (a, b) in enumerate(offsets) if found and a < b and found.start() <= a and b <= found.end()]
+    rows = [i for i, (a, b) in enumerate(offsets) if match and a < b and match.start() <= a and b <= match.end()]
     if not rows:
       raise InputError(f"got the word {word!r}, which is not in {sentence!r}")
     return self._features([sentence])[0][rows].mean(0)
@@ -171,9 +171,9 @@ class TextEncoder:
     return unknown_words(sentence, known) + self.unreadable(sentence)
 
   def synonym(self, word, others):
-    """The one of other words that is a synonym of a word, by their features in equal sentences.
+    """The best synonym of a word among others, by their features in equal sentences.
 
-    "" where there is none, where the encoder has not learned the word, and for encoders without a word list.
+    "" if there is none, if the encoder has not learned the word, and for encoders without a word list.
     """
     if not others or not possible_bases(word.lower()) & self._known_bases:
       return ""
@@ -187,11 +187,11 @@ class TextEncoder:
     return _unit(np.stack([self.word(f"a person {word}.", word) for word in words]))
 
   def is_piece(self, word):
-    """Whether a word is a single piece of the tokenizer, which means that it is spelled correctly."""
+    """Whether a word is a single piece of the tokenizer, hence spelled correctly."""
     return len(self._encode(word).ids) == 1 + self._num_special and "[UNK]" not in self._encode(word).tokens
 
   def files(self):
-    """Paths of the encoder's files, where it was read from a folder of the user."""
+    """Paths of the encoder's files, if it was read from a folder of the user."""
     return [self.folder / name for name in (*hub.FILES, KNOWN_WORDS) if (self.folder / name).is_file()
             ] if self.folder else []
 
@@ -220,7 +220,7 @@ class TextEncoder:
     pieces = self._encode(word).tokens[1:-1]
     if "[UNK]" in pieces or not pieces or len(pieces) > self.max_words - 2:
       return False
-    # A word in small pieces (sw ##ive ##ls) has an arbitrary vector: it must begin with a known word (sneak ##ily).
+    # A word of several small pieces (sw ##ive ##ls) has an arbitrary vector: require a known first piece (sneak ##ily).
     if len(pieces) > 1 and (len(pieces[0]) < 4 or not possible_bases(pieces[0]) & self._known_bases):
       return False
     return self.nearness(word) >= FAMILIAR
@@ -229,7 +229,7 @@ class TextEncoder:
     return self.tokenizer.encode(sentence)
 
   def _features(self, sentences):
-    """List of (S_i, D) without padding, one per caption."""
+    """Features (S_i, D) of captions without padding, as a list."""
     if isinstance(sentences, str):
       sentences = [sentences]
     sentences = list(sentences)
@@ -265,9 +265,8 @@ class TextEncoder:
   def for_training(self):
     """This encoder for the many captions of training: about ten times as fast, equal up to rounding (3e-6).
 
-    The captions of a batch that it has not seen are encoded in groups of one size, on the host's processor, where they
-    do not wait for the steps of an accelerator. A feature does not depend on the other captions, nor on what was
-    encoded before.
+    New captions of a batch are encoded in groups of one size, on the host's processor, where they do not wait for the
+    steps of an accelerator. A feature does not depend on other captions or on earlier calls.
     """
     other = copy.copy(self)
     other._cache, other._in_groups = {}, True
@@ -280,25 +279,25 @@ class TextEncoder:
            if isinstance(sentence, str) and sentence not in self._cache and self._kept(sentence) is None]
     run = lambda padded, some: (some, np.asarray(_hidden.jitted(self.model, self.params, *pad(
         [ids for ids, _ in some] + [some[-1][0]] * (_GROUP - len(some)), padded))))
-    for some, made in _threads().map(run, *zip(*self._groups(new, _GROUP))) if new else ():
-      for (ids, sentence), rows in zip(some, made):
+    for some, features in _threads().map(run, *zip(*self._groups(new, _GROUP))) if new else ():
+      for (ids, sentence), rows in zip(some, features):
         self._remember(sentence, rows[:len(ids)])
 
   def recall(self, kept):
-    """Takes features from kept(sentence) from now on, (S, D); where it returns None they are computed."""
+    """Uses stored features kept(sentence), (S, D), from now on; None means that they are computed."""
     self._kept = kept
 
   def in_batches(self, sentences, size=32):
     """Yields (sentence, features (S, D)) of many different captions, in the order of their lengths."""
     for padded, some in self._groups(sentences, size):
       filled = [ids for ids, _ in some] + [some[-1][0]] * (size - len(some))
-      made = np.asarray(_hidden(self.model, self.params, *pad(filled, padded)))
-      yield from ((sentence, rows[:len(ids)]) for (ids, sentence), rows in zip(some, made))
+      features = np.asarray(_hidden(self.model, self.params, *pad(filled, padded)))
+      yield from ((sentence, rows[:len(ids)]) for (ids, sentence), rows in zip(some, features))
 
   def _groups(self, sentences, size):
     """Yields (padded length, up to `size` pairs of word pieces and sentence), by length."""
-    encodings = sorted(((self._ids(sentence), sentence) for sentence in sentences), key=lambda one: len(one[0]))
-    width = lambda one: min(-(-len(one[0]) // 8) * 8, self.model.max_positions)
+    encodings = sorted(((self._ids(sentence), sentence) for sentence in sentences), key=lambda item: len(item[0]))
+    width = lambda item: min(-(-len(item[0]) // 8) * 8, self.model.max_positions)
     for padded, same in itertools.groupby(encodings, width):
       while some := list(itertools.islice(same, size)):
         yield padded, some
@@ -353,7 +352,7 @@ def load_text_encoder(name_or_folder="words", max_words=None, level="words"):
 
 
 def _carried(run):
-  """The encoder's folder inside a run folder or a shipped model, None where there is none."""
+  """The encoder's folder inside a run folder or a shipped model, or None."""
   places = [pathlib.Path(run) / CARRIED, SHIPPED / run / CARRIED]
   config = SHIPPED / run / "config.json"
   if config.parent.parent == SHIPPED and config.is_file():  # a shipped model may share the encoder of another
@@ -382,7 +381,7 @@ def _random_init(seed=0):
   params = jax.tree_util.tree_map_with_path(
       lambda path, leaf: np.ones(leaf.shape, np.float32) if path[-1].key == "scale"
       else rng.normal(0, 1.0 if path[-1].key == "embedding" else 0.2, leaf.shape).astype(np.float32), shapes)
-  # Positions for long captions, drawn last, so that the features of short ones stay.
+  # Positions for long captions are drawn last, which keeps the features of short ones.
   more = rng.normal(0, 1.0, (512 - fields["max_positions"], fields["width"])).astype(np.float32)
   params["positions"]["embedding"] = np.concatenate([params["positions"]["embedding"], more])
   fields["max_positions"] = 512

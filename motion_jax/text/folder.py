@@ -1,4 +1,4 @@
-"""Reads a folder in Hugging Face layout: module, parameters, tokenizer and sentence feature of a text encoder."""
+"""Read a folder in Hugging Face layout: module, parameters, tokenizer and sentence feature of a text encoder."""
 import hashlib
 import re
 from typing import Any, NamedTuple
@@ -27,10 +27,10 @@ KINDS = {
 
 
 class Sentence(NamedTuple):
-  """How the word features of a sentence become one vector."""
+  """Pooling of the word features of a sentence to one vector."""
   pooling: str = "mean"                 # or "last": CLIP's end token
   projection: np.ndarray | None = None  # (E, D)
-  unit: bool = True                     # whether its feature is scaled to length 1
+  unit: bool = True                     # whether the vector is scaled to length 1
 
   def vectors(self, features):
     """Features of B sentences, each (S_i, D), to (B, E), not scaled."""
@@ -40,7 +40,7 @@ class Sentence(NamedTuple):
 
 
 class EncoderParts(NamedTuple):
-  """The parts of a text encoder. fingerprint: sha256 of weights and tokenizer; truncates: long captions are cut."""
+  """The parts of a text encoder. fingerprint: sha256 of weights and tokenizer; truncates: cut long captions."""
   model: Any
   params: Any
   tokenizer: Tokenizer
@@ -92,7 +92,7 @@ def read(folder, name, level="words"):
 
 
 def _fields(folder, to_fields, config):
-  """The fields of a kind's module; defaults that config.json leaves out come from transformers, where installed."""
+  """The fields of a kind's module; defaults that config.json omits come from transformers, if installed."""
   try:
     return to_fields(config)
   except ValueError:
@@ -116,8 +116,8 @@ def _kind(folder, name):
 
 
 def _check_files(folder, name, kind):
-  """The files of an encoder: config.json, its weights or the index of their shards, and others. Raises
-  FileNotFoundError that lists those that are missing."""
+  """The files of an encoder: config.json, weights or the index of their shards, tokenizer. Raises FileNotFoundError
+  that lists missing ones."""
   has = lambda file: (folder / file).is_file()
   tokenizer = [TOKENIZER]
   if kind.startswith("clip") and not has(TOKENIZER) and any(map(has, CLIP_TOKENIZER)):

@@ -1,10 +1,10 @@
-"""Finds the folder of a published text encoder: an existing one, or a download at a pinned revision."""
+"""Find the folder of a published text encoder: an existing one, or a download at a pinned revision."""
 import pathlib
 import re
 
 from motion_jax.utils.install import pip_install
 
-# Commits, so that a run loads the weights it was trained with.
+# Pinned commits: a run loads the weights that it was trained with.
 REVISIONS = {
     "distilbert/distilbert-base-uncased": "12040accade4e8a0f71eabdb258fecc2e7e948be",
     "sentence-transformers/all-MiniLM-L6-v2": "1110a243fdf4706b3f48f1d95db1a4f5529b4d41",
@@ -25,7 +25,7 @@ def find(name_or_folder):
   """The folder of an encoder: the given one if it exists, else a download of the published encoder of that name.
 
   Names are those of `REVISIONS`, with or without owner, or "owner/name@revision" with all 40 digits of a commit. Raises
-  FileNotFoundError, with what to give, where the folder does not exist and nothing can be downloaded.
+  FileNotFoundError, with advice, if the folder does not exist and nothing can be downloaded.
   """
   folder = pathlib.Path(name_or_folder)
   if folder.is_dir():

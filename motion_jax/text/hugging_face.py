@@ -1,8 +1,8 @@
-"""Older files, read by Hugging Face's transformers where it is installed (extra `convert`).
+"""Read older files by Hugging Face's transformers, if installed (extra `convert`).
 
-These are old tokenizer files, and the defaults of a model type that a config.json leaves out. A complete folder
-(config.json, model.safetensors, tokenizer.json) does not need them, and is read the same with and without transformers.
-Nothing is downloaded, and no code of a folder is run.
+These are old tokenizer files, and the defaults of a model type that a config.json omits. A complete folder
+(config.json, model.safetensors, tokenizer.json) does not need them. Nothing is downloaded, and no code of a folder is
+run.
 """
 import importlib.util
 
@@ -17,13 +17,13 @@ def installed() -> bool:
 
 
 def old_tokenizer(folder, kind):
-  """Name of a folder's older tokenizer file where transformers can read it, or None."""
+  """Name of a folder's older tokenizer file, if transformers can read it, or None."""
   name = OLD_TOKENIZERS.get(kind)
   return name if name and (folder / name).is_file() and installed() else None
 
 
 def tokenizer(folder):
-  """A `tokenizers.Tokenizer` from any tokenizer files of a folder; raises InputError where there are none."""
+  """A `tokenizers.Tokenizer` from any tokenizer files of a folder; raises InputError if there are none."""
   import transformers
   try:
     return transformers.AutoTokenizer.from_pretrained(str(folder), **LOCAL).backend_tokenizer

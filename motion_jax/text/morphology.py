@@ -28,7 +28,7 @@ PAST_OF = {base: forms.split()[0] for base, forms in IRREGULAR.items()}
 _PARTICIPLES = {"blew", "brought", "flew", "fought", "sang", "shot", "slid"}
 _PASTS = {past: verb for verb, past in PAST_OF.items() if verb in ACTIONS and past not in _PARTICIPLES}
 _PASTS["lying"] = "lie"
-# Ending, and what stands in its place in the base form.
+# Ending, and its replacement in the base form.
 _ENDINGS = (("ies", "y"), ("es", ""), ("s", ""), ("ied", "y"), ("ed", ""), ("ed", "e"), ("d", ""), ("ing", ""),
             ("ing", "e"), ("ily", "y"), ("ly", ""), ("ier", "y"), ("er", ""), ("er", "e"), ("iest", "y"), ("est", ""))
 _VOWELS = "aeiou"
@@ -51,7 +51,7 @@ def base_form(word, known, endings=("ing", "ed", "es", "s")):
 def verb_of(word: str) -> str:
   """The base form of a verb of movement ("waving" -> "wave"), or "" for another word.
 
-  Of a verb that is in no list of ours but in WordNet's only inflected forms count: "scampers", not "bolt".
+  A verb that only WordNet lists is recognized in inflected forms alone: "scampers", not "bolt".
   """
   return _PASTS.get(word) or base_form(word, ACTIONS) or _rare_verb_of(word)
 
@@ -74,22 +74,22 @@ def is_past(word: str) -> bool:
 
 @functools.lru_cache(maxsize=1 << 14)
 def possible_bases(word):
-  """The word and all base forms that its ending allows, for a comparison of words whatever their form.
+  """The word and all base forms that its ending allows, to compare words regardless of inflection.
 
   walking, walked, walks -> walk; ran -> run. Some of them are no words: "walked" -> "walk", "walke".
   """
-  found = {word} if word in IRREGULAR else {word, BASE_OF.get(word, word)}
+  bases = {word} if word in IRREGULAR else {word, BASE_OF.get(word, word)}
   for ending, instead in _ENDINGS:
     if word.endswith(ending) and len(word) - len(ending) >= 3:
       stem = word[:len(word) - len(ending)] + instead
-      found.add(stem)
+      bases.add(stem)
       if len(stem) > 3 and stem[-1] == stem[-2]:
-        found.add(stem[:-1])
-  return frozenset(found)
+        bases.add(stem[:-1])
+  return frozenset(bases)
 
 
 def third_person(verb):
-  """walk -> walks, carry -> carries, punch -> punches."""
+  """The third person singular: walk -> walks, carry -> carries, punch -> punches."""
   if verb in ("be", "have"):
     return {"be": "is", "have": "has"}[verb]
   if verb.endswith("y") and verb[-2:-1] not in _VOWELS:
@@ -98,7 +98,7 @@ def third_person(verb):
 
 
 def present_participle(verb):
-  """walk -> walking, wave -> waving, sit -> sitting, lie -> lying."""
+  """The present participle: walk -> walking, wave -> waving, sit -> sitting, lie -> lying."""
   if verb.endswith("ie"):
     return verb[:-2] + "ying"
   if verb.endswith("e") and len(verb) > 2 and not verb.endswith(("ee", "oe", "ye")):

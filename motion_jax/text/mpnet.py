@@ -1,9 +1,9 @@
-"""MPNet, whose sentence vectors (all-mpnet-base-v2) TMR uses to find captions of nearly the same meaning.
+"""MPNet, whose sentence vectors (all-mpnet-base-v2) TMR uses to detect captions of nearly the same meaning.
 
 Source: docs/papers/cmdm.md#tmr.
 
-BERT's layers with learned positions that begin at 2, and T5's learned bias by the distance of two words, one table for
-all layers. Formulas and names are those of transformers' modeling_mpnet.py (5.23).
+BERT's layers with learned positions that begin at 2, and T5's relative position bias, shared by all layers. Formulas
+and names are those of transformers' modeling_mpnet.py (5.23).
 """
 from typing import Any
 
@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from motion_jax.nets.post_norm import ACTIVATIONS, PostNormLayer
-from motion_jax.text.names import params_from_names
+from motion_jax.text.names import check_activation, check_positions, params_from_names
 from motion_jax.text.t5 import distance_buckets
 
 FIRST_POSITION = 2  # rows 0 and 1 of the table are for no position and for padding
@@ -20,7 +20,7 @@ IGNORED = r"lm_head\.|pooler\.|classifier\.|embeddings\.position_ids$"
 
 
 class MPNet(nn.Module):
-  """ids (B, S) word pieces, text_mask (B, S) True = real -> last hidden states (B, S, D)."""
+  """MPNet's encoder. Shapes: ids (B, S) word pieces, text_mask (B, S) True = real -> last hidden states (B, S, D)."""
   vocab_size: int
   width: int
   num_layers: int
@@ -43,9 +43,7 @@ class MPNet(nn.Module):
 
   def __call__(self, ids, text_mask):
     length = ids.shape[1]
-    if length > self.max_positions:
-      raise ValueError(f"got {length} word pieces, this encoder has {self.max_positions} positions; use a shorter "
-                       "sentence")
+    check_positions(length, self.max_positions)
     x = self.norm(self.words(ids) + self.positions(jnp.arange(length) + FIRST_POSITION))
     place = np.arange(length)
     buckets = distance_buckets(place[None, :] - place[:, None], self.num_buckets)
@@ -60,8 +58,7 @@ def mpnet_fields(config):
   if config.get("model_type") != "mpnet":
     raise ValueError(f"got a text encoder of model_type {config.get('model_type')!r}, expected 'mpnet'")
   activation = config.get("hidden_act", "gelu")
-  if activation not in ACTIVATIONS:
-    raise ValueError(f"got activation {activation!r}, expected one of {', '.join(ACTIVATIONS)}")
+  check_activation(activation, ACTIVATIONS)
   try:
     return dict(
         vocab_size=config["vocab_size"], width=config["hidden_size"], num_layers=config["num_hidden_layers"],

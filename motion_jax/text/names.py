@@ -1,4 +1,4 @@
-"""Weights of text encoders under their Hugging Face names to parameters; leftover tensors are an error."""
+"""Convert weights of text encoders under their Hugging Face names to parameters, and check their configs."""
 import re
 
 import jax
@@ -15,6 +15,18 @@ LEAVES = {
     "dense": (("kernel", "weight"), ("bias", "bias")),
     "linear": (("kernel", "weight"),),
 }
+
+
+def check_positions(length, most):
+  """Raises ValueError for more word pieces than an encoder has positions."""
+  if length > most:
+    raise ValueError(f"got {length} word pieces, this encoder has {most} positions; use a shorter sentence")
+
+
+def check_activation(name, known):
+  """Raises ValueError for an activation of a config.json that is not among known, {name: function}."""
+  if name not in known:
+    raise ValueError(f"got activation {name!r}, expected one of {', '.join(known)}")
 
 
 def params_from_names(state, table, model, ignored="", dtype=np.float32):

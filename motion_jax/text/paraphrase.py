@@ -1,7 +1,7 @@
-"""Captions in other words that mean the same motion, as people would type them.
+"""Paraphrase captions as people would type them.
 
-Captions of archives come from a few templates, and a generator that has only read these does not follow "strolls to the
-left and comes back". `data.paraphrases` of a config adds some such sentences to those of each training clip
+Captions of archives come from a few templates; a generator trained on these alone does not follow "strolls to the left
+and comes back". `data.paraphrases` of a config adds paraphrases to the captions of each training clip
 (docs/captions.md#paraphrases).
 """
 import re
@@ -12,12 +12,12 @@ import numpy as np
 from motion_jax.text.captions import SUBJECTS
 from motion_jax.text.morphology import present_participle, verb_of
 
-_CHANCE = 0.6  # that a phrase which can be put in other words is
+_CHANCE = 0.6  # probability of replacing a phrase
 _SIDE = "(left|right)"
 _LIMB = "(hand|arm|fist|leg|foot)"
 
-# (what is said, other words for it); \1 and \2 are the side and the limb. What names a manner, as "strolls" does,
-# stands only where the caption names it, too.
+# (phrase, replacements); \1 and \2 are the side and the limb. Replacements that state a manner, such as "strolls", are
+# used only for phrases that state it, too.
 _RULES = tuple((re.compile(rf"\b{said}(?!\w)"), tuple(others.split("|"))) for said, others in (
     # ways over the ground
     ("walks (?:forward|ahead) slowly", r"strolls forward|slowly walks forward|ambles along|takes slow steps forward"),
@@ -101,14 +101,14 @@ _VERB = re.compile(r"^(?!is\b)\w+s\b")
 
 
 def paraphrases(caption: str, number: int) -> tuple[str, ...]:
-  """Up to `number` different sentences that say what a caption says, in other words; () where there are no others.
+  """Up to `number` different paraphrases of a caption; () if there are none.
 
-  A pure function of the caption. Sides are said so that `data.mirror.mirror_caption` exchanges them; only the side of a
-  turn on a way there and back may be left out, as people mostly do.
+  A pure function of the caption. `data.mirror.mirror_caption` can exchange the sides in them; only the side of a turn
+  before a way back may be omitted, as is common.
   """
   rng = np.random.default_rng(zlib.crc32(caption.encode()))
-  found = dict.fromkeys(_paraphrase(caption, rng) for _ in range(number))
-  return tuple(one for one in found if one != caption)
+  texts = dict.fromkeys(_paraphrase(caption, rng) for _ in range(number))
+  return tuple(text for text in texts if text != caption)
 
 
 def _paraphrase(caption, rng):
@@ -119,7 +119,7 @@ def _paraphrase(caption, rng):
     if rng.random() > _CHANCE:
       return match[0]
     put.append(match.expand(others[rng.integers(len(others))]))
-    return f"\0{len(put) - 1}\0"  # not read again by later rules
+    return f"\0{len(put) - 1}\0"  # protected from later rules
 
   for said, others in _RULES:
     text = said.sub(lambda match, others=others: other(match, others), text)

@@ -1,7 +1,7 @@
 """T5's encoder, versions 1.0 and 1.1, also for Sentence-T5.
 
-No positions are added: a learned bias that depends on the distance of two words shifts the attention scores, which are
-not scaled. Norms have no mean and no bias, linear layers no bias. Recorded numbers: tests/fixtures/text.
+Positions enter only as a learned relative bias of the attention scores, which are not scaled. Norms have no mean and no
+bias, linear layers no bias. Recorded numbers: tests/fixtures/text.
 """
 import math
 from typing import Any
@@ -23,13 +23,13 @@ TABLES = ("shared.weight", "encoder.embed_tokens.weight")  # two names of the sa
 def distance_buckets(distance, num_buckets=32, max_distance=128):
   """The row of the bias table for each distance (key - query), an integer array.
 
-  Half of the rows are for keys ahead. Of a half, half are for one distance each, the others for ranges that grow by a
-  constant factor up to max_distance, and the last for all beyond.
+  Half of the rows are for later keys. Of each half, one half is for single distances, the other for ranges that grow by
+  a constant factor up to max_distance; the last row is for all larger distances.
   """
   half = num_buckets // 2
   exact = half // 2
   size = np.abs(distance)
-  # In float32, as the reference does it: at the borders of ranges the rounding decides.
+  # In float32, as in the reference: rounding matters at the borders of ranges.
   ratio = np.log(np.maximum(size, 1).astype(np.float32) / np.float32(exact))
   ratio = ratio / np.float32(math.log(max_distance / exact))
   far = np.minimum(exact + (ratio * np.float32(half - exact)).astype(np.int64), half - 1)
@@ -113,7 +113,7 @@ def t5_fields(config):
     raise ValueError(f"got feed_forward_proj {config['feed_forward_proj']!r}, expected one of "
                      f"{', '.join(T5_ACTIVATIONS)}, with or without 'gated-' before it")
   if gate and activation == "gelu":
-    activation = "gelu_new"  # what the name 'gated-gelu' has always meant
+    activation = "gelu_new"  # the meaning of 'gated-gelu' in transformers
   try:
     return dict(
         vocab_size=config["vocab_size"], width=config["d_model"], head_width=config["d_kv"],

@@ -1,4 +1,4 @@
-"""The vocabulary of training captions, and the words of a prompt that are not in it."""
+"""The vocabulary of training captions, and words of a prompt that are not in it."""
 import functools
 import heapq
 import re
@@ -8,7 +8,7 @@ from motion_jax.text.captions import without_subject
 from motion_jax.text.lexicon import DETERMINERS, FUNCTION_WORDS, NAMES, WORDS_WITHOUT_MOTION
 from motion_jax.text.morphology import possible_bases, verb_of
 
-_FEW = 500  # captions that are compared with a prompt by the encoder; more are first filtered by shared words
+_FEW = 500  # captions that the encoder compares with a prompt; more are first filtered by shared words
 
 
 def content_words(sentence):
@@ -17,19 +17,19 @@ def content_words(sentence):
 
 
 def unknown_words(sentence: str, is_known: Callable[[str], bool]) -> list[str]:
-  """The words of a sentence that deserve a warning, in order, each once whatever its form.
+  """Unknown words of a sentence, in order; inflected forms of one word are listed once.
 
-  is_known: whether a word in small letters is known. Names of persons and words without movement ("please", "metres")
-  are never listed.
+  is_known: whether a word in lower case is known. Names of persons and words without movement ("please", "metres") are
+  never listed.
   """
-  found: dict[str, str] = {}
+  unknown: dict[str, str] = {}
   words = re.findall(r"[^\W\d_]+", sentence)
   for before, word, after in zip(["", *words], words, [*words[1:], ""]):
     lower = word.lower()
     if lower not in WORDS_WITHOUT_MOTION and not _is_name(before, word, after) and not is_known(lower) and not any(
-        form in found for form in possible_bases(lower)):
-      found |= dict.fromkeys(possible_bases(lower), word)
-  return list(dict.fromkeys(found.values()))
+        form in unknown for form in possible_bases(lower)):
+      unknown |= dict.fromkeys(possible_bases(lower), word)
+  return list(dict.fromkeys(unknown.values()))
 
 
 def _is_name(before, word, after):
@@ -43,10 +43,10 @@ def _is_name(before, word, after):
 
 
 def closest_word(word: str, known: Iterable[str]) -> str:
-  """The known word closest to a misspelled one, "" where none is close: wlaks -> walks."""
+  """The known word closest to a misspelled one, "" if none is close: wlaks -> walks."""
   lower = word.lower()
   import difflib
-  near = difflib.get_close_matches(lower, [one for one in known if one[:1] == lower[:1]], 1, 0.8)
+  near = difflib.get_close_matches(lower, [candidate for candidate in known if candidate[:1] == lower[:1]], 1, 0.8)
   return near[0] if near and len(lower) > 3 else ""
 
 
@@ -71,7 +71,7 @@ class Vocabulary:
     return {without_subject(caption) for caption in self.captions}
 
   def holds(self, sentence):
-    """Whether a caption equals the sentence, whatever its subject."""
+    """Whether a caption equals the sentence, ignoring the subject."""
     return without_subject(sentence) in self._phrases
 
   def missing(self, sentence):
@@ -80,7 +80,7 @@ class Vocabulary:
 
   @functools.cached_property
   def words(self):
-    """The content words of the captions, in small letters, sorted."""
+    """The content words of the captions, in lower case, sorted."""
     return sorted({word for caption in (*self.captions, *self._also) for word in content_words(caption.lower())})
 
   def candidates(self, sentence, most=_FEW):
@@ -89,10 +89,10 @@ class Vocabulary:
       return list(range(len(self.captions)))
     weight = {}
     for word in content_words(sentence.lower()):
-      found = set().union(*(self._rows.get(form, ()) for form in possible_bases(word)))
-      for row in found:
-        weight[row] = weight.get(row, 0.0) + 1 / len(found)
-    # Among equals the shorter caption comes first, then the earlier one.
+      matches = set().union(*(self._rows.get(form, ()) for form in possible_bases(word)))
+      for row in matches:
+        weight[row] = weight.get(row, 0.0) + 1 / len(matches)
+    # Ties: shorter captions first, then earlier ones.
     key = lambda row: (weight[row], -len(self.captions[row]), -row)
     shared = heapq.nlargest(most, weight, key=key)
     return sorted(shared) or list(range(0, len(self.captions), len(self.captions) // most))[:most]

@@ -8,11 +8,11 @@ import pytest
 from ml_collections import ConfigDict
 
 from motion_jax.analysis.events import find_events
+from motion_jax.analysis.rest import resting
 from motion_jax.configs import common
 from motion_jax.data import sources
 from motion_jax.data.augment import KINDS, augmented
 from motion_jax.data.augment.counted import how_often
-from motion_jax.data.augment.parts import resting
 from motion_jax.data.augment.warps import at_pace
 from motion_jax.data.clip import Caption, Clip
 from motion_jax.data.datasets.base import clip_items

@@ -121,7 +121,7 @@ def test_bvh_files_become_features(tmp_path):
   turn = lambda angle: rot.multiply(rot.about_axis(angle[..., 0], "x"), rot.multiply(
       rot.about_axis(angle[..., 1], "y"), rot.about_axis(angle[..., 2], "z")))
   turned = turn(local)
-  for joint in inverse.order(SNAPMOGEN)[1:]:
+  for joint in SNAPMOGEN.order[1:]:
     turned[:, joint] = rot.multiply(turned[:, SNAPMOGEN.parents[joint]], turned[:, joint])
   joints = inverse.forward(path, turned, SNAPMOGEN)
   expected = from_rotations(joints[1::2], turned[1::2])

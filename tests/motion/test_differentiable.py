@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from motion_jax.data.datasets.synthetic import synthetic_clips
-from motion_jax.motion import inverse
 from motion_jax.motion import representations as F
 from motion_jax.motion.skeleton import HUMANML3D, body_axes, facing
 from tests.conftest import some_of
@@ -42,7 +41,7 @@ def degenerate(skeleton):
   half_turn = joints.copy()
   half_turn[6:] *= [-1, 1, -1]
   rest, opposite = still.copy(), still.copy()
-  for joint in inverse.order(skeleton)[1:]:
+  for joint in skeleton.order[1:]:
     parent = skeleton.parents[joint]
     rest[:, joint] = rest[:, parent] + skeleton.offsets[joint]
     opposite[:, joint] = opposite[:, parent] - skeleton.offsets[joint]

@@ -3,13 +3,12 @@ tests/test_golden.py."""
 import numpy as np
 import pytest
 
-from motion_jax.motion import inverse
 from motion_jax.motion import representations as F
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.skeleton import HUMANML3D
 
 STANDING = HUMANML3D.offsets.copy()
-for _joint in inverse.order(HUMANML3D)[1:]:
+for _joint in HUMANML3D.order[1:]:
   STANDING[_joint] += STANDING[HUMANML3D.parents[_joint]]
 
 def test_corrected_mode_survives_a_full_turn_where_the_benchmark_does_not():

@@ -106,7 +106,7 @@ def test_rotations_from_joints_are_the_body_s():
   for skeleton in (SMPL, SNAPMOGEN):
     local = rot.from_vector(rng.normal(size=(5, skeleton.num_joints, 3)) * 0.3)
     turned = local.copy()
-    for joint in inverse.order(skeleton)[1:]:
+    for joint in skeleton.order[1:]:
       if np.linalg.norm(skeleton.offsets[joint]) < 1e-6:
         local[:, joint] = [1, 0, 0, 0]
       turned[:, joint] = rot.multiply(turned[:, skeleton.parents[joint]], local[:, joint])

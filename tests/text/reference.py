@@ -6,12 +6,18 @@ from motion_jax.text import bert
 from motion_jax.text.names import LEAVES
 
 
+def mean_words(hidden, text_mask):
+  """The mean over real word pieces: (B, S, D), (B, S) -> (B, D)."""
+  weight = text_mask[..., None].astype(hidden.dtype)
+  return (hidden * weight).sum(1) / weight.sum(1)
+
+
 def mean_sentence(hidden, text_mask, projection=None):
   """The sentence vector of sentence-transformers, (B, E): the mean over real word pieces, at unit length.
 
   projection: (E, D), applied before normalization by Sentence-T5.
   """
-  mean = bert.mean_words(hidden, text_mask)
+  mean = mean_words(hidden, text_mask)
   if projection is not None:
     mean = mean @ projection.T
   return mean / jnp.linalg.norm(mean, axis=-1, keepdims=True)

@@ -5,10 +5,9 @@ import numpy as np
 import pytest
 
 from motion_jax.text import t5
-from motion_jax.text.bert import mean_words
 from tests import fixtures
 from tests.golden import Fixture, check, golden
-from tests.text.reference import mean_sentence
+from tests.text.reference import mean_sentence, mean_words
 
 
 def network(fixture):

@@ -39,10 +39,10 @@ MUTATIONS = (
      "speed = rot.length(_differences(toes, 1)[..., [0, 2]])", "speed = rot.length(_differences(toes, 1))", (PHYSICS,)),
     ("evaluation-planted", "motion_jax/metrics/physics.py",
      "speed = rot.length(_differences(feet, 1)[..., [0, 2]])", "speed = rot.length(_differences(feet, 1))", (PHYSICS,)),
-    ("evaluation-body-axes", "motion_jax/metrics/two_sample.py", "local[..., 0] * z - local[..., 2] * x",
+    ("evaluation-body-axes", "motion_jax/metrics/physics.py", "local[..., 0] * z - local[..., 2] * x",
      "local[..., 0] * z + local[..., 2] * x", (TWO_SAMPLE,)),
     ("evaluation-leaking-folds", "motion_jax/metrics/two_sample.py",
-     "np.concatenate([real.clip, made.clip]) % FOLDS", "np.arange(len(label)) % FOLDS", (TWO_SAMPLE,)),
+     "np.concatenate([real.clip, generated.clip]) % FOLDS", "np.arange(len(label)) % FOLDS", (TWO_SAMPLE,)),
     ("evaluation-last-border", "motion_jax/metrics/timeline_scores.py", "return inside[1:-1]", "return inside[1:]",
      ("tests/metrics/test_timeline_scores.py",)),
     # --- files ----------------------------------------------------------------------------------------------------

@@ -49,9 +49,10 @@ MUTATIONS = (
     ("export-robot-seams", "motion_jax/robots/report.py", "steps[max(frame - 10, 0):frame + 10]",
      "steps[frame:frame + 10]", (f"{ROBOTS}::test_a_report_measures_slide_depth_and_steps",)),
     # --- analysis -------------------------------------------------------------------------------------------------
-    ("export-hop-side", "motion_jax/analysis/events.py", '"hop", SIDES[one[0]]', '"hop", SIDES[1 - one[0]]', (SAYS,)),
-    ("export-arm-circle-way", "motion_jax/analysis/events.py", 'way="backward" if own > 0 else "forward"',
-     'way="forward" if own > 0 else "backward"', (SAYS,)),
+    ("export-hop-side", "motion_jax/analysis/events.py", '"hop", SIDES[legs[0]]', '"hop", SIDES[1 - legs[0]]',
+     (SAYS,)),
+    ("export-arm-circle-way", "motion_jax/analysis/events.py", 'way="backward" if angle > 0 else "forward"',
+     'way="forward" if angle > 0 else "backward"', (SAYS,)),
     ("export-reach-side", "motion_jax/analysis/events.py", "SIDES[int(lowest.argmin())]",
      "SIDES[int(lowest.argmax())]", (SAYS,)),
     ("export-u-turn-side", "motion_jax/analysis/events.py", "150 <= abs(total) <= 210", "150 <= total <= 210",

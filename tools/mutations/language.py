@@ -66,6 +66,6 @@ MUTATIONS = (
      "visible = at < frames",
      (f"{CONDITIONING}::test_goals_ahead_are_seen_before_they_come_and_no_farther_than_the_horizon",)),
     ("language-smoothest-loop", "motion_jax/control/finishing.py",
-     "best = min(made, key=lambda loop: _roughness(loop, fps))", "best = next(made)",
+     "best = min(loops, key=lambda loop: _roughness(loop, fps))", "best = next(loops)",
      ("tests/control/test_loops.py::test_of_cycles_that_meet_well_that_with_the_smoothest_seam_is_taken",)),
 )

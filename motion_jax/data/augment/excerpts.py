@@ -1,7 +1,7 @@
 """Short excerpts around one action of a longer clip: "punches with the right hand" out of a long clip of boxing.
 
-Three punches in a clip of eight seconds teach a model little about a punch; in an excerpt most frames show what the
-caption names. The captions state what the kinematic rules (`analysis`) find in the excerpt.
+Three punches in a clip of eight seconds teach a model little about a punch; most frames of an excerpt show the action
+of its caption. Captions state the events that the kinematic rules (`analysis`) detect in the excerpt.
 """
 import collections
 import re
@@ -11,26 +11,27 @@ import numpy as np
 
 from motion_jax.analysis.describe import FPS, sentences, spoken_of
 from motion_jax.analysis.events import find_events
+from motion_jax.analysis.rest import resting
 from motion_jax.analysis.signals import Body
 from motion_jax.data.augment.counted import how_often
-from motion_jax.data.augment.parts import MOST, new_clip, resting
+from motion_jax.data.augment.parts import MOST, new_clip
 from motion_jax.data.clip import Clip
 
 _ACTS = ("kick", "punch", "jump", "hop", "squat", "bow", "raise", "wave", "reach-floor")
-_AROUND = (150, 210)  # degrees of a turn that is called turning around
+_AROUND = (150, 210)  # degrees of a turn that counts as turning around
 _TURNS = ("a person turns around to the {side}.", "someone turns around.", "a person turns around on the spot.",
           "the person turns 180 degrees to the {side}.")
-_FIGHTS = re.compile(r"kick|punch|box|karate|geri", re.IGNORECASE)  # clips whose kicks and punches are meant
-_ROUGH = re.compile(r"playground|climb|uneven|terrain|ladder|stool|Unknown")  # where not every rule is to be believed
-_LEAD = (0.3, 1.0)   # seconds before the first and behind the last act
-_REST = 1.6          # seconds before and behind it in which a body at ease is looked for, to begin and end with
+_FIGHTS = re.compile(r"kick|punch|box|karate|geri", re.IGNORECASE)  # clips with intended kicks and punches
+_ROUGH = re.compile(r"playground|climb|uneven|terrain|ladder|stool|Unknown")  # clips in which some rules are unreliable
+_LEAD = (0.3, 1.0)   # seconds of context before and after an event
+_REST = 1.6          # seconds of context in which to search for a rest pose
 _SHORTEST = 30       # frames of an excerpt
-_SHARE = 0.9         # of its clip that an excerpt is at most: a longer one is the clip
+_SHARE = 0.9         # largest share of its clip that an excerpt may be
 _USES, _TRIES = 6, 18  # excerpts of one clip and kind, and attempts at them
 
 
 def excerpts(parts, rng) -> Iterator[Clip | None]:
-  """Cuts around one act of a clip, or several of one kind in a row."""
+  """Cuts around one event of a clip, or several consecutive ones of one kind."""
   ready = [(part, acts) for part in parts if (acts := _acts_of(part))]
   by_kind: dict[str, list[int]] = {}
   for k, (_, acts) in enumerate(ready):
@@ -39,21 +40,21 @@ def excerpts(parts, rng) -> Iterator[Clip | None]:
   uses, tries, number = collections.Counter[tuple[str, int]](), collections.Counter[tuple[str, int]](), 0
   while any(by_kind.values()):
     number += 1
-    kinds = sorted(kind for kind, own in by_kind.items() if own)
+    kinds = sorted(kind for kind, members in by_kind.items() if members)
     kind = kinds[rng.integers(len(kinds))]  # rare kinds as often as frequent ones
     k = by_kind[kind][rng.integers(len(by_kind[kind]))]
     part, acts = ready[k]
-    made = _cut(part, acts, kind, number, rng)
+    clip = _cut(part, acts, kind, number, rng)
     tries[kind, k] += 1
-    uses[kind, k] += made is not None
+    uses[kind, k] += clip is not None
     if uses[kind, k] == _USES or tries[kind, k] == _TRIES:
       by_kind[kind].remove(k)
-    yield made
+    yield clip
 
 
 def _acts_of(part):
-  """What is done in a clip, as far as its captions speak of it; kicks and punches of all that fight, and turns by half
-  a circle, on one spot, of whatever clip: captions seldom speak of these."""
+  """Events of a clip that its captions mention; also kicks and punches of fighting clips, sideways walks, and turns in
+  place by half a circle, which captions seldom mention."""
   said = [event for event in spoken_of(part.events, part.words) if event.kind in _ACTS]
   if _ROUGH.search(part.words):
     return said
@@ -78,8 +79,10 @@ def _net_turn(joints):
 
 
 def _lead(frames, rests, rng):
-  """How many of the frames beside an act are kept, the next one first: to one in which the body is at ease, if it ever
-  is."""
+  """Number of frames of context before or after an event, ending at a rest pose if there is one.
+
+  frames: available frames; rests: whether each is a rest pose, the nearest frame first.
+  """
   soonest = round(_LEAD[0] * FPS)
   calm = np.flatnonzero(rests[soonest:round(_REST * FPS)]) + soonest
   calm = calm[calm < frames]
@@ -87,14 +90,14 @@ def _lead(frames, rests, rng):
 
 
 def _cut(part, acts, kind, number, rng):
-  own = [place for place, act in enumerate(acts) if act.kind == kind]
-  place = own[rng.integers(len(own))]
+  candidates = [place for place, act in enumerate(acts) if act.kind == kind]
+  place = candidates[rng.integers(len(candidates))]
   act = acts[place]
   others = [other for other in part.events if (other.kind in _ACTS or _turns_around(other)) and other != act]
-  # Nothing else that is done is cut in two.
+  # No other event is cut in two.
   first = max([0.0, *(other.end for other in others if other.end <= act.start)])
   past = min([len(part.joints) / FPS, *(other.start for other in others if other.start >= act.end)])
-  start, stop, rests = round(act.start * FPS), round(act.end * FPS) + 1, resting(part.joints)
+  start, stop, rests = round(act.start * FPS), round(act.end * FPS) + 1, resting(part.joints, FPS)
   begin = start - _lead(start - round(first * FPS), rests[:start][::-1], rng)
   end = min(stop + _lead(max(round(past * FPS) - stop, 0), rests[stop:], rng), len(part.joints))
   first, past = begin / FPS, end / FPS
@@ -103,17 +106,17 @@ def _cut(part, acts, kind, number, rng):
     return None
   joints = part.joints[begin:end]
   events = find_events(joints, FPS)
-  found = [event for event in events if event.kind in _ACTS or kind == "turn" and _turns_around(event)
+  shown = [event for event in events if event.kind in _ACTS or kind == "turn" and _turns_around(event)
            or kind == "walk" and event.kind in ("walk", "run")]
   same = ("kind", "side", "count", "way") if kind == "walk" else ("kind", "side", "count")
-  if [[getattr(event, name) for name in same] for event in found] != [[getattr(act, name) for name in same]]:
+  if [[getattr(event, name) for name in same] for event in shown] != [[getattr(act, name) for name in same]]:
     return None
   if kind == "turn":
     around = _AROUND[0] <= abs(_net_turn(joints)) <= _AROUND[1]
     texts = [text.format(side=act.side) for text in _TURNS] if around else []
   else:
-    texts = sentences(found, (len(joints) - 1) / FPS, key=f"{part.clip.id}{number}", subject=part.subject)
-  often = how_often(found)
+    texts = sentences(shown, (len(joints) - 1) / FPS, key=f"{part.clip.id}{number}", subject=part.subject)
+  often = how_often(shown)
   path = act.path if kind == "jump" else ""
   shows = " ".join(filter(None, (kind, act.side or act.way, path, str(often or ""))))
   return new_clip("excerpt", number, joints, texts, part, shows) if texts else None

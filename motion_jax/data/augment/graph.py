@@ -1,56 +1,58 @@
-"""Where clips may go on as one another: doors at which a part is entered or left, and which of them fit.
+"""A motion graph of clips: frames ("doors") at which a part can be entered or left, and transitions between them.
 
-Three ways lead from one to the next: where the poses around two doors meet and the same feet stand; by the step with
-which a walk comes to rest; by the step with which it begins (`motion.splicing`).
+There are three kinds of transition: similar poses with the same standing feet; the last step of a walk; the first step
+of a walk (`motion.splicing`).
 """
 import collections
 from typing import NamedTuple
 
 import numpy as np
 
-from motion_jax.data.augment.parts import MOST, SHORTEST, resting
+from motion_jax.analysis.describe import FPS
+from motion_jax.analysis.rest import resting
+from motion_jax.data.augment.parts import MOST, SHORTEST
 from motion_jax.motion.pinned_feet import stands
 from motion_jax.motion.skeleton import HUMANML3D, facing
 from motion_jax.motion.splicing import REACH, landings, meeting, spliced, stepped, weights
 
-_MEETS = 0.06        # metres, root mean square with feet four times: poses that meet
-_MEETS_RESTING = 0.10  # of two that stand at ease: there is time to change from one to the other
-_QUICKLY, _SLOWLY = 9, 14  # frames in which what is off fades, and of two at ease
-_KINDS, _DOORS = 6, 80  # how many are looked at for a way on
-_WALKS = (40, 100)   # frames that a walk keeps as a part of others
+_MEETS = 0.06        # metres: largest distance of poses to be joined, root mean square with feet weighted four times
+_MEETS_RESTING = 0.10  # the same of rest poses
+_QUICKLY, _SLOWLY = 9, 14  # frames in which the offset fades; of rest poses
+_KINDS, _DOORS = 6, 80  # sampled kinds of parts, and doors of each, for a transition
+_WALKS = (40, 100)   # frames of a walk that are used in a chain
 
 
 class Doors:
-  """Frames at which parts may be entered, with the poses around them in their own frame of reference."""
+  """Frames at which parts may be entered, with their poses relative to the body."""
 
   def __init__(self, parts, rests):
-    """rests: for each part, in which frames it stands at ease."""
-    found = [(number, frame) for number, part in enumerate(parts) for frame in part.enter[::2]]
-    self.part, self.frame = np.array(found, int).reshape(-1, 2).T
+    """rests: for each part, the mask of its rest poses."""
+    doors = [(number, frame) for number, part in enumerate(parts) for frame in part.enter[::2]]
+    self.part, self.frame = np.array(doors, int).reshape(-1, 2).T
     frames = [np.array(part.enter[::2], int) for part in parts]
-    poses = [poses_at(part.joints, own) for part, own in zip(parts, frames) if len(own)]
-    feet = [stands(part.joints)[own] for part, own in zip(parts, frames)]
+    poses = [poses_at(part.joints, door_frames) for part, door_frames in zip(parts, frames) if len(door_frames)]
+    feet = [stands(part.joints)[door_frames] for part, door_frames in zip(parts, frames)]
     self.poses = np.concatenate([np.zeros((0, 9 * HUMANML3D.num_joints), np.float32), *poses])
     self.feet = np.concatenate([np.zeros((0, 2), bool), *feet])
-    self.calm = np.concatenate([np.zeros(0, bool), *(calm[own] for calm, own in zip(rests, frames))])
-    self.rest = np.array([len(parts[number].joints) - frame for number, frame in found], int)
+    self.calm = np.concatenate([np.zeros(0, bool), *(calm[door_frames] for calm, door_frames in zip(rests, frames))])
+    self.rest = np.array([len(parts[number].joints) - frame for number, frame in doors], int)
     self._kinds = [np.flatnonzero([parts[number].name == name for number in self.part])
                    for name in sorted({part.name for part in parts})]
 
   def some(self, feet, rng):
-    """Numbers of doors, a few of each of a few kinds of parts, at which these feet stand."""
+    """Indices of random doors of a few kinds of parts at which these feet stand."""
     kinds = rng.permutation(len(self._kinds))[:_KINDS]
     doors = np.concatenate([rng.permutation(self._kinds[kind])[:_DOORS] for kind in kinds])
     return doors[(self.feet[doors] == feet).all(-1)]
 
   def distances(self, doors, pose):
-    """Metres from the poses at these doors to another."""
+    """Distances, metres, of the poses at these doors from a pose."""
     return np.sqrt(((self.poses[doors] - pose) ** 2).sum(-1))
 
 
 class Chain(NamedTuple):
-  """Parts joined one after the other: joints (T, 22, 3), the first frame of each but the first, their numbers, and how
-  many frames later than by itself the last part plays."""
+  """Parts joined in sequence: joints (T, 22, 3), the first frame of each part but the first, indices of the parts, and
+  the offset, in frames, of the last part's time axis."""
   joints: np.ndarray
   borders: tuple[int, ...]
   parts: tuple[int, ...]
@@ -58,11 +60,11 @@ class Chain(NamedTuple):
 
 
 class Graph:
-  """Parts and the ways between them."""
+  """Parts and the transitions between them."""
 
   def __init__(self, parts):
     self.parts = parts
-    self.rests = [resting(part.joints) for part in parts]
+    self.rests = [resting(part.joints, FPS) for part in parts]
     self.into = Doors(parts, self.rests)
     self.rest_in, self.rest_out, self.stops, self.starts = {}, {}, {}, {}
     for number, part in enumerate(parts):
@@ -83,7 +85,7 @@ class Graph:
     return Chain(self.parts[number].joints, (), (number,), 0)
 
   def follow(self, chain, rng, wanted=None) -> Chain | None:
-    """The chain with one more part, or None where nothing fits. wanted: numbers of parts that may follow."""
+    """The chain with one more part, or None if none fits. wanted: indices of the parts that may follow."""
     last = chain.parts[-1]
     allowed = lambda number: number not in chain.parts and self.parts[number].name != self.parts[last].name and (
         wanted is None or number in wanted)
@@ -150,46 +152,46 @@ class Graph:
     return _longer(chain, joints, leave - 1, enter - 1, number, cut)
 
   def _pick(self, numbers, rng):
-    """One of these parts, rare kinds as often as frequent ones; None of none."""
+    """One of these parts, all kinds with equal probability; None if there are none."""
     by_name = collections.defaultdict(list)
     for number in sorted(numbers):
       by_name[self.parts[number].name].append(number)
     if not by_name:
       return None
-    own = by_name[sorted(by_name)[rng.integers(len(by_name))]]
-    return own[rng.integers(len(own))]
+    candidates = by_name[sorted(by_name)[rng.integers(len(by_name))]]
+    return candidates[rng.integers(len(candidates))]
 
   def _room(self, chain, part, leave, rng):
-    """(first frame that is kept, frames that may follow) of a chain that is left at a frame: of a walk at the beginning
-    only some seconds are kept."""
+    """(first frame to keep, number of frames that may follow) of a chain left at a frame; an initial walk is shortened
+    to a few seconds."""
     cut = max(0, leave - int(rng.integers(*_WALKS))) if part.going and not chain.borders else 0
     return cut, MOST - (leave + 1 - cut)
 
   def _kept(self, part, enter, room, rng):
-    """Where a part that is entered there ends: of a walk only some seconds are taken."""
+    """End of a part that is entered at a frame; a walk is limited to a few seconds."""
     return min(len(part.joints), enter + min(room, int(rng.integers(*_WALKS)))) if part.going else len(part.joints)
 
 
 def _longer(chain, joints, leave, enter, number, cut):
-  """The chain, less its first `cut` frames, as `joints`: a part is entered at frame `enter` behind frame `leave`."""
+  """The chain `joints` after dropping `cut` frames and joining frame `enter` of a part to frame `leave`."""
   return Chain(joints, (*(border - cut for border in chain.borders), leave + 1 - cut), (*chain.parts, number),
                leave - enter - cut)
 
 
 def best_near(first, leave, second, enter, reach=1):
-  """(leave, enter, distance) of the frames within `reach` of these at which two motions meet best."""
+  """(leave, enter, distance): the best frames, within `reach` of the given ones, at which to join two motions."""
   window = lambda joints, frame: joints[frame - REACH:frame + REACH + 1]
-  found = []
+  candidates = []
   for i in range(max(leave - reach, REACH), min(leave + reach + 1, len(first) - REACH)):
     for j in range(max(enter - reach, REACH), min(enter + reach + 1, len(second) - REACH)):
-      found.append((meeting(window(first, i), window(second, j)).distance, i, j))
-  distance, i, j = min(found, default=(np.inf, leave, enter))
+      candidates.append((meeting(window(first, i), window(second, j)).distance, i, j))
+  distance, i, j = min(candidates, default=(np.inf, leave, enter))
   return i, j, distance
 
 
 def poses_at(joints, frames) -> np.ndarray:
-  """Joints before, at and after frames (N,), the heading and the place of these taken out: (N, 198) float32, weighted
-  so that Euclidean distances are root mean squares in metres."""
+  """Joints before, at and after frames (N,), relative to the body's position and heading: (N, 198) float32, weighted:
+  Euclidean distances are root mean squares in metres."""
   ahead, root = facing(joints)[frames], joints[frames, 0] * [1, 0, 1]
   weight = np.sqrt(np.tile(weights(HUMANML3D), 3) / 3)[:, None]
   window = np.concatenate([joints[frames + shift] for shift in (-REACH, 0, REACH)], 1) - root[:, None]

@@ -15,7 +15,7 @@ from motion_jax.motion.root_paths import SMALLEST, bent, course
 
 _GOES = re.compile(r"\b(is )?(walk|runn?|jogg?|strid|stroll|sprint|dash)(e?s|ing)\b(( straight)? (forward|ahead))?")
 _OTHER = re.compile(r"\b(left|right|turn\w*|and|then|back\w*|line|straight|diagonal\w*|sideways|steps?)\b|,")
-# {shape: (what is said of it, what `motion.events` must call it)}
+# {shape, as named by `analysis.events`: phrases for captions}
 _SHAPES = {
     "circle": ("in a circle to the {side}", "around in a circle, turning {side}", "in a {clock} circle", "in a circle"),
     "curve": ("in a curve to the {side}", "in an arc to the {side}", "and curves to the {side}",
@@ -27,19 +27,19 @@ _SHAPES = {
 
 
 def bent_paths(parts, rng) -> Iterator[Clip | None]:
-  """Straight walks and runs forward, each attempt on another path: half of them circles where there is room."""
-  ways = [(one, event) for one in parts for event in one.events if event.kind in SMALLEST and event.way == "forward"
-          and event.path == "straight" and one.known
-          and all(other is event or other.kind == "still" for other in one.events)]
+  """Straight forward walks and runs, bent onto a random path in each attempt."""
+  ways = [(part, event) for part in parts for event in part.events if event.kind in SMALLEST and event.way == "forward"
+          and event.path == "straight" and part.known
+          and all(other is event or other.kind == "still" for other in part.events)]
   number = 0
   while ways:
-    one, event = ways[rng.integers(len(ways))]
+    part, event = ways[rng.integers(len(ways))]
     number += 1
-    yield _bent(one, event, rng, number)
+    yield _bent(part, event, rng, number)
 
 
-def _bent(one, event, rng, number):
-  joints = one.joints[:MOST]
+def _bent(part, event, rng, number):
+  joints = part.joints[:MOST]
   whole, smallest, left = course(joints)[1][-1], SMALLEST[event.kind], bool(rng.random() < 0.5)
   shape = ("circle", "circle", "u-turn", "curve", "zigzag")[rng.integers(5)]
   chance, place = rng.random(), rng.random()
@@ -56,33 +56,34 @@ def _bent(one, event, rng, number):
     begin = place * (whole - way)
     angle = lambda gone: total * _eased((gone - begin) / way)
   sign = 1 if left else -1
-  made = bent(joints, lambda gone: sign * angle(gone))
+  joints_bent = bent(joints, lambda gone: sign * angle(gone))
   side = "left" if left else "right"
-  events = find_events(made, FPS)
-  found = [other for other in events if other.kind in SMALLEST]
+  events = find_events(joints_bent, FPS)
+  walks = [other for other in events if other.kind in SMALLEST]
   turns = {other.side for other in events if other.kind == "turn"}
   sides = {"zigzag": ({"left", "right"}, {"left"}, {"right"}, set()), "curve": ({side}, set())}.get(shape, ({side},))
-  if len(found) != 1 or found[0].path != shape or turns not in sides:
+  if len(walks) != 1 or walks[0].path != shape or turns not in sides:
     return None
   words = {"side": side, "clock": "counterclockwise" if left else "clockwise"}
-  said = [_on_a_path(caption.text, phrase.format(**words)) for caption in one.clip.captions
+  said = [_on_a_path(caption.text, phrase.format(**words)) for caption in part.clip.captions
           for phrase in [_SHAPES[shape][rng.integers(len(_SHAPES[shape]))]]]
-  described = sentences(events, (len(made) - 1) / FPS, key=f"{one.clip.id}{number}", subject=one.subject, plain=PLAIN)
+  described = sentences(events, (len(joints_bent) - 1) / FPS, key=f"{part.clip.id}{number}", subject=part.subject,
+                        plain=PLAIN)
   captions = [*filter(None, said), *described]
-  return new_clip("bent", number, made, captions, one, f"{event.kind} {shape}") if captions else None
+  return new_clip("bent", number, joints_bent, captions, part, f"{event.kind} {shape}") if captions else None
 
 
 def _on_a_path(text, phrase):
-  """A caption of a straight way, of one on a path; "" where it says more of the way than that."""
-  found = _GOES.search(text)
-  if not found or _OTHER.search(text[:found.start()] + text[found.end():]):
+  """A caption of a straight path, changed to another path; "" if it says more about the path."""
+  match = _GOES.search(text)
+  if not match or _OTHER.search(text[:match.start()] + text[match.end():]):
     return ""
-  verb = text[found.start():found.end()][:-len(found[4] or "") or None]
-  return f"{text[:found.start()]}{verb} {phrase}{text[found.end():]}"
+  verb = text[match.start():match.end()][:-len(match[4] or "") or None]
+  return f"{text[:match.start()]}{verb} {phrase}{text[match.end():]}"
 
 
 def _eased(u):
-  """From 0 to 1 at an even rate, but for a tenth at each end in which the rate comes and goes."""
+  """Progress from 0 to 1 at constant speed, with acceleration in the first and last tenth."""
   u, soft = np.clip(u, 0, 1), 0.1
   rise = lambda x: x ** 2 / (2 * soft)
   whole = 1 - soft

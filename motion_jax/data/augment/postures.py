@@ -1,8 +1,8 @@
 """Bring hands to a place and lean the trunk of standing and walking bodies, with captions to match.
 
-Captures seldom show arms that are held somewhere, and captions often ask for it. A hand is brought to a place of
-`motion.reaching`, kept there and sometimes brought on to another one; a trunk leans or sways (`motion.leaning`). Legs
-and what else the body does stay as they were captured.
+Captions often mention arms held in a place, which captures seldom show. A hand is brought to a place of
+`motion.reaching`, kept there and sometimes brought to another one; a trunk leans or sways (`motion.leaning`). Legs and
+all other movement stay as captured.
 """
 import re
 from collections.abc import Iterator
@@ -19,8 +19,8 @@ from motion_jax.motion.skeleton import SIDES
 from motion_jax.motion.smoothing import smoothstep
 from motion_jax.text.captions import SUBJECTS
 
-# What is said of hands that are brought to a place, and after "with" of hands that are there. {arms}: "both arms", "the
-# left arm"; {hands} as well; {s}: "s" after what each of several hands has.
+# Phrases for bringing hands to a place, and, after "with", for hands that are there. {arms}: "both arms", "the left
+# arm"; {hands} likewise; {s}: plural "s" for both hands.
 _SAID = {
     "side": (("holds {arms} out to the side{s}", "stretches {arms} out to the side{s}", "extends {arms} sideways",
               "raises {arms} to the side{s}"), "{arms} held out to the side{s}"),
@@ -45,7 +45,7 @@ _SAID = {
                 "arms crossed")}
 _BY_BOTH = ("together", "crossed")
 _LOWERED = ("lowers {arms}", "brings {arms} back down", "drops {hands} to the side{s}")
-# (left, ahead) of a lean, its degrees and its words; a sway is a lean to there and to the other way.
+# (left, ahead) of a lean, its degrees, whether it sways to the opposite side, too, and phrases.
 _LEANS = (
     ((1, 0), 20.0, False, ("leans to the left", "bends to the left side", "tilts to the left")),
     ((-1, 0), 20.0, False, ("leans to the right", "bends to the right side", "tilts to the right")),
@@ -53,15 +53,15 @@ _LEANS = (
     ((0, -1), 15.0, False, ("leans back", "leans backward")),
     ((1, 0), 15.0, True, ("sways from side to side", "leans from left to right", "sways left and right")),
     ((0, 1), 15.0, True, ("sways back and forth", "rocks back and forth")))
-_LEANING, _GOING, _TWO, _LOWERING = 0.2, 0.35, 0.35, 0.4  # of the clips, or of those that stand or keep one place
-_TAKEN, _KEPT, _CYCLE = (0.5, 1.2), (0.7, 2.2), 2.5  # seconds in which a posture is taken and kept, and of a sway
+_LEANING, _GOING, _TWO, _LOWERING = 0.2, 0.35, 0.35, 0.4  # probabilities of leans, walks, second places and lowering
+_TAKEN, _KEPT, _CYCLE = (0.5, 1.2), (0.7, 2.2), 2.5  # seconds of taking and keeping a posture, and of one sway
 _LEAD = (0.2, 0.8)  # seconds of standing before it
 _NO_OTHER = re.compile(r"\b(?:arms?|hands?|with)\b")
 
 
 def postures(parts, rng) -> Iterator[Clip | None]:
-  """Bodies that stand, walk or run with their hands in some place, and bodies that stand and lean."""
-  still = [made for part in parts for made in standing(part, MOST)]
+  """Standing, walking or running bodies with hands in a place, and standing bodies that lean."""
+  still = [still_part for part in parts for still_part in standing(part, MOST)]
   going = [(part, said) for part in parts if part.going and part.known and len(part.joints) >= SHORTEST
            for said in [[text for text in part.sayings if not _NO_OTHER.search(text)]] if said]
   number = 0
@@ -77,7 +77,7 @@ def postures(parts, rng) -> Iterator[Clip | None]:
 
 
 def _held(part, number, rng):
-  """A standing body that brings its hands to a place, and maybe to another or down again."""
+  """A standing body that brings its hands to a place, perhaps to a second one, and perhaps down again."""
   places = [str(place) for place in rng.choice(list(_SAID), 1 + (rng.random() < _TWO), replace=False)]
   sides = _sides(places, rng)
   if rng.random() < _LOWERING:
@@ -96,13 +96,13 @@ def _held(part, number, rng):
 
 
 def _carried(part, texts, number, rng):
-  """A walk or run with its hands in a place from the beginning on."""
+  """A walk or run with hands in a place throughout."""
   place = str(rng.choice([place for place, (_, beside) in _SAID.items() if beside]))
   sides = _sides([place], rng)
   joints = part.joints[:MOST]
-  made = bring_hands(joints, place, sides, np.ones(len(joints)))
+  joints_held = bring_hands(joints, place, sides, np.ones(len(joints)))
   said = [f"{texts[rng.integers(len(texts))].rstrip(' .')} with {_filled(_SAID[place][1], sides)}." for _ in range(3)]
-  return new_clip("postures", number, made, said, part, f"{part.events[0].kind} {place}")
+  return new_clip("postures", number, joints_held, said, part, f"{part.events[0].kind} {place}")
 
 
 def _leaning(part, number, rng):
@@ -113,13 +113,13 @@ def _leaning(part, number, rng):
   weight = smoothstep((frames - start) / taken)
   if sways:
     weight = weight * np.sin(2 * np.pi * (frames - start) / (_CYCLE * FPS))
-  made = lean(part.joints[:len(frames)], left, ahead, rng.uniform(0.8, 1.3) * degrees * weight)
+  leaned = lean(part.joints[:len(frames)], left, ahead, rng.uniform(0.8, 1.3) * degrees * weight)
   said = [f"{SUBJECTS[k]} {words[rng.integers(len(words))]}." for k in rng.permutation(3)]
-  return new_clip("postures", number, made, said, part, words[0])
+  return new_clip("postures", number, leaned, said, part, words[0])
 
 
 def _sides(places, rng):
-  """The hands that are brought to some places: both, or the left or the right one."""
+  """Random sides for hands in these places: both, left or right."""
   if set(places) & set(_BY_BOTH):
     return SIDES
   return (SIDES, SIDES[:1], SIDES[1:])[rng.integers(3)]

@@ -1,7 +1,7 @@
-"""Let straight walks and runs step on one spot, to the side, or backward, with captions to match.
+"""Turn straight walks and runs into steps in place, sideways or backward, with matching captions.
 
-Captures of locomotion go forward. Here the course of the body becomes a point or a line to its side; each step is moved
-as a whole, so that standing feet stand (`motion.root_paths.along`). A walk in reverse is close to a walk backward: the
+Captured locomotion goes forward. Here the course of the body becomes a point or a line to its side; each step moves as
+a whole, without foot sliding (`motion.root_paths.along`). A walk in reverse is close to a walk backward: the
 angles of the joints are nearly those of a walk forward with time reversed (Winter, Pluck and Yang 1989, Journal of
 Motor Behavior 21, 291-305). A clip to the side or backward is kept only if the kinematic rules (`analysis`) find that
 direction in it, one on the spot only if both feet are lifted again and again.
@@ -19,16 +19,16 @@ from motion_jax.motion.retiming import retimed
 from motion_jax.motion.root_paths import along, course
 from motion_jax.text.captions import SUBJECTS
 
-_SIDEWAYS = (0.2, 0.4)  # metres a second, at which a foot does not step over the other
-_SLOWER = (0.5, 0.8)  # times as fast as forward, as people walk backward
+_SIDEWAYS = (0.2, 0.4)  # metres a second, at which feet do not cross
+_SLOWER = (0.5, 0.8)  # speed of walking backward relative to forward
 _ON_THE_SPOT = {"walk": ("walks in place", "walks on the spot", "steps in place", "marches in place"),
                 "run": ("jogs in place", "runs in place", "jogs on the spot", "runs on the spot")}
 _SHOWS = {"": "on the spot", "left": "to the side", "right": "to the side", "backward": "backward"}
-_STEPS, _LIFTED = 2, 0.06  # times that each foot is lifted, metres over the other
+_STEPS, _LIFTED = 2, 0.06  # least number of lifts of each foot; metres above the other foot
 
 
 def stepping(parts, rng) -> Iterator[Clip | None]:
-  """Walks on the spot, to the side and backward, and runs on the spot, of walks and runs that go straight forward."""
+  """Walks in place, sideways and backward, and runs in place, from straight forward walks and runs."""
   ways = [(part, part.events[0]) for part in parts
           if part.going and part.known and part.events[0].way == "forward" and len(part.joints) >= SHORTEST]
   number = 0
@@ -37,14 +37,14 @@ def stepping(parts, rng) -> Iterator[Clip | None]:
     number += 1
     joints = part.joints[:MOST]
     way = ("left", "right", "backward", "")[rng.integers(4)] if event.kind == "walk" else ""
-    made = retimed(joints[::-1], rng.uniform(*_SLOWER))[:MOST] if way == "backward" else _moved(joints, way, rng)
-    said = _directed(made, part, way, number) if way else _in_place(made, event.kind, rng)
+    moved = retimed(joints[::-1], rng.uniform(*_SLOWER))[:MOST] if way == "backward" else _moved(joints, way, rng)
+    said = _directed(moved, part, way, number) if way else _in_place(moved, event.kind, rng)
     shows = f"{event.kind} {_SHOWS[way]}"
-    yield new_clip("stepping", number, made, said, part, shows) if said else None
+    yield new_clip("stepping", number, moved, said, part, shows) if said else None
 
 
 def _moved(joints, way, rng):
-  """A walk or run straight forward whose course is a line to its left or right, or a point."""
+  """A straight forward walk or run, moved onto a line to its left or right, or onto a point."""
   path = course(joints)[0]
   speed = rng.uniform(*_SIDEWAYS) * {"left": 1, "right": -1, "": 0}[way]
   ahead = path[-1] - path[0]
@@ -54,7 +54,7 @@ def _moved(joints, way, rng):
 
 
 def _directed(joints, part, way, number):
-  """Captions by kinematics, () where the rules do not find one walk in that direction."""
+  """Captions by kinematics; () unless the rules detect exactly one walk in that direction."""
   events = find_events(joints, FPS)
   if [(event.kind, event.way) for event in events] != [("walk", way)]:
     return ()
@@ -62,7 +62,7 @@ def _directed(joints, part, way, number):
 
 
 def _in_place(joints, kind, rng):
-  """Captions of steps on one spot, () where not both feet are lifted again and again."""
+  """Captions of steps in place; () unless both feet are lifted repeatedly."""
   feet = joints[:, PAIR["foot"], 1]
   for over in (feet[:, 0] - feet[:, 1], feet[:, 1] - feet[:, 0]):
     if (np.diff((over > _LIFTED).astype(int)) == 1).sum() < _STEPS:

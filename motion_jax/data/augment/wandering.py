@@ -1,4 +1,4 @@
-"""Bend walks, runs and other locomotion onto paths that turn at random: for training on constraints.
+"""Bend walks, runs and other locomotion onto random paths: for training on constraints.
 
 In captured clips the past motion predicts the path, so a network that sees the past learns little from a path
 constraint. Here only the constraint determines the path. Captions that name no path are kept.
@@ -16,20 +16,20 @@ from motion_jax.motion.smoothing import gaussian_filter1d
 
 _NAMES_A_PATH = re.compile(r"\b(left|right|turn\w*|line|straight|circ\w+|curv\w+|arc|zigzag|diagonal\w*|corner\w*|"
                            r"u-turn|path|square|clockwise|counterclockwise|around|round)\b")
-_LEAST = 2.0         # metres that a clip goes along its course
-_BITS = (0.4, 2.5)   # metres over which a path turns evenly
-_FAST = 2.2          # metres a second above which a radius is a runner's
-_STRAIGHT = 0.25     # of the bits
-_SOFT = 0.15         # metres, sigma of what a path takes to come into a turn
+_LEAST = 2.0         # metres: least length of a clip's course
+_BITS = (0.4, 2.5)   # metres: length of a segment of constant curvature
+_FAST = 2.2          # metres a second above which the smallest radius of a run applies
+_STRAIGHT = 0.25     # share of straight segments
+_SOFT = 0.15         # metres, sigma of the smoothing between segments
 
 
 def wandering(parts, rng) -> Iterator[Clip | None]:
-  """Clips that go somewhere, each attempt along a path of its own: bits that are straight or turn to either side."""
+  """Clips with locomotion, each attempt along a random path of straight and curved segments."""
   ways = []
   for part in parts:
     said = [caption.text for caption in part.clip.captions if not _NAMES_A_PATH.search(caption.text)]
     joints = part.joints
-    if not part.known or len(joints) > MOST:  # stairs; what comes late would be said and cut off
+    if not part.known or len(joints) > MOST:  # stairs; of long clips a captioned action might be cut off
       continue
     gone = course(joints)[1]
     if said and gone[-1] > _LEAST:
@@ -44,7 +44,7 @@ def wandering(parts, rng) -> Iterator[Clip | None]:
 
 
 def _turning(length, smallest, rng):
-  """angle(l) of a path of random bits, none narrower in radius than `smallest`, metres."""
+  """angle(l) of a path of random segments, with radii of at least `smallest` metres."""
   ends, curves = [0.0], []
   while ends[-1] < length:
     ends.append(ends[-1] + rng.uniform(*_BITS))

@@ -1,8 +1,8 @@
 """Retime clips to 0.7 to 1.4 times their pace (`motion.retiming`), with captions that say "slowly" or "quickly".
 
-Walks, runs and waves are slow or quick against the usual pace of people (`data.event_words.USUAL`), any other action
-against the median of its archive's clips of it. A clip is only kept if the rules that describe motion find the same in
-it as before.
+Walks, runs and waves are slow or quick compared with the usual pace of people (`analysis.event_words`), any other
+action compared with the median of its archive's clips of it. A clip is kept only if the rules detect the same events as
+before.
 """
 import collections
 import re
@@ -33,17 +33,17 @@ def time_warp(parts, rng) -> Iterator[Clip | None]:
   paces = collections.defaultdict(list)
   for part in ready:
     paces[part.name].append(_pace(part.joints))
-  usual = {name: float(np.median(own)) for name, own in paces.items() if len(own) >= _KNOWN}
+  usual = {name: float(np.median(members)) for name, members in paces.items() if len(members) >= _KNOWN}
   names, number = sorted(paces), 0
   while names:
     number += 1
     name = names[rng.integers(len(names))]
-    own = [part for part in ready if part.name == name]
-    yield _warped(own[rng.integers(len(own))], usual.get(name, 0.0), rng, number)
+    members = [part for part in ready if part.name == name]
+    yield _warped(members[rng.integers(len(members))], usual.get(name, 0.0), rng, number)
 
 
 def _pace(joints):
-  """Metres a second (root mean square over joints) at which a body moves while it does."""
+  """Speed of a body while it moves, metres a second, root mean square over joints."""
   speed = np.linalg.norm(velocity(joints, FPS), axis=-1)
   moving = speed.max(1) > _MOVES
   return float(np.sqrt((speed[moving] ** 2).mean())) if moving.any() else 0.0
@@ -59,8 +59,8 @@ def _warped(part, usual, rng, number):
   word = _word(events, _pace(joints), usual)
   if not word and not kept:
     return None
-  own = [caption.text for caption in part.clip.captions if not _TEMPO.search(caption.text)]
-  said = [at_pace(text, word, variant + number) for variant, text in enumerate(own)]
+  texts = [caption.text for caption in part.clip.captions if not _TEMPO.search(caption.text)]
+  said = [at_pace(text, word, variant + number) for variant, text in enumerate(texts)]
   subject = "" if _TEMPO.search(part.subject) else part.subject
   said += [text for text in sentences(events, (len(joints) - 1) / FPS, part.words, f"{part.clip.id}{number}", subject)
            if bool(word) == bool(_TEMPO.search(text))]
@@ -69,13 +69,13 @@ def _warped(part, usual, rng, number):
 
 
 def _done(events):
-  """What is done by the rules, whatever its pace."""
+  """Detected actions, ignoring speed."""
   return sorted((event.kind, event.side, event.way, event.path, event.count if event.kind != "wave" else 0)
                 for event in events if event.kind not in ("still", "turn"))
 
 
 def _word(events, speed, usual):
-  """Slowly, quickly, or "" where that is in doubt."""
+  """"slowly", "quickly", or "" if the pace is usual or unknown."""
   acts = [event for event in events if event.kind not in ("still", "turn")]
   if len(acts) == 1 and usual_pace(acts[0]):
     return pace(acts[0])
@@ -84,7 +84,7 @@ def _word(events, speed, usual):
 
 
 def at_pace(text, word, variant) -> str:
-  """A caption with a word for its pace; "" for one that takes none."""
+  """A caption with a word for its pace; "" if none can be added."""
   if not word:
     return text
   text = re.sub(r"[\s.!]+$", "", text)

@@ -35,11 +35,11 @@ def is_archive(folder) -> bool:
 
 
 def read_archive(folder, split=None, faults=None) -> list[Clip]:
-  """Every captioned piece of an archive as a Clip, in the order of the captions; split keeps one split only.
+  """Reads the captioned pieces of an archive as Clips, in the order of the captions; split: only this one.
 
-  faults: a list that takes (id, what is wrong) of pieces with NaN or joints that are no person's, which are then left
-  out. Raises FileNotFoundError for a missing file, InputError with the line for rows that lack a key, name no clip or
-  frames outside it, or, without faults, a piece with faults.
+  faults: a list to which (id, fault) of pieces with NaN or implausible skeletons is appended; these are omitted. Raises
+  FileNotFoundError for a missing file, InputError with the line for rows that lack a key, name no clip or frames
+  outside it, and, without faults, for a faulty piece.
   """
   arrays, path = read_motions(folder), pathlib.Path(folder) / "captions.jsonl"
   clips = []
@@ -62,7 +62,7 @@ def read_archive(folder, split=None, faults=None) -> list[Clip]:
 
 
 class Motions(NamedTuple):
-  """motions.npz: first frame and the frame behind the last of each clip by name; root (N, 3), local (N, 22, 3)."""
+  """motions.npz: spans {clip: (first frame, frame after the last)}; root (N, 3), local (N, 22, 3)."""
   spans: dict[str, tuple[int, int]]
   root: np.ndarray
   local: np.ndarray
@@ -79,7 +79,7 @@ class Motions(NamedTuple):
 
 
 def read_motions(folder) -> Motions:
-  """The motions of an archive. Raises FileNotFoundError, or InputError for arrays that are damaged or do not fit."""
+  """Reads motions.npz of an archive. Raises FileNotFoundError, or InputError for damaged or inconsistent arrays."""
   folder = pathlib.Path(folder)
   if not is_archive(folder):
     raise FileNotFoundError(f"{folder} is no archive: expected motions.npz and captions.jsonl in it")
@@ -104,9 +104,9 @@ def read_motions(folder) -> Motions:
 
 
 def read_row(row, motions, where) -> dict:
-  """A row of captions.jsonl as it should be: a text that is a string is a list of one.
+  """Checks a row of captions.jsonl; a single text becomes a list.
 
-  Raises InputError, begun by `where`, for keys that are missing or of another type, and for what the motions lack.
+  Raises InputError, beginning with `where`, for missing keys, wrong types, and clips or frames that do not exist.
   """
   missing = [key for key in ("id", "clip", "start", "end", "text", "split") if key not in row]
   if missing:
@@ -143,7 +143,7 @@ class Archive(Dataset):
     return ""
 
   def fingerprint(self, folder):
-    """A digest of the bytes of an archive and of its name, which its clips name as their source."""
+    """Digest of the bytes of an archive and of its name, which is the source of its clips."""
     folder = pathlib.Path(folder)
     digest = hashlib.sha256(folder.resolve().name.encode())
     for name in self.files:
@@ -154,42 +154,42 @@ class Archive(Dataset):
   def benchmark(self, folders, run_layout):
     return "archives-66"
 
-  def examine(self, folder, found, progress=False):
-    return _examine(pathlib.Path(folder), found, progress)
+  def examine(self, folder, tally, progress=False):
+    return _examine(pathlib.Path(folder), tally, progress)
 
 
-# --- what the doctor looks for ---------------------------------------------------------------------------------------
+# --- checks of the doctor --------------------------------------------------------------------------------------------
 
 
-def _examine(folder, found, progress):
+def _examine(folder, tally, progress):
   facts = [("format", "archive (motions.npz, captions.jsonl)")]
   try:
     motions = read_motions(folder)
   except (InputError, OSError) as error:
-    found.add("error", f"motions.npz: {checks.error_detail(error, folder / 'motions.npz')}",
+    tally.add("error", f"motions.npz: {checks.error_detail(error, folder / 'motions.npz')}",
               "copy it again, or write it with names (N,), start (N + 1,), root (frames, 3), local (frames, 22, 3)")
     return facts
   names = list(motions.spans)
-  body, hashes = checks.Body(found, HUMANML3D, canonical=False), collections.defaultdict(list)
+  body, hashes = checks.Body(tally, HUMANML3D, canonical=False), collections.defaultdict(list)
   for name in tqdm.tqdm(names, desc="clips", unit="clip", disable=not progress):
     joints = motions.joints(name)
     if not len(joints):
-      found.add("error", "clips of no frames", "remove them", name)
+      tally.add("error", "clips of no frames", "remove them", name)
     elif not np.isfinite(joints).all():
-      found.add("error", "clips with NaN or infinity", "remove them, or repair the source", name)
+      tally.add("error", "clips with NaN or infinity", "remove them, or repair the source", name)
     else:
       hashes[hashlib.sha1(joints.tobytes()).hexdigest()].append(name)
       if len(joints) > 1:
         body.check(name, joints)
   body.report()
-  rows, where = _check_rows(folder / "captions.jsonl", motions, found)
-  splits = {split: [clip for clip, own in where.items() if split in own] for split in ("train", "val", "test")}
-  checks.report_duplicates(hashes, splits, found)
-  found.add_all("warning", "clips without a caption", "write rows for them in captions.jsonl",
+  rows, where = _check_rows(folder / "captions.jsonl", motions, tally)
+  splits = {split: [clip for clip, used in where.items() if split in used] for split in ("train", "val", "test")}
+  checks.report_duplicates(hashes, splits, tally)
+  tally.add_all("warning", "clips without a caption", "write rows for them in captions.jsonl",
                 sorted(set(names) - set(where)))
   lengths = {row["id"]: row["end"] - row["start"] for row in rows}
   checks.report_lengths(lengths, {split: [row["id"] for row in rows if row["split"] == split] for split in splits},
-                      checks.SMALL_LEAST, found)
+                      checks.SMALL_LEAST, tally)
   counts = collections.Counter(row.get("split") for row in rows)
   captions = {split: [text for row in rows if row["split"] == split for text in row["text"]] for split in splits}
   hours = len(motions.root) / FPS / 3600
@@ -202,13 +202,13 @@ _ROW_FAULTS = (("is not in motions.npz", "captions of clips that are not there")
                ("lie outside", "captions of frames outside their clip"))
 
 
-def _check_rows(path, motions, found):
-  """Rows of captions.jsonl that can be used, and the splits of each clip."""
+def _check_rows(path, motions, tally):
+  """(valid rows of captions.jsonl, {clip: its splits})."""
   rows, where, seen = [], collections.defaultdict(set), set()
   try:
     lines = read_lines(path)
   except InputError as error:
-    found.add("error", f"captions.jsonl: {checks.error_detail(error, path)}", "save it as UTF-8 text")
+    tally.add("error", f"captions.jsonl: {checks.error_detail(error, path)}", "save it as UTF-8 text")
     return rows, where
   for number, line in enumerate(lines, 1):
     if not line.strip():
@@ -219,21 +219,21 @@ def _check_rows(path, motions, found):
     except InputError as error:
       what = next((what for words, what in _ROW_FAULTS if words in str(error)), "rows of captions.jsonl that cannot be "
                   "read")
-      found.add("error", what, "each is a JSON object with id, clip, start, end, text, split; correct or remove it",
+      tally.add("error", what, "each is a JSON object with id, clip, start, end, text, split; correct or remove it",
                 checks.error_detail(error, path)[:120])
       continue
     rows.append(row)
     name = row["clip"]
     if not any(text.strip() for text in row["text"]):
-      found.add("error", "rows without a caption", "write one, or remove the row", f"line {number} ({name})")
+      tally.add("error", "rows without a caption", "write one, or remove the row", f"line {number} ({name})")
     if row["id"] in seen:
-      found.add("error", "ids that occur twice", "name them differently", row["id"])
+      tally.add("error", "ids that occur twice", "name them differently", row["id"])
     seen.add(row["id"])
     where[name].add(row["split"])
     if row["split"] not in ("train", "val", "test"):
-      found.add("error", "rows in no split", "split is train, val or test", f"line {number} ({row['split']!r})")
+      tally.add("error", "rows in no split", "split is train, val or test", f"line {number} ({row['split']!r})")
     if row.get("spikes"):
-      found.add("note", "pieces with tracking faults (spikes)", "leave them out of training if few", row["id"])
-  found.add_all("error", "clips with pieces in two splits", "results on test or val would be too good: keep a clip in "
-                "one split", sorted(name for name, own in where.items() if len(own) > 1))
+      tally.add("note", "pieces with tracking faults (spikes)", "leave them out of training if few", row["id"])
+  tally.add_all("error", "clips with pieces in two splits", "results on test or val would be too good: keep a clip in "
+                "one split", sorted(name for name, splits in where.items() if len(splits) > 1))
   return rows, where

@@ -38,18 +38,18 @@ SPLITS = ("train", "val")
 FPS = SMPL.fps
 MIN_FRAMES, MAX_FRAMES = 30, 200
 KINDS = ("pairs", "segments", "both")
-_BETWEEN = "transition"  # a label that tells of no action
+_BETWEEN = "transition"  # a label of no action
 
 
 class Segment(NamedTuple):
-  """What happens in frames start:end of a recording."""
+  """A label of frames start:end of a recording."""
   text: str
   start: int
   end: int
 
 
 class Piece(NamedTuple):
-  """What a loader draws: features (T, 135), captions of all of it, the segments it is made of, by its own frames."""
+  """An item of a loader: features (T, 135), captions, and its segments in frames of the piece."""
   id: str
   features: np.ndarray
   captions: tuple[str, ...]
@@ -86,7 +86,7 @@ def read_annotations(folder, split="train") -> dict:
 
 
 RATES = "fps", "mocap_framerate", "mocap_frame_rate"
-_MOST_RADIANS = 1000.0  # of a rotation vector, whose turns beyond pi mean nothing
+_MOST_RADIANS = 1000.0  # largest angle of a rotation vector that counts as valid
 
 
 def read_recording(path) -> Recording:
@@ -101,10 +101,10 @@ def read_recording(path) -> Recording:
 
 
 def read_poses(path, names=None, fps=None) -> Recording:
-  """A motion file at its own rate: poses (T, 66 or more) or root_orient and pose_body, trans (T, 3), and the rate.
+  """Reads a motion file at its own rate: poses (T, 66 or more) or root_orient and pose_body, trans (T, 3), and a rate.
 
-  Rotations may be matrices (T, ..., 3, 3). names: {one of these: what it is called in the file, or several such names}.
-  fps: the rate of a file that states none.
+  Rotations may be matrices (T, ..., 3, 3). names: {one of these arrays: its name in the file, or several possible
+  names}. fps: the rate of a file that states none.
   """
   path = pathlib.Path(path)
   if not path.is_file():
@@ -156,11 +156,11 @@ def _several(names):
 
 
 def read_segments(annotation, num_frames) -> list[Segment]:
-  """The labelled segments of a recording, sorted; of those with equal frames the last label counts.
+  """The labelled segments of a recording, sorted; if several have equal frames, the last one is used.
 
-  Raises InputError for labels that are none.
+  Raises InputError for invalid labels.
   """
-  found = {}
+  segments = {}
   with reading("frame_ann", 'expected {"labels": [{"proc_label": words, "start_t": seconds, "end_t": seconds}, ...]}'):
     for label in (annotation.get("frame_ann") or {}).get("labels") or ():
       text = label.get("proc_label") or label.get("raw_label") or ""
@@ -168,41 +168,41 @@ def read_segments(annotation, num_frames) -> list[Segment]:
       if not isinstance(text, str) or start < 0:
         raise InputError(f"frame_ann: got the label {str(label)[:80]}, expected words and seconds from 0 on")
       if text and start < end:
-        found[start, end] = text
-  return [Segment(text, start, end) for (start, end), text in sorted(found.items())]
+        segments[start, end] = text
+  return [Segment(text, start, end) for (start, end), text in sorted(segments.items())]
 
 
 def pairs(segments) -> list[tuple[Segment, Segment]]:
-  """Adjacent segments, made to touch: the second begins where the first ends.
+  """Pairs of adjacent segments, adjusted to touch: the second begins where the first ends.
 
-  Segment b follows a if it begins inside a and ends after it; or if a transition begins inside a, and b inside it. The
-  frames that both claim, or the transition between them, are halved.
+  Segment b follows a if it begins inside a and ends after it, or if a transition begins inside a, and b inside the
+  transition. Overlapping frames, or the transition, are halved.
   """
   follows = lambda a, b: a.start < b.start <= a.end < b.end
   acts = [segment for segment in segments if segment.text != _BETWEEN]
   bridges = [segment for segment in segments if segment.text == _BETWEEN and segment.start > 0]
-  found = {}
+  adjacent = {}
   for a in acts:
     for b in acts:
       if follows(a, b) or any(follows(a, t) and follows(t, b) for t in bridges):
         # Parity: as FlowMDM's process_actions, whose ends are inclusive.
         border = a.end + (b.start - a.end) // 2 + 1
         if a.start < border < b.end:
-          found[a.start, b.end, border] = a._replace(end=border), b._replace(start=border)
-  return [found[key] for key in sorted(found)]
+          adjacent[a.start, b.end, border] = a._replace(end=border), b._replace(start=border)
+  return [adjacent[key] for key in sorted(adjacent)]
 
 
 def pieces(folder, split="train", kind="pairs", min_frames=MIN_FRAMES, max_frames=MAX_FRAMES, whole=False,
            mode="benchmark", faults=None) -> list[Piece]:
   """Pairs of adjacent segments, single segments, or both, of min_frames to max_frames frames each.
 
-  A pair's caption is "a, b", as TEACH has it; `segments` tells where the border is. whole: whole recordings instead, in
-  pieces of max_frames with no caption, as autoencoders see them. Recordings that cannot be read are left out with one
-  warning that counts them, or named in `faults`, a list of (recording, why).
+  A pair's caption is "a, b", as in TEACH; `segments` has the border. whole: whole recordings instead, in pieces of
+  max_frames without captions, for autoencoders. Unreadable recordings are omitted with one warning that counts them, or
+  appended to `faults`, a list of (recording, reason).
   """
   if kind not in KINDS:
     raise ValueError(f"got kind {kind!r}, expected one of {', '.join(KINDS)}")
-  folder, made, lost = pathlib.Path(folder), [], []
+  folder, drawn, lost = pathlib.Path(folder), [], []
   for name, annotation in sorted(read_annotations(folder, split).items()):
     if not whole and not annotation.get("frame_ann"):
       continue
@@ -219,25 +219,25 @@ def pieces(folder, split="train", kind="pairs", min_frames=MIN_FRAMES, max_frame
       parts = pairs(segments) if kind in ("pairs", "both") else []
       if kind in ("segments", "both"):
         parts += [(segment,) for segment in segments if segment.text != _BETWEEN]
-    made += [_piece(name, recording, part, mode) for part in parts
+    drawn += [_piece(name, recording, part, mode) for part in parts
              if min_frames <= part[-1].end - part[0].start <= max_frames]
   if faults is not None:
     faults += [(name, str(error)) for name, error in lost]
   elif lost:
     warnings.warn(f"{folder}: left out {len(lost)} recordings, the first {lost[0][0]}: {lost[0][1]}", stacklevel=2)
-  return made
+  return drawn
 
 
 def _piece(name, recording, part, mode):
   first, last = part[0].start, part[-1].end
   features = from_rotations(recording.rotations[first:last], recording.translation[first:last], mode)
   text = ", ".join(segment.text for segment in part)
-  own = tuple(segment._replace(start=segment.start - first, end=segment.end - first) for segment in part)
-  return Piece(f"{name}#{first}#{last}", features.astype(np.float32), (text,) if text else (), (), own)
+  segments = tuple(segment._replace(start=segment.start - first, end=segment.end - first) for segment in part)
+  return Piece(f"{name}#{first}#{last}", features.astype(np.float32), (text,) if text else (), (), segments)
 
 
 def read_folder(folder, split="train", kind="segments", **rules) -> list[Clip]:
-  """Pieces as clips of 22 joints on an adult's bones; a pair has one caption for each of its segments' seconds."""
+  """Pieces as clips of 22 joints with an adult's bones; a pair has one caption, with times, for each segment."""
   return [Clip(joints=to_joints(piece.features, "babel"), fps=FPS, id=piece.id, split=split, source="BABEL",
                captions=_captions(piece.segments), skeleton=SMPL, features=piece.features)
           for piece in pieces(folder, split, kind, **rules)]
@@ -250,7 +250,7 @@ def _captions(segments):
 
 
 def folder_stats(folder, mode="benchmark") -> Stats:
-  """Mean.npy and Std.npy of the folder; without them those of the training recordings, the std by block."""
+  """Mean.npy and Std.npy of the folder, or else the statistics of the training recordings, with std by block."""
   if (pathlib.Path(folder) / "Mean.npy").is_file():
     return load_stats(folder, "babel")
   return compute_stats([piece.features for piece in pieces(folder, whole=True, min_frames=2, mode=mode)], "babel")
@@ -259,8 +259,8 @@ def folder_stats(folder, mode="benchmark") -> Stats:
 def write_folder(clips, out, overwrite=False) -> pathlib.Path:
   """Writes clips of 22 SMPL joints, 30 frames a second, as a BABEL folder: poses from positions, captions as labels.
 
-  A caption without seconds is a label of the whole clip. A clip without a split goes to train. Statistics are over the
-  training recordings. The folder appears when all is done.
+  A caption without times is a label of the whole clip. A clip without a split goes to train. Statistics are those of
+  the training recordings. The folder is created only when everything has been written.
   """
   clips = list(clips)
   _check_clips(clips)
@@ -301,7 +301,7 @@ def _check_clips(clips):
 
 
 class Babel(Dataset):
-  """Folders of BABEL's annotations beside SMPL motions."""
+  """Folders of BABEL's annotations and SMPL motions."""
   name, holds = "babel", "BABEL's (motions, val.json)"
   by_clip, fields = False, ("mode", "kind", "captioned")
   judged_as = long_horizon = "babel"
@@ -316,14 +316,14 @@ class Babel(Dataset):
   def items(self, config, split, layout, captioned=True):
     if layout.name != "babel":
       raise ValueError(f"BABEL's motions become 'babel' features, got layout {layout.name!r}")
-    found = pieces(config.folder, split, config.get("kind", "pairs"), whole=not captioned, mode=config.mode)
-    return [TextItem(piece.id, piece.features, piece.captions, piece.tokens) for piece in found]
+    drawn = pieces(config.folder, split, config.get("kind", "pairs"), whole=not captioned, mode=config.mode)
+    return [TextItem(piece.id, piece.features, piece.captions, piece.tokens) for piece in drawn]
 
   def stats(self, config, layout, features):
     return folder_stats(config.folder, config.mode)
 
-  def examine(self, folder, found, progress=False):
-    return _examine(pathlib.Path(folder), found, progress)
+  def examine(self, folder, tally, progress=False):
+    return _examine(pathlib.Path(folder), tally, progress)
 
   def benchmark(self, folders, run_layout):
     return "babel"
@@ -343,19 +343,19 @@ class Babel(Dataset):
     return {(folder.name, name): name for name in read_annotations(folder, split)} if there else {}
 
 
-# --- what the doctor looks for ---------------------------------------------------------------------------------------
+# --- checks of the doctor --------------------------------------------------------------------------------------------
 
 
-def _examine(folder, found, progress):
-  """Facts about a BABEL folder: recordings, labels, pairs of adjacent segments, and the bodies that features give."""
+def _examine(folder, tally, progress):
+  """Facts about a BABEL folder: recordings, labels, pairs of adjacent segments, and bodies of the features."""
   folder, layout, facts = pathlib.Path(folder), get_layout("babel"), [("format", "BABEL in FlowMDM's form")]
-  body, seen = checks.Body(found, layout.skeleton), collections.defaultdict(set)
+  body, seen = checks.Body(tally, layout.skeleton), collections.defaultdict(set)
   labels = collections.defaultdict(list)
   for split in SPLITS:
     try:
       table = read_annotations(folder, split)
     except (FileNotFoundError, ValueError) as error:
-      found.add("error" if split == "train" else "warning", f"no {split}.json", "BABEL's annotations of the split",
+      tally.add("error" if split == "train" else "warning", f"no {split}.json", "BABEL's annotations of the split",
                 checks.error_detail(error, folder)[:120])
       continue
     num_pairs = num_segments = num_frames = 0
@@ -365,10 +365,10 @@ def _examine(folder, found, progress):
         recording = read_recording(folder / "motions" / f"{name}.npz")
         segments = read_segments(annotation, len(recording.translation))
       except FileNotFoundError:
-        found.add("error", "annotations without a motion", "restore motions/SID.npz from AMASS", name)
+        tally.add("error", "annotations without a motion", "restore motions/SID.npz from AMASS", name)
         continue
       except (ValueError, OSError) as error:
-        found.add("error", "motions or labels that cannot be read", "poses, trans and fps, as AMASS files have them",
+        tally.add("error", "motions or labels that cannot be read", "poses, trans and fps, as AMASS files have them",
                   f"{name} ({checks.error_detail(error, folder)})"[:120])
         continue
       labels[split] += [segment.text for segment in segments]
@@ -380,16 +380,16 @@ def _examine(folder, found, progress):
     facts.append((split, f"{len(table)} recordings, {num_frames / FPS / 3600:.2f} hours, {num_segments} labels, "
                   f"{num_pairs} pairs of adjacent ones"))
     if not num_pairs:
-      found.add("warning", f"no pair of adjacent segments in {split}", "two pair if one begins in the other")
+      tally.add("warning", f"no pair of adjacent segments in {split}", "two pair if one begins in the other")
   body.report()
-  found.add_all("error", "recordings in two splits", checks.LEAK,
+  tally.add_all("error", "recordings in two splits", checks.LEAK,
                 sorted(n for n, splits in seen.items() if len(splits) > 1))
   try:
     if (folder / "Mean.npy").is_file():
       folder_stats(folder)
     else:
-      found.add("note", "no Mean.npy and Std.npy", "fine: they are computed from the training recordings")
+      tally.add("note", "no Mean.npy and Std.npy", "fine: they are computed from the training recordings")
   except (FileNotFoundError, ValueError) as error:
-    found.add("error", "statistics that do not fit", "delete Mean.npy and Std.npy to have them computed",
+    tally.add("error", "statistics that do not fit", "delete Mean.npy and Std.npy to have them computed",
               checks.error_detail(error, folder)[:120])
   return facts + checks.shared_captions(labels) + body.facts()

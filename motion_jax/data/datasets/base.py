@@ -1,6 +1,6 @@
-"""The interface of a data set: one object with all that training, the doctor, retrieval and evaluation need.
+"""The interface of a data set, as training, the doctor, retrieval and evaluation use it.
 
-A further data set is one file with such a class and one line in `registry`. If its clips have HumanML3D's 22 joints,
+To add a data set, write one file with such a class and one line in `registry`. If its clips have HumanML3D's 22 joints,
 `name`, `holds`, `matches` and `clips` are enough: the other methods use these clips. A data set whose files hold
 features, or define how clips are cut, overrides the others.
 """
@@ -26,15 +26,15 @@ from motion_jax.motion.stats import Stats, compute_stats
 from motion_jax.text.paraphrase import paraphrases
 from motion_jax.utils.atomic import atomic_folder
 
-SHORTEST = 8  # frames of a clip of which features are made
+SHORTEST = 8  # frames: shorter clips are not converted to features
 
 
 class TextItem(NamedTuple):
-  """What a text-to-motion loader draws: features (T, F), captions for all of them, tokens of each caption.
+  """An item of a text-to-motion loader: features (T, F), captions of the whole item, tokens of each caption.
 
-  tokens: none, or a tuple "lemma/POS", ... for each caption; group: what it shows, where the data tell (else its id).
-  spans: (caption, first, past) rows of its parts, if it was put together of several; made: not captured, but made of
-  clips that were (`data.augment`); source: the name of its archive.
+  tokens: (), or a tuple "lemma/POS", ... for each caption; group: its action, if known (else its id). spans: (caption,
+  first, past) rows of its parts, if it was joined from several clips; made: augmented, not captured (`data.augment`);
+  source: the name of its archive; num_own: number of captions that are not paraphrases.
   """
   id: str
   features: np.ndarray
@@ -48,8 +48,8 @@ class TextItem(NamedTuple):
 
 
 class TestItem(NamedTuple):
-  """What is judged: captions with their tokens "lemma/POS lemma/POS" (None: by rule), the motion as it is stored, and
-  its features (T, F) for each reader, in physical units."""
+  """An item of evaluation: captions with their tokens "lemma/POS lemma/POS" (None: by rule), the stored motion, and its
+  features (T, F) for each reader, in physical units."""
   id: str
   captions: tuple[str, ...]
   tokens: tuple[str | None, ...]
@@ -60,12 +60,12 @@ class TestItem(NamedTuple):
 class Dataset(Protocol):
   """A kind of data folder. `config` is the data section of a training config, `folder` a path.
 
-  name: of it in configs and records. holds: what such a folder has, for messages.
-  by_clip: its clips may stand beside those of other folders, and become features of any layout.
-  in_folders: False for clips that are made, not read.
-  fields: of the data section that decide its items, "captioned" among them where whole clips are others.
-  files: patterns of the files that decide what is in a folder.
-  judged_as: the name by which protocols of evaluation know such data. long_horizon: the protocol of long motions.
+  name: in configs and records. holds: description of such a folder, for messages.
+  by_clip: clips can be combined with those of other folders and converted to features of any layout.
+  in_folders: False for procedural clips, which are not read from files.
+  fields: of the data section that determine the items; with "captioned" if whole clips differ from captioned ones.
+  files: patterns of the files that determine the content of a folder.
+  judged_as: name of such data in evaluation protocols. long_horizon: protocol of long motions.
   """
   name: str
   holds: str
@@ -81,8 +81,8 @@ class Dataset(Protocol):
     raise NotImplementedError(f"{type(self).__name__} does not know its folders")
 
   def clips(self, folder, split=None, faults=None) -> list[Clip]:
-    """The captioned clips of a folder, of one split or of all. faults: a list that takes (id, what is wrong) of clips
-    that cannot be used, which are left out in any case."""
+    """The captioned clips of a folder, of one split or all. faults: a list to which (id, fault) of unusable clips is
+    appended; these are always omitted."""
     raise NotImplementedError(f"{type(self).__name__} reads no clips")
 
   # --- training ----------------------------------------------------------------------------------------------------
@@ -97,16 +97,16 @@ class Dataset(Protocol):
     return self.clips(folder)
 
   def items(self, config, split, layout, captioned=True) -> list[TextItem]:
-    """What training takes of a split, as features of a layout, not normalized. captioned: False gives autoencoders
-    every whole clip once, where the captioned parts of clips are items of their own (docs/papers/cmdm.md#items)."""
+    """The training items of a split, as features of a layout, not normalized. captioned: False gives every whole clip
+    once, for autoencoders, if the captioned parts of clips are separate items (docs/papers/cmdm.md#items)."""
     return clip_items(self.pieces(config.get("folder"), config), config, split, layout)
 
   def stats(self, config, layout, features) -> Stats:
-    """The statistics of features in a layout: a data set's own, or those of `features`, a list of (T, F)."""
+    """Statistics of features in a layout: the data set's own, or else of `features`, a list of (T, F)."""
     return compute_stats(features, layout, config.get("per_axis", False))
 
   def fingerprint(self, folder) -> str:
-    """A digest of what lies in a folder: names, sizes and times of its files."""
+    """Digest of a folder's content: names, sizes and times of its files."""
     folder, digest = pathlib.Path(folder), hashlib.sha256()
     for path in sorted({path for pattern in self.files for path in folder.glob(pattern) if path.is_file()}):
       about = path.stat()
@@ -114,7 +114,7 @@ class Dataset(Protocol):
     return digest.hexdigest()
 
   def digest(self, folder) -> str:
-    """A digest of the bytes of what lies in a folder: that of a copy is the same, wherever it lies."""
+    """Digest of the bytes of a folder's files and their relative paths; equal for copies."""
     folder, digest = pathlib.Path(folder), hashlib.sha256()
     for path in sorted({path for pattern in self.files for path in folder.glob(pattern) if path.is_file()}):
       with open(path, "rb") as file:
@@ -123,31 +123,30 @@ class Dataset(Protocol):
 
   # --- the doctor --------------------------------------------------------------------------------------------------
 
-  def examine(self, folder, found, progress=False) -> list[tuple[str, str]]:
-    """Facts about a folder, (label, value) each; what is wrong goes to found.add(level, what, advice, example)."""
+  def examine(self, folder, tally, progress=False) -> list[tuple[str, str]]:
+    """Facts about a folder, (label, value) each; faults are reported by tally.add(level, what, advice, example)."""
     facts, faults = [("format", self.holds)], []
     try:
       clips = self.clips(folder, faults=faults)
     except (ValueError, OSError) as error:
-      found.add("error", "clips that cannot be read", "repair the file that is named",
+      tally.add("error", "clips that cannot be read", "repair the file that is named",
                 checks.error_detail(error, folder)[:120])
       return facts
     for name, why in faults:
-      found.add("error", "clips that cannot be used", "repair their files, or remove them", f"{name} ({why})"[:120])
-    return facts + _examine_clips(clips, found, progress)
+      tally.add("error", "clips that cannot be used", "repair their files, or remove them", f"{name} ({why})"[:120])
+    return facts + _examine_clips(clips, tally, progress)
 
   # --- evaluation --------------------------------------------------------------------------------------------------
 
   def benchmark(self, folders, run_layout: Callable) -> str:
-    """The name of the protocol that fits these folders; run_layout() is the layout's name of the run that is judged,
-    or None without one."""
+    """Name of the evaluation protocol of these folders. run_layout() is the layout of the evaluated run, or None."""
     return "own-66"
 
   def test_items(self, folder, rules, readers, excluded) -> Iterator[TestItem]:
-    """The items of a split as evaluation reads them.
+    """The items of a split for evaluation.
 
-    rules: split, min_frames <= rows < past_frames. readers: {key: what has features_of(clip), layout and name}.
-    excluded: a list that takes (id, why) of clips that cannot be used.
+    rules: split, min_frames <= rows < past_frames. readers: {key: an object with features_of(clip), layout and name}.
+    excluded: a list to which (id, reason) of unusable clips is appended.
     """
     for clip in self.clips(folder, rules.split, excluded):
       if not clip.captions or not rules.min_frames <= clip.num_frames - 1 < rules.past_frames:
@@ -160,7 +159,7 @@ class Dataset(Protocol):
       yield TestItem(clip.id, tuple(c.text for c in clip.captions), (None,) * len(clip.captions), clip.joints, features)
 
   def marks(self, folder, split) -> dict:
-    """{mark: id}: names and contents by which a clip is known again; a split that is not there has none."""
+    """Marks {mark: id} that identify clips across splits, by name and by content; {} for a missing split."""
     marks = {}
     for clip in self.clips(folder, split, faults=[]):
       named = (pathlib.Path(folder).name, clip.meta.get("clip", clip.id))
@@ -168,26 +167,28 @@ class Dataset(Protocol):
     return marks
 
   def overlaps(self, folder, split) -> list[str]:
-    """Ids of a split that have frames in common with one of train, which marks do not tell."""
+    """Ids of a split that share frames with train beyond equal marks."""
     return []
 
 
 def clip_items(clips, config, split, layout: FeatureLayout) -> list[TextItem]:
-  """The clips of a split as features (config.mode) on the layout's skeleton and at its rate; of train mirrored ones,
-  too, if config.mirror. config.kinematic_captions: with captions by kinematics beside their own (`data.describe`).
-  config.augment: of train more clips, made of these (`data.augment`). config.paraphrases: of train captions also in
-  other words (`text.paraphrase`). config.workers: number of processes that do all this, with equal results."""
-  clips, made = [clip for clip in clips if clip.split == split], []
+  """The clips of a split as features (config.mode), on the layout's skeleton and at its rate.
+
+  config.mirror: also mirrored, of train. config.kinematic_captions: with additional captions by kinematics
+  (`analysis.describe`). config.augment: with augmented clips, of train (`data.augment`). config.paraphrases: with
+  paraphrased captions, of train (`text.paraphrase`). config.workers: number of processes; results do not depend on it.
+  """
+  clips, new_clips = [clip for clip in clips if clip.split == split], []
   shown = dict(unit="clip", leave=False, disable=None)
   with workers(config.get("workers", 0)) as team:
     if split == "train":
-      made = augmented(clips, augment_shares(config), progress=True, workers=team)
+      new_clips = augmented(clips, augment_shares(config), progress=True, workers=team)
     if config.get("kinematic_captions", False):
       clips = list(tqdm.tqdm(team.map(with_kinematic_captions, clips, 16), f"captions of {split}", len(clips), **shown))
-    clips += made
+    clips += new_clips
     if split == "train" and config.get("paraphrases", 0):
       clips = [_in_other_words(clip, config.paraphrases) for clip in clips]
-    known = LAYOUTS.get(layout.name) is layout  # by its name, which a process of its own knows, too
+    known = LAYOUTS.get(layout.name) is layout  # passed by name: other processes know it, too
     make = functools.partial(_item, layout=layout.name if known else layout, mode=config.mode)
     items = list(tqdm.tqdm(team.map(make, clips, 16), f"features of {split}", len(clips), **shown))
     if config.get("mirror", False) and split == "train":
@@ -197,15 +198,15 @@ def clip_items(clips, config, split, layout: FeatureLayout) -> list[TextItem]:
 
 
 def _in_other_words(clip, number) -> Clip:
-  """The clip with up to `number` paraphrases of each of its captions beside them."""
+  """The clip with up to `number` paraphrases added for each of its captions."""
   said = tuple(dataclasses.replace(caption, text=text) for caption in clip.captions
                for text in paraphrases(caption.text, number))
-  own = tuple(dict.fromkeys(clip.captions))
-  return clip.replace(captions=tuple(dict.fromkeys((*own, *said))), meta=clip.meta | {"num_own": len(own)})
+  written = tuple(dict.fromkeys(clip.captions))
+  return clip.replace(captions=tuple(dict.fromkeys((*written, *said))), meta=clip.meta | {"num_own": len(written)})
 
 
 def _item(clip, layout, mode, mirrored=False) -> TextItem | None:
-  """A clip, or its mirror image, as features of a layout; None for one that is too short."""
+  """A clip, or its mirror image, as features of a layout; None if it is too short."""
   layout = get_layout(layout)
   if mirrored:
     clip = mirror.mirror_clip(clip)
@@ -221,30 +222,30 @@ def _item(clip, layout, mode, mirrored=False) -> TextItem | None:
 
 
 def augment_shares(config) -> dict[str, float]:
-  """{kind of new clips: number per captured clip} of a data section, without those of 0."""
+  """{kind of augmentation: number of clips per captured clip} of a data section, without zeros."""
   return {kind: float(share) for kind, share in (config.get("augment") or {}).items() if share}
 
 
-def _examine_clips(clips, found, progress):
+def _examine_clips(clips, tally, progress):
   bodies, hashes = {}, collections.defaultdict(list)
   splits, captions = collections.defaultdict(list), collections.defaultdict(list)
   for clip in tqdm.tqdm(clips, desc="clips", unit="clip", disable=not progress):
-    body = bodies.setdefault(clip.skeleton.name, checks.Body(found, clip.skeleton, canonical=False))
+    body = bodies.setdefault(clip.skeleton.name, checks.Body(tally, clip.skeleton, canonical=False))
     body.check(clip.id, clip.joints)
     hashes[hashlib.sha1(clip.joints.tobytes()).hexdigest()].append(clip.id)
     splits[clip.split].append(clip.id)
     captions[clip.split] += [caption.text for caption in clip.captions]
     if not any(caption.text.strip() for caption in clip.captions):
-      found.add("error", "clips without a caption", "write one, or remove the clip", clip.id)
+      tally.add("error", "clips without a caption", "write one, or remove the clip", clip.id)
     if clip.split not in ("train", "val", "test"):
-      found.add("error", "clips in no split", "split is train, val or test", f"{clip.id} ({clip.split!r})")
+      tally.add("error", "clips in no split", "split is train, val or test", f"{clip.id} ({clip.split!r})")
   if not clips:
-    found.add("error", "no clip", "make the folder again")
+    tally.add("error", "no clip", "make the folder again")
   for body in bodies.values():
     body.report()
   counts = collections.Counter(clip.id for clip in clips)
-  found.add_all("error", "ids that occur twice", "name them differently", [one for one in counts if counts[one] > 1])
-  checks.report_duplicates(hashes, splits, found)
+  tally.add_all("error", "ids that occur twice", "name them differently", [name for name in counts if counts[name] > 1])
+  checks.report_duplicates(hashes, splits, tally)
   facts = [("clips", ", ".join([str(len(clips)), *(f"{split} {len(ids)}" for split, ids in splits.items())])),
            ("length", f"{sum(clip.seconds for clip in clips) / 3600:.2f} hours")]
   facts += checks.shared_captions(captions)
@@ -253,7 +254,7 @@ def _examine_clips(clips, found, progress):
 
 @contextlib.contextmanager
 def new_folder(out, overwrite=False):
-  """Yields a temporary neighbour of folder out that takes its place if the block ends well, else vanishes."""
+  """Yields a temporary folder that replaces folder out if the block succeeds, and is deleted otherwise."""
   out = pathlib.Path(out)
   if out.exists() and not overwrite:
     raise FileExistsError(f"{out} exists already; choose another name, or say overwrite")

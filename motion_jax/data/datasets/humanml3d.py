@@ -1,7 +1,7 @@
 """HumanML3D and KIT-ML folders, read and written: new_joint_vecs, new_joints, texts, splits, Mean and Std.
 
 Source: docs/papers/cdamd.md#humanml3d, #items. The field's other tools can read a folder that `write_folder` wrote;
-`dataset.json` beside it adds what the layout cannot state: rate, mode of the features, sources, licences.
+an additional `dataset.json` stores what that layout lacks: rate, mode of the features, sources, licences.
 """
 import hashlib
 import json
@@ -93,9 +93,9 @@ def text_items(folder, split="train", layout=None, min_frames=None, max_frames=2
   whole=True returns all whole clips of any length instead, each with all its captions, as autoencoders train on them.
   Essential features are the first columns of full features; coordinates are the joints.
   """
-  own = get_layout(dataset_info(folder)["layout"])
-  layout = get_layout(layout or own)
-  _check_layout(folder, own, layout)
+  stored = get_layout(dataset_info(folder)["layout"])
+  layout = get_layout(layout or stored)
+  _check_layout(folder, stored, layout)
   clips = read_folder(folder, split)
   if not whole:
     clips = select_items(clips, min_frames, max_frames)
@@ -115,11 +115,11 @@ def folder_stats(folder, layout=None, per_axis=False) -> Stats:
   Std_abs.npy where these exist; otherwise, with per_axis, and for steps they are computed from the training joints.
   """
   folder = pathlib.Path(folder)
-  own = get_layout(dataset_info(folder)["layout"])
-  layout = get_layout(layout or own)
-  _check_layout(folder, own, layout)
+  stored = get_layout(dataset_info(folder)["layout"])
+  layout = get_layout(layout or stored)
+  _check_layout(folder, stored, layout)
   if not layout.joints_suffice:
-    stats, columns = load_stats(folder, own), own.columns_of(layout)
+    stats, columns = load_stats(folder, stored), stored.columns_of(layout)
     return Stats(stats.mean[columns], stats.std[columns], layout)
   if layout.are_joints and not per_axis and all((folder / name).is_file() for name in ABSOLUTE):
     return load_stats(folder, layout, ABSOLUTE)
@@ -127,10 +127,10 @@ def folder_stats(folder, layout=None, per_axis=False) -> Stats:
   return compute_stats(features, layout, per_axis)
 
 
-def _check_layout(folder, own, layout):
-  if not own.narrows_to(layout):
-    raise ValueError(f"{folder} holds {own.name!r} features, got layout {layout.name!r}; choose a layout of skeleton "
-                     f"{own.skeleton.name!r}")
+def _check_layout(folder, stored, layout):
+  if not stored.narrows_to(layout):
+    raise ValueError(f"{folder} holds {stored.name!r} features, got layout {layout.name!r}; choose a layout of "
+                     f"skeleton {stored.skeleton.name!r}")
 
 
 def select_items(clips, min_frames=None, max_frames=200) -> list[Clip]:
@@ -193,19 +193,19 @@ def write_folder(clips, out, mode="corrected", mirror=True, fps=None, overwrite=
       (folder / name).mkdir()
     for clip in tqdm.tqdm(clips, desc="clips", unit="clip", disable=not progress):
       split = clip.split or "train"
-      for one in (clip, mirror_clip(clip)) if mirror else (clip,):
-        joints = resample(one.joints.astype(np.float64), one.fps, fps) if one.fps != fps else one.joints
+      for version in (clip, mirror_clip(clip)) if mirror else (clip,):
+        joints = resample(version.joints.astype(np.float64), version.fps, fps) if version.fps != fps else version.joints
         if len(joints) < 2:
           raise ValueError(f"clip {clip.id!r} has {len(joints)} frame at {fps:g} frames a second, expected 2 or more")
         features = to_features(joints, layout, mode)
-        np.save(folder / "new_joint_vecs" / f"{one.id}.npy", features)
-        np.save(folder / "new_joints" / f"{one.id}.npy", to_joints(features, layout))
-        (folder / "texts" / f"{one.id}.txt").write_text(format_texts(one), encoding="utf-8")
+        np.save(folder / "new_joint_vecs" / f"{version.id}.npy", features)
+        np.save(folder / "new_joints" / f"{version.id}.npy", to_joints(features, layout))
+        (folder / "texts" / f"{version.id}.txt").write_text(format_texts(version), encoding="utf-8")
         count.add(features)
         lengths.append(len(features))
-        origins[one.id] = {"source": clip.source, "license": clip.license}
+        origins[version.id] = {"source": clip.source, "license": clip.license}
         for member in (split, "all") + (("train_val",) if split in ("train", "val") else ()):
-          members[member].append(one.id)
+          members[member].append(version.id)
     for split, ids in members.items():
       (folder / f"{split}.txt").write_text("".join(f"{name}\n" for name in ids), encoding="utf-8")
     save_stats(count.stats(), folder)
@@ -272,7 +272,7 @@ class HumanML3D(Dataset):
     return clips
 
   def configure(self, data, folder):
-    """Configures reading the folder's features as they are; no mirrored copies are added."""
+    """Configures reading the folder's features unchanged, without adding mirrored copies."""
     data.update(name=self.name, folder=str(folder), folders=())
     info = dataset_info(folder)
     message = f"data: {folder}, a HumanML3D-layout folder ({info['mode']} features)"
@@ -299,9 +299,9 @@ class HumanML3D(Dataset):
   def stats(self, config, layout, features):
     return folder_stats(config.folder, layout, config.get("per_axis", False))
 
-  def examine(self, folder, found, progress=False):
+  def examine(self, folder, tally, progress=False):
     from motion_jax.data.datasets import humanml3d_checks
-    return humanml3d_checks.examine(pathlib.Path(folder), found, progress)
+    return humanml3d_checks.examine(pathlib.Path(folder), tally, progress)
 
   def benchmark(self, folders, run_layout):
     info = lambda folder: get_layout(dataset_info(folder)["layout"])
@@ -312,8 +312,8 @@ class HumanML3D(Dataset):
     return "kit" if layout.skeleton is KIT else _BENCHMARKS.get(layout.name, "cmdm-259")
 
   def test_items(self, folder, rules, readers, excluded):
-    own = get_layout(dataset_info(folder)["layout"])
-    layouts = {key: _layout_of(reader, folder, own) for key, reader in readers.items()}
+    stored = get_layout(dataset_info(folder)["layout"])
+    layouts = {key: _layout_of(reader, folder, stored) for key, reader in readers.items()}
     clips = self.clips(folder, rules.split, excluded)
     for clip in select_items(clips, rules.min_frames, rules.past_frames):
       item = as_item(clip, next(iter(layouts.values())))
@@ -334,10 +334,11 @@ class HumanML3D(Dataset):
 _BENCHMARKS = {"coordinates": "cdamd-66", "essential": "cmdm-67", "full": "cmdm-259"}
 
 
-def _layout_of(reader, folder, own):
+def _layout_of(reader, folder, stored):
   """The layout that an evaluator reads; it must be a part of the folder's own layout."""
   layout = reader.layout
-  if not own.narrows_to(layout):
-    raise ValueError(f"{folder} holds {own.name!r} features ({own.dim} numbers a frame), evaluator {reader.name!r} "
-                     f"reads {layout.name!r} ({layout.dim}); choose the evaluator of the data's representation")
+  if not stored.narrows_to(layout):
+    raise ValueError(f"{folder} holds {stored.name!r} features ({stored.dim} numbers a frame), evaluator "
+                     f"{reader.name!r} reads {layout.name!r} ({layout.dim}); choose the evaluator of the data's "
+                     "representation")
   return layout

@@ -1,4 +1,4 @@
-"""Split files and dataset.json of folders of HumanML3D's layout."""
+"""Split files and `dataset.json` of folders in HumanML3D's layout."""
 import pathlib
 
 from motion_jax.motion.representations import get_layout, layout_for
@@ -17,10 +17,10 @@ def read_ids(folder, split="all") -> list[str]:
   if path.is_file():
     return [file_stem(name, f"{path} line {number}") for number, line in enumerate(read_lines(path), 1)
             for name in line.split()]
-  found = [name for name in ("train", "val", "test") if (folder / f"{name}.txt").is_file()]
-  if split != "all" or not found:
+  parts = [name for name in ("train", "val", "test") if (folder / f"{name}.txt").is_file()]
+  if split != "all" or not parts:
     raise FileNotFoundError(f"{folder} has no {split}.txt; expected one id per line in it")
-  return [name for part in found for name in read_ids(folder, part)]
+  return [name for part in parts for name in read_ids(folder, part)]
 
 
 def dataset_info(folder) -> dict:

@@ -3,8 +3,8 @@
 `motion-jax data records` makes such a folder (`data.records`). It is for data that does not fit in memory, or is on
 slow storage: only a row per clip is in memory, and features are read from array_record files when a batch is drawn.
 
-  index.json            what the features are, and for each split a row a clip: id, frames, captions, tokens, group
-  Mean.npy, Std.npy     the statistics that training on the folders has
+  index.json            the layout, and for each split one row per clip: id, frames, captions, tokens, group
+  Mean.npy, Std.npy     the statistics of the training split
   motions/1.0.0/        the data set as tensorflow-datasets has it: id, captions, group, features (T, F)
 
 Other programs read the last folder by `tfds.builder_from_directory(...).as_data_source()`; TensorFlow is not needed.
@@ -23,7 +23,7 @@ from motion_jax.utils.input_files import read_json
 from motion_jax.utils.install import pip_install
 
 INDEX, BUILDER = "index.json", "motions/1.0.0"
-WHOLE = "_whole"  # behind a split's name: whole clips, where captions are about parts of them
+WHOLE = "_whole"  # suffix of a split's name: its whole clips, if captions describe parts of them
 
 
 def tensorflow_datasets():
@@ -36,7 +36,7 @@ def tensorflow_datasets():
 
 
 class RecordedFeatures:
-  """Features (T, F) that lie in a record, normalized if stats are given; a slice of it reads them."""
+  """Features (T, F) in a record, read on demand by slicing; normalized if stats are given."""
 
   def __init__(self, folder, split, place, shape, stats=None, columns=None):
     self.folder, self.split, self.place, self.shape = str(folder), split, place, tuple(shape)
@@ -63,7 +63,7 @@ class RecordedFeatures:
 
 @functools.lru_cache(maxsize=16)
 def source(folder, split):
-  """The records of a split: source[i] is a dict of what tensorflow-datasets keeps of clip i."""
+  """The records of a split: source[i] is the dict of clip i in tensorflow-datasets."""
   place = pathlib.Path(folder) / BUILDER
   with reading(place, "make the records again"):
     return tensorflow_datasets().builder_from_directory(str(place)).as_data_source(split=split)
@@ -99,11 +99,11 @@ class Records(Dataset):
 
   def items(self, config, split, layout, captioned=True):
     index = self.index(config.folder)
-    own, columns = get_layout(index["layout"]), None
-    if own is not layout:
-      columns = own.columns_of(layout)
+    held, columns = get_layout(index["layout"]), None
+    if held is not layout:
+      columns = held.columns_of(layout)
       if columns is None:
-        raise InputError(f"{config.folder} holds {own.name!r} features, this config reads {layout.name!r}; make the "
+        raise InputError(f"{config.folder} holds {held.name!r} features, this config reads {layout.name!r}; make the "
                          f"records again with --layout {layout.name}")
     split = split if captioned or split + WHOLE not in index["splits"] else split + WHOLE
     items = []
@@ -116,24 +116,24 @@ class Records(Dataset):
   def stats(self, config, layout, features):
     if config.get("per_axis", False):
       return compute_stats([np.asarray(x) for x in features], layout, True)
-    own = load_stats(config.folder, self.index(config.folder)["layout"])
-    return own if own.layout is layout else type(own)(
-        *(values[own.layout.columns_of(layout)] for values in (own.mean, own.std)), layout)
+    stats = load_stats(config.folder, self.index(config.folder)["layout"])
+    return stats if stats.layout is layout else type(stats)(
+        *(values[stats.layout.columns_of(layout)] for values in (stats.mean, stats.std)), layout)
 
   def clips(self, folder, split=None, faults=None):
     index = self.index(folder)
     layout = get_layout(index["layout"])
-    found = []
+    clips = []
     for name in [split] if split else [name for name in index["splits"] if not name.endswith(WHOLE)]:
       for place, row in enumerate(index["splits"].get(name, ())):
         features = np.asarray(RecordedFeatures(folder, name, place, (row["frames"], layout.dim)))
         if np.isfinite(features).all():
-          found.append(Clip(layout.to_joints(features), layout.skeleton.fps, tuple(map(Caption, row["captions"])),
+          clips.append(Clip(layout.to_joints(features), layout.skeleton.fps, tuple(map(Caption, row["captions"])),
                             row["id"], name, pathlib.Path(folder).name, index["license"], layout.skeleton,
                             features=features))
         elif faults is not None:
           faults.append((row["id"], "NaN"))
-    return found
+    return clips
 
 
 @functools.lru_cache(maxsize=4)

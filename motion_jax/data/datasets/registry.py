@@ -1,4 +1,4 @@
-"""The known data sets, one line each and those of other packages, and which of them a folder is."""
+"""The known data sets, those of other packages included, and detection of the data set of a folder."""
 import pathlib
 import shlex
 
@@ -25,23 +25,23 @@ DATASETS: Registry[Dataset] = Registry("motion_jax.datasets", {dataset.name: dat
 
 
 def get_dataset(name) -> Dataset:
-  """A data set by its name. Raises ValueError for a name that is none."""
+  """A data set by its name. Raises ValueError for an unknown name."""
   if name not in DATASETS:
     raise ValueError(f"got data.name {name!r}{did_you_mean(name, DATASETS)}, expected one of {', '.join(DATASETS)}")
   return DATASETS[name]
 
 
 def find_dataset(folder) -> Dataset | None:
-  """The data set that a folder is of, or None."""
+  """The data set whose files a folder holds, or None."""
   folder = pathlib.Path(folder)
   return next((dataset for dataset in DATASETS.values() if dataset.in_folders and dataset.matches(folder)), None)
 
 
 def dataset_of(folder) -> Dataset:
-  """The data set that a folder is of. Raises FileNotFoundError for a folder of none."""
-  folder, found = pathlib.Path(folder), find_dataset(folder)
-  if found is not None:
-    return found
+  """The data set whose files a folder holds. Raises FileNotFoundError if there is none."""
+  folder, dataset = pathlib.Path(folder), find_dataset(folder)
+  if dataset is not None:
+    return dataset
   if not folder.is_dir():
     raise FileNotFoundError(f"there is no folder {folder}; give a data folder, such as one that `motion-jax data "
                             "build` made")
@@ -50,4 +50,4 @@ def dataset_of(folder) -> Dataset:
       f"{folder} holds {len(files)} files of motion capture; make a data folder of them first: motion-jax data build "
       f"{shlex.quote(str(folder))} data/mine" if files else
       f"{folder} is no data folder: expected one of "
-      f"{', '.join(one.holds for one in DATASETS.values() if one.in_folders)}; motion-jax data build makes one")
+      f"{', '.join(known.holds for known in DATASETS.values() if known.in_folders)}; motion-jax data build makes one")

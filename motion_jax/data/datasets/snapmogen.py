@@ -48,7 +48,7 @@ def text_items(folder, split="train", layout="snapmogen", min_frames=MIN_FRAMES,
   """The captioned spans of a split with at least min_frames rows; whole=True: all spans, as autoencoders train on them.
 
   Spans longer than 320 frames are cut later, when a batch draws them. Layout "snapmogen_148" takes the evaluator's
-  columns. Spans without a caption, and those whose recording is missing or contains NaN, are left out with one warning,
+  columns. Spans without a caption, and those whose recording is missing or contains NaN, are omitted with one warning,
   or added to `faults`, a list of (span, reason).
   """
   layout = get_layout(layout)
@@ -91,12 +91,12 @@ def recordings(folder, split="test", more_than=5, shortest=1, gap=GAP, faults=No
   A piece ends where the next one begins, so the concatenated pieces are the recording itself; its id is
   "NAME#start#end" of these rows. Spans of fewer than `shortest` rows are skipped. faults: as for `text_items`.
   """
-  found = {}
+  by_recording = {}
   for item in text_items(folder, split, min_frames=shortest, faults=faults):
     name, start, end = item.id.rsplit("#", 2)
-    found.setdefault(name, {})[Span(name, int(start), int(end))] = item
+    by_recording.setdefault(name, {})[Span(name, int(start), int(end))] = item
   kept = []
-  for name, items in found.items():
+  for name, items in by_recording.items():
     chain = longest_sequence(items, gap)
     if len(chain) <= more_than:
       continue
@@ -108,7 +108,7 @@ def recordings(folder, split="test", more_than=5, shortest=1, gap=GAP, faults=No
 
 
 def _read_recording(folder, name):
-  """(features, "") or (None, the fault)."""
+  """Reads a recording -> (features, "") or (None, the fault)."""
   path = pathlib.Path(folder) / "renamed_feats" / f"{name}.npy"
   if not path.is_file():
     return None, "no recording"
@@ -233,27 +233,27 @@ class SnapMoGen(Dataset):
   def stats(self, config, layout, features):
     return folder_stats(config.folder, layout)
 
-  def examine(self, folder, found, progress=False):
+  def examine(self, folder, tally, progress=False):
     from motion_jax.data.datasets import snapmogen_checks
-    return snapmogen_checks.examine(pathlib.Path(folder), found, progress)
+    return snapmogen_checks.examine(pathlib.Path(folder), tally, progress)
 
   def benchmark(self, folders, run_layout):
     return "snapmogen"
 
   def test_items(self, folder, rules, readers, excluded):
-    own = get_layout("snapmogen")
+    layout = get_layout("snapmogen")
     for reader in readers.values():
-      if not own.narrows_to(reader.layout):
+      if not layout.narrows_to(reader.layout):
         raise ValueError(f"{folder} holds 'snapmogen' features, evaluator {reader.name!r} reads "
                          f"{reader.layout.name!r}; choose the evaluator of the data's representation")
     if rules.recorded:
       selected = recordings(folder, rules.split, rules.recorded, rules.min_frames, faults=excluded)
-      found = [item for pieces in selected for item in pieces]
+      items = [item for pieces in selected for item in pieces]
     else:
-      found = text_items(folder, rules.split, min_frames=rules.min_frames, faults=excluded)
-    for item in {item.id: item for item in found}.values():  # a split may name a span twice
+      items = text_items(folder, rules.split, min_frames=rules.min_frames, faults=excluded)
+    for item in {item.id: item for item in items}.values():  # a split may name a span twice
       yield TestItem(item.id, item.captions, (None,) * len(item.captions), item.features,
-                     {key: own.narrow_to(item.features, reader.layout) for key, reader in readers.items()})
+                     {key: layout.narrow_to(item.features, reader.layout) for key, reader in readers.items()})
 
   def marks(self, folder, split):
     return {}

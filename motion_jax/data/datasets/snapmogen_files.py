@@ -59,7 +59,7 @@ def read_captions(folder) -> dict[str, tuple[tuple[str, ...], tuple[str, ...]]]:
   table = {}
   for name, entry in read_json(path).items():
     lists = [entry.get(kind, []) for kind in ("manual", "gpt")] if isinstance(entry, dict) else [None]
-    if not all(isinstance(one, list) and all(isinstance(text, str) for text in one) for one in lists):
+    if not all(isinstance(captions, list) and all(isinstance(text, str) for text in captions) for captions in lists):
       raise InputError(f'{path}: {shortened(name)!r} holds no object {{"manual": [captions], "gpt": [captions]}}')
     table[name] = tuple(map(tuple, lists))
   return table

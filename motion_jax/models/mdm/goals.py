@@ -8,8 +8,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from motion_jax.control.signal import ControlSignal, rotate_about_y
+from motion_jax.control.signal import ControlSignal
 from motion_jax.motion.representations import Representation
+from motion_jax.motion.rotations import rotate_about_y
 from motion_jax.motion.skeleton import facing
 from motion_jax.shapes import Array
 

@@ -9,11 +9,11 @@
   motionstreamer          272        22, SMPL       motionstreamer
   babel                   135        22, SMPL       babel
 
-The last three hold rotations that do not follow from joints alone: features made from joints have those that turn
-least (`motion.inverse`); their files make features of data that has rotations.
+The last three hold rotations that joints alone do not determine: features of joints have those of least twist
+(`motion.inverse`); `from_rotations` in their files makes features of data with rotations.
 
-A further representation is a subclass of `Representation` and an entry of `LAYOUTS`, or an entry point of the group
-`motion_jax.representations` in another package. It is used by name: `get_layout("full").to_joints(features)`, or
+To add a representation, write a subclass of `Representation` and an entry of `LAYOUTS`, or an entry point of the group
+`motion_jax.representations` in another package. Use it by name: `get_layout("full").to_joints(features)`, or
 `to_joints(features, "full")`.
 """
 from motion_jax.motion.representations.babel import BABEL
@@ -55,8 +55,8 @@ def to_features(joints: Num[A, "*lead t j 3"], layout: Representation | str = "f
                 ) -> Float[A, "*lead _ f"]:
   """Joints (T, J, 3) to features (T - 1, F), float32, of a layout: `Representation.from_joints`.
 
-  "motionstreamer" and "babel" make T rows, not T - 1. jax arrays, also with leading axes, give jax arrays of their own
-  type: differentiable, and inside jit and vmap as well.
+  "motionstreamer" and "babel" make T rows, not T - 1. jax arrays, also with leading axes, give jax arrays of the same
+  dtype: differentiable, and inside jit and vmap as well.
   """
   return get_layout(layout).from_joints(joints, mode)
 

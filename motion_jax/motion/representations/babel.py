@@ -32,11 +32,11 @@ _TO_OURS = np.array([[0.0, -1, 0], [0, 0, 1], [-1, 0, 0]])
 class Babel(Representation):
 
   def extract(self, joints: Float[A, "*lead t 22 3"], mode: str) -> Float[A, "*lead _ 135"]:
-    """With the plainest rotations that these joints allow; `from_rotations` takes SMPL's own."""
+    """Features with the rotations of least twist that fit these joints; `from_rotations` takes SMPL's rotations."""
     return from_rotations(*from_ours(joints, world_rotations(joints, SMPL)), mode)
 
   def root_path(self, features: Num[A, "*lead t f"]) -> tuple[Float[A, "*lead t 4"], Float[A, "*lead t 3"]]:
-    """Headings are all the same, since nothing is turned frame by frame; positions are y up."""
+    """Headings are constant, since features are not turned frame by frame; positions are y up."""
     xp = rot.namespace(features)
     if xp is np:
       features = features.astype(np.float64)
@@ -53,8 +53,8 @@ class Babel(Representation):
                           mode: str = "benchmark") -> Float[A, "*lead t 22 3"]:
     """Joints, y up, the first frame facing +z.
 
-    offsets (22, 3): those of an adult, `SMPL`. The pelvis is put at the height of SMPL's translation, which lies some
-    3 cm lower (the body model adds its rest place).
+    offsets (22, 3): by default an adult's, `SMPL`. The pelvis is placed at the height of SMPL's translation, about 3 cm
+    too low (the body model adds its rest position).
     """
     self.check(features)
     _, root = self.root_path(features)
@@ -65,8 +65,8 @@ class Babel(Representation):
 
 def from_rotations(rotations: Float[A, "*lead t 22 4"], translation: Float[A, "*lead t 3"], mode: str = "benchmark"
                    ) -> Float[A, "*lead t 135"]:
-  """Features (..., T, 135) of SMPL's rotations relative to the parents, quaternions (..., T, 22, 4), and its
-  translation (..., T, 3), metres, z up as in AMASS files; numpy gives float64."""
+  """Features (..., T, 135) of SMPL rotations relative to the parents, quaternions (..., T, 22, 4), and SMPL translation
+  (..., T, 3), metres, z up as in AMASS files; numpy gives float64."""
   xp = rot.namespace(rotations, translation)
   root = rot.conjugate(rot.about_axis(_yaw(rotations[..., 0, 0, :], mode) + np.pi / 2, "z"))[..., None, :]
   step = rot.rotate(root, xp.diff(translation, axis=-2))[..., :2]
@@ -85,13 +85,13 @@ def _yaw(root, mode):
 
 def from_ours(joints: Float[A, "*lead t 22 3"], turned: Float[A, "*lead t 22 4"]
               ) -> tuple[Float[A, "*lead t 22 4"], Float[A, "*lead t 3"]]:
-  """SMPL's rotations (..., T, 22, 4) and translation (..., T, 3), z up, of joints (..., T, 22, 3) and world rotations,
-  y up."""
+  """SMPL rotations (..., T, 22, 4) and translation (..., T, 3), z up, of joints (..., T, 22, 3) and world rotations,
+  both y up."""
   upright = rot.namespace(joints, turned).asarray(rot.from_matrix(_TO_OURS.T), turned.dtype)
   return relative(rot.multiply(upright, turned), SMPL), rot.rotate(upright, joints[..., 0, :])
 
 
-# Here left is -y: a mirror turns y of the world and, of the body before its rotation, x.
+# Here left is -y: a mirror negates y of the world and, in the body's frame before its rotation, x.
 BABEL = Babel("babel", SMPL, {
     "root_height": Block((1,)), "root_velocity": Block((1, -1)), "root_rotation": Block((-1, 1, 1, 1, -1, -1)),
     "rotations": Block(ROTATION, tuple(range(1, 22)))})

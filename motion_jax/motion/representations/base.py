@@ -13,16 +13,16 @@ from motion_jax.shapes import Array, Float, Num
 from motion_jax.utils.lazy import is_jax, jnp
 
 MODES = ("benchmark", "corrected")
-# What a mirror does to the numbers of a row: it turns x, which points to the left.
+# Signs of the numbers of a row under a mirror, which negates x (x points to the left).
 VECTOR = (-1, 1, 1)                  # x, y, z
 GROUND = (-1, 1)                     # x, z
 ROTATION = (1, -1, -1, -1, 1, 1)     # the first two columns, or rows, of a rotation's matrix
 
 
 class Block(NamedTuple):
-  """Columns of one meaning: one row of numbers of the whole body, or a row for each of `joints`.
+  """Columns of one quantity: one row of numbers for the whole body, or a row for each of `joints`.
 
-  signs: -1 for the numbers of a row that change their sign in a mirror, 1 for the others.
+  signs: of each number of a row, -1 if a mirror changes its sign, else 1.
   """
   signs: tuple[int, ...]
   joints: tuple[int, ...] = ()
@@ -34,22 +34,22 @@ class Block(NamedTuple):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Representation:
-  """Features (..., T, F) of a motion: what each column means, and the way from joints (..., T, J, 3) and back.
+  """A feature layout (..., T, F): the meaning of each column, and the conversion from joints (..., T, J, 3) and back.
 
   `layout["positions"]` is the slice of columns of a block. A subclass writes `extract`, `recover` and `root_path`, and
-  `rotations_to_joints` where it has rotations; what it makes of numpy arrays is numpy, of jax arrays jax, also inside
-  jit. Users call `from_joints` and `to_joints`, which check what comes.
+  `rotations_to_joints` if it has rotations; they return numpy for numpy arrays and jax for jax arrays, also inside jit.
+  Users call `from_joints` and `to_joints`, which check their input.
   """
   name: str
   skeleton: Skeleton
   parts: dict[str, Block]  # in the order of the columns
 
-  # What a root loss looks at: turn, step and height in most (docs/papers/cmdm.md#data-sets).
+  # Columns of a root loss: turn, step and height in most layouts (docs/papers/cmdm.md#data-sets).
   root: ClassVar[slice] = slice(0, 4)
-  are_joints: ClassVar[bool] = False         # the features are the joints themselves, in the world
+  are_joints: ClassVar[bool] = False         # the features are the joints, in the world
   joints_suffice: ClassVar[bool] = False     # `of_joints` computes the features from joints alone, frame by frame
-  std_by_block: ClassVar[bool] = True        # statistics have one std per block, as the field makes them
-  has_fixed_bones: ClassVar[bool] = False    # all motions are on bones of one length: the skeleton's
+  std_by_block: ClassVar[bool] = True        # statistics have one std per block, as is usual in the field
+  has_fixed_bones: ClassVar[bool] = False    # all motions have the skeleton's bone lengths
 
   @functools.cached_property
   def blocks(self) -> dict[str, slice]:
@@ -70,7 +70,7 @@ class Representation:
     return self.blocks[name]
 
   def columns(self, name: str, joint: int | None = None) -> tuple[int, ...]:
-    """The columns of a block, or of one joint in it; () for a joint that it has no row for."""
+    """The columns of a block, or of one joint in it; () for a joint without a row."""
     block, start = self.parts[name], self[name].start
     if joint is None:
       return tuple(range(start, start + block.size))
@@ -86,14 +86,13 @@ class Representation:
   # --- joints and features ---------------------------------------------------------------------------------------
 
   def from_joints(self, joints: Num[A, "*lead t j 3"], mode: str = "benchmark") -> Float[A, "*lead _ f"]:
-    """Joints (T, J, 3) in the skeleton's unit to features (T - 1 or T, F), float32; a row that looks ahead needs a
-    frame more.
+    """Joints (T, J, 3) in the skeleton's unit to features (T - 1 or T, F), float32; T - 1 if rows need the next frame.
 
-    jax arrays (..., T, J, 3) give jax arrays (..., T - 1 or T, F) of the same type, differentiable and inside jit as
-    well; their numbers are not checked, and a bone of no length takes the direction of the rest pose.
+    jax arrays (..., T, J, 3) give jax arrays (..., T - 1 or T, F) of the same dtype, differentiable and inside jit as
+    well; their values are not checked, and a bone of no length takes the direction of the rest pose.
 
-    Raises ValueError for a wrong shape and, of numpy arrays, for numbers that are not finite, or a body without a
-    direction: bones of no length, hips and shoulders in one point or on a vertical.
+    Raises ValueError for a wrong shape and, for numpy arrays, if values are not finite or the body has no facing
+    direction: bones of no length, hips and shoulders in one point or on a vertical line.
     """
     joints = check_joints(joints, self.skeleton, mode)
     if is_jax(joints):
@@ -108,15 +107,15 @@ class Representation:
     return features[:, :self.dim]
 
   def from_joints_in_place(self, joints: Num[A, "*lead t j 3"], mode: str = "benchmark") -> Float[A, "*lead t f"]:
-    """Features (..., T, F), a row for every frame, of joints (..., T, J, 3) that begin at the origin, facing +z; numpy
-    gives float32.
+    """Features (..., T, F), one row per frame, of joints (..., T, J, 3) that begin at the origin, facing +z.
 
-    One more frame is added that repeats the last step. Bones and place stay where a representation allows it.
+    A frame that repeats the last step is appended first. Bone lengths and position stay if the representation allows
+    it. numpy gives float32.
     """
     return self.from_joints(one_ahead(joints), mode)[..., :joints.shape[-3], :]
 
   def to_joints(self, features: Num[A, "*lead t f"]) -> Num[A, "*lead t j 3"]:
-    """Features (..., T, F) to joints (..., T, J, 3). numpy gives float32; jax arrays and tracers stay jax."""
+    """Features (..., T, F) to joints (..., T, J, 3); numpy gives float32, jax arrays keep their dtype."""
     features = rot.namespace(features).asarray(features)
     self.check(features)
     return self.recover(features)
@@ -125,14 +124,14 @@ class Representation:
                           mode: str = "benchmark") -> Float[A, "*lead t j 3"]:
     """Features (..., T, F) to joints (..., T, J, 3) from the rotation columns, by forward kinematics.
 
-    offsets (J, 3) are the skeleton's own by default; mode is the one that the features were made with.
+    offsets (J, 3): by default the skeleton's; mode: that of the features.
     """
     raise ValueError(f"layout {self.name!r} holds no rotations; its joints come from to_joints")
 
   def root_path(self, features: Num[A, "*lead t f"]) -> tuple[Float[A, "*lead t 4"], Float[A, "*lead t 3"]]:
     """Heading quaternions (..., T, 4), which turn the body to +z, and root positions (..., T, 3).
 
-    numpy input is summed in float64, jax input in its own type.
+    numpy input is summed in float64, jax input in its own dtype.
     """
     raise NotImplementedError(f"{type(self).__name__} does not tell its root's path")
 
@@ -142,7 +141,7 @@ class Representation:
     raise NotImplementedError(f"{type(self).__name__} makes no features of joints")
 
   def of_joints(self, joints: Num[A, "*lead t j 3"]) -> Num[A, "*lead t f"]:
-    """Features (..., T, F) of joints that stay on their bones and in their place, a row for every frame."""
+    """Features (..., T, F) of joints, one row per frame, without changing bone lengths or position."""
     raise NotImplementedError(f"{type(self).__name__} does not follow from joints alone, frame by frame")
 
   def recover(self, features: Num[A, "*lead t f"]) -> Num[A, "*lead t j 3"]:
@@ -152,17 +151,17 @@ class Representation:
   # --- the same motion, seen otherwise ---------------------------------------------------------------------------
 
   def contacts(self, features: Num[A, "*lead f"]) -> Num[A, "*lead 4"] | None:
-    """Which feet stand, (..., T, 4): left ankle and toes, right ankle and toes; None where features do not say it."""
+    """Foot contacts (..., T, 4): left ankle and toes, right ankle and toes; None if the layout has none."""
     return features[..., self.blocks["contacts"]] if "contacts" in self.blocks else None
 
   def mirror(self, features: Num[A, "*lead f"]) -> Num[A, "*lead f"]:
-    """Features of the motion in a mirror: left is right, a turn goes the other way."""
+    """Features of the mirrored motion: left and right exchanged, turns reversed."""
     order, signs = self._mirrored
     return features[..., order] * signs.astype(features.dtype)
 
   @functools.cached_property
   def _mirrored(self) -> tuple[np.ndarray, np.ndarray]:
-    """Of each column: the one whose number it gets in a mirror, and the sign of that."""
+    """For each column the source column and the sign of its mirrored value."""
     order: list[int] = []
     signs: list[int] = []
     for name, block in self.parts.items():
@@ -173,21 +172,21 @@ class Representation:
     return np.array(order), np.array(signs)
 
   def columns_of(self, other: "Representation") -> slice | None:
-    """The columns here that are all of another representation; None where it is no part of this one."""
+    """The columns that hold all of another representation; None if it is no part of this one."""
     same = type(other) is type(self) and other.skeleton is self.skeleton
     first = list(self.parts.items())[:len(other.parts)]
     return slice(0, other.dim) if same and first == list(other.parts.items()) else None
 
   def narrows_to(self, other: "Representation") -> bool:
-    """Whether `narrow_to` can give the other one: a part of this one, or features of the joints of the same body."""
+    """Whether `narrow_to` supports the other one: a part of this one, or computed from joints of the same skeleton."""
     return self.columns_of(other) is not None or other.joints_suffice and other.skeleton is self.skeleton
 
   def narrow_to(self, features: Num[A, "*lead t f"], other: "Representation",
                 joints: Num[A, "*lead t j 3"] | None = None) -> Num[A, "*lead t g"]:
-    """Features (..., T, F) as another representation with no more information: some columns, or made of the joints.
+    """Features (..., T, F) as another representation with no more information: some columns, or computed from joints.
 
-    joints (..., T, J, 3): those of these features, if they are known already. Raises ValueError if the other
-    representation needs information that these features lack.
+    joints (..., T, J, 3): those of these features, if known. Raises ValueError if the other representation needs
+    information that these features lack.
     """
     if other is self:
       return features
@@ -201,8 +200,8 @@ class Representation:
 
   def convert(self, features: Num[np.ndarray, "t f"], other: "Representation", mode: str = "benchmark"
               ) -> Num[np.ndarray, "t g"]:
-    """Features (T, F) of motion that begins at the origin, as another representation of the same body has them, a row
-    for each row: narrowed where that is enough, else by the joints. Raises ValueError where the bodies differ."""
+    """Features (T, F) of motion that begins at the origin, as (T, G) of another representation of the same skeleton:
+    by `narrow_to` if possible, else from joints. Raises ValueError if the skeletons differ."""
     if other.skeleton is not self.skeleton:
       raise ValueError(f"layout {self.name!r} moves skeleton {self.skeleton.name!r}, layout {other.name!r} moves "
                        f"{other.skeleton.name!r}; choose two of one skeleton, in an evaluation another --evaluator")
@@ -212,9 +211,9 @@ class Representation:
 
 
 def check_joints(joints: Num[A, "*shape"], skeleton: Skeleton, mode: str = "benchmark") -> Float[A, "*shape"]:
-  """Joints (T, J, 3) as float64, jax arrays (..., T, J, 3) in their own type.
+  """Joints (T, J, 3) as float64, jax arrays (..., T, J, 3) in their own dtype.
 
-  Raises ValueError for another shape, less than 2 frames, or numpy arrays that are not finite.
+  Raises ValueError for another shape, fewer than 2 frames, or numpy arrays that are not finite.
   """
   check_mode(mode)
   of_jax = is_jax(joints)
@@ -243,9 +242,9 @@ def one_ahead(joints: Num[A, "*lead t j 3"]) -> Float[A, "*lead t+1 j 3"]:
 
 
 def join_rows(blocks: Sequence[Any], like: Float[A, "*lead t"]) -> Float[A, "*lead t f"]:
-  """The columns of blocks side by side: each (..., T), (..., T, n) or (..., T, n, k), of the frames of `like` (..., T).
+  """Concatenates blocks of columns, each (..., T), (..., T, n) or (..., T, n, k), of the frames of `like` (..., T).
 
-  jax arrays get the type of `like`, numpy arrays are float64.
+  jax arrays get the dtype of `like`, numpy arrays are float64.
   """
   xp = rot.namespace(*blocks)
   dtype = np.float64 if xp is np else like.dtype

@@ -1,7 +1,7 @@
 """Coordinates: the joints themselves, 66 numbers a frame, KIT's 63.
 
-Made of joints, they are those that the full features of the same skeleton give back: on its bones, from the origin,
-facing +z, a row less than frames. Each frame stands for itself.
+Joints are brought to the form that the full features of the same skeleton decode to: its bone lengths, starting at the
+origin, facing +z, one row less than frames. Each row depends on its frame alone.
 """
 import dataclasses
 from typing import Any

@@ -1,7 +1,7 @@
 """HumanML3D's features and KIT's: 263 and 251 numbers a frame, or the first 67 and 64 of them.
 
-They describe a frame in the frame of reference of the body (J joints: 22 in metres at 20 frames a second, KIT's 21 in
-millimetres at 12.5):
+All blocks are in the body's frame of reference (J joints: 22 in metres at 20 frames a second, KIT's 21 in millimetres
+at 12.5):
 
   block          numbers      row t, made of frames t and t + 1
   turn           1            half the angle in radians that the heading turns until the next frame
@@ -20,8 +20,8 @@ Two modes make full features from joints:
   literature (docs/papers/cdamd.md#features): hips and shoulders enter the heading with opposite signs; the heading of
   frame 0 is overwritten by the identity; the turn has the wrong sign in a row where the heading passes 180 degrees; an
   arm's first rotation is relative to the root.
-- "corrected" is right: equal signs, frame 0 turned to +z by its smoothed heading (so nothing needs overwriting), turns
-  by the wrapped angle, an arm's first rotation relative to the spine. Joints come back exactly.
+- "corrected" mends these four: equal signs, frame 0 turned to +z by its smoothed heading, turns by the wrapped angle,
+  an arm's first rotation relative to the spine. Joints are restored exactly.
 """
 import numpy as np
 
@@ -117,15 +117,15 @@ def _inverse_kinematics(joints, heading, skeleton, mode):
 
 def canonicalize(joints: Num[A, "*lead t j 3"], skeleton: Skeleton = HUMANML3D, mode: str = "benchmark"
                  ) -> Float[A, "*lead t j 3"]:
-  """Joints (T, J, 3) onto the skeleton's bone lengths, on the floor, starting at the origin and facing +z.
+  """Brings joints (T, J, 3) to the skeleton's bone lengths, onto the floor, to the origin, facing +z.
 
   Benchmark mode keeps bone directions, scales the root path by the length of one leg in frame 0, and puts the lowest
-  point of the clip on the floor. Corrected mode leaves bones to `retarget`, which also keeps feet where they stood and
-  finds the floor under them, and faces +z with the smoothed heading; a body that has the skeleton's bones already
-  (to 2 mm) keeps its height, so that a piece cut out of a leap stays in the air.
+  point of the clip on the floor. Corrected mode uses `retarget`, which also prevents foot sliding and estimates the
+  floor from the feet, and faces +z with the smoothed heading; a body that already has the skeleton's bones (to 2 mm)
+  keeps its height: a piece cut out of a leap stays in the air.
 
-  numpy gives float64. jax arrays (..., T, J, 3) keep their type, and in corrected mode their bones: `retarget` is not
-  differentiable, so call it first where the proportions differ.
+  numpy gives float64. jax arrays (..., T, J, 3) keep their dtype, and in corrected mode their bones: `retarget` is not
+  differentiable; call it first where the proportions differ.
   """
   placed = base.check_joints(joints, skeleton, mode)
   xp = rot.namespace(placed)
@@ -143,17 +143,17 @@ def canonicalize(joints: Num[A, "*lead t j 3"], skeleton: Skeleton = HUMANML3D, 
 
 def _keep_directions(joints, skeleton):
   legs = list(skeleton.leg_bones)
-  own = bone_lengths(joints[..., :1, :, :], skeleton)[..., legs].sum(-1)[..., None, None]
-  if is_jax(own):
-    own = jnp.where(own > 0, own, 1)
-  return with_lengths(joints * (skeleton.bone_lengths[legs].sum() / own), skeleton)
+  leg_length = bone_lengths(joints[..., :1, :, :], skeleton)[..., legs].sum(-1)[..., None, None]
+  if is_jax(leg_length):
+    leg_length = jnp.where(leg_length > 0, leg_length, 1)
+  return with_lengths(joints * (skeleton.bone_lengths[legs].sum() / leg_length), skeleton)
 
 
 def extract(joints: Num[A, "*lead t j 3"], skeleton: Skeleton = HUMANML3D, mode: str = "benchmark"
             ) -> Float[A, "*lead t-1 f"]:
-  """Full features (..., T - 1, 12 J - 1) of joints that are canonical already; row t looks at frames t, t + 1.
+  """Full features (..., T - 1, 12 J - 1) of canonical joints (see `canonicalize`); row t depends on frames t, t + 1.
 
-  Corrected features lose the absolute heading; `canonicalize` makes it 0. numpy gives float64.
+  Corrected features lose the absolute heading, which `canonicalize` makes 0. numpy gives float64.
   """
   base.check_mode(mode)
   xp = rot.namespace(joints)

@@ -10,7 +10,7 @@ Source: docs/papers/cdamd.md#motionstreamer-features.
   140:272   rotations      22 x 6: SMPL's rotations relative to the parent, the root's with the heading taken out
 
 Rotations are the first two ROWS of their matrix (HumanML3D's are columns). The heading is that of the root's rotation,
-not of hips and shoulders. Nothing is lost: a row looks back, so T frames make T rows, and joints come back exactly.
+not of hips and shoulders. Rows depend on the frame before: T frames make T rows, and joints are restored exactly.
 """
 import numpy as np
 
@@ -26,7 +26,7 @@ from motion_jax.utils.lazy import is_jax, jax, jnp
 class MotionStreamer(Representation):
 
   def extract(self, joints: Float[A, "*lead t 22 3"], mode: str) -> Float[A, "*lead _ 272"]:
-    """With the plainest rotations that these joints allow; `from_rotations` takes those of a file."""
+    """Features with the rotations of least twist that fit these joints; `from_rotations` takes those of a file."""
     return from_rotations(joints, inverse.relative(inverse.world_rotations(joints, SMPL), SMPL))
 
   def root_path(self, features: Num[A, "*lead t f"]) -> tuple[Float[A, "*lead t 4"], Float[A, "*lead t 3"]]:
@@ -90,8 +90,8 @@ def matrix_from_rows(d: Num[A, "*lead 6"]) -> Float[A, "*lead 3 3"]:
 
 
 def _products(turns):
-  """Matrices (..., T, 3, 3): each the product of all turns up to it, the latest on the left."""
-  # Parity: as the reference multiplies them, whole matrices; what a network tilts, stays tilted.
+  """Cumulative products of rotation matrices (..., T, 3, 3), the latest on the left."""
+  # Parity: full matrices are multiplied, as in the reference; a tilt in the features of a network accumulates.
   if is_jax(turns):
     step = lambda before, turn: (turn @ before,) * 2
     start = jnp.broadcast_to(jnp.eye(3, dtype=turns.dtype), turns.shape[:-3] + (3, 3))

@@ -37,13 +37,13 @@ class SnapMoGen(Representation):
   """All 296 columns, or the evaluator's 148."""
 
   def extract(self, joints: Float[A, "*lead t 24 3"], mode: str) -> Float[A, "*lead _ 296"]:
-    """With the plainest rotations that these joints allow; `from_rotations` takes those of a file."""
+    """Features with the rotations of least twist that fit these joints; `from_rotations` takes those of a file."""
     return from_rotations(joints, inverse.world_rotations(joints, SNAPMOGEN), mode)
 
   def root_path(self, features: Num[A, "*lead t f"]) -> tuple[Float[A, "*lead t 4"], Float[A, "*lead t 3"]]:
     """Heading quaternions (..., T, 4) and root positions (..., T, 3) of the first four columns."""
-    # Parity: the released code turns a step by the heading that it ends with, though its extraction took the other, so
-    # that a walk along a curve comes back turned by about one frame's turn.
+    # Parity: the released code turns a step by its final heading, though its extraction uses the initial one: a walk
+    # along a curve is restored with an error of about one frame's turn.
     xp = rot.namespace(features)
     if xp is np:
       features = features.astype(np.float64)
@@ -99,7 +99,7 @@ def from_rotations(joints: Num[A, "*lead t 24 3"], turned: Float[A, "*lead t 24 
 
 
 def floor(heights: Num[A, "*lead t 4"]) -> Num[Array | np.floating, "*lead"]:
-  """Where the floor is under feet of these heights (..., T, 4): the mean of their lowest tenth."""
+  """Floor height under feet of heights (..., T, 4): the mean of their lowest tenth."""
   lowest = rot.namespace(heights).sort(heights.reshape(heights.shape[:-2] + (-1,)), axis=-1)
   return lowest[..., :max(1, int(lowest.shape[-1] * 0.1))].mean(-1)
 
@@ -125,7 +125,7 @@ def _heading(joints, mode):
 
 
 def _place(local, heading, root):
-  """Joints without heading and path get both."""
+  """Joints with heading (..., T, 4) and root path (..., T, 3), of local joints (..., T, J, 3)."""
   xp = rot.namespace(local, root)
   around = root * xp.asarray([1, 0, 1], root.dtype)
   joints = rot.rotate(rot.conjugate(heading)[..., None, :], local) + around[..., None, :]

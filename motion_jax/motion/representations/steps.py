@@ -1,13 +1,13 @@
-"""Coordinates by steps: how far the pelvis goes in each frame, and which feet stand. 70 numbers a frame, KIT's 67.
+"""Coordinates relative to the pelvis, its step in each frame, and foot contacts: 70 numbers a frame, KIT's 67.
 
   columns   block      row t
   0:3       root       the pelvis: x and z of its step from the frame before, y its height; row 0 has row 1's step
-  3:66      positions  the other joints: x and z beside the pelvis, y over the floor
+  3:66      positions  the other joints: x and z relative to the pelvis, y over the floor
   66:70     contacts   left ankle, left toes, right ankle, right toes stand, by `contacts.feet_stand`: 0 or 1
 
-Axes are the world's, as in `coordinates`. There an error of centimetres from one latent to the next moves the whole
-body; here it changes the length of a step. The features do not contain where a motion begins: joints come back with the
-pelvis of frame 0 over the origin.
+Axes are the world's, as in `coordinates`. There an error of centimetres between two latents shifts the whole body; here
+it changes the length of a step. The features do not hold the initial position: joints are restored with the pelvis of
+frame 0 over the origin.
 """
 from functools import partial
 
@@ -41,16 +41,16 @@ class Steps(Coordinates):
     return xp.concatenate([rows, self._stands(wide)], axis=-1).astype(joints.dtype)
 
   def contacts(self, features: Num[A, "*lead f"]) -> None:
-    """None: cleanup then detects standing feet from the motion itself. With the generated contact columns feet slide
-    more (0.20 m/s against 0.15; `cdamd-small`, 16 motions)."""
+    """None: cleanup detects standing feet from the joints instead. With the generated contact columns feet slide more
+    (0.20 m/s against 0.15; `cdamd-small`, 16 motions)."""
     return None
 
   def _stands(self, joints):
-    """(..., T, 4) of joints (..., T, J, 3)."""
-    one = partial(feet_stand, fps=self.fps, skeleton=self.skeleton, floor=0.0)
+    """Foot contacts (..., T, 4) of joints (..., T, J, 3)."""
+    of_clip = partial(feet_stand, fps=self.fps, skeleton=self.skeleton, floor=0.0)
     flat = joints.reshape((-1,) + joints.shape[-3:])
-    found = np.stack([one(clip) for clip in flat]) if isinstance(joints, np.ndarray) else jax.vmap(one)(flat)
-    return found.reshape(joints.shape[:-2] + (4,))
+    flags = np.stack([of_clip(clip) for clip in flat]) if isinstance(joints, np.ndarray) else jax.vmap(of_clip)(flat)
+    return flags.reshape(joints.shape[:-2] + (4,))
 
   def recover(self, features: Num[A, "*lead t f"]) -> Num[A, "*lead t j 3"]:
     xp = rot.namespace(features)

@@ -23,11 +23,11 @@ class Target(NamedTuple):
 @functools.cache
 def _rows():
   """The lines of the table by kind: {"v": {verb: fields}, "v~": ..., "n": ..., "m": ...}."""
-  found = {"v": {}, "v~": {}, "n": {}, "m": {}}
+  rows = {"v": {}, "v~": {}, "n": {}, "m": {}}
   for line in TABLE.read_text("utf-8").splitlines():
     kind, word, *fields = line.split("\t")
-    found[kind][word] = fields
-  return found
+    rows[kind][word] = fields
+  return rows
 
 
 @functools.lru_cache(maxsize=1 << 12)
