@@ -83,13 +83,15 @@ COPIES = {
     "cmdm/part_tmr": Copy(left_out=CONTRASTED),
     "cmdm/tmr": Copy(arguments=("frames",), left_out=(
         *CONTRASTED, "out/similarity", "out/filtered", "out/loss", "out/term_grad", "out/grad")),
-    "mdm/mdm_decoder_pooled": Copy({"in/text": 1}), "mdm/mdm_decoder_words": Copy({"in/words": 1}),
+    # The GRU of the reference runs over the batch.
+    "mdm/mdm_decoder_pooled": Copy({"in/text": 1}, left_out=("out/gru/",)),
+    "mdm/mdm_decoder_words": Copy({"in/words": 1}),
     "mdm/mdm_encoder": Copy({"in/text": 1}), "mdm/mdm_losses": Copy({"in/text": 1}),
     "mdm/mdm_losses_geometric": Copy(), "mdm/mdm_tables": Copy(batch=4), "mdm/mdm_targets": Copy(meta=GOALS),
     "mdm/mdm_dip": Copy({"in/noise": 2, "in/words": None}, arguments=("sentence", "changing"), meta=GOALS),
     "mdm/mdm_edit": Copy({"in/text": 1, "in/noise": 1, "out/in_between_range": None}),
     "mdm/mdm_sample": Copy({"in/text": 1, "in/native50/": 1, "in/respaced50/": 1}),
-    "mld/mld_denoiser": Copy(), "mld/mld_tables": Copy({"out/ddim50/next": 1}),
+    "mld/mld_denoiser": Copy(tiled=True), "mld/mld_tables": Copy({"out/ddim50/next": 1}),
     "mld/mld_diffusion_loss": Copy({"in/text": before_last, "in/eps": 1}, numbered=("in/drop_u",)),
     "mld/mld_novae": Copy({"in/text": 0, "in/noise": 1}), "mld/mld_sample": Copy({"in/text": 0}),
     "mld/mld_vae": Copy({"in/eps": 1}), "mld/mld_vae_loss": Copy({"in/eps": 1}),
@@ -148,8 +150,9 @@ def doubled(name, folder):
       made |= {f"{begun}{2 * int(key[len(begun):]) + i}": array for i in range(2)}
       continue
     given = [begin for begin in copy.axes if of32.startswith(begin)]
+    first = 1 if key.startswith("in/") else 0 if "grad/" in key else 2  # axes that may be those of rows
     axis = copy.axes[max(given, key=len)] if given else next((
-        i for i in range(1 if key.startswith("in/") else 2) if array.shape[i:i + 1] == (size,)), None)
+        i for i in range(first) if array.shape[i:i + 1] == (size,)), None)
     made[key] = axis(array, arrays) if callable(axis) else array if axis is None else twice(array, axis)
   both = lambda rows: [rows[i] for i in twice(np.arange(len(rows)), 0)]
   choices = meta.get("arguments") or meta.get("config") or {}
