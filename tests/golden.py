@@ -75,6 +75,14 @@ class Fixture:
               for name in names]
     return arrays if len(names) > 1 else arrays[0]
 
+  def stated(self, pattern, name=None):
+    """A number that stands only in the words about an array, or about the whole file: the group of a pattern."""
+    words = self.meta["arrays"][name]["what"] if name else self.meta["convention"]
+    match = re.search(pattern, words)
+    if match is None:
+      raise ValueError(f"the recording's words about {name or 'the file'} have no {pattern!r}: {words!r}")
+    return float(match[1])
+
   def under(self, prefix):
     """The arrays below a prefix, by the rest of their names."""
     return {name[len(prefix):]: array for name, array in self.arrays.items() if name.startswith(prefix)}

@@ -36,7 +36,8 @@ def run_full_generate(fixture, dtype):
   length, num_steps, lag = noise.shape[1], sizes["sampling_timesteps"], sizes["uncertainty_scale"]
   levels = staircase_levels(num_steps, length, lag, 3)
   times = 1 - (num_steps - levels) / num_steps if dtype == jnp.float64 else staircase(num_steps, length, lag, 3)
-  mask = block_causal_mask(length, 3) & padding_mask(fixture["in/frames"] // 4, length)[:, None, None, :]
+  real = padding_mask(fixture["in/frames"] // vae.frames_per_latent, length)
+  mask = block_causal_mask(length, 3) & real[:, None, None, :]
   latents = whole(dit, params, *captions(fixture, dtype), mask, noise, jnp.asarray(times, dtype),
                   fixture.config["scale"])
   features = jax.jit(VaeCodec(vae, vae_params).decode)(latents)

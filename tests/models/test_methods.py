@@ -158,6 +158,17 @@ def test_a_motion_may_end_by_itself(models):
 
 
 @pytest.mark.slow
+def test_latents_of_motionstreamer_are_bounded_if_that_is_chosen(models):
+  """Off by default, as released; the last diffusion step is the clean latent itself."""
+  model, largest = models("motionstreamer"), []
+  for bound in ({}, dict(clip_latents=0.0), dict(clip_latents=0.1)):
+    state = model.make_block(model.begin_blocks(jax.random.split(jax.random.key(0), 2)), ["a person walks"] * 2,
+                             model.sampling(**bound))[1]
+    largest.append(np.abs(state.memory.latents).max())
+  assert largest[0] == largest[1] > 0.1 >= largest[2] - 1e-6
+
+
+@pytest.mark.slow
 def test_mdm_edits_frames_and_parts_of_the_body(models):
   """Also in the application, of a model that has no masks."""
   model, clip = models("mdm"), walk()

@@ -37,8 +37,8 @@ def run_mac_vae(fixture, dtype):
 
   @jax.jit
   def run(x):
-    y, mean, logvar = vae.apply(params, x, noise[:, :x.shape[1] // 4])
-    z = sample_latent(mean, logvar, noise[:, :x.shape[1] // 4])
+    y, mean, logvar = vae.apply(params, x, noise[:, :x.shape[1] // vae.frames_per_latent])
+    z = sample_latent(mean, logvar, noise[:, :mean.shape[1]])
     return {"mu": mean, "z": z, "logvar": logvar, "x_rec": y, "projection": vae.apply(params, z, method="project")}
 
   lengths = {"whole": x.shape[1], "short": fixture.config["short"]}

@@ -37,7 +37,8 @@ def run_diffusion_sit(fixture, dtype):
   both = lambda scale: guided(predict, c, scale)
   half = len(c) // 2
   made = {"velocity": predict(given["x"], given["t"], c), "time_features": timestep_embedding(given["t"])}
-  made["guided"] = np.tile(jax.jit(both(4.0))(given["x"][:half], given["t"]), (2, 1))
+  scale = lambda name: fixture.stated(r"scale ([\d.]+)", f"out/{name}")
+  made["guided"] = np.tile(jax.jit(both(scale("guided")))(given["x"][:half], given["t"]), (2, 1))
 
   @jax.jit
   def loss_rows(data, noise, t):
@@ -47,11 +48,11 @@ def run_diffusion_sit(fixture, dtype):
   made["loss"] = np.mean(made["loss_rows"])
   for name in fixture.under("out/ode_"):
     solver, steps = split_solver(name)
-    calls = []
+    calls, guided_velocity = [], both(scale(f"ode_{name}"))
 
-    def velocity(x, t, calls=calls):
+    def velocity(x, t, calls=calls, guided_velocity=guided_velocity):
       jax.debug.callback(lambda: calls.append(1))  # counts what runs, not what is traced
-      return both(4.0)(x, t)
+      return guided_velocity(x, t)
 
     made[f"ode_{name}"] = jax.jit(lambda x, velocity=velocity, method=samplers.METHODS[solver], steps=steps:
                                   samplers.runge_kutta(velocity, x, method, steps))(given["start"])
@@ -59,10 +60,11 @@ def run_diffusion_sit(fixture, dtype):
     jax.effects_barrier()
     made[f"evaluations_{name}"] = len(calls)
   plain = lambda x, t: predict(x, jnp.broadcast_to(t, x.shape[:1]), c[:half])
-  for name, velocity in (("guided", both(4.0)), ("plain", plain), ("hard", both(60.0))):
+  for name, velocity in (("guided", both(scale("dopri5_guided"))), ("plain", plain),
+                         ("hard", both(scale("dopri5_hard")))):
     made[f"dopri5_{name}"], made[f"dopri5_{name}_evaluations"] = jax.jit(
         lambda x, velocity=velocity: ode.dopri5(velocity, x))(given["start"])
-  made["sample"] = np.tile(jax.jit(lambda x: ode.dopri5(both(4.0), x).value)(given["sample_noise"]), (2, 1))
+  made["sample"] = np.tile(jax.jit(lambda x: ode.dopri5(both(scale("guided")), x).value)(given["sample_noise"]), (2, 1))
   return made
 
 
@@ -85,12 +87,13 @@ def run_diffusion_ddpm(fixture, dtype):
   made["loss_rows"] = ddpm.loss_rows(lambda x, t: predict(x, t, c), schedule, given["data"], given["t"],
                                      given["loss_noise"])
   half, last = len(c) // 2, len(schedule.betas) - 1
-  noise_of = guided(predict, c, 2.5)
-  for name, temperature in (("guided", 1.0), ("cool", 0.7)):
+  for name in ("guided", "cool"):
+    scale, temperature = (fixture.stated(rf"{word} ([\d.]+)", f"out/{name}_path") for word in ("scale", "temperature"))
+    noise_of = guided(predict, c, scale)
     fresh = jnp.stack([given[f"{name}_step_noise/{m}"][:half] for m in range(last + 1)])
-    made[f"{name}_sample"] = jax.jit(lambda x, fresh=fresh, temperature=temperature: ddpm.ancestral(
+    made[f"{name}_sample"] = jax.jit(lambda x, fresh=fresh, temperature=temperature, noise_of=noise_of: ddpm.ancestral(
         noise_of, schedule, x, fresh.__getitem__, temperature))(given[f"{name}_start"])
-    step = jax.jit(lambda x, m, fresh=fresh, temperature=temperature: ddpm.step_back(
+    step = jax.jit(lambda x, m, fresh=fresh, temperature=temperature, noise_of=noise_of: ddpm.step_back(
         schedule, x, ddpm.x1_of_noise(schedule, x, noise_of(x, last - m), last - m), last - m, fresh[m], temperature))
     path = [given[f"{name}_start"]]
     for m in range(last + 1):

@@ -91,7 +91,8 @@ MUTATIONS = (
     # --- streaming ------------------------------------------------------------------------------------------------
     ("ring", "motion_jax/models/cmdm/streaming.py", "(base - 1 - slots) % plan.ring", "(base - slots) % plan.ring",
      (f"{STREAMING}::test_fast_is_plain_and_streaming_is_offline[{PAST_CACHE}]",)),
-    ("last-block", "motion_jax/models/cmdm/streaming.py", "(key < lengths)", "(key <= lengths)",
+    ("last-block", "motion_jax/models/cmdm/streaming.py", "((key < lengths) & (query < lengths))",
+     "((key <= lengths) & (query < lengths))",
      ("tests/models/cmdm/test_any_network.py::test_latents_that_fill_up_the_last_block_are_not_seen",)),
     ("edit-mask", "motion_jax/models/cdamd/model.py", 'self.config.loss.mask.split("+")[-1]',
      "self.config.sampler.mask",

@@ -62,7 +62,8 @@ class MotionStreamerModel(BlockModel):
     self._encode, self._start = program("encode", VaeCodec.encode, 0), program("start", _decoder_of, 1)
 
   def plan_of(self, chosen: MotionStreamerSampling) -> sampling.Plan:
-    return sampling.Plan(self.config.diffusion.num_steps, cast(int, chosen.num_steps), chosen.guidance_scale != 1.0)
+    return sampling.Plan(self.config.diffusion.num_steps, cast(int, chosen.num_steps), chosen.guidance_scale != 1.0,
+                         cast(float, chosen.clip_latents))
 
   def begin_blocks(self, keys: jax.Array, past: Float[np.ndarray, "b t f"] | None = None) -> BlockState:
     """The state before the first latent; past: normalized features that it continues."""

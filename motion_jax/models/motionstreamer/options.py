@@ -14,6 +14,8 @@ class MotionStreamerSampling(SamplingOptions):
                             "network says that it has ended", ("length", "itself"), usual="length")
   stop_distance: float | None = number("how near a latent is to the one that ends a motion (0.1)", (0, 1e6), float,
                                        usual=0.1)
+  clip_latents: float | None = number("bound of the clean latents that diffusion steps mean, such as 5 deviations; 0: "
+                                      "none, as released (0)", (0, 1e6), float, usual=0.0)
 
 
 OPTIONS = MotionStreamerSampling

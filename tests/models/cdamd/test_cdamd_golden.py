@@ -145,7 +145,8 @@ def run_generate(fixture, dtype):
   run = generation(fixture, dtype, "cdamd")
   autoencoder, params = coordinates(fixture, dtype)
   made = run(solver="dopri5")
-  euler = below("euler/", run(solver="euler", num_steps=10), "latents", "rounds")
+  steps = int(fixture.stated(r"with (\d+) Euler", "out/euler/latents"))
+  euler = below("euler/", run(solver="euler", num_steps=steps), "latents", "rounds")
   decode = jax.jit(lambda z: autoencoder.apply(params, z, method="decode"))
   return made | euler | {"motion": decode(made["latents"].swapaxes(1, 2)),
                          "euler/motion": decode(euler["euler/latents"].swapaxes(1, 2))}
@@ -158,7 +159,8 @@ def run_generate_mardm(fixture, dtype):
 
 @golden("generate_mardm_ddpm", bounds={"masked": (0, 0), "counts": (0, 0), "start_dense": (0, 0), "": (1e-5, 1e-10)})
 def run_generate_mardm_ddpm(fixture, dtype):
-  return generation(fixture, dtype, "mardm")(solver="ddpm", num_steps=50, mask="bidirectional")
+  return generation(fixture, dtype, "mardm")(
+      solver="ddpm", num_steps=len(fixture.under("in/step0/")), mask="bidirectional")
 
 
 @golden("edit", leave_out=("free/",), bounds={
@@ -172,7 +174,7 @@ def run_edit(fixture, dtype):
   x = jnp.asarray(fixture["in/motion"], dtype)
   encoded = jax.jit(lambda x: autoencoder.apply(ae_params, x, method="encode"))(x)
   decode = jax.jit(lambda z: autoencoder.apply(ae_params, z, method="decode"))
-  real = padding_mask(jnp.asarray(frames // 4), encoded.shape[1])
+  real = padding_mask(jnp.asarray(frames // autoencoder.frames_per_latent), encoded.shape[1])
   made = {"encoded": encoded.swapaxes(1, 2)}
   for task in sorted({name.split("/")[0] for name in fixture.under("in/") if "/" in name} - {"free"}):
     edited = masking.task_mask(task, frames, encoded.shape[1])

@@ -5,7 +5,7 @@ import numpy as np
 
 from motion_jax.diffusion import ddpm
 from motion_jax.models.mdm import editing, goals, losses, sampling
-from motion_jax.motion.representations import get_layout, layout_for
+from motion_jax.motion.representations import layout_for
 from motion_jax.nets.masks import padding_mask
 from tests.golden import golden, loss_and_grads
 from tests.nets.test_motion_denoiser import motion, network, theirs, words
@@ -52,7 +52,8 @@ def noisy_batch(fixture, dtype):
 def run_mdm_losses(fixture, dtype):
   net, params, table = network(fixture, dtype)
   sizes, (x0, real, x, t) = fixture.sizes, noisy_batch(fixture, dtype)
-  text = jnp.where(jnp.asarray(fixture["in/drop_u"])[:, None, None] < 0.1, 0, words(fixture, dtype)[0])
+  dropped = jnp.asarray(fixture["in/drop_u"]) < fixture.stated(r"drop_u < ([\d.]+)")
+  text = jnp.where(dropped[:, None, None], 0, words(fixture, dtype)[0])
 
   def loss(params):
     made = net.apply(params, x, t, text, frame_mask=real if sizes["mask_frames"] else None)
@@ -136,7 +137,8 @@ def run_mdm_edit(fixture, dtype):
   root = path | editing.joint_columns(layout, (0,), contacts=False)
   made = {"lower_body_mask": kept, "upper_body_mask": ~kept, "root_mask": root,
           "root_horizontal_mask": np.arange(layout.dim) < 3,
-          "in_between_range": np.array([editing.gap(count) for count in range(1, 197)])}
+          "in_between_range": np.array([editing.gap(count) for count in range(
+              1, len(fixture["out/in_between_range"]) + 1)])}
   plan = sampling.Plan(sizes["diffusion_steps"], sizes["diffusion_steps"])
   run = jax.jit(lambda mask, scale: sampling.denoise(
       net, plan, params, sampling.Condition(text), scale, lambda m: noise[m], known, mask))
@@ -202,7 +204,7 @@ def counted_goals(fixture):
 @golden("mdm_targets", bounds={"": (1e-5, 1e-9)})
 def run_mdm_targets(fixture, dtype):
   mean, std = (jnp.asarray(fixture[f"in/{name}"], dtype).reshape(-1) for name in ("mean", "std"))
-  layout = get_layout("full")
+  layout = layout_for(fixture["in/motion"].shape[1])
   found = {name: goals.places(layout.to_joints(motion(fixture[f"in/{name}"], dtype) * std + mean), layout)
            for name in ("motion", "prediction")}
   counts = counted_goals(fixture)

@@ -282,7 +282,7 @@ def run_residual_train_step(fixture, dtype):
 def run_schedules(fixture, dtype):
   made = {}
   for name in fixture.under("out/rounds/"):
-    made[f"rounds/{name}"] = masking.masked_counts(int(name), np.arange(1, 50)).T
+    made[f"rounds/{name}"] = masking.masked_counts(int(name), np.arange(1, len(fixture[f"out/rounds/{name}"]) + 1)).T
   u = fixture["in/u"]
   count = lambda length: masking.choose_masked(jnp.asarray(u), jnp.tile(jnp.arange(length) / length, (len(u), 1)),
                                                jnp.ones((len(u), int(length)), bool)).sum(-1)
@@ -429,7 +429,7 @@ def run_edit(fixture, dtype):
       editable = editable & np.asarray(real)
     else:
       editable = np.asarray(real)
-      share = np.float32(0.16) * editable.sum(-1).astype(np.float32)
+      share = np.float32(fixture.stated(r"([\d.]+) % of the valid") / 100) * editable.sum(-1).astype(np.float32)
       counts = np.tile(np.maximum(1, np.round(share)).astype(int), (fields["rounds"], 1))
     draws = given(fixture, dtype, f"in/{case}/")
     out, ids = decoded_rounds(fixture, dtype, net, params, tokens[..., 0], jnp.asarray(editable), real, x["text"],

@@ -70,7 +70,8 @@ def run_ms_two_forward(fixture, dtype):
   schedule = ddpm.cosine_schedule(50)
   count = int(losses.num_replaced(sizes["step"], sizes["total_steps"], length))
   counts = len(fixture["out/replaced_counts"]) - 1
-  made = {"replaced_counts": losses.num_replaced(np.arange(counts + 1), counts, 77), **scales(net)}
+  made = {"replaced_counts": losses.num_replaced(np.arange(counts + 1), counts, int(
+      fixture.stated(r"positions of (\d+)", "out/replaced_counts"))), **scales(net)}
   for name, kept in (("plain", np.zeros_like(given)), ("streaming", given)):
     part = fixture.under(f"in/{name}/")
     trained = real & ~kept
