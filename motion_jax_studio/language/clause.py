@@ -111,9 +111,10 @@ def keeps_limbs(words, at):
 
 
 def _describes(words, at):
-  """Whether a participle belongs to the noun after it: "a walking man"."""
+  """Whether a participle belongs to the noun after it: "a walking man", "with bent knees"."""
   before, after = words[at - 1] if at else "", words[at + 1] if at + 1 < len(words) else ""
-  return is_participle(words[at]) and before in lexicon.DETERMINERS and after in lexicon.PEOPLE
+  return is_participle(words[at]) and before in lexicon.DETERMINERS and after in lexicon.PEOPLE or (
+      is_past(words[at]) and before in lexicon.WITH_A_LIMB | {"with"} and after in lexicon.LIMBS)
 
 
 def unknown_verb(tokens):

@@ -15,7 +15,8 @@ from motion_jax_studio.language.meaning import pace_of
 from motion_jax_studio.language.words import said
 
 _UP = {"up", "overhead", "air", "sky", "head"}
-_UPWARD = _UP | set("straight high in into the above over his her their slowly quickly again".split())
+_UPWARD = _UP | lexicon.NUMBERS.keys() | set(
+    "straight high in into the above over his her their slowly quickly again once twice thrice times".split())
 # "step to the left", "sidestep right", "take a step sideways", "take side steps to his right"
 _TO_A_SIDE = r"(?:to )?(?:(?:the|his|her|their|its) )?(?P<side>left|right|side)(?: side)?"
 _SOME = r"(?:(?:an?|some|several|a few|another) )?(?:(?:small|big|large|little|short|long|quick|slow) )*"
@@ -98,6 +99,14 @@ def _motion_of_an_action(verb, words, lower):
   return _action(meant, words[len(motion[0].split()):]) if meant else None
 
 
+def _steps_at_a_pace(verb, words, lower):
+  pace = pace_of(lower[0]) if verb == "take" and lower[1:2] == ["steps"] else ""
+  after = words[2:]
+  if not pace or after and lower[2] not in (*lexicon.AFTER_A_NOUN, "ahead"):
+    return None
+  return _action("walk", [*(["forward"] if lower[2:] in (["ahead"], []) else after), pace])
+
+
 def _noun_of_an_action(verb, words, lower):
   if verb == "go" and lower[:1] == ["for"]:
     verb, words, lower = "take", words[1:], lower[1:]  # "goes for a walk"
@@ -149,4 +158,4 @@ def _number_in_front(words):
 
 
 _RULES = (_start_in_a_posture, _come_to_a_stop, _strike_with_explicit_side, _put_hands_up, _side_steps,
-          _stretch, _motion_of_an_action, _noun_of_an_action)
+          _stretch, _motion_of_an_action, _steps_at_a_pace, _noun_of_an_action)
