@@ -28,12 +28,12 @@ def with_guidance(sample: Callable[[Sequence[int], int, float], Sequence[tuple[A
     if not number:
       return list(sample(rows, 0, 1.0))
     softer = [i for i in rows if overdoes(i, number, bests[i].best)]
-    found: dict[int, Any] = {}
+    samples: dict[int, Any] = {}
     for some, factor in (([i for i in rows if i not in softer], LOUDER), (softer, SOFTER)):
       if some:
         with progress.part(f"attempt {number + 1} of {max_attempts}, as the last one does not show all of the prompt"):
-          found |= zip(some, sample(some, number, factor))
-    return [found[i] for i in rows]
+          samples |= zip(some, sample(some, number, factor))
+    return [samples[i] for i in rows]
 
   return attempt
 
@@ -58,12 +58,12 @@ def resampled(job: Job, sample: Callable[[Job], Sequence[Motion]], max_attempts:
   score = lambda row, motion: violation_score(motion.joints, required[row], job.planner.fps)
   # Too fast and nothing else; an action that does not show needs more guidance first.
   overdoes = lambda row, _, best: best.score <= excess_speed(best.sample.joints, required[row], job.planner.fps)
-  found = best_of(with_guidance(attempts, overdoes, max_attempts), score, len(job.prompts), max_attempts)
-  motions = [row.best.sample for row in found]
+  bests = best_of(with_guidance(attempts, overdoes, max_attempts), score, len(job.prompts), max_attempts)
+  motions = [row.best.sample for row in bests]
   unmet = [unmet_requirements(motion.joints, one, job.planner.fps) for motion, one in zip(motions, required)]
   if job.warns:
     report(job.prompts, unmet, max_attempts)
-  motions = [with_attempts(*one) for one in zip(motions, found, unmet)]
+  motions = [with_attempts(*one) for one in zip(motions, bests, unmet)]
   return [motion.replace(meta=motion.meta | dict(prompt=prompt)) if missing else motion
           for prompt, motion, missing in zip(job.prompts, motions, unmet)]
 
@@ -87,12 +87,12 @@ def keys_again(job: Job, rows: Sequence[int], number: int) -> jax.Array:
   return jax.numpy.stack([jax.random.fold_in(job.keys[i], FIRST_RESAMPLED + number) for i in rows])
 
 
-def with_attempts(motion: Motion, found: Best, unmet: Sequence[str], checked: bool = True) -> Motion:
+def with_attempts(motion: Motion, row: Best, unmet: Sequence[str], checked: bool = True) -> Motion:
   """The best motion with the records of all attempts, of the check, and of requirements that it violates."""
-  attempts = [attempt.record | dict(violation_score=round(float(attempt.score), 4), kept=number == found.kept)
-              for number, attempt in enumerate(found.attempts)]
-  did = f"attempt {found.kept + 1} of {len(attempts)} kept"
-  steps = [record("check", did, score=(found.attempts[0].score, found.best.score))] if checked else []
+  attempts = [attempt.record | dict(violation_score=round(float(attempt.score), 4), kept=number == row.kept)
+              for number, attempt in enumerate(row.attempts)]
+  did = f"attempt {row.kept + 1} of {len(attempts)} kept"
+  steps = [record("check", did, score=(row.attempts[0].score, row.best.score))] if checked else []
   return motion.replace(meta=added(motion.meta, *steps) | dict(attempts=attempts) | (
       dict(unmet=list(unmet)) if unmet else {}))
 

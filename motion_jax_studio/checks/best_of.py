@@ -27,11 +27,11 @@ def best_of(sample: Callable[[Sequence[int], int, Sequence[Best]], Sequence[tupl
   sample(rows, number, bests so far) -> (sample, record) of each of these rows, its attempt `number`, from 0.
   score(row, sample). A row whose best score is `until` or less is not sampled again; -1 samples all n times.
   """
-  found = [Best([]) for _ in range(count)]
+  bests = [Best([]) for _ in range(count)]
   for number in range(n):
-    rows = [i for i, row in enumerate(found) if not row.attempts or row.best.score > until]
-    for i, (drawn, record) in zip(rows, sample(rows, number, found) if rows else ()):
-      attempts, kept = found[i]
+    rows = [i for i, row in enumerate(bests) if not row.attempts or row.best.score > until]
+    for i, (drawn, record) in zip(rows, sample(rows, number, bests) if rows else ()):
+      attempts, kept = bests[i]
       attempt = Attempt(drawn, score(i, drawn), record)
-      found[i] = Best([*attempts, attempt], number if attempts and attempt.score < attempts[kept].score else kept)
-  return found
+      bests[i] = Best([*attempts, attempt], number if attempts and attempt.score < attempts[kept].score else kept)
+  return bests

@@ -91,6 +91,9 @@ def test_motions_come_in_pieces_with_a_seed_for_each_sample(generate, tmp_path, 
   walk, run = "a person walks", "a person runs"
   assert calls == [([walk, walk], [20, 20], [7, 8]), ([walk, run], [20, 20], [9, 7]), ([run, run], [20, 20], [8, 9])]
   assert sorted(path.name for path in tmp_path.glob("*.npy")) == [f"m_{i}.npy" for i in range(6)]
+  calls.clear()
+  assert generate("a person walks, then waves", "--out", tmp_path / "a.npy") == 0
+  assert calls[0][1:] == ([None], [0]) and calls[0][0][0].summary == "walks | waves", "the pipeline decides on lengths"
 
 
 def test_more_than_one_run_holds_is_refused(generate, tmp_path, capsys):
