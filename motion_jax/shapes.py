@@ -9,6 +9,7 @@ import sys
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from jaxtyping import Bool, Float
 
 Whole = int | np.integer
 Net = Any  # a flax module, where it is applied: flax does not say what that gives
@@ -32,6 +33,9 @@ if TYPE_CHECKING:
   Array = jax.Array | np.ndarray
 else:
   Array = Any
+# Shapes that signatures repeat.
+Latents = Float[Array, "b l c"]
+AttentionMask = Bool[Array, "#b 1 l l"]  # true: the row's place attends to the column's
 
 
 def check(**arrays: Any) -> None:
