@@ -9,7 +9,6 @@ import sys
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from jaxtyping import Bool, Float
 
 Whole = int | np.integer
 Net = Any  # a flax module, where it is applied: flax does not say what that gives
