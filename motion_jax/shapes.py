@@ -32,6 +32,9 @@ if TYPE_CHECKING:
   Array = jax.Array | np.ndarray
 else:
   Array = Any
+# Shapes that signatures repeat.
+Latents = Float[Array, "b l c"]
+AttentionMask = Bool[Array, "#b 1 l l"]  # true: the row's place attends to the column's
 
 
 def check(**arrays: Any) -> None:

@@ -41,7 +41,7 @@ class Motions:
   frame_mask: np.ndarray
   features: np.ndarray  # (B, T, F), not normalized
   motions: tuple[Motion, ...]
-  decoded: np.ndarray | None = None  # (B, longer, F), also what the decoder made behind the end of each motion
+  decoded: np.ndarray | None = None  # (B, longer, F), with the decoder's output after the end of each motion
 
   def __len__(self) -> int:
     return len(self.motions)
@@ -72,7 +72,7 @@ def _framed(clips):
           'sandbox="allow-scripts"></iframe>')
 
 
-BLUE, ORANGE = (0.25, 0.5, 0.9), (0.95, 0.55, 0.15)  # frames that were given, frames that were made
+BLUE, ORANGE = (0.25, 0.5, 0.9), (0.95, 0.55, 0.15)  # given frames, new frames
 
 
 def colors_of(motion: Motion) -> Float[np.ndarray, "t 3"]:
@@ -86,7 +86,8 @@ def colors_of(motion: Motion) -> Float[np.ndarray, "t 3"]:
 def captions_with(captions: Sequence[Caption], spans: Sequence[tuple[float, float]], prompt: str, seconds: float
                   ) -> tuple[Caption, ...]:
   """Captions of a motion of this length, replaced by the prompt in the given spans."""
-  pieces = [(one.text, one.start, one.end if one.end > one.start else seconds) for one in captions]
+  pieces = [(caption.text, caption.start, caption.end if caption.end > caption.start else seconds)
+            for caption in captions]
   for first, past in spans:
     pieces = [(text, a, b) for text, start, end in pieces
               for a, b in ((start, min(end, first)), (max(start, past), end)) if b > a + 1e-6]
@@ -107,22 +108,22 @@ def motions_of_prompts(model: Any, features: Any, prompts: Sequence[str], frames
   return make_motions(model, features, frames, [(Caption(prompt),) for prompt in prompts], seeds, about, cleanup)
 
 
-def make_motions(model: Any, made: Any, frames: Sequence[int], captions: Sequence[tuple[Caption, ...]],
+def make_motions(model: Any, normalized: Any, frames: Sequence[int], captions: Sequence[tuple[Caption, ...]],
                  seeds: Sequence[int | None], about: dict[str, Any], cleanup: bool, ease: bool = False,
                  joints: Float[np.ndarray, "b t j 3"] | None = None) -> Motions:
-  """Motions of normalized features (B, T, F), of which motion i has its first frames[i]; ease: joints are eased where
-  captions change. joints: theirs, where they are at hand; features need not tell where a motion begins."""
+  """Motions of normalized features (B, T, F); motion i has the first frames[i]. ease: joints are eased where captions
+  change. joints: those of the features, where they are known, as features need not include where a motion begins."""
   length, layout = max(frames), model.stats.layout
   with timing.part("sample and decode"):
-    made = np.asarray(made)  # the wait for what runs
-  decoded = model.stats.denormalize(made)
+    normalized = np.asarray(normalized)  # waits for the device
+  decoded = model.stats.denormalize(normalized)
   features = decoded[:, :length]
-  joints = np.array(to_joints(features, layout) if joints is None else joints[:, :length])  # coordinates are their own
+  joints = np.array(to_joints(features, layout) if joints is None else joints[:, :length])  # a copy, changed below
   if ease:
     for i, count in enumerate(frames):
       borders = [round(caption.start * model.fps) for caption in captions[i][1:]]
       joints[i, :count] = eased(joints[i, :count], borders, model.fps)
-  steps = [[step_records.record("sample", _sampled(own))] for own in captions]
+  steps = [[step_records.record("sample", _sampled(row))] for row in captions]
   if cleanup and layout.has_fixed_bones:
     with timing.part("cleanup"):
       for i, count in enumerate(frames):
@@ -131,13 +132,13 @@ def make_motions(model: Any, made: Any, frames: Sequence[int], captions: Sequenc
                                      smoothing=model.smoothing)
         steps[i].append(cleanup_record(before, joints[i, :count], layout.skeleton))
   mask = np.arange(length) < np.array(frames)[:, None]
-  made = tuple(
+  motions = tuple(
       Motion(joints[i, :count], model.fps, captions[i], id=f"motion_{i}", source=model.id, license=model.license,
              skeleton=layout.skeleton, features=features[i, :count],
              meta=dict(prompt=" | ".join(c.text for c in captions[i]), seed=seeds[i], cleanup=bool(cleanup),
                      steps=steps[i]) | about)
       for i, count in enumerate(frames))
-  return Motions(joints * mask[..., None, None], mask, features * mask[..., None], made, decoded)
+  return Motions(joints * mask[..., None, None], mask, features * mask[..., None], motions, decoded)
 
 
 def _sampled(captions):
@@ -157,7 +158,7 @@ def features_of(model: Any, joints: Num[np.ndarray, "t j 3"]) -> Float[np.ndarra
 
 
 def gathered(motions: Sequence[Motion]) -> Motions:
-  """Motions that were made one by one, as of one batch."""
+  """Several motions as one batch."""
   longest = max(motion.num_frames for motion in motions)
   padded = lambda x: np.pad(x, ((0, longest - len(x)), *((0, 0),) * (x.ndim - 1)))
   mask = np.arange(longest) < np.array([motion.num_frames for motion in motions])[:, None]
@@ -168,8 +169,8 @@ def gathered(motions: Sequence[Motion]) -> Motions:
 
 def go_on(model: Any, clip: Clip, past: Num[np.ndarray, "t j 3"], new: Num[np.ndarray, "n j 3"],
           captions: Sequence[Caption], about: dict[str, Any], *steps: step_records.Record) -> Motion:
-  """One Motion of a clip's joints (T, J, 3) and new ones behind them, with the captions of both. steps: records of what
-  was done to the new ones."""
+  """A Motion of a clip's joints (T, J, 3) followed by new ones, with the captions of both. steps: records of changes to
+  the new ones."""
   border, end = len(past) / model.fps, (len(past) + len(new)) / model.fps
   before = tuple(c if c.start or c.end else Caption(c.text, 0.0, border) for c in clip.captions)
   after = tuple(Caption(c.text, c.start + border, c.end + border if c.end else end) for c in captions)

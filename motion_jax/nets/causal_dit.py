@@ -19,7 +19,7 @@ from motion_jax import shapes
 from motion_jax.nets.attention import Attention, rotary_table, turn
 from motion_jax.nets.layers import Dense, broadcast_to_length, timestep_embedding
 from motion_jax.nets.masks import two_way_mask
-from motion_jax.shapes import Array
+from motion_jax.shapes import Array, AttentionMask
 
 PREDICTION_FLOOR = 0.02  # one of the default 50 sampling steps
 ADAPTER_RANK = 128       # hidden width of a `ControlAdapter`
@@ -306,7 +306,7 @@ class CausalDiT(nn.Module):
     return (y - x) / jnp.maximum(1 - t, PREDICTION_FLOOR)
 
   def __call__(self, x: Float[Array, "b l c"], t: Float[Array, "b m"], text_emb: Float[Array, "b s e"],
-               attn_mask: Bool[Array, "#b 1 l l"], text_mask: Bool[Array, "b *m s"],
+               attn_mask: AttentionMask, text_mask: Bool[Array, "b *m s"],
                control: Float[Array, "_ l n"] | None = None) -> Float[Array, "b l c"]:
     """x (B, L, C), t (B, L) or (B, L / n), text_emb (B, S, E), attn_mask (B or 1, 1, L, L), text_mask (B, S)
     or (B, L, S); control (B, L, N) as in `control_tokens`, or (B / 2, L, N), see `ControlAdapter`."""
@@ -340,7 +340,7 @@ class CausalDiT(nn.Module):
     return self._to_velocity(self.out(x), latents, t)
 
   def _scanned(self, x: Float[Array, "b l c"], t: Float[Array, "b m"], text_emb: Float[Array, "b s e"],
-               attn_mask: Bool[Array, "#b 1 l l"], text_mask: Bool[Array, "b *m s"],
+               attn_mask: AttentionMask, text_mask: Bool[Array, "b *m s"],
                control: Float[Array, "_ l control"] | None) -> Float[Array, "b l c"]:
     """`__call__` by one scan over the layers, whose parameters it stacks; files and optimizers have them apart."""
     level, words = self.level(t), self.text_in(text_emb.astype(self.dtype))

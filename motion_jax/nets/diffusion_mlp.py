@@ -9,10 +9,10 @@ from typing import Any
 
 import flax.linen as nn
 import jax.numpy as jnp
-from jaxtyping import Bool, Float, Int, Num
+from jaxtyping import Float, Int, Num
 
 from motion_jax.nets.layers import Dense, layer_norm, promote_to_f32, timestep_embedding
-from motion_jax.shapes import Array
+from motion_jax.shapes import Array, AttentionMask
 
 XAVIER = nn.initializers.xavier_uniform()
 # Not of the paper: heads of generators of about 1 and 3 billion parameters, for meshes (docs/pods.md).
@@ -127,7 +127,7 @@ class Generator(nn.Module):
   def mask_token(self) -> Float[Array, "1 1 c"]:
     return self.transformer.mask_token()
 
-  def __call__(self, x: Float[Array, "b l c"], text_emb: Float[Array, "b s e"], attn_mask: Bool[Array, "#b 1 l l"],
+  def __call__(self, x: Float[Array, "b l c"], text_emb: Float[Array, "b s e"], attn_mask: AttentionMask,
                t: Num[Array, "*#lead"], codes: Int[Array, "b l *q"] | None = None) -> Float[Array, "b l c"]:
     """Touches every parameter, for init."""
     self.mask_token()

@@ -16,7 +16,7 @@ from motion_jax.nets.layers import Dense, Dropout, layer_norm
 from motion_jax.nets.masks import with_text
 from motion_jax.nets.partitioning import partitioned
 from motion_jax.nets.post_norm import sinusoids
-from motion_jax.shapes import Array
+from motion_jax.shapes import Array, AttentionMask
 
 NORMAL = nn.initializers.normal(0.02)
 SIZES = {"readme": dict(width=512, depth=4, num_heads=8, ff_width=1024, dropout=0.2),
@@ -154,7 +154,7 @@ class Block(nn.Module):
     return x + self.drops[4](self.ff_out(y), items), cache
 
   def __call__(self, x: Float[Array, "b l d"], cond: Float[Array, "b s d"], text: Float[Array, "b 1 d"],
-               attn_mask: Bool[Array, "#b 1 l l"], cross_mask: Bool[Array, "b 1 l s"],
+               attn_mask: AttentionMask, cross_mask: Bool[Array, "b 1 l s"],
                items: Int[Array, " b"] | None = None) -> Float[Array, "b l d"]:
     return self.run(x, self.text_state(cond, text, items is not None), attn_mask, cross_mask, items)[0]
 
@@ -235,7 +235,7 @@ class MaskedTransformer(nn.Module):
       return self.code_table[codes].astype(self.dtype)
     return (self.code_table[codes] + self.level_table[:codes.shape[-1]]).mean(-2).astype(self.dtype)
 
-  def __call__(self, x: Float[Array, "b l c"], text_emb: Float[Array, "b s e"], attn_mask: Bool[Array, "#b 1 l l"],
+  def __call__(self, x: Float[Array, "b l c"], text_emb: Float[Array, "b s e"], attn_mask: AttentionMask,
                codes: Int[Array, "b l *q"] | None = None, prior_mask: Bool[Array, " b"] | None = None,
                text_mask: Bool[Array, "b s"] | None = None, items: Int[Array, " b"] | None = None
                ) -> Float[Array, "b l d"]:
@@ -293,7 +293,7 @@ class GatedBlock(nn.Module):
     y = nn.gelu(self.ff_in(self.norm(x) * (1 + scale2) + shift2), approximate=True)
     return x + gate2 * self.ff_out(y), cache
 
-  def __call__(self, x: Float[Array, "b l d"], text: Float[Array, "b 1 d"], attn_mask: Bool[Array, "#b 1 l l"],
+  def __call__(self, x: Float[Array, "b l d"], text: Float[Array, "b 1 d"], attn_mask: AttentionMask,
                items: Int[Array, " b"] | None = None) -> Float[Array, "b l d"]:
     return self.run(x, self.text_state(text), attn_mask, items)[0]
 
@@ -339,7 +339,7 @@ class GatedTransformer(nn.Module):
       new_caches.append(cache)
     return y, tuple(new_caches)
 
-  def __call__(self, x: Float[Array, "b l c"], text_emb: Float[Array, "b s e"], attn_mask: Bool[Array, "#b 1 l l"],
+  def __call__(self, x: Float[Array, "b l c"], text_emb: Float[Array, "b s e"], attn_mask: AttentionMask,
                codes: Int[Array, "b l *q"] | None = None, prior_mask: Bool[Array, " b"] | None = None,
                text_mask: Bool[Array, "b s"] | None = None, items: Int[Array, " b"] | None = None
                ) -> Float[Array, "b l d"]:

@@ -8,13 +8,13 @@ from typing import Any, NamedTuple
 import flax.linen as nn
 import jax
 import jax.numpy as jnp
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
 from motion_jax.nets.attention import Attention
 from motion_jax.nets.layers import Dense, Dropout
 from motion_jax.nets.masks import block_causal_mask
 from motion_jax.nets.post_norm import sinusoids
-from motion_jax.shapes import Array
+from motion_jax.shapes import Array, AttentionMask
 
 NORMAL = nn.initializers.normal(0.02)
 
@@ -47,7 +47,7 @@ class PreNormBlock(nn.Module):
   def _feed_forward(self, x: Array, items: Array | None) -> Array:
     return x + self.drop_ff(self.ff_out(jax.nn.gelu(self.ff_in(self.norm2(x)), approximate=False)), items)
 
-  def __call__(self, x: Float[Array, "b l d"], attn_mask: Bool[Array, "#b 1 l l"],
+  def __call__(self, x: Float[Array, "b l d"], attn_mask: AttentionMask,
                items: Int[Array, " b"] | None = None) -> Float[Array, "b l d"]:
     drop = None if items is None or not self.dropout else functools.partial(self.drop_weights, items=items)
     x = x + self.drop_attn(self.attn(self.norm1(x), attn_mask=attn_mask, drop=drop), items)

@@ -7,14 +7,14 @@ from typing import Any, Self
 
 import flax
 import jax.numpy as jnp
-from jaxtyping import Bool, Float
+from jaxtyping import Bool
 
 from motion_jax.control import guidance
 from motion_jax.control.signal import ControlSignal
 from motion_jax.latents import AutoencoderCodec
 from motion_jax.motion.representations import get_layout
 from motion_jax.motion.stats import Stats
-from motion_jax.shapes import Array
+from motion_jax.shapes import Array, Latents
 
 VARIANCE = 0.05  # of a finished latent, in units of that of all latents: how far it may be pulled
 
@@ -31,8 +31,8 @@ class Settling:
   def of(cls, stats: Stats, num_times: int) -> Self:
     return cls(stats.mean, stats.std, num_times, stats.layout.name)
 
-  def settle(self, codec: AutoencoderCodec, latents: Float[Array, "b l c"], real_mask: Bool[Array, "b l"],
-             signal: ControlSignal) -> Float[Array, "b l c"]:
+  def settle(self, codec: AutoencoderCodec, latents: Latents, real_mask: Bool[Array, "b l"],
+             signal: ControlSignal) -> Latents:
     """Latents pulled towards a signal of all frames (B, 4 L)."""
     layout = get_layout(self.layout)
 

@@ -13,7 +13,7 @@ from motion_jax.models.cdamd import unmasking
 from motion_jax.models.cdamd.unmasking import Schedule, State
 from motion_jax.nets.masked_transformer import empty_caches
 from motion_jax.nets.masks import LATENT_MASKS, latent_mask
-from motion_jax.shapes import Array, Net
+from motion_jax.shapes import Array, Latents, Net
 
 
 class Plan(NamedTuple):
@@ -103,8 +103,8 @@ def start_decoding(net: Net, plan: Plan, params: Any, latents: Float[Array, "b l
   return State(latents, caches), step
 
 
-def make_latents(net: Net, plan: Plan, params: Any, latents: Float[Array, "b l c"], *, schedule: Schedule,
-                 **given: Any) -> Float[Array, "b l c"]:
+def make_latents(net: Net, plan: Plan, params: Any, latents: Latents, *, schedule: Schedule,
+                 **given: Any) -> Latents:
   """Latents (B, L, C) with those sampled that the schedule names; the others are kept to the bit. Pure.
 
   net and plan are static. given: text_emb (B, S, E), text_mask (B, S) or None; real_mask (B, L); scale () of the

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from motion_jax.diffusion import ddpm
-from motion_jax.shapes import Array
+from motion_jax.shapes import Array, Latents
 
 NUM_LEVELS = 1_000
 SOLVERS = ("ancestral", "ddim")
@@ -50,8 +50,8 @@ def add_noise(x1: Float[Array, "*lead c"], noise: Float[Array, "*lead c"], t: Fl
   return of_data * x1 + of_noise * noise
 
 
-def forcing_loss(noise_at: Callable[..., Any], x1: Float[Array, "b l c"], latent_mask: Bool[Array, "b l"],
-                 t: Float[Array, "b l"], noise: Float[Array, "b l c"]) -> tuple[dict[str, Array], Array]:
+def forcing_loss(noise_at: Callable[..., Any], x1: Latents, latent_mask: Bool[Array, "b l"],
+                 t: Float[Array, "b l"], noise: Latents) -> tuple[dict[str, Array], Array]:
   """Squared error of the predicted noise over real latents, as (sums, weight), both as in `paths.forcing_loss`.
 
   noise_at(x, t) -> (B, L, C). At level 0 there is no noise to be seen, which algorithm 1 draws like the others.
@@ -92,8 +92,8 @@ def make_steps(num_steps: int, solver: str = "ancestral") -> Steps:
       1 - levels / NUM_LEVELS, 1 / np.sqrt(a), of_predicted, of_fresh)))
 
 
-def step(steps: Steps, x: Float[Array, "b l c"], predicted: Float[Array, "b l c"], now: Int[Array, " l"],
-         then: Int[Array, " l"], fresh: Float[Array, "b l c"] | float) -> Float[Array, "b l c"]:
+def step(steps: Steps, x: Latents, predicted: Latents, now: Int[Array, " l"],
+         then: Int[Array, " l"], fresh: Latents | float) -> Latents:
   """Latents x (B, L, C) from step now to then (L,), integers 0..N; where both are the same, they stay."""
   row = jnp.minimum(now, len(steps.of_x) - 1)
   of_x, of_predicted, of_fresh = (table[row][:, None].astype(x.dtype) for table in steps[1:])

@@ -10,7 +10,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Int
 from ml_collections import ConfigDict
 
 from motion_jax.diffusion import paths
@@ -18,7 +18,7 @@ from motion_jax.diffusion.guidance import combine
 from motion_jax.models.cmdm import stages
 from motion_jax.nets.causal_vae import CausalVAE
 from motion_jax.nets.masks import block_causal_mask
-from motion_jax.shapes import Array, Net
+from motion_jax.shapes import Array, Latents, Net
 from motion_jax.training.stage import Stage
 
 TEACHER = "teacher"  # of a student's frozen parts
@@ -35,8 +35,8 @@ def staircase_rows(keys: Array, num_blocks: int, num_steps: int, lag: int
   return jnp.clip(done, 0, num_steps), (done >= 0) & (done < num_steps)
 
 
-def teacher_step(velocity: Any, x: Float[Array, "b l c"], level: Int[Array, "b l"], moves: Bool[Array, "b l"],
-                 num_steps: int, teacher_steps: int) -> Float[Array, "b l c"]:
+def teacher_step(velocity: Any, x: Latents, level: Int[Array, "b l"], moves: Bool[Array, "b l"],
+                 num_steps: int, teacher_steps: int) -> Latents:
   """The velocity (B, L, C) that takes x from its level one of num_steps steps further, as the teacher gets there in
   teacher_steps Euler steps. velocity(x, t) -> (B, L, C); where latents do not move it is 0."""
   now = x

@@ -16,7 +16,7 @@ from jaxtyping import Bool, Float
 from motion_jax.control import guidance
 from motion_jax.control.signal import ControlSignal
 from motion_jax.latents import VaeCodec
-from motion_jax.shapes import Array
+from motion_jax.shapes import Array, Latents
 
 if TYPE_CHECKING:
   from motion_jax.motion.representations import Representation
@@ -116,7 +116,7 @@ class Guide:
     residual = lambda z: self._residual(behind, base - self.first, z)
     return guidance.newton_step(residual, latents, variance, num_steps, tolerance)
 
-  def settle(self, latents: Float[Array, "b l c"]) -> Float[Array, "b l c"]:
+  def settle(self, latents: Latents) -> Latents:
     """Finished latents of whole motions, pulled num_times more."""
     if not self.num_times:
       return latents

@@ -16,7 +16,7 @@ from motion_jax.models.cmdm import ddpm_forcing, streaming
 from motion_jax.models.cmdm.guiding import Behind, Guide
 from motion_jax.nets.causal_dit import CausalDiT
 from motion_jax.nets.masks import padding_mask, sliding_mask
-from motion_jax.shapes import Array
+from motion_jax.shapes import Array, AttentionMask, Latents
 
 
 def generate(dit: CausalDiT, plan: streaming.Plan, num_blocks: int, params: Any, codec: VaeCodec, *,
@@ -85,7 +85,7 @@ def words_of_latents(text_emb: Float[Array, "b g s e"], text_mask: Bool[Array, "
 
 
 def plain_velocity(dit: CausalDiT, params: Any, text_emb: Float[Array, "b s e"], text_mask: Bool[Array, "b *l s"],
-                   attn_mask: Bool[Array, "#b 1 l l"], scale: Any, guided: bool = True,
+                   attn_mask: AttentionMask, scale: Any, guided: bool = True,
                    control: Float[Array, "b l n"] | None = None) -> Callable[..., jax.Array]:
   """velocity(x, t (L,)) of the network itself, recomputed completely in every call."""
   def velocity(x, t, drop):
@@ -100,9 +100,9 @@ def plain_velocity(dit: CausalDiT, params: Any, text_emb: Float[Array, "b s e"],
   return lambda x, t: velocity(x, t, jnp.zeros(x.shape[0], bool))
 
 
-def renoising_step(velocity: Callable[..., Array], x: Float[Array, "b l c"], t: Float[Array, " l"],
-                   t_next: Float[Array, " l"], past: Float[Array, "b p c"], noise: Float[Array, "b l c"]
-                   ) -> Float[Array, "b l c"]:
+def renoising_step(velocity: Callable[..., Array], x: Latents, t: Float[Array, " l"],
+                   t_next: Float[Array, " l"], past: Float[Array, "b p c"], noise: Latents
+                   ) -> Latents:
   """One step of the window x (B, P + N, C) from times t to t_next (P + N,); past (B, P, C), noise like x.
 
   A window holds P past latents and N new ones, blocks counted from its start. A step predicts the clean window, puts
@@ -119,8 +119,8 @@ def renoising_step(velocity: Callable[..., Array], x: Float[Array, "b l c"], t: 
   return add_noise(x1, noise, t_next)
 
 
-def renoised(velocity: Callable[..., Array], x: Float[Array, "b l c"], times: Float[Array, "n l"],
-             past: Float[Array, "b p c"], fresh: Callable[[Any], Array]) -> Float[Array, "b l c"]:
+def renoised(velocity: Callable[..., Array], x: Latents, times: Float[Array, "n l"],
+             past: Float[Array, "b p c"], fresh: Callable[[Any], Array]) -> Latents:
   """Carries noise x (B, P + N, C) to data behind a clean past (B, P, C) along times (M + 1, P + N).
 
   velocity(x, t (P + N,)) -> like x; fresh(m) is the new noise of step m, m a traced integer. The window comes back

@@ -23,7 +23,7 @@ from motion_jax.motion.representations import get_layout
 from motion_jax.nets.causal_dit import CausalDiT
 from motion_jax.nets.causal_vae import CausalVAE, sample_latent
 from motion_jax.nets.masks import block_causal_mask, padding_mask
-from motion_jax.shapes import Array
+from motion_jax.shapes import Array, Latents
 from motion_jax.training.stage import DEVICES, Stage
 from motion_jax.utils.errors import InputError
 
@@ -155,9 +155,9 @@ def control_of(config: ConfigDict, vae: CausalVAE, frozen: Any, batch: dict[str,
   return signal, conditioning.features(signal, vae.frames_per_latent)
 
 
-def self_forced(velocity: Callable[..., Any], z1: Float[Array, "b l c"], latent_mask: Bool[Array, "b l"],
-                  t: Float[Array, "b l"], noise: Float[Array, "b l c"], keys: Array, block: int, share: float
-                  ) -> tuple[Float[Array, "b l c"], Float[Array, "b l"], Bool[Array, "b l"]]:
+def self_forced(velocity: Callable[..., Any], z1: Latents, latent_mask: Bool[Array, "b l"],
+                  t: Float[Array, "b l"], noise: Latents, keys: Array, block: int, share: float
+                  ) -> tuple[Latents, Float[Array, "b l"], Bool[Array, "b l"]]:
   """(latents, times, which are its own (B, L)): of a share of clips, drawn by keys (B,), the blocks before a random
   border are what the network makes of them, and stand as clean, as they do when a motion continues from its own output.
 

@@ -20,11 +20,11 @@ def batch_sizes(count: int, sizes: Sequence[int] = SIZES) -> list[int]:
 
   1: 1    2: 1 1    3: 4    6: 4 1 1    40: 32 4 4
   """
-  left, found = count, []
+  left, chosen = count, []
   while left > 0:
-    found.append(max(size for size in sizes if size < 2 * left))
-    left -= found[-1]
-  return found
+    chosen.append(max(size for size in sizes if size < 2 * left))
+    left -= chosen[-1]
+  return chosen
 
 
 def batches(count: int, sizes: Sequence[int] = SIZES) -> Iterator[np.ndarray]:

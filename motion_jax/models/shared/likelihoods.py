@@ -11,7 +11,7 @@ import optax
 from jaxtyping import Float
 
 from motion_jax import shapes
-from motion_jax.shapes import Array
+from motion_jax.shapes import Array, Latents
 
 
 class Sharing(NamedTuple):
@@ -75,6 +75,6 @@ def smooth_l1(prediction: Float[Array, "b t f"], target: Float[Array, "b t f"], 
   return optax.huber_loss(prediction, target).sum() / prediction.shape[0] * shared.share
 
 
-def kl_to_standard_normal(mean: Float[Array, "b l c"], logvar: Float[Array, "b l c"]) -> Float[Array, ""]:
+def kl_to_standard_normal(mean: Latents, logvar: Latents) -> Float[Array, ""]:
   """KL divergence to N(0, I), summed over latents and channels, averaged over the batch."""
   return -0.5 * (1 + logvar - mean ** 2 - jnp.exp(logvar)).sum((1, 2)).mean()

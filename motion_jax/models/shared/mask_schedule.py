@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from motion_jax.models.shared.spans import TASKS
-from motion_jax.shapes import Array
+from motion_jax.shapes import Array, Latents
 
 # --- training ----------------------------------------------------------------------------------------------------
 
@@ -59,8 +59,8 @@ def corruption(time_u: Float[Array, " b"], order_u: Float[Array, "b l"], noise_u
   return Corruption(masked, noised, masked & ~noised & (keep_u < mask_rate))
 
 
-def corrupt(latents: Float[Array, "b l c"], made: Corruption, noise: Float[Array, "b l c"],
-            mask_latent: Float[Array, "1 1 c"], real_mask: Bool[Array, "b l"]) -> Float[Array, "b l c"]:
+def corrupt(latents: Latents, made: Corruption, noise: Latents,
+            mask_latent: Float[Array, "1 1 c"], real_mask: Bool[Array, "b l"]) -> Latents:
   """What the transformer sees: latents (B, L, C) with a Corruption applied; mask_latent (1, 1, C), zeros at padding."""
   x = jnp.where(made.noised[..., None], noise, latents)
   x = jnp.where(made.replaced[..., None], mask_latent, x)
