@@ -104,11 +104,11 @@ def run_ms_generate(fixture, dtype):
   decoder, decoder_params, _ = autoencoder(fixture, dtype, "net.")
   sizes = fixture.sizes
   text, start, steps, end = fixture.inputs(dtype, "text", "start", "steps", "reference_end")
-  draw, none = recorded_draw(start, steps), jnp.zeros((1, 0, start.shape[-1]), dtype)
+  draw, none = recorded_draw(start, steps), jnp.zeros((start.shape[1], 0, start.shape[-1]), dtype)
 
   def run(plan, scale, stop=None):
     def whole(text):
-      segment = sampling.begin(net, plan, params, text[:1], text[1:], none, 0)
+      segment = sampling.begin(net, plan, params, *jnp.split(text, 2), none, 0)  # with their captions, and with none
       return sampling.sample_segment(net, plan, params, segment, scale, draw, len(start), stop)[:2]
 
     return jax.jit(whole)(text)
