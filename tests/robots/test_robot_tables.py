@@ -1,5 +1,8 @@
 """Robots' tables and side-cars of other programs, and motions that face any way."""
+import errno
 import json
+import os
+import pathlib
 import re
 import shlex
 
@@ -67,6 +70,16 @@ def test_a_robot_upside_down_is_read_right_or_gets_one_note(order, turn, robot, 
     read(height, arms, quaternion=order)
   with pytest.warns(UserWarning, match="--quaternion (wxyz|xyzw) reads it upside down"), pytest.raises(AssertionError):
     read(0.95, np.pi)
+
+
+@pytest.mark.parametrize("owner, name", [(pathlib.Path, "write_text"), (np, "savetxt")])
+def test_a_full_disk_leaves_neither_the_table_nor_its_side_car(owner, name, robot, tmp_path, monkeypatch):
+  def full(*given, **options):
+    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+  monkeypatch.setattr(owner, name, full)
+  with pytest.raises(OSError, match="No space left"):
+    robots.write(robots.RobotMotion(robot, standing(robot), 30.0), tmp_path / "a", "unitree_xyzw")
+  assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize("format", ["gmr", "mujoco", "loco_mujoco", "mjlab", "beyondmimic"])
