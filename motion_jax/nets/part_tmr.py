@@ -14,33 +14,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
-from motion_jax.nets.post_norm import PostNormLayer, sinusoids
+from motion_jax.nets.post_norm import TokenTransformer
 from motion_jax.shapes import Array
-
-
-class PartEncoder(nn.Module):
-  """A bidirectional transformer over one part's columns: x (B, T, n) -> frames (B, T, D) and class token (B, D)."""
-  width: int
-  depth: int
-  num_heads: int
-  mlp_width: int
-  dropout: float = 0.1
-  dtype: Any = jnp.float32
-
-  @nn.compact
-  def __call__(self, x: Float[Array, "b t n"], frame_mask: Bool[Array, "#b t"] | None = None, deterministic: bool = True
-               ) -> tuple[Float[Array, "b t d"], Float[Array, "b d"]]:
-    x = nn.Dense(self.width, dtype=self.dtype, name="embed")(x)
-    token = self.param("token", nn.initializers.normal(1.0), (self.width,)).astype(self.dtype)
-    x = jnp.concatenate([jnp.broadcast_to(token, x[:, :1].shape), x], axis=1)
-    x = x + sinusoids(x.shape[1], self.width, x.dtype)
-    x = nn.Dropout(self.dropout, deterministic=deterministic)(x)
-    if frame_mask is not None:
-      frame_mask = jnp.pad(frame_mask, ((0, 0), (1, 0)), constant_values=True)
-    for i in range(self.depth):
-      layer = PostNormLayer(self.num_heads, self.mlp_width, dropout=self.dropout, dtype=self.dtype, name=f"layer{i}")
-      x = layer(x, frame_mask, deterministic)
-    return x[:, 1:], x[:, 0]
 
 
 class ProjectionHead(nn.Module):
@@ -130,8 +105,8 @@ class PartTMR(Teacher):
   parts: Sequence[Sequence] = ()
 
   def make_encoder(self) -> None:
-    self.encoders = [PartEncoder(self.width, self.depth, self.num_heads, self.mlp_width, self.dropout, self.dtype,
-                                 name=f"motion_{name}") for name, _ in self.parts]
+    self.encoders = [TokenTransformer(self.width, self.depth, self.num_heads, self.mlp_width, self.dropout, self.dtype,
+                                      name=f"motion_{name}") for name, _ in self.parts]
 
   def split(self, x: Float[Array, "b t f"]) -> dict[str, Float[Array, "b t _"]]:
     """Features (B, T, F) -> {part: its columns (B, T, n)}."""
@@ -142,5 +117,5 @@ class PartTMR(Teacher):
     streams = self.split(x)
     outputs = [encoder(streams[name], frame_mask, deterministic)
                for encoder, (name, _) in zip(self.encoders, self.parts)]
-    frames, token = (functools.reduce(operator.add, rows) / len(outputs) for rows in zip(*outputs))
-    return frames, token
+    mean = lambda arrays: functools.reduce(operator.add, arrays) / len(outputs)
+    return mean([y[:, 1:] for y in outputs]), mean([y[:, 0] for y in outputs])

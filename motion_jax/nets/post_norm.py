@@ -63,6 +63,37 @@ class PostNormLayer(nn.Module):
     return norm("mlp_norm")(x + drop(dense(width, "mlp_out")(y)))
 
 
+class TokenTransformer(nn.Module):
+  """A bidirectional transformer over learned tokens, then rows x (B, T, F), at sinusoidal positions.
+
+  mask (B, T) True = real, or None -> outputs of tokens and rows (B, num_tokens + T, D). A single token is a parameter
+  "token" (D,), several are "tokens" (num_tokens, D).
+  """
+  width: int
+  depth: int
+  num_heads: int
+  mlp_width: int
+  dropout: float = 0.1
+  dtype: Any = jnp.float32
+  num_tokens: int = 1
+
+  @nn.compact
+  def __call__(self, x: Float[Array, "b t f"], mask: Bool[Array, "#b t"] | None = None, deterministic: bool = True
+               ) -> Float[Array, "b n d"]:
+    x = nn.Dense(self.width, dtype=self.dtype, name="embed")(x)
+    name, shape = ("token", (self.width,)) if self.num_tokens == 1 else ("tokens", (self.num_tokens, self.width))
+    tokens = self.param(name, nn.initializers.normal(1.0), shape).astype(self.dtype)
+    x = jnp.concatenate([jnp.broadcast_to(tokens, (len(x), self.num_tokens, self.width)), x], axis=1)
+    x = x + sinusoids(x.shape[1], self.width, x.dtype)
+    x = nn.Dropout(self.dropout, deterministic=deterministic)(x)
+    if mask is not None:
+      mask = jnp.pad(mask, ((0, 0), (self.num_tokens, 0)), constant_values=True)
+    for i in range(self.depth):
+      layer = PostNormLayer(self.num_heads, self.mlp_width, dropout=self.dropout, dtype=self.dtype, name=f"layer{i}")
+      x = layer(x, mask, deterministic)
+    return x
+
+
 class PostNormDecoderLayer(nn.Module):
   """PyTorch's TransformerDecoderLayer: self-attention, attention to a memory, a feed-forward part; each is added and
   then normalized.

@@ -9,37 +9,10 @@ import flax.linen as nn
 import jax.numpy as jnp
 from jaxtyping import Bool, Float
 
-from motion_jax.nets.post_norm import PostNormDecoderLayer, PostNormLayer, sinusoids
+from motion_jax.nets.post_norm import PostNormDecoderLayer, TokenTransformer, sinusoids
 from motion_jax.shapes import Array
 
 Rows = tuple[Float[Array, "b d"], Float[Array, "b d"], Float[Array, "b t d"]]  # mean, log-variance, rows
-
-
-class GaussianTokens(nn.Module):
-  """A bidirectional transformer over two learned tokens and the frames x (B, T, F), mask (B, T) True = real or None
-  -> mean (B, D) and logvar (B, D), the outputs of the tokens, and those of the frames (B, T, D).
-  """
-  width: int
-  depth: int
-  num_heads: int
-  mlp_width: int
-  dropout: float = 0.1
-  dtype: Any = jnp.float32
-
-  @nn.compact
-  def __call__(self, x: Float[Array, "b t f"], mask: Bool[Array, "b t"] | None = None, deterministic: bool = True
-               ) -> Rows:
-    x = nn.Dense(self.width, dtype=self.dtype, name="embed")(x)
-    tokens = self.param("tokens", nn.initializers.normal(1.0), (2, self.width)).astype(self.dtype)
-    x = jnp.concatenate([jnp.broadcast_to(tokens, (len(x), *tokens.shape)), x], axis=1)
-    x = x + sinusoids(x.shape[1], self.width, x.dtype)  # the tokens have positions 0 and 1, frame f has f + 2
-    x = nn.Dropout(self.dropout, deterministic=deterministic)(x)
-    if mask is not None:
-      mask = jnp.pad(mask, ((0, 0), (2, 0)), constant_values=True)
-    for i in range(self.depth):
-      layer = PostNormLayer(self.num_heads, self.mlp_width, dropout=self.dropout, dtype=self.dtype, name=f"layer{i}")
-      x = layer(x, mask, deterministic)
-    return x[:, 0], x[:, 1], x[:, 2:]
 
 
 class LatentDecoder(nn.Module):
@@ -91,19 +64,19 @@ class TMR(nn.Module):
     if self.pool not in ("token", "real"):
       raise ValueError(f"got pool {self.pool!r} for a TMR, expected token or real")
     sizes = self.depth, self.num_heads, self.mlp_width, self.dropout, self.dtype
-    self.motion_encoder = GaussianTokens(self.width, *sizes)
-    self.text_encoder = GaussianTokens(self.width, *sizes)
+    self.motion_encoder = TokenTransformer(self.width, *sizes, num_tokens=2)
+    self.text_encoder = TokenTransformer(self.width, *sizes, num_tokens=2)
     self.motion_decoder = LatentDecoder(self.features, *sizes)
 
   def motion_gaussian(self, x: Float[Array, "b t f"], frame_mask: Bool[Array, "b t"] | None = None,
                       deterministic: bool = True) -> Rows:
     """-> mean (B, D), logvar (B, D), rows (B, T, D)."""
-    return self.motion_encoder(x, frame_mask, deterministic)
+    return _gaussian(self.motion_encoder(x, frame_mask, deterministic))
 
   def text_gaussian(self, text_emb: Float[Array, "b t w"], text_mask: Bool[Array, "b t"] | None = None,
                     deterministic: bool = True) -> Rows:
     """-> mean (B, D), logvar (B, D), rows (B, S, D)."""
-    return self.text_encoder(text_emb, text_mask, deterministic)
+    return _gaussian(self.text_encoder(text_emb, text_mask, deterministic))
 
   def decode(self, z: Float[Array, "b d"], frame_mask: Bool[Array, "b t"], deterministic: bool = True
              ) -> Float[Array, "b t f"]:
@@ -113,23 +86,28 @@ class TMR(nn.Module):
   def frames(self, x: Float[Array, "b t f"], frame_mask: Bool[Array, "b t"] | None = None, deterministic: bool = True
              ) -> Float[Array, "b t d"]:
     """A feature per frame (B, T, D), the target of the tokenizer's alignment loss."""
-    return self.motion_encoder(x, frame_mask, deterministic)[2]
+    return self.motion_gaussian(x, frame_mask, deterministic)[2]
 
   def motion_vector(self, x: Float[Array, "b t f"], frame_mask: Bool[Array, "b t"] | None = None,
                     deterministic: bool = True) -> Float[Array, "b d"]:
     """One vector per motion (B, D), not normalized."""
-    mean, _, rows = self.motion_encoder(x, frame_mask, deterministic)
+    mean, _, rows = self.motion_gaussian(x, frame_mask, deterministic)
     return mean if self.pool == "token" else mean_rows(rows, frame_mask)
 
   def text(self, text_emb: Float[Array, "b s w"], text_mask: Bool[Array, "b s"] | None = None,
            deterministic: bool = True) -> Float[Array, "b d"]:
     """One vector per sentence (B, D), not normalized."""
-    return self.text_encoder(text_emb, text_mask, deterministic)[0]
+    return self.text_gaussian(text_emb, text_mask, deterministic)[0]
 
   def __call__(self, x: Float[Array, "b t f"], frame_mask: Bool[Array, "b t"], text_emb: Float[Array, "b s w"],
                text_mask: Bool[Array, "b s"]) -> tuple[Float[Array, "b d"], Float[Array, "b d"], Float[Array, "b t f"]]:
     z = self.text(text_emb, text_mask)
     return self.motion_vector(x, frame_mask), z, self.decode(z, frame_mask)
+
+
+def _gaussian(x: Float[Array, "b n d"]) -> Rows:
+  """Outputs of a `TokenTransformer` with two tokens as (mean, logvar, rows)."""
+  return x[:, 0], x[:, 1], x[:, 2:]
 
 
 def mean_rows(rows: Float[Array, "b t d"], mask: Bool[Array, "b t"] | None = None) -> Float[Array, "b d"]:
