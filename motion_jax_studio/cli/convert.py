@@ -58,22 +58,29 @@ def add_to(commands):
   evaluator.add_argument("--text-encoder", metavar="FOLDER",
                          help="clip-vit-base-patch16: the word pieces of the CLIP-type one")
   evaluator.set_defaults(run=_convert_evaluator)
-  for part, whose in ((released, "training data"), (cdamd, "training data (of coordinates Mean_abs.npy, Std_abs.npy)"),
-                      (momask, "training (its meta folder)"), (gpt, "training (VQVAEV3_CB1024_CMT_H1024_NRES3/meta)"),
-                      (mdm, "training data"), (mld, "training data"), (streamer, "training data"),
-                      (teacher, "training data"), (evaluator, "evaluator")):
-    part.add_argument("--stats", required=True, metavar="FOLDER",
-                      help=f"Mean.npy and Std.npy of the {whose}, which checkpoints do not contain")
-    part.add_argument("--heads", type=whole(1, 1024),
-                      help="number of attention heads, for sizes other than the papers'")
-    part.add_argument("--out", required=True, metavar="FOLDER", help="new folder to write")
-  for part, name in ((released, "distilbert-base-uncased"), (cdamd, "clip-vit-base-patch32"),
-                     (momask, "clip-vit-base-patch32"), (gpt, "clip-vit-base-patch32"),
-                     (mdm, "clip-vit-base-patch32 or, with words, distilbert-base-uncased"),
-                     (teacher, "distilbert-base-uncased")):
-    part.add_argument("--text-encoder", metavar="FOLDER", help=f"{name}, as Hugging Face lays it out")
-  for part, name in ((mld, "clip-vit-large-patch14"), (streamer, "sentence-t5-xxl")):  # it makes the empty caption
-    part.add_argument("--text-encoder", metavar="FOLDER", required=True, help=f"{name}, as Hugging Face lays it out")
+  stats = {released: "training data", cdamd: "training data (of coordinates Mean_abs.npy, Std_abs.npy)",
+           momask: "training (its meta folder)", gpt: "training (VQVAEV3_CB1024_CMT_H1024_NRES3/meta)",
+           mdm: "training data", mld: "training data", streamer: "training data", teacher: "training data",
+           evaluator: "evaluator"}
+  text_encoders = {released: "distilbert-base-uncased", cdamd: "clip-vit-base-patch32",
+                   momask: "clip-vit-base-patch32", gpt: "clip-vit-base-patch32",
+                   mdm: "clip-vit-base-patch32 or, with words, distilbert-base-uncased",
+                   teacher: "distilbert-base-uncased", mld: "clip-vit-large-patch14", streamer: "sentence-t5-xxl"}
+  _add_folders(stats, text_encoders, {mld, streamer})  # these two need the embedding of the empty caption
+
+
+def _add_folders(stats, text_encoders, required):
+  """Adds the flags of folders. stats, text_encoders: {parser: what the folder is}; required: parsers that need a text
+  encoder."""
+  for parser, source in stats.items():
+    parser.add_argument("--stats", required=True, metavar="FOLDER",
+                        help=f"Mean.npy and Std.npy of the {source}, which checkpoints do not contain")
+    parser.add_argument("--heads", type=whole(1, 1024),
+                        help="number of attention heads, for sizes other than the papers'")
+    parser.add_argument("--out", required=True, metavar="FOLDER", help="new folder to write")
+  for parser, name in text_encoders.items():
+    parser.add_argument("--text-encoder", metavar="FOLDER", required=parser in required,
+                        help=f"{name}, as Hugging Face lays it out")
 
 
 def _convert_cmdm(args):

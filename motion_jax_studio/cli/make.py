@@ -17,6 +17,13 @@ _PARTS = "legs, torso, left_arm, right_arm, head, with commas"
 
 def add_to(commands):
   """Adds these sub-commands to those of `motion-jax`."""
+  _add_generate(commands)
+  _add_multi_prompt(commands)
+  _add_extend(commands)
+  _add_edit(commands)
+
+
+def _add_generate(commands):
   generate = commands.add_parser("generate", help="generate motion from a text prompt")
   generate.add_argument("prompt", help="a sentence, or a file of prompts: .txt with one prompt per line (MoMask's "
                         "text#80 sets a length in frames at 20 fps), or .csv with the columns prompt,length in frames")
@@ -30,6 +37,8 @@ def add_to(commands):
   flags.add_common(generate, "generate", "motion.html", ("seconds", "max_attempts", "control", "path"))
   generate.set_defaults(run=_generate)
 
+
+def _add_multi_prompt(commands):
   several = commands.add_parser("multi-prompt", help="generate one motion from several prompts in sequence")
   several.add_argument("prompts", help="prompts separated by |, each with an optional length in seconds: "
                        "\"a person walks:4 | a person waves\"; or a file: .csv (prompt,length in frames), .txt (one "
@@ -48,6 +57,8 @@ def add_to(commands):
   flags.add_common(several, "multi-prompt", "multi_prompt.html", ("way",))
   several.set_defaults(run=_multi_prompt)
 
+
+def _add_extend(commands):
   extend = commands.add_parser("extend", help="continue a motion file from a prompt")
   extend.add_argument("file", help=f"motion to continue: {shared.MOTION_HELP}")
   extend.add_argument("--prompt", required=True, help="what happens next; several prompts as for multi-prompt")
@@ -62,6 +73,8 @@ def add_to(commands):
   flags.add_common(extend, "extend", "extended.html", ("prompt", "seconds"))
   extend.set_defaults(run=_extend)
 
+
+def _add_edit(commands):
   edit = commands.add_parser("edit", help="regenerate selected frames or body parts of a motion file")
   edit.add_argument("file", help=f"motion to edit: {shared.MOTION_HELP}")
   edit.add_argument("--prompt", required=True, help="what the person does in the new frames")
