@@ -62,6 +62,11 @@ def turned(side, least=30):
   return lambda body: bool(max(_most_rise(way * np.degrees(body.heading)) for way in (1, -1) if side != -way) >= least)
 
 
+def whirls(side, least=300):
+  """The hips turn by `least` degrees or more, however fast (`turned` smooths). side: 1 left, -1 right, 0 either."""
+  return lambda body: bool(max(_most_rise(way * _yaw(body, "hip")) for way in (1, -1) if side != -way) >= least)
+
+
 def veers(*sides, least=30):
   """The way over the ground turns by `least` degrees or more to these sides, one after another (1 left, -1 right)."""
   def rule(body):

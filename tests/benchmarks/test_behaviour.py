@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from motion_jax.analysis.signals import JOINT, PAIR
+from motion_jax.motion import rotations
 from tests.analysis.test_describe import _jump, _kick, _lie_down, _standing, _turn, _walk, _wave
 from tests.conftest import ROOT
 
@@ -55,6 +56,13 @@ def _there_and_back():
   return np.concatenate([there, there[::-1]])
 
 
+def _jump_round(degrees):
+  """A jump in whose half second the body turns."""
+  joints = _jump(0.3)
+  heading = np.radians(degrees) * np.clip(2 * (np.arange(len(joints)) / 20 - 1), 0, 1)
+  return rotations.rotate(rotations.about_axis(heading, "y")[:, None], joints)
+
+
 def _pivoting(side, degrees):
   """A turn about the ankle of a side."""
   joints = _turn(degrees)
@@ -91,6 +99,7 @@ def _one_step(side):
 # Rules that only the latest lists need: a motion of which each is true, and one of which it is not.
 FURTHER = {
     "paces()": (_there_and_back, _walk),
+    "both(jumps(), whirls(1))": (lambda: _jump_round(360), lambda: _jump_round(180)),
     "first_step(LEFT)": (lambda: _one_step(0), lambda: _one_step(1)),
     "pivots(RIGHT)": (lambda: _pivoting(1, 150), lambda: _turn(45)),
     "crosses_feet()": (lambda: _moved(PAIR["ankle"][0], [-0.4, 0, 0.1]), lambda: _standing(2.0)),
