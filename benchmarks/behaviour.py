@@ -1,11 +1,12 @@
 """Share of motions that do what their sentence says, evaluated by rules on the joints.
 
-Five lists, always reported apart: 225 sentences of this project in 17 categories, 317 captions in people's words, of
-two halves, and 150, 120 and 99 further captions.
+Seven lists, always reported apart: 225 sentences of this project in 17 categories, 317 captions in people's words, of
+two halves, 150, 120, 99 and 161 further captions, and 200 sentences of KIT Motion-Language.
 
   python benchmarks/behaviour.py [--model cmdm-small ...] [--only turn path] [--pictures FOLDER] [--out FILE]
   python benchmarks/behaviour.py --captions humanml3d_test_captions.txt [--half final]      the captions
-  python benchmarks/behaviour.py --captions humanml3d_test_captions.txt --half blind        the 150; blind2, blind3
+  python benchmarks/behaviour.py --captions humanml3d_test_captions.txt --half blind        the 150; blind2 to blind4
+  python benchmarks/behaviour.py --captions kit_captions.jsonl --half kit        the 200
   python benchmarks/behaviour.py --real path/to/bandai path/to/cmu ...      the rules on real clips
 
 Sentences and their rules: behaviour_sentences.py. Each model is measured three
@@ -22,7 +23,7 @@ import pathlib
 
 import numpy as np
 from behaviour_rules import FPS, body_of
-from behaviour_sentences import BLIND, COUNTED, DEVELOPMENT, FINAL, PACED, REAL, captions, outside, sentences
+from behaviour_sentences import BLIND, COUNTED, DEVELOPMENT, FINAL, KIT, PACED, REAL, captions, outside, sentences
 
 from motion_jax import export
 from motion_jax.data.datasets.archive import read_archive
@@ -160,9 +161,9 @@ def main():
   parser.add_argument("--seeds", type=int, default=4)
   parser.add_argument("--only", nargs="*", help="categories (default: all)")
   parser.add_argument("--captions", type=pathlib.Path, help="the file of captions: judge those, not our own sentences")
-  parser.add_argument("--half", choices=(DEVELOPMENT, FINAL, *BLIND), default=DEVELOPMENT,
-                      help="which half of the captions; final: only for figures that end a piece of work; blind, "
-                      "blind2, blind3: the further lists")
+  parser.add_argument("--half", choices=(DEVELOPMENT, FINAL, *BLIND, KIT), default=DEVELOPMENT,
+                      help="which half of the captions; final: only for figures that end a piece of work; blind to "
+                      "blind4: the further lists; kit: the list of KIT's sentences, with --captions kit_captions.jsonl")
   parser.add_argument("--real", nargs="*", default=[], help="archives of real motion: apply the rules to their "
                       "clips, and evaluate no model")
   parser.add_argument("--pictures", type=pathlib.Path, help="folder for a strip of each sentence")

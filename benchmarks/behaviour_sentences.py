@@ -1,18 +1,22 @@
 """The lists of sentences of benchmarks/behaviour.py, read from benchmarks/data/sentences, a row a sentence.
 
-  own.tsv                            this project's own: category, sentence, rule, seconds
-  captions.tsv                       captions of HumanML3D's test split, in two halves: kind, line, rule, data
-  blind.tsv, blind2.tsv, blind3.tsv  further ones of the same file; each list says how it was drawn
+  own.tsv                   this project's own: category, sentence, rule, seconds
+  captions.tsv              captions of HumanML3D's test split, in two halves: kind, line, rule, data
+  blind.tsv to blind4.tsv   further ones of the same file; each list says how it was drawn
+  kit.tsv                   sentences of KIT Motion-Language: kind, sentence, rule, data
 
-The captions are not in this repository: a row names one by its line, from 0, in a file of one caption a line
-(`SHA256`). A rule is a call of the functions in behaviour_rules.py and rules_*.py, such as
-`both(walks(least=0.5), turns(40, 140))`. data is "outside" where no capture of the shipped models' data shows the kind.
+Captions are not in this repository. A row names one by its line, from 0, in a file of one caption a line, or by the id
+of its row in kit_captions.jsonl and its place there, such as 00510.1 (`SHA256` of both files). A rule is a call of the
+functions in behaviour_rules.py and rules_*.py, such as `both(walks(least=0.5), turns(40, 140))`. data is "outside"
+where no capture of the shipped models' data shows the kind, and "few" where captures do but `OUTSIDE` counts the kind
+as outside, as the older lists do.
 """
 import ast
 import functools
 import hashlib
+import json
 import pathlib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
 import behaviour_rules
@@ -38,8 +42,10 @@ from behaviour_rules import (
 from motion_jax.analysis.signals import Body
 
 FOLDER = pathlib.Path(__file__).parent / "data" / "sentences"
-SHA256 = "5d3e6db2df11a9c22e65863b339f27e944b32eda8a3d29220051977d4ab35ac0"
-CAPTIONS, BLIND = "captions", ("blind", "blind2", "blind3")
+CAPTIONS, BLIND, KIT = "captions", ("blind", "blind2", "blind3", "blind4"), "kit"
+SHA256 = {CAPTIONS: "5d3e6db2df11a9c22e65863b339f27e944b32eda8a3d29220051977d4ab35ac0",
+          KIT: "2bf24f340f70337a5ff3f4deb8546868dbf5715417583a47e1868e11a06e40c0"}
+OUTSIDE = ("outside", "few")  # values of the column data
 DEVELOPMENT, FINAL = "development", "final"  # halves of CAPTIONS
 
 Rule = Callable[[Body], bool]
@@ -54,9 +60,9 @@ class Sentence(NamedTuple):
 
 
 class Row(NamedTuple):
-  """A row of a list of captions. outside: no capture of the shipped models' data shows the kind."""
+  """A row of a list of captions. outside: no capture of the shipped models' data shows the kind, or only few do."""
   kind: str
-  line: int
+  line: int | str
   rule: Rule
   outside: bool
 
@@ -105,32 +111,42 @@ def sentences() -> list[Sentence]:
 
 
 def rows(name: str) -> list[Row]:
-  """The rows of a list of captions: CAPTIONS or one of BLIND."""
-  return [Row(row["kind"], int(row["line"]), rule_of(row["rule"]), row["data"] == "outside") for row in _rows(name)]
+  """The rows of a list of captions: CAPTIONS, KIT or one of BLIND."""
+  return [Row(row["kind"], row["sentence"] if name == KIT else int(row["line"]), rule_of(row["rule"]),
+              row["data"] in OUTSIDE) for row in _rows(name)]
 
 
-def read_captions(path: str | pathlib.Path) -> list[str]:
-  """The lines of the file that the lists count. Raises ValueError for another file."""
+def read_captions(path: str | pathlib.Path, name: str = CAPTIONS) -> dict[int | str, str]:
+  """{line or id: caption} of the file that the rows of KIT, or of the other lists, name.
+
+  Raises ValueError for a file with other contents.
+  """
   content = pathlib.Path(path).read_bytes()
-  if hashlib.sha256(content).hexdigest() != SHA256:
-    raise ValueError(f"{path} is not the list of captions that the rules were written for (sha256 {SHA256[:12]}..)")
-  return content.decode().splitlines()
+  expected = SHA256[KIT if name == KIT else CAPTIONS]
+  if hashlib.sha256(content).hexdigest() != expected:
+    raise ValueError(f"{path} is not the list of captions that the rules were written for (sha256 "
+                     f"{expected[:12]}..)")
+  lines = content.decode().splitlines()
+  if name != KIT:
+    return dict(enumerate(lines))
+  return {f"{row['id']}.{place}": text for row in map(json.loads, lines) for place, text in enumerate(row["text"])}
 
 
 def captions(path: str | pathlib.Path, part: str = DEVELOPMENT) -> list[Sentence]:
-  """The captions of a half, DEVELOPMENT or FINAL, or of one of BLIND. path: the file of captions."""
-  return part_of(part, read_captions(path))
+  """The captions of a half, DEVELOPMENT or FINAL, of one of BLIND, or of KIT. path: the file of captions."""
+  return part_of(part, read_captions(path, part))
 
 
-def part_of(part: str, lines: list[str]) -> list[Sentence]:
+def part_of(part: str, lines: Mapping[int | str, str]) -> list[Sentence]:
   """Those of `captions`, of the file's lines. Each kind's captions are in turn in the one half and the other."""
-  listed = [Sentence(row.kind, lines[row.line], row.rule) for row in rows(part if part in BLIND else CAPTIONS)]
-  return listed[{DEVELOPMENT: 0, FINAL: 1}[part]::2] if part not in BLIND else listed
+  halves = {DEVELOPMENT: 0, FINAL: 1}
+  listed = [Sentence(row.kind, lines[row.line], row.rule) for row in rows(CAPTIONS if part in halves else part)]
+  return listed[halves[part]::2] if part in halves else listed
 
 
 def outside() -> set[str]:
-  """Kinds of captions that no capture of the shipped models' data shows."""
-  return {row.kind for name in (CAPTIONS, *BLIND) for row in rows(name) if row.outside}
+  """Kinds of captions that no capture of the shipped models' data shows, or only few do."""
+  return {row.kind for name in (CAPTIONS, *BLIND, KIT) for row in rows(name) if row.outside}
 
 
 # --- rules on real clips ---------------------------------------------------------------------------------------------

@@ -26,6 +26,15 @@ def comes_back(body):
   return bool(away.max() > 0.8 and away[-1] < 0.45 * away.max())
 
 
+def paces(count=1, least=0.4):
+  """Goes to and fro along one line by `least` metres or more, and turns round `count` times or more."""
+  def rule(body):
+    way = body.path - body.path.mean(0)
+    line = way @ np.linalg.svd(way, full_matrices=False)[2][0]
+    return len(turning_points(line, least)) - 2 >= count
+  return rule
+
+
 def strolls(low, high):
   """Walks, maybe slowly, into a direction from low to high degrees."""
   return walks((low, high), (0.15, 1.8), 0.6)
@@ -51,6 +60,11 @@ def strays(side, least):
 def turned(side, least=30):
   """At some time it turns by `least` degrees or more. side: 1 left, -1 right, 0 either."""
   return lambda body: bool(max(_most_rise(way * np.degrees(body.heading)) for way in (1, -1) if side != -way) >= least)
+
+
+def whirls(side, least=300):
+  """The hips turn by `least` degrees or more, however fast (`turned` smooths). side: 1 left, -1 right, 0 either."""
+  return lambda body: bool(max(_most_rise(way * _yaw(body, "hip")) for way in (1, -1) if side != -way) >= least)
 
 
 def veers(*sides, least=30):
@@ -190,6 +204,18 @@ def squatting(body):
 def seated(body):
   """For most of the time the pelvis is low, a knee bent and the trunk upright."""
   return bool(np.mean((body.knees.min(1) < 130) & (body.pelvis < 0.7) & (body.trunk < 60)) > 0.7)
+
+
+def on_the_ground(body):
+  """Sits on the ground: for half a second the pelvis is within 0.35 m of it, the head over it by 0.4 m or more."""
+  high = body.joints[:, JOINT["head"], 1] - body.joints[:, 0, 1]
+  return bool(body.spans((body.pelvis < 0.35) & (high > 0.4), least=0.5))
+
+
+def head_bowed(body):
+  """For half of the time the line from the neck to the head leans ahead by 50 degrees or more."""
+  x, y, z = (body.joints[:, JOINT["head"]] - body.joints[:, JOINT["neck"]]).T
+  return bool(np.median(np.degrees(np.arctan2(x * np.sin(body.heading) + z * np.cos(body.heading), y))) >= 50)
 
 
 def kneels(body):

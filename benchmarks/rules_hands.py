@@ -49,6 +49,20 @@ def reaches_out(side, ahead=False):
   return rule
 
 
+def reaches_aside(side):
+  """A hand is 0.35 m or more out from its shoulder to its own side, and not far under it."""
+  sign = 1 if side == LEFT else -1
+  return hand_is(side, lambda left, up, ahead: (sign * left > 0.35) & (up > -0.25))
+
+
+def sweeps(side, count=1, least=0.15):
+  """A hand goes sideways by `least` metres or more, and turns round `count` times or more."""
+  def rule(body):
+    left = body.local("wrist", "shoulder")[:, side, 0]
+    return bool(np.ptp(left) >= least and len(turning_points(left, least)) - 2 >= count)
+  return rule
+
+
 def lowers(side):
   """A hand ends 0.3 m or more under its shoulder, after it was higher by 0.15 m."""
   def rule(body):

@@ -87,9 +87,42 @@ def crosses_legs(body):
 
 def steps(low, high):
   """The feet are put elsewhere low to high times, in all."""
+  return lambda body: low <= sum(map(len, _swings(body))) <= high
+
+
+def _swings(body):
+  """The spans of frames, of each foot, in which it is put elsewhere."""
+  pace = np.linalg.norm(velocity(body.joints[:, PAIR["foot"]], FPS)[..., [0, 2]], axis=-1)
+  return [body.spans(pace[:, side] > 0.45, least=0.1, gap=0.1) for side in (LEFT, RIGHT)]
+
+
+def first_step(side):
+  """That foot is put elsewhere before the other."""
   def rule(body):
-    pace = np.linalg.norm(velocity(body.joints[:, PAIR["foot"]], FPS)[..., [0, 2]], axis=-1)
-    return low <= sum(len(body.spans(pace[:, side] > 0.45, least=0.1, gap=0.1)) for side in (LEFT, RIGHT)) <= high
+    first, other = (min((start for start, _ in _swings(body)[foot]), default=body.num) for foot in (side, 1 - side))
+    return first < other
+  return rule
+
+
+def pivots(side, degrees=90, least=0.6):
+  """Turns by `degrees` or more on that foot, which stays on the ground within 0.2 m, in `least` to 2.5 seconds."""
+  def rule(body):
+    ankle, heading = body.joints[:, PAIR["ankle"][side]], np.degrees(body.heading)
+    for first in range(0, body.num, 2):
+      away = np.linalg.norm(ankle[first:first + int(2.5 * FPS)] - ankle[first], axis=-1) > 0.2
+      past = first + (int(away.argmax()) if away.any() else len(away))
+      if past - first >= least * FPS and np.ptp(heading[first:past]) >= degrees:
+        return True
+    return False
+  return rule
+
+
+def crosses_feet(count=1):
+  """Upright, one foot is put across the line of the other, `count` times or more."""
+  def rule(body):
+    x, _, z = (body.joints[:, PAIR["ankle"][LEFT]] - body.joints[:, PAIR["ankle"][RIGHT]]).T
+    left = x * np.cos(body.heading) - z * np.sin(body.heading)
+    return len(body.spans((left < -0.03) & (body.trunk < 45) & (body.pelvis > 0.6), least=0.1)) >= count
   return rule
 
 

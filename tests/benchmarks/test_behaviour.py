@@ -1,9 +1,13 @@
 """Rules of benchmarks/behaviour.py on motions made for them: each says yes to what it is about, no to the rest."""
+import hashlib
 import sys
 
+import numpy as np
 import pytest
 
-from tests.analysis.test_describe import _jump, _kick, _standing, _walk, _wave
+from motion_jax.analysis.signals import JOINT, PAIR
+from motion_jax.motion import rotations
+from tests.analysis.test_describe import _jump, _kick, _lie_down, _standing, _turn, _walk, _wave
 from tests.conftest import ROOT
 
 sys.path.insert(0, str(ROOT / "benchmarks"))
@@ -47,6 +51,72 @@ def test_a_rule_passes_what_it_is_about_and_nothing_else(name):
   assert {name for name, rule in RULES.items() if lists.rule_of(rule)(body)} == wanted
 
 
+def _there_and_back():
+  there = _walk(seconds=3.0)
+  return np.concatenate([there, there[::-1]])
+
+
+def _jump_round(degrees):
+  """A jump in whose half second the body turns."""
+  joints = _jump(0.3)
+  heading = np.radians(degrees) * np.clip(2 * (np.arange(len(joints)) / 20 - 1), 0, 1)
+  return rotations.rotate(rotations.about_axis(heading, "y")[:, None], joints)
+
+
+def _pivoting(side, degrees):
+  """A turn about the ankle of a side."""
+  joints = _turn(degrees)
+  ankle = joints[:, [PAIR["ankle"][side]]]
+  return joints - ankle * [1, 0, 1]
+
+
+def _sitting():
+  """A body whose pelvis is low, its legs stretched ahead on the ground."""
+  joints = _standing(2.0)
+  upper = np.full(joints.shape[1], True)
+  upper[[index for part in ("knee", "ankle", "foot") for index in PAIR[part]]] = False
+  joints[:, upper, 1] -= joints[:, :1, 1] - 0.15
+  for part, ahead in (("knee", 0.4), ("ankle", 0.8), ("foot", 0.85)):
+    joints[:, PAIR[part]] = joints[:, PAIR["hip"]] * [1, 0, 1] + [0, 0.05, ahead]
+  return joints
+
+
+def _moved(parts, offset, joints=None):
+  """A body whose joints `parts` are elsewhere by `offset`."""
+  joints = _standing(2.0) if joints is None else joints.copy()
+  joints[:, parts] += offset
+  return joints
+
+
+def _one_step(side):
+  """A foot that is put half a metre ahead, alone."""
+  joints = _standing(3.0)
+  far = 0.5 * np.clip(2 * np.arange(len(joints)) / 20 - 1, 0, 1)
+  joints[:, [PAIR[part][side] for part in ("ankle", "foot")], 2] += far[:, None]
+  return joints
+
+
+# Rules that only the latest lists need: a motion of which each is true, and one of which it is not.
+FURTHER = {
+    "paces()": (_there_and_back, _walk),
+    "both(jumps(), whirls(1))": (lambda: _jump_round(360), lambda: _jump_round(180)),
+    "first_step(LEFT)": (lambda: _one_step(0), lambda: _one_step(1)),
+    "pivots(RIGHT)": (lambda: _pivoting(1, 150), lambda: _turn(45)),
+    "crosses_feet()": (lambda: _moved(PAIR["ankle"][0], [-0.4, 0, 0.1]), lambda: _standing(2.0)),
+    "on_the_ground": (_sitting, _lie_down),
+    "head_bowed": (lambda: _moved(JOINT["head"], [0, -0.06, 0.1]), lambda: _standing(2.0)),
+    "sweeps(LEFT)": (lambda: _wave("left", 4), lambda: _wave("right", 4)),
+    "reaches_aside(RIGHT)": (lambda: _moved(PAIR["wrist"][1], [-0.4, 0.5, 0]),
+                             lambda: _moved(PAIR["wrist"][1], [0, 0.5, 0.5])),
+}
+
+
+@pytest.mark.parametrize("text", FURTHER)
+def test_a_further_rule_tells_a_motion_from_another(text):
+  done, other = (lists.rule_of(text)(rules.body_of(make())) for make in FURTHER[text])
+  assert (done, other) == (True, False)
+
+
 def test_every_sentence_is_judged_once(monkeypatch):
   """Each of more than 200 sentences has its seeds; what a model makes is counted as the rules say."""
 
@@ -79,19 +149,28 @@ def test_a_rule_is_a_call_of_a_function_of_the_rules(text):
     lists.rule_of(text)
 
 
+def test_kit_sentences_are_named_by_row_and_place(tmp_path, monkeypatch):
+  path = tmp_path / "kit.jsonl"
+  path.write_text('{"id": "00015", "text": ["A person walks backwards.", "walks back"]}\n')
+  with pytest.raises(ValueError, match="not the list of captions that the rules were written for"):
+    lists.captions(path, lists.KIT)
+  monkeypatch.setitem(lists.SHA256, lists.KIT, hashlib.sha256(path.read_bytes()).hexdigest())
+  assert lists.read_captions(path, lists.KIT) == {"00015.0": "A person walks backwards.", "00015.1": "walks back"}
+
+
 def test_halves_of_the_captions_are_apart(tmp_path):
   """Every line is one of 4,042, in one half; another file is refused."""
   (tmp_path / "some.txt").write_text("a person walks\n")
   with pytest.raises(ValueError, match="not the list of captions that the rules were written for"):
     lists.captions(tmp_path / "some.txt")
-  every = [f"caption {i}" for i in range(4042)]
+  every = {i: f"caption {i}" for i in range(4042)}
   halves = [{sentence.text for sentence in lists.part_of(half, every)} for half in (lists.DEVELOPMENT, lists.FINAL)]
   assert not halves[0] & halves[1] and sum(map(len, halves)) == len(lists.rows(lists.CAPTIONS)) == 317
 
 
 def test_the_lists_of_captions_have_no_line_twice():
-  rows = [row for name in (lists.CAPTIONS, *lists.BLIND) for row in lists.rows(name)]
-  lines = [row.line for row in rows]
-  assert [len(lists.rows(name)) for name in lists.BLIND] == [150, 120, 99]
-  assert len(set(lines)) == len(lines) and 0 <= min(lines) and max(lines) < 4042
+  rows = [row for name in (lists.CAPTIONS, *lists.BLIND, lists.KIT) for row in lists.rows(name)]
+  lines = [row.line for row in rows if isinstance(row.line, int)]
+  assert [len(lists.rows(name)) for name in (*lists.BLIND, lists.KIT)] == [150, 120, 99, 161, 200]
+  assert len({row.line for row in rows}) == len(rows) and 0 <= min(lines) and max(lines) < 4042
   assert not lists.outside() & {row.kind for row in rows if not row.outside}  # a kind says whether the data show it
