@@ -238,7 +238,7 @@ def stub_networks():
     def latents(plan, length, params, *, past, keys, **given):
       return np.zeros((len(keys), length - past.shape[1], dit.latent_dim), np.float32)
 
-    def advance(layout, params, constants, text, scale, keys, control, state, *given):
+    def advance(layout, conditions, state, *given):
       return state
 
     def decode(codec, z, state):
