@@ -111,12 +111,12 @@ class Sampling:
     part = samples.Jobs(*(one[pool * POOL[kind]:(pool + 1) * POOL[kind]] for one in jobs))
     return samples.sample(make, self.store(row, kind), f"{row}_{kind}{pool:02d}", part, batch=POOL[kind])
 
-  def run(self, seconds=None):
-    """Samples pool after pool, until all are there or the time is over."""
+  def run(self, seconds=None, kinds=tuple(POOL)):
+    """Samples pool after pool of these kinds, until all are there or the time is over."""
     began = time.monotonic()
     for kind, pool in self.pools():
       for row in self.rows:
-        if self.has(row, kind, pool):
+        if kind not in kinds or self.has(row, kind, pool):
           continue
         if seconds is not None and time.monotonic() - began > seconds:
           print("time is over; the same command continues", flush=True)
@@ -234,6 +234,7 @@ def parse(argv=None):
   add("--registration", required=True, help="such as docs/benchmark/registered/schedules.toml")
   add("--archives", nargs="+", required=True, help="folders of motion_jax.data.datasets.archive")
   add("--out", required=True, help="folder of the study; an existing one is continued")
+  add("--kinds", nargs="+", choices=POOL, default=[*POOL], help="sample these now (default: all)")
   add("--max_seconds", type=float, help="begin nothing after so long")
   add("--amend", metavar="WHY", help="take a registration that has changed since there are results")
   add("--report", action="store_true", help="sample nothing, write the report of what is there")
@@ -249,7 +250,7 @@ def main(argv=None):
     jax.config.update("jax_compilation_cache_dir", str((out / "compiled").absolute()))
     sampling = Sampling(registration, args.archives, out)
     if not args.report:
-      sampling.run(args.max_seconds)
+      sampling.run(args.max_seconds, args.kinds)
     study = aggregates.json_ready(sampling.summary(registration, kept))
     checkpoint.save_text(out, "study.json", json.dumps(study, indent=1, allow_nan=False) + "\n")
     checkpoint.save_text(out, "study.md", markdown(study))
