@@ -138,8 +138,8 @@ def add_rig(parser):
                       ".fbx and --character (the prompt, with _ for blanks)")
   parser.add_argument("--character-mapping", metavar="FILE.json", help="names of the character's bones where they are "
                       "not known: {our joint: its bone}; an error message lists them")
-  parser.add_argument("--rig", metavar="NAME", help="joint names, tree and rest pose of another program in .bvh, .glb "
-                      "and .usda: mixamo, unity, ue5, vrm, rigify ...; motion-jax rigs lists them (HumanML3D's)")
+  parser.add_argument("--rig", metavar="NAME", help="joint names, tree and rest pose of another program in .bvh, .glb, "
+                      ".usda and .fbx: mixamo, unity, ue5, vrm, rigify ...; motion-jax rigs lists them (HumanML3D's)")
   parser.add_argument("--t-pose", action="store_true", help="add a first frame that is a T-pose to .bvh, .glb, .usda, "
                       ".fbx and --character")
   parser.add_argument("--out-fps", type=real(*FRAME_RATES), metavar="N", help="frame rate of the motion files written, "
@@ -149,8 +149,8 @@ def add_rig(parser):
   parser.add_argument("--pelvis-offset", metavar="X,Y,Z", type=_three, help="in .amass.npz, the pelvis of your body "
                       "model at rest, metres, which its forward kinematics adds to trans (0,0,0)")
   parser.add_argument("--exact-joints", action="store_true",
-                      help="in .bvh, .glb and .usda, keep exact joint positions with position channels below the root, "
-                           "which some programs misread; default: joints only rotate, and the error is printed")
+                      help="in .bvh, .glb, .usda and .fbx, keep exact joint positions with position channels below the "
+                           "root, which some programs misread; default: joints only rotate, and the error is printed")
 
 
 def _clip_name(text):

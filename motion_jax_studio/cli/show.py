@@ -10,7 +10,7 @@ _MAKES = "text to motion"
 
 def add_to(commands):
   """Adds these sub-commands to those of `motion-jax`."""
-  render = commands.add_parser("render", help="convert a motion file to mp4, gif, html, png, glb or bvh")
+  render = commands.add_parser("render", help="convert a motion file to a film, a picture, a page or another format")
   render.add_argument("file", help=f"motion file: {shared.MOTION_HELP}")
   shared.add_out(render, None, "walk.mp4,walk.glb (FILE with .html)")
   shared.add_reading(render)
