@@ -11,6 +11,7 @@ import json
 import os
 import pathlib
 import re
+import textwrap
 
 import machine  # like results, roofline and time_to_motion a file beside this one
 import numpy as np
@@ -88,7 +89,7 @@ def lengths(rows, plots) -> str:
     slope = float(np.polyfit(x, y, 1)[0]) if len(x) > 1 else y[0] / x[0]
     series.append(Series(model, [seconds / 60 for seconds in x], y))
     lines += [[model, row["length"], row["processor"], row["seconds"], 1000 * row["processor"] / row["length"],
-               row["fps"], row["working_mb"] or "", remark(row)] for row in of_model]
+               row["fps"], megabytes(row["working_mb"]), remark(row)] for row in of_model]
     lines.append([model, "slope", "", "", 1000 * slope, "", "", "least squares"])
   shown = plot(plots, "length", series, "minutes of motion", "processor seconds")
   return results.markdown(["model", "motion, s", "processor s", "s", "processor ms per second of motion", "frames/s",
@@ -103,7 +104,7 @@ def batches(rows, plots) -> str:
   for model, of_model in chosen.items():
     series.append(Series(model, [row["batch"] for row in of_model], [row["fps"] for row in of_model]))
     lines += [[model, row["batch"], row["fps"], row["fps"] / of_model[0]["fps"], row["processor"], row["seconds"],
-               row["working_mb"] / row["batch"] if row["working_mb"] else "", remark(row)] for row in of_model]
+               megabytes(row["working_mb"], row["batch"]), remark(row)] for row in of_model]
   shown = plot(plots, "batch", series, "clips at once", "frames a second", logarithmic=True)
   return results.markdown(["model", "clips at once", "frames/s", f"times batch {of_model[0]['batch']}", "processor s",
                            "s", "working MB a clip", "remark"], lines) + f"\n\n{shown}"
@@ -163,6 +164,11 @@ def results_of(rows, kind):
   return [row for row in rows if row["piece"].startswith(f"{kind}/")]
 
 
+def megabytes(growth, clips=1):
+  """The memory (MB) of each clip; "" where the process did not grow, or released more than it took."""
+  return growth / clips if growth and growth > 0 else ""
+
+
 def remark(row):
   return machine.mark(row.get("others"))
 
@@ -173,17 +179,20 @@ def page(out, plots) -> str:
   where = (f"{machine.words(first['machine'])}; jax {first['jax']}, commit {first['commit']}, {first['date']}."
            if first else "No machine yet.")
   gpus = sorted((out.parent / "gpu").glob("*.jsonl"))
-  links = "".join(f", [{path.stem}](benchmark/gpu/{path.stem}/README.md)" for path in gpus)
-  method = " ".join(roofline.__doc__.split("\n\n")[2].split())
+  links = ", ".join(f"[{path.stem}](benchmark/gpu/{path.stem}/README.md)" for path in gpus)
+  method = " ".join(roofline.__doc__.split("\n\n")[2].split()).replace(
+      "the time of a kernel launch", f"{1e6 * roofline.LAUNCH:g} microseconds, the time of a kernel launch,")
+  method = textwrap.fill(method, 120, break_on_hyphens=False)
   parts = {
       "": f"""Measured by one command, `benchmarks/all.sh`, which writes this page (`--quick`: a shorter list in about
-eight minutes). A row that is there is left alone; delete its line to measure it again. Seconds are medians; processor
-seconds count user and system time of all cores. Rows during which other work used more than {machine.QUIET:g} cores are
-marked: compare their processor seconds, not their seconds on the clock.
+eight minutes). Rows that exist are kept: to measure one again, delete its line in `benchmarks/data/performance`.
+Seconds are medians; processor seconds count user and system time of all cores. Rows during which other work used more than
+{machine.QUIET:g} cores are marked: compare their processor seconds, not their seconds on the clock.
 
-Machine: {where} Earlier measurements are in the [lab notebook](lab/speed.md).""",
-      "Time to motion": f"""The command line, each request a process: with a program cache that was empty before the
-first row and that later rows share (cold), and once all is cached (warm).
+Machine: {where}
+Earlier measurements are in the [lab notebook](lab/speed.md).""",
+      "Time to motion": f"""Requests on the command line, each in a process of its own. Cold: the cache of programs was
+empty before the first row, and later rows share it. Warm: all programs are cached.
 
 {waiting(out, plots)}""",
       "Cost against length": f"One clip in one call, one pass, all compiled.\n\n{lengths(rows, plots)}",
@@ -195,16 +204,16 @@ first row and that later rows share (cold), and once all is cached (warm).
 loop recomputes every latent in every step.
 
 {ratios(rows)}""",
-      "Training beside PyTorch": training.read_text().strip() if training.exists() else MISSING,
+      "Training beside PyTorch": f"```text\n{training.read_text().strip()}\n```" if training.exists() else MISSING,
       "Generation beside the authors' code": f"""`benchmarks/method_peers.py`: a clip of 6 s by the authors' own PyTorch
 code and by ours, random weights of the released sizes, on one core, without text encoders and decoders of latents.
-`--list` names the repositories, their commits and how to fetch them; their code is no part of this library.
+`--list` names the repositories, their commits and how to fetch them; their code is not part of this library.
 
 {peers.read_text().strip() if peers.exists() else "Not measured yet: it needs the authors' repositories."}""",
-      "GPUs and TPUs": f"""What each program needs at least is *computed*; the last column is what `benchmarks/gpu.sh`
-measured where a device was lent{links}.
+      "GPUs and TPUs": f"""The least time of each program is *computed*; the last column is what `benchmarks/gpu.sh`
+measured on the available devices: {links or 'none yet'}.
 
-{method} LAUNCH is {1e6 * roofline.LAUNCH:g} microseconds.
+{method}
 
 {computed(results.read(out / "roofline.jsonl"), gpus, plots)}""",
   }

@@ -1,4 +1,4 @@
-"""What accelerators should reach: the roofline of each program, computed, beside what was measured of it.
+"""What accelerators should reach: the roofline of each program, computed, next to what was measured.
 
   python benchmarks/roofline.py OUT              counts the work of all programs, a row each in OUT.jsonl (minutes)
   python benchmarks/roofline.py OUT --only fss/M
@@ -7,13 +7,13 @@
 
 Work is counted by benchmarks/counting.py from the jaxprs of benchmarks/programs.py, which tests lower for CUDA and TPU.
 The time of a matrix product is the larger of its operations over the device's peak and its bytes over the memory's
-bandwidth; a program's time is their sum, plus, in a training step, reading and writing parameters, moments and average
-once. That is a lower limit: norms, softmax and activations are taken as fused into the products and free, operands as
-read once in the type that is computed in, and no time passes between two products. A generator's training step is that
-of a batch whose latents are all masked. Training steps exchange sums over the devices (all-reduce; the codebooks of an
-RVQ also gather latents), samplers nothing; on one device that costs nothing. "With launches" adds LAUNCH seconds a
-product, for a program of thousands of small products in sequence is bound by that; on a TPU, whose products are one
-program, nothing is added.
+bandwidth. A program's time is the sum over its products; a training step also reads and writes parameters, moments and
+average once. This is a lower limit: norms, softmax and activations are assumed to be fused into the products and free,
+operands to be read once in the type of the computation, and no time to pass between two products. In the training step
+of a generator all latents of the batch are masked. Training steps sum over the devices (all-reduce; the codebooks of an
+RVQ also gather latents), which costs nothing on one device; samplers exchange nothing. "With launches" adds the time of
+a kernel launch for each product, which limits programs of thousands of small products in sequence; on a TPU, where all
+products are one program, nothing is added.
 """
 import argparse
 import pathlib
