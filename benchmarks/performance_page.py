@@ -186,8 +186,8 @@ def page(out, plots) -> str:
   parts = {
       "": f"""Measured by one command, `benchmarks/all.sh`, which writes this page (`--quick`: a shorter list in about
 eight minutes). Rows that exist are kept: to measure one again, delete its line in `benchmarks/data/performance`.
-Seconds are medians; processor seconds count user and system time of all cores. Rows during which other work used more than
-{machine.QUIET:g} cores are marked: compare their processor seconds, not their seconds on the clock.
+Seconds are medians; processor seconds count user and system time of all cores. Rows during which other work used more
+than {machine.QUIET:g} cores are marked: compare their processor seconds, not their seconds on the clock.
 
 Machine: {where}
 Earlier measurements are in the [lab notebook](lab/speed.md).""",
