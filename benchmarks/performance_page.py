@@ -200,12 +200,12 @@ empty before the first row, and later rows share it. Warm: all programs are cach
 
 {batches(rows, plots)}""",
       "Streams": f"Streams that take turns in one process.\n\n{streaming(rows, plots)}",
-      "The sampler beside a plain loop": f"""Clips of 6 s, latents only, 50 steps, guidance 3, random weights; the plain
+      "The sampler compared with a plain loop": f"""Clips of 6 s, latents only, 50 steps, guidance 3, random weights; the plain
 loop recomputes every latent in every step.
 
 {ratios(rows)}""",
-      "Training beside PyTorch": f"```text\n{training.read_text().strip()}\n```" if training.exists() else MISSING,
-      "Generation beside the authors' code": f"""`benchmarks/method_peers.py`: a clip of 6 s by the authors' own PyTorch
+      "Training compared with PyTorch": f"```text\n{training.read_text().strip()}\n```" if training.exists() else MISSING,
+      "Generation compared with the authors' code": f"""`benchmarks/method_peers.py`: a clip of 6 s by the authors' own PyTorch
 code and by ours, random weights of the released sizes, on one core, without text encoders and decoders of latents.
 `--list` names the repositories, their commits and how to fetch them; their code is not part of this library.
 
