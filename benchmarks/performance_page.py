@@ -200,14 +200,15 @@ empty before the first row, and later rows share it. Warm: all programs are cach
 
 {batches(rows, plots)}""",
       "Streams": f"Streams that take turns in one process.\n\n{streaming(rows, plots)}",
-      "The sampler compared with a plain loop": f"""Clips of 6 s, latents only, 50 steps, guidance 3, random weights; the plain
-loop recomputes every latent in every step.
+      "The sampler compared with a plain loop": f"""Clips of 6 s, latents only, 50 steps, guidance 3, random weights;
+the plain loop recomputes every latent in every step.
 
 {ratios(rows)}""",
-      "Training compared with PyTorch": f"```text\n{training.read_text().strip()}\n```" if training.exists() else MISSING,
-      "Generation compared with the authors' code": f"""`benchmarks/method_peers.py`: a clip of 6 s by the authors' own PyTorch
-code and by ours, random weights of the released sizes, on one core, without text encoders and decoders of latents.
-`--list` names the repositories, their commits and how to fetch them; their code is not part of this library.
+      "Training compared with PyTorch": (
+          f"```text\n{training.read_text().strip()}\n```" if training.exists() else MISSING),
+      "Generation compared with the authors' code": f"""`benchmarks/method_peers.py`: a clip of 6 s by the authors'
+own PyTorch code and by ours, random weights of the released sizes, on one core, without text encoders and decoders of
+latents. `--list` names the repositories, their commits and how to fetch them; their code is not part of this library.
 
 {peers.read_text().strip() if peers.exists() else "Not measured yet: it needs the authors' repositories."}""",
       "GPUs and TPUs": f"""The least time of each program is *computed*; the last column is what `benchmarks/gpu.sh`
