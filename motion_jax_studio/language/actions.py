@@ -1,4 +1,4 @@
-"""What is known of an action by its verb and words: its body part, its sides, whether it ends by itself."""
+"""Properties of an action by its verb and words: body part, sides, whether it ends by itself."""
 import functools
 import re
 from collections.abc import Sequence
@@ -8,7 +8,7 @@ from motion_jax.text.morphology import base_form, verb_of
 from motion_jax.text.tagger import tag_words
 from motion_jax_studio.language import lexicon
 
-# Of simultaneous actions the one whose part comes first here is the base of the motion: of walking and waving the walk.
+# In order of precedence: of simultaneous actions, such as walking and waving, the first part here is the base motion.
 PARTS = ("legs", "body", "torso", "arms", "head")
 # "with the arms stretched out", ", hands on the hips".
 _BESIDE = re.compile(r"(?:\bwith|,) ([^,]+?)"
@@ -19,15 +19,15 @@ _SMALL_WORDS = ("DET", "PRON", "ADP", "NUM", "AUX", "CCONJ")
 def part_of(verb: str, words: Sequence[str]) -> str:
   """The body part that acts, one of PARTS, or "" where none is known. verb: a base form; words: all after the verb.
 
-  "raises the left knee" is of the legs, "nods" of the head.
+  "legs" for "raises the left knee", "head" for "nods".
   """
   if verb in lexicon.MOVED_BY_OBJECT:
     end = next((i for i, word in enumerate(words) if word in lexicon.AFTER_AN_OBJECT), len(words))
     for part, things in lexicon.BODY_PARTS:
       if any(base_form(word, things) for word in words[:end]):
         return part
-  found = next((part for part, verbs in VERBS.items() if verb in verbs), "")
-  return "legs" if found == "gait" else found
+  known_part = next((part for part, verbs in VERBS.items() if verb in verbs), "")
+  return "legs" if known_part == "gait" else known_part
 
 
 def is_continuous(verb: str, words: Sequence[str]) -> bool:
@@ -42,7 +42,7 @@ def stays_low(verb: str, part: str, words: Sequence[str]) -> bool:
 
 
 def held_pose(verb: str, part: str) -> str | None:
-  """The pose of an action that holding it means: the "low" one, raised "arms", the lifted "leg"; None: its last one."""
+  """The pose to hold after an action: "low" (pelvis), "arms" (raised), "leg" (lifted); None for its last frame."""
   return "low" if verb in lexicon.LOW | {"squat"} else "leg" if verb in ("kick", "balance") else (
       "arms" if part == "arms" else None)
 
@@ -57,11 +57,11 @@ def sides_of(words: Sequence[str]) -> tuple[str, ...]:
 
 @functools.lru_cache(maxsize=1 << 12)
 def postures_of(text: str) -> frozenset[str]:
-  """The words that say how limbs are kept beside an action: {"arm", "stretch", "out"} of "walks with the arms stretched
-  out", and none of "jumps with both feet"."""
-  found: set[str] = set()
+  """Words of a limb pose that is kept during an action: {"arm", "stretch", "out"} of "walks with the arms stretched
+  out", none of "jumps with both feet"."""
+  postures: set[str] = set()
   for words in (beside[1].split() for beside in _BESIDE.finditer(text)):
     kept = [base_form(word, lexicon.BODY) or verb_of(word) or word for (_, tag), word in zip(tag_words(words), words)
             if word not in lexicon.NO_POSTURE and (word in lexicon.DIRECTIONS | {"out"} or tag not in _SMALL_WORDS)]
-    found |= set(kept) if len(kept) > 1 and not lexicon.BODY.isdisjoint(kept[:2]) else set()
-  return frozenset(found)
+    postures |= set(kept) if len(kept) > 1 and not lexicon.BODY.isdisjoint(kept[:2]) else set()
+  return frozenset(postures)

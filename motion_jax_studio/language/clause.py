@@ -9,7 +9,7 @@ from motion_jax_studio.language.light_verbs import reworded
 
 
 class Clause(NamedTuple):
-  """The words of one action, apart: subject, adverbs before the verb, the verb, the words after it."""
+  """The words of one action: subject, adverbs before the verb, verb, words after it."""
   subject: list[str]
   before: list[str]   # "slowly"
   verb: str           # base form
@@ -28,7 +28,7 @@ class Clause(NamedTuple):
 
 
 def clause_of(tokens):
-  """The clause of some words, None where no verb among them says an action."""
+  """The clause that tokens form; None if they have no verb of an action."""
   words = [token.lower().replace("’", "'") for token in tokens]
   lemmas, tags = zip(*tag_words(words)) if words else ((), ())
   start = _first_verb(words, tags)
@@ -67,7 +67,7 @@ def clause_of(tokens):
 
 
 def _main_verb(words, tags, head, verb):
-  """(place, base form) of the verb that says the action: "walk" of "starts to walk", "is walking"."""
+  """(index, base form) of the verb that names the action: "walk" of "starts to walk", "is walking"."""
   while True:
     after = head + 1
     while after < len(words) and (words[after] in ("to", "not", "be") or _is_manner(words[after], tags[after])):
@@ -84,7 +84,7 @@ def _is_manner(word, tag):
 
 
 def _first_verb(words, tags):
-  """The place of the first verb, None where there is none."""
+  """The index of the first verb; None if there is none."""
   for at, (word, tag) in enumerate(zip(words, tags)):
     before = tags[at - 1] if at else ""
     if word in lexicon.SUBORDINATE:
@@ -104,7 +104,7 @@ def _first_verb(words, tags):
 
 
 def keeps_limbs(words, at):
-  """Whether a participle says how a limb is kept or moves beside the action: "bent" of "walks with the knees bent"."""
+  """Whether the participle words[at] describes a limb during the action: "bent" of "walks with the knees bent"."""
   if not (is_participle(words[at]) or is_past(words[at])) or at < 2 or words[at - 1] not in lexicon.LIMBS:
     return False
   return "with" == next((word for word in reversed(words[:at]) if word not in lexicon.LIMBS | lexicon.WITH_A_LIMB), "")
@@ -118,7 +118,7 @@ def _describes(words, at):
 
 
 def unknown_verb(tokens):
-  """The clause of words that begin with a verb of no list, as in "then warms them"; None of other words."""
+  """The clause of tokens that begin with a verb unknown to the word lists, as in "then warms them"; else None."""
   word = tokens[0].lower()
   is_verb = len(word) > 3 and word.isalpha() and word.endswith("s") and not word.endswith("ss") and (
       word not in lexicon.DIRECTIONS | lexicon.LIMBS)
@@ -126,22 +126,22 @@ def unknown_verb(tokens):
 
 
 def is_person(subject):
-  """Whether a subject is somebody, and not a thing as in "the music starts"."""
+  """Whether a subject is a person, not a thing as in "the music starts"."""
   return any(word.lower() in lexicon.PEOPLE for word in subject)
 
 
 def can_be_simultaneous(group, clause):
   """Whether a body can do a clause and all of a group at once: with different parts, or with an arm each."""
-  for one in group:
-    if not one.part or not clause.part or {one.part, clause.part} == {"legs", "body"}:
+  for member in group:
+    if not member.part or not clause.part or {member.part, clause.part} == {"legs", "body"}:
       return False
-    if one.part == clause.part:
-      sides, others = (actions.sides_of(lower(x.words)) for x in (one, clause))
-      if one.part != "arms" or not sides or not others or set(sides) & set(others):
+    if member.part == clause.part:
+      sides, others = (actions.sides_of(lower(x.words)) for x in (member, clause))
+      if member.part != "arms" or not sides or not others or set(sides) & set(others):
         return False
   return True
 
 
 def lower(words):
-  """The words in small letters."""
+  """The words in lower case."""
   return [word.lower() for word in words]

@@ -54,7 +54,7 @@ def fragments_of(text):
 
 
 def _with_subjects(fragments):
-  """The fragments, of which one that is only a subject begins the next one: "he" and "sits" of "he then sits"."""
+  """The fragments, with each lone subject moved to the fragment after it: "he" and "sits" of "he then sits"."""
   joined: list = []
   for kind, between, tokens in fragments:
     if len(joined) > 1 and _is_subject(lower(joined[-1][2])):
@@ -70,8 +70,8 @@ def _is_subject(words):
 
 
 def _begins_at_verb(words, start, at):
-  """The connector that is left out before this word of a fragment: "while" in "walks forward waving both hands", "then"
-  in "turns around walks back"; "" where no action begins."""
+  """The connector that is missing before words[at]: "while" in "walks forward waving both hands", "then" in "turns
+  around walks back"; "" if no action begins there."""
   return ("while" if _begins_at_participle(words, start, at) else
           "then" if _begins_at_finite_verb(words, start, at) else "")
 
@@ -106,7 +106,7 @@ def _begins_at_participle(words, start, at):
 
 class Part(NamedTuple):
   """The tokens of one clause, and the connector that joins it to the clause before it."""
-  kind: str      # of a main clause after its subordinate clause "main before" and the like, of the latter "lead before"
+  kind: str      # the connector; "lead before" for a subordinate clause in front, "main before" for its main clause
   between: list  # the connector's tokens
   tokens: list
   clause: Clause | None
@@ -116,7 +116,7 @@ def parts_of(fragments):
   """The clauses of fragments, each a `Part`; a fragment that is no action of its own is joined to the one before it."""
   fragments = [(kind, between, list(tokens)) for kind, between, tokens in _with_main_clause(fragments)]
   result: list[Part] = []
-  lead = ""          # a subordinate clause in front waits for its main clause
+  lead = ""          # the connector of a subordinate clause in front, until its main clause comes
   subject: list[str] = []  # of a clause in front that is no action
   for place, (kind, between, tokens) in enumerate(fragments):
     clause = clause_of(tokens)
@@ -171,15 +171,15 @@ def clauses_of(parts, keep_together=None):
 
 
 def _state_of(tokens):
-  """The subject of a fragment that says how somebody is, and names no action: "a man" of "a man is ready"; else []."""
+  """The subject of a fragment that describes a state, not an action: "a man" of "a man is ready"; else []."""
   words = lower(tokens)
   at = next((at for at, word in enumerate(words) if word in lexicon.BEING), 0)
   return tokens[:at] if at and is_person(words[:at]) else []
 
 
 def _is_no_action(clause, then):
-  """Whether a clause in front says no more than where somebody is: "starts in a spot", "a man standing" (waves),
-  "from a standing position"."""
+  """Whether a clause in front only says where or how a person is: "starts in a spot", "a man standing" (waves), "from a
+  standing position"."""
   if clause.verb in lexicon.STARTING:
     return clause.words[:1] and clause.words[0].lower() in lexicon.AT_A_PLACE
   kind, between, _ = then
@@ -189,7 +189,7 @@ def _is_no_action(clause, then):
 
 
 def _joined(previous, part):
-  """The part before another one with the tokens of both."""
+  """The previous part with the tokens of the next one added."""
   added = [*part.between, *part.tokens]
   tokens, clause = [*previous.tokens, *added], previous.clause
   if clause is not None:
@@ -202,7 +202,7 @@ def _joined(previous, part):
 
 
 def _with_main_clause(fragments):
-  """The fragments, the first cut where its main clause begins without a comma: "after she sits she gets up"."""
+  """The fragments, the first one cut where a main clause begins without a comma: "after she sits she gets up"."""
   if not fragments or fragments[0][0] not in _SUBORDINATE:
     return fragments
   (kind, between, tokens), *rest = fragments
@@ -218,7 +218,7 @@ def _with_main_clause(fragments):
 
 
 def _stands_alone(part, previous):
-  """Whether a fragment after a connector is an action, and not more words of the one before."""
+  """Whether a fragment after a connector is an action of its own, not a continuation of the previous fragment."""
   kind, clause, before = part.kind, part.clause, previous.clause
   if clause.subject and not is_person(clause.subject):
     return False

@@ -16,7 +16,7 @@ _STRENGTH = ("", ",", "and", "then", "while", "until", "after", "before")
 
 
 def connector_at(words, at):
-  """(number of tokens, kind) of the connector that begins at a place, (0, "") where there is none."""
+  """(number of tokens, kind) of the connector that begins at words[at]; (0, "") if there is none."""
   for length in range(min(_LONGEST, len(words) - at), 0, -1):
     name = " ".join(words[at:at + length])
     if name in _KIND_OF:
@@ -27,7 +27,7 @@ def connector_at(words, at):
 
 
 def _is_another_word(connector, before, after):
-  """Whether the words of a connector are none here, for what stands before and after them."""
+  """Whether the words of a connector mean something else between these neighbours, as in "rests for a while"."""
   return (connector == "as" and after in lexicon.NOT_A_CONNECTOR_AFTER_AS
           or connector == "next" and after == "to"
           or connector == "then" and after in ("more", "again")
@@ -35,6 +35,6 @@ def _is_another_word(connector, before, after):
           or connector == "while" and before in lexicon.BEFORE_WHILE)  # "rests for a while"
 
 
-def stronger(one, other):
-  """The one of two adjacent connectors that says more: "while" of "and while"."""
-  return max(one, other, key=_STRENGTH.index)
+def stronger(first, second):
+  """The more specific of two adjacent connectors: "while" of "and while"."""
+  return max(first, second, key=_STRENGTH.index)

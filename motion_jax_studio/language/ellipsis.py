@@ -21,9 +21,9 @@ _CONTINUE = {*(f"{verb} on" for verb in ("goes", "moves", "carries")), "keeps go
 
 
 def completed(done, kind, tokens, clause):
-  """The clause of words that take their meaning from the clauses before them, None of others.
+  """Complete elliptical words from the clauses before them; None for words that are not elliptical.
 
-  done: the clauses before; kind: how the words are joined to them; clause: of the words by themselves, or None.
+  done: the clauses before; kind: the connector to them; clause: the words parsed alone, or None.
   """
   continued = _first(_CONTINUATIONS, done, kind, tokens)
   if continued is not None or clause is not None:
@@ -41,7 +41,7 @@ def completed(done, kind, tokens, clause):
 
 
 def _verbless(previous, tokens):
-  """The clause of words without a verb, which is that of the previous clause."""
+  """The clause of words without a verb, with the verb of the previous clause."""
   tokens, times = without_times(tokens)
   if times is None:
     return _first(_VERBLESS, previous, tokens, lower(tokens))

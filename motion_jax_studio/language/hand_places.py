@@ -1,4 +1,4 @@
-"""Where hands are by the words of an action: "holds the arms out to the sides", "puts a hand on the hip"."""
+"""Hand poses and gestures from the words of an action: "holds the arms out to the sides", "puts a hand on the hip"."""
 import functools
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -11,11 +11,11 @@ _WHOSE = lexicon.POSSESSIVES | {"of", "the", "both", "a", "an", "one"}
 _LIMBS = {limb + ending for limb in ("arm", "hand", "palm") for ending in ("", "s")}
 _PARTICLES = {"up", "out", "down", "back", "together", "forward", "forwards"}  # "puts up a hand"
 _OUTWARD = {"up", "out", "forward", "forwards", "above", "over", "overhead"}   # after "reaches"
-_ENDS = {",", "and", "then", "while", "as", "with", "before", "after"}  # of what is said of a limb
+_ENDS = {",", "and", "then", "while", "as", "with", "before", "after"}  # end the words about a limb
 _GOES_ON = {"up", "down", "back", "forth"}  # after "and": "up and down"
 
-# The place by what is said of a hand, the first that matches; "" is none, for hands that move, hang, or are on things;
-# "out" is one for both hands and another for one. "@" stands for any word of _AT.
+# (place, phrases about a hand); the first match counts. "" is no place: the hands move, hang, or are on things. "out"
+# depends on the number of hands (`_resolved`). "@" stands for any word of _AT.
 _AT = set("to at on onto near by against around toward towards over behind in front top".split())
 _LEVELS = ("level", "height")  # "at chest level" is before the body, not at the chest
 _PLACES = (
@@ -43,11 +43,11 @@ _PLACES = (
     ("out", "extend, extends, spreads"))
 _ASIDE = ("on side, on sides, to side, to sides, at side, at sides, by side, by sides, to left, to right, on left, "
           "on right")
-_RAISED = "out*, stretch*, spread*, rais*, extend*, lift*"  # hands that are _ASIDE by these are up
+_RAISED = "out*, stretch*, spread*, rais*, extend*, lift*"  # with these words hands that are _ASIDE are raised
 # Actions in which hands carry the body.
 _CARRY = "push up, push ups, push-up, push-ups, pushup, pushups, crawl*, plank, planks, handstand*, cartwheel*"
 
-_KEEPS = {"hold", "keep"}  # hands that are in their place from the first moment on
+_KEEPS = {"hold", "keep"}  # the hands are in their place from the first frame on
 _BRINGS = _KEEPS | set("raise lift stretch extend reach spread lower drop put place bring rest stick take lay return "
                        "cross fold clasp open rub wipe".split())
 _RUBS = {"scratch", "rub", "wipe"}
@@ -56,7 +56,7 @@ _RUBBED = {"head": "ear", "ear": "head", "face": "head", "stomach": "chest", "ch
 _TO_THE_HEAD = (("ear", "to ear, at ear, near ear"),
                 ("face", "to mouth, at mouth, to lips, to face, at face, near face"))
 _AT_THE_HEAD = {"salute": "head", "drink": "face", "sip": "face", "eat": "face"}
-# Places in a row, each with the seconds in which it is reached, for gestures of one hand and of both.
+# Gestures of one hand and of both: successive places, each with the seconds to reach it.
 _BEAT = 0.3
 _ONE_HAND = dict.fromkeys(("throw", "toss", "hurl"), (("ear", 0.7), ("front", 0.25), ("down", 0.8))) | dict.fromkeys(
     ("hit", "strike", "slap", "swat", "slash"), (("head", 0.6), ("front", 0.25), ("down", 0.8))) | dict.fromkeys(
@@ -67,7 +67,7 @@ _AGAIN_AND_AGAIN = {"clap": (("together", _BEAT), ("apart", _BEAT)), "flap": (("
 _NO_GESTURE = set("up down behind above head back floor ground stair stairs step steps pose ups punch punches jab jabs "
                   "hook hooks uppercut uppercuts kick kicks blow blows himself herself itself themself themselves "
                   "yourself myself".split()) | (lexicon.LIMBS - {"hand", "hands", "arm", "arms"})
-# Circles of whole arms, and of hands before the body: each place is left on the way to the next one.
+# Circles of whole arms, and of hands in front of the body: the hands pass these places without a stop.
 _CIRCLING = {"move", "make", "do", "circle", "rotate", "swing", "spin", "draw", "gesture", "use", "stir"}
 _CIRCLES, _SMALL = "circle, circles, circling, circular", "small, little, tiny, front"
 _NO_CIRCLE = lexicon.LIMBS - _LIMBS - {"chest"} | {"around"}
@@ -80,27 +80,26 @@ class HandPlace(NamedTuple):
   place: str
   sides: tuple[str, ...]  # () where the words name none: the hands of the action before, or the right one
   at_once: bool  # the hands are there from the beginning of the action: "stands with the arms out"
-  alone: bool = True  # the action says nothing else
-  # A gesture: places in a row, each with the seconds in which it is reached; over and over if it is a rhythm.
-  gesture: tuple[tuple[str, float], ...] = ()
-  rhythm: bool = False
-  flows: bool = False  # no place of the gesture is kept for a moment
-  again: bool = False  # of the hands of an action before it, if there is one: "lowers them"
+  alone: bool = True  # the action is this pose and nothing else
+  gesture: tuple[tuple[str, float], ...] = ()  # successive places, each with the seconds to reach it
+  rhythm: bool = False  # the gesture is repeated
+  flows: bool = False  # the hands pass the places of the gesture without a stop
+  again: bool = False  # of the hands of the last hand pose, if there is one: "lowers them"
 
 
 class Limb(NamedTuple):
-  """What words say of a limb: its sides, () where they do not say which, the words before and after it."""
+  """A limb that words describe: its sides, () if they are not named, and the words before and after it."""
   sides: tuple[str, ...]
   thing: str  # "hands"
   before: tuple[str, ...]
   after: tuple[str, ...]
   start: int
-  end: int  # of what is said of it
-  ends: bool  # whether that is all of the words
+  end: int  # past the words about it
+  ends: bool  # whether no words follow these
 
 
 def limb_at(words: tuple[str, ...], at: int) -> Limb | None:
-  """The limb that begins at a place, "both outstretched arms"; None where none does."""
+  """The limb that is named from words[at] on, such as "both outstretched arms"; None if there is none."""
   start, several, how, side = at, False, (), ()
   while at < len(words) and words[at] in _WHOSE:
     several, at = several or words[at] == "both", at + 1
@@ -116,14 +115,14 @@ def limb_at(words: tuple[str, ...], at: int) -> Limb | None:
       _BOTH if several or words[at].endswith("s") else side, words[at], how, after, start, end, end == len(words))
 
 
-def _limb_beside(words):
-  """The limb that words name beside an action: "with the arms out", ", hands on hips", "has a hand raised"."""
+def _added_limb(words):
+  """The limb that words add to an action: "with the arms out", ", hands on hips", "has a hand raised"."""
   places = (at + 1 for at, word in enumerate((",", *words)) if word in (",", "with", "has", "have", "had"))
   return next((limb for at in places if (limb := limb_at(words, at - 1))), None)
 
 
 def _place_of(words, sides):
-  """The place that words about a hand say, None where they say none."""
+  """The place that words about a hand name; None if they name none."""
   plain = said(word for at, word in enumerate(words) if word not in ("each", "both", "either", "opposite") and not (
       word in _BOTH and words[at + 1:]))
   for level in _LEVELS:
@@ -138,19 +137,19 @@ def _place_of(words, sides):
 
 
 def _resolved(place, sides):
-  """The place, of which "out" is one for both hands and another for one; it stays where no sides are named."""
+  """The place, with "out" as "side" for both hands and as "front" for one; without named sides it stays "out"."""
   return place if place != "out" or not sides else "side" if len(sides) == 2 else "front"
 
 
 def _brought(words, sides, at_once=False, alone=True):
-  """The hands of some sides, () for unnamed ones, where words have them; None where they say no place."""
+  """The hand pose that words give to the hands of these sides, () if they are not named; None without a place."""
   place = _place_of(tuple(words), sides)
-  return place and HandPlace(place, sides, at_once, alone and place != "knees")  # who stands does not reach the knees
+  return place and HandPlace(place, sides, at_once, alone and place != "knees")  # out of reach of a standing body
 
 
 @functools.lru_cache(maxsize=1 << 12)
 def hand_place_of(verb: str, part: str, sides: tuple[str, ...], times: int, text: str) -> HandPlace | None:
-  """Where an action has hands, None where its words name no place. sides: the arms that it names."""
+  """The hand pose or gesture of an action; None if its words name none. sides: the arms that it names."""
   words = tokens(text)
   whole = said(words)
   if says(whole, _CARRY):
@@ -169,14 +168,14 @@ def hand_place_of(verb: str, part: str, sides: tuple[str, ...], times: int, text
     return HandPlace(_AT_THE_HEAD[verb], hand, False)
   if gesture := _gesture_of(verb, part, sides, times, words):
     return gesture
-  limb = _limb_beside(words) if part != "arms" else None
+  limb = _added_limb(words) if part != "arms" else None
   kept = limb and _brought((*limb.before, *limb.after), limb.sides or ("right",), True,
                            not verb and limb.start == 0 and limb.ends)  # "hands on hips"
-  return None if not kept or kept.place == "down" else kept  # beside another action arms hang and swing as they do
+  return None if not kept or kept.place == "down" else kept  # "down": the arms hang and swing as they are sampled
 
 
 def _hands_brought(verb, form, rest, sides):
-  """Where an action that brings hands somewhere has them, with the form of its verb and the words after it."""
+  """The hand pose of an action that moves the hands. form: (its verb as written,); rest: the words after it."""
   particle = rest[:1] if rest and rest[0] in _PARTICLES else ()
   if limb := limb_at(rest, len(particle)) or limb_at(rest, 0):
     return _brought((*form, *limb.before, *particle, *limb.after), limb.sides, verb in _KEEPS, limb.ends)
@@ -192,7 +191,7 @@ def _hands_brought(verb, form, rest, sides):
 
 
 def _until_end(words):
-  """The words up to one that begins something else: "up" of "up and then bows"."""
+  """The words up to the first that begins another part of the sentence: "up" of "up and then bows"."""
   return next((words[:at] for at, word in enumerate(words) if word in _ENDS and not (
       word == "and" and words[at + 1:at + 2] and words[at + 1] in _GOES_ON)), words)
 
@@ -225,10 +224,10 @@ def _gesture_of(verb, part, sides, times, words):
 
 
 def without_hands(text: str) -> str:
-  """A text without what it says of where hands are beside its action: "walks" of "walks with the arms out"."""
+  """The text without the hand pose that it adds to its action: "walks" of "walks with the arms out"."""
   words = text.replace(",", " , ").split()
   lower = tuple(word.lower().strip(".;:!?") for word in words)
-  limb = _limb_beside(lower)
+  limb = _added_limb(lower)
   if not limb or lower[max(limb.start - 1, 0)] in ("has", "have", "had") or (
       not _brought((*limb.before, *limb.after), limb.sides)):
     return text
@@ -237,12 +236,9 @@ def without_hands(text: str) -> str:
 
 
 def places_of(segments: Sequence[Any]) -> list[dict[int, HandPlace]]:
-  """Where the actions of each of some segments have hands, by the number of the action in its segment.
-
-  Hands that another action of the segment moves are in no place.
-  """
+  """{index of the action: hand pose} of each segment, without poses of hands that another action of it moves."""
   places: list[dict[int, HandPlace]] = []
-  last: tuple[str, ...] | None = None  # hands of an action before
+  last: tuple[str, ...] | None = None  # hands of the last action of the arms
   for segment in segments:
     placed, busy = {}, set()
     hands = [action.sides for action in segment.actions if action.part == "arms" and action.sides]

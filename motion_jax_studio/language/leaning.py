@@ -1,4 +1,4 @@
-"""Where a body leans by the words of an action: "leans to the left", "sways back and forth", "tilts backward"."""
+"""Leans of the trunk from the words of an action: "leans to the left", "sways back and forth", "tilts backward"."""
 import functools
 from typing import NamedTuple
 
@@ -22,12 +22,12 @@ _WAYS = (
 class Lean(NamedTuple):
   """A lean of the trunk."""
   way: tuple[int, int]  # to the left, ahead: 1, 0 or -1
-  sways: bool           # to there and to the other way, again and again
+  sways: bool           # between this direction and the opposite one, repeatedly
 
 
 @functools.lru_cache(maxsize=1 << 12)
 def lean_of(verb: str, text: str) -> Lean | None:
-  """Where an action has the trunk lean, None where its words say no such thing."""
+  """The lean of an action; None if its words name none."""
   if verb not in _VERBS:
     return None
   words = before(tokens(without_hands(text)), {","})

@@ -28,7 +28,7 @@ _SPELT = ((r"\b(?:counter|anti)[- ]*clock[- ]?wise\b", "counterclockwise"), (r"\
 
 def spelt(text: str) -> str:
   """The text in the spellings and words that all rules read."""
-  return functools.reduce(lambda made, one: re.sub(*one, made, flags=re.IGNORECASE), _SPELT, text)
+  return functools.reduce(lambda result, rule: re.sub(*rule, result, flags=re.IGNORECASE), _SPELT, text)
 
 
 # --- who --------------------------------------------------------------------------------------------------------------
@@ -97,7 +97,7 @@ OWN_MEANINGS = {
     "return": Target("walk", 1.0, ("back",)), "march": Target("walk", 1.0, (LOST,)),
     "sidestep": Target("walk", 1.0, ("sideways",)), "dribble": Target("bounce", 1.0), "sneak": Target("creep", 1.0),
     "crouch": Target("squat", 1.0, (HELD,))}
-# Words of pace that WordNet counts among the lively, and words of its clusters of fast and slow that are manners.
+# Paces that WordNet does not have as such, and words of its clusters of fast and slow that are no pace ("").
 OWN_PACES = {"brisk": "quickly", "briskly": "quickly"} | dict.fromkeys(
     "easy easygoing lazy lazily instant instantly instantaneous outright straightaway deliberately dilatory".split(),
     "")
@@ -114,8 +114,8 @@ FROM_THE_FLOOR = {"pick", "place", "drop", "take", "lift"}  # the whole body goe
 AT_A_THING = set("open grab press knock wipe screw type".split())  # done with a thing where it stands
 # Seconds of one cycle of actions that a clip shows many times.
 CYCLES = {"wave": 0.8, "clap": 0.6, "nod": 0.8, "shake": 0.6, "punch": 1.0, "jab": 0.8, "stomp": 0.8, "stamp": 0.8}
-# Repetitions of these are sampled one after the other: of 24 kicks and squats 12 have the right number one by one, and
-# 4 by a prompt with their number; of 18 jumps and bows none, and 9.
+# Repetitions of these verbs are sampled one by one, those of others by a prompt with their number. Right numbers, one
+# by one and by a prompt: 12 and 4 of 24 kicks and squats, 0 and 9 of 18 jumps and bows.
 COUNTED_ONE_BY_ONE = {"kick", "squat"}
 # Their object is what moves: "turns the head"; "walks with the hands up" still walks.
 MOVED_BY_OBJECT = (VERBS["arms"] | VERBS["head"] | {
@@ -165,7 +165,7 @@ EVENTS = {"kick": "kick", "punch": "punch", "jab": "punch", "box": "punch", "sha
 SIDED_EVENTS = {"kick", "punch", "wave", "turn", "sideways", "foot", "balance"}
 ARMS = {"hand", "hands", "arm", "arms"}
 TURNING = {"turn", "spin", "pivot", "rotate"}
-STEPPING = {"step", "take", "move", "slide", "sidestep", "go"}  # verbs that may lead to a side, beside walking
+STEPPING = {"step", "take", "move", "slide", "sidestep", "go"}  # verbs besides walking that may lead to a side
 IN_PLACE = "in place, on place, in spot, on spot, in one spot, on one spot"
 STAIRS = {"stairs", "stair", "steps", "staircase", "stairway", "ladder", "hill", "slope", "ramp"}
 NEGATIONS = {"without", "not", "no", "never", "nor", "don't", "doesn't"}

@@ -1,6 +1,6 @@
-"""Light verbs: the action is said by other words than the verb, as in "takes two bows" or "puts her hands up".
+"""Light verbs: other words than the verb name the action, as in "takes two bows" or "puts her hands up".
 
-Each rule gives the action by its own verb, as captions of motion mostly say it. The rules are tried in order.
+Each rule rewrites the action with a verb of its own, as most motion captions do. The first rule that applies counts.
 """
 import re
 from collections.abc import Sequence

@@ -1,11 +1,11 @@
-"""What a verb means in the verbs that a model knows: one mechanism for synonyms and for kinds of an action.
+"""Replaces verbs by those that a model knows: one mechanism for synonyms and for kinds of an action.
 
   Meanings(captions, encoder).of("retreat")  ->  Meaning("walk", ("backward",), 0.85)
 
-A model knows the verbs of its training captions. Another verb stands for the known one whose features the text encoder
-finds most alike, and where the encoder has not learned it for the surest one of WordNet (`motion_jax.text.wordnet`), if
-captions have words for the manner of it: to amble is to walk slowly, and to tiptoe is no walk that "walk" describes.
-Below `SURE` a verb has no meaning here: the model gets the words as they are.
+A model knows the verbs of its training captions. Any other verb is replaced by the known verb with the most similar
+features of the text encoder or, if the encoder has not learned it, by the most certain verb of WordNet
+(`motion_jax.text.wordnet`). The captions must have words for its manner: "amble" becomes "walk slowly", while "tiptoe"
+does not become "walk". Below the confidence `SURE` the model gets the words as they are.
 """
 import collections
 import functools
@@ -22,8 +22,8 @@ from motion_jax_studio.language.actions import part_of
 from motion_jax_studio.language.words import letters
 
 SURE = SYNONYM  # confidence from which a verb is replaced
-_CLOSE = 0.2  # what the confidence of a kind may lack to that of the surest one
-_ENOUGH, _WELL = 3, 20  # captions that name an action which a model knows, and which it knows well
+_CLOSE = 0.2  # most that the confidence of a kind may be below that of the best target
+_ENOUGH, _WELL = 3, 20  # least captions with a verb that a model knows, and that it knows well
 _HELD_SECONDS = 1.5  # of a pose such as a crouch, where no time is given
 _PLAIN = frozenset("slowly quickly forward backward".split())  # words of manner that every model's captions have
 _NO_TARGETS = frozenset(VERBS[""]) | frozenset(
@@ -37,7 +37,7 @@ _WAYS = frozenset("forward forwards ahead along back backward backwards sideways
 
 
 class Meaning(NamedTuple):
-  """A known verb, the words of manner and direction that another verb adds to it, and how sure that is (0 to 1)."""
+  """The known verb that replaces another, the words of manner and direction to add, and the confidence (0 to 1)."""
   verb: str
   manner: tuple[str, ...]
   confidence: float
@@ -50,17 +50,16 @@ def _stands_for(verb):
 
 @functools.lru_cache(maxsize=1 << 12)
 def kind_of(verb: str, *kinds: str) -> Target | None:
-  """The one of some verbs of which a verb is a kind, with its manner: walk and "slowly" for stroll; None where it is
-  none of them."""
+  """Which of `kinds` a verb belongs to, with its manner: walk and "slowly" for "stroll"; None if it is none of them."""
   if verb in kinds:
     return Target(verb, 1.0)
-  found = () if verb in _NO_LEGS else _stands_for(verb)
-  return next((one for one in found if one.verb in kinds and one.confidence >= max(SURE, found[0].confidence - _CLOSE)),
-              None)
+  targets = () if verb in _NO_LEGS else _stands_for(verb)
+  return next((target for target in targets if target.verb in kinds and (
+      target.confidence >= max(SURE, targets[0].confidence - _CLOSE))), None)
 
 
 def is_a(verb: str, *kinds: str) -> bool:
-  """Whether a verb is one of some kinds of action: to sprint is to run."""
+  """Whether a verb is one of `kinds` or a kind of it, as "sprint" is of "run"."""
   return kind_of(verb, *kinds) is not None
 
 
@@ -70,7 +69,7 @@ def pace_of(word: str) -> str:
 
 
 class Meanings:
-  """The actions that a model's training captions name, and what other verbs mean in them."""
+  """The verbs of a model's training captions, and the replacements of other verbs."""
 
   def __init__(self, captions: Iterable[str], encoder: Any) -> None:
     self._captions, self._encoder = captions, encoder
@@ -90,17 +89,18 @@ class Meanings:
 
   @functools.lru_cache(maxsize=1 << 10)  # noqa: B019  (as long as the model lives)
   def of(self, verb: str) -> Meaning | None:
-    """The meaning of a verb in base form; None of one that the model knows, and of one that means nothing it knows."""
+    """The replacement of a verb in base form; None for a verb that the model knows, and for one without a match."""
     if verb in self.verbs or verb in _NO_TARGETS or not self._targets:
       return None
     known = self.verbs if verb in lexicon.OWN_MEANINGS else self._targets
-    table = [one for one in _stands_for(verb) if one.verb in known]
+    table = [target for target in _stands_for(verb) if target.verb in known]
     forms = {verb, third_person(verb), present_participle(verb)}
     if verb not in lexicon.OWN_MEANINGS and not forms.isdisjoint(self._encoder.known_words):
-      near = verb_of(self._encoder.synonym(third_person(verb), [third_person(one) for one in self._targets]))
-      table = [Target(near, SYNONYM, one.manner) for one in table if one.verb == near] or [Target(near, SYNONYM)]
-    said = [one for one in table if one.verb and self._says(one.manner)]
-    best = max(said, key=lambda one: one.confidence, default=None)
+      near = verb_of(self._encoder.synonym(third_person(verb), [third_person(target) for target in self._targets]))
+      table = [Target(near, SYNONYM, target.manner) for target in table if target.verb == near] or [
+          Target(near, SYNONYM)]
+    candidates = [target for target in table if target.verb and self._says(target.manner)]
+    best = max(candidates, key=lambda target: target.confidence, default=None)
     return None if best is None or best.confidence < SURE else Meaning(best.verb, best.manner, best.confidence)
 
   @functools.cached_property
@@ -121,7 +121,7 @@ def translated(clause: Any, meanings: Meanings | None) -> Any:
   if part_of(meaning.verb, ()) == "legs" and clause.words and (
       clause.words[0].lower() in lexicon.POSSESSIVES | {"it", "them", "something", "someone", "somebody"}):
     return clause  # "returns his left foot"
-  if lexicon.HELD in meaning.manner:  # keeps its verb, and with it all that is known of the pose
+  if lexicon.HELD in meaning.manner:  # the verb stays, for the rules of held poses need it
     form = present_participle(meaning.verb) if is_participle(clause.form) else third_person(meaning.verb)
     return clause._replace(form=form, reworded=True, seconds=clause.seconds or _HELD_SECONDS)
   said = {word.lower() for word in (*clause.before, *clause.words)}

@@ -5,7 +5,7 @@ from motion_jax_studio.language.clause import can_be_simultaneous, lower
 
 
 def subject_of(clauses):
-  """The words of the subject of all clauses, "a person" where none has one; None where there are several."""
+  """The words of the common subject of all clauses, by default "a person"; None if there are several subjects."""
   subjects = [lower(clause.subject) for clause in clauses if clause.subject]
   named = [words for words in subjects if words[-1] not in lexicon.PRONOUNS]
   if {"he", "she"} <= {words[-1] for words in subjects}:
@@ -19,7 +19,7 @@ def subject_of(clauses):
 
 
 def in_order(clauses):
-  """Lists of simultaneous clauses in the order of time, of [(connector, clause)]; None where a body cannot do it."""
+  """Order [(connector, clause)] in time, as lists of simultaneous clauses; None if one body cannot perform them."""
   groups, in_list, subordinate, before = [], False, [], ""
   for kind, clause in clauses:
     if kind == "" or kind.startswith("lead ") or kind == "main after":
@@ -45,7 +45,7 @@ def in_order(clauses):
 
 
 def _is_said_to_be_simultaneous(kind, clause, before):
-  """By "while", by "at the same time", by a participle after a comma, or after "and" behind one of these."""
+  """Whether the text says so: by "while", "at the same time", a participle after a comma, or "and" after these."""
   return kind == "while" or clause.simultaneous and kind in ("and", ",") or (
       is_participle(clause.form) and (kind == "," or kind == "and" and before == "while"))
 
@@ -53,24 +53,25 @@ def _is_said_to_be_simultaneous(kind, clause, before):
 def _and_is_simultaneous(group, clause):
   """Whether "and" means at the same time: the legs go on, or each arm has an action of its own."""
   every = [*group, clause]
-  if not can_be_simultaneous(group, clause) or any(one.steps for one in group):  # "takes three steps and waves"
+  if not can_be_simultaneous(group, clause) or any(member.steps for member in group):  # "takes three steps and waves"
     return False
   # "picks it up and walks on", "walks to the door and opens it"
-  if any(one.part == "arms" and one.verb != "lift" and not actions.stays_low(one.verb, one.part, lower(one.words))
-         or _is_at_a_thing(one) and lexicon.IDLE.isdisjoint(other.verb for other in every) for one in every):
+  if any(member.part == "arms" and member.verb != "lift" and not (
+      actions.stays_low(member.verb, member.part, lower(member.words)))
+         or _is_at_a_thing(member) and lexicon.IDLE.isdisjoint(other.verb for other in every) for member in every):
     return False
-  parts = {one.part for one in every}
+  parts = {member.part for member in every}
   if "body" in parts:
-    return all(is_participle(one.form) for one in every)  # "dancing and clapping"
+    return all(is_participle(member.form) for member in every)  # "dancing and clapping"
   if "legs" in parts:
-    return parts <= {"legs", "arms", "head"} and all(
-        actions.is_continuous(one.verb, lower(one.words)) or is_participle(one.form)  # "is sitting and clapping"
-        for one in every if one.part == "legs")
-  return parts == {"arms", "head"} or parts == {"arms"} and {one.verb for one in every} <= lexicon.ONE_ARM_EACH
+    return parts <= {"legs", "arms", "head"} and all(  # "is sitting and clapping"
+        actions.is_continuous(member.verb, lower(member.words)) or is_participle(member.form)
+        for member in every if member.part == "legs")
+  return parts == {"arms", "head"} or parts == {"arms"} and {member.verb for member in every} <= lexicon.ONE_ARM_EACH
 
 
 def _is_at_a_thing(clause):
-  """Whether hands act on a thing where it stands, be it with a named hand, and not on the body itself."""
+  """Whether the hands act on an object in its place, as in "opens the door", and not on the body itself."""
   words = lower(clause.words)
   thing = words[:words.index("with")] if "with" in words else words
   return bool(thing) and clause.verb in lexicon.AT_A_THING and (lexicon.LIMBS | lexicon.FACE).isdisjoint(thing)

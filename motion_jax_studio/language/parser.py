@@ -27,10 +27,10 @@ _NOT_FORWARD = frozenset("backward backwards back sideways turns turn circle aro
 
 
 def parse(text: str, known: Callable[[str], bool] | None = None, meanings: Meanings | None = None) -> Plan:
-  """The Plan of a sentence, or of several; one segment with the text as it is where it cannot be split.
+  """Parse one or more sentences into a Plan; text that cannot be split is one segment, as it was written.
 
-  known: whether a model has learned such words as one action; these stay together ("walks and turns left"), and so does
-  any turn to a side on one's way. meanings: of verbs, in those that the model knows.
+  known(words): whether a model has learned these words as one action; they stay together ("walks and turns left"), as
+  does any walk with the turn to a side after it. meanings: replacements of verbs that the model does not know.
   """
   parts = parts_of(fragments_of(text))
   whole = [_action(clause, lower(clause.subject) or lexicon.DEFAULT_SUBJECT) if clause else None
@@ -49,7 +49,7 @@ def _clauses(parts, meanings, keep_together=None):
 
 
 def _segments(text, joined):
-  """The segments of a text of clauses [(connector, clause)], None where it stays as it is."""
+  """The segments of a text with the clauses [(connector, clause)]; None if it stays one segment as it was written."""
   clauses = [clause for _, clause in joined]
   if not clauses or None in clauses:
     return None
@@ -66,7 +66,7 @@ def _segments(text, joined):
 
 
 def _with_ways_back(segments):
-  """The segments, of which a turn before a walk back goes around, and the walk is one ahead, to where one came from."""
+  """The segments, with a turn and a walk back as a turn around and a walk forward to where the last walk began."""
   changed = list(segments)
   for place, (turn, back) in enumerate(zip(segments, segments[1:])):
     turning, walking = turn.action, back.action
@@ -84,8 +84,8 @@ def _with_ways_back(segments):
 
 
 def _on_the_way(segments, text):
-  """The segments, of which a walk or run and a turn to a side after it are one, as captions say them: "walks forward
-  and turns left"; None where no more than the text is left. A turn before another walk is an action of its own."""
+  """The segments, with each walk or run and the turn to a side after it merged as in captions: "walks forward and turns
+  left"; None if a plain plan is left. A turn before another walk stays an action of its own."""
   joined: list[Segment] = []
   for segment, after in zip(segments or (), [*(segments or ())[1:], None]):
     before, turn = joined[-1] if joined else None, segment.action
@@ -124,7 +124,7 @@ def _segment(group, subject):
 
 
 def _with_hands_up(action):
-  """The action without "with the right hand raised", and the raised hand as a pose."""
+  """[the action without "with the right hand raised", the raised hand as a pose]; else [the action]."""
   prompt, sides = without_hands(action.prompt), action.hands.sides
   if action.hands.place != "up" or not action.hands.at_once or prompt == action.prompt:
     return [action]

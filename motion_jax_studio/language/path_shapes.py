@@ -24,15 +24,15 @@ _SIDES = (("left", "left, counterclockwise"), ("right", "right, clockwise"))
 _TURNING = (("left", "turning left, turning to left"), ("right", "turning right, turning to right"))
 _TURNS = ("turn", "spin")
 _A_CIRCLE = r"(?i)\bcircles?\b(?! of| around| to)"
-_NO_COURSE = "sideways, circle, circles, turn*, u-turn, arc, curv*, diagonal*, zigzag, from"  # of other paths
+_NO_COURSE = "sideways, circle, circles, turn*, u-turn, arc, curv*, diagonal*, zigzag, from"  # paths without one side
 _SIDED = {"foot", "leg", "hand", "arm"}
-# Words of a walk whose usual pace is another one, or that changes its pace.
+# Walks with another usual pace than walking forward, and walks that change their pace.
 _OTHERWISE = "back, backward, backwards, sideways, diagonal, diagonally, normal"
 _CHANGES = "first, faster, slower, speed*, slows, slowing, gradually, stop, stops"
-# Seconds of a full circle, as in `cmdm-small`. `cmdm-open` would take 3 to 4 by its clips, which are arcs: of its 20
-# circles none is complete in these, 9 are in 6 s, 16 in 7.5 s, all in 9 s.
+# Seconds of a full circle, as in `cmdm-small`. Clips of `cmdm-open` take 3 to 4 s but are arcs: of 20 circles that it
+# samples, none is complete in that time, 9 are in 6 s, 16 in 7.5 s, all in 9 s.
 _CIRCLE_SECONDS = {"walk": 8.0, "run": 6.5}
-_CIRCLES = {"circle": 1.0, "figure-eight": 1.5}  # as long as circles: those of a figure of eight are smaller
+_CIRCLES = {"circle": 1.0, "figure-eight": 1.5}  # duration in circles; the two loops of a figure of eight are smaller
 
 
 class PathShape(NamedTuple):
@@ -53,7 +53,7 @@ def is_gait(verb: str) -> bool:
 
 @functools.lru_cache(maxsize=1 << 12)
 def shapes_of(verb: str, text: str) -> tuple[PathShape, ...]:
-  """Shape and pace of the path of one action; none of other actions, of walks in place and of two paths in one."""
+  """Shape and pace of the path of one action; () for actions without a path, walks in place and two paths in one."""
   kind = kind_of(verb, "walk", "run")
   gait, manner = (kind.verb, kind.manner) if kind else ("", ())
   text = text.lower().replace(", clockwise", " clockwise").replace(", counterclockwise", " counterclockwise")
@@ -97,9 +97,9 @@ def course_of(verb: str, part: str, text: str) -> str | None:
 
 
 def path_shapes_of(actions: Sequence[Any]) -> list[PathShape]:
-  """Shape and pace of the path of actions, where only one of them goes anywhere; several have no common path.
+  """Shape and pace of the path of actions of which exactly one moves the body; [] for others.
 
-  A turn beside a walk changes its shape, but not its pace; "makes a u-turn" gives its shape to a walk without one.
+  With a separate turn only the pace is kept; "makes a u-turn" gives its shape to a walk without one.
   """
   moving = [action for action in actions
             if action.part in ("legs", "body", "") and action.verb not in lexicon.STAYING_VERBS]
@@ -115,13 +115,13 @@ def path_shapes_of(actions: Sequence[Any]) -> list[PathShape]:
 
 
 def min_duration(actions: Sequence[Any]) -> float:
-  """Seconds that a circle or a figure of eight takes at least, walking or running; 0 for other paths."""
+  """Least seconds for a circle or a figure of eight, walking or running; 0 for other paths."""
   circles = max((_CIRCLES.get(shape.kind, 0.0) for shape in path_shapes_of(actions)), default=0.0)
   return circles * _CIRCLE_SECONDS["run" if any(is_a(action.verb, "run") for action in actions) else "walk"]
 
 
 def without_shape(text: str) -> str:
-  """A text without what it says of a figure of eight, to which any walk is bent: "walks" of "walks in a figure 8"."""
+  """The text without its figure of eight, to which the correct step bends a walk: "walks" of "walks in a figure 8"."""
   return re.sub(r"(?: in| along| on)? a figure-eight\b", "", lexicon.spelt(text), flags=re.IGNORECASE)
 
 

@@ -1,8 +1,8 @@
 """Actions in plain words: "kicks with the left foot" for "gives a slight kick with his left leg, not very high".
 
-Captions of motion name actions in few ways. Where a model does not do what a sentence says in its own words, another
-attempt gets each action of it that can be checked in the words of captions; manner, place and subject are lost:
-hands of old people wave below their shoulders in captures.
+Motion captions use few phrases for each action. When the first attempts at a prompt fail its checks, later ones
+(`resampling`) replace each action that can be checked by the phrase of captions. Manner, place and subject are dropped,
+for they may hide the action: in captures, the hands of old people wave below their shoulders.
 """
 from collections.abc import Sequence
 
@@ -22,19 +22,19 @@ _WORDS = {
     "zigzag": ("walks in a zigzag", ""), "walk": ("walks backward", "walks {}"),
     "balance": ("stands on one leg", "stands on the {} leg")}
 _TURNS = {"": "turns around", "left": "turns to the left", "right": "turns to the right"}
-_BESIDE = frozenset({"usual", "seated", "stays", "slowly", "quickly", "run"})  # requirements that no other words bring
+_QUALIFIERS = frozenset({"usual", "seated", "stays", "slowly", "quickly", "run"})  # kinds without plain words
 
 
 def in_plain_words(plan: Plan) -> Plan:
-  """The plan with the plain words of each action that requires one thing; the same plan where none has any."""
+  """The plan with each action of a single requirement in plain words; the same object if no action changes."""
   plans = plan.with_segments(tuple(segment._replace(
-      action=_plain(segment.action, plan), simultaneous=tuple(_plain(one, plan) for one in segment.simultaneous))
+      action=_plain(segment.action, plan), simultaneous=tuple(_plain(action, plan) for action in segment.simultaneous))
       for segment in plan.segments))
   return plan if plans.segments == plan.segments else plans
 
 
 def _plain(action: Action, plan: Plan) -> Action:
-  """An action in plain words, where it has any. A plan that goes to the network as it is is read as its one action."""
+  """The action in plain words, if it has any. A plain plan is read as its parsed action (`Plan.single`)."""
   action = plan.single if plan.is_plain and plan.single else action
   words = "" if action.is_pose or action.prompt == plan.text and plan.single is None else _words_of(
       requirements_of((action,), action.prompt), action.verb in lexicon.TURNING)
@@ -46,21 +46,21 @@ def _plain(action: Action, plan: Plan) -> Action:
 
 
 def _words_of(requirements: Sequence[Requirement], turns: bool) -> str:
-  """The plain words of what an action requires; "" where that is more than one thing, or nothing that has any."""
-  events = [one for one in requirements if one.kind not in _BESIDE]
-  aside = [one for one in events if one.kind == "aside"]
-  events = [one for one in events if one.kind != "aside"] if len(events) > 1 else events
+  """Plain words for the requirements of an action; "" for several requirements, and for one without plain words."""
+  events = [requirement for requirement in requirements if requirement.kind not in _QUALIFIERS]
+  aside = [requirement for requirement in events if requirement.kind == "aside"]
+  events = [requirement for requirement in events if requirement.kind != "aside"] if len(events) > 1 else events
   if len(events) != 1:
     return ""
-  one, = events
-  if one.kind == "turn" and not (turns and any(other.kind == "stays" for other in requirements)):
-    return ""  # a turn on one's way
-  if one.kind == "turn":
-    around = one.degrees is not None and 130 <= one.degrees[0] <= one.degrees[1] <= 230
-    return f"turns around to the {one.side}" if around and one.side else _TURNS[one.side]
-  if one.kind == "raise" and one.side == "both":
+  requirement, = events
+  if requirement.kind == "turn" and not (turns and any(other.kind == "stays" for other in requirements)):
+    return ""  # a turn during a walk
+  if requirement.kind == "turn":
+    around = requirement.degrees is not None and 130 <= requirement.degrees[0] <= requirement.degrees[1] <= 230
+    return f"turns around to the {requirement.side}" if around and requirement.side else _TURNS[requirement.side]
+  if requirement.kind == "raise" and requirement.side == "both":
     return "raises both hands"
-  plain, sided = _WORDS.get(one.kind, ("", ""))
-  if one.kind == "jump" and aside:
+  plain, sided = _WORDS.get(requirement.kind, ("", ""))
+  if requirement.kind == "jump" and aside:
     return f"jumps to the {aside[0].side}"
-  return sided.format(one.side) if one.side and sided else plain
+  return sided.format(requirement.side) if requirement.side and sided else plain

@@ -9,20 +9,20 @@ from motion_jax_studio.language.segments import Action, Segment
 
 @dataclasses.dataclass(frozen=True)
 class Plan:
-  """What a sentence asks for: made once by `parse`, and passed on to whatever needs the meaning of the sentence.
+  """The meaning of a sentence: parsed once by `parse`, then passed to all steps.
 
-  Two readings are kept. `segments` is for generation: words that a model has learned as one action stay together.
-  `actions` is for checks: all actions of the text, whatever any model has learned.
+  It has two readings. `segments` is for generation: words that a model has learned as one action stay together.
+  `actions` is for checks: all actions of the text, for any model.
   """
   text: str
   segments: tuple[Segment, ...]
   actions: tuple[Action, ...] = ()
   single: Action | None = None  # the text read as one action by its first verb; None where that cannot be
-  split: tuple[Segment, ...] = ()  # the segments where no action is kept together because a model has learned it
+  split: tuple[Segment, ...] = ()  # segments with all actions split, also those that a model has learned as one
 
   @property
   def sampled(self) -> tuple[Action, ...]:
-    """The actions that a model samples, in order; a pause only where it is all there is."""
+    """The actions that a model samples, in order; a pause only if the plan is nothing else."""
     first, *others = self.segments
     return tuple(action for part in self.segments for action in part.sampled) if others else (
         first.action, *first.simultaneous)
@@ -34,7 +34,7 @@ class Plan:
 
   @property
   def read_segments(self) -> tuple[Segment, ...]:
-    """The segments; that of a plain plan with its action as it was parsed, not as the text was written."""
+    """The segments with parsed actions; those of a plain plan otherwise have the text as it was written."""
     first, *_ = self.segments
     return (first._replace(action=self.single),) if self.is_plain and self.single else self.segments
 
@@ -53,7 +53,7 @@ class Plan:
 
   @functools.cached_property
   def requirements(self) -> list[Requirement]:
-    """What a motion of this text has to show, as far as it can be measured on joints."""
+    """What a motion of this text must show, as far as it can be measured on joints."""
     return requirements_of(self.actions, self.text)
 
   @functools.cached_property
@@ -63,13 +63,13 @@ class Plan:
 
   @property
   def min_duration(self) -> float:
-    """Seconds that the path takes at least: time for a full circle; 0 for other paths."""
+    """Least seconds for the path, such as a full circle; 0 for paths without a minimum."""
     return min_duration(self.actions)
 
   def with_segments(self, segments: tuple[Segment, ...]) -> "Plan":
-    """The same plan with other segments; what the text asks for stays."""
+    """The same plan with other segments; its requirements stay."""
     return dataclasses.replace(self, segments=tuple(segments))
 
   def fully_split(self) -> "Plan":
-    """The plan in which no action is kept together because a model has learned it."""
+    """The plan with all actions split, also those that a model has learned as one."""
     return self.with_segments(self.split or self.segments)

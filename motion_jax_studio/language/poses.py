@@ -1,4 +1,4 @@
-"""Pauses and poses that are kept: a body that sits stays seated while it waits, and arms may act above it."""
+"""Pauses and held poses: a seated body stays seated while it waits, and its arms may act meanwhile."""
 from motion_jax_studio.language import actions, lexicon
 from motion_jax_studio.language.clause import lower
 from motion_jax_studio.language.lexicon import HOLD, PAUSE
@@ -13,12 +13,12 @@ def is_hold(verb, words):
 
 
 def hold(who: str) -> Action:
-  """Keeping the pose that the action before ends in."""
+  """The action of holding the last pose of the action before it."""
   return Action(f"{who} {HOLD}", HOLD, "legs", verb="stand", subject=who)
 
 
 def holding(segment):
-  """The segments of an action with a duration: a raised hand or a low body is kept so long."""
+  """[the segment, a hold of its duration] for a raised hand or a low pose with a duration; else [the segment]."""
   action = segment.action
   if segment.seconds is None or segment.simultaneous or action.times > 1 or not (
       action.verb in ("raise", "lift") and action.part == "arms" or action.verb in lexicon.LOW):
@@ -27,12 +27,12 @@ def holding(segment):
 
 
 def with_poses(segments, who):
-  """The segments, in which a pause or an action of arms and head keeps the low pose before it.
+  """The segments, with a low pose (sitting, lying) held through pauses and through actions of arms and head after it.
 
-  With no pose before it a hold is a pause, but for "stays seated", which is an action then.
+  A hold with no pose before it becomes a pause, except "stays seated", which becomes an action.
   """
   posed, low = [], False
-  for segment in map(_without_beside, _without_repeated_pauses(segments)):
+  for segment in map(_without_simultaneous_pauses, _without_repeated_pauses(segments)):
     action, before = segment.action, posed[-1] if posed else None
     if action.words == HOLD and before is None and lexicon.LOW_POSES & set(action.prompt.split()):
       action = action._replace(words=action.prompt.removeprefix(who + " "))
@@ -48,8 +48,8 @@ def with_poses(segments, who):
   return tuple(posed)
 
 
-def _without_beside(segment):
-  """The segment without pauses and holds beside its action: "steps back while holding still" steps back."""
+def _without_simultaneous_pauses(segment):
+  """The segment without pauses and holds during its action: "steps back" of "steps back while holding still"."""
   acting = tuple(action for action in segment.simultaneous if action.words not in (PAUSE, HOLD))
   return segment._replace(simultaneous=acting)
 
@@ -59,6 +59,6 @@ def _stays_low(action):
 
 
 def _without_repeated_pauses(segments):
-  """The segments, of which a pause without a duration after another pause is left out: "stops and stands still"."""
+  """The segments without a pause of no given duration after another pause: "stops and stands still"."""
   return [segment for segment, before in zip(segments, (None, *segments))
           if before is None or not (segment.is_pause and before.is_pause and segment.seconds is None)]

@@ -6,10 +6,7 @@ from motion_jax_studio.language.segments import Segment
 
 
 def postures_of(segments: Sequence[Segment]) -> dict[tuple[int, int], HandPlace | None]:
-  """Where the actions that are no more than a posture have hands; None for a lean.
-
-  The keys are the numbers of the segment, and of the action in it.
-  """
+  """{(segment, action): hand pose} of the actions that are only a posture, by their indices; None stands for a lean."""
   postures = {(at, number): place for at, places in enumerate(places_of(segments)) for number, place in places.items()
               if place.alone and (place.flows or segments[at].actions[number].part == "arms" or not (
                   segments[at].actions[number].verb))}

@@ -23,11 +23,11 @@ from motion_jax_studio.language.meaning import kind_of
 from motion_jax_studio.language.parser import parse
 from motion_jax_studio.language.plan import Plan
 
-# Cosine from which a phrase has the meaning of a known one. Of the phrases of a shipped model, each compared with all
-# others, 1.5 to 1.7 % have none as near; prompts by people: docs/sentences.md.
+# Least cosine of two phrases with the same meaning. Of the phrases of a shipped model, 1.5 to 1.7 % have no other one as
+# near as this; figures for prompts by people: docs/sentences.md.
 NEAR = 0.75
-_FEW, _EQUAL = 2, 0.9  # near phrases of a hardly learned one at most, none of them at this cosine
-# Phrases with the verb or the thing of a hardly learned one at most, mirrored ones among them, and their share of all.
+_FEW, _EQUAL = 2, 0.9  # a phrase with at most _FEW near phrases is hardly learned, unless the nearest has this cosine
+# A word is rare if at most _RARE phrases have it (mirrored copies included), and at most this share of all phrases.
 _RARE, _RARE_SHARE = 5, 0.01
 _SUBJECT = re.compile(r"^(?:(?:a|an|the|one) (?:[\w'-]+ ){0,3}?(?:person|man|woman|figure|human|dancer|character)|"
                       r"someone|somebody|he|she|they) ")
@@ -43,14 +43,14 @@ _NO_THINGS = set("circle circles direction middle right left "
 _NO_DEEDS = (lexicon.LIGHT_VERBS | lexicon.DIRECTIONS | lexicon.LIMBS | WORDS_WITHOUT_MOTION | set(lexicon.ASPECTS)
              | set("forth level go come use follow end switch".split())
              | {verb for verb, meaning in lexicon.OWN_MEANINGS.items() if lexicon.LOST not in meaning.manner})
-# Where something is done: over, under, up a thing; a hand at the face.
+# Where an action takes place: over, under or up a thing; a hand at the face.
 _OVER = re.compile(r"\b(over|onto|under|through|across|into|off|up|down) (?:(?:and|on|onto|over) )*"
                    r"(?:(something|it)|(?:an?|the|some) (?:\w+ )?(\w+))\b")
 _AT_A_PART = re.compile(r"\b(?:to|at|on|onto|near|against|over|of|behind|around) (?:(?:the|his|her|their|its|a|one) )?"
                         r"(head|face|mouth|ears?|hips?|chest|stomach|chin|eyes?|nose)\b(?! level)")
 _UNNAMED = re.compile(r"\b(?:something|(?:an?|the|some) (?:object|thing|item))\b")
 _OVER_THE_HEAD = re.compile(r"\b(?:over|above) (?:(?:the|his|her|their|its) )?heads?\b")
-# Where to and how high somebody jumps or kicks, beside a named limb.
+# Direction and height of a jump or a kick, but not of a named limb.
 _WAY = re.compile(r"(?<!with )(?<!with the )\b(left|right|backward|sideways|low|high)s?\b"
                   rf"(?! (?:and \w+ )?(?:{'|'.join(sorted(lexicon.LIMBS))})\b)")
 _LEAPS = ("jump", "hop", "leap", "kick")
@@ -76,8 +76,8 @@ class Repertoire:
 
   def __init__(self, captions: Iterable[str], encoder: Any) -> None:
     self._encoder = encoder
-    found = (phrase_of(caption) for caption in captions if not _SEVERAL.search(caption.lower()))
-    self.phrases = sorted({phrase for phrase in found if phrase and not phrase.startswith(("a ", "an ", "the "))})
+    phrases = (phrase_of(caption) for caption in captions if not _SEVERAL.search(caption.lower()))
+    self.phrases = sorted({phrase for phrase in phrases if phrase and not phrase.startswith(("a ", "an ", "the "))})
 
   @functools.cached_property
   def _vectors(self):
@@ -92,8 +92,7 @@ class Repertoire:
                                for form in {form for word in _TOKEN.findall(phrase) for form in possible_bases(word)})
 
   def rare_words(self, action: str | Plan) -> dict[str, int]:
-    """{word: number of phrases that have it} of the verbs and nouns of an action that few phrases have, such as the
-    cartwheel that somebody does."""
+    """{word: number of phrases with it} of the rare verbs and nouns of an action, such as "cartwheel"."""
     phrase = phrase_of(action if isinstance(action, str) else action.text).lower()
     most = min(_RARE, _RARE_SHARE * len(self.phrases))
     counts = {word: max(self._words[form] for form in possible_bases(word)) for word in _deeds(phrase)}
@@ -107,20 +106,20 @@ class Repertoire:
     return [(float(nearness[row]), self.phrases[row]) for row in np.argsort(-nearness, kind="stable")[:num]]
 
   def judge(self, action: str | Plan) -> Judgement:
-    """Whether one action is known: a plan of one action, or the prompt of an action."""
+    """Judge one action, given as a plan of one action or as a prompt."""
     plan = parse(action) if isinstance(action, str) else action
     sentence = plan.text
     nearest = self.nearest(sentence, 40)
     near = [phrase for cosine, phrase in nearest if cosine >= NEAR]
-    own = _kinds(plan.actions)
-    same = not own or any(own & _verbs_of(phrase) for phrase in near)
+    kinds = _kinds(plan.actions)
+    same = not kinds or any(kinds & _verbs_of(phrase) for phrase in near)
     said = phrase_of(sentence)
-    # Words of no caption have a note of their own, but for those that the notes leave out.
+    # Only words that captions have are compared; all others get notes of their own (`checks.prompt_notes`).
     things = (_things(said) & self._words.keys()) | _places(said)
     if any(action.verb in _LEAPS for action in plan.actions):
       things |= _ways(said)
     if not any(action.part == "arms" or action.verb in lexicon.LIMB_OF_ACTION for action in plan.actions):
-      things |= postures_of(said)  # and no "waves with the right hand up"
+      things |= postures_of(said)  # not for "waves with the right hand up"
     if _UNNAMED.search(said) and any(action.part == "arms" for action in plan.actions):
       things |= {"thing"}  # "throws an object"
     alike = [phrase for phrase in near
@@ -132,8 +131,8 @@ class Repertoire:
 
 @functools.lru_cache(maxsize=1 << 12)
 def _deeds(phrase):
-  """The verbs and nouns of a phrase as they stand there, without body parts, ways and places of hands: what is done,
-  with which thing, and in the manner of whom."""
+  """Verbs and nouns of a phrase as they are written, without body parts, directions and hand poses: the action, its
+  object, and a character that is imitated."""
   words = _TOKEN.findall(without_hands(phrase))
   return [word for word, (base, tag) in zip(words, tag_words(words)) if tag in ("VERB", "NOUN") and not (
       {base, word} & _NO_DEEDS or base_form(word, _NO_THINGS))]
@@ -141,23 +140,23 @@ def _deeds(phrase):
 
 @functools.lru_cache(maxsize=1 << 12)
 def _things(phrase):
-  """The nouns of a phrase in base form, without body parts: things that are kicked, climbed, opened."""
+  """Nouns of a phrase in base form, without body parts: objects that are kicked, climbed, opened."""
   tagged = tag_words(phrase.split())
   return frozenset(word for word, tag in tagged if tag == "NOUN" and not verb_of(word) and word not in _NO_THINGS)
 
 
 @functools.lru_cache(maxsize=1 << 12)
 def _places(phrase):
-  """Where a phrase has something done, beside the ground: {"over"} a thing, at the {"face"}."""
+  """Where the action of a phrase takes place, other than on the ground: {"over"} a thing, at the {"face"}."""
   phrase = _OVER_THE_HEAD.sub("", phrase)
-  things = ((found[1], found[2] or found[3]) for found in _OVER.finditer(phrase))
+  things = ((match[1], match[2] or match[3]) for match in _OVER.finditer(phrase))
   over = {"over" if how == "across" else how for how, thing in things if not base_form(thing, _NO_THINGS)}
-  return frozenset(over | {found[1].removesuffix("s") for found in _AT_A_PART.finditer(phrase)})
+  return frozenset(over | {match[1].removesuffix("s") for match in _AT_A_PART.finditer(phrase)})
 
 
 @functools.lru_cache(maxsize=1 << 12)
 def _ways(phrase):
-  """Where to and how high a phrase has something done, beside a named limb: {"left"} of "jumps to the left"."""
+  """Direction and height of the action of a phrase, but not of a named limb: {"left"} of "jumps to the left"."""
   return frozenset(_WAY.findall(phrase))
 
 
@@ -168,9 +167,9 @@ def _verbs_of(phrase):
 
 
 def _kinds(actions):
-  """The verbs of actions without light ones; all kinds of walking count as one verb, and all kinds of running.
+  """Verbs of actions, without light verbs; all kinds of walking count as one verb, and so do all kinds of running.
 
-  Of a limb that is moved the verb says its part, too: lifting a knee is no lifting of a hand.
+  "raise" and "lift" include the body part: lifting a knee is not lifting a hand.
   """
   verbs = {action.verb for action in actions} - {"", *lexicon.LIGHT_VERBS}
   kinds = {verb: kind_of(verb, "walk", "run") for verb in verbs}

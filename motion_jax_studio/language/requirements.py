@@ -11,7 +11,7 @@ from motion_jax_studio.language.segments import Action
 from motion_jax_studio.language.words import first_of, said, says
 
 COUNTED = {"kick", "punch", "jump", "hop", "squat", "bow"}  # events of which each is one repetition
-# Degrees, least and most, of a turn by its words; a number in the text may be missed by _NEAR, or by a fifth of it.
+# (least, most) degrees of a turn by its words. A number in the text has a tolerance of _NEAR degrees, or a fifth of it.
 _DEGREES = (((290, 430), "full, all, fully, completely"), ((40, 140), "corner"), ((290, math.inf), "circle, circles"),
             ((130, 230), "around, round, about, back"), ((40, 140), "left, right"))
 _NEAR = 40
@@ -37,12 +37,12 @@ _SHAPED = ", ".join(sorted(lexicon.PATH_NOUNS))
 
 
 class _Sign(NamedTuple):
-  """What an action shows by its verb and words, as far as its words need more than its verb."""
+  """A rule by which the verb, body part and phrases of an action show a state or an event."""
   kind: str
   verbs: str            # "gait" stands for all kinds of walking and running
   part: str = ""        # of the body; "" for any
-  needed: tuple[str, ...] = ()  # phrases: one of each
-  lacking: str = ""     # phrases of which none may be there
+  needed: tuple[str, ...] = ()  # lists of phrases; the action has a phrase of each list
+  lacking: str = ""     # phrases that the action does not have
 
   def shows(self, action):
     after = said(action.said.split()[1:])  # "steps up" has no steps
@@ -69,7 +69,7 @@ _EVENTS = (
 
 
 class Requirement(NamedTuple):
-  """One thing that a motion has to show: an event, a state of the body, or the shape or pace of its path."""
+  """One thing that a motion must show: an event, a state of the body, or the shape or pace of its path."""
   kind: str      # "kick", "seated", "circle", "slowly", "stays", "aside", ...
   side: str      # "left", "right", "backward" for walks, "walk" or "run" for paces; "" for any
   times: int     # repetitions
@@ -123,7 +123,7 @@ def _states(actions):
 
 
 def _places(actions, shapes):
-  """Requirements about where the body goes, of the only action that may go anywhere: none, to a side, or back."""
+  """Requirements on where the body goes: in place or to a side, by the only action that moves it, or back."""
   going = [action for action in actions if action.part in ("legs", "body", "") and (
       action.verb not in lexicon.STAYING_VERBS or action.verb == "jump")]
   gaits = [is_gait(action.verb) or action.verb in ("go", "return", "come") for action in going]
@@ -147,7 +147,7 @@ def _places(actions, shapes):
 
 
 def _side_of(words):
-  """The side to which words lead after their first one, "" where they lead elsewhere."""
+  """The side named next to the verb, words[0]; "" for another direction."""
   at = next((at for at, word in enumerate(words) if at and word not in _TO_A_SIDE and not word.endswith("ly")), 0)
   after = words[at + 2:at + 3] if words[at + 1:at + 2] == ["side"] else words[at + 1:at + 2]
   return words[at] if words[at] in lexicon.SIDES and _NO_SIDE.isdisjoint(after) else ""
@@ -187,7 +187,7 @@ def _head_noun(words):
 
 
 def is_counted(requirements: Sequence[Requirement]) -> bool:
-  """Whether all that is required is one event that can be counted: a kick, a jump, a bow."""
+  """Whether the only requirement is an event that can be counted: a kick, a jump, a bow."""
   return len(requirements) == 1 and requirements[0].kind in COUNTED
 
 

@@ -26,7 +26,7 @@ class Action(NamedTuple):
 
   @property
   def said(self) -> str:
-    """Its words as tables of phrases are looked up in them."""
+    """Its words, normalized for phrase tables (`words.said`)."""
     return said(self.words)
 
   @property
@@ -63,12 +63,12 @@ class Action(NamedTuple):
 
   @property
   def hands(self) -> HandPlace | None:
-    """Where it has hands; None where its words name no place."""
+    """Its hand pose or gesture; None if its words name none."""
     return hand_place_of(self.verb, self.part, self.sides, self.times, self.words)
 
   @property
   def lean(self) -> Lean | None:
-    """Where it has the trunk lean; None where its words say no such thing."""
+    """Its lean of the trunk; None if its words name none."""
     return lean_of(self.verb, self.words)
 
   @property
@@ -127,5 +127,5 @@ class Segment(NamedTuple):
 
 
 def pause(who: str, seconds: float | None) -> Segment:
-  """Standing still for a number of seconds, or (None) as long as there is time."""
+  """A segment of standing still for a number of seconds; None: for the time that is left."""
   return Segment(Action(f"{who} {PAUSE}", PAUSE, "legs", verb="stand", subject=who), seconds=seconds)

@@ -1,10 +1,10 @@
-"""Words of an action, and tables of phrases: the one way in which slots are read from words.
+"""Tokens and phrase tables: how the slots of an action are read from its words.
 
-A table gives for each value the phrases that say it, in the order in which they count:
+A phrase table is a sequence of (value, phrases); the first row with a phrase in the text gives the value:
 
   first_of((("down", "at sides"), ("out", "out, extend*")), said("holds the arms out at his sides"))  ->  "down"
 
-Phrases are whole words without articles and possessives; a last "*" stands for any ending.
+Phrases are whole words without articles and possessives, separated by commas; a final "*" stands for any ending.
 """
 import functools
 import re
@@ -25,19 +25,19 @@ _DROPPED = lexicon.POSSESSIVES | {"the", "a", "an"}
 
 @functools.lru_cache(maxsize=1 << 14)
 def tokens(text: str) -> tuple[str, ...]:
-  """The words of a text in small letters, commas among them: ("walks", "forward", ",", "then", "bows")."""
+  """Lower-case tokens of a text, commas included: ("walks", "forward", ",", "then", "bows")."""
   words = text.lower().replace("’", "'").replace("-and-", " and ").replace(",", " , ").split()
   return tuple(word for word in (word.strip(".;:!?()") for word in words) if word)
 
 
 def said(words: Any) -> str:
-  """A text, or its tokens, as phrases are looked up in it: without articles and possessives, a blank at both ends."""
+  """Normalize a text, or its tokens, for phrase lookup: no articles and possessives, a space at both ends."""
   words = tokens(words) if isinstance(words, str) else words
   return f" {' '.join(word for word in words if word not in _DROPPED)} "
 
 
 def says(text: str, phrases: str) -> bool:
-  """Whether a text, as `said` gives it, has one of some phrases."""
+  """Whether a text normalized by `said` contains one of the phrases."""
   return any((phrase[:-1] if phrase[-1] == "*" else phrase + " ") in text for phrase in _split(phrases))
 
 
@@ -47,21 +47,21 @@ def _split(phrases):
 
 
 def first_of(table: Iterable[tuple[Any, str]], text: str, default: Any = None) -> Any:
-  """The first value of a table of which a text has a phrase."""
+  """The value of the first row of a phrase table that occurs in a normalized text, else the default."""
   return next((value for value, phrases in table if says(text, phrases)), default)
 
 
 def before(words: tuple[str, ...], ends: Any) -> tuple[str, ...]:
-  """The words before the first one, after the verb, that is among some ends."""
+  """The words up to the first one, after the verb (words[0]), that is in `ends`."""
   return words[:next((at for at, word in enumerate(words) if at and word in ends), len(words))]
 
 
 def letters(text: str) -> list[str]:
-  """The words of a text in small letters, without digits and signs."""
+  """Lower-case words of a text, without digits and punctuation."""
   return re.findall("[a-z]+", text.lower())
 
 
 def several_people(text: str) -> str:
-  """The words of a text that name several people: "two men" of "two men fight"; "" where it is about one."""
+  """The words of a text that name several people: "two men" of "two men fight"; "" for a text about one person."""
   people = _SEVERAL_PEOPLE.search(text)
   return people[0] if people else ""
