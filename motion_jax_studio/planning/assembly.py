@@ -1,4 +1,4 @@
-"""One body from sampled parts: layers on arms, head or torso, pauses, and poses that are held."""
+"""Assemble one body from sampled parts: layers on arms, head or torso, pauses, and held poses."""
 from collections.abc import Sequence
 from typing import Any
 
@@ -13,20 +13,20 @@ from motion_jax_studio.planning.pauses import held_frame, insert_pause
 
 _IN, _OUT = 8, 12  # frames in which a layer is blended in and out
 
-Layers = Sequence[Sequence[tuple[Action, Any]]]  # of each segment (action, joints (T, J, 3)) of what is layered on it
+Layers = Sequence[Sequence[tuple[Action, Any]]]  # for each segment, the layers on it: (action, joints (T, J, 3))
 Spans = Sequence[tuple[int, int]]  # (first frame, frame past the last)
 
 
 def assemble(joints: Num[np.ndarray, "t j 3"], segments: Sequence[Segment], spans: Spans, lengths: Sequence[int],
              layers: Layers, skeleton: Skeleton) -> tuple[Float[np.ndarray, "n j 3"], Spans]:
-  """(joints, spans of all segments) from joints of the segments that move: layers applied, pauses inserted.
+  """Apply layers and insert pauses; returns (joints, spans of all segments).
 
-  spans: of the segments that move; lengths: frames of all segments.
+  joints, spans: of the segments that move, which are all but pauses; lengths: frames of all segments.
   """
   moves = iter(spans)
-  for segment, own in zip(segments, layers):
+  for segment, segment_layers in zip(segments, layers):
     span = None if segment.is_pause and len(segments) > 1 else next(moves)
-    for action, other in own if span else ():
+    for action, other in segment_layers if span else ():
       joints = _layered(joints, other, span, action, skeleton)
   if not any(segment.is_pause for segment in segments) or len(segments) == 1:
     return joints, spans
@@ -34,7 +34,7 @@ def assemble(joints: Num[np.ndarray, "t j 3"], segments: Sequence[Segment], span
 
 
 def _layered(joints, other, span, action, skeleton, upright=False):
-  """Joints with an action's body part from another motion in one segment, blended in and out inside the motion."""
+  """Layer an action's body part from the motion `other` on one segment; it is blended in and out within the segment."""
   first, past = span
   if action.is_pose:
     hands = [chain[-1] for side, chain in zip(("right", "left"), skeleton.chains[3:]) if side in action.sides
@@ -53,36 +53,36 @@ def _layered(joints, other, span, action, skeleton, upright=False):
 
 
 def _with_pauses(joints, segments, spans, lengths, layers, skeleton):
-  found: list[tuple[int, int]] = []
+  new_spans: list[tuple[int, int]] = []
   spans, added, end, before = list(spans), 0, 0, None
-  for place, (segment, count, own) in enumerate(zip(segments, lengths, layers)):
+  for place, (segment, count, segment_layers) in enumerate(zip(segments, lengths, layers)):
     if segment.is_pause:
       at, pose = end, None
       if before is not None and segment.hold_pose:
-        at, pose = _held_at(joints, found[-1], before, skeleton)
-      # A body that only rests from here on does not get up. Arms that are held up for a number of seconds come down
+        at, pose = _held_at(joints, new_spans[-1], before, skeleton)
+      # A seated or lying body with only pauses ahead does not get up. Arms that are held up for a given time come down
       # afterwards, as they do in the sampled motion.
-      done = place == len(segments) - 1 or pose == "low" and all(one.is_pause for one in segments[place:])
+      done = place == len(segments) - 1 or pose == "low" and all(later.is_pause for later in segments[place:])
       ends = done and not (pose == "arms" and segment.seconds)
-      # Most of what comes before is done, be it a single step.
-      earliest = found[-1][0] + 2 * (at - found[-1][0]) // 3 if found else 0
+      # At least two thirds of the previous segment are played, even of a single step.
+      earliest = new_spans[-1][0] + 2 * (at - new_spans[-1][0]) // 3 if new_spans else 0
       joints, first, past = insert_pause(joints, at, count, skeleton, ends, pose is not None, earliest)
-      if found:
-        found[-1] = (found[-1][0], first)
-      found.append((first if found else 0, past))
-      for action, other in own:
-        joints = _layered(joints, other, found[-1], action, skeleton, upright=True)
+      if new_spans:
+        new_spans[-1] = (new_spans[-1][0], first)
+      new_spans.append((first if new_spans else 0, past))
+      for action, other in segment_layers:
+        joints = _layered(joints, other, new_spans[-1], action, skeleton, upright=True)
       added, end = added + count, past
     else:
       _, past = spans.pop(0)
-      found.append((end, past + added))
+      new_spans.append((end, past + added))
       end = past + added
     before = segment
-  return joints, found
+  return joints, new_spans
 
 
 def _held_at(joints, span, before, skeleton):
-  """(frame, pose) at which the body holds still after a segment; the pose is None where any frame will do."""
+  """(frame, pose) at which the body holds still after a segment; the pose is None if any pose will do."""
   first, past = span
   if before.hold_pose and not before.simultaneous:
     return past - 1, "as it is"

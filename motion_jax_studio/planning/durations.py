@@ -1,4 +1,4 @@
-"""How long each segment of a plan takes, in frames; and standing still where an action is over before its time is."""
+"""Durations of the segments of a plan, in frames; a pause fills the time that is left after an action."""
 from collections.abc import Sequence
 from typing import Any
 
@@ -15,23 +15,23 @@ from motion_jax_studio.language.postures import postures_of
 
 LONGEST = 3600     # seconds of a plan
 _REST = 2.0        # seconds of standing still
-_LEFT = 1.0        # seconds beyond an action's usual time from which on the body stands still
+_LEFT = 1.0        # least seconds left after an action's usual time that become a pause
 _AROUND = 1.5      # seconds in which a hand is raised and lowered, around repeated waves
-_BRISK = 0.8       # share of its usual time that one repetition takes
-# Limits of one repetition, in seconds. Clips of one squat among other exercises last seven seconds: of 24 motions with
-# repeated kicks or squats 17 came out right with a limit of 3 s, 11 without one, 10 with 2.2 s. By its own lengths
-# `cdamd-small` would give a kick 1.4 s and a squat 1.9 s, which is too short.
+_BRISK = 0.8       # share of an action's usual time that one of its repetitions takes
+# Limits of one repetition, in seconds. Above: training clips of a squat last up to seven seconds, for they show other
+# exercises too; of 24 motions with repeated kicks or squats, 17 were right with a limit of 3 s, 10 with 2.2 s, 11 with
+# none. Below: the length estimates of `cdamd-small`, 1.4 s for a kick and 1.9 s for a squat, are too short.
 _LONGEST_REPETITION, _SHORTEST_REPETITION = 3.0, 2.4
 _POSTURE = 2.5  # seconds in which a standing body takes a posture and keeps it
-_ROUNDS = 3     # of a gesture that is made over and over, at least
-# Least seconds to get down into a pose that is held. By its own lengths `cdamd-small` takes 0.9 to 1.6 s, and of 16
-# seats the median trunk leans by 44 degrees; with 2.2 s it leans by 36, with 2.8 s by 24.
+_ROUNDS = 3     # least repetitions of a repeated gesture
+# Least seconds to get down into a held pose. With its own estimates, 0.9 to 1.6 s, `cdamd-small` sits down with the
+# trunk leaning by 44 degrees (median of 16 motions); with 2.2 s it leans by 36, with 2.8 s by 24.
 _GET_DOWN = 2.8
 
 
 def usual_frames(planner: Any, plan: Plan) -> list[int]:
-  """Frames of each segment: as the prompt says, or the usual length of its longest action, times its repetitions, at
-  most the longest motion of the model."""
+  """Frames of each segment: those that the prompt states, else the usual length of its longest action with repetitions,
+  at most the longest motion of the model."""
   counts: list[int] = []
   postures = postures_of(plan.segments)
   away = 0  # frames of the last walk or run, which the way back takes again
@@ -45,22 +45,22 @@ def usual_frames(planner: Any, plan: Plan) -> list[int]:
 
 
 def _segment_frames(planner, segment, then, postures):
-  """The usual length of a segment before another one. postures: of its simultaneous actions, False for no posture."""
+  """Usual frames of a segment. then: the next segment; postures: of its simultaneous actions, False for no posture."""
   if segment.action.words == PAUSE and postures and False not in postures:
     return round(max(map(_posture_seconds, postures)) * planner.fps)
   if not segment.sampled:
     return round(_REST * planner.fps)
-  return max(_least_frames(planner, segment, then), *(_action_frames(planner, one) for one in segment.sampled))
+  return max(_least_frames(planner, segment, then), *(_action_frames(planner, action) for action in segment.sampled))
 
 
 def _posture_seconds(place):
-  """Seconds of a posture that a standing body takes, or of a gesture."""
+  """Seconds of a posture of a standing body, or of a gesture."""
   gesture = sum(seconds for _, seconds in place.gesture) if place else 0.0
   return max(_POSTURE, gesture * (_ROUNDS if place and place.rhythm else 1))
 
 
 def _least_frames(planner, segment, then):
-  """Least frames of a segment: time to get down into a pose that the next segment holds."""
+  """Least frames of a segment: the time to get down into a pose that the next segment holds."""
   return round(_GET_DOWN * planner.fps) if segment.action.verb in LOW and then is not None and then.hold_pose else 0
 
 
@@ -81,21 +81,21 @@ def _action_frames(planner, action):
 
 
 def frames_until_done(planner: Any, prompt: str) -> int:
-  """Usual frames of an action that ends by itself, such as a kick; 0 of one that may go on, such as a walk."""
+  """Usual frames of an action that ends by itself, such as a kick; 0 for one that can continue, such as a walk."""
   plan = parse(prompt)
   done = plan.single is not None and plan.single.is_done_once
   return planner.natural_frames(prompt, plan.min_duration) if done else 0
 
 
 def with_final_pause(planner: Any, plan: Plan | None, frames: float | None) -> Plan | None:
-  """The plan, with standing still as its last segment where all its actions end by themselves and at least a second of
-  the requested frames is left."""
+  """The plan with a final pause, if all its actions end by themselves and a second or more of the requested frames is
+  left."""
   if plan is None or frames is None:
     return plan
-  actions = [one for part in plan.segments for one in (part.action, *part.simultaneous)]
-  if plan.is_plain:  # whose action is the text as it is
+  actions = [action for part in plan.segments for action in (part.action, *part.simultaneous)]
+  if plan.is_plain:  # its segment holds the text, not the parsed action
     actions = [plan.single]
-  if any(part.seconds for part in plan.segments) or not all(one and one.leaves_at_ease for one in actions):
+  if any(part.seconds for part in plan.segments) or not all(action and action.leaves_at_ease for action in actions):
     return plan
   left = as_float(frames) / planner.fps - sum(usual_frames(planner, plan)) / planner.fps
   if not _LEFT <= left <= LONGEST:
@@ -104,8 +104,8 @@ def with_final_pause(planner: Any, plan: Plan | None, frames: float | None) -> P
 
 
 def with_pauses(planner: Any, rows: Sequence[tuple[str, int]]) -> tuple[Plan, list[int]]:
-  """(plan, frames of its segments) of (prompt, frames): an action that ends by itself is followed by standing still,
-  and getting down by staying there, where a second or more of its frames is left."""
+  """(plan, frames of its segments) of rows (prompt, frames). Where a second or more is left, an action that ends by
+  itself is followed by a pause, and getting down by a hold of the low pose."""
   segments, counts = [], []
   for prompt, count in rows:
     action = parse(prompt).single or Action(prompt, prompt)
@@ -121,8 +121,10 @@ def with_pauses(planner: Any, rows: Sequence[tuple[str, int]]) -> tuple[Plan, li
 
 
 def segment_frames(planner: Any, prompt: str, plan: Plan | None, frames: float | None) -> list[int]:
-  """Frames of each segment of a plan, of the requested frames together (None: as long as they take); a single number
-  for a prompt that goes to the network as it is. Raises InputError for a length that cannot be."""
+  """Frames of each segment of a plan; one number for a plain plan, and for a prompt without a plan.
+
+  frames: of all segments together; None: their usual lengths. Raises InputError for a length out of range.
+  """
   model = planner.model
   if plan is None or plan.is_plain:
     usual = lambda: planner.natural_frames(prompt, plan.min_duration if plan else 0.0)
@@ -143,7 +145,7 @@ def segment_frames(planner: Any, prompt: str, plan: Plan | None, frames: float |
 
 
 def fit_to(counts: Sequence[int], is_given: Sequence[bool], total: int, least: int) -> list[int]:
-  """Counts that sum to total; those the prompt gives stay as they are where that leaves enough for the others."""
+  """Counts that sum to `total`; those that the prompt states (`is_given`) stay if that leaves `least` for the others."""
   free = [count for count, given in zip(counts, is_given) if not given]
   left = total - sum(counts) + sum(free)
   if not free or left < least * len(free):
@@ -153,10 +155,10 @@ def fit_to(counts: Sequence[int], is_given: Sequence[bool], total: int, least: i
 
 
 def shared(usual: Sequence[int], total: int, least: int) -> list[int]:
-  """Integers of at least `least` that sum to total, in proportion to the usual ones as far as that is possible."""
+  """Integers of at least `least` that sum to `total`, proportional to the usual ones as far as possible."""
   ends = np.round(np.cumsum(usual) / sum(usual) * total).astype(int)
   lengths = np.diff([0, *ends])
-  for i in np.flatnonzero(lengths < least):  # the longest gives up what is missing
+  for i in np.flatnonzero(lengths < least):  # the longest one gives the missing frames
     lengths[np.argmax(lengths)] -= least - lengths[i]
     lengths[i] = least
   return lengths.tolist()

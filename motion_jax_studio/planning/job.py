@@ -1,4 +1,4 @@
-"""A batch of motions on its way through the steps of a pipeline."""
+"""A batch of requested motions, passed from step to step of a pipeline."""
 import dataclasses
 from collections.abc import Sequence
 from typing import Any, Self
@@ -22,10 +22,10 @@ def plan_records(plan: Plan | None) -> list[Record]:
 
 @dataclasses.dataclass
 class Job:
-  """What was requested of B motions, and what the steps have decided and made so far.
+  """The request of B motions, and what the steps have produced so far.
 
-  Requested: prompts, frames (None: as long as the plan takes), a key each, seeds for the record, choices of sampling,
-  constraints. Each step fills in the rest.
+  Of the request: prompts, frames (None: as long as the plan takes), a key each, seeds for the record, sampling choices,
+  constraints. The steps fill in the other fields.
   """
   planner: Planner
   prompts: list[str]
@@ -35,18 +35,18 @@ class Job:
   sampling: dict[str, Any]
   constraints: list[list[Constraint] | ControlSignal]
   exact: bool = True                 # constraints are met exactly, where a body can
-  cleanup: bool = False              # every sampled motion is cleaned up before it is joined to others
-  warns: bool = True                 # whether warnings are read
+  cleanup: bool = False              # clean up every sampled motion, before it is joined to others
+  warns: bool = True                 # give warnings; False where no one would see them
   plans: list[Plan | None] = dataclasses.field(default_factory=list)  # None: the prompt as given
   targets: list[Any] = dataclasses.field(default_factory=list)  # `constraining.Target` of those with constraints
   notes: list[str] = dataclasses.field(default_factory=list)  # on constraints that do not fit a prompt
   motions: list[Motion] = dataclasses.field(default_factory=list)
   scheduled: list[Plan | None] = dataclasses.field(default_factory=list)  # plans as sampled, with their pauses
-  guided: list[bool] = dataclasses.field(default_factory=list)  # sampled in one pass that follows its constraints
+  guided: list[bool] = dataclasses.field(default_factory=list)  # sampled in one pass, guided by its constraints
   requirements: list[Sequence[Requirement]] = dataclasses.field(default_factory=list)  # instead of those of the plans
   records: list[list[Record]] = dataclasses.field(default_factory=list)  # of steps before there is a motion
   independent: bool = False          # whether segments are sampled independently of one another
-  steps: Sequence[Any] = ()          # all that the job goes through
+  steps: Sequence[Any] = ()          # of the pipeline, in order
 
   def __post_init__(self) -> None:
     count = len(self.prompts)
@@ -56,7 +56,7 @@ class Job:
 
   @property
   def required(self) -> list[Sequence[Requirement]]:
-    """What each motion has to meet."""
+    """The requirements of each motion."""
     return self.requirements or [plan.requirements if plan else [] for plan in self.plans]
 
   @property
@@ -66,10 +66,10 @@ class Job:
   def select(self, rows: Sequence[int], **changed: Any) -> Self:
     """The job of these motions alone, with other values of some fields."""
     some = lambda values: [values[i] for i in rows]
-    own = dict(prompts=some(self.prompts), frames=some(self.frames), keys=select_keys(self.keys, rows),
-               seeds=some(self.seeds), constraints=some(self.constraints), plans=some(self.plans),
-               targets=some(self.targets), notes=some(self.notes),
-               scheduled=some(self.scheduled), guided=some(self.guided), records=some(self.records),
-               requirements=some(self.requirements) if self.requirements else [],
-               motions=some(self.motions) if self.motions else [])
-    return dataclasses.replace(self, **(own | changed))
+    selected = dict(prompts=some(self.prompts), frames=some(self.frames), keys=select_keys(self.keys, rows),
+                    seeds=some(self.seeds), constraints=some(self.constraints), plans=some(self.plans),
+                    targets=some(self.targets), notes=some(self.notes),
+                    scheduled=some(self.scheduled), guided=some(self.guided), records=some(self.records),
+                    requirements=some(self.requirements) if self.requirements else [],
+                    motions=some(self.motions) if self.motions else [])
+    return dataclasses.replace(self, **(selected | changed))

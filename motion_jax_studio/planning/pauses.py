@@ -1,4 +1,4 @@
-"""Pauses in a motion: time slows down where the body stands best, stops, and continues."""
+"""Pauses in a motion: playback slows down, stops and continues, at the frame near the requested one that suits best."""
 from collections.abc import Sequence
 
 import numpy as np
@@ -10,27 +10,26 @@ from motion_jax.shapes import Float, Num
 
 _EASE = 8         # frames in which the body stops, and in which it continues
 _BEFORE, _BEHIND = 16, 8  # frames before and after the requested one in which the pause may begin
-_LIFTED = 0.05    # metres of an ankle over its lowest place from which on the foot is put down for the pause
-_DOWN = 12        # frames in which a foot is put down, and in which it is lifted again
-_NEARLY = 0.04    # metres from the highest or lowest pose within which the slowest frame is held
-_UP = 5.0         # weight of a foot's height, per metre, against its speed in metres a second
+_LIFTED = 0.05    # metres; a foot with its ankle this far above its lowest height is put down for the pause
+_DOWN = 12        # frames to put a foot down, and to lift it again
+_NEARLY = 0.04    # metres; poses this close to the highest or lowest count as equal, and the slowest is held
+_UP = 5.0         # weight of a foot's height in metres relative to its speed in metres per second
 
 
 def insert_pause(joints: Num[np.ndarray, "t j 3"], at: int, count: int, skeleton: Skeleton, ends: bool = False,
                  exact: bool = False, earliest: int = 0) -> tuple[Float[np.ndarray, "n j 3"], int, int]:
-  """(joints (T + count, J, 3) that stand still for about `count` frames near frame `at`, the pause's first frame, the
-  frame past its last).
+  """Insert a pause of about `count` frames near frame `at`; returns (joints (T + count, J, 3) float32, first frame of
+  the pause, frame past its last).
 
-  The pause begins where both feet are on the ground and slow; the body stops within 0.4 s and continues as before, so
-  no foot slides that did not slide before. A foot that is in the air even there, as in running, is put down below its
-  hip. at = 0: the body stands from the first frame on, and what came before its best stand is dropped. ends: the
-  motion ends in the pause. exact: at frame `at` itself, in the pose it has there (`held_frame`). earliest: frame before
-  which no pause begins that is not exact. float32.
+  The pause begins where both feet are on the ground and slow. The body stops within 0.4 s and continues as before, so
+  the pause adds no foot skating. A foot that is in the air even there, as in running, is put down below its hip.
+  at = 0: the body stands from the first frame on; frames before the best stand are dropped. ends: the motion ends in
+  the pause. exact: pause at frame `at` itself, in its pose (`held_frame`). earliest: first frame allowed, unless exact.
   """
   joints = np.asarray(joints, np.float64)
   stop = min(at, len(joints) - 1) if exact else _best_stand(joints, at, earliest, skeleton)
   ease = min(_EASE, 2 * stop, count // 2 * 2)
-  # At half the speed on average, stopping takes twice the frames that are passed on the way.
+  # The average speed while stopping is one half, so it takes twice the frames that it plays.
   slow = stop - ease / 2 + _eased(ease)
   times = [np.arange(stop - ease // 2 + 1), slow] if at else []
   if ends:
@@ -54,10 +53,10 @@ def insert_pause(joints: Num[np.ndarray, "t j 3"], at: int, count: int, skeleton
 
 def held_frame(joints: Num[np.ndarray, "t j 3"], first: int, past: int, pose: str, sides: Sequence[str],
                skeleton: Skeleton) -> int:
-  """The frame of joints (T, J, 3), from `first` to `past`, that shows a pose best; of nearly equal ones the slowest.
+  """The frame of joints (T, J, 3), from `first` to `past`, that shows a pose best; the slowest of nearly equal ones.
 
-  pose: "arms", the arms of `sides` (any arm where empty) at their highest; "low", the pelvis at its lowest; "leg", one
-  ankle highest above the other.
+  pose: "arms", highest wrists of `sides` (of any arm if empty); "low", lowest pelvis; "leg", one ankle highest above
+  the other.
   """
   part = np.asarray(joints[first:past], np.float64) * skeleton.unit
   ankles = part[:, [chain[3] for chain in skeleton.chains[:2]], 1]
@@ -70,7 +69,7 @@ def held_frame(joints: Num[np.ndarray, "t j 3"], first: int, past: int, pose: st
 
 
 def _feet_down(joints, first, past, lowest, skeleton, ends):
-  """Joints (T, J, 3) with both feet on the ground from frame `first` to `past`; lowest (J,): least heights."""
+  """Put both feet of joints (T, J, 3) on the ground from frame `first` to `past`; lowest (J,): least heights."""
   k = np.arange(len(joints))
   weight = np.clip((k - first) / _DOWN + 1, 0, 1) * (1 if ends else np.clip((past - k) / _DOWN + 1, 0, 1))
   weight = weight ** 2 * (3 - 2 * weight)
@@ -82,7 +81,7 @@ def _feet_down(joints, first, past, lowest, skeleton, ends):
       continue
     below = np.array([joints[first, hip, 0], lowest[ankle], joints[first, hip, 2]])
     bend_leg(joints, result, leg, weight[:, None] * (below - now), skeleton)
-    for above, joint, like, alike in zip(leg[2:-1], leg[3:], other[2:-1], other[3:]):  # the sole as flat as the other
+    for above, joint, like, alike in zip(leg[2:-1], leg[3:], other[2:-1], other[3:]):  # tilt the sole as the other one
       flat = np.broadcast_to(joints[first, alike] - joints[first, like], (len(joints), 3))
       result[:, joint] = result[:, above] + turned_towards(joints[:, joint] - joints[:, above], flat, weight)
   return result

@@ -1,4 +1,4 @@
-"""Plans in the words of kinematic captions, for models that were trained on those."""
+"""Plans in the words of kinematic captions (`analysis.describe`), for models that were trained on these."""
 from ml_collections import ConfigDict
 
 from motion_jax_studio.language import Action, Plan
@@ -14,8 +14,8 @@ _PUNCHES = {"punches" + where for where in (
 
 
 def wants_words_of_captions(config: ConfigDict) -> bool:
-  """Whether a run gets actions in the words of its kinematic captions: a CDAMD model that was trained on them. CMDM
-  models, whose text embeddings are of words, do as well with other words."""
+  """Whether prompts are reworded for a model: a CDAMD model that was trained on kinematic captions. CMDM models, with
+  text embeddings of single words, do as well with other words."""
   return config.stage.startswith("cdamd.") and bool(config.data.get("kinematic_captions", False))
 
 
@@ -36,27 +36,26 @@ def _reworded(action: Action) -> Action:
 
 
 def going_forward(prompt: str) -> str:
-  """The prompt with "forward" where it says no more than that somebody walks, runs or jogs.
+  """The prompt with "forward" added if it only says that a person walks, runs or jogs.
 
-  Captions by kinematics (`analysis.describe`) name every direction that the rules can detect, and say "walks" alone of
-  the others.
+  Kinematic captions name each direction that the rules detect; "walks" alone stands for a direction that they do not.
   """
   bare = prompt.strip().rstrip(" .!")
   return f"{bare} forward" if said(bare).strip() in _BARE_WALKS or _subject_of(bare, _WALKS) else prompt
 
 
 def with_one_hand(prompt: str) -> str:
-  """The prompt with "the left hand" where it says no more than that somebody punches.
+  """The prompt with "the left hand" added if it only says that a person punches.
 
-  Captions by kinematics name the hand of every single punch. Without it a network that learned them lifts both hands
-  halfway. The left hand is the one that jabs.
+  Kinematic captions name the hand of every single punch; without a hand, a network that learned them lifts both hands
+  halfway. Jabs are made with the left hand.
   """
   subject = _subject_of(prompt.strip().rstrip(" .!"), _PUNCHES)
   return f"{subject} punches with the left hand" if subject else prompt
 
 
 def _subject_of(prompt, endings):
-  """The subject of a prompt that is no more than a subject of at most four words and one of some endings; else ""."""
+  """The subject, of up to four words, of a prompt that continues with exactly one of `endings`; else ""."""
   words = prompt.split()
   for at in range(1, min(len(words), 5)):
     first, *more = [word.lower() for word in words[:at]]

@@ -1,4 +1,4 @@
-"""Plans of prompts for one model: in the words of its training captions, with their usual lengths."""
+"""Plans of prompts for one model, in the words of its training captions and with their usual lengths."""
 import functools
 from typing import Any
 
@@ -12,7 +12,7 @@ from motion_jax_studio.planning.standing import standing
 
 
 class Planner:
-  """Plans prompts for one model. Made once per model: it keeps what it has read of the training captions."""
+  """Plans prompts for one model; made once per model, for it caches what it reads from the training captions."""
 
   def __init__(self, model: Any) -> None:
     self.model = model
@@ -27,34 +27,34 @@ class Planner:
 
   @property
   def can_sequence(self) -> bool:
-    """Whether the model's method makes one motion of several segments; without that a prompt is never split."""
+    """Whether the model's method generates one motion of several segments; otherwise prompts are not split."""
     return self.model.can("sample_segments")
 
   def plan(self, prompt: str) -> Plan:
-    """The segments of a prompt; a single one where the model's method knows no segments.
+    """The plan of a prompt; it has a single segment if the model's method has no segments.
 
-    A training caption stays one action, with any subject. `phrasing` says whose actions get other words.
+    A training caption stays one action, with any subject. For some models actions are reworded (`phrasing`).
     """
-    found = parse(prompt, self.model.captions.knows, self.meanings)
+    plan = parse(prompt, self.model.captions.knows, self.meanings)
     if not self.can_sequence:
-      return found.with_segments((Segment(Action(prompt, prompt)),))
-    return in_words_of_captions(found) if wants_words_of_captions(self.model.config) else found
+      return plan.with_segments((Segment(Action(prompt, prompt)),))
+    return in_words_of_captions(plan) if wants_words_of_captions(self.model.config) else plan
 
   def with_postures(self, plan: Plan) -> Plan:
-    """The plan in which a body stands still below actions that the pose step adds (`posing.postures`)."""
+    """The plan with standing still as the base motion of actions that the pose step adds (`posing.postures`)."""
     if not self.can_sequence or not can_be_checked(self.model):
       return plan
     return standing(plan, self.model.captions.knows, self._can)
 
   def in_plain_words(self, plan: Plan) -> Plan:
-    """The plan with actions in plain words (`language.plain_words`), as this model learned them."""
-    found = in_plain_words(plan) if self.can_sequence else plan
-    return in_words_of_captions(found) if wants_words_of_captions(self.model.config) else found
+    """The plan with actions in plain words (`language.plain_words`), worded for this model."""
+    reworded = in_plain_words(plan) if self.can_sequence else plan
+    return in_words_of_captions(reworded) if wants_words_of_captions(self.model.config) else reworded
 
   def natural_frames(self, prompt: str, min_seconds: float = 0.0) -> int:
-    """Usual length of a prompt of one action: the method's own estimate, or else that of similar training clips.
+    """Usual frames of a prompt of one action: the estimate of the model's method, or else of similar training clips.
 
-    min_seconds: of its path, such as `Plan.min_duration`.
+    min_seconds: the least duration of its path, such as `Plan.min_duration`.
     """
     model = self.model
     usual = model.estimated_frames(prompt)
@@ -68,16 +68,16 @@ class Planner:
     return self.model.captions.nearest(prompt, num)
 
   def _can(self, prompt):
-    """Whether the training captions name an action in much the same words, and more than a few do."""
-    found = self.repertoire.judge(prompt) if self.repertoire else None
-    return found is None or found.known and not found.few
+    """Whether more than a few training captions name an action in similar words."""
+    judgement = self.repertoire.judge(prompt) if self.repertoire else None
+    return judgement is None or judgement.known and not judgement.few
 
   @functools.cached_property
   def meanings(self) -> Meanings:
-    """What verbs mean in those of the model's training captions."""
+    """Replacements of verbs by those of the model's training captions."""
     return Meanings(self.model.captions.texts if self.model.captions else (), self.model.encoder)
 
   @functools.cached_property
   def repertoire(self) -> Repertoire | None:
-    """The actions that the model's training captions name; None where its folder keeps no captions."""
+    """The phrases of the model's training captions; None if its folder has no captions."""
     return Repertoire(self.model.captions.texts, self.model.encoder) if self.model.captions else None

@@ -1,7 +1,7 @@
 """Plans as prompts in sequence, for motion that is sampled in one run: streams, timelines, continued motions.
 
-`sequencing` assembles what it samples from joints: simultaneous actions as layers, poses that are held. A run in blocks
-cannot do that, so here simultaneous actions share one prompt, and a held pose is more time for the prompt before it.
+`sequencing` edits joints after sampling: it layers simultaneous actions and holds poses. A run in blocks cannot do
+that, so here simultaneous actions share one prompt, and a held pose extends the prompt before it.
 """
 from collections.abc import Sequence
 from typing import Any
@@ -9,15 +9,15 @@ from typing import Any
 from motion_jax_studio.language import Plan, Segment
 from motion_jax_studio.planning import durations
 
-BLOCK = 12  # frames that each of several actions of a prompt gets at least
+BLOCK = 12  # least frames of each action of a prompt with several
 
 
 def prompts_in_sequence(planner: Any, plan: Plan, frames: float | None = None, least: int = BLOCK
                         ) -> list[tuple[str, int | None]]:
-  """[(prompt, frames)] of the actions of a plan; its text itself where it is one action.
+  """[(prompt, frames)] of the actions of a plan; the text itself for a plan of one action.
 
-  frames: of all of them together; None: each as long as usual, but None for a single action. least: frames below which
-  no action gets; a plan whose actions would have less stays one prompt.
+  frames: of all actions together; None: their usual lengths, and None in the result for a single action. least: least
+  frames of an action; a plan without room for that stays one prompt.
   """
   if len(plan.segments) > 1 and (frames is None or frames >= least * len(plan.segments)):
     counts = durations.segment_frames(planner, plan.text, plan, frames)
@@ -31,28 +31,32 @@ def prompts_in_sequence(planner: Any, plan: Plan, frames: float | None = None, l
 
 def segments_of(planner: Any, segments: Sequence[tuple[str, float | None]], plan: bool = True
                 ) -> list[tuple[str, int]]:
-  """[(prompt, frames)] of the [(prompt, seconds or None)] of one motion: one for each action of a prompt's plan, or
-  one for each prompt; None is the usual length."""
-  model, found = planner.model, []
+  """[(prompt, frames)] from the [(prompt, seconds)] of one motion, one for each action of the prompts' plans.
+
+  seconds None: the usual length. plan False: one for each prompt.
+  """
+  model, result = planner.model, []
   for prompt, seconds in segments:
     frames = None if seconds is None else model.frames_of([prompt], None, seconds)[0]
     understood = planner.plan(prompt) if plan else None
     rows = prompts_in_sequence(planner, understood, frames) if understood else [(prompt, frames)]
-    usual = lambda one, known=understood: planner.natural_frames(one, known.min_duration if known else 0.0)
-    found += [(one, model.frames_of([one], usual(one) if count is None else count, None)[0]) for one, count in rows]
-  return found
+    min_seconds = understood.min_duration if understood else 0.0
+    for text, count in rows:
+      usual = planner.natural_frames(text, min_seconds) if count is None else count
+      result.append((text, model.frames_of([text], usual, None)[0]))
+  return result
 
 
 def _merged(plan: Plan, counts: list[int]) -> list[tuple[str, int]]:
-  """The prompt of each segment; one that holds a pose continues the prompt before it."""
-  found: list[tuple[str, int]] = []
+  """[(prompt, frames)] of the segments; a held pose extends the prompt before it."""
+  rows: list[tuple[str, int]] = []
   for segment, count in zip(plan.segments, counts):
-    prompt = _prompt_of(segment, found[-1][0] if found else "")
-    if found and found[-1][0] == prompt:
-      found[-1] = prompt, found[-1][1] + count
+    prompt = _prompt_of(segment, rows[-1][0] if rows else "")
+    if rows and rows[-1][0] == prompt:
+      rows[-1] = prompt, rows[-1][1] + count
     else:
-      found.append((prompt, count))
-  return found
+      rows.append((prompt, count))
+  return rows
 
 
 def _prompt_of(segment: Segment, before: str) -> str:

@@ -1,8 +1,8 @@
-"""Plans become motions: segments in sequence by the method's own means, simultaneous actions as layers on one body.
+"""Sample plans: segments in sequence by the model's own method, simultaneous actions as layers on one body.
 
-Simultaneous actions are sampled as motions of the same length, and arms, head or torso of one are put on the other
-(`assembly`); postures need no sample, but another step (`posing`). A plan of one plain action is one pass of the
-network with the prompt as it was written.
+Simultaneous actions are sampled as motions of the same length; arms, head or torso of one replace those of the other
+(`assembly`). Postures are not sampled, the pose step adds them (`posing`). A plain plan is one pass of the network with
+the prompt as it was written.
 """
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -26,43 +26,43 @@ _TAKES = 3  # of each segment that is sampled independently
 
 
 def sample(job: Job, independent: bool = False) -> list[Motion]:
-  """A motion of each plan of a job, whose schedules it fills in; prompts without a plan, or with a plain one, in one
-  pass each.
+  """Sample a motion of each plan of a job, and fill in `job.scheduled`; a prompt with a plain plan, or none, takes one
+  pass.
 
-  independent: segments, and repetitions of one action, are sampled independently, three takes each, and the best are
-  joined (`independent`).
+  independent: sample segments, and repetitions of one action, independently with three takes each, and join the best
+  (`planning.independent`).
   """
   model, planner = job.model, job.planner
   plans = [_split_repetitions(plan) for plan in job.plans] if independent else job.plans
   plans = [durations.with_final_pause(planner, plan, count) for plan, count in zip(plans, job.frames)]
-  lengths = [durations.segment_frames(planner, *one) for one in zip(job.prompts, plans, job.frames)]
+  lengths = [durations.segment_frames(planner, *row) for row in zip(job.prompts, plans, job.frames)]
   job.scheduled = plans
   plain = [i for i, plan in enumerate(plans) if plan is None or plan.is_plain]
-  found: dict[int, Motion] = {}
+  motions: dict[int, Motion] = {}
   if plain:
     part = job.select(plain)
-    found |= zip(plain, model.sample(part.prompts, [lengths[i][0] for i in plain], part.keys, part.seeds, job.cleanup,
+    motions |= zip(plain, model.sample(part.prompts, [lengths[i][0] for i in plain], part.keys, part.seeds, job.cleanup,
                                      job.sampling))
-  rest = [i for i in range(len(plans)) if i not in found]
+  rest = [i for i in range(len(plans)) if i not in motions]
   if rest:
     part = job.select(rest, plans=[plans[i] for i in rest])
     make, takes = (partial(sample_independently, model, takes=_TAKES, required=_required(part.plans)), _TAKES) if (
         independent) else (model.sample_segments, 1)
-    found |= zip(rest, compose(part, [lengths[i] for i in rest], make, takes))
-  return [found[i] for i in range(len(plans))]
+    motions |= zip(rest, compose(part, [lengths[i] for i in rest], make, takes))
+  return [motions[i] for i in range(len(plans))]
 
 
 def _split_repetitions(plan):
-  """The plan, fully split where it is a training caption that counts repetitions: by its words they did not show."""
-  counts = plan is not None and plan.is_plain and any(one.counted for one in plan.requirements)
+  """The plan; fully split if it is a caption with counted repetitions, for sampling the caption has failed already."""
+  counts = plan is not None and plan.is_plain and any(requirement.counted for requirement in plan.requirements)
   return plan.fully_split() if counts else plan
 
 
 def compose(job: Job, lengths: Sequence[Sequence[int]], sample_segments: Callable, takes: int = 1) -> list[Motion]:
-  """A motion of each plan, of the given frames per segment.
+  """Sample and assemble a motion of each plan. lengths: frames of its segments.
 
-  sample_segments(lists of (prompt, frames), keys, seeds, cleanup, sampling) -> motions. takes: of each simultaneous
-  action, of which the best is used; with several, every repetition that can be counted is a segment of its own.
+  sample_segments(lists of (prompt, frames), keys, seeds, cleanup, sampling) -> motions. takes: samples of each
+  simultaneous action, the best of which is used; if more than 1, each repetition of a countable action is one segment.
   """
   model, plans, skeleton = job.model, job.plans, job.model.stats.layout.skeleton
   moving = [[(segment, count) for segment, count in zip(plan.segments, frames) if not segment.is_pause]
@@ -81,7 +81,7 @@ def compose(job: Job, lengths: Sequence[Sequence[int]], sample_segments: Callabl
 
 
 def repeated(action: Any, count: int, least: int, one_by_one: bool = False) -> list[tuple[str, int]]:
-  """[(prompt, frames)] of an action: one, or one for each repetition where these are sampled one by one."""
+  """[(prompt, frames)] of an action: a single one, or one for each repetition if these are sampled one by one."""
   single = action.verb in COUNTED_ONE_BY_ONE or one_by_one and is_counted(single_requirements(action))
   if action.times == 1 or not single or count < action.times * least:
     return [(action.prompt_with_count, count)]
@@ -95,13 +95,13 @@ def single_requirements(action: Action) -> list[Requirement]:
 
 def _required(plans):
   """{prompt: requirements} of all actions of plans, by the prompts with which they are sampled."""
-  actions = [one for plan in plans for segment in plan.segments for one in (segment.action, *segment.simultaneous)]
-  return {one.prompt_with_count: requirements_of((one,), one.prompt_with_count) for one in actions} | {
-      one.prompt: single_requirements(one) for one in actions}
+  actions = [action for plan in plans for segment in plan.segments for action in segment.actions]
+  return {action.prompt_with_count: requirements_of((action,), action.prompt_with_count) for action in actions} | {
+      action.prompt: single_requirements(action) for action in actions}
 
 
 def spans_of(base: Motion, sizes: Sequence[int]) -> list[tuple[int, int]]:
-  """[(first frame, frame past the last)] of segments, each of a number of repetitions, by the captions."""
+  """[(first frame, frame past the last)] of segments, from the motion's captions. sizes: captions of each segment."""
   if sum(sizes) == 1:
     return [(0, base.num_frames)]
   ends = np.cumsum(sizes)
@@ -117,27 +117,27 @@ def _sample_layers(job, lengths, spans, takes):
             for number, (place, at) in enumerate(
                 (place, at) for place, segment in enumerate(segments) for at in range(1, len(segment.actions)))
             if (place, at) not in postures[row]]
-  found: dict[tuple[int, int], list[Any]] = {}
+  sampled_layers: dict[tuple[int, int], list[Any]] = {}
   if not layers:
-    return found
+    return sampled_layers
   # Numbered within their plan, so that draws do not depend on other plans of the batch.
   flat = [(row, number, take) for row, _, number, _ in layers for take in range(takes)]
   keys = jax.numpy.stack([take_key(jax.random.fold_in(job.keys[row], 1 + number), take) for row, number, take in flat])
   parts = [(action.prompt_with_count, max(_layer_frames(rows[row], place, spans[row], lengths[row]),
                                           model.frames_per_latent)) for row, place, _, action in layers]
-  made = model.sample([prompt for prompt, _ in parts for _ in range(takes)],
+  motions = model.sample([prompt for prompt, _ in parts for _ in range(takes)],
                       [count for _, count in parts for _ in range(takes)], keys, [None] * len(flat), job.cleanup,
                       job.sampling)
   required = _required(job.plans)
   for number, (row, place, _, action) in enumerate(layers):
-    best, = best_takes([made[number * takes:(number + 1) * takes]], [parts[number]], required, model.fps,
+    best, = best_takes([motions[number * takes:(number + 1) * takes]], [parts[number]], required, model.fps,
                        model.stats.layout.skeleton)
-    found.setdefault((row, place), []).append((action, best.joints))
-  return found
+    sampled_layers.setdefault((row, place), []).append((action, best.joints))
+  return sampled_layers
 
 
 def _layer_frames(segments, place, spans, lengths):
-  """Frames of a layer: those of its segment in the motion; spans are of the segments that move."""
+  """Frames of a layer, which are those of its segment; spans: of the segments that move."""
   if segments[place].is_pause:
     return lengths[place]
   first, past = spans[sum(not segment.is_pause for segment in segments[:place])]
@@ -145,7 +145,7 @@ def _layer_frames(segments, place, spans, lengths):
 
 
 def described(plan: Plan, frames: Sequence[int], fps: float) -> str:
-  """A plan for a person to read: "walks forward (3.2 s) | waves the right hand (2.6 s)"."""
+  """A readable plan: "walks forward (3.2 s) | waves the right hand (2.6 s)"."""
   return " | ".join(f"{segment.words} ({count / fps:.1f} s)" for segment, count in zip(plan.segments, frames))
 
 
@@ -158,7 +158,7 @@ def _described(model, base, plan, layered, body):
     return base.replace(captions=captions, meta=meta)
   pauses = any(segment.is_pause for segment in plan.segments)
   did = " and ".join([f"body parts of {', '.join(layered)} layered"] * bool(layered) + ["pauses inserted"] * pauses)
-  # A pause moves nothing: what comes after it comes later.
+  # A pause shifts later frames, so that a comparison frame by frame would mean nothing.
   done = record("sample", did) | {"num_frames": [base.num_frames, len(joints)]} if pauses else (
       record("sample", did, base.joints, joints, base.skeleton))
   return base.replace(joints=joints, features=features_of(model, joints), captions=captions, meta=added(meta, done))

@@ -1,4 +1,4 @@
-"""Standing still below actions that need no sample, because the pose step adds them."""
+"""Standing still as the base motion of actions that are not sampled, because the pose step adds them."""
 from collections.abc import Callable
 
 from motion_jax_studio.language import Action, Plan
@@ -7,10 +7,10 @@ from motion_jax_studio.language.postures import postures_of
 
 
 def standing(plan: Plan, knows: Callable[[str], bool], can: Callable[[str], bool]) -> Plan:
-  """The plan in which a body stands still where it only leans, has its hands brought to a place, or makes a gesture.
+  """The plan with standing still as the base of each action that is only a lean, a hand pose or a gesture.
 
-  knows: whether a prompt is a training caption, which is sampled, unless it leans; can: whether a model can make a
-  gesture.
+  knows(prompt): whether it is a training caption, which is sampled unless it is a lean; can(prompt): whether the model
+  can sample this gesture.
   """
   segments = plan.read_segments
   prompt = lambda at: segments[at[0]].actions[at[1]].prompt
@@ -21,9 +21,9 @@ def standing(plan: Plan, knows: Callable[[str], bool], can: Callable[[str], bool
 
 
 def _standing(segment):
-  """The segment with a body that stands still below its action; unless another action moves more than arms and head."""
+  """The segment with standing still as its base action, unless another action moves more than arms and head."""
   who = segment.action.subject or "a person"
-  if any(one.part not in ("arms", "head") for one in segment.simultaneous):
+  if any(action.part not in ("arms", "head") for action in segment.simultaneous):
     return segment
   return segment._replace(action=Action(f"{who} {PAUSE}", PAUSE, "legs", verb="stand", subject=who),
                           simultaneous=segment.actions)
