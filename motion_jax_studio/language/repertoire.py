@@ -23,7 +23,7 @@ from motion_jax_studio.language.meaning import kind_of
 from motion_jax_studio.language.parser import parse
 from motion_jax_studio.language.plan import Plan
 
-# Least cosine of two phrases with the same meaning. Of the phrases of a shipped model, 1.5 to 1.7 % have no other one as
+# Least cosine of two phrases with the same meaning. In a shipped model 1.5 to 1.7 % of the phrases have no other one as
 # near as this; figures for prompts by people: docs/sentences.md.
 NEAR = 0.75
 _FEW, _EQUAL = 2, 0.9  # a phrase with at most _FEW near phrases is hardly learned, unless the nearest has this cosine

@@ -145,7 +145,7 @@ def segment_frames(planner: Any, prompt: str, plan: Plan | None, frames: float |
 
 
 def fit_to(counts: Sequence[int], is_given: Sequence[bool], total: int, least: int) -> list[int]:
-  """Counts that sum to `total`; those that the prompt states (`is_given`) stay if that leaves `least` for the others."""
+  """Counts that sum to `total`; those that the prompt states (`is_given`) stay if each other one can be `least`."""
   free = [count for count, given in zip(counts, is_given) if not given]
   left = total - sum(counts) + sum(free)
   if not free or left < least * len(free):
