@@ -1,6 +1,6 @@
-"""Small corrections of a sampled motion that nearly meets its requirements: a body that sits down last stays seated,
-left and right are exchanged where that is what is wrong, steps and jumps go where they should (`rerouting`), and feet
-do not float."""
+"""Small corrections of a sampled motion that nearly meets its requirements: a body that sits down last stays seated, a
+motion of the wrong side is mirrored, steps and jumps are moved to their direction (`rerouting`), and floating feet are
+put on the floor."""
 from collections.abc import Sequence
 from typing import Any
 
@@ -19,16 +19,16 @@ from motion_jax_studio.language.words import said, says, tokens
 from motion_jax_studio.planning.pauses import held_frame, insert_pause
 from motion_jax_studio.posing.rerouting import returning, shaped, stepping, towards
 
-_FLOATS = 0.08  # metres over the floor below which feet that never come lower count as standing
-_JUMPS, _IN_THE_AIR = 0.5, 0.05  # metres of a jump to a side, and of the lower foot over the floor in it
-_PUSHES = 0.08  # seconds, sigma of the push from the ground
+_FLOATS = 0.08  # metres; feet whose lowest height is above this float
+_JUMPS, _IN_THE_AIR = 0.5, 0.05  # metres: width of a jump to a side; height of the lower foot in flight, at least
+_PUSHES = 0.08  # seconds, sigma of the sideways push before and after a flight
 _SIDE_WORDS = {"left", "right", "clockwise", "counterclockwise"}
 _HANGS = "hang*, dangl*, bar, bars, swings on, rides, riding, swim*, flies, fly, flying"
 
 
 def corrected(model: Any, motion: Motion, requirements: Sequence[Requirement]) -> Motion:
-  """The motion with the corrections it needs, each recorded with the violation scores before and after; the same object
-  where it needs none."""
+  """Apply the corrections that the motion needs, each recorded with the violation scores before and after; returns the
+  same object if it needs none."""
   joints, records, score = motion.joints, [], None
   for did, correct in _CORRECTIONS:
     before, joints = joints, correct(joints, motion, requirements, model.stats.layout.skeleton)
@@ -41,9 +41,8 @@ def corrected(model: Any, motion: Motion, requirements: Sequence[Requirement]) -
 
 
 def _kept_seated(joints, motion, requirements, skeleton):
-  """Joints that hold the seated pose where sitting comes last and the body gets up again, be it to sit down once more.
-  """
-  seated = [one for one in requirements if one.kind == "seated"]
+  """Hold the seated pose if the plan ends seated and the body gets up, even if it sits down again."""
+  seated = [requirement for requirement in requirements if requirement.kind == "seated"]
   if not seated:
     return motion.joints
   first = round(motion.captions[-1].start * motion.fps) if motion.captions else 0
@@ -57,8 +56,8 @@ def _kept_seated(joints, motion, requirements, skeleton):
 
 
 def _mirrored(joints, motion, requirements, skeleton):
-  """The mirror image of joints, where it meets all requirements, joints do not, and nothing else is of one side."""
-  sided = [one for one in requirements if one.side in SIDES]
+  """Mirror the motion if only its mirror image meets the requirements, and each side in the captions belongs to one."""
+  sided = [requirement for requirement in requirements if requirement.side in SIDES]
   words = [word for caption in motion.captions for word in tokens(caption.text.replace("-", " "))]
   named = [word for word in words if word in _SIDE_WORDS]
   if not sided or len(named) != len(sided) or not violation_score(joints, sided, motion.fps):
@@ -68,12 +67,12 @@ def _mirrored(joints, motion, requirements, skeleton):
 
 
 def _jumping(joints, fps, requirements, skeleton):
-  """Joints whose jumps go to a side, as the requirements say, where they did not: each flight leads there.
+  """Move jumps to the required side, if they do not go there: each flight leads to it.
 
-  The feet are moved in the air only, the rest of the body begins with the push from the ground.
+  Feet move in the air only; the rest of the body already moves with the push from the ground.
   """
-  own = {one.kind: one for one in requirements}
-  wanted = [own[kind] for kind in ("aside", "jump", "hop") if kind in own]
+  by_kind = {requirement.kind: requirement for requirement in requirements}
+  wanted = [by_kind[kind] for kind in ("aside", "jump", "hop") if kind in by_kind]
   if len(wanted) < 2 or wanted[0].kind != "aside" or not violation_score(joints, wanted, fps):
     return joints
   body, flown = Body(joints, fps), np.zeros(len(joints))
@@ -89,7 +88,7 @@ def _jumping(joints, fps, requirements, skeleton):
 
 
 def _on_the_floor(joints, motion, _, skeleton):
-  """Joints whose feet come down to the floor, where they never did; not of a body that hangs, rides or swims."""
+  """Lower a motion whose feet never reach the floor, unless the body hangs, rides or swims."""
   height = float(floor_height(joints, skeleton))
   if height <= _FLOATS or motion.captions and says(said(motion.captions[0].text), _HANGS):
     return joints

@@ -1,4 +1,4 @@
-"""Hands are brought to where a plan has them, in a sampled motion that has them elsewhere."""
+"""Hand poses and gestures of a plan, added to a sampled motion whose hands are elsewhere."""
 import itertools
 
 import numpy as np
@@ -13,27 +13,27 @@ from motion_jax_studio.language import Plan
 from motion_jax_studio.language.hand_places import HandPlace, places_of
 from motion_jax_studio.posing.spans import bounds_of, rising
 
-_NEAR, _MOSTLY = 0.15, 0.4  # metres from its place at which a hand is there, and the share of the time that it needs
-_OVERLAP = 1.8  # times the seconds between two places of a gesture that flows: a hand is on its way to both
-_LOWERED = 1.0  # seconds in which hands come down that are up when a motion begins
+_NEAR, _MOSTLY = 0.15, 0.4  # a hand is in place if it is this close (metres) for this share of the time
+_OVERLAP = 1.8  # factor on the seconds between the places of a flowing gesture, so that moves to two places overlap
+_LOWERED = 1.0  # seconds to lower hands that are raised when a motion begins
 
 
 def with_hands(motion: Motion, plan: Plan) -> Float[np.ndarray, "t j 3"]:
-  """Joints of the motion of a plan with hands where its words have them; its own where they are there.
+  """Joints of a motion with the hand poses of its plan; its own joints if the hands are in place.
 
-  A hand is brought in the time of its action, kept to the end of it and of a pause after it, or until a later action
-  brings it elsewhere.
+  A hand reaches its place during its action, and keeps it to the end of the action and of pauses after it, or until a
+  later action moves it elsewhere.
   """
   segments, joints = plan.read_segments, motion.joints
   places = places_of(segments)
   if not any(places):
     return joints
   bounds = bounds_of(motion, segments)
-  for number, own in enumerate(places):
-    for at, place in own.items():
+  for number, hand_places in enumerate(places):
+    for at, place in hand_places.items():
       if not place.place and at == 0:
-        continue  # the network knows this gesture, and has made it
-      if place.place == "down" and number == 0:  # hands that are lowered first of all have been up
+        continue  # the network knows this gesture and has sampled it
+      if place.place == "down" and number == 0:  # hands that are lowered by the first action start raised
         weight = 1 - smoothstep(np.arange(len(joints)) / (_LOWERED * motion.fps))
         joints = bring_hands(joints, "front", place.sides, weight)
       joints = _brought(joints, place, bounds[number][0], _until(segments, places, bounds, number, place), motion.fps)
@@ -41,13 +41,13 @@ def with_hands(motion: Motion, plan: Plan) -> Float[np.ndarray, "t j 3"]:
 
 
 def _until(segments, places, bounds, number, place):
-  """The frame to which hands keep a place: that of the next place of theirs, if the arms do nothing before it; else
-  they keep it in the action itself and in a pause after it."""
+  """Last frame of a hand pose: the start of the next pose of these hands if the arms do nothing before it, else the end
+  of the action and of the pauses after it."""
   past, rests = bounds[number][1], True
   for later in range(number + 1, len(segments)):
     if any(not set(place.sides).isdisjoint(other.sides) for other in places[later].values()):
       return bounds[later][0]
-    if any(one.part == "arms" for one in segments[later].actions):
+    if any(action.part == "arms" for action in segments[later].actions):
       break
     rests = rests and segments[later].is_pause
     past = bounds[later][1] if rests else past
@@ -55,7 +55,7 @@ def _until(segments, places, bounds, number, place):
 
 
 def _brought(joints, place: HandPlace, first, past, fps):
-  """Joints with the hands of a place that are not there in frames first to past, or that make a gesture in them."""
+  """Bring hands to a place, or through a gesture, in frames first to past; hands that are in place stay as they are."""
   if past <= first:
     return joints
   sides = [side for side in place.sides if not place.place or (

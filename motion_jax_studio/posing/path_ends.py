@@ -15,13 +15,13 @@ from motion_jax_studio.language.path_shapes import is_gait
 from motion_jax_studio.planning import durations
 
 _STAYS = {"sit", "stand", "stop", "rest", "wait", "stay", "pause", "squat", "crouch", "kneel", "lie", "kick", "bow"}
-_FAR = 0.5      # metres of a path that is too long for a body that stays in place
+_FAR = 0.5      # metres; a longer path does not fit an action in place
 _SLOW, _STOPS = 0.3, 1.5  # metres a second of a body that has stopped, and seconds within which it stops
-_POINTS = 40    # way points of a path that has times
+_POINTS = 40    # way points of a path with times
 
 
 def moving_segments(plan: Plan) -> int:
-  """Number of segments before those at the end that stay in place; all of them where none goes anywhere."""
+  """Number of segments before the final ones that stay in place; all of them if none walks or runs."""
   segments = list(plan.segments)
   count = len(segments)
   while count and _stays(segments[count - 1]):
@@ -36,7 +36,7 @@ def frames_after_path(planner: Any, plan: Plan) -> int:
 
 
 def with_stop(constraints: Sequence[Constraint], motion: Motion, plan: Plan) -> list[Constraint]:
-  """The constraints; a path without times ends when the body stops after the segments that move along it."""
+  """The constraints, with times for a path that has none: it ends when the body stops after its moving segments."""
   count = moving_segments(plan)
   if count == len(plan.segments) or len(motion.captions) != len(plan.segments):
     return list(constraints)
@@ -44,18 +44,18 @@ def with_stop(constraints: Sequence[Constraint], motion: Motion, plan: Plan) -> 
   speed = Body(np.asarray(motion.joints, np.float64), motion.fps).speed[border:border + round(_STOPS * motion.fps)]
   stop = border + int(np.argmax(speed < _SLOW)) if (speed < _SLOW).any() else border
   stop = max(min(stop, motion.num_frames - 1), 1)
-  return [_with_times(one, motion, stop) if is_free(one) else one for one in constraints]
+  return [_with_times(constraint, motion, stop) if is_free(constraint) else constraint for constraint in constraints]
 
 
-def is_free(one: Constraint) -> TypeGuard[RootPath]:
+def is_free(constraint: Constraint) -> TypeGuard[RootPath]:
   """Whether a constraint is a path without times."""
-  return isinstance(one, RootPath) and one.points is not None and one.times is None and one.between and (
-      not np.ndim(one.heading))
+  return isinstance(constraint, RootPath) and constraint.points is not None and constraint.times is None and (
+      constraint.between and not np.ndim(constraint.heading))
 
 
 def note_of(plan: Plan, constraints: Sequence[Constraint]) -> str:
-  """A note about an action that is done along the path although it belongs at one place; "" where there is none."""
-  far = any(is_free(one) and paths.length(one.points[:, [0, -1]]) > _FAR for one in constraints)
+  """A note on an action in place, such as sitting down, that a path would carry along; "" if there is none."""
+  far = any(is_free(constraint) and paths.length(constraint.points[:, [0, -1]]) > _FAR for constraint in constraints)
   if not far or moving_segments(plan) < len(plan.segments):
     return ""
   low = next((action for action in plan.actions if action.verb in LOW and not action.is_pose), None)

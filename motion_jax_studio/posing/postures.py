@@ -1,4 +1,4 @@
-"""What needs no network: walks are turned to their side, hands and trunk brought to where a plan has them."""
+"""The pose step, which needs no network: turns walks to their side, and adds the leans and hand poses of a plan."""
 from typing import Any
 
 from motion_jax.models.results import Motion, features_of
@@ -14,8 +14,8 @@ _CHANGES = (("walks turned to their side", with_steering), ("trunk leant", with_
 
 
 def posed(model: Any, motion: Motion, plan: Plan | None) -> Motion:
-  """The motion of a plan with walks, trunk and hands where its words have them, each change recorded; the same object
-  where they are there."""
+  """The motion with the walking directions, leans and hand poses of its plan, each change recorded; the same object if
+  nothing changes."""
   if plan is None or not can_be_checked(model):
     return motion
   joints, records = motion.joints, []

@@ -1,7 +1,7 @@
-"""Another way for the steps of a sampled motion that nearly goes where its requirements say.
+"""Reroute the steps of a sampled motion whose path nearly meets its requirements.
 
-Steps in place and to a side are taken there, a way back leads back, and a walk in a circle, a figure of eight, a zigzag
-or around a corner is bent to that shape. Each step is moved as a whole, so that standing feet stand
+Steps in place or to a side are moved there, a way back is turned to its goal, and a walk in a circle, a figure of
+eight, a zigzag or around a corner is bent to that shape. Each step moves as a whole, which keeps standing feet in place
 (`motion.root_paths.along`).
 """
 import numpy as np
@@ -13,22 +13,22 @@ from motion_jax_studio.checks.violations import violation_score
 from motion_jax_studio.language.path_shapes import PACES
 from motion_jax_studio.language.requirements import Requirement
 
-_ASIDE = 0.35   # metres a second to a side
-_TURNS = 0.35   # seconds, sigma of what is no turn but a sway of the pelvis
-_FACES = 0.8    # radians by which a body that steps in place or to a side may turn away
-_MISSES, _STRIDES = 1.2, 1.5  # radians and factor by which a way back may miss the beginning
-# Metres of a path that is bent.
+_ASIDE = 0.35   # metres per second to a side
+_TURNS = 0.35   # seconds, sigma that removes the sway of the pelvis from its heading
+_FACES = 0.8    # radians, range of the heading of a body that steps in place or to a side
+_MISSES, _STRIDES = 1.2, 1.5  # largest error of a way back in radians, and as a factor of its length
+# Least metres of a path that can be bent to a shape, and the degrees of its course.
 _SHORTEST = {"circle": 4.0, "figure-eight": 7.0, "u-turn": 2.5, "curve": 1.6, "zigzag": 3.0, "turn": 1.6}
 _DEGREES = {"circle": 340.0, "figure-eight": 360.0, "u-turn": 180.0, "curve": 100.0, "turn": 90.0}
-_CORNER = 0.8   # metres, sigma of a turn by the way
-_LEGS, _SWERVE = 5, 60.0  # straight parts of a zigzag, and degrees of each from the way ahead
+_CORNER = 0.8   # metres, length of a turn during a walk
+_LEGS, _SWERVE = 5, 60.0  # straight parts of a zigzag, and degrees of each from its axis
 
 
 def stepping(joints, fps, requirements, skeleton):
-  """Joints whose steps are taken on one spot or to a side, as the requirements say, where the body went another way."""
-  own = {one.kind: one for one in requirements}
+  """Move steps in place, or to a side, as required, if the body went elsewhere."""
+  by_kind = {requirement.kind: requirement for requirement in requirements}
   pairs = (("aside", "sideways"), ("stays", "treads"))  # "walks to the left" is no side step
-  wanted = next(([own[kind] for kind in pair] for pair in pairs if set(pair) <= own.keys()), [])
+  wanted = next(([by_kind[kind] for kind in pair] for pair in pairs if set(pair) <= by_kind.keys()), [])
   if not wanted:
     return joints
   facing = gaussian_filter1d(np.unwrap(Body(joints, fps).heading), _TURNS * fps, mode="nearest")
@@ -42,9 +42,9 @@ def stepping(joints, fps, requirements, skeleton):
 
 
 def returning(joints, fps, requirements, skeleton):
-  """Joints whose way back leads to the beginning, as the requirements say, where it nearly did: from the farthest place
-  on the course is turned there, and its steps become longer or shorter."""
-  wanted = [one for one in requirements if one.kind == "return"]
+  """Lead a required way back to the start of the motion, if it nearly gets there: from the farthest point on, the path
+  is turned and the steps become longer or shorter."""
+  wanted = [requirement for requirement in requirements if requirement.kind == "return"]
   if not wanted or not violation_score(joints, wanted, fps):
     return joints
   path, _ = course(joints, fps)
@@ -62,20 +62,21 @@ def returning(joints, fps, requirements, skeleton):
 
 
 def shaped(joints, fps, requirements, skeleton, one_action):
-  """Joints whose walk has the shape that the requirements say, or turns to a side by the way: bent where it did not.
+  """Bend a walk to the required shape, or to a turn during the walk, if it has another one.
 
-  one_action: the walk and the turn are sampled as one; a turn before a walk, or after one, is not by the way.
+  one_action: walk and turn were sampled as one action; a turn before or after a walk is not corrected here.
   """
-  wanted = [one for one in requirements if one.kind in _SHORTEST and (one_action or one.kind != "turn")]
+  wanted = [requirement for requirement in requirements
+            if requirement.kind in _SHORTEST and (one_action or requirement.kind != "turn")]
   if len(wanted) != 1 or not violation_score(joints, wanted, fps) or wanted[0].kind == "turn" and (
-      wanted[0].degrees != (40, 140) or not any(one.kind in {*PACES, "run"} for one in requirements)):
+      wanted[0].degrees != (40, 140) or not any(requirement.kind in {*PACES, "run"} for requirement in requirements)):
     return joints
   path, gone = course(joints, fps)
   if gone[-1] < _SHORTEST[wanted[0].kind]:
     return joints
   steps = np.gradient(path, axis=0)
   goes = np.unwrap(np.arctan2(steps[:, 0], steps[:, 1]))
-  # Where the body stands its course has no direction: that of its next steps.
+  # Resampled by distance, for the course has no direction while the body stands.
   way = lambda metres: np.interp(metres, np.linspace(0, gone[-1], 200), gaussian_filter1d(
       np.interp(np.linspace(0, gone[-1], 200), gone, goes), 6, mode="nearest"))
   side = wanted[0].side or ("left" if way(gone[-1]) >= way(0.0) else "right")
@@ -86,7 +87,7 @@ def shaped(joints, fps, requirements, skeleton, one_action):
 
 
 def _course(kind, metres, length):
-  """Degrees to a side from the first direction, at metres of a path of a shape."""
+  """Degrees between the first direction and that after `metres` of a shape of this length."""
   if kind == "zigzag":
     return _SWERVE * np.sin(np.pi * _LEGS * metres / length)
   if kind == "turn":

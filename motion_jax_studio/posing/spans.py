@@ -1,4 +1,4 @@
-"""When the segments of a plan are in a motion, and how postures come and go in them."""
+"""Frames of a plan's segments in a motion, and weights that blend postures in and out."""
 from collections.abc import Sequence
 
 import numpy as np
@@ -8,21 +8,21 @@ from motion_jax.motion.smoothing import smoothstep
 from motion_jax.shapes import Float
 from motion_jax_studio.language import Segment
 
-_RISE, _FALL = 0.8, 0.7  # seconds in which a posture is taken, and goes over into the sampled motion
-_SHARE = 0.4             # of the time of an action, at most, in which it is taken
+_RISE, _FALL = 0.8, 0.7  # seconds to blend a posture in, and out
+_SHARE = 0.4             # largest share of an action's time for blending in
 
 
 def bounds_of(motion: Motion, segments: Sequence[Segment]) -> list[tuple[int, int]]:
   """(first frame, frame past the last) of each segment of a motion."""
   if len(segments) == 1:
     return [(0, motion.num_frames)]
-  return [(round(one.start * motion.fps), round(one.end * motion.fps)) for one in motion.captions]
+  return [(round(caption.start * motion.fps), round(caption.end * motion.fps)) for caption in motion.captions]
 
 
 def rising(count: int, first: int, past: int, fps: float, at_once: bool = False) -> Float[np.ndarray, " t"]:
-  """Weight (count,) of a posture: from 0 to 1 in the first of its frames, first to past, and back to 0 after them.
+  """Weight (count,) of a posture in frames first to past: rises from 0 to 1 at their beginning, and falls after them.
 
-  at_once: it is 1 from the first frame of a motion that begins with it.
+  at_once: 1 from the start for a posture in which the motion begins (first = 0).
   """
   k = np.arange(count)
   rise = np.ones(count) if at_once and first == 0 else (k - first) / max(min(_RISE * fps, _SHARE * (past - first)), 1)

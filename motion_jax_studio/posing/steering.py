@@ -1,4 +1,4 @@
-"""Walks of a plan that lead to a side, one after the other: their courses are turned there if they lead elsewhere."""
+"""Successive walks of a plan, each to a side: their paths are turned there if they lead elsewhere."""
 from collections.abc import Sequence
 
 import numpy as np
@@ -12,12 +12,12 @@ from motion_jax.shapes import Float
 from motion_jax_studio.language import Plan, Segment
 from motion_jax_studio.posing.spans import bounds_of
 
-_TURN, _ENOUGH = 75.0, (30.0, 150.0)  # degrees to a side that a course is turned, and that it may have by itself
-_FAR, _CORNER = 0.5, 0.8  # metres that a walk leads at least, and in which it is turned
+_TURN, _ENOUGH = 75.0, (30.0, 150.0)  # degrees to a side: of a corrected walk, and the range that needs no correction
+_FAR, _CORNER = 0.5, 0.8  # metres: least distance of a walk, and length of the turn
 
 
 def with_steering(motion: Motion, plan: Plan) -> Float[np.ndarray, "t j 3"]:
-  """Joints of the motion of a plan of several walks, those to a side turned there; its own where they lead there."""
+  """Joints of a motion with each walk of its plan to a side turned there; its own joints if all walks are right."""
   segments = plan.read_segments
   walks = [(number, side) for number, segment in enumerate(segments) if (side := segment.action.course) is not None]
   if len(walks) < 2 or not any(side for _, side in walks):
@@ -31,8 +31,8 @@ def with_steering(motion: Motion, plan: Plan) -> Float[np.ndarray, "t j 3"]:
 
 
 def _turns(segments: Sequence[Segment], walks, bounds, path, heading):
-  """[(frame, radians to the left)] by which the course is turned from a frame on."""
-  found, turned, before = [], 0.0, float(heading)
+  """[(frame, radians to the left)]: the path is turned from this frame on."""
+  turns, turned, before = [], 0.0, float(heading)
   for number, side in walks:
     first, past = bounds[number]
     way = path[min(past, len(path)) - 1] - path[first]
@@ -41,14 +41,14 @@ def _turns(segments: Sequence[Segment], walks, bounds, path, heading):
     backward = segments[number].action.is_backward
     goes = float(np.arctan2(*way)) + turned
     if side:
-      # Of a walk backward, left and right of the body are right and left of the course.
+      # In a walk backward, the left of the body is the right of the path.
       sign = (1 if side == "left" else -1) * (-1 if backward else 1)
-      if not found and number == walks[0][0] and backward:
+      if not turns and number == walks[0][0] and backward:
         before += np.pi
       change = np.degrees(np.angle(np.exp(1j * (goes - before)))) * sign
       if not _ENOUGH[0] <= change <= _ENOUGH[1]:
         turn = float(np.angle(np.exp(1j * (before + sign * np.radians(_TURN) - goes))))
-        found.append((first, turn))
+        turns.append((first, turn))
         turned, goes = turned + turn, goes + turn
     before = goes
-  return found
+  return turns
