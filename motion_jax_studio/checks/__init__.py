@@ -1,2 +1,2 @@
-"""What a plan requires of a motion, measured on its joints, and best-of-n resampling by it."""
-MAX_ATTEMPTS = 4  # at a motion, by default
+"""Prompt checks: the requirements of a plan, measured on joints, and best-of-n sampling by them."""
+MAX_ATTEMPTS = 4  # samples per motion, by default

@@ -1,4 +1,4 @@
-"""Best of n: rows of samples, each scored and sampled again until it is good enough."""
+"""Best-of-n sampling: each row is sampled and scored until a sample is good enough."""
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
@@ -22,10 +22,10 @@ class Best(NamedTuple):
 
 def best_of(sample: Callable[[Sequence[int], int, Sequence[Best]], Sequence[tuple[Any, dict[str, Any]]]],
             score: Callable[[int, Any], float], count: int, n: int, until: float = 0.0) -> list[Best]:
-  """The best of up to n samples of each of `count` rows: that of the lowest score, of equals the first.
+  """The best of up to n samples of each of `count` rows: the first one with the lowest score.
 
-  sample(rows, number, bests so far) -> (sample, record) of each of these rows, its attempt `number`, from 0.
-  score(row, sample). A row whose best score is `until` or less is not sampled again; -1 samples all n times.
+  sample(rows, number, bests so far) -> (sample, record) of attempt `number`, from 0, at each of these rows. score(row,
+  sample) -> float, 0 for a perfect one. until: a row with this score or less is not sampled again; -1: all n times.
   """
   bests = [Best([]) for _ in range(count)]
   for number in range(n):

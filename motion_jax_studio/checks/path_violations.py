@@ -1,4 +1,4 @@
-"""Prompt checks of paths: how far the path of a body is from the shape and the pace that its prompt requires.
+"""Prompt checks of paths: how far a body's path is from the shape or pace that its prompt requires.
 
 Circles, half circles, figures of eight, curves and zigzags are measured by the direction of travel, slow and quick by
 the usual pace of captions by kinematics (`analysis.event_words`).
@@ -9,20 +9,20 @@ from motion_jax.analysis.event_words import QUICKLY, SLOWLY, USUAL
 from motion_jax.analysis.signals import Body, course_of, turning_points
 from motion_jax_studio.language.path_shapes import PACES, PathShape
 
-_MOVING, _MOVING_SLOWLY = 0.3, 0.12  # metres per second from which on a body goes somewhere, and of a slow walk
+_MOVING, _MOVING_SLOWLY = 0.3, 0.12  # least metres per second of a moving body, and of one that has to be slow
 _CIRCLE = 300.0     # degrees of a circle at least, as in `analysis.events`
 _LOOP = 270.0       # degrees of each loop of a figure of eight at least: those of a lemniscate
 _HALF_CIRCLE, _CURVE = (150.0, 210.0), (40.0, 300.0)
 _ZIGZAG_TURNS, _ZIGZAG_ANGLE = 4, 25.0  # turns of a zigzag, and degrees of each at least
 _STRAIGHT = 45.0    # degrees by which a straight path bends at most
 _TURNED_BACK = 30.0  # degrees by which a circle may turn the other way
-_WORST = 0.9        # violation of a path that goes somewhere but has another shape; 1 for one that does not
+_WORST = 0.9        # largest violation of a path with another shape; 1 is for a body that stays in place
 
 
 def path_violation(body: Body, shape: PathShape) -> float:
-  """How far the path of a body is from a shape or pace, 0 where it is met.
+  """How far a body's path is from a shape or pace; 0 if it is met.
 
-  Up to 0.9 by the degrees or the speed that it is off; 1 for a turn to the other side and a body that stays in place.
+  Up to 0.9 by the error in degrees or speed; 1 for a turn to the other side, and for a body that stays in place.
   """
   if body.num < 4:
     return float(shape.kind != "usual")

@@ -1,22 +1,23 @@
-"""Prompt checks of postures and places: a body that bends, crouches, lifts a foot or stands on one, and one that stays
-where it is, goes to a side, or comes back.
+"""Prompt checks of postures and places: bending, crouching, lifting a foot, standing on one leg; staying in place,
+going to a side, coming back.
 
-Each takes a `Body`, and where the requirement has a side also the requirement; 0 where it is met, else up to 1.
+Each function takes a `Body` and, if its requirement has a side, the requirement; it returns 0 if that is met, else up
+to 1.
 """
 import numpy as np
 
 from motion_jax.analysis.signals import PAIR, SIDES, Body
 from motion_jax_studio.language.requirements import Requirement
 
-_BENT = 32.0           # degrees of a trunk that bends
+_BENT = 32.0           # least degrees of a bent trunk
 _HEIGHT_PER_LEG = 1.1  # height of the standing pelvis in lengths of a leg, at least; median of CMU 1.14, of Bandai 1.18
 _CROUCHED = 0.78       # of the height of the standing pelvis
 _CROUCH_SECONDS, _BALANCE_SECONDS = 0.6, 1.1
-_LIFTED, _OFF_GROUND = 0.17, 0.13  # metres of a foot over the other one, and over the ground
-_TREADS = 0.07         # metres by which each foot is lifted, twice or more, by a body that walks in place
-_STAYS, _AWAY = 0.6, 0.8  # metres from where it began: of a body that stays there, and of one that goes away at least
-_BACK = 0.4            # of the furthest distance, from which a body has come back
-_ASIDE, _ASIDE_DEGREES = 0.6, (35.0, 145.0)  # metres on the way to a side, and degrees from where the body faced
+_LIFTED, _OFF_GROUND = 0.17, 0.13  # least metres of a lifted foot over the other one, and over the ground
+_TREADS = 0.07         # least metres of each foot over the other one in a walk in place
+_STAYS, _AWAY = 0.6, 0.8  # metres from the start: most of a body in place, least of one that goes away
+_BACK = 0.4            # share of the furthest distance within which a body has come back
+_ASIDE, _ASIDE_DEGREES = 0.6, (35.0, 145.0)  # metres of a way to a side, and degrees from where the body faced
 
 
 def not_bent(body: Body) -> float:
@@ -25,14 +26,14 @@ def not_bent(body: Body) -> float:
 
 
 def upright_height(body: Body) -> float:
-  """Height over its soles of the pelvis of a body that stands, by the length of its legs."""
+  """Height of the standing pelvis over the soles, estimated from the length of the legs."""
   joints = body.joints
   thighs, shins = joints[:, [1, 2]] - joints[:, [4, 5]], joints[:, [4, 5]] - joints[:, [7, 8]]
   return _HEIGHT_PER_LEG * float(np.linalg.norm(thighs, axis=-1).mean() + np.linalg.norm(shins, axis=-1).mean())
 
 
 def not_crouched(body: Body) -> float:
-  """Crouch: the pelvis is below 0.78 of its usual height, or that of its legs, for 0.6 s."""
+  """Crouch: the pelvis is below 0.78 of its standing height (seen, or by the legs) for 0.6 s."""
   height = body.pelvis / max(float(np.percentile(body.pelvis, 95)), upright_height(body), 1e-6)
   if body.spans(height < _CROUCHED, least=_CROUCH_SECONDS):
     return 0.0
@@ -42,12 +43,12 @@ def not_crouched(body: Body) -> float:
 def foot_not_lifted(body: Body, requirement: Requirement) -> float:
   """Lift a foot or knee: the foot is 0.17 m over the other one."""
   height = body.joints[:, PAIR["foot"], 1]
-  over = {side: float((height[:, own] - height[:, 1 - own]).max()) for own, side in enumerate(SIDES)}
+  over = {side: float((height[:, foot] - height[:, 1 - foot]).max()) for foot, side in enumerate(SIDES)}
   return _lacks(over.get(requirement.side, max(over.values())), _LIFTED)
 
 
 def not_balanced(body: Body, requirement: Requirement) -> float:
-  """Stand on one leg: the other foot, or any where no leg is named, is off the ground for 1.1 s; that one stands."""
+  """Stand on one leg, the named one or any: the other foot is off the ground for 1.1 s while this one stands."""
   up = body.joints[:, PAIR["foot"], 1] - body.floor > _OFF_GROUND
   stands = [SIDES.index(requirement.side)] if requirement.side else [0, 1]
   spans = [past - first for one in stands for first, past in body.spans(up[:, 1 - one] & ~up[:, one])]
@@ -57,7 +58,7 @@ def not_balanced(body: Body, requirement: Requirement) -> float:
 def does_not_tread(body: Body) -> float:
   """Walk or run in place: each foot is lifted twice or more."""
   height = body.joints[:, PAIR["foot"], 1]
-  lifts = [len(body.spans(height[:, one] - height[:, 1 - one] > _TREADS, least=0.05)) for one in (0, 1)]
+  lifts = [len(body.spans(height[:, foot] - height[:, 1 - foot] > _TREADS, least=0.05)) for foot in (0, 1)]
   return _lacks(min(lifts), 2)
 
 
@@ -87,12 +88,12 @@ def not_aside(body: Body, requirement: Requirement) -> float:
 def other_hand_acts(body: Body, requirement: Requirement) -> float:
   """An action of one hand: that hand is no slower than the other, seen from its shoulder, in root mean square."""
   speed = np.sqrt((np.diff(body.local("wrist", "shoulder"), axis=0) ** 2).sum(-1).mean(0))
-  own = SIDES.index(requirement.side)
-  return _lacks(float(speed[own]), max(float(speed[1 - own]), 1e-6))
+  hand = SIDES.index(requirement.side)
+  return _lacks(float(speed[hand]), max(float(speed[1 - hand]), 1e-6))
 
 
 def _lacks(value, least):
-  """What a value lacks to the least one, as a share of it, at most 0.9."""
+  """The share of the least value that is missing: 0 to 0.9."""
   return float(np.clip(1 - value / least, 0.0, 0.9))
 
 

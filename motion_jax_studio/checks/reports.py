@@ -1,4 +1,4 @@
-"""Violations of requirements in words: "no kick with the right leg seen"."""
+"""Violated requirements as sentences: "no kick with the right leg seen"."""
 import functools
 import warnings
 from collections.abc import Sequence
@@ -30,23 +30,24 @@ _STATES = {
     "quickly": "the {} is not quick", "usual": "the {} is faster than usual"}
 _SIDED_STATES = {"foot": "{} foot is not lifted far", "balance": "the body does not stand on {} leg",
                  "aside": "the body does not go to {}", "acts": "{} hand moves less than the other"}
-_NAMED = 5  # motions of a call that a warning names
+_NAMED = 5  # most warnings of a call
 
 
 def unmet_requirements(joints: Num[np.ndarray, "t 22 3"], requirements: Sequence[Requirement], fps: float = 20.0
                        ) -> list[str]:
-  """The requirements that joints (T, 22, 3) violate, each in words; of a motion or of any span of one."""
+  """The requirements that joints (T, 22, 3) of a motion, or of a span of one, violate, as sentences."""
   if not requirements:
     return []
   body = Body(np.asarray(joints, np.float64), fps)
   events = functools.cache(lambda: find_events(joints, fps))
-  missing = [one for one in requirements if violation(body, events, one)]
-  never_sat = any(one.kind == "sit" for one in missing)
-  return [_described(one, events) for one in missing if not (never_sat and one.kind == "seated")]
+  missing = [requirement for requirement in requirements if violation(body, events, requirement)]
+  never_sat = any(requirement.kind == "sit" for requirement in missing)
+  return [_described(requirement, events) for requirement in missing
+          if not (never_sat and requirement.kind == "seated")]
 
 
 def report(prompts: Sequence[str], unmet: Sequence[Sequence[str]], attempts: int) -> None:
-  """Warns of motions that still violate requirements after all attempts."""
+  """Warn about motions that still violate requirements after all attempts."""
   failed = [(prompt, missing) for prompt, missing in zip(prompts, unmet) if missing]
   for prompt, missing in failed[:_NAMED]:
     warnings.warn(note_of(attempts, missing, prompt), stacklevel=2)
@@ -75,14 +76,14 @@ def _described(requirement, events):
     return f"no {'full ' if kind == 'circle' else ''}{kind}{f' to the {side}' if side else ''} seen"
   noun = _NOUNS.get(kind, kind)
   where = {"": "", "backward": ""}.get(side, f" with the {side} {_LIMB[kind]}" if kind in _LIMB else f" to the {side}")
-  own = events_of(events(), requirement)
-  seen = number_of(own, kind)
+  matching = events_of(events(), requirement)
+  seen = number_of(matching, kind)
   if not seen:
     return f"no {noun}{where} seen"
   if seen < times or counted and seen > times:
     return f"{_number(seen, noun)}{where} seen instead of {times}"
   if degrees is not None:
-    turned = abs(sum(event.amount for event in own))
+    turned = abs(sum(event.amount for event in matching))
     return f"a turn{where} by {turned:.0f} degrees seen instead of {max(degrees[0], 0):.0f} to {degrees[1]:.0f}"
   return f"feet go up more often than {_number(times, noun)}{where} would"
 

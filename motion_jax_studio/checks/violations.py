@@ -1,10 +1,10 @@
-"""Prompt checks: how far the joints of a motion are from what its prompt requires.
+"""Prompt checks: how far the joints of a motion are from the requirements of its prompt.
 
 Samples with a violation are resampled (best of n). `analysis.events` detects kicks, punches, jumps, hops, squats, bows,
 waves, turns and walks backward, with side and number; sitting, standing still, dancing in place and the speed of a run
-are measured here, shape and pace of a path in `path_violations`. The rules of events are not certain near their
-limits, so a motion with a violation may still be a good one. Every function takes joints of any span: those of one
-action, or of the frames that an edit has made. `reports.unmet_requirements` says violations in words.
+are measured here, shape and pace of a path in `path_violations`. The detection of events is uncertain near its limits,
+so a motion with a violation may still be a good one. Every function takes joints of any span: those of one action, or
+the new frames of an edit. `reports.unmet_requirements` describes violations in words.
 """
 import functools
 from collections.abc import Callable, Sequence
@@ -32,41 +32,41 @@ _SEATED_HEIGHT = 0.89  # of the pelvis on a high stool
 _THIGH_ANGLE = 45.0  # degrees of both thighs from upright in a seat; captured ones have 53 and more
 _STANDING_HEIGHT = 0.92  # of the pelvis after getting up
 _HOLD_SECONDS = 0.5  # of sitting, and of standing after getting up
-_LEAVES_SEAT = 0.4  # of the way up from the lowest point, from which a body that sat gets up
+_LEAVES_SEAT = 0.4  # share of the way up from the lowest point at which a seated body counts as getting up
 _CLIMB = 0.25  # metres up or down on stairs
 _SIDEWAYS_SECONDS = 0.8  # of a walk to a side
 _RAISED_SECONDS = 0.3  # of a hand over its shoulder
 _LYING_HEIGHT = 0.4  # metres of the head over the ground
-_WEAK_KICK = 0.4  # of a violation: a foot that goes up and is no kick, where kicks are counted
+_WEAK_KICK = 0.4  # violation of a lifted foot that is no detected kick, if kicks are counted
 
 
 def can_be_checked(model: Any) -> bool:
-  """Whether requirements can be measured on the motions of a model: on the skeleton of 22 joints alone."""
+  """Whether requirements can be measured on motions of a model, which needs HumanML3D's skeleton of 22 joints."""
   return model.stats.layout.skeleton is HUMANML3D
 
 
 def violation_score(joints: Num[np.ndarray, "t 22 3"], requirements: Sequence[Requirement], fps: float = 20.0
                     ) -> float:
-  """How far joints (T, 22, 3) are from their requirements, the sum of `violations`: 0 where all are met."""
+  """The sum of `violations` of joints (T, 22, 3): 0 if all requirements are met."""
   return float(sum(violations(joints, requirements, fps)))
 
 
 def violations(joints: Num[np.ndarray, "t 22 3"], requirements: Sequence[Requirement], fps: float = 20.0
                ) -> list[float]:
-  """How far joints (T, 22, 3) are from each requirement, 0 where it is met.
+  """How far joints (T, 22, 3) are from each requirement; 0 if it is met.
 
-  1 for each missing event, and for each surplus one where they are counted; less than 1 for near misses: a dance that
-  wanders, by its distance, a fist too slow for a punch, by its speed, a turn, by the degrees that it is off.
+  1 for each missing event and, if events are counted, for each surplus one. Near misses are less than 1: a dance that
+  wanders (by its distance), a fist that is too slow for a punch (by its speed), a turn (by its error in degrees).
   """
   if not requirements:
     return []
   body = Body(np.asarray(joints, np.float64), fps)
   events = functools.cache(lambda: find_events(joints, fps))
-  return [violation(body, events, one) for one in requirements]
+  return [violation(body, events, requirement) for requirement in requirements]
 
 
 def violation(body: Body, events: Callable[[], Sequence[Event]], requirement: Requirement) -> float:
-  """How far a body is from one requirement. events: finds the events of the body, called only where needed."""
+  """How far a body is from one requirement. events() -> its events, called only if needed."""
   if requirement.kind in KINDS:
     return _of_path(body, requirement)
   if requirement.kind in _MEASURES:
@@ -94,21 +94,21 @@ def number_of(events: Sequence[Event], kind: str) -> int:
 
 def _event_violation(body, events, requirement):
   kind, side, times, counted, degrees = requirement
-  own = events_of(events, requirement)
-  number = number_of(own, kind)
+  matching = events_of(events, requirement)
+  number = number_of(matching, kind)
   missed = float(abs(number - times) if counted else max(times - number, 0))
-  if kind == "kick" and counted:  # a viewer counts slow and bent legs, too
+  if kind == "kick" and counted:  # viewers also count slow kicks and those with a bent leg
     missed += _WEAK_KICK * abs(feet_up(body) - times)
   if degrees is not None and number >= times:
-    total = abs(sum(event.amount for event in own))
+    total = abs(sum(event.amount for event in matching))
     missed += min(max(degrees[0] - total, total - degrees[1], 0.0) / 90, 0.9)
-  if kind == "punch" and number < times:  # of motions without a punch the fastest fist is the best
+  if kind == "punch" and number < times:  # ranks motions without a punch by their fastest fist
     missed -= 0.9 * min(punch_speed(body, side) / PUNCH, 1.0)
   return missed
 
 
 def excess_speed(joints: Num[np.ndarray, "t 22 3"], requirements: Sequence[Requirement], fps: float = 20.0) -> float:
-  """By which share joints (T, 22, 3) are too fast: a run above human speed, a walk of no given pace above a quick one.
+  """Share by which joints (T, 22, 3) are too fast: a run above human speed, or a walk of unstated pace above a quick one.
 
   Guidance raises speed: "runs fast" goes 5.6 m/s at `cmdm-small`'s own guidance and 4.4 without any, and feet slide
   more at higher speeds.
@@ -116,8 +116,8 @@ def excess_speed(joints: Num[np.ndarray, "t 22 3"], requirements: Sequence[Requi
   if len(joints) < 2:
     return 0.0
   body = Body(np.asarray(joints, np.float64), fps)
-  return float(sum(_too_fast(body) if one.kind == "run" else _of_path(body, one)
-                   for one in requirements if one.kind in ("run", "usual")))
+  return float(sum(_too_fast(body) if requirement.kind == "run" else _of_path(body, requirement)
+                   for requirement in requirements if requirement.kind in ("run", "usual")))
 
 
 def _too_fast(body):
@@ -147,7 +147,7 @@ def _seconds_towards(body, degrees):
 
 
 def _not_backward(body, seconds=_BACKWARD_SECONDS):
-  """Walk backward: this many seconds of it. Measured here, since forward and back again is a single event."""
+  """Walk backward for this many seconds. Not taken from events, for walking forward and back is a single event."""
   return _seconds_towards(body, 180) < seconds
 
 
@@ -159,8 +159,7 @@ def _not_sideways(body, requirement):
 
 
 def _not_raised(body, requirement):
-  """Raise a hand: the named one, both, or any is over its shoulder for 0.3 s; where they are counted the other is not.
-  """
+  """Raise a hand: the named one, both, or any is over its shoulder for 0.3 s; if counted, the other one is not."""
   side = requirement.side
   over = body.local("wrist", "shoulder")[..., 1] > 0
   seconds = over.sum(0) / body.fps if side != "both" else np.repeat(over.all(1).sum() / body.fps, 2)
@@ -180,13 +179,13 @@ def _no_step_back(body):
 
 
 def _standing_height(body):
-  """Height of the pelvis of the standing body: that of most frames or, where it rarely stands, by its legs."""
+  """Height of the standing pelvis: its 90th percentile or, if larger, the estimate from the legs."""
   return max(np.percentile(body.joints[:, 0, 1], 90), posture_violations.upright_height(body))
 
 
 def _moves(body):
-  """Standing still: the share of time in which a hand, a foot or the head moves, and the distance to the end; a
-  gesture, however short, counts as a fifth of the time."""
+  """Standing still: the share of time in which a hand, a foot or the head moves, plus the distance from start to end.
+  Any gesture counts as a fifth of the time or more."""
   ends = body.joints[:, [10, 11, 15, 20, 21]]
   speed = np.linalg.norm(np.diff(ends, axis=0), axis=-1).max(1) * body.fps
   moves, away = float((speed > _SWAY).mean()) if len(speed) else 0.0, _distance(body)
@@ -215,7 +214,7 @@ def _never_sits(body):
 
 
 def _not_seated(body):
-  """Sit at the end: in a seat in the last half second, and hardly higher than before."""
+  """Sit at the end: in a seat for the last half second, and not getting up in it."""
   height = body.joints[:, 0, 1]
   lowest, standing = float(height.min()), _standing_height(body)
   rises = float(height[_last(body)].max()) > lowest + _LEAVES_SEAT * max(standing - lowest, 0.0)
@@ -223,7 +222,7 @@ def _not_seated(body):
 
 
 def gets_up(body: Body) -> int:
-  """The frame in which a body gets up after it has come to sit, the number of frames where it stays seated."""
+  """The frame in which a body gets up after sitting down; the number of frames if it stays seated."""
   height, sits = body.joints[:, 0, 1], _sits(body)
   stood = int(np.argmin(sits))  # one that begins seated has not come to sit
   seat = stood + int(np.argmax(sits[stood:]))
@@ -261,7 +260,7 @@ def _missing_climb(metres):
   return float(np.clip(1 - metres / _CLIMB, 0.0, 0.9))
 
 
-# Measures of requirements that are no events.
+# Measures of requirements that are not detected events.
 _MEASURES = posture_violations.MEASURES | {
     "dance": _dance_wanders, "run": _too_fast, "still": _moves, "rise": _not_up, "seated": _not_seated,
     "sit": _never_sits, "step": _no_step_back, "walk": _not_backward, "ascend": _not_climbed,
