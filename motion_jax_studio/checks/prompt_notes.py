@@ -50,7 +50,7 @@ def notes_of(planner: Any, prompts: Iterable[str | Plan], postures: bool = True)
 
 
 def _denial(prompt):
-  """The word that negates an action of a prompt, "" if there is none; "does not move" is standing still, no negation."""
+  """The word that negates an action of a prompt, "" if there is none; "does not move" counts as standing still."""
   if isinstance(prompt, str) or any(requirement.kind == "still" for requirement in prompt.requirements):
     return ""
   return next((word for part in prompt.prompts for word in part.lower().split() if word in NEGATIONS), "")

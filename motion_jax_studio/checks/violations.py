@@ -108,7 +108,7 @@ def _event_violation(body, events, requirement):
 
 
 def excess_speed(joints: Num[np.ndarray, "t 22 3"], requirements: Sequence[Requirement], fps: float = 20.0) -> float:
-  """Share by which joints (T, 22, 3) are too fast: a run above human speed, or a walk of unstated pace above a quick one.
+  """Share by which joints (T, 22, 3) are too fast: a run above human speed, a walk of no stated pace above a quick one.
 
   Guidance raises speed: "runs fast" goes 5.6 m/s at `cmdm-small`'s own guidance and 4.4 without any, and feet slide
   more at higher speeds.
