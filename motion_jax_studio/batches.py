@@ -1,4 +1,4 @@
-"""Requests for many motions: what is planned for them, and batches that fit in memory."""
+"""Requests for many motions: their plans, and batches that fit in memory."""
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -17,15 +17,15 @@ class Request(NamedTuple):
 
 
 class Planned(NamedTuple):
-  """What is known before sampling: of each request its plan (None: the prompt as given) and number of frames, and notes
-  on all prompts."""
+  """The result of planning: for each request its plan (None: the prompt as given) and number of frames; notes on all
+  prompts."""
   plans: list[Plan | None]
   frames: list[int]
   notes: list[str]
 
 
 def batches(frames: Sequence[float], fps: float) -> list[slice]:
-  """Slices of motions with these lengths, each of at most `BATCH_FRAMES` frames or a single motion.
+  """Slices that split motions of these lengths into batches of at most `BATCH_FRAMES` frames, or of one motion.
 
   Raises InputError for more than `MOST_FRAMES` together.
   """

@@ -6,9 +6,9 @@ from motion_jax.motion.skeleton import HUMANML3D
 
 
 def blended(first: Clip, second: Clip, seconds: float = 1.0) -> tuple[Clip, float]:
-  """(the first clip followed by the second, the second from which that one plays); see `control.finishing.blend`.
+  """Blend two clips; returns (clip, time in seconds at which the second begins). See `control.finishing.blend`.
 
-  Both are brought to the rate of the first and the skeleton of 22 joints.
+  Both are converted to the frame rate of the first and to the skeleton of 22 joints.
   """
   fps = first.fps
   joints, border = finishing.blend(*(on_our_body(clip, fps, HUMANML3D) for clip in (first, second)), seconds, fps)
@@ -17,4 +17,4 @@ def blended(first: Clip, second: Clip, seconds: float = 1.0) -> tuple[Clip, floa
                    ((texts[0], 0.0, border / fps), (texts[1], border / fps, len(joints) / fps)) if text)
   return Clip(joints, fps, captions, id="blended", source=f"{first.source or first.id}, then "
               f"{second.source or second.id}", license=" ".join(dict.fromkeys(
-                  one.license for one in (first, second) if one.license))), border / fps
+                  clip.license for clip in (first, second) if clip.license))), border / fps

@@ -21,7 +21,7 @@ import numpy as np
 
 
 class Client:
-  """The requests of docs/protocol.md. Raises ValueError with the studio's sentence if it refuses one."""
+  """The requests of docs/protocol.md. A refused request raises ValueError with the studio's message."""
 
   def __init__(self, address):
     parts = urllib.parse.urlsplit(address)
@@ -65,7 +65,7 @@ def joints_of(motion):
 class Live:
   """Yields joints (n, J, 3) block by block; `last` is the header of the latest block, `messages` the other messages.
 
-  `poses` yields the poses beside them, which `pose=` of the stream chooses, and `about` says what they hold.
+  `poses` yields the poses that the stream's `pose=` adds to the joints, and `about` describes their values.
   """
 
   def __init__(self, address, start):
@@ -82,7 +82,7 @@ class Live:
 
   @property
   def about(self):
-    """What a row of `poses` holds; {} before the stream has started."""
+    """Description of a row of `poses`; {} before the stream has started."""
     return next((message["pose"] for message in reversed(self.messages) if message.get("pose")), {})
 
   def __iter__(self):

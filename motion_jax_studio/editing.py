@@ -1,7 +1,7 @@
-"""Edits as an animator needs them: new frames where they were requested, all others as and where they were.
+"""Edits of motions: regenerate requested frames, and keep the poses and places of all others.
 
-The frames are sampled and pasted back by the library (`models.shared.pasting`); here they are scored by what the prompt
-requires, by the lengths of the bones and by sliding feet, and sampled again until an attempt is fit for use.
+The library samples the frames and pastes them into the clip (`models.shared.pasting`). Here they are scored by the
+requirements of the prompt, by bone lengths and by foot skating, and resampled until an attempt is good enough.
 """
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -22,23 +22,23 @@ from motion_jax_studio.checks.violations import can_be_checked, excess_speed, vi
 from motion_jax_studio.language import Plan
 from motion_jax_studio.planning.job import Job
 
-_DISTORTED = 0.25  # share of its length that a bone may be off in one of ten new frames
-_SLIDES = 0.3     # metres a second that the slower foot slides on average at most, but in runs
-_SHORTEST = 0.5  # seconds in which an action can be seen
+_DISTORTED = 0.25  # largest error of bone lengths, as a share, in 90 % of the new frames
+_SLIDES = 0.3     # metres per second, largest average speed of the slower foot, except in runs
+_SHORTEST = 0.5  # seconds; an action can be seen only in longer spans
 
 
 class Made(NamedTuple):
-  """An edited motion, and how far its new frames are from those of a body: 0 where they are fit for use."""
+  """An edited motion, and the distortion of its new frames by bone lengths and foot skating: 0 if they are good."""
   motion: Motion
   distortion: float
 
 
 def edited(job: Job, clips: Sequence[Any], new: Callable[[int], np.ndarray], max_attempts: int, task: str = "spans",
            corrects: bool = True) -> Motions:
-  """Clips (see `known_motion.clip_of`) whose frames new(num_frames) -> (T,) are sampled from the prompts of a job, the
-  best of up to max_attempts each; attempts are recorded in meta["attempts"] as in `resampling`.
+  """Regenerate frames of clips (see `known_motion.clip_of`) from the prompts of a job, the best of up to max_attempts.
 
-  corrects: the legs of the clip are kept where the prompt is about the upper body and new legs slide.
+  new(num_frames) -> (T,) bool, the frames to sample. corrects: keep the legs of the clip if the prompt is about the
+  upper body and the new feet slide. Attempts are recorded in meta["attempts"], as in `resampling`.
   """
   model, fps = job.model, job.planner.fps
   edits = [pasting.prepare(model, clip, new) for clip in clips]
@@ -48,13 +48,13 @@ def edited(job: Job, clips: Sequence[Any], new: Callable[[int], np.ndarray], max
   keeps_legs = [corrects and can_be_checked(model) and job.cleanup and plan is not None and moves_upper_body(plan)
                 for plan in job.plans]
 
-  def made(row, features, about):
+  def build_edit(row, features, about):
     motion = pasting.paste(model, edits[row], job.prompts[row], job.seeds[row], features, job.cleanup,
                            about | dict(task=task))
     motion = motion.replace(meta=motion.meta | {"steps": [*job.records[row], *motion.meta["steps"]]})
     if keeps_legs[row] and sliding(motion):
       motion = on_own_legs(motion, edits[row].known.joints, partial(pasting.features_of_edit, model, edits[row]))
-    slides = 0.0 if any(one.kind == "run" for one in required[row]) else sliding(motion)
+    slides = 0.0 if any(requirement.kind == "run" for requirement in required[row]) else sliding(motion)
     return Made(motion, _distortion(model, features, edits[row].new_in_window) + slides)
 
   def attempts(rows, number, factor):
@@ -62,26 +62,27 @@ def edited(job: Job, clips: Sequence[Any], new: Callable[[int], np.ndarray], max
                       sampling=resampling.reweighed(model, job.sampling, factor)) if number else job
     decoded, about = model.inpaint([edits[i].features for i in rows], [edits[i].new_in_window for i in rows],
                                    [prompts[i] for i in rows], part.keys, part.sampling)
-    return [(made(i, features, about), resampling.attempt_record(part, place, number))
+    return [(build_edit(i, features, about), resampling.attempt_record(part, place, number))
             for place, (i, features) in enumerate(zip(rows, decoded))]
 
   def overdoes(row, number, best):
-    """Too much guidance distorts the body, or makes it too fast; an action that does not show needs more of it. Where
-    both is so, attempts take turns."""
+    """Whether the next attempt gets less guidance, because the body is distorted or too fast. A missing action needs
+    more; with both faults, attempts alternate."""
     misses = best.score > best.sample.distortion + _excess(best.sample, required[row], fps)
     return not misses or bool(best.sample.distortion) and number % 2 == 0
 
-  found = best_of(resampling.with_guidance(attempts, overdoes, max_attempts),
+  bests = best_of(resampling.with_guidance(attempts, overdoes, max_attempts),
                   lambda row, edit: _score(edit, required[row], fps), len(job.prompts), max_attempts)
-  motions = [row.best.sample.motion for row in found]
-  unmet = [_unmet(motion, one, fps) + gliding_reports(motion, one, checked) for motion, one in zip(motions, required)]
+  motions = [row.best.sample.motion for row in bests]
+  unmet = [_unmet(motion, requirements, fps) + gliding_reports(motion, requirements, checked)
+           for motion, requirements in zip(motions, required)]
   if job.warns:
     report([motion.meta["prompt"] for motion in motions], unmet, max_attempts)
-  return gathered([resampling.with_attempts(motion, *one, checked) for motion, *one in zip(motions, found, unmet)])
+  return gathered([resampling.with_attempts(*row, checked) for row in zip(motions, bests, unmet)])
 
 
 def _network_prompt(prompt: str, plan: Plan | None) -> str:
-  """The prompt as the network gets it: a plan of one action in its own words, any other as it is."""
+  """The prompt for the network: that of the action for a plan of a single one, else the prompt as it was written."""
   if plan is None or len(plan.segments) > 1 or plan.segments[0].simultaneous or plan.segments[0].is_pause:
     return prompt
   return plan.segments[0].action.prompt_with_count
@@ -94,10 +95,10 @@ def moves_upper_body(plan: Plan) -> bool:
 
 
 def on_own_legs(motion: Motion, clip: np.ndarray, features: Callable[[np.ndarray], Any]) -> Motion:
-  """The motion with its new upper body above the legs that clip (T, J, 3) has in these frames; features(joints).
+  """Put the new upper body on the legs that `clip` (T, J, 3) has in these frames. features(joints) -> their features.
 
-  A network that samples the middle of a walk as "waves" makes a body that stands; the kept frames after it are metres
-  ahead, so it would glide there.
+  If the middle of a walk becomes "waves", a network samples a standing body, which would glide the metres to the kept
+  frames after it.
   """
   spans = [(first / motion.fps, past / motion.fps) for first, past in motion.meta["made"]]
   keep = KeepParts(clip, ("legs",), motion.fps, spans)
@@ -108,7 +109,7 @@ def on_own_legs(motion: Motion, clip: np.ndarray, features: Callable[[np.ndarray
 
 
 def _distortion(model, decoded, new):
-  """How far the bones of new frames are from their lengths, as sampled: 0 for those of a usual motion."""
+  """Error of the bone lengths of new frames, before they are pasted, above what is usual: 0 to 1."""
   joints = np.asarray(model.stats.layout.to_joints(decoded), np.float64)
   skeleton = model.stats.layout.skeleton
   usual = np.median(bone_lengths(joints, skeleton), axis=0)[1:]
@@ -117,7 +118,7 @@ def _distortion(model, decoded, new):
 
 
 def sliding(motion: Motion) -> float:
-  """How much faster than usual, metres a second, the slower of both feet slides over the ground in new frames."""
+  """Foot skating in new frames: speed of the slower foot over the ground above `_SLIDES`, metres per second."""
   skeleton = motion.skeleton
   ankles = motion.joints[:, [skeleton.left_feet[0], skeleton.right_feet[0]]][..., [0, 2]].astype(np.float64)
   steps = np.linalg.norm(np.diff(ankles, axis=0), axis=-1).min(1) * motion.fps * skeleton.unit
@@ -126,7 +127,7 @@ def sliding(motion: Motion) -> float:
 
 
 def gliding_reports(motion: Motion, requirements: Sequence[Any], checked: bool) -> list[str]:
-  """[what is wrong] with new frames in which a body that makes no steps has to travel to the kept frames."""
+  """[a sentence] if the body slides in new frames, because it travels to the kept frames without steps; else []."""
   if not checked or any(one.kind == "run" for one in requirements) or not sliding(motion):
     return []
   first, past = max(motion.meta["made"], key=lambda span: span[1] - span[0])
@@ -136,21 +137,21 @@ def gliding_reports(motion: Motion, requirements: Sequence[Any], checked: bool) 
 
 
 def _spans(motion):
-  """The joints of each new span in which something can be seen, or else of all of the motion."""
+  """Joints of each new span that is long enough to show an action, else of the whole motion."""
   spans = [motion.joints[first:past] for first, past in motion.meta["made"]]
   return [joints for joints in spans if len(joints) > _SHORTEST * motion.fps] or [motion.joints]
 
 
-def _score(made, requirements, fps):
-  """Violation score of the span that shows the prompt best, and how distorted the new frames are."""
+def _score(edit, requirements, fps):
+  """Violation score of the span that shows the prompt best, plus the distortion of the new frames."""
   if not requirements:
-    return made.distortion
-  missed = min(violation_score(joints, requirements, fps) for joints in _spans(made.motion))
-  return missed + made.distortion
+    return edit.distortion
+  missed = min(violation_score(joints, requirements, fps) for joints in _spans(edit.motion))
+  return missed + edit.distortion
 
 
-def _excess(made, requirements, fps):
-  return min(excess_speed(joints, requirements, fps) for joints in _spans(made.motion))
+def _excess(edit, requirements, fps):
+  return min(excess_speed(joints, requirements, fps) for joints in _spans(edit.motion))
 
 
 def _unmet(motion, requirements, fps):

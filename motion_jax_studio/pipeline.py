@@ -1,4 +1,4 @@
-"""The application's door: from a prompt to a motion that shows what it asks for."""
+"""The application's entry point: from a prompt to a motion that meets its requirements."""
 import dataclasses
 import os
 import warnings
@@ -43,19 +43,19 @@ STEPS = (steps.Plan(), steps.Warn(), steps.CleanUp(), steps.Sample(), steps.Pose
 
 
 class Pipeline:
-  """A model with all that turns its samples into motion for use, as a list of steps.
+  """A model with the steps that plan its prompts, and check and finish its samples.
 
     pipeline = Pipeline("cmdm-small")
     motion = pipeline("a person walks while waving, then sits down", seed=0)
     motions = pipeline(["a person waves", "a person kicks"], seconds=4)
 
-  Plan: the prompt becomes segments, simultaneous actions and durations. Warn: of words the model has not learned.
-  CleanUp: feet are pinned. Sample: one pass of the network for each part; parts are joined. Pose: hands, trunk and
-  course come to where the plan has them. Correct: small faults are mended, such as left for right. Check: best of four
-  attempts. Constrain: paths and poses are met exactly.
-  Leave a step out of the list, or out of a call by its name, as in pipeline(prompt, without=("correct", "pose")), or
-  add a function of a `Job`, to change what is done. motion.meta["steps"] lists what each step did, in which frames and
-  by how much. `Pipeline(model, steps=[steps.Sample()])` is `model.generate`.
+  Plan: parse the prompt into segments, simultaneous actions and durations. Warn: about words that the model has not
+  learned. CleanUp: pin feet. Sample: one pass of the network for each part; the parts are joined. Pose: add the hand
+  poses, leans and walking directions of the plan. Correct: repair small faults, such as left for right. Check: best of
+  four attempts. Constrain: meet paths and poses exactly.
+  To change the steps, leave one out of the list, or out of a call as in pipeline(prompt, without=("correct", "pose")),
+  or add a function of a `Job`. motion.meta["steps"] lists what each step did, in which frames and by how much.
+  `Pipeline(model, steps=[steps.Sample()])` is `model.generate`.
   """
 
   def __init__(self, model: Any = "cmdm-small", steps: Iterable[Step] = STEPS) -> None:
@@ -63,7 +63,7 @@ class Pipeline:
     self.model = load(model) if isinstance(model, str | os.PathLike) else model
     self.steps = tuple(steps)
     self.planner = Planner(self.model)
-    self.warns = True  # False where warnings would not be read
+    self.warns = True  # False: no warnings, for callers that show `notes` themselves
 
   def __repr__(self) -> str:
     return f"Pipeline({self.model!r}, steps=[{', '.join(map(repr, self.steps))}])"
@@ -73,15 +73,15 @@ class Pipeline:
   def plan(self, prompt: str, postures: bool = True) -> Plan:
     """The segments, simultaneous actions and repetitions of a prompt, as `pipeline(...)` samples them.
 
-    postures: False for a motion with constraints, as it is sampled without postures.
+    postures: False for a motion with constraints, which gets no postures.
     """
-    found = self.planner.plan(*self.model.prompts_of(prompt))
-    return self.planner.with_postures(found) if postures else found
+    plan = self.planner.plan(*self.model.prompts_of(prompt))
+    return self.planner.with_postures(plan) if postures else plan
 
   def schedule(self, prompt: str | Plan, frames: float | None = None, control: Any = None
                ) -> tuple[Plan | None, list[int]]:
     """(the plan with its final pause, frames of each segment) as `pipeline(plan, frames, control=control)` samples it;
-    of a prompt that is no plan (None, its frames)."""
+    (None, its frames) for a prompt that is a string."""
     plan, (constraints,) = prompt if isinstance(prompt, Plan) else None, constraints_of(control, 1)
     text = prompt.text if isinstance(prompt, Plan) else prompt
     if frames is None and is_constrained(constraints):
@@ -90,21 +90,21 @@ class Pipeline:
     return plan, durations.segment_frames(self.planner, text, plan, frames)
 
   def notes(self, prompts: Iterable[str | Plan], plan: bool = True, postures: bool = True) -> list[str]:
-    """Sentences on words and actions of prompts, or plans, that the model has not learned, with suggestions.
+    """Notes on words and actions of prompts, or plans, that the model has not learned, with suggestions.
 
-    plan: a prompt is judged action by action, not as a whole. postures: hands and trunk come to where a prompt has
-    them, as in `pipeline(...)` and not in streams and lists of segments.
+    plan: judge a prompt action by action, not as a whole. postures: the pose step adds hand poses and leans, as in
+    `pipeline(...)`; False for streams and lists of segments.
     """
     return prompt_notes.notes_of(self.planner, [
-        self.plan(one, postures) if plan and isinstance(one, str) else one for one in prompts], postures)
+        self.plan(prompt, postures) if plan and isinstance(prompt, str) else prompt for prompt in prompts], postures)
 
   def warn(self, prompts: Iterable[str | Plan], plan: bool = True, postures: bool = False) -> None:
-    """Warns with `notes` of prompts, where warnings are read."""
+    """Give the `notes` of prompts as warnings, unless `warns` is False."""
     for note in self.notes(list(prompts), plan, postures) if self.warns else ():
       warnings.warn(note, stacklevel=3)
 
   def _sampling(self, sampling):
-    """Choices of sampling, with the application's: sentences that name a leg are contrasted with the other leg.
+    """The sampling choices, with left/right contrast guidance by default: the negative prompt names the other leg.
 
     Raises TypeError for a choice that the model does not have.
     """
@@ -133,33 +133,33 @@ class Pipeline:
                **sampling: Any) -> Any:
     """A Motion of one prompt, or Motions of a list of prompts or plans.
 
-    num_frames or seconds: of all motions or of each; by default as long as the plan takes, or the constraints imply.
+    num_frames or seconds: length of all motions or of each; default: of the plan, or as implied by the constraints.
     rng, seed, seeds: see `model.generate`. control: constraints (`motion_jax.control`) for all motions, a list of them
-    for each, a file or a signal; exact: they are met exactly, not only guided towards. without: names of steps to
-    leave out, of `step_names.GENERATE`; plan, cleanup: False leaves out these. max_attempts: instead of the number of
-    the Check step. sampling: choices of the model.
+    for each, a file or a signal; exact: meet them exactly, False: only guide towards them. without: names of steps to
+    leave out (`step_names.GENERATE`); plan, cleanup: False leaves out the step of this name. max_attempts: overrides
+    that of the Check step. sampling: sampling choices of the model.
     """
     single = isinstance(prompts, str | Plan)
     given = [prompts] if single else list(prompts) if isinstance(prompts, list | tuple) else prompts
-    done = list(self._steps(self._left_out(without) | _switched_off(plan, cleanup), max_attempts))
-    plans = [one if isinstance(one, Plan) else None for one in given]
-    texts = self.model.prompts_of([one.text if isinstance(one, Plan) else one for one in given])
+    call_steps = list(self._steps(self._left_out(without) | _switched_off(plan, cleanup), max_attempts))
+    plans = [prompt if isinstance(prompt, Plan) else None for prompt in given]
+    texts = self.model.prompts_of([prompt.text if isinstance(prompt, Plan) else prompt for prompt in given])
     keys, seeds = keys_of(rng, seeds, len(texts), seed)
     job = Job(self.planner, texts, self._frames(texts, num_frames, seconds), keys, seeds, self._sampling(sampling),
-              constraints_of(control, len(texts)), exact=exact, warns=self.warns, plans=plans, steps=done)
-    for step in done:
+              constraints_of(control, len(texts)), exact=exact, warns=self.warns, plans=plans, steps=call_steps)
+    for step in call_steps:
       step(job)
-    made = gathered([motion.replace(id=f"motion_{i}", meta=motion.meta | (dict(note=note) if note else {}))
-                     for i, (motion, note) in enumerate(zip(job.motions, job.notes))])
-    return made[0] if single else made
+    motions = gathered([motion.replace(id=f"motion_{i}", meta=motion.meta | (dict(note=note) if note else {}))
+                        for i, (motion, note) in enumerate(zip(job.motions, job.notes))])
+    return motions[0] if single else motions
 
   def _frames(self, prompts, num_frames, seconds):
     if num_frames is not None and seconds is not None:
       raise InputError("got both num_frames and seconds; give one of them")
     if seconds is not None:
-      return [None if one is None else as_float(*require_numbers([one], "seconds", "a number such as 6.0, or one per "
-                                                                                  "prompt")) * self.model.fps
-              for one in each(seconds, prompts)]
+      expected = "a number such as 6.0, or one per prompt"
+      return [None if value is None else as_float(*require_numbers([value], "seconds", expected)) * self.model.fps
+              for value in each(seconds, prompts)]
     return each(num_frames, prompts)
 
   def _left_out(self, without):
@@ -168,7 +168,7 @@ class Pipeline:
                               if name != steps.Sample.name])
 
   def _steps(self, out, max_attempts):
-    """The steps of one call, those named in `out` left out."""
+    """Yields the steps of one call, without those named in `out`."""
     for step in self.steps:
       if steps.name_of(step) in out:
         continue
@@ -177,10 +177,10 @@ class Pipeline:
 
   def run(self, requests: Iterable[Request], *, control: Any = None, without: str | Iterable[str] = (),
           **options: Any) -> Iterator[Planned | Motions]:
-    """Yields what is planned for all requests, a `Planned`, then their `Motions` in batches that fit in memory.
+    """Yields a `Planned` with the plans of all requests, then their `Motions` in batches that fit in memory.
 
-    control, without, options: as in a call, for all requests. Each prompt is parsed once; notes on prompts are returned
-    and not given as warnings.
+    control, without, options: as in a call, for all requests. Each prompt is parsed once. Notes on prompts are in
+    `Planned.notes` instead of warnings.
     """
     requests, out = list(requests), self._left_out(without)
     with timing.part("text"), progress.part("reading the prompts"):
@@ -211,37 +211,36 @@ class Pipeline:
                     seeds: Iterable[int] | None = None, seed: int | None = None, way: str = "stream",
                     cleanup: bool = True, plan: bool = True, rest: bool = False, hold_until_done: bool = False,
                     ease: bool = False, without: str | Iterable[str] = (), **sampling: Any) -> Motions:
-    """A motion of each of several lists of segments; None is the usual length of a prompt.
+    """A motion of each list of segments (prompt, seconds); seconds None is the usual length of a prompt.
 
-    plan: a prompt of several actions is as many segments, which share its seconds. way: "stream" and, for a model that
-    has it, "chain" are the model's (`CmdmModel.multi_prompts`), "joined" samples each segment independently and joins
-    them where poses meet, up to 14 frames from where they should. rest: an action that ends by itself, such as a bow,
-    is followed by standing still until its seconds are over. hold_until_done: such an action gets at least its usual
-    time. ease: sudden changes of speed where prompts change are spread over 0.4 s. without: names of steps to leave
-    out, of `step_names.MULTI_PROMPT`.
+    plan: split a prompt of several actions into segments that share its seconds. way: "stream" or, if the model has it,
+    "chain", see `CmdmModel.multi_prompts`; "joined" samples each segment independently and joins them where poses fit,
+    up to 14 frames off. rest: fill the remaining time of an action that ends by itself, such as a bow, with standing
+    still. hold_until_done: give such an action at least its usual time. ease: spread sudden changes of speed between
+    prompts over 0.4 s. without: names of steps to leave out (`step_names.MULTI_PROMPT`).
     """
     self._require("multi_prompt")
     out = left_out(without, MULTI_PROMPT) | _switched_off(plan, cleanup)
     plan, cleanup = "plan" not in out, "cleanup" not in out
-    lists = [list(one) for one in lists]
-    for one in lists:
-      self.model.segments_of(one)  # raises
+    lists = [list(segments) for segments in lists]
+    for segments in lists:
+      self.model.segments_of(segments)  # raises InputError for invalid ones
     if not lists:
       raise InputError("got no prompts, expected a list of (prompt, seconds or None) for each motion")
-    own = self.model.ways
-    if way not in (known := (*(own or ("stream",)), "joined")):
+    ways = self.model.ways
+    if way not in (known := (*(ways or ("stream",)), "joined")):
       raise InputError(f"got way {way!r}, {self.model.id} knows {', '.join(known)}")
-    choice = {"way": way} if own else {}
+    choice = {"way": way} if ways else {}
     if "warn" not in out:
-      self.warn([prompt for one in lists for prompt, _ in one], plan)
-    rows = [segments_of(self.planner, one, plan) for one in lists]
+      self.warn([prompt for segments in lists for prompt, _ in segments], plan)
+    rows = [segments_of(self.planner, segments, plan) for segments in lists]
     keys, seeds = keys_of(rng, seeds, len(rows), seed)
     sampling = self._sampling(sampling)
     if hold_until_done:
       rows = [[(prompt, max(count, durations.frames_until_done(self.planner, prompt))) for prompt, count in row]
               for row in rows]
 
-    def sample_segments(*given):  # what is sudden at borders is spread by the joining already
+    def sample_segments(*given):  # `ease` is not for "joined", which blends at the borders anyway
       return (sample_independently(self.model, *given) if way == "joined" else
               self.model.sample_segments(*given, **choice, ease=ease))
 
@@ -250,7 +249,7 @@ class Pipeline:
       return gathered([_after(records, motion) for records, motion in zip(
           planned, sample_segments(rows, keys, seeds, cleanup, sampling))])
     plans, lengths = zip(*(durations.with_pauses(self.planner, row) for row in rows))
-    job = Job(self.planner, [one.text for one in plans], [None] * len(rows), keys, seeds, sampling,
+    job = Job(self.planner, [prompt_plan.text for prompt_plan in plans], [None] * len(rows), keys, seeds, sampling,
               [[] for _ in rows], cleanup=cleanup, plans=list(plans), scheduled=list(plans))
     job.motions = list(map(_after, planned, sequencing.compose(job, lengths, sample_segments)))
     if "pose" not in out:
@@ -259,8 +258,10 @@ class Pipeline:
 
   def stream(self, prompt: str, *, plan: bool = True, hold_until_done: bool = False, cleanup: bool = True,
              num_frames: int | None = None, without: str | Iterable[str] = (), **options: Any) -> PlannedStream:
-    """A live stream of a prompt, action by action, the last without end; see `PlannedStream`. without: names of steps
-    to leave out, of `step_names.EXTEND`. options: of `model.stream`."""
+    """A live stream of a prompt, action by action; the last one continues without end (`PlannedStream`).
+
+    without: names of steps to leave out (`step_names.EXTEND`). options: see `model.stream`.
+    """
     self._require("stream")
     out = left_out(without, EXTEND) | _switched_off(plan, cleanup)
     plan, cleanup = "plan" not in out, "cleanup" not in out
@@ -269,16 +270,18 @@ class Pipeline:
       self.warn([prompt], plan)
     segments: Any = prompt
     if plan:
-      segments = [(one, None if count is None else count / self.model.fps) for one, count in prompts_in_sequence(
-          self.planner, self.planner.plan(prompt), num_frames)]
+      segments = [(action_prompt, None if count is None else count / self.model.fps)
+                  for action_prompt, count in prompts_in_sequence(self.planner, self.planner.plan(prompt), num_frames)]
     live = self.model.stream(segments, cleanup=cleanup, num_frames=num_frames, **self._with_contrast(options))
     return PlannedStream(live, self, out, hold_until_done)
 
   def extend(self, clip: Clip | Array, prompt: str | Segments, num_frames: int | None = None, *,
              seconds: float | None = None, plan: bool = True, cleanup: bool = True,
              without: str | Iterable[str] = (), **options: Any) -> Motion:
-    """Continues an existing motion as the plan of a prompt, or of segments, says. without: names of steps to leave out,
-    of `step_names.EXTEND`. options: of `model.extend`."""
+    """Continue an existing motion with a prompt, or with segments, planned action by action.
+
+    without: names of steps to leave out (`step_names.EXTEND`). options: see `model.extend`.
+    """
     self._require("extend")
     out = left_out(without, EXTEND) | _switched_off(plan, cleanup)
     plan, cleanup = "plan" not in out, "cleanup" not in out
@@ -286,15 +289,15 @@ class Pipeline:
       if num_frames is not None or seconds is not None:
         seconds = self.model.frames_of([prompt], num_frames, seconds)[0] / self.model.fps
       prompt = [(prompt, seconds)]
-    self.model.segments_of(prompt)  # raises
+    self.model.segments_of(prompt)  # raises InputError for invalid ones
     if "warn" not in out:
-      self.warn([one for one, _ in prompt], plan)
-    rows = [(one, count / self.model.fps) for one, count in segments_of(self.planner, prompt, plan)]
-    planned = [record("plan", " | ".join(one for one, _ in rows))] if plan else []
+      self.warn([text for text, _ in prompt], plan)
+    rows = [(text, count / self.model.fps) for text, count in segments_of(self.planner, prompt, plan)]
+    planned = [record("plan", " | ".join(text for text, _ in rows))] if plan else []
     return _after(planned, self.model.extend(clip, rows, cleanup=cleanup, **self._with_contrast(options)))
 
   def edit(self, clip: Clip | Array, prompt: str, task: str | None = None, **options: Any) -> Motion:
-    """An existing motion with new frames or spans made as a prompt says, all others unchanged; see `edits`."""
+    """Regenerate frames of an existing motion from a prompt; all others stay unchanged. See `edits`."""
     return self.edits([clip], [prompt], task, **options)[0]
 
   def edits(self, clips: Sequence[Clip | Array], prompts: Sequence[str], task: str | None = None, *,
@@ -302,12 +305,12 @@ class Pipeline:
             seeds: Iterable[int] | None = None, seed: int | None = None, cleanup: bool = True, plan: bool = True,
             max_attempts: int = MAX_ATTEMPTS, mask: str | None = None, without: str | Iterable[str] = (),
             **sampling: Any) -> Motions:
-    """Clips with new frames, each as its prompt says, the best of up to max_attempts. without: names of steps to leave
-    out, of `step_names.EDIT`.
+    """Regenerate frames of clips, each from its prompt; the best of up to max_attempts samples is kept.
 
-    clips and what is new (task, keep or change): see the model's `edits`. All other frames come back as and where they
-    were, resampled if the clip's rate is another; new ones continue them on the clip's own body, with feet pinned
-    unless cleanup is False. Of a motion longer than the model knows the seconds around the new frames are sampled.
+    clips, and the choice of new frames by task, keep or change: see the model's `edits`. All other frames keep their
+    poses and places, at the model's frame rate; new ones continue them on the clip's own body, with feet pinned unless
+    cleanup is False. Of a motion that is too long for the model only the seconds around the new frames are sampled.
+    without: names of steps to leave out (`step_names.EDIT`).
     """
     self._require("edit")
     if len(prompts) != len(clips) or not clips:
@@ -316,7 +319,7 @@ class Pipeline:
       raise InputError("say what to make by one of task, keep and change")
     out = left_out(without, EDIT) | _switched_off(plan, cleanup)
     texts = self.model.prompts_of(prompts)
-    plans = [None if "plan" in out else self.planner.plan(one) for one in texts]
+    plans = [None if "plan" in out else self.planner.plan(text) for text in texts]
     if "warn" not in out:
       self.warn(texts, plan=False)
     keys, seeds = keys_of(rng, seeds, len(clips), seed)
@@ -335,10 +338,10 @@ class Pipeline:
 
 
 def _switched_off(plan, cleanup):
-  """The steps that plan and cleanup leave out."""
+  """Names of the steps that plan=False and cleanup=False leave out."""
   return {name for name, on in (("plan", plan), ("cleanup", cleanup)) if not on}
 
 
 def _after(records, motion):
-  """The motion with records of what was done before it was sampled."""
+  """The motion with records of earlier steps in front of its own."""
   return motion.replace(meta=motion.meta | {"steps": [*records, *motion.meta.get("steps", ())]})

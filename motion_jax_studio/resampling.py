@@ -1,4 +1,4 @@
-"""Best of n: motions that violate requirements of their prompts are sampled again, and the best attempt is kept."""
+"""Best-of-n sampling: motions that violate requirements of their prompts are resampled; the best attempt is kept."""
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -13,16 +13,19 @@ from motion_jax_studio.checks.violations import excess_speed, violation_score
 from motion_jax_studio.language.path_shapes import with_explicit_side
 from motion_jax_studio.planning.job import Job, plan_records
 
-LOUDER = 2.0  # factor on the guidance scale of another attempt; of 24 punches with a named hand 6 show without, 16 with
-SOFTER = 0.5  # factor where a motion overdoes its prompt and violates nothing else
+# Factors on the guidance scale of further attempts. LOUDER: of 24 punches with a named hand 16 are seen, 6 without it.
+# SOFTER: for a motion that is only too fast, or distorted.
+LOUDER, SOFTER = 2.0, 0.5
 FIRST_RESAMPLED = 1 << 20  # added to an attempt's number, so that its key is unique
-_INDEPENDENT = 2  # attempts before segments are sampled independently
+_INDEPENDENT = 2  # number of attempts before segments are sampled independently
 
 
 def with_guidance(sample: Callable[[Sequence[int], int, float], Sequence[tuple[Any, dict[str, Any]]]],
                   overdoes: Callable[[int, int, Attempt], bool], max_attempts: int) -> Callable:
-  """The `sample` of `best_of` from sample(rows, number, factor on the guidance scale): 1 in the first attempt, then
-  `SOFTER` where overdoes(row, number, best attempt so far), else `LOUDER`."""
+  """The `sample` function for `best_of`, from sample(rows, number, factor on the guidance scale).
+
+  The factor is 1 in the first attempt, then `SOFTER` if overdoes(row, number, best attempt so far), else `LOUDER`.
+  """
 
   def attempt(rows: Sequence[int], number: int, bests: Sequence[Best]) -> list[Any]:
     if not number:
@@ -39,13 +42,12 @@ def with_guidance(sample: Callable[[Sequence[int], int, float], Sequence[tuple[A
 
 
 def resampled(job: Job, sample: Callable[[Job], Sequence[Motion]], max_attempts: int) -> list[Motion]:
-  """The motions of a job, each the best of its attempts by violation score.
+  """The motions of a job, each the best of up to `max_attempts` by violation score.
 
-  sample(job) -> motions, sampled, posed and corrected. A motion that violates a requirement is sampled again, by the
-  key fold_in(key, 2^20 + attempt): with twice the guidance scale, or half of it where the motion is only too fast, with
-  a side for a circle that has none, and from the third attempt on in plain words, with segments sampled independently.
-  All attempts are recorded in meta["attempts"], what the best one still violates in meta["unmet"] and, where warnings
-  are read, in a warning.
+  sample(job) -> motions, sampled, posed and corrected. A motion that violates a requirement is resampled with the key
+  fold_in(key, 2^20 + attempt), and with these changes: twice the guidance scale (half, if the motion is only too fast);
+  a side for a circle without one; from the third attempt on plain words, and segments sampled independently.
+  meta["attempts"] records all attempts, meta["unmet"] what the best one still violates, which is also a warning.
   """
   required = job.required
 
@@ -56,14 +58,15 @@ def resampled(job: Job, sample: Callable[[Job], Sequence[Motion]], max_attempts:
             for place, motion in enumerate(motions)]
 
   score = lambda row, motion: violation_score(motion.joints, required[row], job.planner.fps)
-  # Too fast and nothing else; an action that does not show needs more guidance first.
+  # Only too fast; a missing action needs more guidance first.
   overdoes = lambda row, _, best: best.score <= excess_speed(best.sample.joints, required[row], job.planner.fps)
   bests = best_of(with_guidance(attempts, overdoes, max_attempts), score, len(job.prompts), max_attempts)
   motions = [row.best.sample for row in bests]
-  unmet = [unmet_requirements(motion.joints, one, job.planner.fps) for motion, one in zip(motions, required)]
+  unmet = [unmet_requirements(motion.joints, requirements, job.planner.fps)
+           for motion, requirements in zip(motions, required)]
   if job.warns:
     report(job.prompts, unmet, max_attempts)
-  motions = [with_attempts(*one) for one in zip(motions, bests, unmet)]
+  motions = [with_attempts(*row) for row in zip(motions, bests, unmet)]
   return [motion.replace(meta=motion.meta | dict(prompt=prompt)) if missing else motion
           for prompt, motion, missing in zip(job.prompts, motions, unmet)]
 
@@ -88,7 +91,7 @@ def keys_again(job: Job, rows: Sequence[int], number: int) -> jax.Array:
 
 
 def with_attempts(motion: Motion, row: Best, unmet: Sequence[str], checked: bool = True) -> Motion:
-  """The best motion with the records of all attempts, of the check, and of requirements that it violates."""
+  """The best motion with records of all attempts, of the check, and of the requirements that it violates."""
   attempts = [attempt.record | dict(violation_score=round(float(attempt.score), 4), kept=number == row.kept)
               for number, attempt in enumerate(row.attempts)]
   did = f"attempt {row.kept + 1} of {len(attempts)} kept"
@@ -98,26 +101,26 @@ def with_attempts(motion: Motion, row: Best, unmet: Sequence[str], checked: bool
 
 
 def attempt_record(job: Job, row: int, number: int) -> dict[str, Any]:
-  """An attempt as a motion's meta has it, before it is scored."""
+  """The record of an attempt in a motion's meta, without its score."""
   return dict(number=number + 1, seed=job.seeds[row], prompt=job.prompts[row],
               guidance_scale=guidance_scale(job.model, job.sampling))
 
 
 def said_again(prompt: str, requirements: Sequence[Any], number: int) -> str:
-  """The prompt of another attempt: a circle without a side gets one, as some models know only such circles."""
-  either = any(one.kind == "circle" and not one.side for one in requirements)
+  """The prompt of another attempt: a circle without a side gets one, because some models know no other circles."""
+  either = any(requirement.kind == "circle" and not requirement.side for requirement in requirements)
   return with_explicit_side(prompt, number) if either else prompt
 
 
 def guidance_scale(model: Any, sampling: dict[str, Any]) -> float:
-  """The guidance scale that choices of sampling mean for a model: the one given, else its own."""
+  """The guidance scale among sampling choices, else the model's default."""
   given = sampling.get("guidance_scale")
   return float(model.sampling().guidance_scale if given is None else given)
 
 
 def reweighed(model: Any, sampling: dict[str, Any], factor: float) -> dict[str, Any]:
-  """The choices of sampling with the model's guidance scale times factor, but at least 1; unchanged where a scale is
-  given, or the model has no guidance."""
+  """The sampling choices with the model's guidance scale times `factor`, at least 1; unchanged if they have a scale, or
+  if the model has no guidance."""
   scale = guidance_scale(model, sampling)
   return sampling if scale <= 1 or sampling.get("guidance_scale") is not None else (
       dict(sampling) | dict(guidance_scale=max(factor * scale, 1.0)))

@@ -1,7 +1,7 @@
-"""The steps of a pipeline. Each takes a `Job`, a batch of requested motions, fills in its part, and records what it did
+"""The steps of a pipeline: each takes a `Job`, a batch of requested motions, changes it, and records its changes
 (`motion.step_records`).
 
-A step of your own is any function of a job; it stands in the list where it is to run. A step is left out by its name.
+Any function of a job can be a step of your own. Steps run in the order of the list, and are left out by name.
 """
 import dataclasses
 import warnings
@@ -22,7 +22,7 @@ from motion_jax_studio.posing.postures import posed
 
 
 def name_of(step: Callable[[Job], None]) -> str:
-  """The name of a step, by which it is left out."""
+  """The name of a step, for `without`."""
   return getattr(step, "name", None) or getattr(step, "__name__", type(step).__name__)
 
 
@@ -33,7 +33,7 @@ class Plan:
 
   def __call__(self, job: Job) -> None:
     plans = [plan or job.planner.plan(prompt) for prompt, plan in zip(job.prompts, job.plans)]
-    # Constraints guide the sampling of a plain plan, which therefore stays one.
+    # No postures with constraints: only plain plans are guided by them, so a plain plan must stay plain.
     job.plans = [plan if is_constrained(constraints) else job.planner.with_postures(plan)
                  for plan, constraints in zip(plans, job.constraints)]
     job.records = list(map(plan_records, job.plans))
@@ -53,9 +53,9 @@ class Warn:
 
 @dataclasses.dataclass(frozen=True)
 class CleanUp:
-  """Pins standing feet and removes tremor (`motion.cleanup`), in every sampled motion before it is joined to others.
+  """Pins standing feet and removes tremor (`motion.cleanup`) in every sampled motion, before it is joined to others.
 
-  It stands before the step that samples.
+  It only sets `job.cleanup` for Sample, so it must come before that step.
   """
   name: ClassVar = "cleanup"
 
@@ -65,7 +65,7 @@ class CleanUp:
 
 @dataclasses.dataclass(frozen=True)
 class Sample:
-  """Samples a motion of each plan: one pass for each part, which are joined.
+  """Samples a motion of each plan: one pass for each part; the parts are then joined.
 
   A plan of one action is guided towards its constraints, where the method can be guided.
   """
@@ -73,24 +73,25 @@ class Sample:
 
   def __call__(self, job: Job) -> None:
     _set_targets(job)
-    found: dict[int, Motion] = {}
+    sampled: dict[int, Motion] = {}
     for guided in (False, True):
       for constrained in (False, True):
         rows = [i for i, target in enumerate(job.targets)
                 if job.guided[i] == guided and (target is not None) == constrained]
         if rows:
           part = job.select(rows)
-          made = constraining.sample_job(part, part.targets) if guided else sequencing.sample(part, job.independent)
-          found |= zip(rows, made)
+          motions = constraining.sample_job(part, part.targets) if guided else sequencing.sample(part, job.independent)
+          sampled |= zip(rows, motions)
           for i, plan in zip(rows, part.scheduled):
             job.scheduled[i] = plan
-    job.motions = [found[i].replace(meta=found[i].meta | {"steps": [*job.records[i], *found[i].meta.get("steps", ())]})
-                   for i in range(len(job.prompts))]
+    motions = [sampled[i] for i in range(len(job.prompts))]
+    job.motions = [motion.replace(meta=motion.meta | {"steps": [*records, *motion.meta.get("steps", ())]})
+                   for motion, records in zip(motions, job.records)]
 
 
 def _set_targets(job):
-  """What each constrained motion has to meet, and the lengths of all."""
-  rows = [i for i, one in enumerate(job.constraints) if is_constrained(one) and job.targets[i] is None]
+  """Set targets, frames, notes and `guided` of the motions with constraints."""
+  rows = [i for i, constraints in enumerate(job.constraints) if is_constrained(constraints) and job.targets[i] is None]
   if not rows:
     return
   constraining.check_skeleton(job.model)
@@ -104,7 +105,7 @@ def _set_targets(job):
     warnings.warn(note, stacklevel=4)
   for i in rows:
     job.targets[i] = constraining.target_of(job.constraints[i], int(round(counts[i])), job.planner.fps, job.exact)
-    spare = any(isinstance(step, Constrain) for step in job.steps)  # frames in which a loop is looked for
+    spare = any(isinstance(step, Constrain) for step in job.steps)  # sample more frames, to search for a loop in them
     job.frames[i] = job.targets[i].frames_to_sample(job.planner.fps) if spare else job.targets[i].count
     job.guided[i] = job.model.takes_control and (job.plans[i] is None or job.plans[i].is_plain)
 
@@ -139,7 +140,7 @@ class Correct:
 
 
 def _changed(job, row, step, motion):
-  """The motion of a step, which has recorded its changes, if any, is that of the job."""
+  """Set the motion that a step returned, with a record of no change if it is the same object."""
   if motion is job.motions[row]:
     motion = motion.replace(meta=added(motion.meta, record(step, "nothing to change")))
   job.motions[row] = motion
@@ -158,10 +159,11 @@ class Check:
     rows = [i for i, plan in enumerate(job.plans) if plan is not None and not job.guided[i]]
     if not rows or self.max_attempts == 1 or not can_be_checked(job.model):
       return
-    making = [step for step in job.steps or (Sample(), Pose(), Correct()) if isinstance(step, Sample | Pose | Correct)]
+    resampling_steps = [step for step in job.steps or (Sample(), Pose(), Correct())
+                        if isinstance(step, Sample | Pose | Correct)]
 
     def sample(again: Job) -> Sequence[Motion]:
-      for step in making:
+      for step in resampling_steps:
         step(again)
       return again.motions
 
@@ -179,6 +181,6 @@ class Constrain:
       if target is None:
         continue
       if not job.guided[i] and job.plans[i] is not None and isinstance(target.constraints, list):
-        # The words alone decided when the body has reached the end of its path.
+        # Sampled without constraints, so the motion itself shows when the body stops at the end of its path.
         target = target._replace(constraints=path_ends.with_stop(target.constraints, job.motions[i], job.plans[i]))
       job.motions[i] = constraining.constrain(job.model, job.motions[i], target, job.exact)

@@ -1,4 +1,4 @@
-"""Live streams of plans: each prompt is parsed, and its actions are said one after the other."""
+"""Live streams of plans: each prompt is parsed, and its actions are sent to the stream one after the other."""
 from collections.abc import Collection
 from typing import Any
 
@@ -9,18 +9,18 @@ from motion_jax_studio.planning.segments import prompts_in_sequence
 
 
 class PlannedStream:
-  """A `LiveStream` of the library whose prompts are plans: "walks forward, then sits down" is said action by action,
-  each for its usual time, the last without end. Made by `Pipeline.stream`; all else is the stream's own.
+  """A `LiveStream` of the library that plans its prompts: "walks forward, then sits down" is streamed action by action,
+  each for its usual time, the last without end. Created by `Pipeline.stream`; other attributes are the stream's.
 
-  out: steps that are left out. hold_until_done: a new prompt waits until an action that ends by itself, such as a kick,
-  has had its usual time.
+  out: names of steps that are left out. hold_until_done: a new prompt waits until an action that ends by itself, such
+  as a kick, has had its usual time.
   """
 
   def __init__(self, live: Any, pipeline: Any, out: Collection[str] = (), hold_until_done: bool = False) -> None:
     self.live, self._pipeline, self._out, self._hold_until_done = live, pipeline, out, hold_until_done
 
   def say(self, prompt: str, after: float | None = None) -> int:
-    """Changes the prompt: the frame from which it counts; see `LiveStream.say`."""
+    """Change the prompt; returns the first frame of the new one. See `LiveStream.say`."""
     planner, not_before = self._pipeline.planner, 0
     prompt, = planner.model.prompts_of(prompt)
     if "warn" not in self._out:
@@ -36,7 +36,7 @@ class PlannedStream:
     return PlannedStream(self.live.fork(num_frames), self._pipeline, self._out, self._hold_until_done)
 
   def __getattr__(self, name):
-    if name == "live":  # not yet made, as while it is copied
+    if name == "live":  # not set yet, as in a copy or an unpickled object
       raise AttributeError(name)
     return getattr(self.live, name)
 
