@@ -28,11 +28,11 @@ KNOWN_ERRORS = (ValueError, OSError, FloatingPointError)
 
 
 def main(argv=None, command=None, program=None):
-  """Runs a sub-command; returns the exit status. An error that the user can fix is printed in one line.
+  """Run a sub-command; returns the exit status. An error that the user can fix is printed in one line.
 
-  command: the arguments belong to this sub-command, as in the script `program`, which runs no other one.
+  command: the only sub-command, to which all arguments belong, as for the script `program`.
   """
-  # What is imported stays: the collector, which looks through it again and again, would take a fifth of the start.
+  # Imported modules are never freed; collecting them again and again would take a fifth of the start-up time.
   gc.set_threshold(50_000, 20, 50)
   trains = "train" in (command, *(sys.argv[1:] if argv is None else argv)[:1])
   with stopping.at_once(program or "motion-jax", resumable=trains):
@@ -48,7 +48,7 @@ def main(argv=None, command=None, program=None):
 
 
 def parse(argv=None, command=None, program=None):
-  """The parsed arguments of `main`; mistakes in them end the program with one line."""
+  """The parsed arguments of `main`; a mistake in them ends the program with a message of one line."""
   argv = list(sys.argv[1:] if argv is None else argv)
   parser = _parser(command or next(iter(argv), None))
   if command is not None:

@@ -35,12 +35,12 @@ def constraints_of(args, model):
   """The constraints of the flags of `add_to`, at the model's frame rate."""
   from motion_jax.control import constraints as kinds
   from motion_jax.control import files
-  found = []
+  constraints = []
   if args.control:
-    found += files.load(args.control, lambda path, frame: _joints(path, frame, model, args)[0])
+    constraints += files.load(args.control, lambda path, frame: _joints(path, frame, model, args)[0])
   if args.path:
     with shared.value_of("--path", args.path):
-      found.append(_path(args.path, kinds))
+      constraints.append(_path(args.path, kinds))
   for text in args.keyframe or ():
     given = _AT.fullmatch(text)
     if not given:
@@ -48,7 +48,7 @@ def constraints_of(args, model):
     with shared.value_of("--keyframe", text):
       at = real(0, 3600, "seconds" if given["seconds"] else "frames")(given["at"])
       joints, _ = _joints(given["file"], int(given["frame"] or 0), model, args)
-      found.append(kinds.Keyframe(joints, at if given["seconds"] else at / model.fps))
+      constraints.append(kinds.Keyframe(joints, at if given["seconds"] else at / model.fps))
   for text in args.target or ():
     given = _TARGET.fullmatch(text)
     with shared.value_of("--target", text):
@@ -56,7 +56,7 @@ def constraints_of(args, model):
       if len(place) != 3:
         raise InputError(f"got --target {shortened(text)}, expected JOINT@SECONDS:X,Y,Z, such as "
                          "left_hand@2.5:0.3,1.4,0.2")
-      found.append(kinds.EffectorTarget(given["joint"], [real(0, 3600, "seconds")(given["at"])], [place],
+      constraints.append(kinds.EffectorTarget(given["joint"], [real(0, 3600, "seconds")(given["at"])], [place],
                                         "root" if given["root"] else "world"))
   if args.keep_parts:
     parts, colon, path = args.keep_parts.partition(":")
@@ -64,9 +64,9 @@ def constraints_of(args, model):
       raise InputError(f"got --keep-parts {shortened(args.keep_parts)}, expected PARTS:FILE, such as "
                        "legs,torso:walk.npz")
     joints, fps = _joints(path, -1, model, args)
-    found.append(kinds.KeepParts(joints, tuple(part.strip() for part in parts.split(",")), fps))
-  found += [kinds.Loop()] if args.loop else []
-  return found + ([kinds.InPlace()] if args.in_place else [])
+    constraints.append(kinds.KeepParts(joints, tuple(part.strip() for part in parts.split(",")), fps))
+  constraints += [kinds.Loop()] if args.loop else []
+  return constraints + ([kinds.InPlace()] if args.in_place else [])
 
 
 def regenerate_parts(args, clip, pipeline, sampling):
@@ -89,7 +89,7 @@ def regenerate_parts(args, clip, pipeline, sampling):
 
 
 def drawn(constraints, motions):
-  """The constraints of each motion as they are drawn: `ControlSignal`s (1, T)."""
+  """The constraints for drawing on each motion: `ControlSignal`s (1, T)."""
   from motion_jax.control.compiling import compile
   return [compile(constraints, motion.num_frames, motion.fps, motion.joints) for motion in motions]
 

@@ -8,7 +8,7 @@ def add_to(commands):
   """Adds the sub-command to those of `motion-jax`."""
   convert = commands.add_parser("convert", help="convert the authors' PyTorch weights to run folders").add_subparsers(
       dest="convert_command", required=True, metavar="WHAT")
-  released = convert.add_parser("cmdm", help="MAC-VAE and Causal-DiT; without a denoiser, a tokenizer's run")
+  released = convert.add_parser("cmdm", help="CMDM's MAC-VAE and Causal-DiT; without a denoiser, the run of the VAE")
   released.add_argument("--tokenizer", required=True, metavar="FILE", help="net_best_fid.tar of the MAC-VAE")
   released.add_argument("--denoiser", metavar="FILE", help="latest.tar of the Causal-DiT")
   released.add_argument("--weights", choices=("ema", "model"), default="ema",
@@ -37,7 +37,7 @@ def add_to(commands):
   gpt.add_argument("--tokenizer", required=True, metavar="FILE", help="net_last.pth of the VQ-VAE")
   gpt.add_argument("--gpt", metavar="FILE", help="net_best_fid.pth of the GPT")
   gpt.set_defaults(run=_convert_t2m_gpt)
-  mdm = convert.add_parser("mdm", help="MDM's denoiser; args.json beside it says how it was trained")
+  mdm = convert.add_parser("mdm", help="MDM's denoiser; args.json in the same folder states how it was trained")
   mdm.add_argument("file", help="model#########.pt")
   mdm.add_argument("--weights", choices=("ema", "model"), default="ema",
                    help="averaged weights (ema), where the file has them, or the weights of the last step")
@@ -54,9 +54,10 @@ def add_to(commands):
   teacher.set_defaults(run=_convert_teacher)
   evaluator = convert.add_parser("evaluator", help="T2M's or MARDM's evaluator: text_mot_match, text_mot_match_clip")
   evaluator.add_argument("file", help="finest.tar")
-  evaluator.add_argument("--glove", metavar="FOLDER", help="our_vab_*, the words of T2M's evaluator: kept beside it")
+  evaluator.add_argument("--glove", metavar="FOLDER", help="our_vab_*, the word vectors of T2M's evaluator, which are "
+                         "copied to its folder")
   evaluator.add_argument("--text-encoder", metavar="FOLDER",
-                         help="clip-vit-base-patch16: the word pieces of the CLIP-type one")
+                         help="clip-vit-base-patch16, for the word pieces of the CLIP-type evaluator")
   evaluator.set_defaults(run=_convert_evaluator)
   stats = {released: "training data", cdamd: "training data (of coordinates Mean_abs.npy, Std_abs.npy)",
            momask: "training (its meta folder)", gpt: "training (VQVAEV3_CB1024_CMT_H1024_NRES3/meta)",

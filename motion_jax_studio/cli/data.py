@@ -61,7 +61,7 @@ def add_to(commands):
   split.add_argument("folder", nargs="+", help="archives: folders with motions.npz and captions.jsonl")
   split.add_argument("--out", required=True, metavar="FOLDER", help="folder to write, with a folder for each archive")
   split.add_argument("--by", choices=("captions", "subjects"), default="captions",
-                     help="what training has not seen (captions)")
+                     help="split so that training has not seen the captions, or the subjects, of the test (captions)")
   split.add_argument("--overwrite", action="store_true", help="replace existing folders")
   split.set_defaults(run=_split)
   doctor = data.add_parser("doctor", help="check a data folder and suggest fixes")

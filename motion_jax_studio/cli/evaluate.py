@@ -33,15 +33,15 @@ def add_to(commands):
       "one table row each, such as schedule=fss schedule=ar num_steps=20,lag=1")
   add("--motions", action="append", default=[], metavar="NAME=DIR", help="folder of motions from another program; one "
       "table row each; repeatable")
-  add("--as-given", action="store_true", help="leave motions of --motions on their own bones and floor (default: "
-      "retarget them as real motions are, where they differ)")
+  add("--as-given", action="store_true", help="evaluate motions of --motions with their own bones and floor (default: "
+      "retarget those that differ, as for real motions)")
   add("--export-prompts", metavar="DIR", help="write the prompts and lengths that another program has to generate to "
       "DIR/prompts.jsonl, and stop")
   add("--limit", type=whole(1, 1_000_000), help="evaluate at most this many samples, for a quick trial")
   add("--controls", action="store_true", help="also evaluate damaged real motions to verify that the metrics notice; "
       "exit status 1 if one does not")
   add("--no-multimodality", action="store_true", help="skip the multimodality metric, which takes most of the time")
-  add("--force", action="store_true", help="continue although real motions fail the sanity checks")
+  add("--force", action="store_true", help="continue even if real motions fail the sanity checks")
   add("--allow-shared", action="store_true", help="include test clips that are also in the training split, and list "
       "them in the provenance")
   add("--recompute", action="store_true", help="compute the tables from stored samples; generate nothing "
@@ -123,10 +123,10 @@ def _page(args, folders):
 
 
 def _judge(args):
-  sampling, vary = options_of(args.sampling), [options_of(one.split(",")) for one in args.vary]
+  sampling, vary = options_of(args.sampling), [options_of(choices.split(",")) for choices in args.vary]
   motions = pairs_of(args.motions)
-  # Before numpy is loaded: small matrices are factored many times, by several threads that wait for a busy core up to a
-  # hundred times slower than by one.
+  # Must be set before numpy is loaded. Many small matrices are factored; with several threads, which wait for a busy
+  # core, that takes up to a hundred times longer than with one.
   os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
   import jax
 

@@ -15,8 +15,8 @@ def add_to(commands):
                       "cmdm-small-fast")
   export.add_argument("folder", metavar="FOLDER", help="folder to write")
   export.add_argument("--format", choices=("onnx",), default="onnx", help="format of the graphs (onnx)")
-  export.add_argument("--precision", default="float16", help="numbers of the stored weights: float32, float16 or int8 "
-                      "(float16); arithmetic is float32")
+  export.add_argument("--precision", default="float16", help="number format of the stored weights: float32, float16 or "
+                      "int8 (float16); arithmetic is float32")
   export.set_defaults(run=_export)
 
 

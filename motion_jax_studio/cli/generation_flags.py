@@ -27,9 +27,9 @@ def add_planning(parser):
 
 
 def add_steps(parser, names):
-  """--without and --explain: the steps after and around sampling."""
+  """Add --without and --explain, for the steps before and after sampling."""
   parser.add_argument("--without", metavar="STEPS", type=functools.partial(_steps, names=names), default=frozenset(),
-                      help=f"leave out steps, with commas: {', '.join(names)}")
+                      help=f"steps to leave out, separated by commas: {', '.join(names)}")
   parser.add_argument("--explain", action="store_true", help="print what each step did, in which frames and by how "
                       "much")
 
@@ -48,24 +48,24 @@ def without_of(args):
 
 def add_attempts(parser):
   parser.add_argument("--max-attempts", type=whole(1, 100), default=MAX_ATTEMPTS, metavar="N",
-                      help="maximum samples per motion, until one passes the checks of its prompt, such as the number "
-                      f"of jumps; the best-scoring one is kept ({MAX_ATTEMPTS})")
+                      help="maximum samples per motion: resample until the prompt checks, such as the number of jumps, "
+                      f"pass; the best-scoring sample is kept ({MAX_ATTEMPTS})")
 
 
 def add_common(parser, command, out, shown):
-  """Flags of all commands that generate motion. shown: further flags of the command that --help shows."""
+  """Add the flags of all commands that generate motion. shown: further flags that --help shows for this command."""
   parser.shown = functools.partial(_shown, parser, command, (*shown, *_SHOWN))
   parser.add_argument("--help-all", action=HelpAll, nargs=0,
-                      help="show all flags: of other models, constraints, characters, files and films")
+                      help="show all flags, also those for other models, constraints, characters, files and films")
   parser.add_argument("--num-samples", type=whole(*MOTIONS), default=1,
                       help="number of samples per prompt; sample i uses seed SEED + i (1)")
   parser.add_argument("--seed", type=whole(*SEEDS), default=0,
                       help="random seed; the same seed gives the same motion (0)")
   for name, methods in _choices(command).items():
     known = next(iter(methods.values()))
-    texts = list(dict.fromkeys(one.help for one in methods.values()))
-    text = texts[0] if len(texts) == 1 else "; ".join(f"{_title(method)}: {one.help}"
-                                                     for method, one in methods.items())
+    texts = list(dict.fromkeys(description.help for description in methods.values()))
+    text = texts[0] if len(texts) == 1 else "; ".join(f"{_title(method)}: {description.help}"
+                                                     for method, description in methods.items())
     only_one = len(methods) == 1 < len(_methods(command))
     group = _group(parser, next(iter(methods))) if only_one else parser
     group.add_argument(f"--{name.replace('_', '-')}", type=None if known.read is str else known.read,
@@ -81,20 +81,20 @@ def add_common(parser, command, out, shown):
 
 
 def _shown(parser, command, names, arguments):
-  """{dest: help text} of the flags `names`, and of the sampling choices of the model that the arguments name."""
+  """{dest: help text} of the flags `names` and of the sampling choices of the model on the command line."""
   model = next((value for flag, value in _values(arguments) if flag == "--model"), parser.get_default("model"))
   method = _method_of(model)
-  found = {action.dest: action.help for action in parser._actions if action.dest in names}
+  texts = {action.dest: action.help for action in parser._actions if action.dest in names}
   for name, methods in _choices(command).items():
     if method in methods:
-      found[name] = methods[method].help + _defaults(name, {method: methods[method]}, model)
-  return found
+      texts[name] = methods[method].help + _defaults(name, {method: methods[method]}, model)
+  return texts
 
 
 def _values(arguments):
   """Yields (flag, value) of --flag VALUE and --flag=VALUE."""
-  for one, then in zip(arguments, [*arguments[1:], ""]):
-    flag, equals, value = one.partition("=")
+  for argument, then in zip(arguments, [*arguments[1:], ""]):
+    flag, equals, value = argument.partition("=")
     yield flag, value if equals else then
 
 
@@ -109,26 +109,27 @@ def _method_of(model):
 
 
 def _defaults(name, methods, only=None):
-  """The values of a sampling choice in the shipped models of these methods, or `only` in one, for its help text."""
-  found = {}
+  """Help text with the values of a sampling choice in the shipped models of these methods, or only in one model."""
+  models = {}
   for model, method, sampler in _samplers():
     if method in methods and only in (None, model):
       value = sampler.get(methods[method].key or name, methods[method].usual)
       if value is not None:
-        found.setdefault(f"{value:g}" if isinstance(value, float) else str(value).lower(), []).append(model)
-  values = "; ".join(value if len(found) == 1 else f"{value} for {', '.join(names)}" for value, names in found.items())
+        models.setdefault(f"{value:g}" if isinstance(value, float) else str(value).lower(), []).append(model)
+  values = "; ".join(value if len(models) == 1 else f"{value} for {', '.join(names)}"
+                     for value, names in models.items())
   return f" ({'shipped models: ' * (only is None)}{values})" if values else ""
 
 
 @functools.cache
 def _samplers():
   """[(name, method, config.sampler)] of the shipped models; only their configs are read."""
-  found = []
+  samplers = []
   for path in sorted(_PRETRAINED.glob("*/config.json")):
     config = json.loads(path.read_text(encoding="utf-8"))
     if "sampler" in config:
-      found.append((path.parent.name, config["stage"].partition(".")[0], config["sampler"]))
-  return found
+      samplers.append((path.parent.name, config["stage"].partition(".")[0], config["sampler"]))
+  return samplers
 
 
 def _methods(command):
@@ -138,11 +139,11 @@ def _methods(command):
 
 def _choices(command):
   """{name: {method: Description}} of the sampling choices that a command accepts."""
-  found, options = {}, registry.options()
+  choices, options = {}, registry.options()
   for method in _methods(command):
     for name, known in options[method].described().items():
-      found.setdefault(name, {})[method] = known
-  return found
+      choices.setdefault(name, {})[method] = known
+  return choices
 
 
 def _title(method):
@@ -158,7 +159,7 @@ def _group(parser, method):
 
 
 def sampling_of(args, model):
-  """The sampling choices on the command line; refuses those that the model's method does not have."""
+  """The sampling choices on the command line. Raises InputError for those that the model's method does not have."""
   given = {name: getattr(args, name) for name in _choices(args.command) if getattr(args, name) is not None}
   unknown = [f"--{name.replace('_', '-')}" for name in given if name not in model.options.described()]
   if unknown:

@@ -49,8 +49,8 @@ def _add_multi_prompt(commands):
                             "poses match")
   several.add_argument("--rest", action="store_true", help="fill the remaining time of a short action, such as a bow, "
                        "with standing still; default: the action continues or repeats")
-  several.add_argument("--hold-until-done", action="store_true", help="give single actions, such as a kick, at least "
-                       "the length of training clips of them")
+  several.add_argument("--hold-until-done", action="store_true", help="give an action that ends by itself, such as a "
+                       "kick, at least the length of similar training clips")
   flags.add_planning(several)
   flags.add_steps(several, step_names.MULTI_PROMPT)
   several.add_argument("--ease", action="store_true", help="spread sudden speed changes between prompts over 0.4 s")
@@ -63,7 +63,7 @@ def _add_extend(commands):
   extend.add_argument("file", help=f"motion to continue: {shared.MOTION_HELP}")
   extend.add_argument("--prompt", required=True, help="what happens next; several prompts as for multi-prompt")
   extend.add_argument("--seconds", type=_SECONDS, help="length of the new part in seconds, for a single prompt")
-  extend.add_argument("--past-prompt", help="what the file shows (default: its caption, else the new prompt)")
+  extend.add_argument("--past-prompt", help="prompt of the motion in the file (default: its caption, else the new one)")
   extend.add_argument("--way", choices=("stream", "chain"),
                       help="stream (default): the past stays clean in the cache; chain: one past latent is noised "
                            "again in each step, as in the released code")
@@ -80,7 +80,8 @@ def _add_edit(commands):
   edit.add_argument("--prompt", required=True, help="what the person does in the new frames")
   part = edit.add_mutually_exclusive_group()
   part.add_argument("--task", choices=("inpainting", "outpainting", "prefix", "suffix"),
-                    help="what is kept: the first and last quarter, the middle half, the first half, the second half")
+                    help="frames to keep: the first and last quarter (inpainting), the middle half (outpainting), the "
+                         "first half (prefix), the second half (suffix)")
   part.add_argument("--change", action="append", metavar="A:B",
                     help="regenerate this span and keep the rest: seconds (1.5s:3s), shares (25%%:0.5) or frames "
                          "(30:60); repeatable")
@@ -111,7 +112,7 @@ def _generate(args):
 
 
 def _requests(args, lines, fps):
-  """The motions of `generate`: each line --num-samples times."""
+  """The requests of `generate`: --num-samples of each line."""
   from motion_jax_studio.batches import Request
   given = args.num_frames if args.seconds is None else args.seconds * fps
   return [Request(line.prompt, line.frames(fps) if given is None else given, args.seed + i)
@@ -124,9 +125,9 @@ def _multi_prompt(args):
   lists = read_sequences(args.prompts, session.model.fps)
   check_count(len(lists), args)
   session.print_model(f"{counted(len(lists) * args.num_samples, 'motion')} of {counted(len(lists[0]), 'prompt')}")
-  rows = [(one, args.seed + i) for one in lists for i in range(args.num_samples)]
+  rows = [(segments, args.seed + i) for segments in lists for i in range(args.num_samples)]
   motions = []
-  for batch in progress.each(batches([_length(session.pipeline, one) for one, _ in rows], session.model.fps),
+  for batch in progress.each(batches([_length(session.pipeline, segments) for segments, _ in rows], session.model.fps),
                              "generating motions", unit="batch"):
     some, seeds = zip(*rows[batch])
     motions += session.pipeline.multi_prompts(some, way=args.way, without=session.without, seeds=seeds, rest=args.rest,
@@ -151,7 +152,7 @@ def _extend(args):
 
 
 def _segments(args, fps):
-  """The prompts and seconds by which `extend` continues a motion."""
+  """[(prompt, seconds)] with which `extend` continues a motion."""
   segments = read_sequences(args.prompt, fps)[0]
   if args.seconds is not None and len(segments) > 1:
     raise InputError("got --seconds for several prompts; write lengths after colons, as in \"walks:4 | sits:3\"")

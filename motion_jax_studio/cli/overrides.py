@@ -13,7 +13,7 @@ OPEN = ("optimizer.fields", "optimizer.schedule_fields", "optimizer.rates")
 
 
 def applied(arguments, config):
-  """The config, locked, with the fields that --config.KEY=VALUE among arguments name; nothing else may be there."""
+  """The locked config with the fields of --config.KEY=VALUE arguments. Raises InputError for any other argument."""
   arguments = _take_open_fields(arguments, config)
   check(arguments, config)
   values = flags.FlagValues()
@@ -52,7 +52,7 @@ def _take_open_fields(arguments, config):
 
 def names_any(arguments, *fields) -> bool:
   """Whether the arguments set one of these fields."""
-  return any(one.lstrip("-").partition("=")[0] == f"config.{field}" for one in arguments for field in fields)
+  return any(argument.lstrip("-").partition("=")[0] == f"config.{field}" for argument in arguments for field in fields)
 
 
 def check(arguments, config):
@@ -94,7 +94,7 @@ def _nearest(key, fields):
 
 
 def _check_value(key, text, usual):
-  """Raises InputError for a text that is no value of the type that a field has."""
+  """Raises InputError for a text that is not a value of the field's type."""
   kinds = {bool: "True or False", int: "a whole number", float: "a number"}
   kind = type(usual)
   if text is None or kind not in kinds:

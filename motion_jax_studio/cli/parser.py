@@ -44,30 +44,31 @@ class Parser(argparse.ArgumentParser):
         action.help = text
 
   def parse_args(self, args=None, namespace=None):
-    found, rest = self.parse_known_args(args, namespace)
-    takes_overrides = hasattr(found, "overrides")
-    unknown = [one for one in rest if not takes_overrides or (
-        one.startswith("--") and not one.startswith(("--config.", "--noconfig.")))]
+    parsed, rest = self.parse_known_args(args, namespace)
+    takes_overrides = hasattr(parsed, "overrides")
+    unknown = [argument for argument in rest if not takes_overrides or (
+        argument.startswith("--") and not argument.startswith(("--config.", "--noconfig.")))]
     if unknown:
-      self._of_command(found).error(f"unrecognized arguments: {shlex.join(unknown)}{_QUOTES * (unknown[0][:1] != '-')}")
+      advice = _QUOTES * (unknown[0][:1] != "-")
+      self._of_command(parsed).error(f"unrecognized arguments: {shlex.join(unknown)}{advice}")
     if takes_overrides:
-      found.overrides = rest
-    return found
+      parsed.overrides = rest
+    return parsed
 
   def parse_known_args(self, args=None, namespace=None):
     if args is not None:
       self._given = args = self._joined(map(self._with_dashes, args))
     return super().parse_known_args(args, namespace)
 
-  def _of_command(self, found):
+  def _of_command(self, parsed):
     """The parser of the sub-command that was parsed, or this one."""
     for action in self._actions:
-      if isinstance(action, argparse._SubParsersAction) and getattr(found, action.dest, None) in action.choices:
-        return action.choices[getattr(found, action.dest)]._of_command(found)
+      if isinstance(action, argparse._SubParsersAction) and getattr(parsed, action.dest, None) in action.choices:
+        return action.choices[getattr(parsed, action.dest)]._of_command(parsed)
     return self
 
   def _joined(self, arguments):
-    """The arguments with --up -z and --at -1,2 as one each: argparse takes what begins with a dash for a flag."""
+    """The arguments with "--up -z" as "--up=-z": argparse would take a value that begins with a dash for a flag."""
     joined: list[str] = []
     for argument in arguments:
       action = self._option_string_actions.get(joined[-1]) if joined else None
@@ -79,7 +80,7 @@ class Parser(argparse.ArgumentParser):
     return joined
 
   def _with_dashes(self, argument):
-    """The argument with dashes in its flag's name, where that makes it a flag of this parser."""
+    """The argument with dashes for underscores in its flag's name, if that makes it a flag of this parser."""
     name, equals, value = argument.partition("=")
     flag = "--" + name.lstrip("-").replace("_", "-")
     return flag + equals + value if name.startswith("-") and flag in self._option_string_actions else argument
@@ -95,11 +96,11 @@ class Parser(argparse.ArgumentParser):
 
 
 def _suggestion(flag, known):
-  """" (did you mean --num-samples?)" for a flag of another program, or one that is spelled almost like a known one."""
+  """" (did you mean --num-samples?)" for a flag of another program, or a misspelled one; "" for others."""
   name = flag.lstrip("-").replace("_", "-").lower()
   meant = [f"--{other.replace('_', '-')}" for other in OTHERS.get(name.replace("-", "_"), ())]
-  meant = [one for one in meant if one in known]
+  meant = [candidate for candidate in meant if candidate in known]
   # Without the dashes, which all flags have in common.
   return (f" (did you mean {meant[0]}?)" if meant else
-          did_you_mean(name, [one.lstrip("-") for one in known]).replace("mean ", "mean --"))
+          did_you_mean(name, [candidate.lstrip("-") for candidate in known]).replace("mean ", "mean --"))
 

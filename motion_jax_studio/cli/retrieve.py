@@ -51,9 +51,9 @@ def _retrieve(args):
   else:
     if not args.query.strip():
       raise ValueError("got an empty sentence; say what the person does, such as 'a person walks'")
-    found = collection.nearest_clips(retriever.embed_text([args.query])[0], args.top_k)
-    for similarity, i in found:
+    matches = collection.nearest_clips(retriever.embed_text([args.query])[0], args.top_k)
+    for similarity, i in matches:
       print(f"{similarity:6.3f}  {collection.ids[i]:24s} {collection.seconds[i]:5.1f} s  {collection.captions[i][0]}")
     if args.out:
       clips = retrieval.read_clips(args.data, args.split)
-      shared.save(args, [clips[found[0][1]]], outputs)
+      shared.save(args, [clips[matches[0][1]]], outputs)

@@ -1,4 +1,4 @@
-"""motion-jax retarget: a motion onto a robot, and a robot's motion back to a person's joints."""
+"""motion-jax retarget: a motion to a robot, and a robot's motion back to human joints."""
 import argparse
 import pathlib
 
@@ -13,25 +13,25 @@ _PICTURES = (".png", ".jpg", ".mp4", ".gif")
 def add_to(commands):
   """Adds this sub-command to those of `motion-jax`."""
   retarget = commands.add_parser(
-      "retarget", help="bring a motion file onto a robot, or a robot's file back to a person's joints",
-      epilog="STEM.FORMAT.csv or .npz is written for each format, and a .json beside it that states robot, order of "
-      "joints and quaternions, axes, units, rate and licence. Formats: " + ", ".join(_FORMATS) + ".",
+      "retarget", help="retarget a motion file to a robot, or a robot's motion back to human joints",
+      epilog="STEM.FORMAT.csv or .npz is written for each format, with a .json file that states robot, order of joints "
+      "and quaternions, axes, units, rate and licence. Formats: " + ", ".join(_FORMATS) + ".",
       formatter_class=argparse.RawDescriptionHelpFormatter)
-  retarget.add_argument("file", help=f"motion file: {shared.MOTION_HELP}; or a robot's .csv or .npz, to bring back")
+  retarget.add_argument("file", help=f"motion file: {shared.MOTION_HELP}; or a robot's .csv or .npz, to convert back")
   retarget.add_argument("--robot", default="g1", help="g1 (Unitree G1), or an MJCF (.xml) or URDF file with "
                         "--robot-mapping")
   retarget.add_argument("--robot-mapping", metavar="FILE.json", help="{human part: body of the robot}, for a robot of "
                         "your own")
-  retarget.add_argument("--joints", type=whole(1, 100), metavar="N", help="number of moving joints, where a robot has "
+  retarget.add_argument("--joints", type=whole(1, 100), metavar="N", help="number of moving joints, for a robot with "
                         "variants (g1: 29 or 23)")
   retarget.add_argument("--format", default="unitree_xyzw", metavar="A,B", help="robot formats to write, separated by "
                         "commas (unitree_xyzw); see below")
   retarget.add_argument("--rate", type=real(*FRAME_RATES), metavar="HZ", help="frames a second of inverse kinematics "
                         "(50); formats whose readers expect a rate are resampled to it")
-  retarget.add_argument("--quaternion", choices=("xyzw", "wxyz"), help="quaternion order of a robot's .csv; by default "
-                        "it is read off the pelvis, which stands upright")
-  retarget.add_argument("--out", help="stem of the files to write (FILE without its ending); of a robot's file, the "
-                        "motion file to write: .npz (without an ending), .bvh .glb .mp4 .html ...")
+  retarget.add_argument("--quaternion", choices=("xyzw", "wxyz"), help="quaternion order of a robot's .csv (default: "
+                        "detected from the pelvis, which is upright)")
+  retarget.add_argument("--out", help="stem of the files to write (FILE without its ending); for a robot's file, the "
+                        "motion file to write: .npz (if there is no ending), .bvh .glb .mp4 .html ...")
   retarget.add_argument("--picture", metavar="FILE", help="also draw the robot: .png (a strip), .mp4 or .gif")
   shared.add_reading(retarget)
   retarget.set_defaults(run=_retarget)
@@ -43,7 +43,7 @@ def _is_robots(path):
 
 
 def _by_ending(out, formats):
-  """(stem, formats) of --out: a name that ends as a format's files do chooses it, walk.mjlab.npz or walk.csv."""
+  """(stem, formats) of --out; the ending of a format's files, as in walk.mjlab.npz or walk.csv, selects the format."""
   path = pathlib.Path(out)
   ending = path.suffix.lower()
   if ending not in (".csv", ".npz", ".json"):
@@ -78,7 +78,7 @@ def _retarget(args):
               robots.read_npz(path, robot, args.fps))
     print(f"{path}: {motion.num_frames} frames, {motion.seconds:.1f} s at {motion.fps:g} frames a second; quaternions "
           f"{motion.meta['quaternion_order']}")
-    written = [one for out in outputs for one in export.save(motion.to_clip(), out)]
+    written = [file for out in outputs for file in export.save(motion.to_clip(), out)]
   else:
     clip = shared.read_motion(args.file, args)
     motion = robots.retarget(clip, robot, args.rate or robots.RATE)
@@ -86,7 +86,7 @@ def _retarget(args):
           f"a second, {motion.meta['seconds_per_second']:.2f} s of work per second of motion")
     print("\n".join(robots.report(motion, clip).lines()))
     stem = args.out or path.with_suffix("")
-    written = [one for name in formats for one in robots.write(motion, stem, name)]
+    written = [file for name in formats for file in robots.write(motion, stem, name)]
   if args.picture:
     written += export.save(motion, args.picture)
   shared.print_files(written)

@@ -1,4 +1,4 @@
-"""What all commands that generate motion do around it: check files, load the model, print, write."""
+"""Shared parts of all commands that generate motion: check files, load the model, print, write."""
 import functools
 import pathlib
 import time
@@ -17,9 +17,9 @@ def counted(number, noun):
 
 
 class Session:
-  """One command: its arguments, output files, checked before the slow part, and the pipeline of --model.
+  """The run of one command: its arguments, its output files (checked before the slow part), the pipeline of --model.
 
-  ability: one that the model must have. Raises InputError for a model without it.
+  ability: an ability that the command needs. Raises InputError for a model without it.
   """
 
   def __init__(self, args, ability=None):
@@ -38,7 +38,7 @@ class Session:
     return flags.without_of(self.args)
 
   def each_seed(self, sample, frames):
-    """sample(seed) of each seed of --num-samples; frames: of a motion, to refuse more than one run generates."""
+    """[sample(seed)] for --num-samples seeds. frames: length of a motion. Raises InputError for too many motions."""
     from motion_jax_studio.batches import batches
     batches([frames] * self.args.num_samples, self.model.fps)
     seeds = range(self.args.seed, self.args.seed + self.args.num_samples)
@@ -59,8 +59,9 @@ class Session:
     self.print_model(f"{counted(len(planned.frames), 'motion')} of {' to '.join(lengths)} s")
 
   def write(self, motions, colors=None, constraints=()):
-    """Writes the motions to the files; with --explain prints what was done to them. colors (T, 3) of the body, and
-    constraints, are for pictures.
+    """Write the motions to the files; with --explain, print their step records.
+
+    For pictures: colors (T, 3) of the body, and the constraints to draw.
     """
     from motion_jax.motion.step_records import lines
     print(f"generated in {time.time() - self.start:.1f} s")
@@ -92,7 +93,7 @@ class Session:
 
 
 def print_made(motions):
-  """Prints the plans of motions as they were sampled, and the speed of those in place."""
+  """Print the plans of motions as they were sampled, and the root speed of motions with --in-place."""
   for text in list(dict.fromkeys(motion.meta["understood"] for motion in motions if "understood" in motion.meta)
                    )[:_PRINTED]:
     print(f"generated as: {text}")
@@ -104,7 +105,7 @@ def print_made(motions):
 
 
 def check_count(prompts, args):
-  """Raises InputError for more motions than one run generates, before the model is loaded."""
+  """Raises InputError for more motions than one run may generate, before the model is loaded."""
   if prompts * args.num_samples > MOTIONS[1]:
     raise InputError(f"got {prompts:,} prompts with --num-samples {args.num_samples:,}, "
                      f"{prompts * args.num_samples:,} motions; expected at most {MOTIONS[1]:,} in one run")

@@ -24,7 +24,7 @@ MOTION_HELP = ", ".join(MOTION_FILES[:-1]) + f" or {MOTION_FILES[-1]}"
 
 @contextlib.contextmanager
 def value_of(flag, value):
-  """Errors of the block name the flag and its value, for values that are read after the command line is parsed."""
+  """Add the flag and its value to errors of the block, for values that are read after the command line is parsed."""
   try:
     yield
   except ValueError as error:
@@ -53,8 +53,9 @@ def add_reading(parser):
 
 def add_mapping(parser):
   """The option of all commands that read .bvh and .amc files."""
-  parser.add_argument("--mapping", metavar="FILE.json", help="names of unknown joints of a file: {our joint: their "
-                      "joint, or a list to average}, or a rig's name; motion-jax rigs FILE writes one to fill in")
+  parser.add_argument("--mapping", metavar="FILE.json", help="joint names of a file that are not recognized: {our "
+                      "joint: their joint, or a list to average}, or a rig's name; motion-jax rigs FILE writes one to "
+                      "fill in")
 
 
 def read_motion(path, args):
@@ -90,8 +91,8 @@ def config_of(args):
     if overrides.names_any(args.overrides, "data.folder", "data.folders"):
       raise InputError("got --data and --config.data.folder; give one of them")
     with config.unlocked():
-      one = len(args.data) == 1
-      config.data.update(folder=args.data[0] if one else "", folders=() if one else tuple(args.data))
+      single = len(args.data) == 1
+      config.data.update(folder=args.data[0] if single else "", folders=() if single else tuple(args.data))
   return overrides.applied(args.overrides, config)
 
 
@@ -131,23 +132,24 @@ def _check_character(args, outputs):
 def add_rig(parser):
   """The flags of files with a rig."""
   parser.add_argument("--character", metavar="FILE", help="your own rigged character, .glb, .gltf or .vrm: each .glb "
-                      "or .vrm of --out is that file with the motions as further animations, before those that it has")
-  parser.add_argument("--replace-animations", action="store_true", help="leave out the animations that the file of "
+                      "or .vrm of --out is a copy of it, with the motions added in front of its own animations")
+  parser.add_argument("--replace-animations", action="store_true", help="drop the animations that the file of "
                       "--character has")
   parser.add_argument("--name", type=_clip_name, metavar="NAME", help="name of the animation in .glb, .vrma, .usda, "
-                      ".fbx and --character (the prompt, with _ for blanks)")
-  parser.add_argument("--character-mapping", metavar="FILE.json", help="names of the character's bones where they are "
-                      "not known: {our joint: its bone}; an error message lists them")
+                      ".fbx and --character (default: the prompt, with _ for spaces)")
+  parser.add_argument("--character-mapping", metavar="FILE.json", help="bone names of a character that are not "
+                      "recognized: {our joint: its bone}; an error message lists them")
   parser.add_argument("--rig", metavar="NAME", help="joint names, tree and rest pose of another program in .bvh, .glb, "
-                      ".usda and .fbx: mixamo, unity, ue5, vrm, rigify ...; motion-jax rigs lists them (HumanML3D's)")
+                      ".usda and .fbx: mixamo, unity, ue5, vrm, rigify ...; motion-jax rigs lists them (default: those "
+                      "of HumanML3D)")
   parser.add_argument("--t-pose", action="store_true", help="add a first frame that is a T-pose to .bvh, .glb, .usda, "
                       ".fbx and --character")
-  parser.add_argument("--out-fps", type=real(*FRAME_RATES), metavar="N", help="frame rate of the motion files written, "
-                      "such as 24, 25, 30, 50, 60 or 120, interpolated; loops stay loops (the motion's)")
+  parser.add_argument("--out-fps", type=real(*FRAME_RATES), metavar="N", help="frame rate of the written motion files, "
+                      "such as 24, 25, 30, 50, 60 or 120, by interpolation; loops stay loops (default: the motion's)")
   parser.add_argument("--bvh-unit", choices=tuple(BVH_UNITS), default="cm",
                       help="unit of .bvh files: cm (common; in Blender import with scale 0.01) or m")
-  parser.add_argument("--pelvis-offset", metavar="X,Y,Z", type=_three, help="in .amass.npz, the pelvis of your body "
-                      "model at rest, metres, which its forward kinematics adds to trans (0,0,0)")
+  parser.add_argument("--pelvis-offset", metavar="X,Y,Z", type=_three, help="for .amass.npz, the rest position of your "
+                      "body model's pelvis in metres, which its forward kinematics adds to trans (0,0,0)")
   parser.add_argument("--exact-joints", action="store_true",
                       help="in .bvh, .glb, .usda and .fbx, keep exact joint positions with position channels below the "
                            "root, which some programs misread; default: joints only rotate, and the error is printed")
@@ -177,21 +179,21 @@ def save(args, clips, outputs):
 def file_options(args, out):
   """The options of `export.save` for a file of this format."""
   kind = pathlib.Path(out).suffix.lower()
-  found = film_options(args) if kind in FILMS else {}
+  options = film_options(args) if kind in FILMS else {}
   if kind not in PICTURES and args.out_fps is not None:
-    found["fps"] = args.out_fps
+    options["fps"] = args.out_fps
   if kind in CHARACTERS and args.character is not None:
-    return found | {"file": args.character, "mapping": args.character_mapping, "t_pose": args.t_pose,
+    return options | {"file": args.character, "mapping": args.character_mapping, "t_pose": args.t_pose,
                     "name": args.name, "replace": args.replace_animations}
   if kind in NAMED:
-    found["name"] = args.name
+    options["name"] = args.name
   if kind in RIGS:
-    found |= {"exact": args.exact_joints, "rig": args.rig, "t_pose": args.t_pose}
+    options |= {"exact": args.exact_joints, "rig": args.rig, "t_pose": args.t_pose}
   if out.lower().endswith(".amass.npz") and args.pelvis_offset:
-    found["pelvis_offset"] = args.pelvis_offset
+    options["pelvis_offset"] = args.pelvis_offset
   if kind == ".bvh":
-    found["unit"] = BVH_UNITS[args.bvh_unit]
-  return found
+    options["unit"] = BVH_UNITS[args.bvh_unit]
+  return options
 
 
 def print_rig_error(args, clips, outputs):
@@ -201,8 +203,8 @@ def print_rig_error(args, clips, outputs):
       set(CHARACTERS) if args.character is not None else set()))
   if not kinds or args.exact_joints:
     return
-  found = [export.rig_error(clip) for clip in clips]
-  mean, (_, worst, joint) = sum(error for error, *_ in found) / len(found), max(found, key=lambda one: one[1])
+  errors = [export.rig_error(clip) for clip in clips]
+  mean, (_, worst, joint) = sum(error for error, *_ in errors) / len(errors), max(errors, key=lambda row: row[1])
   if worst < 0.5:
     return
   print(f"{' and '.join(kinds)}: the skeleton only rotates; joints are {mean:.1f} mm from the motion on average, "
@@ -229,21 +231,21 @@ def film_options(args):
   from motion_jax.export.video import check_film
   if not hasattr(args, "film_fps"):  # a command without these flags
     return {}
-  found = {"camera": args.camera}
+  options = {"camera": args.camera}
   if args.size is not None:
     width, cross, height = args.size.lower().partition("x")
     if not (cross and width.isdecimal() and height.isdecimal()):
       raise InputError(f"got --size {args.size}, expected WIDTHxHEIGHT in pixels, such as 720x720")
-    found["size"] = (int(width), int(height))
+    options["size"] = (int(width), int(height))
   if args.background is not None:
-    found["background"] = args.background
+    options["background"] = args.background
   if args.film_fps is not None:
-    found["fps"] = args.film_fps
-  for name, value in found.items():
+    options["fps"] = args.film_fps
+  for name, value in options.items():
     flag = "--film-fps" if name == "fps" else f"--{name}"
     with value_of(flag, getattr(args, flag[2:].replace("-", "_"))):
       check_film(**{name: value})
-  return found
+  return options
 
 
 def span_of(args, clip) -> slice:
@@ -268,7 +270,7 @@ def trimmed(args, clip):
 
 
 def print_notes(notes):
-  """Shows notes as warnings are shown."""
+  """Give notes as warnings, which the command line prints once each."""
   for note in notes:
     warnings.warn(note, stacklevel=2)
 

@@ -1,4 +1,4 @@
-"""motion-jax render and models: what there is to see."""
+"""motion-jax render, models and rigs: convert a motion file, list models and rigs."""
 import pathlib
 import shlex
 
@@ -18,13 +18,13 @@ def add_to(commands):
   shared.add_film(render, "in every output format")
   render.set_defaults(run=_render)
 
-  models = commands.add_parser("models", help="list the shipped models with size, licence and speed; of a model, what "
-                               "it can do and how it is sampled")
+  models = commands.add_parser("models", help="list the shipped models with size, licence and speed; for a model, its "
+                               "abilities and sampling defaults")
   models.add_argument("model", nargs="*", help="run folders or shipped models")
   models.set_defaults(run=_models)
 
-  rigs = commands.add_parser("rigs", help="list the rigs that motion is written for by --rig; of a file, the nearest "
-                             "one and a mapping to fill in")
+  rigs = commands.add_parser("rigs", help="list the rigs that --rig can write; for a file, the nearest rig and a joint "
+                             "mapping to fill in")
   rigs.add_argument("file", nargs="?", help="a .bvh or .amc file whose joint names to look up")
   rigs.add_argument("--write-mapping", metavar="FILE.json", help="write {our joint: the joint of the file} to correct "
                     "and fill in, for --mapping of the commands that read motion")

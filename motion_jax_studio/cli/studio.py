@@ -55,14 +55,14 @@ def _make(args):
       raise InputError(f"{args.project} is a motion file, expected a project (.json) saved in the studio; motion-jax "
                        "render converts motion files")
     outputs, limits = shared.outputs_of(args), Limits()
-    found = project.read(args.project, limits)
+    saved = project.read(args.project, limits)
     shared.cache_compiled_code()
-  library = Library(project.models_of(found), warm=False)
+  library = Library(project.models_of(saved), warm=False)
   library.start()
-  motion = project.made(found, library, limits, args.take, lambda note: print(f"note: {note}"))
+  motion = project.made(saved, library, limits, args.take, lambda note: print(f"note: {note}"))
   for caption in motion.captions:
     print(f"{caption.start:6.1f} to {caption.end:5.1f} s  {caption.text}")
-  constraints = project.control_of(found)
+  constraints = project.control_of(saved)
   signal = control.drawn(constraints, [motion])[0] if constraints else None
   written = [path for out in outputs for path in export.save(
       motion, out, **shared.file_options(args, out), **control.drawn_options(out, signal, constraints))]

@@ -28,7 +28,7 @@ def add_to(commands):
   add("--max-seconds", type=real(above=0, high=1e9, unit="seconds"), metavar="S",
       help="save and stop after this time")
   add("--cpu-seconds", type=real(above=0, high=1e9, unit="processor seconds"), metavar="S",
-      help="save and stop when the steps of the run, its earlier slices included, have cost this much processor time "
+      help="save and stop after this much processor time of training steps, those before a resume included "
            "(train.cpu_seconds)")
   add("--profile-steps", type=_steps, metavar="A:B",
       help="profile steps A to B with JAX's profiler into profile/ of the run folder, such as 10:20; step 1 "
@@ -46,13 +46,13 @@ def add_to(commands):
 def _steps(text):
   first, colon, last = text.partition(":")
   try:
-    found = tuple(whole(1, 10**9)(side) for side in (first, last))
+    bounds = tuple(whole(1, 10**9)(side) for side in (first, last))
   except NumberError as error:
     raise NumberError(f"got {shortened(text)!r}, expected steps A:B such as 10:20" +
                       (f" ({error})" if colon else "")) from None
-  if found[0] > found[1]:
+  if bounds[0] > bounds[1]:
     raise NumberError(f"got {text!r}, expected steps A:B with A no later than B, such as 10:20")
-  return found
+  return bounds
 
 
 def _train(args):
