@@ -9,19 +9,19 @@ extra `studio`.
   security            origin, host, token, rate and size checks before any other code sees a request
   app                 the Starlette application: routes, WebSockets, error responses
   library             loads and compiles the models in a background thread, one `ModelSlot` each
-  requests            /v1/generate, /v1/story, /v1/edit, /v1/import
-  multi_prompt        cache of multi-prompt motions: only what follows a change is sampled again
-  constraint_report   what the page draws of constraints, and the distance of a motion from them
+  requests            /v1/generate, /v1/multi-prompt, /v1/edit, /v1/import
+  multi_prompt        cache of multi-prompt motions: only the blocks after a change are sampled again
+  constraint_report   constraints as the page draws them, and the distance of a motion from them
   streams             one live motion per WebSocket
-  poses               a robot's configurations or a rig's rotations beside the joints of a stream
+  poses               a robot's configurations or a rig's rotations, in addition to the joints of a stream
   stream_constraints  constraints of a running stream
   exporting           /v1/export: files of a motion
-  export_choices      the formats and rigs that it can write
+  export_choices      formats and rigs of /v1/export
   project             saved projects
   suggestions         prompts that a model can do
   mmcp, mmcp_constraints  the MMCP protocol of animation programs
-  limits              bounds of one studio
-  request_types, fields  requests as types, values with rules of their own, the sentences of errors
-  openapi             the requests described for programs
+  limits              limits of one studio: sizes, counts, rates
+  request_types, fields  types of requests; checks of their values, and error messages
+  openapi             the OpenAPI description of the requests
   serialization       motions as JSON, blocks of a stream as bytes
 """

@@ -38,7 +38,7 @@ class Studio:
 
   def __init__(self, library: Library, token: str, host: str = "127.0.0.1", limits: Limits | None = None,
                public_url: str | None = None) -> None:
-    """public_url: of a proxy in front, whose pages are accepted."""
+    """public_url: address of a proxy in front of the studio, whose pages are accepted."""
     self.library, self.token, self.host, self.limits = library, token, host, limits or Limits()
     self.public_url = public_url
     self.handler = RequestHandler(library, self.limits)
@@ -116,8 +116,8 @@ class Studio:
         del self.works[name]
 
   def _json(self, work: Any) -> Any:
-    """A handler of JSON bodies that runs work(body) in a thread, as it parses and writes JSON, which takes long for
-    large motions; an InputError becomes status 400."""
+    """A handler of JSON requests. A thread parses the body, runs work(body) and writes the reply, because JSON of large
+    motions takes long; an InputError becomes status 400."""
     async def handle(request: Request) -> Response:
       async def answer():
         data = await _content(request)
@@ -250,8 +250,8 @@ async def _content(request):
 
 
 def _parsed(data, limits):
-  """JSON. Nothing else runs in Python meanwhile, and short lists take most time and memory, so their count is bounded.
-  """
+  """Parse JSON. The number of values is limited: parsing blocks all other threads, and short lists cost the most time
+  and memory."""
   count = sum(data.count(sign if isinstance(data, str) else sign.encode()) for sign in ",[{")
   if count > limits.values:
     raise Refused(413, f"got JSON of {count:,} values, expected at most {limits.values:,}")
@@ -291,7 +291,7 @@ async def _fault(request, error):
 
 
 def _pages():
-  """A route for each file of the page: no path of a request is ever opened."""
+  """A route for each file of the page, so that no path from a request is ever opened."""
   routes = [Route("/viewer.js", _page(VIEWER))]  # the viewer of exported pages
   for path in sorted(ASSETS.rglob("*")):
     if path.is_file() and path.suffix in _TYPES:

@@ -1,4 +1,4 @@
-"""Deadlines of connections: uvicorn has none before a request is complete, nor for clients that do not read replies."""
+"""Deadlines of connections. uvicorn has none for incomplete requests, and none for clients that do not read replies."""
 from typing import Any
 
 from motion_jax_studio.server.limits import Limits
@@ -11,7 +11,7 @@ def protocol(limits: Limits) -> Any:
   or without reading any of a reply. Of more than `limits.idle` connections without a request the oldest is closed.
   """
   from uvicorn.protocols.http.h11_impl import H11Protocol
-  idle: dict[H11Protocol, float] = {}  # since when each has had no request; the oldest first
+  idle: dict[H11Protocol, float] = {}  # connections without a request, with the time since when; the oldest first
 
   class Protocol(H11Protocol):
     def connection_made(self, transport: Any) -> None:

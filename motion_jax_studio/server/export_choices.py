@@ -18,12 +18,12 @@ OPTIONS = ("rig", "t_pose", "fps", "character")
 @functools.cache
 def formats() -> dict[str, tuple[str, ...]]:
   """{format: those of OPTIONS that its writer takes} of all writers."""
-  found = {}
+  taken = {}
   for ending, write in export.WRITERS.items():
     takes, kind = inspect.signature(write).parameters, ending[1:]
-    found[kind] = tuple(option for option in OPTIONS if option in takes or option == "fps" and kind not in RENDERED
+    taken[kind] = tuple(option for option in OPTIONS if option in takes or option == "fps" and kind not in RENDERED
                         or option == "character" and kind in OF_CHARACTERS)
-  return found
+  return taken
 
 
 def media(kind: str) -> str:
@@ -50,9 +50,9 @@ def _missing(kind):
 
 def options_of(kind: str, given: dict[str, Any]) -> dict[str, Any]:
   """The options of a request that are set. Raises InputError for one that the format does not take."""
-  found = {name: value for name, value in given.items() if value not in (None, False)}
-  for name in found:
+  chosen = {name: value for name, value in given.items() if value not in (None, False)}
+  for name in chosen:
     if name not in formats()[kind]:
       able = [other for other, options in formats().items() if name in options]
       raise InputError(f"got {name} for the format {kind}, expected one of {', '.join(able)}")
-  return found
+  return chosen

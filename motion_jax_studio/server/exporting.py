@@ -50,10 +50,10 @@ def variant(clip: Any, trim: Any = None, still: bool = False, loop: bool = False
     if len(trim) != 1 or trim[0][1] > clip.num_frames:
       raise InputError(f"got trim {str(trim)[:40]}, expected one span of the {clip.num_frames} frames of the motion")
     frames, clip = clip.num_frames, clip.cut(*trim[0])
-    if _are_spans(made := clip.meta.get("made"), frames):
+    if _are_spans(new_spans := clip.meta.get("made"), frames):
       first, past = trim[0]
-      made = [[max(a, first) - first, min(b, past) - first] for a, b in made if a < past and b > first]
-      clip = clip.replace(meta=clip.meta | {"made": made})
+      new_spans = [[max(a, first) - first, min(b, past) - first] for a, b in new_spans if a < past and b > first]
+      clip = clip.replace(meta=clip.meta | {"made": new_spans})
   if loop:
     clip = clip.replace(joints=looped(clip.joints, clip.fps, clip.skeleton), features=None)
   if still:

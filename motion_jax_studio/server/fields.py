@@ -1,4 +1,4 @@
-"""Reading of requests by the types of request_types.py: values with rules beyond a type, and the sentences of errors.
+"""Parsing of requests by the types of request_types.py: kinds of values with rules beyond a type, and error messages.
 
 msgspec checks the JSON and describes the same types to OpenAPI (openapi.py). Its errors become one sentence: the field,
 what came, what was expected. A field that is null counts as missing.

@@ -35,14 +35,14 @@ class ModelSlot:
 
   def about(self) -> dict[str, Any]:
     """The model's entry in `GET /v1/models`."""
-    found, model = self.progress(), self.model
+    entry, model = self.progress(), self.model
     if model is not None:
-      found |= {"id": model.id, "fps": model.fps, "skeleton": model.stats.layout.skeleton.name,
+      entry |= {"id": model.id, "fps": model.fps, "skeleton": model.stats.layout.skeleton.name,
                 "abilities": list(model.abilities), "license": model.license, "limits": model.limits,
                 "sampling": {name: {"help": known.help, "allowed": known.allowed,
                                     "usual": getattr(model.sampling(), name)}
                              for name, known in model.options.described().items()}}
-    return found
+    return entry
 
 
 class Library:
@@ -54,7 +54,7 @@ class Library:
     self._load, self._warm = load or _load, warm
 
   def start(self) -> threading.Thread:
-    """Loads and compiles in a thread, which it returns: it ends after everything that is compiled in advance."""
+    """Start a thread that loads and compiles the models; returns it. It ends when all of them are done."""
     thread = threading.Thread(target=self._fill, name="models", daemon=True)
     thread.start()
     return thread
@@ -84,7 +84,7 @@ class Library:
         slot.ready.set()
 
   def slot(self, name: str | None) -> ModelSlot:
-    """The slot of a name, or the first one for None. Raises InputError for an unknown name."""
+    """The slot of a model by name; None: the first slot. Raises InputError for an unknown name."""
     name = name if name is not None else next(iter(self.slots))
     if name not in self.slots:
       raise InputError(f"got the model {str(name)[:60]!r}, this studio has {', '.join(self.slots)}")

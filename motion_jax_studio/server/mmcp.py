@@ -97,7 +97,7 @@ def generate(body: Any, handler: RequestHandler) -> dict[str, Any]:
     raise MmcpError(400, "invalid_options", "got several segments with loop; a loop has one segment")
   sampling = {"num_steps": options["steps"], "guidance_scale": options["guidance"]}
   sampling = {name: value for name, value in sampling.items() if value is not None}
-  # Ends are rounded together: rounding each of ten segments would lose some frames.
+  # Round the ends, not each length: rounding ten lengths would add up to an error of some frames.
   ends = np.ceil(np.cumsum([count for _, count in segments]) * (model.fps / fps) - 1e-9)
   rows = [(prompt, float(max(count, model.frames_per_latent)) / model.fps)
           for (prompt, _), count in zip(segments, np.diff(ends, prepend=0))]
@@ -106,14 +106,14 @@ def generate(body: Any, handler: RequestHandler) -> dict[str, Any]:
   with handler.place():
     if control:
       wanted = [*control, *([Loop()] if options["loop"] else [])]
-      made = [handler.make_multi_prompt(pipeline, rows, options["seed"] + i, options["cleanup"], sampling, None,
+      motions = [handler.make_multi_prompt(pipeline, rows, options["seed"] + i, options["cleanup"], sampling, None,
                                         wanted, options["without"])[0] for i in range(options["samples"])]
     else:
-      made = [pipeline.multi_prompt(rows, seed=options["seed"] + i, cleanup=options["cleanup"],
+      motions = [pipeline.multi_prompt(rows, seed=options["seed"] + i, cleanup=options["cleanup"],
                                     without=options["without"], **sampling) for i in range(options["samples"])]
-  joints = [_at_rate(one.joints, model.fps, fps, total) for one in made]
+  joints = [_at_rate(motion.joints, model.fps, fps, total) for motion in motions]
   if options["loop"] and not control:
-    joints = [looped(one, fps, model.stats.layout.skeleton) for one in joints]
+    joints = [looped(sample, fps, model.stats.layout.skeleton) for sample in joints]
   return _document(joints, fps, model, body["skeleton"]) | ({"extras": {"notes": notes}} if notes else {})
 
 
@@ -122,13 +122,13 @@ def _constraints(given, total, fps, model, limits):
   if given and model.stats.layout.skeleton is not HUMANML3D:
     raise MmcpError(400, "unsupported_constraint", "this model takes no constraints")
   try:
-    found, notes = mmcp_constraints.read(given, total, fps, model.fps)
-    check_points(found, limits, "constraints")
+    constraints, notes = mmcp_constraints.read(given, total, fps, model.fps)
+    check_points(constraints, limits, "constraints")
   except mmcp_constraints.ConstraintError as error:
     raise MmcpError(error.status, error.code, str(error)) from None
   except InputError as error:
     raise MmcpError(422, "schema_validation", str(error)) from None
-  return found, notes
+  return constraints, notes
 
 
 def _pipeline(name, handler):
@@ -140,14 +140,14 @@ def _pipeline(name, handler):
 
 
 def _check_skeleton(given, skeleton):
-  """Refuses other skeletons: rotations would not fit them."""
+  """Raises MmcpError for any skeleton but the model's own, for which alone the rotations of a reply are valid."""
   joints = given.get("joints") if isinstance(given, dict) else None
   if not isinstance(joints, list) or not all(isinstance(joint, dict) for joint in joints):
     raise MmcpError(422, "schema_validation", "skeleton.joints is missing")
-  own = _skeleton(skeleton)["joints"]
-  same = len(joints) == len(own) and all(
+  expected = _skeleton(skeleton)["joints"]
+  same = len(joints) == len(expected) and all(
       (a.get("name"), a.get("parent")) == (b["name"], b["parent"]) and _near(a.get("rest_rotation"), b["rest_rotation"])
-      and _near(a.get("rest_translation"), b["rest_translation"], along=True) for a, b in zip(joints, own))
+      and _near(a.get("rest_translation"), b["rest_translation"], along=True) for a, b in zip(joints, expected))
   if not same:
     raise MmcpError(400, "retargeting_unsupported", "send the model's canonical_skeleton of /capabilities")
 
@@ -167,7 +167,7 @@ def _segments(given, fps, limits):
   """[(prompt, frames)]."""
   if not isinstance(given, list) or not given or len(given) > limits.blocks:
     raise MmcpError(422, "schema_validation", f"expected 1 to {limits.blocks} segments")
-  found = []
+  segments = []
   for segment in given:
     if not isinstance(segment, dict):
       raise MmcpError(422, "schema_validation", "a segment is not an object")
@@ -178,12 +178,12 @@ def _segments(given, fps, limits):
       raise MmcpError(422, "schema_validation", f"got duration_frames {str(count)[:20]}, expected 1 to "
                       f"{limits.seconds * fps:.0f}")
     try:
-      found.append((check_prompt(segment.get("prompt"), limits), count))
+      segments.append((check_prompt(segment.get("prompt"), limits), count))
     except InputError as error:
       raise MmcpError(422, "schema_validation", str(error)) from None
-  if sum(count for _, count in found) > limits.seconds * fps:
+  if sum(count for _, count in segments) > limits.seconds * fps:
     raise MmcpError(400, "invalid_request", f"got more than {limits.seconds:g} s")
-  return found
+  return segments
 
 
 def _options(given, limits):
@@ -224,8 +224,8 @@ def _number(given, name, low, high, usual, whole=False):
 
 def _at_rate(joints, fps, to_fps, count):
   """Joints at another rate, padded with the last frame to count frames."""
-  found = resample(joints, fps, to_fps)[:count]
-  return np.concatenate([found, np.repeat(joints[-1:], count - len(found), axis=0)])
+  resampled = resample(joints, fps, to_fps)[:count]
+  return np.concatenate([resampled, np.repeat(joints[-1:], count - len(resampled), axis=0)])
 
 
 def _document(samples, fps, model, skeleton):

@@ -1,6 +1,6 @@
 """Converts MMCP's constraints to ours: root_path, effector_target and pose_keyframe.
 
-Parts without a counterpart give a note: rotations of a target, and joints that a pose does not name.
+Parts without a counterpart become a note: rotations of a target, and joints that a pose does not name.
 """
 from collections.abc import Sequence
 from typing import Any
@@ -38,7 +38,7 @@ def read(rows: Any, frames: int, fps: float, rate: float = 20.0) -> tuple[list[C
     return [], []
   if not isinstance(rows, list) or len(rows) > MOST:
     raise ConstraintError(422, "schema_validation", f"expected a list of at most {MOST} constraints")
-  found: list[Constraint] = []
+  constraints: list[Constraint] = []
   notes: list[str] = []
   for number, row in enumerate(rows):
     kind = row.get("type") if isinstance(row, dict) else None
@@ -52,10 +52,10 @@ def read(rows: Any, frames: int, fps: float, rate: float = 20.0) -> tuple[list[C
       raise ConstraintError(422, "schema_validation", f"constraint {number} ({kind}): got the unknown field "
                             f"{str(min(unknown))[:40]!r}")
     try:
-      found += _constraints(kind, row, frames, fps, rate, notes)
+      constraints += _constraints(kind, row, frames, fps, rate, notes)
     except InputError as error:
       raise ConstraintError(422, "schema_validation", f"constraint {number} ({kind}): {error}") from None
-  return found, list(dict.fromkeys(notes))
+  return constraints, list(dict.fromkeys(notes))
 
 
 def _constraints(kind, row, frames, fps, rate, notes) -> list[Constraint]:
@@ -71,7 +71,7 @@ def _constraints(kind, row, frames, fps, rate, notes) -> list[Constraint]:
     if np.shape(places) != (len(times), 2):
       raise InputError("expected positions_xz of two numbers each")
     heading = row.get("heading_radians")
-    if not dense:  # several frames may map to one frame of the model: the first one counts
+    if not dense:  # several frames may map to one frame of the model, which keeps the first
       kept = np.unique(np.round(times * rate), return_index=True)[1]
       if isinstance(heading, list) and len(heading) == len(times):
         heading = [heading[i] for i in kept]
@@ -83,7 +83,7 @@ def _constraints(kind, row, frames, fps, rate, notes) -> list[Constraint]:
   if name not in HUMANML3D.joints:
     raise ConstraintError(400, "unknown_joint", f"got the joint {str(name)[:40]!r}, expected one of the "
                           "canonical_skeleton")
-  # Adjacent frames form a curve: several of them may map to one frame of the model.
+  # Adjacent frames become one target with a curve, for several of them may map to one frame of the model.
   whole, cuts = EffectorTarget(name, times, places), np.flatnonzero(np.diff(times) > 1.5 / rate) + 1
   return [EffectorTarget(name, at, where, between=len(at) > 1)
           for at, where in zip(np.split(times, cuts), np.split(whole.positions, cuts))]

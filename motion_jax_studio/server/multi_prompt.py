@@ -37,7 +37,7 @@ class MultiPromptCache:
   """Generates multi-prompt motions, each prompt one action, and keeps copies of their streams."""
 
   def __init__(self, max_motions: int = 6, max_copies: int = 150) -> None:
-    """max_motions: how many motions keep their copies; max_copies: of all motions together, a megabyte each."""
+    """max_motions: number of motions that keep their copies; max_copies: of all motions together, a megabyte each."""
     self._max_motions, self._max_copies = max_motions, max_copies
     self._takes: collections.OrderedDict[Any, _Take] = collections.OrderedDict()
     self._lock = threading.Lock()
@@ -54,17 +54,17 @@ class MultiPromptCache:
     with self._lock:
       take = self._takes.pop(key, None) or _Take()
     with progress.part("generating the motion"):
-      made, reused = _make(pipeline, take, segments, seed, cleanup, sampling, hold)
+      motion, reused = _make(pipeline, take, segments, seed, cleanup, sampling, hold)
     old = take.joints
-    same = min(len(old), len(made.joints))
-    differ = np.flatnonzero((old[:same] != made.joints[:same]).any((1, 2))) if same else []
-    take.joints = made.joints
+    same = min(len(old), len(motion.joints))
+    differ = np.flatnonzero((old[:same] != motion.joints[:same]).any((1, 2))) if same else []
+    take.joints = motion.joints
     with self._lock:
       self._takes[key] = take
       held = lambda: sum(len(other.copies) for other in self._takes.values())
       while len(self._takes) > self._max_motions or len(self._takes) > 1 and held() > self._max_copies:
         self._takes.popitem(last=False)
-    return made, reused, int(differ[0]) if len(differ) else same
+    return motion, reused, int(differ[0]) if len(differ) else same
 
 
 def _digest(signal):

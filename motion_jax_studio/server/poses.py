@@ -1,4 +1,4 @@
-"""Poses beside the joints of a stream (docs/protocol.md): a robot's configurations or a rig's rotations."""
+"""Poses in addition to the joints of a stream (docs/protocol.md): a robot's configurations or a rig's rotations."""
 from typing import Any
 
 import numpy as np
@@ -10,10 +10,10 @@ RATE = 50.0
 
 
 class Poses:
-  """The rows that blocks of joints make final; `about` says what a row holds."""
+  """Converts blocks of joints to pose rows; `about` describes the values of a row."""
 
   def __init__(self, pose: str, skeleton: Skeleton, source_fps: float) -> None:
-    """pose: "robot:g1" or "rig:NAME". Raises InputError for another one, and for a body of other joints."""
+    """pose: "robot:g1" or "rig:NAME". Raises InputError for another pose, and for a skeleton other than HumanML3D's."""
     kind, _, name = pose.partition(":")
     if kind not in _MAKERS or not name:
       raise InputError(f"got the pose {pose[:60]!r}, expected robot:g1 or rig:NAME, such as rig:unity")
@@ -25,7 +25,7 @@ class Poses:
     self.count = 0  # rows so far
 
   def push(self, joints: np.ndarray, last: bool = False) -> np.ndarray:
-    """Rows (N, W) float32 that joints (T, 22, 3) have made final; last: nothing comes after them."""
+    """Add joints (T, 22, 3); returns the rows (N, W) float32 that are final by then. last: no joints follow."""
     rows = self._stream.push(joints)
     if last:
       rows = np.concatenate([rows, self._stream.finish()])

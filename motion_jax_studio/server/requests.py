@@ -21,7 +21,7 @@ from motion_jax_studio.server.multi_prompt import MultiPromptCache
 from motion_jax_studio.server.request_types import types_of
 from motion_jax_studio.server.security import Refused
 
-_CHECKED = 0.5  # seconds after which a waiting request looks whether it was cancelled
+_CHECKED = 0.5  # seconds between two checks of whether a waiting request was cancelled
 _LOADING = 600  # seconds to wait for a model that may have the ability
 
 
@@ -61,12 +61,12 @@ class RequestHandler:
                        f"{self.limits.seconds:g} s; give seconds, times or a larger speed")
     seeds = [(request.seed + i) % 2**32 for i in range(request.num_samples)]
     with self.place(), progress.part("generating the motion"):
-      made = pipeline([request.prompt] * len(seeds), seconds=request.seconds, seeds=seeds, plan=request.plan,
+      motions = pipeline([request.prompt] * len(seeds), seconds=request.seconds, seeds=seeds, plan=request.plan,
                       cleanup=request.cleanup, exact=request.cleanup, control=control or None, without=request.without,
                       **request.sampling)
-    report = {"constraints": [constraint_report.report(control, motion) for motion in made]} if control else {}
-    return {"motions": [serialization.to_json(motion) for motion in made]} | report | notes_and_unknown_words(
-        pipeline, [request.prompt], notes_of(made), request.plan and "plan" not in request.without, request.without)
+    report = {"constraints": [constraint_report.report(control, motion) for motion in motions]} if control else {}
+    return {"motions": [serialization.to_json(motion) for motion in motions]} | report | notes_and_unknown_words(
+        pipeline, [request.prompt], notes_of(motions), request.plan and "plan" not in request.without, request.without)
 
   def multi_prompt(self, body: Any) -> dict[str, Any]:
     """Fields of `MultiPrompt` -> {motion, reused_frames, same_frames, notes, unknown, segments, constraints}."""
@@ -81,7 +81,7 @@ class RequestHandler:
         segment_notes(pipeline, [prompt for prompt, _ in rows], request.without))
 
   def make_multi_prompt(self, pipeline, rows, seed, cleanup, sampling, past=None, control=(), without=()):
-    """(motion, frames that were reused, frames equal to the motion before) of rows (prompt, seconds or None).
+    """(motion, frames that were reused, frames equal to the previous motion) from rows (prompt, seconds or None).
 
     past: a motion to continue. control: constraints of the motion. without: steps that are left out.
     """
@@ -148,7 +148,7 @@ def rows_of(segments: Sequence[Any]) -> list[tuple[str, float | None]]:
 
 def make_edit(pipeline: Any, clip: Any, prompt: str, change: Any, keep: Any, seed: int, sampling: dict[str, Any],
               without: Collection[str] = ()) -> Motion:
-  """The clip with regenerated frames in the spans `change`, or outside the spans `keep`; the others are unchanged."""
+  """Regenerate the frames of a clip in the spans `change`, or outside the spans `keep`; the others are unchanged."""
   check_sampling(pipeline.model, sampling)
   spans = change if change is not None else keep
   if spans[-1][1] > clip.num_frames:
@@ -164,11 +164,11 @@ def make_edit(pipeline: Any, clip: Any, prompt: str, change: Any, keep: Any, see
 
 def notes_of(motions: Sequence[Any]) -> list[str]:
   """Notes for the page: paths that do not fit the prompt, requirements that all attempts missed."""
-  several, found = len(motions) > 1, [motion.meta["note"] for motion in motions[:1] if motion.meta.get("note")]
+  several, notes = len(motions) > 1, [motion.meta["note"] for motion in motions[:1] if motion.meta.get("note")]
   for i, motion in enumerate(motions):
     if unmet := motion.meta.get("unmet"):
-      found.append(f"take {i + 1}: " * several + note_of(len(motion.meta["attempts"]), unmet, motion.meta["prompt"]))
-  return found
+      notes.append(f"take {i + 1}: " * several + note_of(len(motion.meta["attempts"]), unmet, motion.meta["prompt"]))
+  return notes
 
 
 def notes_and_unknown_words(pipeline: Any, prompts: list[str], notes: Sequence[str] = (), plan: bool = True,
@@ -177,7 +177,7 @@ def notes_and_unknown_words(pipeline: Any, prompts: list[str], notes: Sequence[s
   "warn" only those about the motions."""
   if "warn" in without:
     return {"notes": [*notes]}
-  captions = pipeline.model.captions  # of a prompt in another language its note says all
+  captions = pipeline.model.captions  # for a prompt in another language one note replaces the list of words
   unknown = sorted({word for prompt in filter(captions.is_english, prompts) for word in captions.unknown_words(prompt)})
   return {"notes": [*pipeline.notes(prompts, plan), *notes]} | ({"unknown": unknown[:20]} if unknown else {})
 

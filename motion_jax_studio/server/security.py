@@ -101,7 +101,7 @@ class SecurityMiddleware:
 
 @dataclasses.dataclass
 class _Client:
-  """Rates of one address, and whether it has sent the right token: what others guess does not keep it out then."""
+  """Rate limits of one address. Once it has sent the right token, wrong guesses from it no longer lock it out."""
   requests: TokenBucket
   guesses: TokenBucket
   is_known: bool = False
@@ -124,7 +124,7 @@ def _place_of(origin):
 
 
 def _limited(receive, limits):
-  """A receive function that raises Refused if a body without a content length grows too long, or does not go on."""
+  """A receive function that raises Refused if a body without a content length grows too long, or stalls."""
   total, is_complete = 0, False
 
   async def count():

@@ -72,7 +72,7 @@ def to_json(motion: Clip) -> dict[str, Any]:
 
 
 def from_json(value: Any, longest: int) -> Motion:
-  """A motion from JSON, of at most `longest` frames. Raises InputError if it is not a motion of a person."""
+  """A motion from JSON, of at most `longest` frames. Raises InputError for invalid fields or an implausible motion."""
   if not isinstance(value, dict):
     raise InputError(NO_MOTION)
   shape, fps, name = value.get("shape"), value.get("fps"), value.get("skeleton", "humanml3d")
@@ -106,7 +106,7 @@ def from_json(value: Any, longest: int) -> Motion:
 def _caption(row):
   number = lambda value: type(value) in (int, float) and 0 <= value < 1e9
   row = row if isinstance(row, dict) else {}
-  found = row.get("text"), row.get("start", 0.0), row.get("end", 0.0)
-  if not isinstance(found[0], str) or not number(found[1]) or not number(found[2]):
+  text, start, end = row.get("text"), row.get("start", 0.0), row.get("end", 0.0)
+  if not isinstance(text, str) or not number(start) or not number(end):
     raise InputError("got a caption without text, start and end in seconds")
-  return Caption(found[0][:5000], float(found[1]), float(found[2]))
+  return Caption(text[:5000], float(start), float(end))

@@ -84,7 +84,7 @@ def take_port(host: str, port: int) -> socket.socket:
 
 def serve(names: Sequence[str], host: str = "127.0.0.1", port: int = 8765, token: str | None = None,
           open_page: bool = False, public_url: str | None = None) -> None:
-  """Runs until Ctrl-C. Prints the address, of a proxy in front if there is one, before the slow imports."""
+  """Run a studio until Ctrl-C. Prints its address, or that of the proxy in front of it, before the slow imports."""
   public_url = public_url and checked_url(public_url)
   check_address(host, token)
   require_packages("the studio", "msgspec", "starlette", "uvicorn", "websockets")
@@ -112,7 +112,7 @@ def checked_url(text: str) -> str:
 
 
 def address_of(host: str, port: int, token: str) -> str:
-  """The address for a browser; for a host that means all addresses, this machine's name."""
+  """The address for a browser, with this machine's name for a host that stands for all addresses."""
   name = socket.gethostname() if host in ("0.0.0.0", "::", "") else host
   return f"http://{f'[{name}]' if ':' in name else name}:{port}/?token={urllib.parse.quote(token)}"
 
@@ -158,5 +158,5 @@ def _run(names: Sequence[str], host: str, token: str, listener: Any, public_url:
 
 
 def _is_news(record: logging.LogRecord) -> bool:
-  """A log filter. uvicorn reports a WebSocket that the guard refuses, and one that is open at the end, as errors."""
+  """Log filter for two events that uvicorn logs as errors: a WebSocket that was refused, or is open at shutdown."""
   return not any(text in record.getMessage() for text in ("without completing handshake", "timeout graceful shutdown"))

@@ -20,14 +20,14 @@ from motion_jax_studio.server.request_types import DEFAULT_AHEAD, types_of
 from motion_jax_studio.server.requests import nearest_caption
 from motion_jax_studio.server.serialization import Block, pack, pack_poses
 
-_HISTORY = 8    # frames before a block from which its foot contacts are computed, too
+_HISTORY = 8    # frames before a block that also enter the computation of its foot contacts
 _QUEUED = 200   # messages of a page that may wait while a model compiles or a block is sampled
 _log = logging.getLogger("motion_jax_studio.server")
 
 
 class _Pace(NamedTuple):
-  """Playback speed of a page, whether its stream continues after the action of the last prompt, and how many blocks may
-  be unacknowledged."""
+  """Playback speed of a page; whether its stream continues after the action of the last prompt; largest number of
+  unacknowledged blocks."""
   speed: float = 1.0
   keep_going: bool = True
   ahead: int = DEFAULT_AHEAD
@@ -36,8 +36,9 @@ class _Pace(NamedTuple):
 class Stream:
   """A stream of one page: `receive` takes its messages, `send` gets the replies and blocks, from the stream's thread.
 
-  It samples while fewer than `ahead` blocks are unacknowledged, and no block is more than `ahead` blocks before a clock
-  that runs at `speed`: nothing piles up for a page that has stopped reading. An error ends this stream alone.
+  It samples while fewer than `ahead` blocks are unacknowledged and the last block is less than `ahead` blocks in front
+  of a clock that runs at `speed`, so that no blocks pile up for a page that has stopped reading. An error ends only
+  this stream.
   """
 
   def __init__(self, library: Library, limits: Limits, send: Callable[[dict[str, Any] | bytes | None], None]) -> None:
@@ -84,7 +85,7 @@ class Stream:
       self._wake.notify()
 
   def join(self, seconds: float) -> bool:
-    """Waits for the thread; whether it has ended."""
+    """Wait for the thread for a number of seconds; returns whether it has ended."""
     self._thread.join(seconds)
     return not self._thread.is_alive()
 
@@ -168,7 +169,7 @@ class Stream:
       self._send(None)
 
   def _turn(self) -> bool:
-    """Applies the queued messages, then samples a block if there is room; False once the page has gone."""
+    """Apply the queued messages, then sample a block if there is room; returns False once the page is closed."""
     with self._wake:
       while not (self._closed or self._inbox or self._may_step()):
         self._wake.wait(0.02 if self._runs() and self._has_room() else 5.0)
@@ -341,7 +342,7 @@ class Stream:
 
 
 class _Live:
-  """A stream with its pipeline, skeleton, poses beside the joints and sampling time."""
+  """A stream with its pipeline, its skeleton, its additional poses and its sampling time."""
 
   def __init__(self, stream, pipeline, skeleton, poses):
     self.poses = poses
