@@ -11,8 +11,8 @@ from motion_jax_studio.language import lexicon
 # In order of precedence: of simultaneous actions, such as walking and waving, the first part here is the base motion.
 PARTS = ("legs", "body", "torso", "arms", "head")
 # "with the arms stretched out", ", hands on the hips".
-_BESIDE = re.compile(r"(?:\bwith|,) ([^,]+?)"
-                     r"(?= (?:and|while|as|like|then|with|without|in an? \w+ (?:way|manner|style))\b|,|$)")
+_ADDED = re.compile(r"(?:\bwith|,) ([^,]+?)"
+                    r"(?= (?:and|while|as|like|then|with|without|in an? \w+ (?:way|manner|style))\b|,|$)")
 _SMALL_WORDS = ("DET", "PRON", "ADP", "NUM", "AUX", "CCONJ")
 
 
@@ -60,7 +60,7 @@ def postures_of(text: str) -> frozenset[str]:
   """Words of a limb pose that is kept during an action: {"arm", "stretch", "out"} of "walks with the arms stretched
   out", none of "jumps with both feet"."""
   postures: set[str] = set()
-  for words in (beside[1].split() for beside in _BESIDE.finditer(text)):
+  for words in (match[1].split() for match in _ADDED.finditer(text)):
     kept = [base_form(word, lexicon.BODY) or verb_of(word) or word for (_, tag), word in zip(tag_words(words), words)
             if word not in lexicon.NO_POSTURE and (word in lexicon.DIRECTIONS | {"out"} or tag not in _SMALL_WORDS)]
     postures |= set(kept) if len(kept) > 1 and not lexicon.BODY.isdisjoint(kept[:2]) else set()

@@ -80,7 +80,7 @@ BEFORE_A_PARTICIPLE = set("be start begin continue keep proceed resume go stop q
 RELATIVE = {"who", "that", "which"}  # between a subject and what is said of it
 SUBORDINATE = {"where", "how"}  # words after which no clause of its own begins: "back to where they started"
 BEING = {"is", "are", "was", "were"}
-IDLE = {"stand", "face"}  # a participle of these beside the subject is no action: "a person standing waves"
+IDLE = {"stand", "face"}  # a participle of these after the subject is no action: "a person standing waves"
 # Objects of these are things that they are done with: "practices leg kicks".
 WITH_ACTIONS_AS_OBJECTS = {"practice", "alternate", "try", "do", "make", "take", "throw", "give", "perform", "work"}
 STARTING, AT_A_PLACE = {"start", "begin"}, {"in", "at", "on"}  # "starts in a spot" is no action

@@ -36,9 +36,9 @@ def usual_frames(planner: Any, plan: Plan) -> list[int]:
   postures = postures_of(plan.segments)
   away = 0  # frames of the last walk or run, which the way back takes again
   for at, (segment, then) in enumerate(zip(plan.segments, (*plan.segments[1:], None))):
-    beside = [postures.get((at, number), False) for number in range(1, len(segment.actions))]
+    layers = [postures.get((at, number), False) for number in range(1, len(segment.actions))]
     counts.append(round(segment.seconds * planner.fps) if segment.seconds else min(
-        away if segment.action.goes_back and away else _segment_frames(planner, segment, then, beside),
+        away if segment.action.goes_back and away else _segment_frames(planner, segment, then, layers),
         round(planner.model.max_seconds * planner.fps)))
     away = counts[-1] if is_gait(segment.action.verb) else away
   return counts

@@ -70,14 +70,14 @@ def compose(job: Job, lengths: Sequence[Sequence[int]], sample_segments: Callabl
   repetitions = [[repeated(segment.action, count, model.frames_per_latent, takes > 1) for segment, count in row]
                  for row in moving]
   bases = sample_segments([sum(row, []) for row in repetitions], job.keys, job.seeds, job.cleanup, job.sampling)
-  spans = [spans_of(base, [len(one) for one in row]) for base, row in zip(bases, repetitions)]
+  spans = [spans_of(base, [len(segment) for segment in row]) for base, row in zip(bases, repetitions)]
   layers = _sample_layers(job, lengths, spans, takes)
   bodies = [assembly.assemble(base.joints, plan.segments, span, frames,
                               [layers.get((row, place), []) for place in range(len(plan.segments))], skeleton)
             for row, (base, plan, span, frames) in enumerate(zip(bases, plans, spans, lengths))]
   layered = [[action.words for place in range(len(plan.segments)) for action, _ in layers.get((row, place), ())]
              for row, plan in enumerate(plans)]
-  return [_described(model, *one) for one in zip(bases, plans, layered, bodies)]
+  return [_described(model, *parts) for parts in zip(bases, plans, layered, bodies)]
 
 
 def repeated(action: Any, count: int, least: int, one_by_one: bool = False) -> list[tuple[str, int]]:

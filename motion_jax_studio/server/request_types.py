@@ -90,7 +90,7 @@ def types_of(limits: Limits) -> SimpleNamespace:
           without=without(step_names.EXTEND), sampling=sampling,
           frames=_optional(number(4, limits.frames, whole=True)), speed=_optional(number(0, 8), 1.0), keep_going=yes,
           ahead=_optional(number(1, 32, whole=True), DEFAULT_AHEAD),
-          pose=_optional(_text(), about="robot:g1 or rig:NAME: poses, 50 a second, beside the joints")),
+          pose=_optional(_text(), about="robot:g1 or rig:NAME: also send poses, 50 a second")),
       "prompt": _type("ChangePrompt", prompt=Prompt, after=_optional(number(0, 3600))),
       "control": _type("ChangeControl", at=_optional(number(0, 1e6)), control=control),
       "pause": empty, "resume": empty, "stop": empty,
