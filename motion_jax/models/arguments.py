@@ -29,11 +29,11 @@ OTHERS = {
 def checked(function: Callable) -> Callable:
   """A method of a model that knows its keyword arguments and the model's choices of sampling; TypeError for others."""
   code = function.__code__
-  own = list(code.co_varnames[1:code.co_argcount + code.co_kwonlyargcount])
+  parameters = list(code.co_varnames[1:code.co_argcount + code.co_kwonlyargcount])
 
   @functools.wraps(function)
   def called(self: Any, *args: Any, **given: Any) -> Any:
-    known = [*own, *self.options.described(), *self.more_choices]
+    known = [*parameters, *self.options.described(), *self.more_choices]
     for name in given:
       if name not in known:
         raise TypeError(f"{function.__name__} has no argument {name!r}"
@@ -45,6 +45,6 @@ def checked(function: Callable) -> Callable:
 
 def hint(name: str, known: Sequence[str], otherwise: str) -> str:
   """What an unknown name was meant to be, or else what is said `otherwise`."""
-  others = [one for one in OTHERS.get(name.lower(), ()) if one in known] or (
+  others = [candidate for candidate in OTHERS.get(name.lower(), ()) if candidate in known] or (
       difflib.get_close_matches(name, known, 1, 0.75))
   return f"; did you mean {others[0]}?" if others else otherwise

@@ -102,16 +102,16 @@ class SamplingOptions:
 
     Subclasses override it to check what depends on several choices, or on the model.
     """
-    found = {}
+    choices = {}
     for name, description in self.described().items():
       if getattr(self, name) is None:
-        own = usual[name] if name in usual else config.sampler.get(description.key or name, description.usual)
-        found[name] = own
-    made = dataclasses.replace(self, **found)
-    most, steps = config.get("diffusion", {}).get("num_steps"), getattr(made, "num_steps", None)
+        value = usual[name] if name in usual else config.sampler.get(description.key or name, description.usual)
+        choices[name] = value
+    options = dataclasses.replace(self, **choices)
+    most, steps = config.get("diffusion", {}).get("num_steps"), getattr(options, "num_steps", None)
     if most and steps and steps > most:  # trained on a table of this many noise levels
       raise InputError(f"got {steps} sampler steps, this model was trained with {most}; give at most as many")
-    return made
+    return options
 
   def about(self) -> dict[str, Any]:
     """What a file or a record says of how a motion was sampled."""

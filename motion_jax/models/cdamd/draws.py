@@ -45,9 +45,10 @@ def draw_step(rng: jax.Array, keys: jax.Array, length: int, channels: int, confi
       t = jax.random.randint(t, (copies, length), 0, config.ddpm_steps)
     else:
       t = jax.random.uniform(t, (copies, length))
-    one = lambda key: jax.random.uniform(key)
+    uniform = lambda key: jax.random.uniform(key)
     order, noised, kept = jax.random.uniform(places, (3, length))
-    return Draws(one(time), one(text), one(prior), order, noised, kept, t, normal[0], normal[1:], one(mask))
+    return Draws(uniform(time), uniform(text), uniform(prior), order, noised, kept, t, normal[0], normal[1:],
+                 uniform(mask))
 
   axes: Any = (0, 0, 0, 0, 0, 0, 1, 0, 1, 0)
   draws = jax.vmap(of_item, out_axes=Draws(*axes))(keys)
@@ -72,11 +73,11 @@ def make_draw(keys: jax.Array, channels: int, shared: float = 0.0) -> Callable[.
 
   def draw(k, j, places):
     of_place = lambda key, k, place: jax.random.normal(fold(fold(fold(key, k), j), place), (channels,))
-    own = jax.vmap(jax.vmap(of_place, (None, 0, 0)))(keys, k, places)
+    independent = jax.vmap(jax.vmap(of_place, (None, 0, 0)))(keys, k, places)
     if not shared:
-      return own
+      return independent
     common = jax.vmap(lambda key: jax.random.normal(fold(fold(key, _SHARED), j), (1, channels)))(keys)
-    return jnp.sqrt(shared) * common + jnp.sqrt(1 - shared) * own
+    return jnp.sqrt(shared) * common + jnp.sqrt(1 - shared) * independent
 
   return draw
 

@@ -101,15 +101,15 @@ class CdamdModel(EditingModel):
         ("control_steps", CONTROL_STEPS), ("refinements", 0)))
     frames = [count // self.frames_per_latent * self.frames_per_latent for count in frames]
     every = np.arange(self.max_latents) < np.array(frames)[:, None] // self.frames_per_latent
-    made, about = self._latents(np.zeros(every.shape + (self.net.transformer.latent_dim,), np.float32), every, every,
+    rows, about = self._latents(np.zeros(every.shape + (self.net.transformer.latent_dim,), np.float32), every, every,
                                 prompts, keys, sampling)
     if signal is not None and steps:
       signal = signal.slice_frames(0, self.max_latents * self.frames_per_latent)
       about = about | dict(control_steps=steps)
-      made = in_batches(self.programs.settle, made, every, signal,
+      rows = in_batches(self.programs.settle, rows, every, signal,
                         shared=(self.codec, Settling.of(self.stats, steps)))
-    made = in_batches(self.programs.decode, made, every, shared=(self.codec,))
-    return motions_of_prompts(self, made, prompts, frames, seeds, about, cleanup)
+    rows = in_batches(self.programs.decode, rows, every, shared=(self.codec,))
+    return motions_of_prompts(self, rows, prompts, frames, seeds, about, cleanup)
 
   def sample_segments(self, lists: Sequence[Sequence[tuple[str, int]]], keys: jax.Array, seeds: Sequence[int | None],
                       cleanup: bool, sampling: dict[str, Any]) -> Motions:
@@ -132,8 +132,8 @@ class CdamdModel(EditingModel):
         given = features_of(self, np.concatenate([past, np.repeat(past[-1:], count, axis=0)]))
         new = np.arange(len(given)) >= len(past)
         rng = jax.random.fold_in(jax.random.fold_in(key, i + 1), len(joints))
-        made, _ = self.inpaint([given], [new], [prompt], keys_of(rng, None, 1)[0], sampling)
-        known, shown = (np.array(layout.to_joints(x)) for x in (given, made[0]))
+        sampled, _ = self.inpaint([given], [new], [prompt], keys_of(rng, None, 1)[0], sampling)
+        known, shown = (np.array(layout.to_joints(x)) for x in (given, sampled[0]))
         new_joints = join(shown, known, ~new)
         joints = np.concatenate([joints, laid_over(new_joints.astype(np.float64), past, len(past))]).astype(np.float32)
       prompts.append(prompt)
@@ -165,8 +165,8 @@ class CdamdModel(EditingModel):
     padded = padded_features(self, features, self.max_latents * unit)
     latents = in_batches(self.programs.encode, padded, real, shared=(self.codec,))
     sampling = sampling | dict(mask=sampling.get("mask") or self.edit_mask)
-    made, about = self._latents(latents, edited, real, prompts, keys, sampling)
-    return in_batches(self.programs.decode, made, real, shared=(self.codec,)), about
+    resampled, about = self._latents(latents, edited, real, prompts, keys, sampling)
+    return in_batches(self.programs.decode, resampled, real, shared=(self.codec,)), about
 
   def encode_words(self, prompts: Sequence[str]) -> tuple[Array, Array | None]:
     """(text_emb, text_mask or None) as the model was trained: sentence vectors, or these and their words."""
@@ -197,9 +197,9 @@ class CdamdModel(EditingModel):
       return self.programs.latents(plan, params, latents, real, text_emb, text_mask,
                                    unmasking.Schedule(made_at, drawn_at, schedule.num_iterations), keys, *shared)
 
-    made = in_batches(run, latents, real, text_emb, text_mask, schedule.made_at, schedule.drawn_at, keys,
-                      shared=(self.params, np.float32(chosen.guidance_scale), steps))
-    return made, chosen.about() | dict(model=self.id)
+    filled = in_batches(run, latents, real, text_emb, text_mask, schedule.made_at, schedule.drawn_at, keys,
+                        shared=(self.params, np.float32(chosen.guidance_scale), steps))
+    return filled, chosen.about() | dict(model=self.id)
 
 
 MODELS = {"cdamd.generator": CdamdModel}

@@ -81,10 +81,10 @@ def encode_generator(config: ConfigDict, folder: str | os.PathLike) -> str:
 
   def encode(frozen, x, num_frames):
     real_mask = padding_mask(num_frames // net.frames_per_latent, x.shape[1] // net.frames_per_latent)
-    made = {"latents": AutoencoderCodec.of(net, frozen).encode(x, real_mask)}
+    encoded = {"latents": AutoencoderCodec.of(net, frozen).encode(x, real_mask)}
     if "prior" in frozen:
-      made["codes"] = RvqCodec(prior, frozen["prior"]).encode(x, codec.real_frames(real_mask))[0][..., :levels]
-    return made
+      encoded["codes"] = RvqCodec(prior, frozen["prior"]).encode(x, codec.real_frames(real_mask))[0][..., :levels]
+    return encoded
 
   return store.encode(folder, frozen, items_of(config, data), encoder, encode, config.data.vary_subject > 0,
                       latents_look_back=False)

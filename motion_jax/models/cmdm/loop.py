@@ -123,7 +123,7 @@ class SamplingLoop:
     offset = np.stack([drift[:, 0], 0 * drift[:, 0], drift[:, 1]], axis=-1).astype(np.float32)[:, None, None]
     window = dataclasses.replace(window, positions=np.where(window.given, window.positions - offset, 0))
     times, level = np.asarray(self._constants.times), now.levels + iteration
-    at, then = (np.repeat(times[np.clip(one, 0, plan.num_steps)], plan.block) for one in (level, level + 1))
+    at, then = (np.repeat(times[np.clip(index, 0, plan.num_steps)], plan.block) for index in (level, level + 1))
     moves = at < then
     share = np.minimum(min(plan.lag, 2) * (then - at) / np.where(moves, 1 - at, 1), 1)
     base = np.int32(self.base * plan.block)
@@ -190,9 +190,9 @@ class SamplingLoop:
 
   def follow(self, features: Float[np.ndarray, "b t f"]) -> list[Float[np.ndarray, "t j 3"]]:
     """Joints of the next rows of features, not normalized: where each body has got to is kept."""
-    made = [continue_path(rows, path, self.model.stats.layout) for rows, path in zip(features, self.paths)]
-    self._paths_before, self.paths = self.paths, [path for _, path in made]
-    return [joints for joints, _ in made]
+    continued = [continue_path(rows, path, self.model.stats.layout) for rows, path in zip(features, self.paths)]
+    self._paths_before, self.paths = self.paths, [path for _, path in continued]
+    return [joints for joints, _ in continued]
 
 
 def behind_nothing(model: CmdmNetworks, batch: int) -> Behind:
@@ -217,13 +217,13 @@ def decode_all(model: CmdmNetworks, latents: Float[np.ndarray, "b l c"], frames:
   size, length, fpl = model.dit.block, latents.shape[1], model.frames_per_latent
   if not model.vae.causal:
     whole = np.zeros((len(latents), length * fpl, model.vae.features), np.float32)
-    for row, own, count in zip(whole, latents, [length * fpl] * len(latents) if frames is None else frames):
+    for row, row_latents, count in zip(whole, latents, [length * fpl] * len(latents) if frames is None else frames):
       used = -(-int(count) // fpl)
-      row[:used * fpl] = model.compiled.decode_whole(model.codec, own[None, :used])[0]
+      row[:used * fpl] = model.compiled.decode_whole(model.codec, row_latents[None, :used])[0]
     return whole
   latents = np.pad(latents, ((0, 0), (0, -length % size), (0, 0)))
-  state, made = _decoder_state(model, len(latents)), list[np.ndarray]()
+  state, blocks = _decoder_state(model, len(latents)), list[np.ndarray]()
   for block in np.split(latents, latents.shape[1] // size, axis=1):
     features, state = model.compiled.decode(model.codec, block, state)
-    made.append(np.asarray(features))
-  return np.concatenate(made, axis=1)[:, :length * fpl]
+    blocks.append(np.asarray(features))
+  return np.concatenate(blocks, axis=1)[:, :length * fpl]

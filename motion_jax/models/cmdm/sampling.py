@@ -48,7 +48,7 @@ def generate_whole(dit: CausalDiT, plan: streaming.Plan, num_blocks: int, params
   What `generate` is tested against, and the full-sequence schedule of the paper's ablation. guide pulls finished
   latents alone.
   """
-  decode = lambda made: codec.decode(made if guide is None else guide.settle(made))
+  decode = lambda latents: codec.decode(latents if guide is None else guide.settle(latents))
   length = num_blocks * plan.block
   noise = jnp.concatenate([streaming.block_noise(keys, i, plan, dit.latent_dim) for i in range(num_blocks)], axis=1)
   if segment is not None:

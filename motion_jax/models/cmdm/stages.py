@@ -75,11 +75,11 @@ def tokenizer_stage(config: ConfigDict) -> Stage:
     """Reconstructions by the mean of the latents; with rng also, as "drawn", by latents drawn around it."""
     encoded: Any = vae.apply(params, batch["features"], method="encode")
     mean, logvar = encoded
-    found = {"features": vae.apply(params, mean, method="decode"), "mean": mean, "logvar": logvar}
+    outputs = {"features": vae.apply(params, mean, method="decode"), "mean": mean, "logvar": logvar}
     if rng is not None:
       z = sample_latent(mean, logvar, jax.random.normal(rng, mean.shape))
-      found["drawn"] = vae.apply(params, z, method="decode")
-    return found
+      outputs["drawn"] = vae.apply(params, z, method="decode")
+    return outputs
 
   return Stage(init, loss, predict, in_parts=True, about_loss=_about_tokenizer(config))
 
@@ -174,11 +174,11 @@ def self_forced(velocity: Callable[..., Any], z1: Latents, latent_mask: Bool[Arr
     return count * block, jnp.repeat(jax.random.uniform(level, (places,), minval=0.5), block)[:length]
 
   count, level = jax.vmap(draw)(keys, latent_mask.sum(1))
-  own = jnp.arange(length) < count[:, None]
+  forced = jnp.arange(length) < count[:, None]
   x = paths.add_noise(z1, noise, level.astype(z1.dtype))
-  made = paths.velocity_to_x1(x, velocity(x, level.astype(z1.dtype)), level.astype(z1.dtype))
-  made = jax.lax.stop_gradient(made.astype(z1.dtype))
-  return jnp.where(own[..., None], made, z1), jnp.where(own, jnp.ones_like(t), t), own
+  predicted = paths.velocity_to_x1(x, velocity(x, level.astype(z1.dtype)), level.astype(z1.dtype))
+  predicted = jax.lax.stop_gradient(predicted.astype(z1.dtype))
+  return jnp.where(forced[..., None], predicted, z1), jnp.where(forced, jnp.ones_like(t), t), forced
 
 
 def decoded_errors(config: ConfigDict, codec: VaeCodec, frozen: Any, batch: dict[str, Any], latent_mask: Any,
@@ -201,12 +201,13 @@ def decoded_errors(config: ConfigDict, codec: VaeCodec, frozen: Any, batch: dict
   frames = codec.real_frames(counts & (t > config.loss.decoded_from))
 
   def errors_of(clean):
-    made = codec.decode(jnp.where(latent_mask[..., None], clean, 0.0))
-    real = batch["features"][:, :made.shape[1]]
-    found = {name: weights[name] * value for name, value in errors(made, real, frames).items()} if errors else {}
+    rebuilt = codec.decode(jnp.where(latent_mask[..., None], clean, 0.0))
+    real = batch["features"][:, :rebuilt.shape[1]]
+    terms = {name: weights[name] * value for name, value in errors(rebuilt, real, frames).items()} if errors else {}
     if control is not None and held:
-      found["control"] = held * _held_errors(config, frozen, jnp.where(frames[..., None], made, real), control, frames)
-    return found
+      unpadded = jnp.where(frames[..., None], rebuilt, real)
+      terms["control"] = held * _held_errors(config, frozen, unpadded, control, frames)
+    return terms
 
   return errors_of
 
@@ -259,9 +260,9 @@ def denoiser_stage(config: ConfigDict) -> Stage:
     velocity = lambda x, t, emb=text_emb, mask=batch["text_mask"]: dit.apply(
         params, x, t[:, ::shared], emb, attn_mask, mask, control)
     if dit.predicts == "ddpm":
-      if found := next((name for name in ("self_forcing", "pyramid_levels", "contrast") if config.loss[name]), ""):
-        raise InputError(f"got loss.{found} and model.predicts='ddpm'; it is a loss of the straight path: velocity, "
-                         "eps or x1")
+      if loss_name := next((name for name in ("self_forcing", "pyramid_levels", "contrast") if config.loss[name]), ""):
+        raise InputError(f"got loss.{loss_name} and model.predicts='ddpm'; it is a loss of the straight path: "
+                         "velocity, eps or x1")
       # Parity: the paper's algorithm 1; the code, and our default, learn the velocity of a straight path.
       return ddpm_forcing.forcing_loss(velocity, z1, latent_mask, t, noise)
     counts = latent_mask
@@ -269,8 +270,8 @@ def denoiser_stage(config: ConfigDict) -> Stage:
       counts &= t < 1  # what is finished teaches nothing: its noise is gone
     if config.loss.self_forcing:
       keys = jax.vmap(lambda i: jax.random.fold_in(jax.random.fold_in(rng, 2), i))(batch["index"])
-      z1, t, own = self_forced(velocity, z1, latent_mask, t, noise, keys, block, config.loss.self_forcing)
-      counts &= ~own
+      z1, t, forced = self_forced(velocity, z1, latent_mask, t, noise, keys, block, config.loss.self_forcing)
+      counts &= ~forced
     errors = decoded_errors(config, VaeCodec.of(vae, frozen), frozen, batch, latent_mask, counts, t, signal)
     contrast = _contrast(config, velocity, batch, text_emb, counts, t) if config.loss.contrast else None
     return paths.forcing_loss(velocity, z1, counts, t, noise, dit.predicts, errors, contrast)

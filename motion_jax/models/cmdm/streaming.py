@@ -370,9 +370,9 @@ class Sampler:
       state, block, _ = sampler._stepped(state, sampler._window(state, segment, since))
       return state, block
 
-    _, made = jax.lax.scan(body, self.init() if state is None else state, None, length=plan.age + num_blocks - 1)
-    made = made[plan.age - 1:]  # (num_blocks, B, block, C)
-    return jnp.moveaxis(made, 0, 1).reshape(len(self.keys), num_blocks * plan.block, self.dit.latent_dim)
+    _, blocks = jax.lax.scan(body, self.init() if state is None else state, None, length=plan.age + num_blocks - 1)
+    blocks = blocks[plan.age - 1:]  # (num_blocks, B, block, C)
+    return jnp.moveaxis(blocks, 0, 1).reshape(len(self.keys), num_blocks * plan.block, self.dit.latent_dim)
 
 
 def bind(dit: FrameWiseNetwork, plan: Plan, params: Any, *, text_emb: Float[Array, "b *g s e"] | None = None,

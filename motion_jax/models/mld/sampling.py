@@ -22,8 +22,8 @@ class FrameDenoiser(NamedTuple):
   def apply(self, params: Any, x: Float[Array, "b t f"], t: Any, text: Float[Array, "b s e"], **more: Any
             ) -> Float[Array, "b t f"]:
     real = jnp.concatenate([self.real] * (len(x) // len(self.real)))
-    made = self.net.apply(params, x, t, text, frame_mask=real if self.hidden else None, **more)
-    return jnp.where(real[..., None], made, 0)
+    prediction = self.net.apply(params, x, t, text, frame_mask=real if self.hidden else None, **more)
+    return jnp.where(real[..., None], prediction, 0)
 
 
 class Plan(NamedTuple):
@@ -57,10 +57,10 @@ def predictor(net: Net, plan: Plan, params: Any, text_emb: Float[Array, "b s e"]
 
   def predict(z, step):
     rows = jnp.concatenate([z, z]) if plan.guided else z
-    made = net.apply(params, rows, jnp.broadcast_to(step, len(rows)), text)
+    prediction = net.apply(params, rows, jnp.broadcast_to(step, len(rows)), text)
     if not plan.guided:
-      return made
-    with_text, without = jnp.split(made, 2)
+      return prediction
+    with_text, without = jnp.split(prediction, 2)
     return guidance.combine(with_text, without, scale)
 
   return predict

@@ -118,8 +118,8 @@ def _denoising(net, config, params, frozen, batch, rng, clean, keys):
   drop = jax.vmap(lambda key: jax.random.bernoulli(key, config.loss.drop_rate))(keys[:, 3])
   text = jnp.where(drop[:, None, None], frozen[NO_CAPTION][None], batch["text_emb"])
   more: dict[str, Any] = dict(items=batch["index"], rngs={"dropout": rng}) if config.model.dropout else {}
-  made = net.apply(params, ddpm.add_noise(schedule, clean, noise, t[:, None]), t, text, **more)
-  errors = prediction_error(made, noise if config.diffusion.predicts == "noise" else clean)
+  prediction = net.apply(params, ddpm.add_noise(schedule, clean, noise, t[:, None]), t, text, **more)
+  errors = prediction_error(prediction, noise if config.diffusion.predicts == "noise" else clean)
   return {"loss": errors.sum()}, len(errors)
 
 

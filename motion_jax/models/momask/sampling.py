@@ -121,6 +121,6 @@ def add_levels(net: Net, params: Any, codes: Int[Array, "b l"], real_mask: Bool[
     return (history, drawn), (drawn, logits)
 
   history = jnp.zeros((*codes.shape, net.code_dim), text_emb.dtype)
-  made, logits = jax.lax.scan(one_level, (history, codes), jnp.arange(1, steps + 1))[1]
-  every = jnp.concatenate([codes[None], made])
+  residuals, logits = jax.lax.scan(one_level, (history, codes), jnp.arange(1, steps + 1))[1]
+  every = jnp.concatenate([codes[None], residuals])
   return jnp.moveaxis(jnp.where(every == net.padding_code, -1, every), 0, -1), logits

@@ -53,10 +53,10 @@ def draw_latent(net: Net, plan: Plan, params: Any, segment: Segment, scale: Any,
 
   def predict(x, step):
     rows = jnp.concatenate([x, x]) if plan.guided else x
-    made = net.apply(params, rows, jnp.broadcast_to(step, len(rows)), segment.condition, method="predict")
+    prediction = net.apply(params, rows, jnp.broadcast_to(step, len(rows)), segment.condition, method="predict")
     if not plan.guided:
-      return made
-    with_text, without = jnp.split(made, 2)
+      return prediction
+    with_text, without = jnp.split(prediction, 2)
     return guidance.combine(with_text, without, scale)
 
   # Parity: no bound, as released. In the first step back an error of the noise counts 31 times in the latent
@@ -88,22 +88,22 @@ def sample_segment(net: Net, plan: Plan, params: Any, segment: Segment, scale: A
   motion; latents behind an end are no part of the motion.
   """
   def latent(k, state):
-    segment, made, counts = state
-    one = draw_latent(net, plan, params, segment, scale, lambda m: draw(k, m))
+    segment, latents, counts = state
+    new_latent = draw_latent(net, plan, params, segment, scale, lambda m: draw(k, m))
     going = counts == k
     if stop is not None:
-      near = jnp.linalg.norm(one - stop.latent, axis=-1) < stop.distance
+      near = jnp.linalg.norm(new_latent - stop.latent, axis=-1) < stop.distance
       # Parity: the released code fails where the very first latent ends the motion.
       going = going & ~(near & (k >= max(stop.earliest, 1)))
-    return follow(net, plan, params, segment, one), made.at[:, k].set(one), counts + going
+    return follow(net, plan, params, segment, new_latent), latents.at[:, k].set(new_latent), counts + going
 
   channels = draw(0, 0).shape
-  made = jnp.zeros((channels[0], num_latents, channels[-1]), draw(0, 0).dtype)
-  state = segment, made, jnp.zeros(channels[0], jnp.int32)
+  latents = jnp.zeros((channels[0], num_latents, channels[-1]), draw(0, 0).dtype)
+  state = segment, latents, jnp.zeros(channels[0], jnp.int32)
   if stop is None:
-    segment, made, counts = jax.lax.fori_loop(0, num_latents, latent, state)
+    segment, latents, counts = jax.lax.fori_loop(0, num_latents, latent, state)
   else:
     unfinished = lambda carry: (carry[0] < num_latents) & (carry[1][2] == carry[0]).any()
     step = lambda carry: (carry[0] + 1, latent(*carry))
-    segment, made, counts = jax.lax.while_loop(unfinished, step, (jnp.zeros((), jnp.int32), state))[1]
-  return made, counts, segment
+    segment, latents, counts = jax.lax.while_loop(unfinished, step, (jnp.zeros((), jnp.int32), state))[1]
+  return latents, counts, segment

@@ -44,7 +44,7 @@ def tokenizer_stage(config: ConfigDict) -> Stage:
     keys = jax.vmap(lambda i: jax.random.fold_in(rng, i))(batch["index"])
     noise = jax.vmap(lambda key: jax.random.normal(key, shape(x)))(keys)
     split = lambda a: a.reshape((-1, size) + a.shape[1:])
-    terms = [autoencoder_terms(net, params, one, e, weights, root, shared) for one, e in zip(split(x), split(noise))]
+    terms = [autoencoder_terms(net, params, part, e, weights, root, shared) for part, e in zip(split(x), split(noise))]
     return jax.tree.map(lambda *parts: sum(parts), *terms), len(terms) * shared.share
 
   def predict(params, frozen, batch, rng):

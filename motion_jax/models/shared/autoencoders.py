@@ -175,12 +175,12 @@ def rvq_stage(config: ConfigDict, axis_name: str | None = DEVICES) -> Stage:
     latents = _with_dropout(net, params, "encode", x, batch["index"], encoder_rng)
     noise = rvq.draw_noise(tile_rng, item_keys(code_rng, batch), latents.shape[1], books)
     num_active = rvq.draw_active(active_rng, quantizer.num_levels, quantizer.drop_rate)
-    made, books = rvq.train(books, latents, num_active, noise, quantizer.decay, quantizer.temperature,
-                            quantizer.gain_once, axis_name)
-    y = _with_dropout(net, params, "decode", made.quantized, batch["index"], decoder_rng)
-    terms = add_errors(rvq_terms(y, x, made.commitment, **fields), y, x, frozen, batch)
+    quantization, books = rvq.train(books, latents, num_active, noise, quantizer.decay, quantizer.temperature,
+                                    quantizer.gain_once, axis_name)
+    y = _with_dropout(net, params, "decode", quantization.quantized, batch["index"], decoder_rng)
+    terms = add_errors(rvq_terms(y, x, quantization.commitment, **fields), y, x, frozen, batch)
     dead = vq.num_dead(books).mean(dtype=x.dtype, where=books.initialised)
-    terms |= {"perplexity": made.perplexity, "usage": made.usage, "dead": dead}
+    terms |= {"perplexity": quantization.perplexity, "usage": quantization.usage, "dead": dead}
     return jax.tree.map(lambda term: term * len(x), terms), float(len(x)), {"codebooks": books._asdict()}
 
   def predict(variables, frozen, batch, rng):
@@ -209,11 +209,11 @@ def _rvq_by_gradient(net, config, axis_name):
     encoder_rng, decoder_rng, active_rng = jax.random.split(rng, 3)
     latents = _with_dropout(net, params, "encode", x, batch["index"], encoder_rng)
     num_active = rvq.draw_active(active_rng, quantizer.num_levels, quantizer.drop_rate)
-    made, codebook = rvq.learn(codes, latents, num_active, axis_name)
-    y = _with_dropout(net, params, "decode", made.quantized, batch["index"], decoder_rng)
-    terms = add_errors(rvq_terms(y, x, made.commitment, **fields), y, x, frozen, batch)
-    terms |= {"loss": terms["loss"] + codebook, "codebook": codebook, "perplexity": made.perplexity,
-              "usage": made.usage}
+    quantization, codebook = rvq.learn(codes, latents, num_active, axis_name)
+    y = _with_dropout(net, params, "decode", quantization.quantized, batch["index"], decoder_rng)
+    terms = add_errors(rvq_terms(y, x, quantization.commitment, **fields), y, x, frozen, batch)
+    terms |= {"loss": terms["loss"] + codebook, "codebook": codebook, "perplexity": quantization.perplexity,
+              "usage": quantization.usage}
     return jax.tree.map(lambda term: term * len(x), terms), float(len(x))
 
   def predict(variables, frozen, batch, rng):

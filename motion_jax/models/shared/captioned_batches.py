@@ -138,14 +138,14 @@ def with_text(batch: dict[str, Any], config: ConfigDict, encoder: TextEncoder, s
       return encoder.sentence_and_words(captions, min(config.data.max_words, encoder.max_words), rows)
     return encoder(captions, at_least=narrowest(config.data.max_words), rows=rows)
 
-  own = dict(zip(("text_emb", "text_mask"), encoded(captions)))
+  text = dict(zip(("text_emb", "text_mask"), encoded(captions)))
   if config.loss.get("contrast", 0.0):
     false = contradicted(captions, config.seed, step)
     other = dict(zip(("text_emb", "text_mask"), encoded([false[caption] for caption in captions])))
-    own = contradictions_of(own, other, [false[caption] != caption for caption in captions[rows]])
+    text = contradictions_of(text, other, [false[caption] != caption for caption in captions[rows]])
   if vectors and encoder.level == "sentence":
-    own = {name: value for name, value in own.items() if not name.endswith("_mask")}
-  return batch | own
+    text = {name: value for name, value in text.items() if not name.endswith("_mask")}
+  return batch | text
 
 
 # --- on held-out clips --------------------------------------------------------------------------------------------

@@ -94,8 +94,8 @@ class KnownMotion:
     return fill_frames(made, given, new, self.own, fps, fix_body)[new].astype(np.float32)
 
 
-def _differ(own, skeleton):
-  return np.abs(own.bone_lengths - skeleton.bone_lengths).max() * skeleton.unit > _OTHER_BONES
+def _differ(body, skeleton):
+  return np.abs(body.bone_lengths - skeleton.bone_lengths).max() * skeleton.unit > _OTHER_BONES
 
 
 def clip_of(motion: Any, layout: Representation) -> Clip:

@@ -79,12 +79,12 @@ def _directions(joints, skeleton):
   return bones / _length(bones, 1e-3 / skeleton.unit)
 
 
-def _dynamics(made, real, frame_mask, fps, skeleton):
+def _dynamics(decoded, real, frame_mask, fps, skeleton):
   """Mean square (B,) of the differences in the logarithms of mean speeds, accelerations and jerks, and `_TOGETHER`
   times that of how they differ between a joint and its parent, and between one order and the next."""
   seen = lambda joints: jnp.concatenate([joints, joints[:, :, 1:] - joints[:, :, :1]], axis=2) * skeleton.unit
-  made, real, orders = seen(made), seen(real), len(_STILL)
-  count = max(made.shape[1] - orders, 0)  # frames of all orders alike
+  decoded, real, orders = seen(decoded), seen(real), len(_STILL)
+  count = max(decoded.shape[1] - orders, 0)  # frames of all orders alike
   counts = jnp.stack([frame_mask[:, k:k + count] for k in range(orders + 1)]).all(0)
   parents = np.array(skeleton.parents[1:])
   joint = np.arange(1, len(parents) + 1)
@@ -92,15 +92,15 @@ def _dynamics(made, real, frame_mask, fps, skeleton):
   above = np.concatenate([parents, len(parents) + parents[parents > 0]])
   sizes = []
   for still in _STILL:
-    made, real = (jnp.diff(joints, axis=1) * fps for joints in (made, real))
-    sizes.append([_length(joints[:, :count], 0.1 * still)[..., 0] for joints in (made, real)])
+    decoded, real = (jnp.diff(joints, axis=1) * fps for joints in (decoded, real))
+    sizes.append([_length(joints[:, :count], 0.1 * still)[..., 0] for joints in (decoded, real)])
   total = jnp.zeros(len(frame_mask), real.dtype)
   for span in _SPANS:
     width = max(min(round(span * fps), count), 1)
     whole = _means(counts[..., None].astype(real.dtype), width)[..., 0] > 1 - 0.5 / width  # no frame of padding
     off = jnp.stack([jnp.log((_means(a, width) + still) / (_means(b, width) + still))
                      for (a, b), still in zip(sizes, _STILL)], -1)
-    square = sum(weight * (one ** 2).mean((2, 3)) for one, weight in (
+    square = sum(weight * (differences ** 2).mean((2, 3)) for differences, weight in (
         (off, 1.0), (off[:, :, below] - off[:, :, above], _TOGETHER), (jnp.diff(off, axis=-1), _TOGETHER)))
     total += jnp.where(whole, square, 0.0).sum(1) / jnp.maximum(whole.sum(1), 1)
   return total / len(_SPANS)
@@ -150,8 +150,8 @@ def of_features(config: ConfigDict, frozen: Mapping[str, Any]) -> Callable | Non
   mean, std = frozen[STATS]["mean"], frozen[STATS]["std"]
 
   def errors(decoded, features, frame_mask=None):
-    made, real = (layout.to_joints(x * std + mean) for x in (decoded, features))
-    found = motion_errors(made, real, frame_mask, layout.skeleton, layout.fps)
-    return {name: found[name] for name in wanted}
+    decoded_joints, real_joints = (layout.to_joints(x * std + mean) for x in (decoded, features))
+    losses = motion_errors(decoded_joints, real_joints, frame_mask, layout.skeleton, layout.fps)
+    return {name: losses[name] for name in wanted}
 
   return errors
