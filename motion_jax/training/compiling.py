@@ -21,14 +21,14 @@ def quick_options() -> dict[str, Any]:
   """XLA's options for programs that run briefly, on CPUs; without those that this version does not have."""
   if jax.default_backend() != "cpu":
     return {}
-  found = {}
+  options = {}
   for name, value in _QUICK.items():
     try:
       jax.jit(lambda: jnp.int32(0)).lower().compile(compiler_options={name: value})
     except jax.errors.JaxRuntimeError:
       continue
-    found[name] = value
-  return found
+    options[name] = value
+  return options
 
 
 class Step:

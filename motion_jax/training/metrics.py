@@ -162,13 +162,13 @@ def _event(row, at):
 
 def wall_times(rows, now):
   """When each row was written, pauses between slices left out: rows of training hold the seconds of their slice."""
-  total, before, found = 0.0, 0.0, []
+  total, before, elapsed = 0.0, 0.0, []
   for row in rows:
     seconds = row.get("seconds", before)
     total += seconds - before if seconds >= before else seconds  # another slice counts from 0
     before = seconds
-    found.append(total)
-  return [now - total + one for one in found]
+    elapsed.append(total)
+  return [now - total + moment for moment in elapsed]
 
 
 # --- progress: a bar on a terminal, otherwise lines -------------------------------------------------------------------
