@@ -159,11 +159,11 @@ class ExternalMotions:
 
   def parts(self, names, some=True):
     """Of names {folder: part of a task} those that are there. Raises FileNotFoundError where some has to be."""
-    found = {name: part for name, part in names.items() if (self.folder / name).is_dir()}
-    if some and not found:
+    present = {name: part for name, part in names.items() if (self.folder / name).is_dir()}
+    if some and not present:
       raise FileNotFoundError(f"{self.folder} has none of the folders {', '.join(names)}; "
                               "motion-jax evaluate --export-prompts DIR says what is to be made")
-    return found
+    return present
 
   def store(self, harness, kind=""):
     return None
@@ -269,8 +269,8 @@ def _joint_layouts(evaluator):
 
 
 def _joint_layout(evaluator):
-  own = _joint_layouts(evaluator)
-  if not own:
+  layouts = _joint_layouts(evaluator)
+  if not layouts:
     raise ValueError(f"evaluator {evaluator.name!r} reads {evaluator.layout.name!r} features, which joints alone do "
                      "not give; write features instead")
-  return own[0]
+  return layouts[0]

@@ -20,15 +20,15 @@ def paper_of(protocol, evaluator, rows, whole=True) -> dict | None:
   if protocol.paper is None or protocol.paper_layout not in (None, evaluator.layout.name):
     return None
   system, table, row = protocol.paper
-  found, also, beside = {}, [row] if row in tables.paper_table(system, table).rows else [], []
+  matches, also, beside = {}, [row] if row in tables.paper_table(system, table).rows else [], []
   for name, (candidate, part) in rows.items():
     partners, others = printed_rows(protocol, candidate, part)
     exact = paper_tables.matches_paper_row(candidate.model.config)
     if partners:
-      found[name] = [dict(system=one[0], table=one[1], row=one[2]) for one in partners]
+      matches[name] = [dict(system=partner[0], table=partner[1], row=partner[2]) for partner in partners]
       beside += [name] * (not (whole and exact))
-    also += [one for one in others if exact and one not in also]
-  return dict(system=system, table=table, row=found, also=also, unmarked=beside + ["real"] * (not whole))
+    also += [partner for partner in others if exact and partner not in also]
+  return dict(system=system, table=table, row=matches, also=also, unmarked=beside + ["real"] * (not whole))
 
 
 def printed_rows(protocol, candidate, part=""):
@@ -47,28 +47,29 @@ def printed_rows(protocol, candidate, part=""):
     elif not table.judged:
       elsewhere.append([table.system, table.table, name])
   number = lambda name: int(name.partition("-")[0]) if name[0].isdigit() else 0
-  return sorted(here, key=lambda one: (one[:2] != protocol.paper[:2], number(one[1]))), elsewhere
+  return sorted(here, key=lambda place: (place[:2] != protocol.paper[:2], number(place[1]))), elsewhere
 
 
 def _as_sampled(rows, config, options, guidance_scale):
   """The rows of a config as it is sampled by options and a guidance scale: other ones, or none, where that is another
   way than its own."""
-  own = paper_tables.sampling_choices(config)
+  configured = paper_tables.sampling_choices(config)
   chosen = paper_tables.sampling_choices(config, options | dict(guidance_scale=guidance_scale))
   others = {name: options.get(name) for name in ("context", "temperature") if options.get(name) is not None}
   shared = options.get("shared_noise")
   shared = config.get("sampler", {}).get("shared_noise") if shared is None else shared  # tokenizers have no sampler
   others |= {"shared_noise": shared} if shared else {}
-  if chosen == own and not others and options.get("solver") in (None, *_SOLVERS.get(config.get("stage"), ())):
+  if chosen == configured and not others and options.get("solver") in (None, *_SOLVERS.get(config.get("stage"), ())):
     return rows
   # Only how many steps, and how far apart blocks begin, may differ: as the papers' own models were tried.
   free = ("schedule", "num_steps", "lag")
   fixed = [name for name in chosen if name not in free]
-  if others or any(chosen[name] != own[name] for name in fixed) or chosen.get("schedule") == "full":
+  if others or any(chosen[name] != configured[name] for name in fixed) or chosen.get("schedule") == "full":
     return {}
   key = chosen.get("num_steps"), chosen.get("lag")
-  found = {table: _RESAMPLED.get(row, {}).get(key) for table, row in rows.items()}
-  return {table: row for table, row in found.items() if row and row in tables.paper_table(*table.split(" ", 1)).rows}
+  resampled = {table: _RESAMPLED.get(row, {}).get(key) for table, row in rows.items()}
+  return {table: row for table, row in resampled.items()
+          if row and row in tables.paper_table(*table.split(" ", 1)).rows}
 
 
 # How exactly CDAMD's equation is solved is no row of its own; CMDM's solver is (docs/papers/cmdm.md#fss).
