@@ -123,8 +123,8 @@ def in_batches(apply, *arrays):
   """apply over rows, BATCH at a time -> (N, E) float32."""
   count = len(arrays[0])
   filled = [np.concatenate([a, np.repeat(a[-1:], -count % BATCH, axis=0)]) for a in arrays]
-  made = [np.asarray(apply(*(a[i:i + BATCH] for a in filled)), np.float32) for i in range(0, count, BATCH)]
-  return np.concatenate(made)[:count]
+  parts = [np.asarray(apply(*(a[i:i + BATCH] for a in filled)), np.float32) for i in range(0, count, BATCH)]
+  return np.concatenate(parts)[:count]
 
 
 def load_evaluator(name="evaluator-small", text=None) -> Evaluator:
