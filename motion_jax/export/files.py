@@ -101,8 +101,8 @@ def load(path, fps=None, unit="auto", up=None, mapping=None, check=True) -> Clip
     raise error if str(path) in str(error) else InputError(f"{path}: {error}") from None
   if check and (model := clip.meta.get("model")) and np.isfinite(clip.joints).all():
     # A motion that one of our models made is shown as it is: a model that was trained little makes such ones.
-    if found := plausibility.fault(clip.joints, clip.skeleton, clip.fps, str(path)):
-      warnings.warn(f"{found}; {model} generated it so, as models do that were trained too little", stacklevel=2)
+    if fault := plausibility.fault(clip.joints, clip.skeleton, clip.fps, str(path)):
+      warnings.warn(f"{fault}; {model} generated it so, as models do that were trained too little", stacklevel=2)
   elif check:
     plausibility.check(clip.joints, clip.skeleton, clip.fps, str(path))
     if up is None and path.suffix.lower() not in _OWN_AXIS and plausibility.upward_axis(

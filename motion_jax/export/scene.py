@@ -64,8 +64,8 @@ def parts_of(signal: "ControlSignal") -> Parts:
 
 def way_points(constraints: Sequence[Constraint]) -> list[list[float]]:
   """[x, z] of the points that paths are drawn through."""
-  return [[float(point[0]), float(point[-1])] for one in constraints
-          if isinstance(one, RootPath) and one.points is not None for point in one.points]
+  return [[float(point[0]), float(point[-1])] for constraint in constraints
+          if isinstance(constraint, RootPath) and constraint.points is not None for point in constraint.points]
 
 
 def distance(signal: "ControlSignal", clip: Clip) -> dict[str, Any] | None:

@@ -150,7 +150,7 @@ def _painter(clip, size, camera="auto", azimuth=None, caption=None, colors=None,
   way = figure.joints[:, 0] * [1, 0, 1] + [0, figure.floor, 0]
   marks = marks_of(control, figure.floor)
   shown = [body for _, body in marks.bodies]
-  still = all(np.array_equal(one.position, cameras[0].position) for one in cameras)
+  still = all(np.array_equal(view.position, cameras[0].position) for view in cameras)
   backdrop = render.ground(cameras[0], size, figure.floor, background) if still else None
 
   def picture(t):
@@ -173,7 +173,7 @@ def strip(clip, path, num=8, height=360, azimuth=None, caption=None, colors=None
   """
   path, clips = pathlib.Path(path), list(clip) if isinstance(clip, list | tuple) else [clip]
   signals = control if isinstance(control, list | tuple) else [control] * len(clips)
-  rows = [_strip(one, num, height, azimuth, caption, colors, spread, signal) for one, signal in zip(clips, signals)]
+  rows = [_strip(item, num, height, azimuth, caption, colors, spread, signal) for item, signal in zip(clips, signals)]
   width = max(needed for needed, _ in rows)
   rows = [draw(width) for _, draw in rows]
   data = io.BytesIO()  # on a full disk Pillow would write half a JPEG without a word
@@ -251,15 +251,16 @@ def _strip(clip, num, height, azimuth, caption, colors, spread, control=None):
 
 
 def _tints(figure, colors):
-  own = np.broadcast_to(default_colors(figure), (len(figure.joints), len(figure.parts), 3))
+  usual = np.broadcast_to(default_colors(figure), (len(figure.joints), len(figure.parts), 3))
   if colors is None:
-    return own
+    return usual
   colors = np.asarray(colors, np.float64)
   try:
-    colors = np.broadcast_to(colors[:, None] if colors.ndim == 2 else colors, own.shape)
+    colors = np.broadcast_to(colors[:, None] if colors.ndim == 2 else colors, usual.shape)
   except ValueError:
-    raise ValueError(f"got colors of shape {colors.shape}, expected (3,), ({own.shape[0]}, 3) or {own.shape}") from None
-  return np.where(np.isnan(colors), own, colors)
+    raise ValueError(f"got colors of shape {colors.shape}, expected (3,), ({usual.shape[0]}, 3) or "
+                     f"{usual.shape}") from None
+  return np.where(np.isnan(colors), usual, colors)
 
 
 def _caption(clip, t=None):

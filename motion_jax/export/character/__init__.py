@@ -89,7 +89,7 @@ def _without_matrix(node):
 
 def _unused(name, animations):
   """The name, with a number behind it if an animation has it already."""
-  there = {one.get("name") for one in animations if isinstance(one, dict)}
+  there = {animation.get("name") for animation in animations if isinstance(animation, dict)}
   return name if name not in there else next(f"{name}_{number}" for number in range(2, len(there) + 3)
                                              if f"{name}_{number}" not in there)
 
@@ -102,10 +102,10 @@ def _local(figure, posed, clip):
   places = rot.rotate(figure.out[None, None], posed.places) * figure.scale + figure.origin
   nodes = list(figure.nodes)
   for bone, twin in figure.copies:  # turned against the bone as it is at rest
-    _, own, _ = take_apart(rest[figure.nodes[bone]])
+    _, rest_turn, _ = take_apart(rest[figure.nodes[bone]])
     _, still, _ = take_apart(rest[twin])
     nodes.append(twin)
-    against = rot.multiply(rot.conjugate(own), still)[None]
+    against = rot.multiply(rot.conjugate(rest_turn), still)[None]
     turned = np.concatenate([turned, rot.multiply(turned[:, bone], against)[:, None]], axis=1)
     places = np.concatenate([places, places[:, bone, None]], axis=1)
   if figure.root is not None:  # it moves over the ground from where it rests, as the body does
@@ -135,9 +135,9 @@ def _local(figure, posed, clip):
     local = rot.multiply(rot.conjugate(rot.multiply(lead_turned, still[None])), turned[:, bone])
     inner = rot.rotate(rot.conjugate(lead_turned), places[:, bone] - lead_place)
     moved = np.einsum("ij,tj->ti", np.linalg.inv(relative), np.concatenate([inner, np.ones((len(inner), 1))], 1))[:, :3]
-    own = np.linalg.inv(relative) @ rest[node, :, 3]
+    rest_place = np.linalg.inv(relative) @ rest[node, :, 3]
     size = np.linalg.norm(np.linalg.inv(relative)[:3, 0]) * figure.scale
-    stays = base >= 0 and np.abs(moved - own[:3]).max() < _MOVED * size
+    stays = base >= 0 and np.abs(moved - rest_place[:3]).max() < _MOVED * size
     yield node, None if stays else moved, rot.unit(local)
 
 
