@@ -47,13 +47,13 @@ class RobotMotion:
     Central differences; at the ends those of the neighbour.
     """
     import mujoco
-    found = np.zeros((self.num_frames, self.robot.model.nv))
+    rows = np.zeros((self.num_frames, self.robot.model.nv))
     for t in range(self.num_frames):
       first, last = max(t - 1, 0), min(t + 1, self.num_frames - 1)
       if last > first:
-        mujoco.mj_differentiatePos(self.robot.model, found[t], (last - first) / self.fps, self.qpos[first],
+        mujoco.mj_differentiatePos(self.robot.model, rows[t], (last - first) / self.fps, self.qpos[first],
                                    self.qpos[last])
-    return found
+    return rows
 
   def at_rate(self, fps: float) -> Self:
     """The same motion at another rate: root and angles linear in time, turns along the shortest arc."""

@@ -45,7 +45,7 @@ def of(motion: RobotMotion, clip) -> Report:
   distance = lambda *pairs: 1000 * np.linalg.norm(np.stack([a - b for a, b in pairs]), axis=-1)
   planted = np.stack([target.planted for target in targets])
   goal = lambda part: np.stack([target.limbs[part] for target in targets])
-  pair = lambda found: (float(found.mean()), float(found.max()))
+  pair = lambda values: (float(values.mean()), float(values.max()))
   hands = [(at(f"{side}_wrist"), at(f"{side}_shoulder") + _arm(targets, side, robot)) for side in SIDES]
   soles = [places[:, body, None] + rot.rotate(turned[:, body, None], sole[None]) for body, sole in robot.soles()]
   steps = np.abs(np.diff(motion.angles, axis=0))
@@ -76,5 +76,5 @@ def _slide(soles, planted, fps):
   for sole, stands in zip(soles, planted.T):
     step = np.linalg.norm(np.diff(sole.mean(1)[:, :2], axis=0), axis=-1) * fps * 1000
     speeds.append(step[stands[1:] & stands[:-1]])
-  found = np.concatenate(speeds)
-  return float(found.mean()) if len(found) else 0.0
+  all_speeds = np.concatenate(speeds)
+  return float(all_speeds.mean()) if len(all_speeds) else 0.0

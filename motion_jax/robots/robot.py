@@ -137,14 +137,14 @@ class Robot:
     return [self._sole(self.index(f"{side}_ankle")) for side in SIDES]
 
   def _sole(self, body):
-    model, found = self.model, []
+    model, soles = self.model, []
     for geom in np.flatnonzero(model.geom_bodyid == body + 1):
       center, half = model.geom_aabb[geom, :3], model.geom_aabb[geom, 3:]
       corners = center + half * np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
-      found.append(model.geom_pos[geom] + rot.rotate(model.geom_quat[geom][None], corners))
-    if not found:
+      soles.append(model.geom_pos[geom] + rot.rotate(model.geom_quat[geom][None], corners))
+    if not soles:
       return body, np.zeros((1, 3))
-    points = np.concatenate(found)
+    points = np.concatenate(soles)
     height = rot.rotate(self.rest[body][None], points)[:, 2]
     return body, points[height < height.min() + _SOLE]
 

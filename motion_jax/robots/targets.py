@@ -110,14 +110,14 @@ class TargetStream:
     self._resample(last)
     while self._stands.end + (0 if last else self._reach) < self._moved.end:
       self._stands.append(self._stand(self._stands.end))
-    found = []
+    targets = []
     while self._count + (0 if last else self._blend) < self._stands.end:
-      found.append(self._target(self._count))
+      targets.append(self._target(self._count))
       self._count += 1
     self._source.forget(int(self._moved.end * self.source_fps / self.fps) - 2)
     self._moved.forget(self._count - self._reach - 1)
     self._stands.forget(self._count - 1)
-    return found
+    return targets
 
   def _resample(self, last):
     """Frames at the new rate along cubic curves through each two frames and their neighbours (Catmull-Rom)."""
