@@ -96,11 +96,12 @@ def compile_and_store(fn: Callable, leaves: Sequence[Any], compiler_options: dic
   about: dict[str, Any] = {}
 
   def stored_program(*arrays):  # of plain arrays alone, no keys
-    found, tree = jax.tree.flatten(fn(*(array if kind is None else jax.random.wrap_key_data(array, impl=kind)
-                                        for array, kind in zip(arrays, kinds))))
-    about.update(tree=_describe(jax.tree.unflatten(tree, range(len(found)))), keys=[_key_kind(leaf) for leaf in found])
+    results, tree = jax.tree.flatten(fn(*(array if kind is None else jax.random.wrap_key_data(array, impl=kind)
+                                          for array, kind in zip(arrays, kinds))))
+    about.update(tree=_describe(jax.tree.unflatten(tree, range(len(results)))),
+                 keys=[_key_kind(leaf) for leaf in results])
     return [jnp.asarray(leaf, leaf.dtype) if kind is None else jax.random.key_data(leaf)
-            for leaf, kind in zip(map(jnp.asarray, found), about["keys"])]
+            for leaf, kind in zip(map(jnp.asarray, results), about["keys"])]
 
   lowered = jax.jit(stored_program, keep_unused=True).lower(*(
       leaf if kind is None else jax.random.key_data(leaf) for leaf, kind in zip(leaves, kinds)))
@@ -149,10 +150,11 @@ def _callable(executable, about):
 
   def run(*leaves):
     arrays = [leaf if type(leaf) is array else _on_device(leaf) for leaf in leaves]
-    found = [arrays[0] for arrays in executable.execute_sharded(arrays).disassemble_into_single_device_arrays()]
+    outputs = [arrays[0] for arrays in executable.execute_sharded(arrays).disassemble_into_single_device_arrays()]
     if has_keys:
-      found = [leaf if kind is None else jax.random.wrap_key_data(leaf, impl=kind) for leaf, kind in zip(found, kinds)]
-    return jax.tree.unflatten(tree, found)
+      outputs = [leaf if kind is None else jax.random.wrap_key_data(leaf, impl=kind)
+                 for leaf, kind in zip(outputs, kinds)]
+    return jax.tree.unflatten(tree, outputs)
 
   return run
 

@@ -220,7 +220,7 @@ def read_json(path, kind=dict, advice=_COPY):
   """
   value = parse_json(text_files.read_text(path), path, advice)
   if not isinstance(value, kind):
-    expected = " or ".join({dict: "an object", list: "a list"}.get(one, one.__name__) for one in (
+    expected = " or ".join({dict: "an object", list: "a list"}.get(accepted, accepted.__name__) for accepted in (
         kind if isinstance(kind, tuple) else (kind,)))
     raise InputError(f"{path} holds a JSON {_called(value)}, expected {expected}; {advice}")
   return value

@@ -66,9 +66,9 @@ def read_text(path, what="text file", largest=LARGEST) -> str:
   with reading(path):
     data = path.read_bytes()
   text = _decoded(path, data)
-  found = _CONTROL.search(text)
-  if found:
-    raise InputError(f"{path} line {_line(text[:found.start()])}: character {ord(found.group()):#04x} is no text; the "
+  match = _CONTROL.search(text)
+  if match:
+    raise InputError(f"{path} line {_line(text[:match.start()])}: character {ord(match.group()):#04x} is no text; the "
                      f"file is damaged, or no {what}")
   return text.removesuffix("\x1a")
 
