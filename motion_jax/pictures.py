@@ -62,8 +62,8 @@ def _there_and_back(setup):
                 skeleton=layout.skeleton)
 
   def clips(params):
-    made = reconstruct(params)
-    return [clip(x, said) for source, back in zip(features, made)
+    decoded = reconstruct(params)
+    return [clip(x, said) for source, back in zip(features, decoded)
             for x, said in ((source, "source"), (back, "there and back"))]
 
   return clips
