@@ -57,17 +57,17 @@ def draw_step(rng: jax.Array, keys: jax.Array, length: int, channels: int, confi
   return draws
 
 
-_SHARED = 1 << 30  # in the place of an iteration: of the noise that all latents share
+_SHARED = 1 << 30  # stands for the iteration in the noise that all latents share
 
 
 def make_draw(keys: jax.Array, channels: int, shared: float = 0.0) -> Callable[..., Array]:
   """draw(k, j, places) for `make_latents`: noise (B, R, C) of places (B, R) in iterations k (B, R), which depends on a
   motion's key, iteration, step j and place, nothing else, so neither padding nor batch-mates change it. keys (B,).
 
-  shared: of the noise's variance, how much is of one draw for all latents of a motion. The head makes each latent from
-  noise of its own, so what the transformer leaves open, such as where exactly the body is, is decided again for every
-  latent, and the body shakes. From the same noise neighbours decide alike. Each latent's noise is a standard normal for
-  any share, as in training; the reference shares none.
+  shared: share of the noise variance that all latents of a motion have in common. With independent noise the head
+  decides what the transformer leaves open, such as the exact position of the body, separately for every latent, and the
+  body shakes; with common noise neighbours decide alike. Each latent's noise is a standard normal for any share, as in
+  training; the reference shares none.
   """
   fold = jax.random.fold_in
 

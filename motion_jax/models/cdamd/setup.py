@@ -74,7 +74,8 @@ def _check_fields(config):
 
 
 def encode_generator(config: ConfigDict, folder: str | os.PathLike) -> str:
-  """Writes the store of a generator's data: latents, and codes where its loss has a prior; returns what to tell."""
+  """Writes the store of a generator's data: latents, and codes where its loss has a prior; returns a line of summary.
+  """
   data, encoder, codec, frozen = _generator_parts(config)
   net, prior = codec.net, Autoencoder(**module_fields(config.prior))
   levels = config.quantizer.num_levels

@@ -46,7 +46,7 @@ class SamplingLoop:
     self.paths: list[Path | None] = [None] * self.batch
     self._paths_before = self.paths
     self._text: Any = None
-    self._tokens: np.ndarray | None = None  # of what motions are held to (B, L, N), from block _tokens_from on
+    self._tokens: np.ndarray | None = None  # embedded constraints (B, L, N), from block _tokens_from on
     self._tokens_from = 0
     self._signal: ControlSignal | None = None
     self._control_steps = 0
@@ -77,7 +77,8 @@ class SamplingLoop:
   # --- constraints -------------------------------------------------------------------------------------------------
 
   def hold(self, signal: ControlSignal | None, control_steps: int, start: Float[np.ndarray, "b 3"]) -> None:
-    """Holds the frames that can still change to a signal (B, T) of frames from the beginning on; None: to nothing.
+    """Constrains the frames that can still change to a signal (B, T), from the first frame of the motions; None: no
+    constraints.
 
     A network trained on constraints gets them as far ahead as it looks; latents are pulled to them by control_steps
     conjugate gradient steps in every second iteration. start: x, z and heading of the bodies.
@@ -108,7 +109,7 @@ class SamplingLoop:
     return np.pad(window, ((0, 0), (0, length - window.shape[1]), (0, 0)))
 
   def _behind(self) -> Behind:
-    """Where bodies stand before the window."""
+    """Decoder state and root transform at the window's first frame."""
     if not self.base:
       return behind_nothing(self.model, self.batch)
     rows = [(path.row, path.place[::2], heading_of(path)) for path in self._paths_before if path is not None]
@@ -157,10 +158,10 @@ class SamplingLoop:
 
   def step(self, caption: Int[np.ndarray, "b w"], since: Int[np.ndarray, "b w"] | None = None,
            drift: Float[np.ndarray, "b 2"] | None = None) -> Float[np.ndarray, "b n c"] | None:
-    """One more block begins, and those under way come as much nearer to clean: the one that became clean, if any.
+    """Starts one more block and denoises those under way by one step; returns the block that became clean, if any.
 
     caption (B, W): which of the captions each block of the window has; since (B, W): see `streaming.window_at`. drift:
-    x and z by which bodies are seen elsewhere than where they are decoded.
+    x and z by which the cleanup has moved bodies from where they are decoded.
     """
     plan, age = self.plan, self.plan.age
     since = self._any() if since is None else since
@@ -189,7 +190,7 @@ class SamplingLoop:
     return np.asarray(features)
 
   def follow(self, features: Float[np.ndarray, "b t f"]) -> list[Float[np.ndarray, "t j 3"]]:
-    """Joints of the next rows of features, not normalized: where each body has got to is kept."""
+    """Joints of the next rows of features, not normalized; remembers where each body has arrived."""
     continued = [continue_path(rows, path, self.model.stats.layout) for rows, path in zip(features, self.paths)]
     self._paths_before, self.paths = self.paths, [path for _, path in continued]
     return [joints for joints, _ in continued]

@@ -27,9 +27,9 @@ def generate(dit: CausalDiT, plan: streaming.Plan, num_blocks: int, params: Any,
   block (lag = num_steps). keys (B,): one per motion. Pure; dit, plan and num_blocks are static.
 
   With segment (B, num_blocks), text_emb (B, G, S, E) and text_mask (B, G, S) are G captions a motion, and segment says
-  which of them each block has. lengths (B,): latents of each motion, behind which nothing is seen; None: whole blocks.
-  control, of the frames that are made, is for a network that was trained to keep to it;
-  guide, of as many, pulls any.
+  which of them each block has. lengths (B,): latents of each motion, after which nothing is attended to; None: whole
+  blocks. control: constraints of the generated frames, for a network that was trained on constraints; guide: guidance
+  over as many frames, for any network.
   """
   sampler = streaming.bind(dit, plan, params, text_emb=text_emb, text_mask=text_mask, scale=scale, keys=keys,
                            control=told_of(codec, control), lengths=lengths)
@@ -110,7 +110,7 @@ def renoising_step(velocity: Callable[..., Array], x: Latents, t: Float[Array, "
   sampler is stochastic, and the network sees no clean past. Our own way, a cache of the clean past, is
   `streaming.Sampler.prefill`.
 
-  The first step finds noise where the past belongs: it is put in place after the network has spoken.
+  In the first step the network sees noise in place of the past, which is inserted after each prediction.
   """
   # Parity: the paper keeps a clean past in the context (equation 12); this is what the code does.
   t, t_next = (jnp.broadcast_to(a, x.shape[:2]) for a in (t, t_next))
@@ -172,8 +172,8 @@ def chain_segment(dit: CausalDiT, plan: streaming.Plan, length: int, params: Any
 
 def block_words(dit: CausalDiT, guided: bool, params: Any, text_emb: Float[Array, "b g s e"],
                 text_mask: Bool[Array, "b g s"]) -> tuple[Any, Any, Any]:
-  """Keys, values and constant of captions, see `streaming.encode_text`, as a bare tuple: a kept program gives back no
-  named tuple that it is not given."""
+  """Keys, values and constant of captions, see `streaming.encode_text`, as a bare tuple: a cached program cannot return
+  a named tuple that is not among its arguments."""
   text = streaming.encode_text(dit, params, text_emb, text_mask, guided)
   return text.k, text.v, text.null
 

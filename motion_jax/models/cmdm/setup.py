@@ -104,8 +104,8 @@ def load_teacher(config: ConfigDict, stats: Stats) -> tuple[Any, dict[str, Any] 
 
 
 def tokenizer_fields(config: ConfigDict) -> dict[str, Any]:
-  """With these a tokenizer's run folder says what its latents were aligned with: the fields of the teacher, and where
-  the weights of that came from."""
+  """Config fields that record what a tokenizer's latents were aligned with: the fields of the teacher, and where its
+  weights came from."""
   if not config.frozen.teacher and config.train.start:  # what a tokenizer was aligned with stays true
     before = runs.load_run(config.train.start).config.get("alignment_teacher", {})
     return {"alignment_teacher": before.to_dict()} if before else {}
@@ -121,8 +121,9 @@ def tokenizer_fields(config: ConfigDict) -> dict[str, Any]:
 
 
 def denoiser_fields(config: ConfigDict) -> dict[str, Any]:
-  """What its tokenizer was aligned with, so that a record of the generator can say it, and how many numbers tell a
-  latent of constraints; a student has all of its teacher's sizes, words and latents, and begins with its parameters."""
+  """Config fields taken over from the runs of frozen parts: the teacher with which the tokenizer was aligned, for the
+  record, and the number of control features per latent. A student takes over all sizes, text encoder and latents of
+  its teacher, and starts from its parameters."""
   if "num_steps" in config.distill and not config.distill.teacher:
     raise InputError("got no config.distill.teacher, expected the denoiser that the student learns from: a run folder, "
                      "or a name that ships such as cmdm-small")
@@ -267,7 +268,7 @@ def denoiser(config: ConfigDict) -> TrainingSetup:
 
 
 def encode_denoiser(config: ConfigDict, folder: str | os.PathLike) -> str:
-  """Writes the store of a denoiser's data; returns what to tell of it."""
+  """Writes the store of a denoiser's data; returns a line of summary."""
   _, items, encoder, codec = _denoiser_parts(config)
   encode = lambda parts, x, num_frames: {"distribution": VaeCodec.of(codec.net, parts).distribution(x)}
   return store.encode(folder, codec.parts, items, encoder, encode, config.data.vary_subject > 0,

@@ -158,11 +158,12 @@ def control_of(config: ConfigDict, vae: CausalVAE, frozen: Any, batch: dict[str,
 def self_forced(velocity: Callable[..., Any], z1: Latents, latent_mask: Bool[Array, "b l"],
                   t: Float[Array, "b l"], noise: Latents, keys: Array, block: int, share: float
                   ) -> tuple[Latents, Float[Array, "b l"], Bool[Array, "b l"]]:
-  """(latents, times, which are its own (B, L)): of a share of clips, drawn by keys (B,), the blocks before a random
-  border are what the network makes of them, and stand as clean, as they do when a motion continues from its own output.
+  """Self-forcing: (latents, times, which latents are predictions (B, L)). In a share of clips, drawn by keys (B,), the
+  blocks before a random border are replaced by the network's predictions and count as clean, as when a motion
+  continues from generated frames.
 
-  They are its prediction from noise that is more than half gone, without a gradient. A clip keeps one real block at
-  least to learn from. Source: the two forward passes of MotionStreamer (arXiv 2503.15451), there of single frames.
+  They are predicted from noise that is more than half gone, without a gradient. A clip keeps at least one real block to
+  learn from. Source: the two forward passes of MotionStreamer (arXiv 2503.15451), there of single frames.
   """
   length = z1.shape[1]
   places = -(-length // block)
@@ -183,12 +184,12 @@ def self_forced(velocity: Callable[..., Any], z1: Latents, latent_mask: Bool[Arr
 
 def decoded_errors(config: ConfigDict, codec: VaeCodec, frozen: Any, batch: dict[str, Any], latent_mask: Any,
                    counts: Any, t: Any, control: ControlSignal | None = None) -> Callable | None:
-  """errors_of(clean latents (B, L, C)) -> {name: (B,)}, for `paths.forcing_loss`: the errors of the decoded motion that
-  config.loss gives a weight, times that; None where it gives none. latent_mask (B, L) says which latents are real,
-  counts which of them are looked at.
+  """errors_of(clean latents (B, L, C)) -> {name: (B,)}, for `paths.forcing_loss`: the errors of the decoded motion,
+  times their weights in config.loss; None where all weights are 0. latent_mask (B, L): real latents; counts: those
+  whose frames count, if their time is over config.loss.decoded_from.
 
-  "control" is how far joints are from where constraints want them, where the frames that are mostly noise, and add up
-  to their places, are real ones.
+  "control" is the distance of joints from their constraints. Frames that do not count are replaced by real ones before
+  it is measured, as the steps of all earlier frames add up to the place of a joint.
   """
   errors, weights = motion_errors.of_features(config, frozen), motion_errors.weights(config.loss)
   held = config.loss.control if control is not None else 0.0
@@ -197,7 +198,7 @@ def decoded_errors(config: ConfigDict, codec: VaeCodec, frozen: Any, batch: dict
   if config.model.get("predicts") == "ddpm":
     raise InputError(f"got loss.{next(iter(weights), 'control')} and model.predicts='ddpm'; decoded motion is looked "
                      "at where the network's output means clean latents by the straight path: velocity, eps or x1")
-  # What is mostly noise means an average of motions, which need not move as any of them does.
+  # From mostly noise the network predicts an average of motions, which need not move like any of them.
   frames = codec.real_frames(counts & (t > config.loss.decoded_from))
 
   def errors_of(clean):
@@ -205,8 +206,8 @@ def decoded_errors(config: ConfigDict, codec: VaeCodec, frozen: Any, batch: dict
     real = batch["features"][:, :rebuilt.shape[1]]
     terms = {name: weights[name] * value for name, value in errors(rebuilt, real, frames).items()} if errors else {}
     if control is not None and held:
-      unpadded = jnp.where(frames[..., None], rebuilt, real)
-      terms["control"] = held * _held_errors(config, frozen, unpadded, control, frames)
+      filled = jnp.where(frames[..., None], rebuilt, real)
+      terms["control"] = held * _held_errors(config, frozen, filled, control, frames)
     return terms
 
   return errors_of

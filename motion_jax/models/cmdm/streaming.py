@@ -10,7 +10,7 @@ sampling is `lax.scan` over it (`Sampler.sample`), applications and streams call
   once; the branch without caption attends to a constant.
 - Every block has a caption of its own. A new one begins with a new block; keys and values of older blocks depend on
   their own captions, which do not change, so the cache stays exact and nothing is computed again. With `Plan.memory`
-  blocks of a new caption see only the last few before it: what one was doing holds back what one is to do.
+  blocks of a new caption see only the last few before it: frames of the old prompt suppress the new action.
 
 All steps have the same shapes, so that one program serves motions of any length and kind: blocks that have not begun
 are computed, but seen by none that has, and an empty cache is a masked one. A given past enters by the same step, block
@@ -50,7 +50,7 @@ class Stream(NamedTuple):
   latents: Any  # (B, width * block, C), the window
   cache: Any    # (k, v), (depth, rows, ring * block, H, K), keys unturned
   oldest: Any   # (k, v), (depth, rows, block, H, K), of the window's oldest block in its last iteration
-  clean: Any    # like latents: the clean latents that they meant in the last iteration, of flows
+  clean: Any    # like latents: the clean latents predicted in the last iteration; flows only
   past: Any     # () how many latents were given before the first block, see `Sampler.prefill`
   behind: Any = None  # the state after the latents that left the window, for guided samplers
 
@@ -81,7 +81,7 @@ class Window(NamedTuple):
   moves: Any      # () whether the window moves on to the next block
   slot: Any       # () where the block that left it goes in the cache, in latents
   blocks: Any     # (W,) the blocks of the window, counted from the first that is sampled
-  levels: Any     # (W,) iterations that each has behind it; negative: not begun
+  levels: Any     # (W,) iterations that each has had; negative: not begun
   num_steps: Any  # () of a block
   attn_mask: Any  # (rows or 1, 1, W * block, (ring + W) * block) what latents see of cache and window
   positions: Any  # (ring * block,) of cached keys

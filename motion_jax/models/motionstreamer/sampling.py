@@ -1,8 +1,8 @@
 """Latents one after the other with MotionStreamer, each by diffusion, from a caption and the latents before it.
 
-A segment begins with its caption and the newest latents of what was before; keys and values of these rows are cached,
-and each latent adds one row. The end of a segment's places is no end of a motion: `sample_more` begins again with the
-newest half.
+A segment begins with its caption and the newest latents so far; keys and values of these rows are cached, and each
+latent adds one row. A segment has a fixed number of places, a motion has not: when they are full, the next segment
+(`model`) begins with the newest half of the latents.
 """
 from collections.abc import Callable
 from typing import Any, NamedTuple

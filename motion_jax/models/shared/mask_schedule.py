@@ -34,8 +34,8 @@ def choose_masked(time_u: Float[Array, " b"], order_u: Float[Array, "b l"], real
   """(B, L) which latents carry loss: a random number of them, cosine-distributed, at random places.
 
   Draws from [0, 1): time_u (B,), order_u (B, L). The number is counted on the padded length and places in the padding
-  are left out, so a short motion keeps the same expected share and may get none. mask_draw "latent": each latent by
-  itself with that share for its probability, and the number is what comes of it.
+  are left out, so a short motion keeps the same expected share and may get none. mask_draw "latent": each latent is
+  masked independently, with that share as its probability.
   """
   # Parity: the paper has a binary mask m_t under a cosine schedule; that a number is drawn is the code's.
   if mask_draw not in MASK_DRAWS:

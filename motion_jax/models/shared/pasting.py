@@ -90,7 +90,8 @@ def prepare(model: Any, motion: Any, new: Callable[[int], Bool[np.ndarray, " t"]
 
 def paste(model: Any, edit: Edit, prompt: str, seed: int | None, decoded: Float[np.ndarray, "n f"],
           cleanup: bool, about: dict[str, Any]) -> Motion:
-  """The clip of an edit with new frames from decoded (count, F), not normalized, its window as the model sampled it."""
+  """The motion of an edit: its clip with new frames from decoded (count, F), the unnormalized features of its window.
+  """
   layout = model.stats.layout
   fresh, shown = (np.array(layout.to_joints(x), np.float64) for x in (decoded, edit.features))
   known, new = edit.known.cut(edit.start, edit.window.stop), edit.new_in_window
