@@ -109,8 +109,8 @@ def check_tensorboard(config):
 
 
 class EventFile:
-  """The one event file of a run folder. metrics.jsonl is the truth: at the start, and whenever a write failed, the file
-  is written again from it, so that each number is in it once whatever happened to the run."""
+  """The one event file of a run folder, always consistent with metrics.jsonl: it is written again from that at the
+  start and after a failed write, so that each number is in it exactly once."""
 
   def __init__(self, workdir):
     self._workdir, self._writer = pathlib.Path(workdir), None
