@@ -149,9 +149,8 @@ def load_candidates(runs, load, choices: Choices, out, samples_folder=None, devi
 
 
 def _varied_of(models, choices):
-  """({model: the variations that it has}, sentences about the others). Models of two methods have different choices:
-  one is left out where another model has it.
-  """
+  """({model: the variations that it has}, sentences about the others). Models of two methods have different choices: a
+  choice that only other models have is left out of a model's rows."""
   varied, wrong = {name: [] for name in models}, {}
   for choice in choices.varied:
     for name, loaded in models.items():

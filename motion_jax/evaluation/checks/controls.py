@@ -13,14 +13,14 @@ from motion_jax.motion.representations import canonicalize, to_joints
 LEVELS = (0.01, 0.03, 0.1)  # metres, standard deviation of each coordinate
 SPEED, SHIFT = 1.0, 0.1     # metres a second; metres
 _WORSE = {"top1": -1, "top2": -1, "top3": -1, "matching": 1, "fid": 1, "clip_score": -1}
-# Which way a metric has to go, 1 up and -1 down; what a damage does not decide is not named.
+# Expected direction of each metric, 1 up and -1 down; metrics that a damage may move either way are left out.
 EXPECTED = {
     "reversed": _WORSE,
     "frozen": _WORSE | {"diversity": -1, "jerk": -1, "acceleration": -1},
     "noise": _WORSE | {"multimodality": 1, "jerk": 1, "acceleration": 1, "bone_drift": 1, "penetration": 1},
     "sliding": {"skating": 1, "planted_speed": 1}, "lifted": {"foot_height": 1}, "sunk": {"penetration": 1},
 }
-SLACK = 0.02  # share of a noise curve's way that is nothing: by so much it may go back between two levels
+SLACK = 0.02  # tolerance: share of a noise curve's range by which it may go back between two levels
 CAPTIONS = 4  # whose motions make the controls' multimodality
 
 

@@ -258,7 +258,8 @@ def _gallery(kind, entries, folder, pages, stem):
 
 
 def _drawable(folder, entry):
-  """({side: clip} of an entry, notes): what a barely trained model samples may be no person, or no body to draw."""
+  """({side: clip} of an entry, notes): the sample of a barely trained model may have an implausible skeleton, or one
+  that cannot be drawn."""
   clips, notes = {}, []
   for side, said in _SIDES.items():
     if not entry.get(side):

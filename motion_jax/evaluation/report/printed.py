@@ -12,10 +12,10 @@ _RESAMPLED = {"CMDM w/ FSS": {_AR: "CMDM w/ AR"}, "CMDM": {_AR: "w/o FSS"} | _LA
 
 
 def paper_of(protocol, evaluator, rows, whole=True) -> dict | None:
-  """What `tables.compare` needs to know of a protocol's paper, or None where the numbers stand alone.
+  """The `paper` of `tables.compare` for a protocol, or None where nothing printed is comparable.
 
   rows: {row of ours: (candidate, part)}; whole: of the protocol's own test set, not some of it for a trial, nor other
-  prompts. What goes with no printed row stands beside the protocol's own one, and nothing of it is marked.
+  prompts. A row without a printed counterpart is shown next to the protocol's own printed row, and not marked.
   """
   if protocol.paper is None or protocol.paper_layout not in (None, evaluator.layout.name):
     return None
@@ -32,8 +32,8 @@ def paper_of(protocol, evaluator, rows, whole=True) -> dict | None:
 
 
 def printed_rows(protocol, candidate, part=""):
-  """([(system, table, row)] that a candidate's numbers (or those of a part of what it does) go with, those that print
-  of the same model what this protocol does not measure)."""
+  """(printed rows [(system, table, row)] comparable with a candidate, or with one part of its results; printed rows of
+  the same model with metrics that this protocol does not measure)."""
   config, options = candidate.model.config, dict(candidate.options)
   named = _as_sampled(paper_tables.rows_of(config), config, options, getattr(candidate, "guidance_scale", None))
   if options.get("way", protocol.way) != protocol.way:
@@ -51,8 +51,8 @@ def printed_rows(protocol, candidate, part=""):
 
 
 def _as_sampled(rows, config, options, guidance_scale):
-  """The rows of a config as it is sampled by options and a guidance scale: other ones, or none, where that is another
-  way than its own."""
+  """The printed rows of a config under these options and guidance scale: other ones, or none, where these differ from
+  the config's own sampling."""
   configured = paper_tables.sampling_choices(config)
   chosen = paper_tables.sampling_choices(config, options | dict(guidance_scale=guidance_scale))
   others = {name: options.get(name) for name in ("context", "temperature") if options.get(name) is not None}
