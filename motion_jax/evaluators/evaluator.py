@@ -60,8 +60,8 @@ class Evaluator:
   motion: Callable  # (x (B, T, F), num_frames (B,)) -> (B, E)
   text: Callable    # (captions, tokens) -> (N, E)
   frames_per_token: int = 4
-  motion_for_fid: Callable | None = None  # as motion, for FID where that is taken of another vector
-  words: Callable = lambda: None  # () -> fingerprint of what makes words into numbers
+  motion_for_fid: Callable | None = None  # as motion, where FID uses vectors of its own
+  words: Callable = lambda: None  # () -> fingerprint of the text encoder or vocabulary
 
   @property
   def layout(self) -> Representation:

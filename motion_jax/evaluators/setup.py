@@ -20,7 +20,7 @@ from motion_jax.training.setup import TrainingSetup, encoder_files, held_out, on
 from motion_jax.utils.config_files import module_fields
 
 _RULES = ("frames_per_latent", "shorten_rate", "crop_frames", "keep_long")  # of `batches.TextItems`
-NUM_VALIDATION = 8  # batches of the validation split that a loss is the mean of, the same every time
+NUM_VALIDATION = 8  # batches of the validation split over which a loss is averaged, the same every time
 
 
 def movement(config) -> TrainingSetup:
@@ -136,10 +136,10 @@ def _captioned_setup(config, stage, data, read, files, nearness, loss=None):
 
 
 class _Items:
-  """Clips with captions and, in `meaning`, numbers that are equal where a pair is not a counter-example.
+  """Clips with captions. Items with equal numbers in `meaning` are not counter-examples to one another.
 
-  config.data.same: "" every pair is one, "caption" not those with the same words, "meaning" nor captions that share a
-  clip.
+  config.data.same says which have equal numbers: "" none, "caption" those with the same words, "meaning" also those
+  with captions of one clip.
   """
 
   def __init__(self, config, data):
