@@ -131,8 +131,8 @@ def _tints(colors, num_frames):
 def _body_of(bodies, skeleton, figure):
   """The number of the body (skeleton, offsets, flesh, JSON) that fits a figure, appended to bodies if there is none.
 
-  Clips whose bones differ by less than a centimetre share a skin, its joints are moved to where they belong anyway;
-  but not those whose soles differ by more than it is worth.
+  Clips whose bones differ by less than a centimetre share a skin, for the viewer moves its joints to their places in
+  any case; clips whose soles differ visibly do not.
   """
   offsets = figure.pose.offsets
   flesh = np.array([(*part.a_offset, *part.b_offset) for part in figure.parts])

@@ -1,7 +1,7 @@
-"""A rig's rotations of joints that come block by block, at a fixed rate and a bounded delay, for engines and programs.
+"""Joints that come block by block, as rotations of a rig at a fixed rate and with a bounded delay, for game engines.
 
 The motion is turned into rotations in windows of fixed frames, whatever the blocks: each window looks back and ahead,
-and goes over into the next one where both overlap. Any blocks give the same rows.
+and is blended into the next one where they overlap. The rows do not depend on the size of the blocks.
 """
 import numpy as np
 
@@ -15,7 +15,7 @@ from motion_jax.shapes import Float, Num
 
 _BACK = 1.5    # seconds of a window before the frames that it adds
 _HOP = 0.2     # seconds that a window adds
-_AHEAD = 0.25  # seconds behind those, over which it goes over into the next window
+_AHEAD = 0.25  # seconds after those, over which it is blended into the next window
 
 
 class RigStream:

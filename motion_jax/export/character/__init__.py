@@ -1,7 +1,7 @@
-"""Animate a user's own rigged character: a .glb, .gltf or .vrm file comes back with further animations.
+"""Animate a user's own rigged character: write motions into its .glb, .gltf or .vrm file as further animations.
 
-Mesh, materials, textures, morph targets and the animations that it has keep their bytes: the file's JSON gets an
-animation more, and its buffer the keys behind what is there.
+Mesh, materials, textures, morph targets and existing animations keep their bytes: an animation is added to the file's
+JSON, and its keys are appended to the buffer.
 """
 import pathlib
 
@@ -18,7 +18,7 @@ from motion_jax.motion.skeleton import HUMANML3D
 from motion_jax.utils.errors import InputError
 
 OUTPUTS = (".glb", ".vrm")
-_MOVED = 1e-3  # of a leg: a bone that moves further from what it hangs on gets keys of its place
+_MOVED = 1e-3  # leg lengths: a bone that moves further than this relative to its parent gets position keys
 
 
 def check_character(file, mapping=None) -> Figure:
@@ -95,7 +95,7 @@ def _unused(name, animations):
 
 
 def _local(figure, posed, clip):
-  """(node, places (T, 3) or None, rotations (T, 4)) of each bone, relative to the node that it hangs on in the file."""
+  """(node, positions (T, 3) or None, rotations (T, 4)) of each bone, relative to its parent node in the file."""
   document = figure.document
   rest = document.world(*document.rest())
   turned = rot.multiply(figure.out[None, None], posed.turned)

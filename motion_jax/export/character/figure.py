@@ -35,7 +35,7 @@ class Figure:
   nodes: list[int]         # of each bone
   parts: dict[str, int]    # {joint of HumanML3D: bone}; spine and neck are those of `bones`
   bones: Bones             # spine and neck, as numbers of bones
-  parents: list[int]       # the bone on which each hangs in a body, -1 for the pelvis; before it in the list
+  parents: list[int]       # the parent of each bone in a body, -1 for the pelvis; parents come first
   offsets: np.ndarray      # (M, 3) from that bone, in its turned frame
   turned: np.ndarray       # (M, 4) world rotations in the reference pose
   places: np.ndarray       # (M, 3) in the reference pose
@@ -48,7 +48,7 @@ class Figure:
 
   @property
   def about(self) -> str:
-    """What was found, in a line."""
+    """The bones that were recognized, in one line."""
     return (f"{len(self.nodes)} of its bones are moved, by the names of {self.bones.label}; its legs are "
             f"{self.scale * LEGS:.3g} long")
 
@@ -105,10 +105,10 @@ def _human_bones(document):
 
 
 def _copies(path, nodes, names, parents, rest, bones, find):
-  """{node of the body: nodes of further skeletons that are its equals in name and place}, such as those of clothes,
-  whole or in part.
+  """{node of the body: nodes of further skeletons with the same name and place}, such as skeletons of clothes, whole or
+  in part.
 
-  Raises InputError for another body.
+  Raises InputError for a second body.
   """
   pelvis, places, copies = bones.limbs["pelvis"], rest[nodes, :3, 3], {}
   body = [i for i in range(len(nodes)) if pelvis in _line(parents, i)]
@@ -193,7 +193,7 @@ def _built(document, nodes, names, match, rest, root, copies):
 
 
 def _body_parents(parts, bones, count):
-  """The bone on which each hangs in a body."""
+  """The parent of each bone in a body."""
   parents = [-1] * count
   trunk = [parts["pelvis"], *bones.spine]
   chest = trunk[-1]
@@ -346,7 +346,7 @@ def _soles(document, nodes, parts, rest, still, turned, scale, frame):
 
 
 def _vertices(document, feet, rest):
-  """{bone: places (P, 3) in the world of the vertices that follow it or what hangs on it most}."""
+  """{bone: positions (P, 3) in the world of the vertices that follow it, or its children, most}."""
   owner = {}
   for node in document.order:
     owner[node] = feet.get(node, owner.get(document.parents[node]))

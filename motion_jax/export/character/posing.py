@@ -174,8 +174,8 @@ def _stand(figure, joints, turns, places, offsets):
 
 
 def _stance(figure, joints, side, leg):
-  """How much farther out (T, 2), along x and z, a foot stands than the motion's: by as much as the hip is farther from
-  the pelvis. While the foot stands it stays, and so does this."""
+  """How much farther out (T, 2), along x and z, a foot stands than in the motion: as much as the hip is farther from
+  the pelvis. It is constant while the foot stands."""
   skeleton, parts = HUMANML3D, figure.parts
   across = joints[:, skeleton.hips[1]] - joints[:, skeleton.hips[0]]
   wide = np.linalg.norm(figure.places[parts["left_hip"]] - figure.places[parts["right_hip"]])
