@@ -74,9 +74,10 @@ class RobotMotion:
     return figure_of(self)
 
   def to_clip(self) -> Clip:
-    """HumanML3D's 22 joints where the robot's bodies are, metres, y up: to draw, extend and edit like any motion.
+    """HumanML3D's 22 joints at the places of the robot's bodies, metres, y up: to draw, extend and edit like any
+    motion.
 
-    The spine and the head, which a robot's torso holds stiffly, lie on the torso's own axis.
+    The spine and the head lie on the axis of the torso, as a robot's torso is rigid.
     """
     robot = self.robot
     places, turned = robot.kinematics(self.qpos)

@@ -17,7 +17,7 @@ class Report(NamedTuple):
   feet: tuple[float, float]
   hands: tuple[float, float]
   at_limit: float          # share of frames in which a joint is at a limit
-  limits: dict[str, float]  # {joint: share of frames}, those that are
+  limits: dict[str, float]  # {joint: share of frames at a limit}, where not 0
   largest_step: float      # radians of a joint between two ticks
   step_joint: str
   slide: float             # millimetres a second of a planted sole, mean

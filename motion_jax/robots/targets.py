@@ -16,7 +16,7 @@ from motion_jax.robots.robot import SIDES, Robot, to_robot_axes, turn_to_robot_a
 from motion_jax.shapes import Bool, Float, Num
 
 DELAY = 0.4         # seconds that a target needs to see of what comes after it, at 20 frames a second in
-_BLEND = 0.12       # seconds in which a foot goes over to where it is held, and back
+_BLEND = 0.12       # seconds in which a foot is blended to the place where it stands, and back
 _WINDOW = 0.18      # seconds before and after a frame that say whether a foot stands in it
 _LEVEL = 0.65       # radians that the line from ankle to toes falls in a foot that stands flat
 _ANKLE = 0.088      # metres of the ankle over the floor in a foot of HumanML3D's size that stands flat
