@@ -229,6 +229,6 @@ class Program:
 
 
 def _type_of(leaf):
-  """What of an argument decides which program it needs."""
+  """The part of an argument that decides which program it needs: shape, dtype and weak type."""
   dtype = getattr(leaf, "dtype", None)
   return jax.typeof(leaf) if dtype is None else (leaf.shape, dtype, getattr(leaf, "weak_type", False))

@@ -24,7 +24,7 @@ import numpy as np
 
 from motion_jax.utils.lazy import jax, jnp
 
-# With these jax looks into the results of each call, which a stored program does not.
+# Settings by which jax checks or replaces each call; a stored program would ignore them.
 _CHECKS = ("jax_debug_nans", "jax_debug_infs", "jax_disable_jit", "jax_no_execution")
 
 _lock = threading.Lock()
