@@ -1,4 +1,4 @@
-"""Pictures of what a run makes while it trains: motions of captions that it learns from, or clips there and back."""
+"""Pictures during training: motions of training captions, or clips before and after a tokenizer."""
 import pathlib
 from collections.abc import Callable
 
