@@ -100,15 +100,15 @@ class CdamdModel(EditingModel):
     steps = sum(checked(sampling.pop(name, usual), 0, 100, name) for name, usual in (
         ("control_steps", CONTROL_STEPS), ("refinements", 0)))
     frames = [count // self.frames_per_latent * self.frames_per_latent for count in frames]
-    every = np.arange(self.max_latents) < np.array(frames)[:, None] // self.frames_per_latent
-    rows, about = self._latents(np.zeros(every.shape + (self.net.transformer.latent_dim,), np.float32), every, every,
-                                prompts, keys, sampling)
+    real_mask = np.arange(self.max_latents) < np.array(frames)[:, None] // self.frames_per_latent
+    latents = np.zeros(real_mask.shape + (self.net.transformer.latent_dim,), np.float32)
+    rows, about = self._latents(latents, real_mask, real_mask, prompts, keys, sampling)
     if signal is not None and steps:
       signal = signal.slice_frames(0, self.max_latents * self.frames_per_latent)
       about = about | dict(control_steps=steps)
-      rows = in_batches(self.programs.settle, rows, every, signal,
+      rows = in_batches(self.programs.settle, rows, real_mask, signal,
                         shared=(self.codec, Settling.of(self.stats, steps)))
-    rows = in_batches(self.programs.decode, rows, every, shared=(self.codec,))
+    rows = in_batches(self.programs.decode, rows, real_mask, shared=(self.codec,))
     return motions_of_prompts(self, rows, prompts, frames, seeds, about, cleanup)
 
   def sample_segments(self, lists: Sequence[Sequence[tuple[str, int]]], keys: jax.Array, seeds: Sequence[int | None],
@@ -147,7 +147,7 @@ class CdamdModel(EditingModel):
 
   def new_frames(self, num_frames: int, task: str | None, keep: Spans | None, change: Spans | None
                  ) -> Bool[np.ndarray, " {num_frames}"]:
-    """(num_frames,): the frames that an edit samples. A task is one of latents, as in the reference."""
+    """(num_frames,): the frames that an edit samples; tasks are divided by latents, as in the reference."""
     if task is None:
       return super().new_frames(num_frames, task, keep, change)
     unit = self.frames_per_latent
@@ -183,8 +183,8 @@ class CdamdModel(EditingModel):
                                   masking.masked_counts(chosen.num_iterations, editable.sum(-1)))
     schedule = unmasking.schedule(masked, chosen.unmasked_only)
     most = unmasking.most_unmasked(masking.masked_counts(chosen.num_iterations, np.array([self.max_latents])))
-    # Of choices that a program depends on there are few: one row at a time where an iteration seldom unmasks two, else
-    # as many as it unmasks of the longest motion; a window of 4 positions where that is enough.
+    # Few values, as each compiles a program: one row at a time where an iteration seldom unmasks two, else as many as
+    # it unmasks of the longest motion; a window of 4 positions where that is enough.
     num_rows = (1 if most <= 2 else min(2 * -(-most // 2), self.max_latents)) if chosen.unmasked_only else None
     window = min(WINDOW, self.max_latents)
     small = num_rows == 1 and chosen.mask == "causal" and unmasking.span(np.asarray(schedule.made_at)) <= window
@@ -208,7 +208,7 @@ TOKENIZERS = dict.fromkeys(("cdamd.autoencoder", "cdamd.generator"), round_trips
 
 
 class Programs:
-  """What is compiled, each once for all lengths, kinds and numbers of motions."""
+  """The compiled functions of a model, each compiled once for motions of any length, number and kind."""
 
   def __init__(self, net: Generator, length: LengthEstimator | None) -> None:
     def latents(plan, params, latents, real_mask, text_emb, text_mask, schedule, keys, scale, steps):

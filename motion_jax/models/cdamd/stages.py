@@ -1,4 +1,4 @@
-"""What CDAMD trains beside its autoencoders (`shared.autoencoders`): the masked transformer, as a pure function."""
+"""What CDAMD trains besides its autoencoders (`shared.autoencoders`): the masked transformer, as a pure function."""
 import functools
 from typing import Any
 

@@ -144,7 +144,7 @@ def _check_prior(prior, tokenizer, transformer):
 
 
 def _generator_config(tokenizer, gen, layout, diffusion):
-  """What generating needs to know beside the sizes: the released evaluations' choices.
+  """What generating needs to know besides the sizes: the released evaluations' choices.
 
   Source: docs/papers/cdamd.md#generation.
   """

@@ -24,7 +24,7 @@ CAPTIONS = 4  # different captions that a window shows at most
 
 
 def graphs_of(model: CmdmNetworks, **sampling: Any) -> tuple[list[Graph], dict[str, Any]]:
-  """(the four graphs of a model, what a host needs beside them: numbers, skeleton, tokenizer, licence).
+  """(the four graphs of a model, what a host needs besides them: numbers, skeleton, tokenizer, licence).
 
   sampling: choices of `CmdmSampling`, which become constants of the graphs. Batch size 1, without constraints.
   """

@@ -114,7 +114,7 @@ class Guide:
 
   def newton_step(self, behind: Behind, base: Any, latents: Float[Array, "b w c"], variance: Float[Array, "1 w 1"],
                   num_steps: Any, tolerance: Any = guidance.TOLERANCE) -> Float[Array, "b w c"]:
-    """`guidance.newton_step` of latents behind `base` others."""
+    """`guidance.newton_step` of latents after `base` others."""
     residual = lambda z: self._residual(behind, base - self.first, z)
     return guidance.newton_step(residual, latents, variance, num_steps, tolerance)
 

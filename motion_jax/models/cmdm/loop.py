@@ -23,7 +23,7 @@ _LENGTH = 50  # latents whose constraints are compiled together; longer ones by 
 
 
 class SamplingLoop:
-  """Motions side by side, one block further with each `step`; what they show is set in between.
+  """A batch of motions, one block longer with each `step`; captions and constraints are set in between.
 
     loop = SamplingLoop(model, plan, scale, keys)
     loop.say(text_emb, text_mask)
@@ -124,13 +124,13 @@ class SamplingLoop:
     offset = np.stack([drift[:, 0], 0 * drift[:, 0], drift[:, 1]], axis=-1).astype(np.float32)[:, None, None]
     window = dataclasses.replace(window, positions=np.where(window.given, window.positions - offset, 0))
     times, level = np.asarray(self._constants.times), now.levels + iteration
-    at, then = (np.repeat(times[np.clip(index, 0, plan.num_steps)], plan.block) for index in (level, level + 1))
-    moves = at < then
-    share = np.minimum(min(plan.lag, 2) * (then - at) / np.where(moves, 1 - at, 1), 1)
+    t, t_next = (np.repeat(times[np.clip(index, 0, plan.num_steps)], plan.block) for index in (level, level + 1))
+    moves = t < t_next
+    share = np.minimum(min(plan.lag, 2) * (t_next - t) / np.where(moves, 1 - t, 1), 1)
     base = np.int32(self.base * plan.block)
     guide = dataclasses.replace(Guide.of(model.codec, model.stats, window), first=base)
     pulled = np.asarray(model.compiled.pull(
-        guide, tuple(self._behind()), base, self._state.clean, variance_of(at, moves), np.int32(self._control_steps),
+        guide, tuple(self._behind()), base, self._state.clean, variance_of(t, moves), np.int32(self._control_steps),
         np.float32(TOLERANCE)))
     self._state = self._state._replace(latents=np.asarray(self._state.latents) + share[:, None] * pulled)
 
@@ -197,13 +197,13 @@ class SamplingLoop:
 
 
 def behind_nothing(model: CmdmNetworks, batch: int) -> Behind:
-  """`Guide.begin` in numpy, which compiles nothing."""
+  """The state before any latent left the window: `Guide.begin` in numpy, which compiles nothing."""
   zeros = lambda *shape: np.zeros(shape, np.float32)
   return Behind(_decoder_state(model, batch), zeros(batch, 1, model.stats.layout.dim), zeros(batch, 2), zeros(batch))
 
 
 def _decoder_state(model, batch):
-  """What the decoder remembers of motions that have not begun, in numpy."""
+  """The decoder's state before the first latents, in numpy."""
   shapes = jax.eval_shape(lambda: model.codec.init_decode_state(batch))
   return jax.tree.map(lambda a: np.zeros(a.shape, a.dtype), shapes)
 

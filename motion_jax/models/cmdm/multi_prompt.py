@@ -136,7 +136,7 @@ def chain(model: CmdmNetworks, plan: streaming.Plan, sampling: CmdmSampling, pro
   """Motions of several prompts by the released code's procedure; arguments and results as of `stream`, without
   constraints.
 
-  Each segment is sampled by itself behind the last num_past latents of the one before, which get fresh noise in every
+  Each segment is sampled by itself after the last num_past latents of the one before, which get fresh noise in every
   step, with its own caption only; all latents are decoded in one pass (docs/papers/cmdm.md#multi-prompt).
   """
   frames_per_latent = model.frames_per_latent

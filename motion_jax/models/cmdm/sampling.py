@@ -121,7 +121,7 @@ def renoising_step(velocity: Callable[..., Array], x: Latents, t: Float[Array, "
 
 def renoised(velocity: Callable[..., Array], x: Latents, times: Float[Array, "n l"],
              past: Float[Array, "b p c"], fresh: Callable[[Any], Array]) -> Latents:
-  """Carries noise x (B, P + N, C) to data behind a clean past (B, P, C) along times (M + 1, P + N).
+  """Carries noise x (B, P + N, C) to data after a clean past (B, P, C) along times (M + 1, P + N).
 
   velocity(x, t (P + N,)) -> like x; fresh(m) is the new noise of step m, m a traced integer. The window comes back
   whole, its first P latents those given.
@@ -137,7 +137,7 @@ def chained(dit: CausalDiT, plan: streaming.Plan, params: Any, *, text_emb: Floa
             text_mask: Bool[Array, "b *l s"], scale: Any, lengths: Int[Array, " b"], past: Float[Array, "b p c"],
             noise: Float[Array, "b l c"], fresh: Callable[[Any], Array], times: Float[Array, "m l"] | None = None,
             since: Int[Array, "b l"] | None = None) -> Float[Array, "b n c"]:
-  """New latents (B, N, C) behind a past (B, P, C) as the released code makes them: plain recompute, past re-noised.
+  """New latents (B, N, C) after a past (B, P, C) as the released code makes them: plain recompute, past re-noised.
   text_mask (B, S), or (B, P + N, S) where latents have captions of their own.
 
   noise (B, P + N, C) and fresh(m) alike: see `renoised`; lengths (B,) of the new latents, those beyond

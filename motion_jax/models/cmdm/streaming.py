@@ -142,11 +142,11 @@ def oldest_block(plan: Plan, steps: Any) -> Any:
 
 def window_at(plan: Plan, steps: Any, past: Any, caption: Int[Array, "b w"], since: Int[Array, "b w"] | None = None,
               lengths: Int[Array, " b"] | None = None) -> Window:
-  """The window of the step after `steps` others, behind `past` given latents, traced if any argument is.
+  """The window of the step after `steps` others, after `past` given latents, traced if any argument is.
 
   caption (B, W): which of the captions in text each block has. since (B, W): the first block that each sees,
-  `seen_since`; None: all within the context. lengths (B,): latents of each motion; those that fill up its last block,
-  or run on beside a longer motion, see and are seen by themselves alone. None: no end.
+  `seen_since`; None: all within the context. lengths (B,): latents of each motion; later ones, in its last block or in
+  the blocks of a longer motion of the batch, see and are seen by themselves alone. None: no end.
   """
   xp = jnp if any(isinstance(a, jax.Array) for a in (steps, past, caption, since, lengths)) else np
   size, slots, within = plan.block, xp.arange(plan.ring), xp.arange(plan.block)
@@ -289,7 +289,7 @@ class Sampler:
 
   def prefill(self, state: Stream, *, past: Float[Array, "b p c"], count: Any, caption: Int[Array, "b k"] | None = None
               ) -> Stream:
-    """A state as of `init` with clean latents behind it: the motion continues the last `count` of past (B, P, C).
+    """A state as of `init` after clean latents: the motion continues the last `count` of past (B, P, C).
 
     P is whole blocks, and the past ends where block 0 begins; what stands before its last `count` latents is ignored.
     Block after block enters the window at t = 1 and leaves its keys and values in the cache. caption (B, P / block):

@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float
 from motion_jax.shapes import Array
 
 STANDS = 0.01  # a foot that moves less than this between two frames stands
-TERMS = ("velocity", "positions", "contacts")  # beside the error of the features, each with a weight
+TERMS = ("velocity", "positions", "contacts")  # besides the error of the features, each with a weight
 
 
 def masked_l2(made: Float[Array, "b t n"], real: Float[Array, "b t n"], frame_mask: Bool[Array, "b t"]

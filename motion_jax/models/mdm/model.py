@@ -91,7 +91,7 @@ class MdmModel(EditingModel, MdmNetwork):
     the sampling)."""
     chosen = self.sampling(**sampling)
     known = np.zeros((len(features), self.config.data.max_frames, self.net.features), np.float32)
-    mask = np.ones(known.shape, bool)  # Parity: what lies behind the end of a motion counts as given, as zeros.
+    mask = np.ones(known.shape, bool)  # Parity: what lies after the end of a motion counts as given, as zeros.
     for row, kept, x, flags in zip(known, mask, features, new):
       row[:len(x)] = self.stats.normalize(np.asarray(x))
       kept[:len(x)] = ~flags[:, None]
@@ -143,7 +143,7 @@ class DipModel(BlockModel, MdmNetwork):
 
   def make_block(self, state: BlockState, prompts: Sequence[str], chosen: MdmSampling
                  ) -> tuple[Float[np.ndarray, "b n f"], BlockState]:
-    """(normalized features of the next block, the state behind it)."""
+    """(normalized features of the next block, the state after it)."""
     text_emb, text_mask = self.encode_words(prompts)
     prefix, stand, signal = state.memory
     goals, layout = no_goals(self.net, len(prefix)), self.stats.layout

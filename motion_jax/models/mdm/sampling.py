@@ -13,7 +13,8 @@ SCHEDULES = {"cosine": ddpm.cosine_schedule, "linear": ddpm.linear_schedule}
 
 
 class Plan(NamedTuple):
-  """How it is sampled; hashable. train_steps: those of training, num_steps: those made (`ddpm.spaced_steps`)."""
+  """Static choices of sampling; hashable. train_steps: steps of training; num_steps: steps of sampling
+  (`ddpm.spaced_steps`)."""
   train_steps: int = 1000
   num_steps: int | str = 1000
   solver: str = "ancestral"  # or "ddim"
@@ -26,7 +27,7 @@ def schedule_of(plan: Plan) -> ddpm.Schedule:
 
 
 class Condition(NamedTuple):
-  """What the network reads beside the noisy frames; each may be None but text_emb. See `nets.motion_denoiser`."""
+  """What the network reads besides the noisy frames; each may be None but text_emb. See `nets.motion_denoiser`."""
   text_emb: Any
   text_mask: Any = None
   frame_mask: Any = None

@@ -11,9 +11,10 @@ from motion_jax.shapes import Array, Net
 
 
 class FrameDenoiser(NamedTuple):
-  """A denoiser of frames as the others are called, padding 0 in what it predicts and, if hidden, not attended to.
+  """A denoiser of frames with the interface of a denoiser of latents. Its prediction is 0 at padding, which, if hidden,
+  is not attended to.
 
-  real (B, T); twice as many rows are two such batches.
+  real (B, T): real frames; a batch of 2 B rows is two such batches.
   """
   net: Net
   real: Any
@@ -27,7 +28,7 @@ class FrameDenoiser(NamedTuple):
 
 
 class Plan(NamedTuple):
-  """How it is sampled; hashable. predicts: what the denoiser learned, "noise" or "x1"."""
+  """Static choices of sampling; hashable. predicts: what the denoiser learned, "noise" or "x1"."""
   train_steps: int = 1000
   num_steps: int = 50
   solver: str = "ddim"  # or "ancestral"
@@ -50,7 +51,7 @@ def schedule_of(plan: Plan) -> ddpm.Schedule:
 
 def predictor(net: Net, plan: Plan, params: Any, text_emb: Float[Array, "b s e"], no_text_emb: Float[Array, "b s e"],
               scale: Any) -> Callable:
-  """predict(z, step ()) -> noise or clean latents, guided; no_text_emb: what the encoder makes of an empty caption."""
+  """predict(z, step ()) -> noise or clean latents, guided; no_text_emb: the embedding of an empty caption."""
   scale = jnp.asarray(scale, text_emb.dtype)
   scale = scale[:, None, None] if scale.ndim else scale
   text = jnp.concatenate([text_emb, no_text_emb]) if plan.guided else text_emb

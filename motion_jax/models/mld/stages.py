@@ -51,7 +51,7 @@ def vae_stage(config: ConfigDict) -> Stage:
 
 
 def reconstruct(vae: TokenVAE, params: Any, x: Any, real: Any) -> Any:
-  """Features (B, T, F) there and back, by the mean of the latent."""
+  """Features (B, T, F) encoded and decoded, by the mean of the latent."""
   return vae.apply(params, vae.apply(params, x, real, method="encode")[0], real, method="decode")
 
 
@@ -137,6 +137,6 @@ def denoiser_shapes(net: TokenDenoiser, num_tokens: int) -> Any:
 
 
 def frozen_shapes(vae: TokenVAE | None, text_dim: int) -> dict[str, Any]:
-  """Shapes of what a denoiser's run keeps beside its parameters."""
+  """Shapes of what a denoiser's run keeps besides its parameters."""
   no_caption = {NO_CAPTION: jax.ShapeDtypeStruct((1, text_dim), jnp.float32)}
   return no_caption | ({VAE: vae_shapes(vae)} if vae else {})

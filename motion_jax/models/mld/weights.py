@@ -67,7 +67,7 @@ def _denoiser(whole, num_tokens, num_heads):
 
 
 def _lightning(path):
-  """Entries of a Lightning checkpoint beside its weights."""
+  """Entries of a Lightning checkpoint besides its weights."""
   return ("callbacks", "hparams_name", "hyper_parameters", "loops", "lr_schedulers", "optimizer_states",
           "native_amp_scaling_state")
 

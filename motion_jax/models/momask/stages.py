@@ -1,4 +1,4 @@
-"""What MoMask trains beside its RVQ-VAE (`shared.autoencoders`), as pure functions: its two transformers."""
+"""What MoMask trains besides its RVQ-VAE (`shared.autoencoders`), as pure functions: its two transformers."""
 from typing import Any
 
 import jax

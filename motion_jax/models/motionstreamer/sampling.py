@@ -17,8 +17,8 @@ from motion_jax.shapes import Array, Net
 
 
 class Plan(NamedTuple):
-  """How it is sampled; hashable. train_steps: those of the head's training. clip_latents: bound of the clean latents
-  that the steps of the head mean, 0 for none."""
+  """Static choices of sampling; hashable. train_steps: steps of the head's training. clip_latents: bound of the clean
+  latents that the head predicts in each step, 0 for none."""
   train_steps: int = 50
   num_steps: int = 50
   guided: bool = True
@@ -33,7 +33,7 @@ class Segment(NamedTuple):
 
 def begin(net: Net, plan: Plan, params: Any, text_emb: Float[Array, "b e"], no_text_emb: Float[Array, "b e"],
           past: Float[Array, "b p c"], num_past: Any) -> Segment:
-  """The segment of a caption behind the first num_past of the latents past (B, P, C)."""
+  """The segment of a caption after the first num_past of the latents past (B, P, C)."""
   # Parity: a new segment reads its own caption and the latents before it, not the caption of those (as it is trained).
   text = jnp.concatenate([text_emb, no_text_emb]) if plan.guided else text_emb
   past = jnp.concatenate([past, past]) if plan.guided else past
@@ -81,11 +81,11 @@ class Stop(NamedTuple):
 
 def sample_segment(net: Net, plan: Plan, params: Any, segment: Segment, scale: Any, draw: Callable, num_latents: int,
                    stop: Stop | None = None) -> tuple[Float[Array, "b l c"], Int[Array, " b"], Segment]:
-  """(latents (B, num_latents, C), how many of each count (B,), the segment behind them); draw(k, m) is the noise of
+  """(latents (B, num_latents, C), how many of each count (B,), the segment after them); draw(k, m) is the noise of
   latent k.
 
   With a stop a motion counts the latents before the one that ends it, at least one, and the loop ends with the last
-  motion; latents behind an end are no part of the motion.
+  motion; latents after an end are no part of the motion.
   """
   def latent(k, state):
     segment, latents, counts = state

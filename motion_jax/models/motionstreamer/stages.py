@@ -78,7 +78,7 @@ def generator_stage(config: ConfigDict) -> Stage:
     return plain.init(rng, jnp.asarray(batch["text_emb"][:1, 0]), jnp.zeros((1, 1, channels)), jnp.zeros((1, 1), int))
 
   def sequences(frozen, batch, keys):
-    """(latents (B, most, C) with the end latent behind them, how many count (B,)): some lose their first or last."""
+    """(latents (B, most, C) followed by the end latent, how many count (B,)): some lose their first or last."""
     codec = VaeCodec.of(vae, frozen)
     x = batch["features"]
     z = codec.encode(x) if config.loss.mean_latents else codec.sample(x, keys[:, 0])
@@ -133,7 +133,7 @@ def tokenizer_shapes(vae: CausalVAE) -> Any:
 
 
 def frozen_shapes(vae: CausalVAE, text_dim: int) -> dict[str, Any]:
-  """Shapes of what a generator's run keeps beside its parameters."""
+  """Shapes of what a generator's run keeps besides its parameters."""
   channel = jax.ShapeDtypeStruct((vae.latent_dim,), jnp.float32)
   return VaeCodec(vae, tokenizer_shapes(vae), channel, channel).parts | {
       END: channel, NO_CAPTION: jax.ShapeDtypeStruct((1, text_dim), jnp.float32)}

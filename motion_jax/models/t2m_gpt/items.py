@@ -51,7 +51,7 @@ def encode_clips(codec: RvqCodec, features: Sequence[np.ndarray], seed: int, bat
 class CodeItems:
   """Rows of codes with a caption each, every clip once an epoch.
 
-  codes: (n_i,) of each clip, captions: a list for each; length of a row; end: the code behind the last. shorten_rate:
+  codes: (n_i,) of each clip, captions: a list for each; length of a row; end: the code after the last. shorten_rate:
   how often a clip loses one code, at its head or its tail. weights: draws with replacement in proportion to them.
   """
   codes: list[np.ndarray]

@@ -1,4 +1,4 @@
-"""What T2M-GPT trains beside its VQ-VAE (`shared.autoencoders`), as a pure function: the transformer on its codes."""
+"""What T2M-GPT trains besides its VQ-VAE (`shared.autoencoders`), as a pure function: the transformer on its codes."""
 from typing import Any
 
 import jax

@@ -16,7 +16,7 @@ from motion_jax.training.setup import text_identity
 
 DISTILBERT = "distilbert-base-uncased"
 TMR_FILES = ("motion_encoder", "text_encoder", "motion_decoder")  # its extracted weights, a file each
-LIGHTNING = ("lr_schedulers", "loops", "callbacks")               # what its whole checkpoint holds beside state_dict
+LIGHTNING = ("lr_schedulers", "loops", "callbacks")               # what its whole checkpoint holds besides state_dict
 
 
 def read_teacher(path: str | pathlib.Path) -> NetworkState:
