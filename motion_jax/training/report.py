@@ -1,4 +1,4 @@
-"""What a run folder gets beside its training states: weights, rows of metrics, report.html, pictures.
+"""Outputs of a run besides its training states: weights, rows of metrics, report.html, pictures.
 
 A full disk does not end a training: what cannot be written now is reported and written later.
 """
