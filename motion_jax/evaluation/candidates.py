@@ -108,7 +108,7 @@ class Reader:
 @dataclasses.dataclass(frozen=True)
 class Choices:
   """Sampling choices, one row for each combination: guidance scales (none: the model's own) and further arguments of
-  `generate`: shared by all rows, and `varied`, changes of them. more: options of the task, beside those of the method.
+  `generate`: shared by all rows, and `varied`, changes of them. more: options of the task, besides those of the method.
   """
   guidance: tuple[float, ...] = ()
   shared: dict = dataclasses.field(default_factory=dict)
@@ -179,7 +179,7 @@ def row_names(runs):
 
 def check_options(name, loaded, guidance, options, more=()):
   """Raises ValueError if a model cannot be sampled with these guidance scales and options. more: options of the task,
-  beside those of the method.
+  besides those of the method.
   """
   if not loaded.can("generate"):
     if guidance or options:

@@ -112,7 +112,7 @@ class Harness:
     """
     embed = embed or evaluator.embed_motion
     lengths = protocol_lib.evaluator_frames(frames, self.protocol)
-    # Pieces of long motions end on the model's own grid, some frames behind the longest clip.
+    # Pieces of long motions end on the model's own grid, some frames after the longest clip.
     width = self.protocol.max_frames
     width += -(-max(int(np.max(frames)) - width, 0) // WIDER) * WIDER
     parts = []

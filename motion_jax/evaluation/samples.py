@@ -26,7 +26,7 @@ from motion_jax.utils.errors import InputError
 from motion_jax.utils.input_files import load_npz
 
 BATCH = 32  # motions made together, whatever the protocol's pool: one compiled function serves all
-TAIL = 4    # rows kept behind a motion's end: as far as an evaluator's last token reaches
+TAIL = 4    # rows kept after a motion's end: as far as an evaluator's last token reaches
 
 
 class Draw(NamedTuple):

@@ -19,7 +19,7 @@ def comparisons(result: Result) -> list[tables.Comparison]:
 
 
 def whole(form):
-  """form(result) of a result's table, with the tables of differences behind it."""
+  """form(result) of a result's table, followed by the tables of differences."""
   return lambda result: "\n".join(map(form, (result, *comparisons(result))))
 
 

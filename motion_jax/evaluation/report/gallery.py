@@ -1,4 +1,4 @@
-"""Example motions: some of a replication beside the real ones, and those that match their captions worst."""
+"""Example motions: some of a replication next to the real ones, and those that match their captions worst."""
 import pathlib
 
 import numpy as np

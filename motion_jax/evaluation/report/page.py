@@ -1,4 +1,4 @@
-"""The HTML page of evaluations: tables beside the paper's, curves, motions beside the real ones, provenance.
+"""The HTML page of evaluations: tables next to the papers', curves, motions next to the real ones, provenance.
 
 `write(results, folder)` creates index.html, which loads nothing from elsewhere, and motions/*.html, where the pairs
 play. The content is collected here; assets/report.html is its template, which escapes all text, with a style sheet.

@@ -1,4 +1,4 @@
-"""Which rows of the papers' tables stand beside a model of ours: those that its config names, sampled as they were.
+"""Which rows of the papers' tables are shown with a model of ours: those that its config names, sampled as they were.
 
 A number is marked only against a row of the same kind and protocol: the config is the one that was named for the row,
 sampled the same way, judged by that table's own protocol on all of the test split.

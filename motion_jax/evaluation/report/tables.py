@@ -1,4 +1,4 @@
-"""Tables with the papers' numbers beside ours: all numbers of both papers as data; output as Markdown, LaTeX and CSV.
+"""Tables with the papers' numbers next to ours: all numbers of both papers as data; output as Markdown, LaTeX and CSV.
 
 `paper_tables/` holds a JSON file for each printed table: `"0.588 ± 0.004"` is a mean and its 95 % interval as printed,
 null a number that is not given. A number of ours that differs from the paper's by more than either interval is marked.
@@ -168,7 +168,7 @@ class Line(NamedTuple):
 
 
 class Comparison(NamedTuple):
-  """A result beside the paper's rows, independent of the output format."""
+  """A result next to the paper's rows, independent of the output format."""
   title: str
   metrics: list[str]
   lines: list[Line]
@@ -180,7 +180,7 @@ def compare(result: Result) -> Comparison:
 
   result.paper names the printed rows: {"system", "table", "row", "also", "unmarked"}. row: a name, or {row of ours:
   name or [{"system", "table", "row"}, ..]}; "also" lists further rows to show, names of that table or [system, table,
-  name]. Rows of ours under "unmarked" are shown beside theirs without marks. Where the table has several rows of a
+  name]. Rows of ours under "unmarked" are shown next to theirs without marks. Where the table has several rows of a
   name, as "suffix: CDAMD", a row "suffix: .." of ours is compared with it. None: no rows of a paper.
   """
   metrics, paper = list(result.metrics), result.paper

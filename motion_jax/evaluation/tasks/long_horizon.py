@@ -35,7 +35,7 @@ class LongHorizon(Task):
   FILES = ("one motion of all `segments` in a row, each of a caption and its frames; prompts change at those frames")
   METRICS = ("top1", "top2", "top3", "fid", "matching", "diversity", "transition_fid", "transition_kid",
              "transition_diversity", "transition_distance", "peak_jerk", "auj")
-  OPTIONS = ("way", "cleanup", "ease")  # the last two: as a person sees it, features of the cleaned, eased joints
+  OPTIONS = ("way", "cleanup", "ease")  # the last two: judge the features of cleaned, eased joints, as users see them
 
   def __init__(self, harness):
     super().__init__(harness)
@@ -252,7 +252,7 @@ def multi_prompt_generator(candidate, sequences, options):
   """
   options = samples.contrast_of(candidate.model) | dict(options)
   of_joints = options.get("cleanup", False) or options.get("ease", False)
-  def in_place(joints):  # bones that drift and feet in the floor are what is to be judged: nothing mends them here
+  def in_place(joints):  # not retargeted: bones that drift and feet in the floor are to be judged
     layout, mode = candidate.model.stats.layout, candidate.model.config.data.mode
     return layout.from_joints_in_place(long_horizon.placed(np.asarray(joints, np.float64), layout.skeleton), mode)
 
