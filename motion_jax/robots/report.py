@@ -1,4 +1,5 @@
-"""How well a robot follows: errors in millimetres and radians, limits, slide, and steps between two ticks."""
+"""How well a robot follows a motion: errors in millimetres and radians, limits, foot sliding, steps between two ticks.
+"""
 from typing import NamedTuple
 
 import numpy as np
@@ -22,7 +23,7 @@ class Report(NamedTuple):
   step_joint: str
   slide: float             # millimetres a second of a planted sole, mean
   in_floor: float          # millimetres of the deepest sole under the floor
-  seams: tuple[float, ...]  # largest step around each change of prompt
+  seams: tuple[float, ...]  # radians: largest step around each change of prompt
 
   def lines(self) -> list[str]:
     """The report as lines of text."""

@@ -1,6 +1,6 @@
 """Where a robot's bodies should be: human joints on the robot's proportions, feet standing where they stood.
 
-Frames come one after another and every target depends on the frames up to DELAY seconds behind it alone, so that a live
+Frames come one after another and every target depends only on frames up to DELAY seconds after it, so that a live
 stream and a whole clip give the same numbers.
 """
 from typing import NamedTuple
@@ -196,7 +196,7 @@ class _Foot:
 
 
 class _Recent:
-  """A list whose first items are forgotten; numbers before the first and behind the last give those."""
+  """A list whose first items are forgotten; numbers before the first and after the last give those."""
 
   def __init__(self):
     self._items, self._first = [], 0
