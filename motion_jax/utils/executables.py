@@ -46,7 +46,7 @@ def can_store(leaves: Sequence[Any]) -> bool:
 
 @functools.cache
 def machine() -> str:
-  """A digest of what compiled code depends on beside versions: the device, the processor's abilities, XLA's flags."""
+  """A digest of what compiled code depends on besides versions: the device, the processor's abilities, XLA's flags."""
   device = jax.devices()[0]
   about = [device.platform, device.device_kind, device.client.platform_version, platform.machine(), platform.system(),
            os.environ.get("XLA_FLAGS", ""), str(_num_cpus()), _processor()]
