@@ -70,7 +70,7 @@ def video(clip, path, size=None, fps=None, **options) -> pathlib.Path:
 
 
 def check_film(size=SIZE, fps=None, camera="auto", background=None):
-  """Raises InputError for what no film can have."""
+  """Raises InputError for a size, rate, camera or background that a film cannot have."""
   if len(size) != 2 or not all(isinstance(side, int | np.integer) and _LEAST <= side <= _MOST for side in size):
     raise InputError(f"got a film of size {'x'.join(map(str, size))}, expected WIDTHxHEIGHT in pixels, each side from "
                      f"{_LEAST} to {_MOST}, such as 720x720")
@@ -264,7 +264,7 @@ def _tints(figure, colors):
 
 
 def _caption(clip, t=None):
-  """What a clip's captions say of frame t, or of all of it: captions with times follow one another."""
+  """The caption of a clip at frame t, or of the whole clip; captions with times follow one another."""
   timed = [caption for caption in clip.captions if caption.start or caption.end]
   if t is None and len(timed) > 1:
     return " | ".join(caption.text for caption in timed)
@@ -284,7 +284,7 @@ def _thin(points):
 
 
 def _height(figure):
-  """How tall the person stands, metres: bones of one leg, spine and head, whatever the clip shows."""
+  """Standing height of the person, metres, from the bones of one leg, the spine and the head, whatever the pose."""
   lengths = np.linalg.norm(figure.pose.offsets, axis=-1)
   return max(0.3, float(2.05 * lengths.max() * 2))
 

@@ -88,7 +88,7 @@ def _without_matrix(node):
 
 
 def _unused(name, animations):
-  """The name, with a number behind it if an animation has it already."""
+  """The name, with a number after it if an animation has it already."""
   there = {animation.get("name") for animation in animations if isinstance(animation, dict)}
   return name if name not in there else next(f"{name}_{number}" for number in range(2, len(there) + 3)
                                              if f"{name}_{number}" not in there)
