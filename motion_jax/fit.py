@@ -33,7 +33,7 @@ def setups() -> dict:
 
 
 DTYPES = ("float32", "bfloat16")  # that networks may compute in
-# Files of a run folder that are written before the first step, beside those that a stage gives it.
+# Files of a run folder that are written before the first step, besides those that a stage gives it.
 FILES = (checkpoint.CONFIG, checkpoint.DATA, checkpoint.FROZEN, "Mean.npy", "Std.npy")
 
 

@@ -5,7 +5,7 @@ A config file names its rows last, when the config is complete:
   return paper_tables.with_rows(config, {"cmdm 4": "w/o adaLN"}).lock()
 
 The keys are "SYSTEM TABLE", as in `evaluation/report/paper_tables/`. A config whose model, loss or sampler was changed
-afterwards is still shown beside the row, but no longer as the same model. Configs and converted checkpoints name rows;
+afterwards is still shown next to the row, but no longer as the same model. Configs and converted checkpoints name rows;
 only `evaluation` reads them.
 """
 import hashlib

@@ -172,7 +172,7 @@ class ClipEvaluator(nn.Module):
   def text(self, tokens, deterministic=True):
     """tokens (B, S): start, words, end (the largest id), zeros -> (B, dim), not normalized.
 
-    Parity: no mask at all, so also the zeros behind the end are attended to; always pad to max_words as CLIP does.
+    Parity: no mask at all, so also the zeros after the end are attended to; always pad to max_words as CLIP does.
     """
     tables = jax.lax.stop_gradient((self.tokens.astype(self.dtype), self.positions.astype(self.dtype)))
     x = tables[0][tokens] + tables[1][:tokens.shape[1]]
