@@ -1,4 +1,4 @@
-"""What models can do, and which shipped models can do it."""
+"""Abilities of models, and the shipped models that have them."""
 from motion_jax.utils.errors import InputError
 
 ABILITIES = {  # each a method of that name

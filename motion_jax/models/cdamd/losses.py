@@ -126,9 +126,10 @@ def generator_loss(net: Net, params: Any, z1: Float[Array, "b l c"], real_mask: 
     copied += (compared,)
 
     def contrasted(params, conditions, z1, noise, t, compared):
-      own_mse, other = (error_of(params, condition, z1, noise, t) for condition in jnp.split(conditions, 2, axis=-1))
-      penalty = paths.margin_loss(own_mse, other, config.contrast_margin)
-      return own_mse + config.contrast * jnp.where(compared, penalty, 0.0)
+      matched, contradicted = (error_of(params, condition, z1, noise, t)
+                               for condition in jnp.split(conditions, 2, axis=-1))
+      penalty = paths.margin_loss(matched, contradicted, config.contrast_margin)
+      return matched + config.contrast * jnp.where(compared, penalty, 0.0)
 
     error = contrasted
 

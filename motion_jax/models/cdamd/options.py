@@ -1,4 +1,4 @@
-"""How a CDAMD model is sampled."""
+"""Sampling options of CDAMD."""
 import dataclasses
 from typing import TYPE_CHECKING, Any
 

@@ -1,4 +1,4 @@
-"""What CDAMD trains besides its autoencoders (`shared.autoencoders`): the masked transformer, as a pure function."""
+"""Training stage of CDAMD's masked transformer, as a pure function; its autoencoders: `shared.autoencoders`."""
 import functools
 from typing import Any
 

@@ -144,7 +144,7 @@ def _check_prior(prior, tokenizer, transformer):
 
 
 def _generator_config(tokenizer, gen, layout, diffusion):
-  """What generating needs to know besides the sizes: the released evaluations' choices.
+  """Config of generation, apart from the sizes: the choices of the released evaluations.
 
   Source: docs/papers/cdamd.md#generation.
   """

@@ -1,4 +1,4 @@
-"""How a CMDM model is sampled."""
+"""Sampling options of CMDM."""
 import dataclasses
 from typing import TYPE_CHECKING, Any
 

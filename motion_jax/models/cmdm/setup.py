@@ -198,7 +198,7 @@ def _held_out_loss(config, stats, encoder, codec):
 
 
 def not_sampled(config: ConfigDict) -> list[str]:
-  """What a denoiser of this config cannot do once it is trained, a sentence each."""
+  """Limits of a denoiser that is trained by this config, a sentence each."""
   notes = []
   if not config.tokenizer.causal:
     notes.append("the tokenizer looks both ways (tokenizer.causal=False): whole motions alone, no stream, and "

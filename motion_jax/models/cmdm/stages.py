@@ -1,4 +1,4 @@
-"""What CMDM trains, as pure functions: the causal tokenizer and, on its latents, the causal denoiser."""
+"""Training stages of CMDM, as pure functions: the causal tokenizer and, on its latents, the causal denoiser."""
 import functools
 from collections.abc import Callable
 from typing import Any
@@ -111,7 +111,7 @@ def _about_tokenizer(config):
 
 def forcing_inputs(config: ConfigDict, vae: CausalVAE, dit: CausalDiT, frozen: Any, batch: dict[str, Any],
                    rng: jax.Array) -> tuple[Any, Any, Any, Any, Any]:
-  """What diffusion forcing learns from in one step: (latents (B, L, C), which are real (B, L), times (B, L), noise
+  """Inputs of a step of diffusion forcing: (latents (B, L, C), which are real (B, L), times (B, L), noise
   (B, L, C), text_emb (B, S, E) with some dropped)."""
   encode_rng, level_rng, noise_rng, drop_rng = jax.random.split(rng, 4)
   keys = lambda key: jax.vmap(lambda i: jax.random.fold_in(key, i))(batch["index"])

@@ -56,15 +56,15 @@ class Stream(NamedTuple):
 
 
 class Constants(NamedTuple):
-  """What the time alone decides: times (num_steps + 1,) and modulation (depth, num_steps + 1, 6, D); of a DDPM also
-  how to go from each to the next."""
+  """Tables that depend on the time alone: times (num_steps + 1,) and modulation (depth, num_steps + 1, 6, D); of a DDPM
+  also the steps from each time to the next."""
   times: jax.Array
   modulation: jax.Array
   steps: ddpm_forcing.Steps | None = None
 
 
 class Conditions(NamedTuple):
-  """What a step depends on, except its state: params of the network, stacked; `Constants`; the captions' `encode_text`;
+  """All inputs of a step but its state: params of the network, stacked; `Constants`; the captions' `encode_text`;
   scale () or (B,) of guidance; keys of the noise that a DDPM's steps add, None for a flow; control (B, W * block, N) of
   `CausalDiT.control_tokens`, None for a network without."""
   params: Any
@@ -76,7 +76,7 @@ class Conditions(NamedTuple):
 
 
 class Window(NamedTuple):
-  """Where a step stands, and what is seen there. Made by `window_at`, in numpy or inside of a trace."""
+  """Position of a step in the stream, and its attention mask. Made by `window_at`, in numpy or inside of a trace."""
   steps: Any      # () how many steps were done before
   moves: Any      # () whether the window moves on to the next block
   slot: Any       # () where the block that left it goes in the cache, in latents
@@ -193,7 +193,7 @@ def _words_of_blocks(text, caption, size):
 
 def first_latents(dit: Net, layout: Layout, keys: jax.Array, now: Window, given: Float[Array, "_ _ _"]
                   ) -> Float[Array, "b w l c"]:
-  """What blocks begin with (B, W, block, C): noise, or before the first one the clean latents given (B, block, C)."""
+  """Initial latents of blocks (B, W, block, C): noise, or before the first block `given`, clean latents (B, block, C)."""
   noise = jax.vmap(lambda index: block_noise(keys, index, layout, dit.latent_dim), out_axes=1)(now.blocks)
   return jnp.where(now.steps < 0, jnp.expand_dims(given, -3), noise)
 

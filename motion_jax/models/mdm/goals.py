@@ -59,7 +59,7 @@ def goal_error(found: Float[Array, "b 8 3"], wanted: Float[Array, "b 8 3"], coun
 
 
 class Stand(NamedTuple):
-  """Where motions stand as a block begins, in the frame of their beginning: x and z (B, 2), heading (B,) in radians."""
+  """Root transform at the start of a block, relative to the motion's start: x and z (B, 2), heading (B,) in radians."""
   place: Float[np.ndarray, "b 2"]
   heading: Float[np.ndarray, " b"]
 
@@ -68,7 +68,7 @@ class Stand(NamedTuple):
     return cls(np.zeros((batch, 2)), np.zeros(batch))
 
   def after(self, features: Float[np.ndarray, "b t f"], layout: Representation) -> "Stand":
-    """Where they stand in the frame that follows a block of features, not normalized."""
+    """The root transform after a block of features, not normalized."""
     turned, path = layout.root_path(np.concatenate([features, features[:, -1:]], axis=1))
     angle = -2 * np.arctan2(turned[..., 2], turned[..., 0])
     step = np.stack([rotate_about_y(moved, turn - first) for moved, turn, first in
@@ -78,7 +78,7 @@ class Stand(NamedTuple):
 
 def goals_of_block(signal: ControlSignal, first: int, count: int, stand: Stand, layout: Representation
                    ) -> Float[np.ndarray, "b 8 4"]:
-  """What constraints ask of the block of count frames from the frame `first` on, seen from where it begins.
+  """Goals by which constraints are met in the block of `count` frames from frame `first` on, relative to its start.
 
   A goal is where the last target of a joint within the block is; training has goals at the block's end. A pelvis or
   another joint whose next target lies in a later block is approached: the path on the ground counts, in proportion to

@@ -23,7 +23,7 @@ def masked_l2(made: Float[Array, "b t n"], real: Float[Array, "b t n"], frame_ma
 
 def contact_error(made: Float[Array, "b t j 3"], real: Float[Array, "b t j 3"], frame_mask: Bool[Array, "b t"],
                   feet: Sequence[int]) -> Float[Array, " b"]:
-  """How far feet that stand in the real motion move in the decoded one; steps without contact count as met."""
+  """Squared steps, in the decoded motion, of feet that stand in the real one; 0 where there is no contact."""
   velocity, real_velocity = (jnp.diff(joints[:, :, jnp.array(feet)], axis=1) for joints in (made, real))
   stands = jnp.sqrt((real_velocity ** 2).sum(-1, keepdims=True)) <= STANDS
   velocity = jnp.where(stands, velocity, 0.0).reshape(*velocity.shape[:2], -1)

@@ -103,8 +103,8 @@ class MdmModel(EditingModel, MdmNetwork):
 
 
 class Memory(NamedTuple):
-  """What DiP remembers: the last normalized frames, where motions stand, and the constraints that they have goals
-  from."""
+  """State of DiP between blocks: the last normalized frames, where motions stand, and the constraints that set their
+  goals."""
   prefix: Float[Any, "b p f"]
   stand: Stand
   signal: ControlSignal | None = None

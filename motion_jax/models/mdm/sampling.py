@@ -27,7 +27,7 @@ def schedule_of(plan: Plan) -> ddpm.Schedule:
 
 
 class Condition(NamedTuple):
-  """What the network reads besides the noisy frames; each may be None but text_emb. See `nets.motion_denoiser`."""
+  """Inputs of the network besides the noisy frames; each may be None but text_emb. See `nets.motion_denoiser`."""
   text_emb: Any
   text_mask: Any = None
   frame_mask: Any = None

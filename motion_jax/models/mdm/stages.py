@@ -1,4 +1,4 @@
-"""What MDM trains, as a pure function: the denoiser of whole motions or, as DiP, of the frames after a prefix."""
+"""Training stage of MDM, as a pure function: the denoiser of whole motions or, as DiP, of the frames after a prefix."""
 from typing import Any
 
 import jax

@@ -1,4 +1,4 @@
-"""What MLD trains, as pure functions: the transformer VAE and the denoiser, of latents or, without a VAE, of frames."""
+"""Training stages of MLD, as pure functions: transformer VAE and denoiser, of latents or, without a VAE, of frames."""
 from typing import Any, cast
 
 import jax

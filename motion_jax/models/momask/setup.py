@@ -59,7 +59,7 @@ def load_residual(config: ConfigDict, encoder: TextEncoder) -> Any:
 
 
 def resolved(config: ConfigDict) -> dict[str, Any]:
-  """What the masked transformer's config takes over: the sizes of its residual transformer and length estimator."""
+  """Config fields of the masked transformer from other runs: sizes of residual transformer and length estimator."""
   fields = length_setup.fields_of(config)
   if config.frozen.residual:
     fields["residual"] = runs.load_run(config.frozen.residual, RESIDUAL).config.model.to_dict()

@@ -1,4 +1,4 @@
-"""What MotionStreamer trains, as pure functions: the causal autoencoder and, on its latents, the generator."""
+"""Training stages of MotionStreamer, as pure functions: the causal autoencoder and, on its latents, the generator."""
 from typing import Any
 
 import jax

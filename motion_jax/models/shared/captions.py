@@ -37,7 +37,7 @@ class TrainingCaptions:
 
   @classmethod
   def of_folder(cls, folder: str | os.PathLike, encoder: TextEncoder, fps: float, subjects: Sequence[str] = ()) -> Self:
-    """Those of a run folder, read when an answer is not in the user's cache; empty where it does not keep them."""
+    """The statistics in a run folder, read when an answer is not in the user's cache; empty where there are none."""
     path = pathlib.Path(folder) / checkpoint.LENGTHS
     if not path.is_file():
       return cls([], [], encoder, fps, subjects)

@@ -20,7 +20,7 @@ from motion_jax.shapes import Array, Latents
 
 
 class Corruption(NamedTuple):
-  """What training hides of latents (B, L): masked, all that carry loss; of these noised and replaced, see `corrupt`."""
+  """Corruption of latents (B, L) in training. masked: all that carry loss; of these noised, replaced: see `corrupt`."""
   masked: Bool[Array, "b l"]
   noised: Bool[Array, "b l"]
   replaced: Bool[Array, "b l"]
@@ -61,7 +61,7 @@ def corruption(time_u: Float[Array, " b"], order_u: Float[Array, "b l"], noise_u
 
 def corrupt(latents: Latents, made: Corruption, noise: Latents,
             mask_latent: Float[Array, "1 1 c"], real_mask: Bool[Array, "b l"]) -> Latents:
-  """What the transformer sees: latents (B, L, C) with a Corruption applied; mask_latent (1, 1, C), zeros at padding."""
+  """Input of the transformer: latents (B, L, C) with a Corruption applied; mask_latent (1, 1, C), zeros at padding."""
   x = jnp.where(made.noised[..., None], noise, latents)
   x = jnp.where(made.replaced[..., None], mask_latent, x)
   return jnp.where(real_mask[..., None], x, 0.0)
