@@ -226,7 +226,7 @@ def copy_of(state):
 
 
 def environment() -> dict:
-  """What the last bits of a computation depend on besides the code: in equal environments states are equal to the bit.
+  """Hardware and versions that decide the last bits of a computation: in equal environments states are bitwise equal.
   """
   cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
   return {"jax": jax.__version__, "jaxlib": jax.lib.__version__, "device": jax.devices()[0].device_kind,
