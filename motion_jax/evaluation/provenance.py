@@ -32,7 +32,7 @@ def describe(harness, folders, candidates, replications, devices) -> dict:
 
 
 def question(harness, candidates) -> dict:
-  """What identifies an evaluation, apart from the number of replications: results of another one must not be
+  """The identity of an evaluation, apart from the number of replications: results of another one must not be
   overwritten.
   """
   return dict(protocol=harness.protocol.name, seed=harness.seed, limit=harness.limit, split=harness.test_set.hash,

@@ -19,7 +19,7 @@ Folder = str | pathlib.Path
 
 @dataclasses.dataclass(frozen=True)
 class Request:
-  """What `evaluate` computes and where it writes; each field is a flag of `motion-jax evaluate`.
+  """The inputs and outputs of `evaluate`; each field is a flag of `motion-jax evaluate`.
 
   runs: run folders or names of shipped models. folders: data folders, which form one test set, and files of timelines
   or prompt sequences. motions: (name, folder) of motions from other programs (`evaluation.external`).

@@ -278,7 +278,7 @@ def _drawable(folder, entry):
 
 
 def _reason(error):
-  """What an error found, without the path that it begins with and the advice that it ends with."""
+  """The cause in an error's text, without the path at its start and the advice at its end."""
   return re.sub(r"^\S*\.npz: ", "", str(error)).partition(";")[0]
 
 
