@@ -119,7 +119,7 @@ class T2MEvaluator(nn.Module):
     return self.motion_encoder(self.movements(motion), num_frames // _FRAMES_PER_TOKEN)
 
   def text(self, words, classes, lengths):
-    """What `words.WordVectors` gives -> (B, dim)."""
+    """The output of `words.WordVectors` -> (B, dim)."""
     return self.text_encoder(words, classes, lengths)
 
   def __call__(self, words, classes, lengths, motion, num_frames):
