@@ -64,7 +64,7 @@ def html_page(clip, title=None, colors=None, control=None, way_points=()) -> str
 
 
 def _steps_of(clips):
-  """What was done to the motions (`motion.step_records`), a line for each step, as an element that opens on a click."""
+  """The steps of the motions (`motion.step_records`), a line for each, as an element that opens on a click."""
   rows = [f"motion {number}: {line}" if len(clips) > 1 else line
           for number, clip in enumerate(clips, 1) for line in lines(clip.meta)]
   if not rows:

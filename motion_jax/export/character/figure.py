@@ -242,7 +242,7 @@ def _reference(document, nodes, parts, places, turned):
 
 
 def _asymmetry(places, parts):
-  """How far a pose's left side is from its right one mirrored, on average, in parts of a leg."""
+  """Mean distance of a pose's left side from its mirrored right side, in leg lengths."""
   pairs = [(parts[joint], parts["right" + joint[4:]]) for joint in parts if joint.startswith("left")
            and "right" + joint[4:] in parts]
   left, right = (places[list(side)] for side in zip(*pairs))

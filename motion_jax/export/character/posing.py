@@ -71,7 +71,7 @@ def _pose(figure, clip):
 
 
 def corrections(figure: Figure, offsets: Float[np.ndarray, "j 3"]) -> Float[np.ndarray, "j 4"]:
-  """How each joint's bone turns from the character's reference pose to the T-pose of offsets (22, 3)."""
+  """Rotations of each joint's bone from the character's reference pose to the T-pose of offsets (22, 3)."""
   skeleton, parts = HUMANML3D, figure.parts
   turns = np.tile([1.0, 0, 0, 0], (skeleton.num_joints, 1))
   of = {name: number for number, name in enumerate(skeleton.joints)}
