@@ -69,7 +69,7 @@ class Stream:
     return self._solved(self._targets.push(joints))
 
   def finish(self) -> Float[np.ndarray, "n q"]:
-    """Those of the last frames; nothing comes after them."""
+    """The configurations of the last frames, which end the stream."""
     return self._solved(self._targets.finish())
 
   def _solved(self, targets):

@@ -123,12 +123,12 @@ class Robot:
 
   def place(self, part: str, places: Num[np.ndarray, "t b 3"], turned: Num[np.ndarray, "t b 4"]
             ) -> Float[np.ndarray, "t 3"]:
-    """Where a human part is (T, 3), by what `kinematics` gave."""
+    """Positions (T, 3) of a human part, from the results of `kinematics`."""
     body = self.index(part)
     return places[:, body] + rot.rotate(turned[:, body], self.parts[part][1][None])
 
   def turn(self, part: str, turned: Num[np.ndarray, "t b 4"]) -> Float[np.ndarray, "t 4"]:
-    """How a human part is turned in the world (T, 4) from the upright pose, by what `kinematics` gave."""
+    """World rotations (T, 4) of a human part from the upright pose, from the results of `kinematics`."""
     body = self.index(part)
     return rot.multiply(turned[:, body], rot.conjugate(self.rest[body])[None])
 

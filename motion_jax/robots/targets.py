@@ -1,4 +1,4 @@
-"""Where a robot's bodies should be: human joints on the robot's proportions, feet standing where they stood.
+"""Targets of a robot's bodies: human joints on the robot's proportions, feet standing where they stood.
 
 Frames come one after another and every target depends only on frames up to DELAY seconds after it, so that a live
 stream and a whole clip give the same numbers.
@@ -161,7 +161,7 @@ class TargetStream:
 
 
 class _Foot:
-  """Where one foot goes: as it comes, over to the place where it will stand, and back from there."""
+  """Path of one foot: free, blended to the place where it stands while it comes down, and back while it lifts."""
 
   def __init__(self, blend, sole):
     self._blend, self._sole, self._bottom = blend, sole, float(sole[:, 2].min())
