@@ -114,7 +114,7 @@ def compile_and_store(fn: Callable, leaves: Sequence[Any], compiler_options: dic
 
 @contextlib.contextmanager
 def outside_jax_cache():
-  """What compiles meanwhile is not written to jax's own cache on disk; several threads may be inside.
+  """Keeps programs that are compiled in the block out of jax's own cache on disk; several threads may be inside.
 
   An executable that jax reads from there lacks functions once it is serialized again ("Function ... not found").
   """
