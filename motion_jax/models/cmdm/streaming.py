@@ -193,7 +193,7 @@ def _words_of_blocks(text, caption, size):
 
 def first_latents(dit: Net, layout: Layout, keys: jax.Array, now: Window, given: Float[Array, "_ _ _"]
                   ) -> Float[Array, "b w l c"]:
-  """Initial latents of blocks (B, W, block, C): noise, or before the first block `given`, clean latents (B, block, C)."""
+  """Initial latents of blocks (B, W, block, C): noise; before the first block `given`, clean latents (B, block, C)."""
   noise = jax.vmap(lambda index: block_noise(keys, index, layout, dit.latent_dim), out_axes=1)(now.blocks)
   return jnp.where(now.steps < 0, jnp.expand_dims(given, -3), noise)
 
