@@ -65,16 +65,16 @@ def legend(series: Sequence[Series]) -> Image.Image:
   """The names of lines in their colours, one below the other, as wide as `picture`."""
   image = Image.new("RGB", (_SCALE * WIDTH, _SCALE * 18 * len(series)), "white")
   font, draw = ImageFont.load_default(_SCALE * 12), ImageDraw.Draw(image)
-  for row, (one, kind) in enumerate(zip(series, kinds(series))):
-    draw.text((_SCALE * _LEFT, _SCALE * 18 * row), one.name, fill=COLORS[kind], font=font)
+  for row, (line, kind) in enumerate(zip(series, kinds(series))):
+    draw.text((_SCALE * _LEFT, _SCALE * 18 * row), line.name, fill=COLORS[kind], font=font)
   return image
 
 
 def kinds(series: Sequence[Series]) -> list[str]:
   """The colour's name of each line: "real", or "s0" to "s4" in turn."""
   found: list[str] = []
-  for one in series:
-    found.append("real" if one.real else f"s{(len(found) - found.count('real')) % 5}")
+  for line in series:
+    found.append("real" if line.real else f"s{(len(found) - found.count('real')) % 5}")
   return found
 
 
@@ -93,10 +93,10 @@ def logarithmic_ticks(low: float, high: float) -> list[float]:
   """Powers of ten from low to high, with twice and five times them where few fit; of a narrow range `ticks`."""
   powers = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
   for factors in ((1,), (1, 2, 5)):
-    found = [value for k in powers for value in (factor * 10.0 ** k for factor in factors) if low <= value <= high]
-    if len(found) > 2:
-      step = math.ceil(len(found) / 8) if factors == (1,) else 1
-      return found[::step]
+    marks = [value for k in powers for value in (factor * 10.0 ** k for factor in factors) if low <= value <= high]
+    if len(marks) > 2:
+      step = math.ceil(len(marks) / 8) if factors == (1,) else 1
+      return marks[::step]
   return ticks(low, high)
 
 
@@ -110,7 +110,7 @@ def number(value: float) -> str:
 
 def _layout(series, x_label, y_label, title, logarithmic) -> list[_Mark]:
   """The marks of a chart, from back to front."""
-  lines = [(one, kind, points) for one, kind in zip(series, kinds(series)) if (points := _points(one))]
+  lines = [(curve, kind, points) for curve, kind in zip(series, kinds(series)) if (points := _points(curve))]
   if not lines:
     raise ValueError(f"got no numbers to draw for {title or y_label!r}; every point is missing")
   ends = [y + side * half for *_, points in lines for _, y, half in points for side in (-1, 1)]
@@ -129,17 +129,17 @@ def _layout(series, x_label, y_label, title, logarithmic) -> list[_Mark]:
   marks = _axes(across, down, ticks(x_low, x_high, 6), y_ticks, x_label, y_label)
   if x_low < 0 < x_high:
     marks.append(_Mark("rule", "border", [(across(0), _TOP), (across(0), HEIGHT - _BOTTOM)]))
-  for one, kind, points in lines:
-    marks += _line([(across(x), down(y), down(y - half), down(y + half)) for x, y, half in points], kind, one.name)
+  for curve, kind, points in lines:
+    marks += _line([(across(x), down(y), down(y - half), down(y + half)) for x, y, half in points], kind, curve.name)
   return marks
 
 
-def _points(one):
-  halves = one.interval or [0.0] * len(one.x)
-  if not len(one.x) == len(one.y) == len(halves):
-    raise ValueError(f"the curve {one.name!r} has {len(one.x)} places, {len(one.y)} values and {len(halves)} "
+def _points(curve):
+  halves = curve.interval or [0.0] * len(curve.x)
+  if not len(curve.x) == len(curve.y) == len(halves):
+    raise ValueError(f"the curve {curve.name!r} has {len(curve.x)} places, {len(curve.y)} values and {len(halves)} "
                      "intervals, expected as many of each")
-  return sorted((float(x), float(y), float(half or 0.0)) for x, y, half in zip(one.x, one.y, halves)
+  return sorted((float(x), float(y), float(half or 0.0)) for x, y, half in zip(curve.x, curve.y, halves)
                 if x is not None and y is not None and math.isfinite(x) and math.isfinite(y))
 
 

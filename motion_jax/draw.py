@@ -89,11 +89,11 @@ def network(module: Any, *inputs: Any, title: str = "") -> Drawing:
   counts come from `jax.eval_shape` of the module's own code. Equal neighbours, such as layers, share a box.
   """
   calls, total, output = _traced(module, inputs)
-  boxes = _merged([one for one in calls if len(one.path) == 1], calls)
+  boxes = _merged([call for call in calls if len(call.path) == 1], calls)
   marks = [f'<text class="ink bold" x="{_WIDTH / 2}" y="20" text-anchor="middle">'
            f"{html.escape(title or type(module).__name__)}, {_count(total)} parameters</text>"]
   top = 34.0
-  marks.append(_flow_text(", ".join(_shape(one) for one in inputs if hasattr(one, "shape")), top))
+  marks.append(_flow_text(", ".join(_shape(array) for array in inputs if hasattr(array, "shape")), top))
   marks.append(f'<path class="flow" d="M{_WIDTH / 2} {top + 8:.0f}v14m-4 -5l4 5l4 -5"/>')
   top += _GAP - _BETWEEN
   for box in boxes:
@@ -213,7 +213,7 @@ def _merged(shown: Sequence[_Call], calls: Sequence[_Call]) -> list[_Box]:
     lines = [(method if method != "__call__" else "call", shapes, False) for method, shapes in run[0].methods.items()]
     inner = [call for call in calls if call.path[:-1] == run[0].path and call.kind != "Dropout"]
     lines += [(part, next(iter(same[0].methods.values()), ""), True) for part, same in _runs(inner)]
-    boxes.append(_Box(title, sum(one.params for one in run), lines))
+    boxes.append(_Box(title, sum(item.params for item in run), lines))
   return boxes
 
 
@@ -221,11 +221,11 @@ def _runs(calls: Sequence[_Call]) -> list[tuple[str, list[_Call]]]:
   """[(title, modules)]: neighbours that differ in the number of their name alone stand together."""
   stem = lambda call: re.sub(r"_?\d+$", "", call.path[-1])
   runs: list[list[_Call]] = []
-  for one in calls:
-    if runs and all(of(runs[-1][0]) == of(one) for of in (stem, lambda c: (c.kind, c.methods, c.params))):
-      runs[-1].append(one)
+  for item in calls:
+    if runs and all(of(runs[-1][0]) == of(item) for of in (stem, lambda c: (c.kind, c.methods, c.params))):
+      runs[-1].append(item)
     else:
-      runs.append([one])
+      runs.append([item])
   return [(f"{f'{len(run)} × {stem(run[0])}' if len(run) > 1 else run[0].path[-1]}: {run[0].kind}", run)
           for run in runs]
 
@@ -233,8 +233,8 @@ def _runs(calls: Sequence[_Call]) -> list[tuple[str, list[_Call]]]:
 def _shapes(values, most):
   """The shapes of the first arrays of a tree of values."""
   import jax
-  found = [_shape(leaf) for leaf in jax.tree.leaves(list(values)) if getattr(leaf, "ndim", 0)]
-  return ", ".join(found[:most]) + ", …" * (len(found) > most)
+  shapes = [_shape(leaf) for leaf in jax.tree.leaves(list(values)) if getattr(leaf, "ndim", 0)]
+  return ", ".join(shapes[:most]) + ", …" * (len(shapes) > most)
 
 
 def _shape(array):

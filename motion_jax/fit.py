@@ -33,7 +33,7 @@ def setups() -> dict:
 
 
 DTYPES = ("float32", "bfloat16")  # that networks may compute in
-# Files of a run folder that are written before the first step, beside those that a stage gives it.
+# Files of a run folder that are written before the first step, besides those that a stage gives it.
 FILES = (checkpoint.CONFIG, checkpoint.DATA, checkpoint.FROZEN, "Mean.npy", "Std.npy")
 
 
@@ -136,32 +136,33 @@ def run_passes(config, workdir, resume=False, max_seconds=None, stop=None, allow
   the folder of an earlier pass. Resuming skips passes that are finished and continues in the one that is not.
   """
   began, workdir, state = time.monotonic(), pathlib.Path(workdir), None
-  folder_of = {one["name"]: workdir / one["name"] for one in config.passes}
-  if not resume and (found := next((folder for folder in folder_of.values() if folder.exists()), None)):
-    raise ValueError(f"{found} is there already; --resume continues the recipe, or choose another folder")
+  folder_of = {section["name"]: workdir / section["name"] for section in config.passes}
+  if not resume and (existing := next((folder for folder in folder_of.values() if folder.exists()), None)):
+    raise ValueError(f"{existing} is there already; --resume continues the recipe, or choose another folder")
   with sources.keep_features():  # passes on the same data make its clips once
-    for number, one in enumerate(config.passes, 1):
-      print(f"pass {number} of {len(config.passes)}: {one['name']}", flush=True)
-      folder = folder_of[one["name"]]
-      if "combine" in one:
-        _combine(one, folder, folder_of)
+    for number, section in enumerate(config.passes, 1):
+      print(f"pass {number} of {len(config.passes)}: {section['name']}", flush=True)
+      folder = folder_of[section["name"]]
+      if "combine" in section:
+        _combine(section, folder, folder_of)
         continue
       if _is_finished(folder):
         print(f"{folder} is finished", flush=True)
         continue
       left = max_seconds and max(max_seconds - (time.monotonic() - began), 1e-3)
-      found = config_of_pass(one, folder_of, config.archives, _seconds_of(one, config), config.get("workers", 0))
-      state = run(found, folder, "auto" if resume else False, left, stop, allow_changes)
+      pass_config = config_of_pass(section, folder_of, config.archives, _seconds_of(section, config),
+                                   config.get("workers", 0))
+      state = run(pass_config, folder, "auto" if resume else False, left, stop, allow_changes)
       if not _is_finished(folder):
         break
   return state
 
 
-def _combine(one, folder, folder_of):
+def _combine(section, folder, folder_of):
   if not folder.exists():
     if distributed.is_first():
-      made_of = [name.format(**folder_of) for name in one["runs"]]
-      runs.COMBINATIONS[one["combine"]](*made_of, folder)
+      made_of = [name.format(**folder_of) for name in section["runs"]]
+      runs.COMBINATIONS[section["combine"]](*made_of, folder)
     distributed.wait_for_all(f"{folder} is written")
 
 
@@ -212,14 +213,14 @@ def resolve(config):
   Fields that it leaves out get their defaults; the kind of its data folders and the sizes of its frozen parts are read
   from these. A config is changed nowhere else.
   """
-  found = config.copy_and_resolve_references().unlock()
-  found = runs.with_defaults(found)
-  about_data = sources.recognize(found)
-  for name, value in registry.resolved().get(config.stage, lambda config: {})(found).items():
-    found[name] = value
+  resolved = config.copy_and_resolve_references().unlock()
+  resolved = runs.with_defaults(resolved)
+  about_data = sources.recognize(resolved)
+  for name, value in registry.resolved().get(config.stage, lambda config: {})(resolved).items():
+    resolved[name] = value
   if config.stage.partition(".")[0] in registry.METHODS:
-    _demand_layout(found)
-  return found.lock(), about_data
+    _demand_layout(resolved)
+  return resolved.lock(), about_data
 
 
 def _demand_layout(config):

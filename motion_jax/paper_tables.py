@@ -5,7 +5,7 @@ A config file names its rows last, when the config is complete:
   return paper_tables.with_rows(config, {"cmdm 4": "w/o adaLN"}).lock()
 
 The keys are "SYSTEM TABLE", as in `evaluation/report/paper_tables/`. A config whose model, loss or sampler was changed
-afterwards is still shown beside the row, but no longer as the same model. Configs and converted checkpoints name rows;
+afterwards is still shown next to the row, but no longer as the same model. Configs and converted checkpoints name rows;
 only `evaluation` reads them.
 """
 import hashlib
@@ -65,15 +65,15 @@ def sampling_choices(config, options=None) -> dict:
   """{name: value} of the sampler choices that distinguish rows, from the config; `options` take precedence."""
   options, sampler = dict(options or {}), config.get("sampler") or {}
   names = _SAMPLER.get((config.get("stage") or "").partition(".")[0], ())
-  own = {name: sampler.get(name) for name in names}
-  found = own | {name: value for name, value in options.items() if name in own and value is not None}
-  if "schedule" in found:
-    found["schedule"] = found["schedule"] or "fss"
-    if found["schedule"] == "ar" or found["num_steps"] == found["lag"]:  # the same, written in two ways
-      found |= dict(schedule="ar", lag=found["num_steps"])
-    elif found["schedule"] == "full":
-      found["lag"] = None
-  return found
+  configured = {name: sampler.get(name) for name in names}
+  choices = configured | {name: value for name, value in options.items() if name in configured and value is not None}
+  if "schedule" in choices:
+    choices["schedule"] = choices["schedule"] or "fss"
+    if choices["schedule"] == "ar" or choices["num_steps"] == choices["lag"]:  # the same, written in two ways
+      choices |= dict(schedule="ar", lag=choices["num_steps"])
+    elif choices["schedule"] == "full":
+      choices["lag"] = None
+  return choices
 
 
 def _plain(value):
@@ -81,7 +81,7 @@ def _plain(value):
   if hasattr(value, "to_dict"):
     value = value.to_dict()
   if isinstance(value, dict):
-    return {str(key): _plain(one) for key, one in value.items()}
+    return {str(key): _plain(item) for key, item in value.items()}
   if isinstance(value, list | tuple):
-    return [_plain(one) for one in value]
+    return [_plain(item) for item in value]
   return value

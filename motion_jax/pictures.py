@@ -1,4 +1,4 @@
-"""Pictures of what a run makes while it trains: motions of captions that it learns from, or clips there and back."""
+"""Pictures during training: motions of training captions, or clips before and after a tokenizer."""
 import pathlib
 from collections.abc import Callable
 
@@ -62,8 +62,8 @@ def _there_and_back(setup):
                 skeleton=layout.skeleton)
 
   def clips(params):
-    made = reconstruct(params)
-    return [clip(x, said) for source, back in zip(features, made)
+    decoded = reconstruct(params)
+    return [clip(x, said) for source, back in zip(features, decoded)
             for x, said in ((source, "source"), (back, "there and back"))]
 
   return clips

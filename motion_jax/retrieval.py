@@ -54,9 +54,9 @@ class Retriever:
   def embed_text(self, sentences):
     """Unit vectors (B, E). Raises ValueError for an empty sentence or one longer than the teacher has positions for."""
     sentences = list(sentences)
-    made = [self._text(self.params, *_filled(self.space.read(self.encoder, sentences[i:i + BATCH]).values()))
-            for i in range(0, len(sentences), BATCH)]
-    return np.concatenate(made)[:len(sentences)]
+    parts = [self._text(self.params, *_filled(self.space.read(self.encoder, sentences[i:i + BATCH]).values()))
+             for i in range(0, len(sentences), BATCH)]
+    return np.concatenate(parts)[:len(sentences)]
 
   def embed_motion(self, features, progress=False):
     """Unit vectors (B, E) of motions, a list of (T, F) features that are not normalized.
@@ -73,12 +73,12 @@ class Retriever:
     frames = np.array([len(piece) for piece in pieces])
     for row, piece in zip(padded, pieces):
       row[:len(piece)] = piece
-    made = []
+    parts = []
     for i in tqdm(range(0, len(pieces), BATCH), desc="embedding", unit="batch", disable=not progress, leave=False):
       x, mask = _filled((padded[i:i + BATCH], np.asarray(padding_mask(frames[i:i + BATCH], length))))
-      made.append(np.asarray(self._motion(self.params, x, mask)))
-    total = np.zeros((len(features), made[0].shape[-1]))
-    np.add.at(total, owner, np.concatenate(made)[:len(pieces)])
+      parts.append(np.asarray(self._motion(self.params, x, mask)))
+    total = np.zeros((len(features), parts[0].shape[-1]))
+    np.add.at(total, owner, np.concatenate(parts)[:len(pieces)])
     return (total / np.linalg.norm(total, axis=-1, keepdims=True)).astype(np.float32)
 
   def features_of(self, clip: Clip):

@@ -128,10 +128,10 @@ def load_run(name: str | os.PathLike, stage: str | Sequence[str] | None = None, 
   """
   folder = resolve_run(name, stage)
   config = checkpoint.load_config(folder)
-  found, wanted = config.get("stage"), _stages(stage)
-  if found is None or wanted and found not in wanted:
-    named = isinstance(found, str) and found.isprintable()
-    said = shortened(repr(found)) if named else f"{type(found).__name__} as the stage of a"
+  stage_name, wanted = config.get("stage"), _stages(stage)
+  if stage_name is None or wanted and stage_name not in wanted:
+    named = isinstance(stage_name, str) and stage_name.isprintable()
+    said = shortened(repr(stage_name)) if named else f"{type(stage_name).__name__} as the stage of a"
     raise InputError(f"{folder} holds a {said} run, expected one of stage {' or '.join(wanted) or 'any kind'}")
   with reading(folder / checkpoint.CONFIG, "restore it from the run that wrote it"):
     return Run(folder, with_defaults(config), raw)

@@ -1,4 +1,4 @@
-"""Evaluation by named protocols, beside the tables of the papers.
+"""Evaluation by named protocols, compared with the tables of the papers.
 
 request     which models, data and protocol; `run` evaluates it
 protocols   named protocols: how a test split becomes a row of numbers

@@ -13,11 +13,11 @@ def collect(found, population=True):
   each replication, [`tasks.base.Found`].
   """
   values, curves = {}, {}
-  for one in found:
-    for row, numbers in one.rows.items():
+  for scored in found:
+    for row, numbers in scored.rows.items():
       for metric, number in numbers.items():
         values.setdefault(row, {}).setdefault(metric, []).append(number)
-    for row, curve in one.curves.items():
+    for row, curve in scored.curves.items():
       curves.setdefault(row, []).append(curve)
   return {row: {metric: interval(numbers, population) for metric, numbers in metrics.items()}
           for row, metrics in values.items()}, curves
@@ -39,22 +39,22 @@ def interval(values, population=True) -> dict:
 
 def spread(row) -> dict:
   """{metric: standard deviation over replications} of a row with several replications."""
-  return {metric: float(np.std(one["values"], ddof=1)) for metric, one in row.items() if len(one["values"]) > 1}
+  return {metric: float(np.std(cell["values"], ddof=1)) for metric, cell in row.items() if len(cell["values"]) > 1}
 
 
 def compared(made, by_motion, seed) -> list[dict]:
   """The difference of each row to the first row of its part, on the same captions. made: {row: (candidate, part)},
   by_motion: {row: [`ByMotion` of each replication]}.
   """
-  found, first = [], {}
+  comparisons, first = [], {}
   for row, (_, part) in made.items():
     if row not in by_motion:
       continue
     against = first.setdefault(part, row)
     if against != row:
-      found.append(dict(row=row, against=against,
-                        metrics=differences.over_clips(by_motion[row], by_motion[against], seed)))
-  return found
+      comparisons.append(dict(row=row, against=against,
+                              metrics=differences.over_clips(by_motion[row], by_motion[against], seed)))
+  return comparisons
 
 
 def uncertain(harness, made, by_motion, compared) -> list[str]:
@@ -62,10 +62,10 @@ def uncertain(harness, made, by_motion, compared) -> list[str]:
   row = next((row for row in made if row in by_motion), None)
   if harness.count > harness.evaluator.dim or row is None:
     return []
-  found = differences.over_clips(by_motion[row], seed=harness.seed)
-  amounts = ", ".join(f"{label} ± {found[metric]['interval']:.2g}" for metric, label in (
+  intervals = differences.over_clips(by_motion[row], seed=harness.seed)
+  amounts = ", ".join(f"{label} ± {intervals[metric]['interval']:.2g}" for metric, label in (
       ("top1", "R@1"), ("top3", "R@3"), ("fid", "FID"), ("matching", "MM-Dist"), ("clip_score", "CLIP-score"))
-      if metric in found)
+      if metric in intervals)
   return [f"Of {harness.count} test clips: on others like them the numbers of {row} would differ by {amounts} (95 %, "
           "bootstrap over clips)" + (": compare rows by their differences below" if compared else "")]
 
@@ -77,16 +77,16 @@ def row_name(name, part):
 def guidance_curves(rows, candidates):
   """FID and R-precision against the guidance scale, where there are several scales."""
   curves = {}
-  for name in dict.fromkeys(one.name.partition(", guidance")[0] for one in candidates):
-    own = [one for one in candidates
-           if one.name.startswith(f"{name}, guidance") and "fid" in rows.get(one.name, {})]
-    own.sort(key=lambda one: one.guidance_scale)
+  for name in dict.fromkeys(candidate.name.partition(", guidance")[0] for candidate in candidates):
+    guided = [candidate for candidate in candidates
+              if candidate.name.startswith(f"{name}, guidance") and "fid" in rows.get(candidate.name, {})]
+    guided.sort(key=lambda candidate: candidate.guidance_scale)
     for metric, label in (("fid", "FID"), ("top3", "R@3")):
-      if own and metric in rows[own[0].name]:
-        found = [rows[one.name][metric] for one in own]
+      if guided and metric in rows[guided[0].name]:
+        cells = [rows[candidate.name][metric] for candidate in guided]
         curves[f"{label} against guidance, {name}"] = dict(
-            x=[one.guidance_scale for one in own], y=[one["mean"] for one in found],
-            interval=[one["interval"] or 0.0 for one in found], x_label="guidance scale", y_label=label)
+            x=[candidate.guidance_scale for candidate in guided], y=[cell["mean"] for cell in cells],
+            interval=[cell["interval"] or 0.0 for cell in cells], x_label="guidance scale", y_label=label)
   return curves
 
 
@@ -94,20 +94,20 @@ def transition_curves(curves, population):
   """Mean jerk across transitions of the rows whose task measures it; curves as of `collect`."""
   drawn = {}
   for name, replications in curves.items():
-    found = [interval(values, population) for values in np.transpose(replications)]
-    half = (len(found) - 1) / 2
+    intervals = [interval(values, population) for values in np.transpose(replications)]
+    half = (len(intervals) - 1) / 2
     drawn[f"jerk across transitions, {name}"] = dict(
-        x=[i - half for i in range(len(found))], y=[one["mean"] for one in found],
-        interval=[one["interval"] or 0.0 for one in found], x_label="frames from the border", y_label="jerk")
+        x=[i - half for i in range(len(intervals))], y=[point["mean"] for point in intervals],
+        interval=[point["interval"] or 0.0 for point in intervals], x_label="frames from the border", y_label="jerk")
   return drawn
 
 
 def json_ready(value):
   """The value with types that JSON has; numbers that are not finite become null."""
   if isinstance(value, dict):
-    return {str(key): json_ready(one) for key, one in value.items()}
+    return {str(key): json_ready(item) for key, item in value.items()}
   if isinstance(value, list | tuple):
-    return [json_ready(one) for one in value]
+    return [json_ready(item) for item in value]
   if isinstance(value, np.generic):
     value = value.item()
   if isinstance(value, float) and not math.isfinite(value):

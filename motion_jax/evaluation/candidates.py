@@ -69,10 +69,10 @@ class Candidate:
   @property
   def sampled_by(self) -> list[dict]:
     """Code and devices that generated its motions; see `provenance.maker`."""
-    found = []
+    makers = []
     for store in self._stores:
-      found += [one for one in store.makers if one not in found]
-    return found
+      makers += [maker for maker in store.makers if maker not in makers]
+    return makers
 
   @property
   def _changed_options(self):
@@ -82,7 +82,7 @@ class Candidate:
 
   def sample(self, make: Callable, store, name, jobs, what, batch=None):
     """`samples.sample` with a progress bar, on this candidate's devices."""
-    if all(store.folder != one.folder for one in self._stores):
+    if all(store.folder != other.folder for other in self._stores):
       self._stores.append(store)
     with samples.progress(len(jobs.captions), f"{self.name}, {what}", self.show) as bar:
       return samples.sample(make, store, name, jobs, batch=batch, devices=self.devices, only_read=self.only_read,
@@ -108,7 +108,7 @@ class Reader:
 @dataclasses.dataclass(frozen=True)
 class Choices:
   """Sampling choices, one row for each combination: guidance scales (none: the model's own) and further arguments of
-  `generate`: shared by all rows, and `varied`, changes of them. more: options of the task, beside those of the method.
+  `generate`: shared by all rows, and `varied`, changes of them. more: options of the task, besides those of the method.
   """
   guidance: tuple[float, ...] = ()
   shared: dict = dataclasses.field(default_factory=dict)
@@ -118,8 +118,8 @@ class Choices:
   @property
   def named(self) -> set[str]:
     """Options that differ between rows, and are therefore part of row names."""
-    rows = [self.shared | one for one in self.varied]
-    return {key for one in rows for key in one if any(other.get(key) != one[key] for other in rows)}
+    rows = [self.shared | row for row in self.varied]
+    return {key for row in rows for key in row if any(other.get(key) != row[key] for other in rows)}
 
 
 class Loaded(NamedTuple):
@@ -139,8 +139,8 @@ def load_candidates(runs, load, choices: Choices, out, samples_folder=None, devi
   for name, loaded in models.items():
     shipped = pathlib.Path(loaded.folder).parent == PRETRAINED
     folder = pathlib.Path(samples_folder or (out if shipped else loaded.folder / "eval") / "samples")
-    for scale, one in itertools.product(choices.guidance or (None,), varied[name]):
-      options = choices.shared | one
+    for scale, choice in itertools.product(choices.guidance or (None,), varied[name]):
+      options = choices.shared | choice
       row = name + "".join(f", {key} {value}" for key, value in options.items() if key in named)
       if len(choices.guidance) > 1:
         row += f", guidance {scale:g}"
@@ -149,25 +149,25 @@ def load_candidates(runs, load, choices: Choices, out, samples_folder=None, devi
 
 
 def _varied_of(models, choices):
-  """({model: the variations that it has}, sentences about the others). Models of two methods have different choices:
-  one is left out where another model has it.
-  """
+  """({model: the variations that it has}, sentences about the others). Models of two methods have different choices: a
+  choice that only other models have is left out of a model's rows."""
   varied, wrong = {name: [] for name in models}, {}
-  for one in choices.varied:
+  for choice in choices.varied:
     for name, loaded in models.items():
       try:
-        check_options(name, loaded, choices.guidance, choices.shared | one, choices.more)
-        varied[name].append(one)
+        check_options(name, loaded, choices.guidance, choices.shared | choice, choices.more)
+        varied[name].append(choice)
       except ValueError as error:
-        wrong[name, str(one)] = error
-    if models and not any(one in known for known in varied.values()):
-      raise next(error for (_, which), error in wrong.items() if which == str(one))
+        wrong[name, str(choice)] = error
+    if models and not any(choice in known for known in varied.values()):
+      raise next(error for (_, which), error in wrong.items() if which == str(choice))
   for name, loaded in models.items():
     if not varied[name]:  # a model that knows none of them is judged as it is sampled anyway
       check_options(name, loaded, choices.guidance, choices.shared, choices.more)
       varied[name].append({})
-  return varied, [f"No row of {name} with " + ", ".join(f"{key} {value}" for key, value in one.items()) + f": {error}"
-                  for one in choices.varied for name in models if (error := wrong.get((name, str(one))))]
+  described = lambda choice: ", ".join(f"{key} {value}" for key, value in choice.items())
+  return varied, [f"No row of {name} with {described(choice)}: {error}"
+                  for choice in choices.varied for name in models if (error := wrong.get((name, str(choice))))]
 
 
 def row_names(runs):
@@ -179,7 +179,7 @@ def row_names(runs):
 
 def check_options(name, loaded, guidance, options, more=()):
   """Raises ValueError if a model cannot be sampled with these guidance scales and options. more: options of the task,
-  beside those of the method.
+  besides those of the method.
   """
   if not loaded.can("generate"):
     if guidance or options:

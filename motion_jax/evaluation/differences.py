@@ -28,23 +28,23 @@ def over_clips(own: Sequence[ByMotion], other: Sequence[ByMotion] | None = None,
   replication.
   """
   rng = np.random.default_rng(seed)
-  item = np.concatenate([one.item for one in own])
+  item = np.concatenate([replication.item for replication in own])
   _, place, count = np.unique(item, return_inverse=True, return_counts=True)
   chosen = rng.integers(len(count), size=(DRAWS, len(count)))
-  found = {}
+  intervals = {}
   for metric in own[0].values:
     if other is None or metric in other[0].values:
       value = _joined(own, metric) - (0 if other is None else _joined(other, metric))
       of_clip = np.bincount(place, value) / count
-      found[metric] = _interval(value.mean(), of_clip[chosen].mean(1))
+      intervals[metric] = _interval(value.mean(), of_clip[chosen].mean(1))
   fids = [_fid(own, other, i % len(own), rng.integers(len(own[0].item), size=len(own[0].item)))
           for i in range(FID_DRAWS)]
   whole = [_fid(own, other, i, slice(None)) for i in range(len(own))]
-  return {"fid": _interval(np.mean(whole), fids)} | found
+  return {"fid": _interval(np.mean(whole), fids)} | intervals
 
 
 def _joined(replications, metric):
-  return np.concatenate([one.values[metric] for one in replications])
+  return np.concatenate([replication.values[metric] for replication in replications])
 
 
 def _interval(mean, draws):

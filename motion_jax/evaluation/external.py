@@ -56,8 +56,8 @@ _LEFT = "Motions are read as they are: those that you are given lie on these bon
 
 
 def export_prompts(task: Task, reader, out, replications, flags="") -> pathlib.Path:
-  """Writes what a protocol wants to be made in its first replications; returns the file. reader: of real motions that
-  are given; flags: of the command that evaluates the motions, for the README."""
+  """Writes the prompts of a protocol's first replications for other programs; returns the file. reader: of real motions
+  that are given; flags: of the command that evaluates the motions, for the README."""
   out, layout, lines = pathlib.Path(out), reader.layout, []
   for replication in range(replications):
     for wanted in task.wanted(replication, reader):
@@ -95,14 +95,14 @@ def _file(name, place):
 
 
 def joint_reader(evaluator) -> Reader:
-  """Of real motions that other programs are given: joints, where a layout of the evaluator's body has them alone."""
+  """The reader of real motions for other programs: joints alone, where a layout of the evaluator's body has that."""
   layout = _joint_layouts(evaluator)
   return Reader("joints", layout[0] if layout else evaluator.layout, evaluator.mode)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Unsampled(Able):
-  """In the place of a model, of motions that are there already: it has no abilities."""
+  """Stand-in for a model, for motions that exist already: it has no abilities."""
   stats: types.SimpleNamespace  # layout, fingerprint
   folder: pathlib.Path
   config: dict = dataclasses.field(default_factory=dict)
@@ -114,10 +114,10 @@ class Unsampled(Able):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class ExternalMotions:
-  """A folder of such motions, in the place of a `candidates.Candidate`. Made by `load_external`.
+  """A folder of motions from another program, used like a `candidates.Candidate`. Made by `load_external`.
 
   moved: joints are put over the origin. bones: how the folder's bones and floor differ from the skeleton's. as_given:
-  they are left so. tail: rows after the end of a motion that are read.
+  such differences are kept. tail: rows after the end of a motion that are read.
   """
   name: str
   folder: pathlib.Path
@@ -158,12 +158,13 @@ class ExternalMotions:
     return Reader(self.name, self.model.stats.layout, self.mode)
 
   def parts(self, names, some=True):
-    """Of names {folder: part of a task} those that are there. Raises FileNotFoundError where some has to be."""
-    found = {name: part for name, part in names.items() if (self.folder / name).is_dir()}
-    if some and not found:
+    """The entries of names {folder: part of a task} whose folder exists. Raises FileNotFoundError if some=True and none
+    does."""
+    present = {name: part for name, part in names.items() if (self.folder / name).is_dir()}
+    if some and not present:
       raise FileNotFoundError(f"{self.folder} has none of the folders {', '.join(names)}; "
                               "motion-jax evaluate --export-prompts DIR says what is to be made")
-    return found
+    return present
 
   def store(self, harness, kind=""):
     return None
@@ -182,7 +183,8 @@ class ExternalMotions:
     return [self._read(path, count) for path, count in zip(paths, jobs.frames)]
 
   def _read(self, path, count):
-    """(count rows or a few more, F): as many as were wanted, and what an evaluator may look at after them."""
+    """Features (count + up to `tail` rows, F) of a file: the requested frames, and rows after them that an evaluator
+    may read."""
     layout, x = self.model.stats.layout, load_npy(path)
     joints = layout.are_joints and x.ndim == 3 and x.shape[1:] == (layout.dim // 3, 3)
     if not joints and x.shape[1:] != (layout.dim,):
@@ -269,8 +271,8 @@ def _joint_layouts(evaluator):
 
 
 def _joint_layout(evaluator):
-  own = _joint_layouts(evaluator)
-  if not own:
+  layouts = _joint_layouts(evaluator)
+  if not layouts:
     raise ValueError(f"evaluator {evaluator.name!r} reads {evaluator.layout.name!r} features, which joints alone do "
                      "not give; write features instead")
-  return own[0]
+  return layouts[0]

@@ -112,7 +112,7 @@ class Harness:
     """
     embed = embed or evaluator.embed_motion
     lengths = protocol_lib.evaluator_frames(frames, self.protocol)
-    # Pieces of long motions end on the model's own grid, some frames behind the longest clip.
+    # Pieces of long motions end on the model's own grid, some frames after the longest clip.
     width = self.protocol.max_frames
     width += -(-max(int(np.max(frames)) - width, 0) // WIDER) * WIDER
     parts = []
@@ -124,15 +124,15 @@ class Harness:
         kept = motion[:width if self.protocol.made_padding == "decoded" else count]
         row[:len(kept)] = evaluator.stats.normalize(kept)
       parts.append(embed(x, lengths[some]))
-    made = np.concatenate(parts)
-    if not np.isfinite(made).all():
+    embeddings = np.concatenate(parts)
+    if not np.isfinite(embeddings).all():
       raise FloatingPointError(f"evaluator {evaluator.name!r} made NaN or infinity; check its weights and statistics")
-    return made
+    return embeddings
 
   def embed_apart_for_fid(self, motions, frames):
     """The vectors of FID, diversity and multimodality, where the evaluator has separate ones for them; else None."""
-    one = self.evaluator
-    return None if one.motion_for_fid is None else self.embed(one, motions, frames, one.embed_for_fid)
+    evaluator = self.evaluator
+    return None if evaluator.motion_for_fid is None else self.embed(evaluator, motions, frames, evaluator.embed_for_fid)
 
   def embed_for_fid(self, motions, frames):
     """The vectors of FID, diversity and multimodality: separate ones, or those of `embed`."""
@@ -150,8 +150,8 @@ class Harness:
     converted = [convert(motion[:count]) for motion, count in zip(motions, frames)]
     if self.protocol.made_padding != "decoded":
       return converted
-    return [np.concatenate([made, convert(motion)[count:]]) if len(motion) > count else made
-            for made, motion, count in zip(converted, motions, frames)]
+    return [np.concatenate([kept, convert(motion)[count:]]) if len(motion) > count else kept
+            for kept, motion, count in zip(converted, motions, frames)]
 
   def batches(self, embedded, made, clip_made=None, made_for_fid=None, text=None, clip_text=None):
     """The rows in pools, as `metrics.protocol` takes them."""
@@ -184,16 +184,16 @@ class Harness:
     values = protocol_lib.scores_by_motion(batches, self.protocol) | bodies
     real = embedded.real if embedded.real_for_fid is None else embedded.real_for_fid
     by_motion = ByMotion(embedded.drawn.item, values, real, made if made_for_fid is None else made_for_fid)
-    return Judged(row | {name: float(np.mean(one)) for name, one in bodies.items()}, by_motion)
+    return Judged(row | {name: float(np.mean(per_motion)) for name, per_motion in bodies.items()}, by_motion)
 
   def real_scores(self, replication) -> dict[str, float]:
     """The row of the real motions; their FID is that of other cuts of the same items."""
     embedded = self.embedded(replication)
     row = protocol_lib.generation_scores(self.batches(
         embedded, embedded.again, embedded.clip_real, embedded.again_for_fid), self.protocol, embedded.diversity_pairs)
-    own = {name.removeprefix("real_"): value for name, value in row.items() if name.startswith("real_")}
-    between = {name: row[name] for name in row if name not in own and not name.startswith("real_")}
-    return own | between | embedded.physics
+    of_real = {name.removeprefix("real_"): value for name, value in row.items() if name.startswith("real_")}
+    between = {name: row[name] for name in row if name not in of_real and not name.startswith("real_")}
+    return of_real | between | embedded.physics
 
   def shuffled_scores(self, replication) -> dict[str, float]:
     """The real motions with captions shuffled within their pool: the scores of an evaluator that knows nothing."""
@@ -250,9 +250,9 @@ class Harness:
     frames = self.embedded(replication).drawn.frames
     flat = [motion for motions in generations for motion in motions]
     lengths = np.repeat(frames[:len(generations)], len(generations[0]))
-    made = self.embed_for_fid(self.converted(self.evaluator, flat, layout, lengths), lengths)
+    embeddings = self.embed_for_fid(self.converted(self.evaluator, flat, layout, lengths), lengths)
     pairs = protocol_lib.draw_multimodality_pairs(self.rng(replication, MULTIMODALITY), self.protocol)
-    return scores.multimodality(made.reshape(len(generations), -1, made.shape[-1]), *pairs)
+    return scores.multimodality(embeddings.reshape(len(generations), -1, embeddings.shape[-1]), *pairs)
 
 
 def windows_of(motions, frames, layout) -> two_sample.Windows:
@@ -263,9 +263,9 @@ def windows_of(motions, frames, layout) -> two_sample.Windows:
 
 def physics_by_motion(motions, frames, layout):
   """The metrics of `metrics.physics` for motions [(rows, F)]: {metric: (N,)}, lengths in metres."""
-  found = [physics.summary(to_joints(motion[:count], layout), layout.skeleton.fps, layout.skeleton)
-           for motion, count in zip(motions, frames)]
-  each = lambda key: np.array([one[key] for one in found]) / (1000 if key.endswith("_mm") else 1)
+  summaries = [physics.summary(to_joints(motion[:count], layout), layout.skeleton.fps, layout.skeleton)
+               for motion, count in zip(motions, frames)]
+  each = lambda key: np.array([summary[key] for summary in summaries]) / (1000 if key.endswith("_mm") else 1)
   return {name: each(key) for name, key in physics.IN_ROWS.items()}
 
 

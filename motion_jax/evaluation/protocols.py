@@ -39,7 +39,7 @@ class Benchmark(Protocol):
   task: str = "generation"               # a name of `tasks.registry.TASKS`
   formats: tuple[str, ...] = ("humanml3d",)
   layouts: tuple[str, ...] = ()          # representations that the evaluator may read; none named: any
-  kinds: tuple[str, ...] = ("t2m",)      # of evaluators that its numbers are of, see `evaluators.evaluator`
+  kinds: tuple[str, ...] = ("t2m",)      # of evaluators that its numbers come from, see `evaluators.evaluator`
   evaluator: str | None = None           # by default: a name that ships, or None where there is none
   clip_evaluator: str | None = None
   split: str = "test"
@@ -50,7 +50,7 @@ class Benchmark(Protocol):
   max_frames: int = 196
   unit_length: int = 4                   # lengths are multiples of it
   random_caption: bool = True            # False: an item's first one
-  coin: bool = True                      # Parity: also in evaluation
+  coin: bool = True                      # shorten one item in three by a unit; Parity: also in evaluation
   random_crop: bool = True               # False: from the first row
   shuffle: bool = True
   sort_by_caption: bool = True           # inside a batch, longest sentence first; no score looks at it
@@ -80,7 +80,7 @@ class Benchmark(Protocol):
   jerk_unit: float = 1.0                 # of jerk, in metres: 0.01 is centimetres
   real_jerk: str | None = "humanml3d"    # level of AUJ, a key of physics.REAL_JERK; None: of the real clips given
   way: str = "stream"                    # of long motions where --sampling does not say: "stream", "chain" or "joined"
-  paper: tuple[str, str, str] | None = None  # (system, table, row) to print beside
+  paper: tuple[str, str, str] | None = None  # (system, table, row) of the paper to compare with
   paper_layout: str | None = None        # where only an evaluator of this layout compares with it
   note: str = ""                         # what has to be said under the table
 

@@ -20,7 +20,8 @@ def describe(harness, folders, candidates, replications, devices) -> dict:
   timelines = protocol.timelines and hashlib.sha256(pathlib.Path(protocol.timelines).read_bytes()).hexdigest()
   return dict(
       protocol=dataclasses.asdict(protocol) | {"replications": replications, "timelines": timelines},
-      evaluators=[_evaluator(one) for one in dict.fromkeys((harness.evaluator, harness.clip_evaluator)) if one],
+      evaluators=[_evaluator(evaluator) for evaluator in dict.fromkeys((harness.evaluator, harness.clip_evaluator))
+                  if evaluator],
       data=dict(folders=[pathlib.Path(folder).name for folder in folders], format=test_set.format, split=protocol.split,
                 split_hash=test_set.hash, items=len(test_set), samples=harness.count, shared_with_train=test_set.shared,
                 excluded=len(test_set.excluded), excluded_clips=[list(pair) for pair in test_set.excluded]),
@@ -31,14 +32,15 @@ def describe(harness, folders, candidates, replications, devices) -> dict:
 
 
 def question(harness, candidates) -> dict:
-  """What identifies an evaluation, apart from the number of replications: results of another one must not be
+  """The identity of an evaluation, apart from the number of replications: results of another one must not be
   overwritten.
   """
   return dict(protocol=harness.protocol.name, seed=harness.seed, limit=harness.limit, split=harness.test_set.hash,
               sizes=[harness.protocol.sequences, harness.protocol.segments],
-              evaluators=[one.hash for one in (harness.evaluator, harness.clip_evaluator) if one],
-              models=[[one.name, one.about["hash"], one.about["guidance_scale"], one.about["sampling"]]
-                      for one in candidates])
+              evaluators=[evaluator.hash for evaluator in (harness.evaluator, harness.clip_evaluator) if evaluator],
+              models=[[candidate.name, candidate.about["hash"], candidate.about["guidance_scale"],
+                       candidate.about["sampling"]]
+                      for candidate in candidates])
 
 
 def maker(devices) -> dict:
@@ -73,10 +75,10 @@ def _device(devices):
 
 
 def _versions():
-  found = {"python": platform.python_version()}
+  versions = {"python": platform.python_version()}
   for name in (*_PACKAGES, "motion-jax"):
     try:
-      found[name] = importlib.metadata.version(name)
+      versions[name] = importlib.metadata.version(name)
     except importlib.metadata.PackageNotFoundError:
-      found[name] = "a checkout that is not installed"
-  return found
+      versions[name] = "a checkout that is not installed"
+  return versions

@@ -19,7 +19,7 @@ Folder = str | pathlib.Path
 
 @dataclasses.dataclass(frozen=True)
 class Request:
-  """What `evaluate` computes and where it writes; each field is a flag of `motion-jax evaluate`.
+  """The inputs and outputs of `evaluate`; each field is a flag of `motion-jax evaluate`.
 
   runs: run folders or names of shipped models. folders: data folders, which form one test set, and files of timelines
   or prompt sequences. motions: (name, folder) of motions from other programs (`evaluation.external`).
@@ -118,10 +118,10 @@ def load_evaluators(protocol, evaluator=None, clip_evaluator=None) -> tuple[Eval
       None if clip in (None, "none") else _of_kind(clip, ("clip",), protocol, "--clip-evaluator"))
 
 
-def _of_kind(one, kinds, protocol, option):
+def _of_kind(evaluator, kinds, protocol, option):
   """An evaluator of one of the kinds that a protocol allows."""
-  found = one if isinstance(one, Evaluator) else load_evaluator(one)
-  if found.kind not in kinds:
-    raise ValueError(f"got {option} {found.name!r} of kind {found.kind!r}, protocol {protocol.name!r} is about the "
+  loaded = evaluator if isinstance(evaluator, Evaluator) else load_evaluator(evaluator)
+  if loaded.kind not in kinds:
+    raise ValueError(f"got {option} {loaded.name!r} of kind {loaded.kind!r}, protocol {protocol.name!r} is about the "
                      f"space of kind {' or '.join(kinds)}; {_TRAINS[kinds[0]]} trains one")
-  return found
+  return loaded

@@ -22,7 +22,7 @@ class Number(TypedDict):
 
 
 class Paper(TypedDict):
-  """The rows of the papers that are shown beside ours; see `report.tables.compare`."""
+  """The rows of the papers that are shown next to ours; see `report.tables.compare`."""
   system: str
   table: str
   row: str | dict[str, Any]
@@ -76,7 +76,7 @@ class Curve(TypedDict):
 
 
 class Shown(TypedDict):
-  """A generated motion of the gallery beside the real one, files relative to the result's folder; kind "grid" or
+  """A generated motion of the gallery next to the real one, files relative to the result's folder; kind "grid" or
   "failure".
   """
   caption: str
@@ -89,7 +89,7 @@ class Shown(TypedDict):
 
 @dataclasses.dataclass(frozen=True)
 class Result:
-  """Rows of metrics by a protocol, with what is shown beside them and their provenance.
+  """Rows of metrics by a protocol, with what is shown next to them, and their provenance.
 
   rows: {row: {metric: number}}, row_order: the rows of tables, metrics: their columns. provenance: data, models,
   evaluators, seeds and code (`evaluation.provenance`). folder: of the result, not part of it.

@@ -38,7 +38,7 @@ def evaluate(request: Request) -> Result:
   for note in left_out:
     clock.say(f"note: {note}")
   with clock.part("data"):
-    readers = [] if task_class.TEXT_TO_MOTION else [one.reader for one in candidates]
+    readers = [] if task_class.TEXT_TO_MOTION else [candidate.reader for candidate in candidates]
     test_set = read_for(resolved, main, clip, readers)
     clock.say(_about(test_set, resolved.protocol))
   harness = _harness(resolved, main, clip, test_set)
@@ -53,29 +53,29 @@ def evaluate(request: Request) -> Result:
     for warning in sanity["warnings"]:
       clock.say(f"warning: {warning}")
     rows, curves = aggregates.collect(map(task.real, replications), protocol.population_std)
-  made, by_motion, notes = {}, {}, []
+  row_sources, by_motion, notes = {}, {}, []
   for candidate in candidates:
     with clock.part(candidate.name):
-      found = [task.found(candidate, replication) for replication in replications]
-      own, drawn = aggregates.collect(found, protocol.population_std)
+      scored = [task.found(candidate, replication) for replication in replications]
+      part_rows, drawn = aggregates.collect(scored, protocol.population_std)
     named = partial(aggregates.row_name, candidate.name)
-    by_motion |= {named(part): [one.by_motion[part] for one in found] for part in found[0].by_motion}
-    notes += [f"{named(part)}: {note}" for part, note in found[0].notes.items()]
-    made |= {named(part): (candidate, part) for part in own}
-    rows |= {named(part): row for part, row in own.items()}
+    by_motion |= {named(part): [scores.by_motion[part] for scores in scored] for part in scored[0].by_motion}
+    notes += [f"{named(part)}: {note}" for part, note in scored[0].notes.items()]
+    row_sources |= {named(part): (candidate, part) for part in part_rows}
+    rows |= {named(part): row for part, row in part_rows.items()}
     curves |= {named(part): curve for part, curve in drawn.items()}
   with clock.part("differences"):
-    compared = aggregates.compared(made, by_motion, harness.seed)
-    uncertain = aggregates.uncertain(harness, made, by_motion, compared)
+    compared = aggregates.compared(row_sources, by_motion, harness.seed)
+    uncertain = aggregates.uncertain(harness, row_sources, by_motion, compared)
   checked = None
   if request.controls:
     with clock.part("controls"):
       checked = controls_lib.check(task, spread=aggregates.spread(rows["real"]))
 
   result = Result(**aggregates.json_ready(dict(
-      protocol=protocol.name, title=protocol.title, rows=rows, row_order=["real", *made],
+      protocol=protocol.name, title=protocol.title, rows=rows, row_order=["real", *row_sources],
       metrics=[name for name in task.METRICS if any(name in row for row in rows.values())],
-      paper=printed.paper_of(protocol, main, made, resolved.whole),
+      paper=printed.paper_of(protocol, main, row_sources, resolved.whole),
       notes=[note for note in (protocol.note, *uncertain, *task.notes, *notes, *left_out) if note],
       provenance=provenance.describe(harness, resolved.folders, candidates, len(replications), devices),
       sanity=sanity, controls=checked, differences=compared,

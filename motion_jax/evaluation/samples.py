@@ -26,7 +26,7 @@ from motion_jax.utils.errors import InputError
 from motion_jax.utils.input_files import load_npz
 
 BATCH = 32  # motions made together, whatever the protocol's pool: one compiled function serves all
-TAIL = 4    # rows kept behind a motion's end: as far as an evaluator's last token reaches
+TAIL = 4    # rows kept after a motion's end: as far as an evaluator's last token reaches
 
 
 class Draw(NamedTuple):
@@ -185,11 +185,11 @@ def sample(make, store, name, jobs, *, batch=None, devices=None, only_read=False
       bar.update(len(motions))
     return motions
 
-  made = [None] * len(order)
+  collected = [None] * len(order)
   for part, motions in zip(parts, _in_turn(run, len(parts), len(devices))):
     for i, motion in zip(part, motions):
-      made[i] = motion
-  return made
+      collected[i] = motion
+  return collected
 
 
 def _in_turn(run, count, workers):
@@ -217,6 +217,6 @@ def generator_of(model, guidance_scale=None, sampling=None):
   choices = dict(guidance_scale=guidance_scale) | contrast_of(model) | (sampling or {})
 
   def make(jobs):
-    made = model.generate(jobs.captions, jobs.frames, seeds=jobs.seeds, **choices)
-    return [x[:count + TAIL] for x, count in zip(made.decoded, jobs.frames)]
+    generated = model.generate(jobs.captions, jobs.frames, seeds=jobs.seeds, **choices)
+    return [x[:count + TAIL] for x, count in zip(generated.decoded, jobs.frames)]
   return make

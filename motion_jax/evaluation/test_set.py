@@ -60,12 +60,12 @@ def key_of(evaluator):
 
 def dataset_of_all(folders) -> Dataset:
   """The data set of all folders. Raises FileNotFoundError for a folder without one, ValueError for several kinds."""
-  found = {str(folder): dataset_of(folder) for folder in folders}
-  if len(set(found.values())) != 1:
-    formats = {folder: dataset.name for folder, dataset in found.items()}
+  datasets = {str(folder): dataset_of(folder) for folder in folders}
+  if len(set(datasets.values())) != 1:
+    formats = {folder: dataset.name for folder, dataset in datasets.items()}
     raise ValueError(f"got data folders of several formats: {formats}; evaluate them one by one" if formats else
                      "got no data folder; give one with --data")
-  return next(iter(found.values()))
+  return next(iter(datasets.values()))
 
 
 def read_test_set(folders, protocol, evaluators, allow_shared=False) -> TestSet:

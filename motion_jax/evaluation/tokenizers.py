@@ -47,9 +47,9 @@ def load_tokenizer(run, raw=False) -> Tokenizer:
     raise InputError(f"{run.folder} holds a {stage!r} run, which has no tokenizer; give the run of a tokenizer, such "
                      "as cmdm.tokenizer, or of a generator that was trained on one, such as momask.masked")
   inside = stage in runs.TOKENIZERS
-  found = known[stage](module_fields(config.tokenizer if inside else config.model), config)
-  params = run.frozen({TOKENIZER: found.shapes})[TOKENIZER] if inside else run.params(found.shapes)
+  round_trip = known[stage](module_fields(config.tokenizer if inside else config.model), config)
+  params = run.frozen({TOKENIZER: round_trip.shapes})[TOKENIZER] if inside else run.params(round_trip.shapes)
   params = jax.tree.map(jnp.asarray, params)
-  run_it = jax.jit(found.run)
+  run_it = jax.jit(round_trip.run)
   return Tokenizer(run.folder, config, run.stats, sum(leaf.size for leaf in jax.tree.leaves(params)),
                    checkpoint.FROZEN if inside else run.params_file, lambda *given: run_it(params, *given))

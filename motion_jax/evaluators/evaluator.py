@@ -60,8 +60,8 @@ class Evaluator:
   motion: Callable  # (x (B, T, F), num_frames (B,)) -> (B, E)
   text: Callable    # (captions, tokens) -> (N, E)
   frames_per_token: int = 4
-  motion_for_fid: Callable | None = None  # as motion, for FID where that is taken of another vector
-  words: Callable = lambda: None  # () -> fingerprint of what makes words into numbers
+  motion_for_fid: Callable | None = None  # as motion, where FID uses vectors of its own
+  words: Callable = lambda: None  # () -> fingerprint of the text encoder or vocabulary
 
   @property
   def layout(self) -> Representation:
@@ -123,8 +123,8 @@ def in_batches(apply, *arrays):
   """apply over rows, BATCH at a time -> (N, E) float32."""
   count = len(arrays[0])
   filled = [np.concatenate([a, np.repeat(a[-1:], -count % BATCH, axis=0)]) for a in arrays]
-  made = [np.asarray(apply(*(a[i:i + BATCH] for a in filled)), np.float32) for i in range(0, count, BATCH)]
-  return np.concatenate(made)[:count]
+  parts = [np.asarray(apply(*(a[i:i + BATCH] for a in filled)), np.float32) for i in range(0, count, BATCH)]
+  return np.concatenate(parts)[:count]
 
 
 def load_evaluator(name="evaluator-small", text=None) -> Evaluator:

@@ -119,7 +119,7 @@ class T2MEvaluator(nn.Module):
     return self.motion_encoder(self.movements(motion), num_frames // _FRAMES_PER_TOKEN)
 
   def text(self, words, classes, lengths):
-    """What `words.WordVectors` gives -> (B, dim)."""
+    """The output of `words.WordVectors` -> (B, dim)."""
     return self.text_encoder(words, classes, lengths)
 
   def __call__(self, words, classes, lengths, motion, num_frames):
@@ -172,7 +172,7 @@ class ClipEvaluator(nn.Module):
   def text(self, tokens, deterministic=True):
     """tokens (B, S): start, words, end (the largest id), zeros -> (B, dim), not normalized.
 
-    Parity: no mask at all, so also the zeros behind the end are attended to; always pad to max_words as CLIP does.
+    Parity: no mask at all, so also the zeros after the end are attended to; always pad to max_words as CLIP does.
     """
     tables = jax.lax.stop_gradient((self.tokens.astype(self.dtype), self.positions.astype(self.dtype)))
     x = tables[0][tokens] + tables[1][:tokens.shape[1]]

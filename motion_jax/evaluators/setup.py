@@ -20,7 +20,7 @@ from motion_jax.training.setup import TrainingSetup, encoder_files, held_out, on
 from motion_jax.utils.config_files import module_fields
 
 _RULES = ("frames_per_latent", "shorten_rate", "crop_frames", "keep_long")  # of `batches.TextItems`
-NUM_VALIDATION = 8  # batches of the validation split that a loss is the mean of, the same every time
+NUM_VALIDATION = 8  # batches of the validation split over which a loss is averaged, the same every time
 
 
 def movement(config) -> TrainingSetup:
@@ -33,8 +33,8 @@ def movement(config) -> TrainingSetup:
 
   def evaluate(params):
     size = min(config.data.batch_size, len(val))
-    found = [predict(params, val.batch(size, config.seed, i)) for i in range(min(NUM_VALIDATION, len(val) // size))]
-    return {"held_out_loss": round(float(np.mean([row["loss"] for row in found])), 5)}
+    outputs = [predict(params, val.batch(size, config.seed, i)) for i in range(min(NUM_VALIDATION, len(val) // size))]
+    return {"held_out_loss": round(float(np.mean([row["loss"] for row in outputs])), 5)}
 
   next_batch = lambda step, rows=batches.ALL: train.batch(config.data.batch_size, config.seed, step, rows)
   return TrainingSetup(stage, next_batch, {}, evaluate, data.stats, {}, len(train))
@@ -53,18 +53,18 @@ def match(config) -> TrainingSetup:
     batch["words"], batch["classes"], batch["lengths"] = words(tokens, config.data.max_words)
     return batch
 
-  own, contrast = stage.init, jax.jit(matching.contrast)
+  fresh_init, contrast = stage.init, jax.jit(matching.contrast)
 
   def init(batch, rng):
-    inner = own(batch, rng)["params"]
+    inner = fresh_init(batch, rng)["params"]
     return {"params": inner | {"movement_encoder": encoder or inner["movement_encoder"]}}
 
   def loss(rows):
     meaning = matching.same_meaning(rows["meaning"])
     text, motion, order = rows["text"], rows["motion"], np.argsort(-rows["num_frames"], kind="stable")
-    found = [contrast(text[order], motion[order], shift, config.loss.margin, meaning[order][:, order])["loss"]
-             for shift in range(1, min(len(order), 17))]
-    return float(np.mean(found))
+    losses = [contrast(text[order], motion[order], shift, config.loss.margin, meaning[order][:, order])["loss"]
+              for shift in range(1, min(len(order), 17))]
+    return float(np.mean(losses))
 
   nearness = lambda text, motion: -scores.distances(text, motion)
   return _captioned_setup(config, stage._replace(init=init), data, read, files, nearness, loss)
@@ -82,13 +82,13 @@ def clip(config) -> TrainingSetup:
   data = sources.load_features(config.data)
   stage = matching.clip_stage(config)
   tables = {"tokens": tokens, "positions": positions[:fields.max_words]}
-  own = stage.init
+  fresh_init = stage.init
 
   def read(batch, data):
     batch["pieces"] = matching.piece_ids(encoder, batch.pop("caption"), fields.max_words)
     return batch
 
-  stage = stage._replace(init=lambda batch, rng: {"params": own(batch, rng)["params"] | tables})
+  stage = stage._replace(init=lambda batch, rng: {"params": fresh_init(batch, rng)["params"] | tables})
   return _captioned_setup(config, stage, data, read, encoder_files(encoder), scores.cosines)
 
 
@@ -124,22 +124,22 @@ def _captioned_setup(config, stage, data, read, files, nearness, loss=None):
     chosen = np.concatenate([single.kept, np.repeat(single.kept[-1:], -len(single) % size)])
     parts = [embed(params, single.rows(rows, batches.step_rng(config.seed, 4))) for rows in chosen.reshape(-1, size)]
     text, motion = (np.concatenate([part[name] for part in parts])[:len(single)] for name in ("text", "motion"))
-    found = scores.retrieval(nearness(text, motion))
-    found["recall"] = float(np.mean([found[f"{way}r{k}"] for way in ("", "back_") for k in (1, 2, 3)]))
+    metrics = scores.retrieval(nearness(text, motion))
+    metrics["recall"] = float(np.mean([metrics[f"{way}r{k}"] for way in ("", "back_") for k in (1, 2, 3)]))
     if loss:
-      found["held_out_loss"] = np.mean([loss(embed(params, val.batch(size, config.seed, i)))
-                                        for i in range(NUM_VALIDATION)])
-    return {name: round(float(value), 4) for name, value in found.items()}
+      metrics["held_out_loss"] = np.mean([loss(embed(params, val.batch(size, config.seed, i)))
+                                          for i in range(NUM_VALIDATION)])
+    return {name: round(float(value), 4) for name, value in metrics.items()}
 
   next_batch = lambda step, rows=batches.ALL: read(train.batch(config.data.batch_size, config.seed, step, rows), data)
   return TrainingSetup(stage, next_batch, {}, evaluate, data.stats, files, len(train.items))
 
 
 class _Items:
-  """Clips with captions and, in `meaning`, numbers that are equal where a pair is not a counter-example.
+  """Clips with captions. Items with equal numbers in `meaning` are not counter-examples to one another.
 
-  config.data.same: "" every pair is one, "caption" not those with the same words, "meaning" nor captions that share a
-  clip.
+  config.data.same says which have equal numbers: "" none, "caption" those with the same words, "meaning" also those
+  with captions of one clip.
   """
 
   def __init__(self, config, data):

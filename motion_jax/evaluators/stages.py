@@ -57,8 +57,8 @@ def movement_stage(config) -> Stage:
   def errors(params, batch, rngs=None):
     x = batch["features"][..., used]
     tokens = encoder.apply({"params": params["encoder"]}, x, rngs is None, rngs=rngs)
-    made = decoder.apply({"params": params["decoder"]}, tokens)
-    sums = {"reconstruction": jnp.abs(made - x).mean(), "size": jnp.abs(tokens).mean(),
+    decoded = decoder.apply({"params": params["decoder"]}, tokens)
+    sums = {"reconstruction": jnp.abs(decoded - x).mean(), "size": jnp.abs(tokens).mean(),
             "change": jnp.abs(jnp.diff(tokens, axis=1)).mean()}
     extra = config.loss.size * sums["size"] + config.loss.change * sums["change"]
     return sums | {"loss": sums["reconstruction"] + extra}
@@ -109,9 +109,9 @@ def t2m_shapes(net, word_dim):
 
 def init_t2m(net, word_dim, rng):
   """Random parameters of a `T2MEvaluator`, for word vectors of the given dimension."""
-  one = jnp.ones(1, jnp.int32)
+  length = jnp.ones(1, jnp.int32)
   words, classes = jnp.zeros((1, 4, word_dim)), jnp.zeros((1, 4, len(CLASSES)))
-  return net.init(rng, words, classes, one, jnp.zeros((1, 8, net.columns)), 8 * one)
+  return net.init(rng, words, classes, length, jnp.zeros((1, 8, net.columns)), 8 * length)
 
 
 def matching_stage(config, axis_name=DEVICES) -> Stage:
@@ -128,8 +128,8 @@ def matching_stage(config, axis_name=DEVICES) -> Stage:
   def loss(params, frozen, batch, step, rng):
     inner = params["params"]
     held = {"params": inner | {"movement_encoder": jax.lax.stop_gradient(inner["movement_encoder"])}}
-    made = _embed(net, held, batch)
-    parts = (made["text"], made["motion"], batch["meaning"])
+    embedded = _embed(net, held, batch)
+    parts = (embedded["text"], embedded["motion"], batch["meaning"])
     text, motion, meaning = by_length(whole(batch["num_frames"]), *map(whole, parts))
     first = config.loss.first_shift
     shift = jax.random.randint(rng, (), first, len(text) - 1 + first)
@@ -184,10 +184,10 @@ def clip_stage(config, axis_name=DEVICES) -> Stage:
 
   def loss(params, frozen, batch, step, rng):
     # Dropout masks differ from device to device, as the batch they fall on does.
-    made = embed(params, batch, *jax.random.split(jax.random.fold_in(rng, batch["index"][0])))
+    embedded = embed(params, batch, *jax.random.split(jax.random.fold_in(rng, batch["index"][0])))
     same = same_meaning(whole(batch["meaning"]))
     scale = net.apply(params, method="scale")
-    value, logits = info_nce(whole(made["text"]), whole(made["motion"]), scale, same)
+    value, logits = info_nce(whole(embedded["text"]), whole(embedded["motion"]), scale, same)
     hit = (logits.argmax(1) == jnp.arange(len(logits))).mean()
     return {"loss": value, "batch_recall": hit, "scale": scale}, 1.0
 
@@ -222,7 +222,7 @@ def gaussian_stage(config, axis_name=DEVICES) -> Stage:
   SnapMoGen's weights of the losses are TMR's (docs/papers/cmdm.md#snapmogen). Parity: padded frames count in the
   reconstruction, as zeros that are met, which lowers the loss of short clips.
   """
-  net, decoder = (mixed_precision(one, config) for one in gaussian_networks(config.model))
+  net, decoder = (mixed_precision(module, config) for module in gaussian_networks(config.model))
   whole = _gather(axis_name)
 
   def encode(params, batch, text_rng=None, motion_rng=None):
@@ -244,7 +244,7 @@ def gaussian_stage(config, axis_name=DEVICES) -> Stage:
     rebuilt = [decoder.apply({"params": params["decoder"]}, z, real_mask, False, rngs={"dropout": next(keys)})
                for z in (text_z, motion_z)]
     unit_gaussian = [jnp.zeros_like(text_z)] * 2
-    sums = {"reconstruction": sum(optax.huber_loss(made, target).mean() for made in rebuilt),
+    sums = {"reconstruction": sum(optax.huber_loss(prediction, target).mean() for prediction in rebuilt),
             "divergence": (divergence(text, unit_gaussian) + divergence(motion, unit_gaussian)
                            + divergence(text, motion) + divergence(motion, text)),
             "latent": optax.huber_loss(text_z, motion_z).mean(),

@@ -52,11 +52,11 @@ def reconstruction_fid(evaluator, features, stats):
   real = scores.moments(embed(clips))
 
   def fid(reconstruct):
-    made = []
+    rebuilt = []
     for i, clip in enumerate(clips):
       x = np.zeros((1, LENGTH, clip.shape[1]), np.float32)
       x[0, :len(clip)] = clip
-      made.append(np.asarray(reconstruct(x, i))[0, :len(clip)])
-    return float(scores.fid(real, embed(made)))
+      rebuilt.append(np.asarray(reconstruct(x, i))[0, :len(clip)])
+    return float(scores.fid(real, embed(rebuilt)))
 
   return fid

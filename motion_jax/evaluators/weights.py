@@ -35,9 +35,9 @@ def evaluator(path, num_heads=None) -> Network:
                 dim=part.shape("motion_encoder/output_net.3.weight", what, 2)[0])
   classes, words = part.shape("text_encoder/pos_emb.weight", what, 2)[::-1]
   module = T2MEvaluator(**fields)
-  one = jnp.ones(1, jnp.int32)
+  length = jnp.ones(1, jnp.int32)
   shapes = jax.eval_shape(lambda: module.init(jax.random.key(0), jnp.zeros((1, 4, words)), jnp.zeros((1, 4, classes)),
-                                              one, jnp.zeros((1, 8, module.columns)), 8 * one))
+                                              length, jnp.zeros((1, 8, module.columns)), 8 * length))
   return network(what, part, module, fields, shapes, t2m_evaluator_names())
 
 
@@ -66,22 +66,22 @@ def write_evaluator(out, file, stats, num_heads=None, glove=None, text=None):
   `text`.
   """
   check_free(out)
-  made = evaluator(file, num_heads)
-  clip = isinstance(made.module, ClipEvaluator)
+  network = evaluator(file, num_heads)
+  clip = isinstance(network.module, ClipEvaluator)
   if (glove and clip) or (text and not clip):
     raise ValueError(f"{file} is " + ("of CLIP's type, which reads word pieces: give --text-encoder" if clip else
                                       "T2M's evaluator, which reads word vectors: give --glove") + " instead")
   files, words = {}, load_words(glove) if glove else None
   if words:
-    width = made.params["params"]["text_encoder"]["classes"]["kernel"].shape[-1]
+    width = network.params["params"]["text_encoder"]["classes"]["kernel"].shape[-1]
     if words.dim != width:
       raise ValueError(f"{glove} has vectors of {words.dim} numbers, {file} was trained on {width}")
     files[CONVERTED] = words.to_bytes()
-  columns = made.fields["columns"]
+  columns = network.fields["columns"]
   stats = stats_of(stats, columns, ("Mean.npy", "eval_mean.npy", f"eval_mean_{columns}.npy"))
-  config = dict(stage="evaluator.clip" if clip else "evaluator.t2m", model=made.fields,
+  config = dict(stage="evaluator.clip" if clip else "evaluator.t2m", model=network.fields,
                 data=dict(layout=stats.layout.name))
   if text:
     config["frozen"], files[checkpoint.TEXT] = dict(text=str(text)), text_identity(load_text_encoder(text))
-  write(out, config, [made], made.params, stats, files=files)
-  return [made]
+  write(out, config, [network], network.params, stats, files=files)
+  return [network]

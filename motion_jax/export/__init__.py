@@ -93,7 +93,7 @@ def save(clip, path, **options) -> list[pathlib.Path]:
   ending = ending_of(path)
   rate = None if WRITERS[ending] in _OWN_RATE else options.pop("fps", None)
   if rate is not None:
-    clips = [at_rate(one, rate) for one in clips]
+    clips = [at_rate(item, rate) for item in clips]
   write = character if options.get("file") is not None else WRITERS[ending]
   if write not in _ANY_FIGURE:
     clips = [_for_rig(_with_22_joints(clip), options.get("rig")) for clip in clips]
@@ -107,7 +107,7 @@ def save(clip, path, **options) -> list[pathlib.Path]:
   signals = options.pop("control", None)  # one for each, or nothing
   each = [options if signals is None else options | {"control": signals[i]} for i in range(len(clips))]
   stem, kept = path.name[:-len(ending)], path.name[-len(ending):]
-  return [write(one, path.with_name(f"{stem}_{i:0{digits}d}{kept}"), **each[i]) for i, one in enumerate(clips)]
+  return [write(item, path.with_name(f"{stem}_{i:0{digits}d}{kept}"), **each[i]) for i, item in enumerate(clips)]
 
 
 def rig_error(clip) -> tuple[float, float, str]:
@@ -117,15 +117,15 @@ def rig_error(clip) -> tuple[float, float, str]:
 
 def page(clip) -> str:
   """The .html page of a clip, or of a list of clips, as text: for notebooks and pages of one's own."""
-  return html_page([_with_22_joints(one) for one in ([clip] if isinstance(clip, Clip) else clip)])
+  return html_page([_with_22_joints(item) for item in ([clip] if isinstance(clip, Clip) else clip)])
 
 
 def _for_rig(clip, rig):
   """The clip on the skeleton of a rig that has other joints than HumanML3D's 22."""
   if not isinstance(rig, str) or clip.skeleton is not HUMANML3D:
     return clip
-  found = get_rig(rig)
-  return clip if set(found.joints) <= set(HUMANML3D.joints) else clip.on_skeleton(SKELETONS[found.name])
+  target = get_rig(rig)
+  return clip if set(target.joints) <= set(HUMANML3D.joints) else clip.on_skeleton(SKELETONS[target.name])
 
 
 def _with_22_joints(clip):

@@ -76,7 +76,7 @@ def _shod(parts, joints, turned, skeleton):
 
 
 def _size(skeleton, lengths):
-  """How large a body with bones of lengths (J,), metres, is against the person of `_LEG`."""
+  """The size of a body with bones of lengths (J,), metres, relative to the person of `_LEG`."""
   return max(0.2, float(lengths[list(skeleton.leg_bones)].sum()) / _LEG)
 
 

@@ -28,11 +28,11 @@ def fbx(clip, path, exact=False, rig=None, t_pose=False, name=None) -> pathlib.P
   """
   command = find_blender()
   with tempfile.TemporaryDirectory() as folder, atomic_path(path) as temporary:
-    made = glb(clip, pathlib.Path(folder) / "motion.glb", exact, rig, t_pose, name)
+    glb_file = glb(clip, pathlib.Path(folder) / "motion.glb", exact, rig, t_pose, name)
     result = pathlib.Path(folder) / "motion.fbx"
     try:
-      done = subprocess.run([*command, str(made), str(result), repr(float(clip.fps))], capture_output=True, text=True,
-                            errors="replace", timeout=_SECONDS, check=False)
+      done = subprocess.run([*command, str(glb_file), str(result), repr(float(clip.fps))], capture_output=True,
+                            text=True, errors="replace", timeout=_SECONDS, check=False)
     except (OSError, subprocess.TimeoutExpired) as error:
       raise InputError(f"{command[0]} did not convert the motion to .fbx: {error}; {VARIABLE} names another Blender"
                        ) from None
@@ -48,12 +48,12 @@ def find_blender() -> list[str]:
   script, named = blender_script.__file__, os.environ.get(VARIABLE, "")
   if not named and importlib.util.find_spec("bpy") is not None:
     named = sys.executable
-  found = shutil.which(named or "blender")
-  if found is None:
+  program = shutil.which(named or "blender")
+  if program is None:
     raise InputError(
         f"got {VARIABLE}={named}, which is no program; name a Blender or a Python that has bpy" if named else
         f".fbx files are written by Blender: set {VARIABLE} to an installed Blender or to a Python that has bpy, or "
         f"add bpy here, {pip_install('fbx')}; most programs also read .glb")
-  if "python" in pathlib.Path(found).name.lower():
-    return [found, "-I", script]  # without the current folder and this one, whose files have names of modules
-  return [found, "--background", "--factory-startup", "--python-exit-code", "1", "--python", script, "--"]
+  if "python" in pathlib.Path(program).name.lower():
+    return [program, "-I", script]  # without the current folder and this one, whose files have names of modules
+  return [program, "--background", "--factory-startup", "--python-exit-code", "1", "--python", script, "--"]

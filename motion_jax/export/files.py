@@ -73,11 +73,11 @@ def load(path, fps=None, unit="auto", up=None, mapping=None, check=True) -> Clip
   rate of the file, replacing the one that it states; by default a .npy gets its skeleton's rate, an .amc 120. Nothing
   is resampled. unit: of joints, "m", "cm", "mm", "in" or "ft"; "auto" derives it from the bones. up: the file's upward
   axis, "y", "z" or "x"; by default y, for .bvh and .amc derived from the pose, for .c3d z. mapping: {our joint: their
-  joint} of a file whose joint names are not known (`rigs.map_joints`), as a dict or a JSON file.
-  check=False reads joints that are no person's, too.
+  joint} of a file whose joint names are not known (`rigs.map_joints`), as a dict or a JSON file. check=False also reads
+  implausible skeletons.
 
-  Raises FileNotFoundError, or ValueError for an unknown extension, a cut file, NaN, a shape that is no motion, or
-  joints that are no person's (`motion.plausibility`); of a motion that a model generated a warning.
+  Raises FileNotFoundError, or ValueError for an unknown extension, a cut file, NaN, a shape that is no motion, or an
+  implausible skeleton (`motion.plausibility`), which is only a warning for a motion that a model generated.
   """
   path, clip_name = split_clip(path)
   read = READERS.get(path.suffix.lower())
@@ -100,9 +100,9 @@ def load(path, fps=None, unit="auto", up=None, mapping=None, check=True) -> Clip
   except ValueError as error:
     raise error if str(path) in str(error) else InputError(f"{path}: {error}") from None
   if check and (model := clip.meta.get("model")) and np.isfinite(clip.joints).all():
-    # A motion that one of our models made is shown as it is: a model that was trained little makes such ones.
-    if found := plausibility.fault(clip.joints, clip.skeleton, clip.fps, str(path)):
-      warnings.warn(f"{found}; {model} generated it so, as models do that were trained too little", stacklevel=2)
+    # Generated motion is read in any case: a barely trained model samples implausible skeletons.
+    if fault := plausibility.fault(clip.joints, clip.skeleton, clip.fps, str(path)):
+      warnings.warn(f"{fault}; {model} generated it so, as models do that were trained too little", stacklevel=2)
   elif check:
     plausibility.check(clip.joints, clip.skeleton, clip.fps, str(path))
     if up is None and path.suffix.lower() not in _OWN_AXIS and plausibility.upward_axis(

@@ -33,12 +33,13 @@ def glb(clip, path, exact=False, rig=None, t_pose=False, name=None) -> pathlib.P
   first frame is a T-pose.
   """
   path = pathlib.Path(path)
-  moved, own, skins, rest, inverse = bind(clip, exact, rig, t_pose)
-  own = own if 0 in own else [*own, 0]  # a root bone moves no part of the mesh, and is a bone
+  moved, skin_joints, skins, rest, inverse = bind(clip, exact, rig, t_pose)
+  # A root bone moves no part of the mesh, and is a bone.
+  skin_joints = skin_joints if 0 in skin_joints else [*skin_joints, 0]
   buffer = Buffer()
   materials = [_material(skin.group, COLORS[skin.group]) for skin in skins]
   meshes = [_primitive(buffer, skin, number) for number, skin in enumerate(skins)]
-  inverse = buffer.add(inverse[own].transpose(0, 2, 1).reshape(-1, 16), FLOAT, "MAT4")  # glTF stores columns
+  inverse = buffer.add(inverse[skin_joints].transpose(0, 2, 1).reshape(-1, 16), FLOAT, "MAT4")  # glTF stores columns
   nodes = rest_nodes(moved, rest[moved.pelvis])
   nodes.append({"name": "mannequin", "mesh": 0, "skin": 0})
   nodes.append({"name": clip.id, "children": [0]})  # the mesh stands beside it: only joints move a skin
@@ -47,7 +48,7 @@ def glb(clip, path, exact=False, rig=None, t_pose=False, name=None) -> pathlib.P
       "asset": asset,
       "scene": 0, "scenes": [{"nodes": [len(nodes) - 2, len(nodes) - 1]}], "nodes": nodes,
       "materials": materials, "meshes": [{"name": "mannequin", "primitives": meshes}],
-      "skins": [{"skeleton": 0, "joints": own, "inverseBindMatrices": inverse}],
+      "skins": [{"skeleton": 0, "joints": skin_joints, "inverseBindMatrices": inverse}],
       "animations": [animation(buffer, moved, clip.fps, name or clip_name(clip), about)]}
   return write_container(path, document, buffer)
 

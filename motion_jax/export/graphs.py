@@ -85,9 +85,9 @@ def convert(graph: Graph) -> Any:
   model = jax2onnx.to_onnx(lambda *tensors: tuple(_run(traced.jaxpr, traced.consts, tensors)), inputs,
                            model_name=graph.name, opset=_OPSET, input_names=list(graph.inputs),
                            output_names=list(graph.outputs))
-  found = [one.name for one in model.graph.input]
-  if found != list(graph.inputs):
-    raise ValueError(f"the graph {graph.name!r} has the inputs {found}, expected {list(graph.inputs)}")
+  names = [value.name for value in model.graph.input]
+  if names != list(graph.inputs):
+    raise ValueError(f"the graph {graph.name!r} has the inputs {names}, expected {list(graph.inputs)}")
   return simplified(model)
 
 
@@ -106,7 +106,7 @@ def simplified(model: Any) -> Any:
     options.log_severity_level = 3  # it warns of each name that is in the graph no more
     onnxruntime.InferenceSession(model.SerializeToString(), options, providers=["CPUExecutionProvider"])
     result = onnx.load(path)
-  standard = [one for one in result.opset_import if one.domain == ""]
+  standard = [opset for opset in result.opset_import if opset.domain == ""]
   del result.opset_import[:]
   result.opset_import.extend(standard)  # onnxruntime lists all that it knows
   return result
@@ -168,14 +168,14 @@ def stored(model: Any, precision: str) -> Any:
   from onnx import TensorProto, helper, numpy_helper
   factors = {name for node in model.graph.node if node.op_type in _PRODUCTS for name in node.input[1:2]}
   factors |= {node.input[0] for node in model.graph.node if node.op_type == "Transpose" and node.output[0] in factors}
-  kept, made = [], []
+  kept, nodes = [], []
 
   def keep(array, name):
     kept.append(numpy_helper.from_array(array, name))
 
   def cast(array, name, result):
     keep(array, name)
-    made.append(helper.make_node("Cast", [name], [result], to=TensorProto.FLOAT))
+    nodes.append(helper.make_node("Cast", [name], [result], to=TensorProto.FLOAT))
 
   for tensor in model.graph.initializer:
     name, array = tensor.name, numpy_helper.to_array(tensor)
@@ -183,13 +183,13 @@ def stored(model: Any, precision: str) -> Any:
       kept.append(tensor)
     elif (array == array.flat[0]).all():
       keep(np.array(array.shape, np.int64), f"{name}_shape")
-      made.append(helper.make_node("ConstantOfShape", [f"{name}_shape"], [name],
-                                   value=numpy_helper.from_array(array.flatten()[:1])))
+      nodes.append(helper.make_node("ConstantOfShape", [f"{name}_shape"], [name],
+                                    value=numpy_helper.from_array(array.flatten()[:1])))
     elif precision == "int8" and name in factors:
       scale = np.maximum(np.abs(array).max(axis=tuple(range(array.ndim - 1)), keepdims=True), 1e-12) / 127
       cast(np.round(array / scale).astype(np.int8), f"{name}_int8", f"{name}_whole")
       keep(scale.astype(np.float32), f"{name}_scale")
-      made.append(helper.make_node("Mul", [f"{name}_whole", f"{name}_scale"], [name]))
+      nodes.append(helper.make_node("Mul", [f"{name}_whole", f"{name}_scale"], [name]))
     elif precision != "float32" and (name in factors or _is_float16(array)):
       cast(array.astype(np.float16), f"{name}_float16", name)
     else:
@@ -198,7 +198,7 @@ def stored(model: Any, precision: str) -> Any:
   result.CopyFrom(model)
   del result.graph.initializer[:], result.graph.node[:]
   result.graph.initializer.extend(kept)
-  result.graph.node.extend([*made, *model.graph.node])
+  result.graph.node.extend([*nodes, *model.graph.node])
   return result
 
 

@@ -49,22 +49,22 @@ def html_page(clip, title=None, colors=None, control=None, way_points=()) -> str
   clips = [clip] if isinstance(clip, Clip) else list(clip)
   signals = control if isinstance(control, list | tuple) else [control] * len(clips)
   bodies, described = [], []
-  for one, signal in zip(clips, signals):
-    figure = make_figure(one)
-    tints = {} if colors is None else {"tints": _tints(colors, one.num_frames)}
-    wish = {} if signal is None else _constraints(one, signal, way_points)
-    described.append(_describe(one, figure) | tints | wish | {"body": _body_of(bodies, one.skeleton, figure)})
+  for item, signal in zip(clips, signals):
+    figure = make_figure(item)
+    tints = {} if colors is None else {"tints": _tints(colors, item.num_frames)}
+    wish = {} if signal is None else _constraints(item, signal, way_points)
+    described.append(_describe(item, figure) | tints | wish | {"body": _body_of(bodies, item.skeleton, figure)})
   data = {"clips": described, "bodies": [body for *_, body in bodies], "colors": COLORS}
   title = title or (clips[0].captions[0].text if clips[0].captions else clips[0].id)
   page = (_ASSETS / "viewer.html").read_text(encoding="utf-8")
   # A "<" in a caption must not end the script element: in JSON it may be written as \u003c.
   values = {"@TITLE@": html_lib.escape(title), "@DATA@": json.dumps(data, ensure_ascii=False).replace("<", "\\u003c"),
             "@STEPS@": _steps_of(clips), "@VIEWER@": VIEWER.read_text(encoding="utf-8")}
-  return re.sub("|".join(values), lambda found: values[found[0]], page)  # one pass: values are not searched again
+  return re.sub("|".join(values), lambda match: values[match[0]], page)  # one pass: values are not searched again
 
 
 def _steps_of(clips):
-  """What was done to the motions (`motion.step_records`), a line for each step, as an element that opens on a click."""
+  """The steps of the motions (`motion.step_records`), a line for each, as an element that opens on a click."""
   rows = [f"motion {number}: {line}" if len(clips) > 1 else line
           for number, clip in enumerate(clips, 1) for line in lines(clip.meta)]
   if not rows:
@@ -131,8 +131,8 @@ def _tints(colors, num_frames):
 def _body_of(bodies, skeleton, figure):
   """The number of the body (skeleton, offsets, flesh, JSON) that fits a figure, appended to bodies if there is none.
 
-  Clips whose bones differ by less than a centimetre share a skin, its joints are moved to where they belong anyway;
-  but not those whose soles differ by more than it is worth.
+  Clips whose bones differ by less than a centimetre share a skin, for the viewer moves its joints to their places in
+  any case; clips whose soles differ visibly do not.
   """
   offsets = figure.pose.offsets
   flesh = np.array([(*part.a_offset, *part.b_offset) for part in figure.parts])

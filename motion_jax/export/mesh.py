@@ -65,7 +65,7 @@ def _pieces(parts, rest):
   for part in parts:
     low, high = _box(*_ends([part], rest))
     near = [piece for piece in pieces if (piece[1] < high).all() and (low < piece[2]).all()]
-    pieces = [piece for piece in pieces if not any(piece is one for one in near)]
+    pieces = [piece for piece in pieces if not any(piece is other for other in near)]
     members = [member for piece in near for member in piece[0]] + [part]
     pieces.append((members, np.min([low, *(p[1] for p in near)], 0), np.max([high, *(p[2] for p in near)], 0)))
   return [piece[0] for piece in pieces]

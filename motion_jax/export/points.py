@@ -175,8 +175,8 @@ def _is_whole(path):
 def _clip(path, names, points, fps, unit, up, mapping):
   """Points (T, N, 3) of a file as the joints of a known skeleton. Points that no joint depends on may have gaps."""
   skeleton = HUMANML3D if mapping else skeleton_of(names)
-  own = skeleton is not HUMANML3D
-  read = lambda at: own_joints(names, at, skeleton) if own else map_joints(names, at, mapping)[0]
+  own_skeleton = skeleton is not HUMANML3D
+  read = lambda at: own_joints(names, at, skeleton) if own_skeleton else map_joints(names, at, mapping)[0]
   gaps = ~np.isfinite(points)
   if gaps.all():
     raise InputError(f"{path}: all of its points are missing in all frames")

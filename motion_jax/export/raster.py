@@ -60,8 +60,8 @@ def draw_mesh(points, normals, triangles, pixels, depth):
     before = size
     for first in range(0, len(members), max(1, _AT_ONCE // size ** 2)):
       some = members[first:first + max(1, _AT_ONCE // size ** 2)]
-      found, row, column, shares = _covered(corners[some], low[some], min(size, int(extent[some].max())), width, height)
-      which = some[found]
+      index, row, column, shares = _covered(corners[some], low[some], min(size, int(extent[some].max())), width, height)
+      which = some[index]
       at = (low[which, 1] + row) * width + low[which, 0] + column
       ahead = np.einsum("nk,nk->n", shares, z[which])
       np.minimum.at(flat, at, ahead)
@@ -89,6 +89,6 @@ def _covered(corners, low, size, width, height):
   u = ((bx - x) * (cy - by) / area)[:, None] - ((by - y) * (cx - bx) / area)[:, :, None]
   v = ((cx - x) * (ay - cy) / area)[:, None] - ((cy - y) * (ax - cx) / area)[:, :, None]
   there = ((x > 0) & (x < width))[:, None] & ((y > 0) & (y < height))[:, :, None]
-  found, row, column = np.nonzero((u >= 0) & (v >= 0) & (u + v <= 1) & there)
-  u, v = u[found, row, column], v[found, row, column]
-  return found, row, column, np.stack([u, v, 1 - u - v], axis=-1)
+  index, row, column = np.nonzero((u >= 0) & (v >= 0) & (u + v <= 1) & there)
+  u, v = u[index, row, column], v[index, row, column]
+  return index, row, column, np.stack([u, v, 1 - u - v], axis=-1)

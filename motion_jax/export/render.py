@@ -256,26 +256,26 @@ def _draw_bodies(image, camera, size, bodies):
     for at, normal, faces in draw_mesh(points, mesh.normals @ np.stack(axes, -1), mesh.triangles, pixels, depth):
       normals[at], paint[at] = normal, which[first + faces]
     first += len(mesh.colors)
-  found = np.isfinite(depth)
-  rows, columns = np.nonzero(found)
+  drawn = np.isfinite(depth)
+  rows, columns = np.nonzero(drawn)
   ray = np.stack([((columns + x0 + 0.5 - centre[0]) * scale), ((centre[1] - rows - y0 - 0.5) * scale),
                   np.ones(len(rows))], axis=-1).astype(np.float32)
   light, sky = (np.array([v @ axis for axis in axes], np.float32) for v in (_world_light(camera), np.array([0, 1, 0])))
   shade = np.zeros(shape + (3,), np.float32)
-  shade[rows, columns] = _shade(normals[found.ravel()], ray, palette[paint[found.ravel()]], light, sky)
+  shade[rows, columns] = _shade(normals[drawn.ravel()], ray, palette[paint[drawn.ravel()]], light, sky)
   # The outline: where the depth jumps behind a limb, the farther side darkens a little, so that limbs stand apart.
-  shade *= (1 - 0.35 * _creases(depth, found))[..., None]
-  cover = _halve(found.astype(np.float32))
+  shade *= (1 - 0.35 * _creases(depth, drawn))[..., None]
+  cover = _halve(drawn.astype(np.float32))
   view = slice(y0 // 2, y1 // 2), slice(x0 // 2, x1 // 2)
   image[view] = image[view] * (1 - cover)[..., None] + _halve(shade)
 
 
-def _creases(depth, found):
-  far = np.where(found, depth, 1e3)
+def _creases(depth, drawn):
+  far = np.where(drawn, depth, 1e3)
   near = far.copy()
   for shift, axis in ((2, 0), (-2, 0), (2, 1), (-2, 1)):
     near = np.minimum(near, np.roll(far, shift, axis))
-  return np.where(found, np.clip((far - near - 0.03) / 0.12, 0, 1), 0)
+  return np.where(drawn, np.clip((far - near - 0.03) / 0.12, 0, 1), 0)
 
 
 def _hit(x, y, a, b, ra, rb, depth):

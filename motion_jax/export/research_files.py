@@ -109,7 +109,7 @@ _CONVERSIONS = {".npy": ("MDM's results", "", _MDM), ".pkl": ("GMR's robot motio
 
 
 def pickled(path) -> str:
-  """What to do about a file of pickled objects, which could run code when it is opened."""
+  """Advice for a file of pickled objects, which is not opened, as it could run code."""
   kind = pathlib.Path(path).suffix.lower()
   what, more, code = _CONVERSIONS[{".pickle": ".pkl", ".pth": ".pt"}.get(kind, kind)]
   return (f"{path} holds pickled Python objects and is not opened, as that could run code; where you trust it, this "

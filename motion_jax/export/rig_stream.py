@@ -1,7 +1,7 @@
-"""A rig's rotations of joints that come block by block, at a fixed rate and a bounded delay, for engines and programs.
+"""Joints that come block by block, as rotations of a rig at a fixed rate and with a bounded delay, for game engines.
 
 The motion is turned into rotations in windows of fixed frames, whatever the blocks: each window looks back and ahead,
-and goes over into the next one where both overlap. Any blocks give the same rows.
+and is blended into the next one where they overlap. The rows do not depend on the size of the blocks.
 """
 import numpy as np
 
@@ -15,7 +15,7 @@ from motion_jax.shapes import Float, Num
 
 _BACK = 1.5    # seconds of a window before the frames that it adds
 _HOP = 0.2     # seconds that a window adds
-_AHEAD = 0.25  # seconds behind those, over which it goes over into the next window
+_AHEAD = 0.25  # seconds after those, over which it is blended into the next window
 
 
 class RigStream:
@@ -60,8 +60,8 @@ class RigStream:
     """Solves the window that ends at frame `end`, and adds its own frames."""
     first = max(self._solved - self._back, 0)
     moved = self._on_rig(self._source[first - self._begins:end - self._begins])
-    own = slice(self._solved - first, None)
-    root, turned = moved.root[own], moved.rotations[own]
+    unsolved = slice(self._solved - first, None)
+    root, turned = moved.root[unsolved], moved.rotations[unsolved]
     if self._late is not None:
       both = min(len(self._late[0]), len(root))
       share = (np.arange(both) + 1) / (both + 1)
@@ -78,7 +78,7 @@ class RigStream:
 
   def _between(self, last):
     """Rows at the new rate between solved frames."""
-    found, end = [], self._first_row + len(self._rows)
+    rows, end = [], self._first_row + len(self._rows)
     while end:
       at = self._sent * self.source_fps / self.fps
       first = int(np.floor(at + 1e-9))
@@ -88,13 +88,13 @@ class RigStream:
                                                   for k in (first, first + 1))
       part = max(at - first, 0.0)
       turn = rot.slerp(turned, next_turned, np.full(len(turned), part))
-      found.append(np.concatenate([root + part * (next_root - root), turn.ravel()]))
+      rows.append(np.concatenate([root + part * (next_root - root), turn.ravel()]))
       self._sent += 1
     keep = min(int(self._sent * self.source_fps / self.fps), end - 1)
     if keep > self._first_row:
       del self._rows[:keep - self._first_row]
       self._first_row = keep
-    return np.array(found).reshape(-1, 3 + 4 * len(self.rig.names))
+    return np.array(rows).reshape(-1, 3 + 4 * len(self.rig.names))
 
 
 def _standing():

@@ -20,7 +20,7 @@ _PATH, _TARGET = (0.15, 0.62, 0.38), (0.88, 0.14, 0.40)  # green on the floor, r
 _BALL = 0.05         # metres, radius of a target's mark
 _PALE = 0.72         # share of white in the colours of a constrained pose
 _POSES, _BALLS = 10, 60  # most that are drawn
-_GOES = (1.0, 3.0)   # metres covered from which on a motion is seen from above: with constraints drawn, without
+_GOES = (1.0, 3.0)   # metres; a motion that covers more is drawn from above: with constraints, without
 
 
 class Marks(NamedTuple):
@@ -64,8 +64,8 @@ def parts_of(signal: "ControlSignal") -> Parts:
 
 def way_points(constraints: Sequence[Constraint]) -> list[list[float]]:
   """[x, z] of the points that paths are drawn through."""
-  return [[float(point[0]), float(point[-1])] for one in constraints
-          if isinstance(one, RootPath) and one.points is not None for point in one.points]
+  return [[float(point[0]), float(point[-1])] for constraint in constraints
+          if isinstance(constraint, RootPath) and constraint.points is not None for point in constraint.points]
 
 
 def distance(signal: "ControlSignal", clip: Clip) -> dict[str, Any] | None:

@@ -59,11 +59,11 @@ def usda(clip, path, exact=False, rig=None, t_pose=False, name=None) -> pathlib.
 
 def _paths(rig):
   """The path of each joint from its root: "Hips", "Hips/Spine", ..."""
-  found: list[str] = []
+  paths: list[str] = []
   for name, parent in zip(rig.names, rig.parents):
-    own = re.sub(r"\W", "_", name)
-    found.append(own if parent < 0 else f"{found[parent]}/{own}")
-  return found
+    safe_name = re.sub(r"\W", "_", name)
+    paths.append(safe_name if parent < 0 else f"{paths[parent]}/{safe_name}")
+  return paths
 
 
 def _samples(declaration, values):

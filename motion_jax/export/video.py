@@ -70,7 +70,7 @@ def video(clip, path, size=None, fps=None, **options) -> pathlib.Path:
 
 
 def check_film(size=SIZE, fps=None, camera="auto", background=None):
-  """Raises InputError for what no film can have."""
+  """Raises InputError for a size, rate, camera or background that a film cannot have."""
   if len(size) != 2 or not all(isinstance(side, int | np.integer) and _LEAST <= side <= _MOST for side in size):
     raise InputError(f"got a film of size {'x'.join(map(str, size))}, expected WIDTHxHEIGHT in pixels, each side from "
                      f"{_LEAST} to {_MOST}, such as 720x720")
@@ -150,7 +150,7 @@ def _painter(clip, size, camera="auto", azimuth=None, caption=None, colors=None,
   way = figure.joints[:, 0] * [1, 0, 1] + [0, figure.floor, 0]
   marks = marks_of(control, figure.floor)
   shown = [body for _, body in marks.bodies]
-  still = all(np.array_equal(one.position, cameras[0].position) for one in cameras)
+  still = all(np.array_equal(view.position, cameras[0].position) for view in cameras)
   backdrop = render.ground(cameras[0], size, figure.floor, background) if still else None
 
   def picture(t):
@@ -173,7 +173,7 @@ def strip(clip, path, num=8, height=360, azimuth=None, caption=None, colors=None
   """
   path, clips = pathlib.Path(path), list(clip) if isinstance(clip, list | tuple) else [clip]
   signals = control if isinstance(control, list | tuple) else [control] * len(clips)
-  rows = [_strip(one, num, height, azimuth, caption, colors, spread, signal) for one, signal in zip(clips, signals)]
+  rows = [_strip(item, num, height, azimuth, caption, colors, spread, signal) for item, signal in zip(clips, signals)]
   width = max(needed for needed, _ in rows)
   rows = [draw(width) for _, draw in rows]
   data = io.BytesIO()  # on a full disk Pillow would write half a JPEG without a word
@@ -251,19 +251,20 @@ def _strip(clip, num, height, azimuth, caption, colors, spread, control=None):
 
 
 def _tints(figure, colors):
-  own = np.broadcast_to(default_colors(figure), (len(figure.joints), len(figure.parts), 3))
+  usual = np.broadcast_to(default_colors(figure), (len(figure.joints), len(figure.parts), 3))
   if colors is None:
-    return own
+    return usual
   colors = np.asarray(colors, np.float64)
   try:
-    colors = np.broadcast_to(colors[:, None] if colors.ndim == 2 else colors, own.shape)
+    colors = np.broadcast_to(colors[:, None] if colors.ndim == 2 else colors, usual.shape)
   except ValueError:
-    raise ValueError(f"got colors of shape {colors.shape}, expected (3,), ({own.shape[0]}, 3) or {own.shape}") from None
-  return np.where(np.isnan(colors), own, colors)
+    raise ValueError(f"got colors of shape {colors.shape}, expected (3,), ({usual.shape[0]}, 3) or "
+                     f"{usual.shape}") from None
+  return np.where(np.isnan(colors), usual, colors)
 
 
 def _caption(clip, t=None):
-  """What a clip's captions say of frame t, or of all of it: captions with times follow one another."""
+  """The caption of a clip at frame t, or of the whole clip; captions with times follow one another."""
   timed = [caption for caption in clip.captions if caption.start or caption.end]
   if t is None and len(timed) > 1:
     return " | ".join(caption.text for caption in timed)
@@ -283,7 +284,7 @@ def _thin(points):
 
 
 def _height(figure):
-  """How tall the person stands, metres: bones of one leg, spine and head, whatever the clip shows."""
+  """Standing height of the person, metres, from the bones of one leg, the spine and the head, whatever the pose."""
   lengths = np.linalg.norm(figure.pose.offsets, axis=-1)
   return max(0.3, float(2.05 * lengths.max() * 2))
 

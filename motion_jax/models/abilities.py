@@ -1,4 +1,4 @@
-"""What models can do, and which shipped models can do it."""
+"""Abilities of models, and the shipped models that have them."""
 from motion_jax.utils.errors import InputError
 
 ABILITIES = {  # each a method of that name
@@ -16,10 +16,10 @@ _SEVERAL = {"edits": "edit", "multi_prompts": "multi_prompt"}  # methods of the 
 
 
 class Able:
-  """Something that states its abilities: `can("edit")`. Models, and what is evaluated in place of one."""
+  """Base of everything that states its abilities, `can("edit")`: models, and their stand-ins in an evaluation."""
   abilities: tuple[str, ...] = ()  # of ABILITIES
   more_choices: tuple[str, ...] = ()  # of sampling, in addition to those of `options`
-  ways: tuple[str, ...] = ()  # of several prompts in one motion, the default first, where `multi_prompts` has a choice
+  ways: tuple[str, ...] = ()  # values of `multi_prompts(way=...)`, the default first; empty where there is no choice
 
   def can(self, ability: str) -> bool:
     """Whether it has this ability, one of `ABILITIES`. Raises InputError for any other word."""
@@ -39,7 +39,7 @@ def cannot(name: str, ability: str) -> str:
 
 
 def missing_ability(model: Able, name: str) -> str | None:
-  """The ability that a model would need to have the method `name`; None where it has it, or no ability has that
-  method."""
+  """The ability that provides the method `name`, where the model lacks it; None where it has it, or where no ability
+  provides that method."""
   ability = _SEVERAL.get(name, name)
   return ability if ability in ABILITIES and not model.can(ability) else None

@@ -7,7 +7,7 @@ from motion_jax.utils.lazy import LazyModule
 
 difflib = LazyModule("difflib")
 
-# What other programs, or other calls, name so; the first of ours that a call has is the hint.
+# {argument name of another program or method: ours}; the hint is the first of ours that the call accepts.
 OTHERS = {
     "frames": ("num_frames",), "n_frames": ("num_frames",), "length": ("num_frames", "seconds"),
     "lengths": ("num_frames",), "motion_length": ("seconds",), "duration": ("seconds",), "durations": ("seconds",),
@@ -27,13 +27,14 @@ OTHERS = {
 
 
 def checked(function: Callable) -> Callable:
-  """A method of a model that knows its keyword arguments and the model's choices of sampling; TypeError for others."""
+  """Decorate a method of a model: TypeError, with a suggestion, for a keyword that is neither an argument of it nor a
+  choice of sampling of the model."""
   code = function.__code__
-  own = list(code.co_varnames[1:code.co_argcount + code.co_kwonlyargcount])
+  parameters = list(code.co_varnames[1:code.co_argcount + code.co_kwonlyargcount])
 
   @functools.wraps(function)
   def called(self: Any, *args: Any, **given: Any) -> Any:
-    known = [*own, *self.options.described(), *self.more_choices]
+    known = [*parameters, *self.options.described(), *self.more_choices]
     for name in given:
       if name not in known:
         raise TypeError(f"{function.__name__} has no argument {name!r}"
@@ -44,7 +45,7 @@ def checked(function: Callable) -> Callable:
 
 
 def hint(name: str, known: Sequence[str], otherwise: str) -> str:
-  """What an unknown name was meant to be, or else what is said `otherwise`."""
-  others = [one for one in OTHERS.get(name.lower(), ()) if one in known] or (
+  """A suggestion for an unknown name, "; did you mean X?", or `otherwise` where no known name is close."""
+  others = [candidate for candidate in OTHERS.get(name.lower(), ()) if candidate in known] or (
       difflib.get_close_matches(name, known, 1, 0.75))
   return f"; did you mean {others[0]}?" if others else otherwise

@@ -22,7 +22,7 @@ _LONGEST_PROMPT = 5000  # characters: ten times the longest caption of the data 
 _ARGUMENTS = ("seed", "seeds", "seconds", "num_frames", "cleanup", "control")  # of `generate`, not choices of sampling
 
 Prompts = str | Iterable[str]  # one prompt, or several
-Frames = float | Sequence[float] | np.ndarray | Callable[[str], float] | None  # of all motions, of each, of a prompt
+Frames = float | Sequence[float] | np.ndarray | Callable[[str], float] | None  # for all, for each, by prompt
 
 
 class TextToMotionModel(LoadedRun):

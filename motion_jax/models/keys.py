@@ -12,7 +12,7 @@ from motion_jax.utils.numerals import SEEDS, checked, format_value
 
 
 def each(value: Any, prompts: Sequence[str]) -> list[Any]:
-  """One value per prompt, of one for all or one for each."""
+  """A list with one value per prompt, from a single value or from a sequence of one per prompt."""
   several = isinstance(value, Sequence | np.ndarray) and not isinstance(value, str | bytes)
   values = list(value) if several else [value] * len(prompts)
   if len(values) != len(prompts):

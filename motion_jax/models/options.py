@@ -23,11 +23,11 @@ if TYPE_CHECKING:
 
 
 class Description(NamedTuple):
-  """What is known of a choice.
+  """Description of one choice.
 
-  check(value, name) -> value, or InputError; read: a command line's text becomes the value; choices: all that are
-  allowed, where they can be listed; key: in config.sampler; usual: where the config does not say; allowed: words for a
-  table. The command line has the name with dashes, `--num-steps`.
+  check(value, name) -> value, or raises InputError. read: parses the text of a command-line flag; the flag is the name
+  with dashes, `--num-steps`. allowed: the allowed values in words, for a table. choices: all allowed values, where they
+  can be listed. key: its name in config.sampler. usual: the default where the config has none.
   """
   help: str
   check: Callable
@@ -49,7 +49,8 @@ def number(help: str, limits: tuple[Any, Any], kind: type = int, unit: str = "",
 
 
 def choice(help: str, choices: Sequence[str], listed: bool = True, **more: Any) -> Any:
-  """A choice among words; listed False: which of them hold is the model's to say, so the command line takes any."""
+  """A choice among named values. listed=False: which of them are valid depends on the model, and the command line
+  accepts any text."""
   def check(value, name):
     if value not in choices:
       allowed = " or ".join(choices) if len(choices) == 2 else f"one of {', '.join(choices)}"
@@ -94,27 +95,28 @@ class SamplingOptions:
 
   @classmethod
   def described(cls) -> dict[str, Description]:
-    """{name: what is known of it} of all choices."""
+    """{name: its Description} of all choices."""
     return {field.name: field.metadata["choice"] for field in dataclasses.fields(cls)}
 
   def resolved(self: _Options, config: "ConfigDict", **usual: Any) -> _Options:
-    """The same with every choice made: what is None comes from usual, else from a run's config, else the method's own.
+    """A copy with every choice set: None is replaced by `usual`, else by the run's config, else by the method's
+    default.
 
     Subclasses override it to check what depends on several choices, or on the model.
     """
-    found = {}
+    choices = {}
     for name, description in self.described().items():
       if getattr(self, name) is None:
-        own = usual[name] if name in usual else config.sampler.get(description.key or name, description.usual)
-        found[name] = own
-    made = dataclasses.replace(self, **found)
-    most, steps = config.get("diffusion", {}).get("num_steps"), getattr(made, "num_steps", None)
+        value = usual[name] if name in usual else config.sampler.get(description.key or name, description.usual)
+        choices[name] = value
+    options = dataclasses.replace(self, **choices)
+    most, steps = config.get("diffusion", {}).get("num_steps"), getattr(options, "num_steps", None)
     if most and steps and steps > most:  # trained on a table of this many noise levels
       raise InputError(f"got {steps} sampler steps, this model was trained with {most}; give at most as many")
-    return made
+    return options
 
   def about(self) -> dict[str, Any]:
-    """What a file or a record says of how a motion was sampled."""
+    """The choices as a dict, for the record of a motion and for files."""
     return dataclasses.asdict(self)
 
 

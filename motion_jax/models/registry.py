@@ -31,19 +31,19 @@ TEACHERS = {"tmr": "motion_jax.models.tmr"}
 
 
 def model_of(stage: str) -> Any:
-  """The class of models that a run of this stage becomes, or None: nothing that makes motion from words."""
+  """The model class of runs of this stage; None for a stage that does not generate motion from text."""
   method = str(stage).partition(".")[0]
   return _of(method, "model").MODELS.get(stage) if method in METHODS else None
 
 
 def model_stages(ability: str = "generate") -> list[str]:
-  """The stages whose runs become models with an ability of `abilities.ABILITIES`."""
+  """The stages whose models have an ability of `abilities.ABILITIES`."""
   return [stage for method in METHODS for stage, model in _of(method, "model").MODELS.items()
           if ability in model.abilities]
 
 
 def guided_stages() -> list[str]:
-  """The stages whose runs become models that constraints guide."""
+  """The stages whose models can be guided by constraints."""
   return [stage for stage in model_stages() if model_of(stage).takes_control]
 
 
@@ -53,12 +53,13 @@ def setups() -> dict:
 
 
 def resolved() -> dict:
-  """{stage: function(config) -> {field: value}} of all methods: what configs take over from runs that they name."""
+  """{stage: function(config) -> {field: value}} of all methods: config fields that are copied from the runs of frozen
+  parts."""
   return {stage: fields for method in (*METHODS, *TEACHERS) for stage, fields in _of(method, "setup").RESOLVED.items()}
 
 
 def stores() -> dict:
-  """{stage: function(config, folder) -> what to tell} of all methods: what `motion-jax data encode` calls."""
+  """{stage: function(config, folder) -> a line of summary} of all methods: what `motion-jax data encode` calls."""
   return {stage: make for method in METHODS for stage, make in getattr(_of(method, "setup"), "STORES", {}).items()}
 
 

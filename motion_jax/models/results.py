@@ -66,7 +66,7 @@ _SHOWN = 16  # motions that a notebook's viewer holds
 
 
 def _framed(clips):
-  """A viewer page as an element of another page, in a frame of its own: nothing is loaded, nothing else is touched."""
+  """Embeds a viewer page in another page, as an iframe that loads nothing from the network."""
   from motion_jax import export
   return (f'<iframe srcdoc="{escape(export.page(clips))}" width="100%" height="480" style="border:0" '
           'sandbox="allow-scripts"></iframe>')
@@ -104,15 +104,15 @@ def captions_in_a_row(prompts: Sequence[str], ends: Sequence[int], fps: float) -
 
 def motions_of_prompts(model: Any, features: Any, prompts: Sequence[str], frames: Sequence[int],
                        seeds: Sequence[int | None], about: dict[str, Any], cleanup: bool) -> Motions:
-  """`make_motions` of motions of one prompt each."""
+  """`make_motions` for motions with one prompt each."""
   return make_motions(model, features, frames, [(Caption(prompt),) for prompt in prompts], seeds, about, cleanup)
 
 
 def make_motions(model: Any, normalized: Any, frames: Sequence[int], captions: Sequence[tuple[Caption, ...]],
                  seeds: Sequence[int | None], about: dict[str, Any], cleanup: bool, ease: bool = False,
                  joints: Float[np.ndarray, "b t j 3"] | None = None) -> Motions:
-  """Motions of normalized features (B, T, F); motion i has the first frames[i]. ease: joints are eased where captions
-  change. joints: those of the features, where they are known, as features need not include where a motion begins."""
+  """Motions of normalized features (B, T, F); motion i is its first frames[i]. ease: smooth the changes of speed where
+  captions change. joints: the decoded joints, if known already; not all features include where a motion begins."""
   length, layout = max(frames), model.stats.layout
   with timing.part("sample and decode"):
     normalized = np.asarray(normalized)  # waits for the device
@@ -147,12 +147,12 @@ def _sampled(captions):
 
 def cleanup_record(before: Num[np.ndarray, "t j 3"], after: Num[np.ndarray, "t j 3"], skeleton: Skeleton,
                    start: int = 0) -> step_records.Record:
-  """What `motion.cleanup` changed in joints that begin at a frame of their motion."""
+  """Record of what `motion.cleanup` changed. start: the frame of the motion at which these joints begin."""
   return step_records.record("cleanup", "feet pinned, tremor removed", before, after, skeleton, start=start)
 
 
 def features_of(model: Any, joints: Num[np.ndarray, "t j 3"]) -> Float[np.ndarray, "t f"]:
-  """Features (T, F), not normalized, of joints as the model's data has them."""
+  """Features (T, F), not normalized, of joints, in the representation of the model's data."""
   ahead = np.concatenate([joints, 2 * joints[-1:] - joints[-2:-1]])  # a row looks one frame ahead
   return to_features(ahead, model.stats.layout, model.config.data.mode)[:len(joints)]
 

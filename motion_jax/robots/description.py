@@ -95,11 +95,11 @@ def check_bodies(path: pathlib.Path, parts: Mapping[str, tuple[str, np.ndarray]]
 
 def check_names(path: pathlib.Path, about: Mapping[str, Any], joints: list[str], bodies: list[str]) -> None:
   """Raises InputError for joints or bodies of the description that the robot does not have."""
-  for key, found, known in (
+  for key, listed, known in (
       ("stand", about.get("stand", {}), joints), ("posture", about.get("posture", {}), joints),
       ("fixed", [name for names in about.get("fixed", {}).values() for name in names], joints),
       ("apart", [name for pair in about.get("apart", ()) for name in _bodies_apart(path, pair)], bodies)):
-    unknown = [name for name in found if name not in known]
+    unknown = [name for name in listed if name not in known]
     if unknown:
       raise InputError(f"{path}: {key} of the description names {named(unknown)}; the robot has {named(known)}")
 

@@ -210,7 +210,7 @@ def read_csv(path: str | pathlib.Path, robot: Robot, quaternion: str | None = No
 
 
 def side_car(path: pathlib.Path) -> dict:
-  """What the .json beside a robot's file says; {} without one. Raises InputError for values of a wrong type."""
+  """The content of the .json side-car of a robot's file, {} without one. InputError for values of a wrong type."""
   from motion_jax.utils.input_files import parse_json
   from motion_jax.utils.text_files import read_text
   beside = path.with_suffix(".json")

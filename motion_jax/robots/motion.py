@@ -47,13 +47,13 @@ class RobotMotion:
     Central differences; at the ends those of the neighbour.
     """
     import mujoco
-    found = np.zeros((self.num_frames, self.robot.model.nv))
+    rows = np.zeros((self.num_frames, self.robot.model.nv))
     for t in range(self.num_frames):
       first, last = max(t - 1, 0), min(t + 1, self.num_frames - 1)
       if last > first:
-        mujoco.mj_differentiatePos(self.robot.model, found[t], (last - first) / self.fps, self.qpos[first],
+        mujoco.mj_differentiatePos(self.robot.model, rows[t], (last - first) / self.fps, self.qpos[first],
                                    self.qpos[last])
-    return found
+    return rows
 
   def at_rate(self, fps: float) -> Self:
     """The same motion at another rate: root and angles linear in time, turns along the shortest arc."""
@@ -74,9 +74,10 @@ class RobotMotion:
     return figure_of(self)
 
   def to_clip(self) -> Clip:
-    """HumanML3D's 22 joints where the robot's bodies are, metres, y up: to draw, extend and edit like any motion.
+    """HumanML3D's 22 joints at the places of the robot's bodies, metres, y up: to draw, extend and edit like any
+    motion.
 
-    The spine and the head, which a robot's torso holds stiffly, lie on the torso's own axis.
+    The spine and the head lie on the axis of the torso, as a robot's torso is rigid.
     """
     robot = self.robot
     places, turned = robot.kinematics(self.qpos)

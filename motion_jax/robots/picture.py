@@ -30,7 +30,7 @@ def figure_of(motion) -> Figure:
 def _capsules(robot):
   """(bodies (P,), ends a and b (P, 3) in the bodies' frames, radii (P,), groups of colours) of the shapes."""
   import mujoco
-  model, found = robot.model, []
+  model, capsules = robot.model, []
   seen = model.geom_rgba[:, 3] > 0
   for geom in np.flatnonzero((model.geom_bodyid > 0) & seen):
     kind, size = int(model.geom_type[geom]), model.geom_size[geom]
@@ -47,8 +47,8 @@ def _capsules(robot):
     group = _DARK if model.geom_rgba[geom, :3].mean() < 0.5 else _LIGHT
     for low, high, radius in _filling(half):
       points = model.geom_pos[geom] + rot.rotate(model.geom_quat[geom][None], center + np.stack([low, high]))
-      found.append((int(model.geom_bodyid[geom]) - 1, points[0], points[1], radius, _group(robot, geom, group)))
-  bodies, a, b, radii, groups = zip(*found)
+      capsules.append((int(model.geom_bodyid[geom]) - 1, points[0], points[1], radius, _group(robot, geom, group)))
+  bodies, a, b, radii, groups = zip(*capsules)
   return np.array(bodies), np.stack(a), np.stack(b), np.array(radii), groups
 
 

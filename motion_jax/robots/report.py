@@ -1,4 +1,5 @@
-"""How well a robot follows: errors in millimetres and radians, limits, slide, and steps between two ticks."""
+"""How well a robot follows a motion: errors in millimetres and radians, limits, foot sliding, steps between two ticks.
+"""
 from typing import NamedTuple
 
 import numpy as np
@@ -17,12 +18,12 @@ class Report(NamedTuple):
   feet: tuple[float, float]
   hands: tuple[float, float]
   at_limit: float          # share of frames in which a joint is at a limit
-  limits: dict[str, float]  # {joint: share of frames}, those that are
+  limits: dict[str, float]  # {joint: share of frames at a limit}, where not 0
   largest_step: float      # radians of a joint between two ticks
   step_joint: str
   slide: float             # millimetres a second of a planted sole, mean
   in_floor: float          # millimetres of the deepest sole under the floor
-  seams: tuple[float, ...]  # largest step around each change of prompt
+  seams: tuple[float, ...]  # radians: largest step around each change of prompt
 
   def lines(self) -> list[str]:
     """The report as lines of text."""
@@ -45,7 +46,7 @@ def of(motion: RobotMotion, clip) -> Report:
   distance = lambda *pairs: 1000 * np.linalg.norm(np.stack([a - b for a, b in pairs]), axis=-1)
   planted = np.stack([target.planted for target in targets])
   goal = lambda part: np.stack([target.limbs[part] for target in targets])
-  pair = lambda found: (float(found.mean()), float(found.max()))
+  pair = lambda values: (float(values.mean()), float(values.max()))
   hands = [(at(f"{side}_wrist"), at(f"{side}_shoulder") + _arm(targets, side, robot)) for side in SIDES]
   soles = [places[:, body, None] + rot.rotate(turned[:, body, None], sole[None]) for body, sole in robot.soles()]
   steps = np.abs(np.diff(motion.angles, axis=0))
@@ -76,5 +77,5 @@ def _slide(soles, planted, fps):
   for sole, stands in zip(soles, planted.T):
     step = np.linalg.norm(np.diff(sole.mean(1)[:, :2], axis=0), axis=-1) * fps * 1000
     speeds.append(step[stands[1:] & stands[:-1]])
-  found = np.concatenate(speeds)
-  return float(found.mean()) if len(found) else 0.0
+  all_speeds = np.concatenate(speeds)
+  return float(all_speeds.mean()) if len(all_speeds) else 0.0

@@ -26,10 +26,11 @@ _LEVEL = np.array([1.0, 0, 0, 0])
 _WEIGHTS = {"pelvis": (20, 10), "torso": (0, 8), "knee": (2, 0), "ankle": (80, 8), "elbow": (6, 0), "wrist": (10, 0)}
 
 _POSTURE = 0.05     # the weight with which a joint stays at its upright angle
-_LOST = {"left_arm": 0.08, "right_arm": 0.08, "legs": 0.15}  # metres off target before another solution is searched,
-_FOUND = 0.5        # and the share of the error that the other solution must leave to be taken;
-_LEAVING = 4.0      # the weight with which a limb's joints go over to it,
-_LIFTED = 1.0       # and that of both ankles while the legs do so
+# A limb that is far from its target is solved again from the upright pose (`_look_for_another_way`).
+_LOST = {"left_arm": 0.08, "right_arm": 0.08, "legs": 0.15}  # metres off target from which on that is tried
+_FOUND = 0.5        # share of the error that may remain for the other solution to be taken
+_LEAVING = 4.0      # weight of a limb's joints while they move to the other solution
+_LIFTED = 1.0       # weight of both ankles while the legs move to it
 _SEARCH = 25        # iterations of that search
 _STANDING = 400.0   # the position weight of an ankle that stands
 _BENT = 0.01        # metres by which a bent elbow brings a hand nearer to its shoulder
@@ -68,7 +69,7 @@ class Stream:
     return self._solved(self._targets.push(joints))
 
   def finish(self) -> Float[np.ndarray, "n q"]:
-    """Those of the last frames; nothing comes after them."""
+    """The configurations of the last frames, which end the stream."""
     return self._solved(self._targets.finish())
 
   def _solved(self, targets):
@@ -124,9 +125,9 @@ class Solver:
     return dofs
 
   def _keep_elbows_from_bending_back(self, limit):
-    """Ends the range of elbows that can bend both ways where the arm is straight.
+    """Limits elbows that can bend both ways to the range of a person's: straight at one end.
 
-    A person's elbow bends one way. A robot's that has gone past straight is caught: it can follow only a few degrees.
+    A robot's elbow that has gone past straight is stuck there, as it can follow the targets only a few degrees further.
     """
     model, robot = self.robot.model, self.robot
     for side in SIDES:

@@ -123,12 +123,12 @@ class Robot:
 
   def place(self, part: str, places: Num[np.ndarray, "t b 3"], turned: Num[np.ndarray, "t b 4"]
             ) -> Float[np.ndarray, "t 3"]:
-    """Where a human part is (T, 3), by what `kinematics` gave."""
+    """Positions (T, 3) of a human part, from the results of `kinematics`."""
     body = self.index(part)
     return places[:, body] + rot.rotate(turned[:, body], self.parts[part][1][None])
 
   def turn(self, part: str, turned: Num[np.ndarray, "t b 4"]) -> Float[np.ndarray, "t 4"]:
-    """How a human part is turned in the world (T, 4) from the upright pose, by what `kinematics` gave."""
+    """World rotations (T, 4) of a human part from the upright pose, from the results of `kinematics`."""
     body = self.index(part)
     return rot.multiply(turned[:, body], rot.conjugate(self.rest[body])[None])
 
@@ -137,14 +137,14 @@ class Robot:
     return [self._sole(self.index(f"{side}_ankle")) for side in SIDES]
 
   def _sole(self, body):
-    model, found = self.model, []
+    model, soles = self.model, []
     for geom in np.flatnonzero(model.geom_bodyid == body + 1):
       center, half = model.geom_aabb[geom, :3], model.geom_aabb[geom, 3:]
       corners = center + half * np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
-      found.append(model.geom_pos[geom] + rot.rotate(model.geom_quat[geom][None], corners))
-    if not found:
+      soles.append(model.geom_pos[geom] + rot.rotate(model.geom_quat[geom][None], corners))
+    if not soles:
       return body, np.zeros((1, 3))
-    points = np.concatenate(found)
+    points = np.concatenate(soles)
     height = rot.rotate(self.rest[body][None], points)[:, 2]
     return body, points[height < height.min() + _SOLE]
 

@@ -1,6 +1,6 @@
-"""Where a robot's bodies should be: human joints on the robot's proportions, feet standing where they stood.
+"""Targets of a robot's bodies: human joints on the robot's proportions, feet standing where they stood.
 
-Frames come one after another and every target depends on the frames up to DELAY seconds behind it alone, so that a live
+Frames come one after another and every target depends only on frames up to DELAY seconds after it, so that a live
 stream and a whole clip give the same numbers.
 """
 from typing import NamedTuple
@@ -16,7 +16,7 @@ from motion_jax.robots.robot import SIDES, Robot, to_robot_axes, turn_to_robot_a
 from motion_jax.shapes import Bool, Float, Num
 
 DELAY = 0.4         # seconds that a target needs to see of what comes after it, at 20 frames a second in
-_BLEND = 0.12       # seconds in which a foot goes over to where it is held, and back
+_BLEND = 0.12       # seconds in which a foot is blended to the place where it stands, and back
 _WINDOW = 0.18      # seconds before and after a frame that say whether a foot stands in it
 _LEVEL = 0.65       # radians that the line from ankle to toes falls in a foot that stands flat
 _ANKLE = 0.088      # metres of the ankle over the floor in a foot of HumanML3D's size that stands flat
@@ -110,14 +110,14 @@ class TargetStream:
     self._resample(last)
     while self._stands.end + (0 if last else self._reach) < self._moved.end:
       self._stands.append(self._stand(self._stands.end))
-    found = []
+    targets = []
     while self._count + (0 if last else self._blend) < self._stands.end:
-      found.append(self._target(self._count))
+      targets.append(self._target(self._count))
       self._count += 1
     self._source.forget(int(self._moved.end * self.source_fps / self.fps) - 2)
     self._moved.forget(self._count - self._reach - 1)
     self._stands.forget(self._count - 1)
-    return found
+    return targets
 
   def _resample(self, last):
     """Frames at the new rate along cubic curves through each two frames and their neighbours (Catmull-Rom)."""
@@ -161,7 +161,7 @@ class TargetStream:
 
 
 class _Foot:
-  """Where one foot goes: as it comes, over to the place where it will stand, and back from there."""
+  """Path of one foot: free, blended to the place where it stands while it comes down, and back while it lifts."""
 
   def __init__(self, blend, sole):
     self._blend, self._sole, self._bottom = blend, sole, float(sole[:, 2].min())
@@ -196,7 +196,7 @@ class _Foot:
 
 
 class _Recent:
-  """A list whose first items are forgotten; numbers before the first and behind the last give those."""
+  """A list whose first items are forgotten; numbers before the first and after the last give those."""
 
   def __init__(self):
     self._items, self._first = [], 0

@@ -53,11 +53,11 @@ class Budget:
 
 
 class Deadline(Budget):
-  """Says when a run that has to end after some seconds of steps must go to its cooldown.
+  """A limit on the seconds of a run's steps: says when the run has to skip to its cooldown to end in time.
 
-  limit: seconds of a clock on the wall, counted as a Budget's; 0: no limit. cooldown: the step at which the learning
-  rate begins to fall; num_steps: that at which it has fallen, both of the longest run. A run that is slower than that
-  leaves out the steps before its cooldown that it has no time for, so it ends as any run does.
+  limit: seconds of wall-clock time, counted as a Budget's; 0: no limit. cooldown: the step at which the learning rate
+  begins to fall; num_steps: that at which it has fallen, both of the longest run. A slower run skips the steps before
+  its cooldown that it has no time for, and so ends with a learning rate of 0 like any run.
   """
 
   def __init__(self, limit: float, cooldown: int, num_steps: int, clock: Callable[[], float] = time.monotonic):
@@ -76,8 +76,8 @@ class Deadline(Budget):
     self._before = self._spent
 
   def next_step(self, step: int) -> int:
-    """The step to continue with: the one that is next, or one of the cooldown: its first, or a later one where the time
-    is too short for all of it; an eighth of it is always left."""
+    """The step to continue with: the next one, or the first of the cooldown, or a later one of it where the time is too
+    short for all of it; at least an eighth of the cooldown is left."""
     if not self.limit or step >= self.cooldown or not self._num_timed:
       return step
     seconds_per_step = (self.spent - self._before) / self._num_timed

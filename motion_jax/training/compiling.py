@@ -1,7 +1,7 @@
-"""How XLA compiles the programs of training: those that run for a moment quickly, those that run for hours well.
+"""How XLA compiles the programs of training: quickly where they run briefly, for speed where they run for hours.
 
-On CPUs most of the compiler's time goes into making loops over numbers fast. The initial state is computed once, and
-the step of a network with few parameters takes milliseconds whatever its code: both are compiled without that.
+On CPUs most of the compiler's time goes into optimizing loops over numbers. The initial state is computed once, and the
+step of a network with few parameters takes milliseconds in any case: both are compiled without that.
 """
 import functools
 from collections.abc import Callable
@@ -21,14 +21,14 @@ def quick_options() -> dict[str, Any]:
   """XLA's options for programs that run briefly, on CPUs; without those that this version does not have."""
   if jax.default_backend() != "cpu":
     return {}
-  found = {}
+  options = {}
   for name, value in _QUICK.items():
     try:
       jax.jit(lambda: jnp.int32(0)).lower().compile(compiler_options={name: value})
     except jax.errors.JaxRuntimeError:
       continue
-    found[name] = value
-  return found
+    options[name] = value
+  return options
 
 
 class Step:

@@ -211,9 +211,9 @@ class Agreement:
     now, steps = time.monotonic(), 1
     if self._asked is not None:
       steps = int(np.clip(_ASKING * self._count / max(now - self._asked, 1e-6), 1, 1000))
-    found = multihost_utils.process_allgather(np.array([*numbers, -steps], np.int32)).max(axis=0).tolist()
-    self._left, self._count, self._asked = -found[-1], 0, now
-    return tuple(found[:-1])
+    maxima = multihost_utils.process_allgather(np.array([*numbers, -steps], np.int32)).max(axis=0).tolist()
+    self._left, self._count, self._asked = -maxima[-1], 0, now
+    return tuple(maxima[:-1])
 
 
 def compile_together(compile_for, *args):

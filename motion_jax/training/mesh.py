@@ -28,8 +28,8 @@ def make_mesh(config):
     raise InputError(f"got mesh.layout {config.layout!r}, expected one of {', '.join(LAYOUTS)}; for others give "
                      "mesh.rules")
   rules = tuple((name, axis) for name, axis in config.rules or LAYOUTS[config.layout])
-  if found := next((axis for _, axis in rules if axis not in (DATA, MODEL)), ""):
-    raise InputError(f"got mesh.rules that place an axis on {found!r}, expected pairs of a name "
+  if wrong_axis := next((axis for _, axis in rules if axis not in (DATA, MODEL)), ""):
+    raise InputError(f"got mesh.rules that place an axis on {wrong_axis!r}, expected pairs of a name "
                      f"(motion_jax/nets/partitioning.py) and {DATA!r} or {MODEL!r}")
   if config.model != 1 and not rules:
     raise InputError(f"got mesh.model {config.model} and mesh.layout 'replicated', which shards nothing; expected "
@@ -117,8 +117,8 @@ class Mesh:
       array = np.asarray(array)
       return jax.make_array_from_callback(array.shape, sharding, lambda index: array[index])
 
-    own = self._shardings is not None and jax.tree.structure(tree) == jax.tree.structure(self._shardings)
-    return jax.tree.map(place, tree, self._shardings if own else jax.tree.map(lambda _: self._everywhere, tree))
+    sharded = self._shardings is not None and jax.tree.structure(tree) == jax.tree.structure(self._shardings)
+    return jax.tree.map(place, tree, self._shardings if sharded else jax.tree.map(lambda _: self._everywhere, tree))
 
   def own_rows(self, batch_size):
     """The rows of a batch that the devices of this process take."""

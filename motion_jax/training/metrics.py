@@ -109,8 +109,8 @@ def check_tensorboard(config):
 
 
 class EventFile:
-  """The one event file of a run folder. metrics.jsonl is the truth: at the start, and whenever a write failed, the file
-  is written again from it, so that each number is in it once whatever happened to the run."""
+  """The one event file of a run folder, always consistent with metrics.jsonl: it is written again from that at the
+  start and after a failed write, so that each number is in it exactly once."""
 
   def __init__(self, workdir):
     self._workdir, self._writer = pathlib.Path(workdir), None
@@ -162,13 +162,13 @@ def _event(row, at):
 
 def wall_times(rows, now):
   """When each row was written, pauses between slices left out: rows of training hold the seconds of their slice."""
-  total, before, found = 0.0, 0.0, []
+  total, before, elapsed = 0.0, 0.0, []
   for row in rows:
     seconds = row.get("seconds", before)
     total += seconds - before if seconds >= before else seconds  # another slice counts from 0
     before = seconds
-    found.append(total)
-  return [now - total + one for one in found]
+    elapsed.append(total)
+  return [now - total + moment for moment in elapsed]
 
 
 # --- progress: a bar on a terminal, otherwise lines -------------------------------------------------------------------

@@ -129,12 +129,12 @@ def parameters_to_use(opt_state, params):
 
 @functools.cache
 def _optax_optimizers():
-  found = {}
+  optimizers = {}
   for source in (optax, optax.contrib):
     for name, function in inspect.getmembers(source, inspect.isfunction):
       if not _OTHERS.fullmatch(name) and next(iter(inspect.signature(function).parameters), "") == "learning_rate":
-        found[name] = function
-  return found
+        optimizers[name] = function
+  return optimizers
 
 
 def _call(function, section, fields, given):

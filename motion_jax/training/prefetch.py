@@ -28,16 +28,16 @@ class Prefetch:
   def _run(self, make, first, last):
     for step in range(first, last):
       try:
-        made = make(step), None
+        entry = make(step), None
       except BaseException as error:  # raised again where the batch is taken
-        made = None, error
+        entry = None, error
       while not self._ended.is_set():
         try:
-          self._made.put(made, timeout=0.1)
+          self._made.put(entry, timeout=0.1)
           break
         except queue.Full:
           continue
-      if self._ended.is_set() or made[1] is not None:
+      if self._ended.is_set() or entry[1] is not None:
         return
 
   def __enter__(self):
@@ -87,8 +87,8 @@ class Batches:
     self.close()
     shift, last = number - step, self._num_steps
     if self._num_workers:
-      found = in_processes(self._next_batch, number, last + shift, self._num_workers)
-      make = lambda _: self._place(next(found))
+      batches = in_processes(self._next_batch, number, last + shift, self._num_workers)
+      make = lambda _: self._place(next(batches))
     else:
       make = lambda step: self._place(self._next_batch(step + shift))
     self._batches = Prefetch(make, step, last).__enter__()

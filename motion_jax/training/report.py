@@ -1,4 +1,4 @@
-"""What a run folder gets beside its training states: weights, rows of metrics, report.html, pictures.
+"""Outputs of a run besides its training states: weights, rows of metrics, report.html, pictures.
 
 A full disk does not end a training: what cannot be written now is reported and written later.
 """
@@ -195,7 +195,7 @@ def write_report(workdir, config, environment) -> pathlib.Path:
   text = template.render(
       name=workdir.resolve().name, stage=config.get("stage", ""), step=max((row["step"] for row in rows), default=0),
       num_steps=config.train.num_steps, written=time.strftime("%Y-%m-%d %H:%M"), tiles=_tiles(trained, evaluated),
-      sections=[one for one in _sections(trained, evaluated) if one[1]], pictures=_pictures(workdir),
+      sections=[section for section in _sections(trained, evaluated) if section[1]], pictures=_pictures(workdir),
       about=list(environment.items()), config=json.dumps(config.to_dict(), indent=1), style=look.page_style())
   with atomic_path(workdir / REPORT) as path:
     path.write_text(text, encoding="utf-8")
@@ -204,12 +204,12 @@ def write_report(workdir, config, environment) -> pathlib.Path:
 
 def smoothed(values, over=0.05):
   """Exponential moving average over this share of the values, bias-corrected at the start."""
-  keep, total, weight, found = 1 - 1 / max(over * len(values), 1), 0.0, 0.0, []
+  keep, total, weight, means = 1 - 1 / max(over * len(values), 1), 0.0, 0.0, []
   for value in values:
     if np.isfinite(value):
       total, weight = keep * total + (1 - keep) * value, keep * weight + (1 - keep)
-    found.append(total / weight if weight else value)
-  return found
+    means.append(total / weight if weight else value)
+  return means
 
 
 def _tiles(trained, evaluated):
@@ -259,6 +259,6 @@ def _figure(title, lines, name):
 
 
 def _pictures(workdir):
-  found = sorted((workdir / SAMPLES).glob("step*.png"))
-  kept = found[::-1][::max(1, -(-len(found) // _MAX_PICTURES))]  # the newest first
+  pictures = sorted((workdir / SAMPLES).glob("step*.png"))
+  kept = pictures[::-1][::max(1, -(-len(pictures) // _MAX_PICTURES))]  # the newest first
   return [(path.stem.replace("_", " "), base64.b64encode(path.read_bytes()).decode()) for path in kept]

@@ -153,15 +153,15 @@ class Saver:
       spare = {"ema_params": like.params, "norms": np.zeros(64, np.float32)}
       target = {name: value for name, value in fields.items() if name in saved or name != "norms"}
       unused = {name: value for name, value in spare.items() if name in saved and name not in fields}
-      found = reader.restore(folder / STATE, jax.tree.map(self._ocp.utils.to_shape_dtype_struct, target | unused))
-      found = like.replace(**{name: found[name] for name in target})
+      restored = reader.restore(folder / STATE, jax.tree.map(self._ocp.utils.to_shape_dtype_struct, target | unused))
+      restored = like.replace(**{name: restored[name] for name in target})
     if jax.process_index() == 0:
       for bad, fault in faults.items():
         report(f"note: checkpoints/{bad} is damaged ({reason(fault)}): kept as checkpoints/{bad}{DAMAGED}, continuing "
                f"from step {step}")
         shutil.rmtree(self._folder / f"{bad}{DAMAGED}", ignore_errors=True)
         (self._folder / str(bad)).replace(self._folder / f"{bad}{DAMAGED}")
-    return found, _read_record(folder)
+    return restored, _read_record(folder)
 
   def newest_whole(self, faults):
     """The newest step whose files are as they were written, or None; `faults` gains {step: error} of newer ones."""
@@ -178,7 +178,7 @@ class Saver:
   def discard_after(self, step):
     """Removes the states after a step."""
     if jax.process_index() == 0:
-      for later in [one for one in reversed(self.steps) if one > step]:
+      for later in [saved for saved in reversed(self.steps) if saved > step]:
         shutil.rmtree(self._folder / str(later))
     if jax.process_count() > 1:
       multihost_utils.sync_global_devices("states are discarded")
@@ -226,7 +226,7 @@ def copy_of(state):
 
 
 def environment() -> dict:
-  """What the last bits of a computation depend on besides the code: in equal environments states are equal to the bit.
+  """Hardware and versions that decide the last bits of a computation: in equal environments states are bitwise equal.
   """
   cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
   return {"jax": jax.__version__, "jaxlib": jax.lib.__version__, "device": jax.devices()[0].device_kind,
@@ -246,12 +246,12 @@ def describe_differences(record) -> str:
 
 
 def file_digests(folder):
-  found = {}
+  digests = {}
   for path in sorted(path for path in folder.rglob("*") if path.is_file()):
     with open(path, "rb") as file:
       digest = hashlib.file_digest(file, "sha256").hexdigest()
-    found[path.relative_to(folder).as_posix()] = [path.stat().st_size, digest]
-  return found
+    digests[path.relative_to(folder).as_posix()] = [path.stat().st_size, digest]
+  return digests
 
 
 def _seal(record):

@@ -1,4 +1,4 @@
-"""What a trainable part of a paper offers to the training loop: pure functions, no classes."""
+"""The interface of a trainable part of a paper to the training loop: pure functions, no classes."""
 from collections.abc import Callable
 from typing import Any, NamedTuple
 

@@ -93,7 +93,7 @@ def write(kind, key, payload: bytes, folder=None):
     with atomic_path(folder / kind / key) as temporary:
       temporary.write_bytes(_MAGIC + hashlib.sha256(payload).digest() + payload)
     known = sorted(((path.stat(), path) for path in (folder / kind).glob("[0-9a-f]*")),
-                   key=lambda one: one[0].st_mtime, reverse=True)
+                   key=lambda entry: entry[0].st_mtime, reverse=True)
     total = 0
     for number, (stat, path) in enumerate(known):
       total += stat.st_size
@@ -193,14 +193,14 @@ class Program:
     static, arrays = args[:self.num_static], (args[self.num_static:], named)
     leaves, tree = jax.tree.flatten(arrays)
     options = tuple([str(getattr(jax.config, name, None)) for name in _OPTIONS])
-    found = static, tree, tuple([_type_of(leaf) for leaf in leaves]), options
-    run = self._loaded.get(found)
+    signature = static, tree, tuple([_type_of(leaf) for leaf in leaves]), options
+    run = self._loaded.get(signature)
     if run is None:
       with self._lock:
-        if found not in self._loaded:
+        if signature not in self._loaded:
           with timing.part("program"), progress.part("compiling, which the first motion of a kind needs"):
-            self._loaded[found] = self._load(static, tree, leaves, options)
-        run = self._loaded[found]
+            self._loaded[signature] = self._load(static, tree, leaves, options)
+        run = self._loaded[signature]
     return run(*leaves)
 
   def _load(self, static, tree, leaves, options):
@@ -229,6 +229,6 @@ class Program:
 
 
 def _type_of(leaf):
-  """What of an argument decides which program it needs."""
+  """The part of an argument that decides which program it needs: shape, dtype and weak type."""
   dtype = getattr(leaf, "dtype", None)
   return jax.typeof(leaf) if dtype is None else (leaf.shape, dtype, getattr(leaf, "weak_type", False))

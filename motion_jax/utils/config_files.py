@@ -45,11 +45,11 @@ def load(name):
 
 def _path_of(file):
   """The file of a config: the one that is given, or where there is none, the one of that name that ships."""
-  path, own = pathlib.Path(file), file.removeprefix("configs/").removesuffix(".py")
+  path, short = pathlib.Path(file), file.removeprefix("configs/").removesuffix(".py")
   if path.is_file():
     return path
-  if own in [*names(), *recipes()]:
-    return FOLDER / f"{own}.py"
+  if short in [*names(), *recipes()]:
+    return FOLDER / f"{short}.py"
   known = [*names(), *recipes()]
   import difflib
   near = difflib.get_close_matches(path.stem, [pathlib.PurePath(name).name for name in known], 1, 0.5)

@@ -24,7 +24,7 @@ import numpy as np
 
 from motion_jax.utils.lazy import jax, jnp
 
-# With these jax looks into the results of each call, which a stored program does not.
+# Settings by which jax checks or replaces each call; a stored program would ignore them.
 _CHECKS = ("jax_debug_nans", "jax_debug_infs", "jax_disable_jit", "jax_no_execution")
 
 _lock = threading.Lock()
@@ -46,7 +46,7 @@ def can_store(leaves: Sequence[Any]) -> bool:
 
 @functools.cache
 def machine() -> str:
-  """A digest of what compiled code depends on beside versions: the device, the processor's abilities, XLA's flags."""
+  """A digest of what compiled code depends on besides versions: the device, the processor's abilities, XLA's flags."""
   device = jax.devices()[0]
   about = [device.platform, device.device_kind, device.client.platform_version, platform.machine(), platform.system(),
            os.environ.get("XLA_FLAGS", ""), str(_num_cpus()), _processor()]
@@ -96,11 +96,12 @@ def compile_and_store(fn: Callable, leaves: Sequence[Any], compiler_options: dic
   about: dict[str, Any] = {}
 
   def stored_program(*arrays):  # of plain arrays alone, no keys
-    found, tree = jax.tree.flatten(fn(*(array if kind is None else jax.random.wrap_key_data(array, impl=kind)
-                                        for array, kind in zip(arrays, kinds))))
-    about.update(tree=_describe(jax.tree.unflatten(tree, range(len(found)))), keys=[_key_kind(leaf) for leaf in found])
+    results, tree = jax.tree.flatten(fn(*(array if kind is None else jax.random.wrap_key_data(array, impl=kind)
+                                          for array, kind in zip(arrays, kinds))))
+    about.update(tree=_describe(jax.tree.unflatten(tree, range(len(results)))),
+                 keys=[_key_kind(leaf) for leaf in results])
     return [jnp.asarray(leaf, leaf.dtype) if kind is None else jax.random.key_data(leaf)
-            for leaf, kind in zip(map(jnp.asarray, found), about["keys"])]
+            for leaf, kind in zip(map(jnp.asarray, results), about["keys"])]
 
   lowered = jax.jit(stored_program, keep_unused=True).lower(*(
       leaf if kind is None else jax.random.key_data(leaf) for leaf, kind in zip(leaves, kinds)))
@@ -113,7 +114,7 @@ def compile_and_store(fn: Callable, leaves: Sequence[Any], compiler_options: dic
 
 @contextlib.contextmanager
 def outside_jax_cache():
-  """What compiles meanwhile is not written to jax's own cache on disk; several threads may be inside.
+  """Keeps programs that are compiled in the block out of jax's own cache on disk; several threads may be inside.
 
   An executable that jax reads from there lacks functions once it is serialized again ("Function ... not found").
   """
@@ -149,10 +150,11 @@ def _callable(executable, about):
 
   def run(*leaves):
     arrays = [leaf if type(leaf) is array else _on_device(leaf) for leaf in leaves]
-    found = [arrays[0] for arrays in executable.execute_sharded(arrays).disassemble_into_single_device_arrays()]
+    outputs = [arrays[0] for arrays in executable.execute_sharded(arrays).disassemble_into_single_device_arrays()]
     if has_keys:
-      found = [leaf if kind is None else jax.random.wrap_key_data(leaf, impl=kind) for leaf, kind in zip(found, kinds)]
-    return jax.tree.unflatten(tree, found)
+      outputs = [leaf if kind is None else jax.random.wrap_key_data(leaf, impl=kind)
+                 for leaf, kind in zip(outputs, kinds)]
+    return jax.tree.unflatten(tree, outputs)
 
   return run
 

@@ -68,7 +68,7 @@ def npz_names(path) -> list[str]:
 
 
 def load_npz(path, numbers=(), texts=(), required=()) -> dict[str, np.ndarray]:
-  """Those of the named arrays that a .npz file holds; no other member is read.
+  """The named arrays of a .npz file, as far as it holds them; no other member is read.
 
   numbers, texts: names of arrays of numbers and of strings; required: those that must be there. Raises
   FileNotFoundError, or InputError for a file that is cut or damaged, lacks what is required, holds another kind of
@@ -220,7 +220,7 @@ def read_json(path, kind=dict, advice=_COPY):
   """
   value = parse_json(text_files.read_text(path), path, advice)
   if not isinstance(value, kind):
-    expected = " or ".join({dict: "an object", list: "a list"}.get(one, one.__name__) for one in (
+    expected = " or ".join({dict: "an object", list: "a list"}.get(accepted, accepted.__name__) for accepted in (
         kind if isinstance(kind, tuple) else (kind,)))
     raise InputError(f"{path} holds a JSON {_called(value)}, expected {expected}; {advice}")
   return value

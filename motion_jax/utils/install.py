@@ -1,4 +1,4 @@
-"""How to install what the default install leaves out. Every hint takes it from here."""
+"""Commands that install extras, for hints in errors and pages."""
 
 SOURCE = "."  # what pip is given in a clone of the repository, until the package stands in an index
 

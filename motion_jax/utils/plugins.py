@@ -1,4 +1,4 @@
-"""What other packages add: entry points of methods, data sets, representations and export formats.
+"""Additions by other packages: entry points of methods, data sets, representations and export formats.
 
 A package names them in its pyproject.toml, and nothing of motion_jax is edited (docs/adding.md):
 

@@ -15,9 +15,9 @@ import time
 from collections.abc import Iterable, Iterator
 from typing import Any
 
-FIRST = 0.5    # seconds until a command says what it does,
-SILENCE = 2.0  # until it says what else it does,
-AGAIN = 5.0    # and until it says again that it still does the same
+FIRST = 0.5    # seconds until a command prints its first line,
+SILENCE = 2.0  # until it prints another part of its work,
+AGAIN = 5.0    # and until it repeats a line for the same part
 _current: contextvars.ContextVar["Work | None"] = contextvars.ContextVar("work", default=None)
 
 
@@ -43,7 +43,7 @@ class Work:
 
 @contextlib.contextmanager
 def follow(work: Work) -> Iterator[Work]:
-  """What runs inside, in this thread, reports to `work`."""
+  """Directs the progress reports of the block, in this thread, to `work`."""
   token = _current.set(work)
   try:
     yield work
@@ -90,7 +90,7 @@ def each(items: Iterable[Any], doing: str, total: int | None = None, unit: str =
 
 
 class Lines:
-  """The lines that a command says about its work: the first soon, then after each two seconds of silence."""
+  """The lines that a command prints about its work: the first one soon, further ones after two seconds of silence."""
 
   def __init__(self, work: Work) -> None:
     self.work, self._said, self._last = work, "", work.began
@@ -106,7 +106,7 @@ class Lines:
 
 
 def show() -> None:
-  """From now on this command says on stderr what it does."""
+  """Prints the progress of this command on stderr from now on."""
   if _current.get() is None:
     work = Work()
     _current.set(work)

@@ -66,9 +66,9 @@ def read_text(path, what="text file", largest=LARGEST) -> str:
   with reading(path):
     data = path.read_bytes()
   text = _decoded(path, data)
-  found = _CONTROL.search(text)
-  if found:
-    raise InputError(f"{path} line {_line(text[:found.start()])}: character {ord(found.group()):#04x} is no text; the "
+  match = _CONTROL.search(text)
+  if match:
+    raise InputError(f"{path} line {_line(text[:match.start()])}: character {ord(match.group()):#04x} is no text; the "
                      f"file is damaged, or no {what}")
   return text.removesuffix("\x1a")
 
@@ -118,7 +118,7 @@ def _line(before):
 
 
 def lines_of(text) -> list[str]:
-  """Lines by the ends that files have; `str.splitlines` also parts at characters that may stand in a caption."""
+  """Lines, split at line ends of files only; `str.splitlines` also splits at characters that may stand in a caption."""
   lines = _LINE_ENDS.split(text)
   return lines if lines[-1] else lines[:-1]
 
@@ -129,10 +129,10 @@ def read_lines(path, what="text file", largest=LARGEST) -> list[str]:
 
 
 def read_table(path, fits=None, what="table") -> list[Row]:
-  """Rows of a CSV or TSV file that hold anything, whatever parts its columns: a comma, a semicolon or a tab.
+  """The non-empty rows of a CSV or TSV file, whatever its delimiter: a comma, a semicolon or a tab.
 
-  fits(rows) says whether rows were parted as they should be; the first way that fits is taken, else the one that gives
-  every row as many cells. A first line "sep=;", as Excel has it, decides. Cells in quotes may run over lines.
+  fits(rows): whether rows were split as expected; the first delimiter that fits is taken, else the one that gives every
+  row as many cells. A first line "sep=;", as Excel writes it, decides. Cells in quotes may run over lines.
   """
   path = pathlib.Path(path)
   text, first = read_text(path, what), 1
@@ -171,7 +171,8 @@ def _parted(path, text, delimiter, first):
 
 
 def file_stem(name, where) -> str:
-  """The name of a clip that a list gives, which is that of its file: InputError, begun by where, if no file has it."""
+  """The name of a clip in a list, which is also that of its file. Raises InputError, begun by `where`, for a name that
+  no file can have."""
   if not 0 < len(name.encode("utf-8", "replace")) <= _LONGEST_STEM or any(mark in name for mark in "/\\\0"):
     short = name if len(name) <= 40 else name[:39] + "…"
     raise InputError(f"{where}: got the name {short!r}, expected that of a file without its ending, of at most "

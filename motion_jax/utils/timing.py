@@ -1,4 +1,4 @@
-"""Where the time of a command goes: named parts, wall and processor seconds, for `--timings`."""
+"""Wall and processor seconds of a command's named parts, for `--timings`."""
 import contextlib
 import time
 
@@ -13,7 +13,7 @@ def start():
 
 @contextlib.contextmanager
 def part(name):
-  """Measures what is done inside; parts of one name add up, and one inside another counts for itself alone."""
+  """Measures the block; times of one name add up, and those of a nested part are not counted in the outer one."""
   if parts is None:
     yield
     return

@@ -13,14 +13,14 @@ from motion_jax.motion.representations import canonicalize, to_joints
 LEVELS = (0.01, 0.03, 0.1)  # metres, standard deviation of each coordinate
 SPEED, SHIFT = 1.0, 0.1     # metres a second; metres
 _WORSE = {"top1": -1, "top2": -1, "top3": -1, "matching": 1, "fid": 1, "clip_score": -1}
-# Which way a metric has to go, 1 up and -1 down; what a damage does not decide is not named.
+# Expected direction of each metric, 1 up and -1 down; metrics that a damage may move either way are left out.
 EXPECTED = {
     "reversed": _WORSE,
     "frozen": _WORSE | {"diversity": -1, "jerk": -1, "acceleration": -1},
     "noise": _WORSE | {"multimodality": 1, "jerk": 1, "acceleration": 1, "bone_drift": 1, "penetration": 1},
     "sliding": {"skating": 1, "planted_speed": 1}, "lifted": {"foot_height": 1}, "sunk": {"penetration": 1},
 }
-SLACK = 0.02  # share of a noise curve's way that is nothing: by so much it may go back between two levels
+SLACK = 0.02  # tolerance: share of a noise curve's range by which it may go back between two levels
 CAPTIONS = 4  # whose motions make the controls' multimodality
 
 
@@ -51,21 +51,22 @@ def check(task: Task, replication=0, spread=None) -> Controls:
     motions = [layout.from_joints_in_place(damage(x), evaluator.mode) for x in joints]
     whole = name in ("reversed", "frozen")
     rows[name] = harness.scores(replication, motions, layout) if whole else physics_of(motions, drawn.frames, layout)
-  own = task.damaged(replication, levels)
+  damaged = task.damaged(replication, levels)
   both = lambda a, b: {name: a.get(name, {}) | b.get(name, {}) for name in dict.fromkeys([*a, *b])}
-  rows, wanted = both(rows, own.rows), both(EXPECTED, own.expected)
+  rows, wanted = both(rows, damaged.rows), both(EXPECTED, damaged.expected)
   real, expected = rows["real"], list[Expectation]()
   for control, directions in wanted.items():
-    made = [rows[name] for name in names] if control == "noise" else [rows[control]]
+    degraded = [rows[name] for name in names] if control == "noise" else [rows[control]]
     for metric, direction in directions.items():
-      if metric in real and all(metric in row for row in made):
-        values, nothing = [row[metric] for row in made], (spread or {}).get(metric, 0.0)
+      if metric in real and all(metric in row for row in degraded):
+        values, nothing = [row[metric] for row in degraded], (spread or {}).get(metric, 0.0)
         expected.append(Expectation(
             control=control, metric=metric, direction="up" if direction > 0 else "down", real=real[metric],
             values=values, ok=_moves(real[metric], values, direction, nothing),
             noticed=_noticed(real[metric], values, direction, nothing) if control == "noise" else None))
-  failures = [f"{one['metric']} of {one['control']} does not go {one['direction']}: real {one['real']:.4g}, then "
-              + ", ".join(f"{value:.4g}" for value in one["values"]) for one in expected if not one["ok"]]
+  failures = [f"{failed['metric']} of {failed['control']} does not go {failed['direction']}: "
+              f"real {failed['real']:.4g}, then " + ", ".join(f"{value:.4g}" for value in failed["values"])
+              for failed in expected if not failed["ok"]]
   return Controls(rows=rows, levels=list(LEVELS), expected=expected, failures=failures)
 
 
@@ -91,9 +92,9 @@ def _multimodality(harness, replication, joints, size):
   """Multimodality of a few real motions, each with many draws of noise."""
   rng, count = harness.rng(replication, NOISE + 1), harness.protocol.multimodality_motions
   layout, mode = harness.evaluator.layout, harness.evaluator.mode
-  made = [[layout.from_joints_in_place(x + size * rng.normal(size=x.shape), mode) for _ in range(count)]
-          for x in joints[:CAPTIONS]]
-  return harness.multimodality(replication, made, layout)
+  noisy = [[layout.from_joints_in_place(x + size * rng.normal(size=x.shape), mode) for _ in range(count)]
+           for x in joints[:CAPTIONS]]
+  return harness.multimodality(replication, noisy, layout)
 
 
 def _moves(real, values, direction, spread=0.0):

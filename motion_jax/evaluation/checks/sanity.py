@@ -53,17 +53,17 @@ def check(harness, replication=0) -> Sanity:
 
 def _unlike_the_paper(harness, real):
   """Real motions are the same for everyone: other numbers than the printed ones mean another evaluator or split."""
-  protocol, found = harness.protocol, []
+  protocol, lines = harness.protocol, []
   if protocol.paper is None or protocol.paper_layout not in (None, harness.evaluator.layout.name):
-    return found
+    return lines
   if tables.REAL in tables.paper_table(*protocol.paper[:2]).rows:
     printed = tables.paper_row(*protocol.paper[:2], tables.REAL)
     for metric in ("top1", "top3", "matching"):
       if metric in printed and abs(real[metric] - printed[metric]["mean"]) > NEAR * printed[metric]["mean"]:
-        found.append(f"{tables.label(metric)} of real motions is {real[metric]:.3f}, the paper prints "
+        lines.append(f"{tables.label(metric)} of real motions is {real[metric]:.3f}, the paper prints "
                      f"{printed[metric]['mean']:.3f}: another evaluator, split or preparation of the data than the "
                      "paper's, so that rows of ours and of the paper do not compare")
-  return found
+  return lines
 
 
 def _few(harness):

@@ -1,1 +1,1 @@
-"""Presentation of results: tables beside the papers' numbers, charts, a page."""
+"""Presentation of results: tables next to the papers' numbers, charts, a page."""

@@ -5,20 +5,21 @@ from motion_jax.evaluation.result import Result
 
 def comparisons(result: Result) -> list[tables.Comparison]:
   """A table for each row that others are compared with; a number is marked if its interval leaves 0 out."""
-  found = []
-  for against in dict.fromkeys(one["against"] for one in result.differences):
-    some = [one for one in result.differences if one["against"] == against]
-    metrics = [metric for metric in result.metrics if any(metric in one["metrics"] for one in some)]
-    lines = [tables.Line(one["row"], "ours", [_cell(metric, one["metrics"].get(metric)) for metric in metrics])
-             for one in some]
-    found.append(tables.Comparison(f"Differences from {against}, on the same captions", metrics, lines, [
+  blocks = []
+  for against in dict.fromkeys(difference["against"] for difference in result.differences):
+    some = [difference for difference in result.differences if difference["against"] == against]
+    metrics = [metric for metric in result.metrics if any(metric in difference["metrics"] for difference in some)]
+    lines = [tables.Line(difference["row"], "ours",
+                         [_cell(metric, difference["metrics"].get(metric)) for metric in metrics])
+             for difference in some]
+    blocks.append(tables.Comparison(f"Differences from {against}, on the same captions", metrics, lines, [
         "Row less row, and half of the 95 % interval over test clips: a bootstrap that draws the same clips for both.",
         "* differs from 0 by more than that."]))
-  return found
+  return blocks
 
 
 def whole(form):
-  """form(result) of a result's table, with the tables of differences behind it."""
+  """form(result) of a result's table, followed by the tables of differences."""
   return lambda result: "\n".join(map(form, (result, *comparisons(result))))
 
 

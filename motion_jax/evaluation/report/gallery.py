@@ -1,4 +1,4 @@
-"""Example motions: some of a replication beside the real ones, and those that match their captions worst."""
+"""Example motions: some of a replication next to the real ones, and those that match their captions worst."""
 import pathlib
 
 import numpy as np
@@ -19,9 +19,9 @@ def write(task: Generation, candidate, out, replication=0) -> list[Shown]:
   harness, layout = task.harness, candidate.model.stats.layout
   embedded, motions = harness.embedded(replication), task.sampled(candidate, replication)
   drawn = embedded.drawn
-  made = harness.embed(harness.evaluator, harness.converted(harness.evaluator, motions, layout, drawn.frames),
-                       drawn.frames)
-  away = np.linalg.norm(embedded.text - made, axis=1)
+  embeddings = harness.embed(harness.evaluator, harness.converted(harness.evaluator, motions, layout, drawn.frames),
+                             drawn.frames)
+  away = np.linalg.norm(embedded.text - embeddings, axis=1)
   captions, real = drawn.captions_of(harness.test_set), drawn.cut(harness.test_set.of(harness.evaluator))
   worst = [int(i) for i in np.argsort(-away, kind="stable")]
   shown = [("grid", i) for i in _different(range(len(away)), captions)]
@@ -42,7 +42,7 @@ def write(task: Generation, candidate, out, replication=0) -> list[Shown]:
 
 def _different(order, captions):
   """The first few of an order, without repeated captions."""
-  found = {}
+  first_of = {}
   for i in order:
-    found.setdefault(captions[i], i)
-  return list(found.values())[:COUNT]
+    first_of.setdefault(captions[i], i)
+  return list(first_of.values())[:COUNT]

@@ -9,14 +9,14 @@ NAMED = 3  # clips that are named where many are left out
 def of(result: Result, label) -> list[str]:
   """Sentences under the table of a result; label(metric): its name in the table."""
   provenance, sanity, controls = result.provenance, result.sanity or {}, result.controls or {}
-  found = [_replications(result, label), *(f"{note}." for note in result.notes)]
+  lines = [_replications(result, label), *(f"{note}." for note in result.notes)]
   if sanity.get("fid_halves") is not None:
-    found.append(f"FID of real is of other cuts of the same clips; two halves of the real motions that share no clip "
+    lines.append(f"FID of real is of other cuts of the same clips; two halves of the real motions that share no clip "
                  f"are {sanity['fid_halves']:.3f} apart.")
-  found += [f"Does not look right: {failure}." for failure in sanity.get("failures", ())]
-  found += [f"Mind: {warning}." for warning in sanity.get("warnings", ())]
-  found += [f"Control failed: {failure}." for failure in controls.get("failures", ())]
-  return found + _data(provenance.get("data") or {}) + _samples(provenance)
+  lines += [f"Does not look right: {failure}." for failure in sanity.get("failures", ())]
+  lines += [f"Mind: {warning}." for warning in sanity.get("warnings", ())]
+  lines += [f"Control failed: {failure}." for failure in controls.get("failures", ())]
+  return lines + _data(provenance.get("data") or {}) + _samples(provenance)
 
 
 def _replications(result, label):
@@ -38,29 +38,29 @@ def _replications(result, label):
 
 
 def _data(data):
-  found = []
+  lines = []
   excluded = data.get("excluded_clips") or []
   if excluded:
     some = "; ".join(f"{name}: {why}" for name, why in excluded[:NAMED])
-    found.append(f"{len(excluded)} clips left out ({some}{'; ..' if len(excluded) > NAMED else ''}).")
+    lines.append(f"{len(excluded)} clips left out ({some}{'; ..' if len(excluded) > NAMED else ''}).")
   shared = data.get("shared_with_train") or []
   if shared:
-    found.append(f"{len(shared)} clips of the split are in train, too ({', '.join(shared[:NAMED])}"
+    lines.append(f"{len(shared)} clips of the split are in train, too ({', '.join(shared[:NAMED])}"
                  f"{', ..' if len(shared) > NAMED else ''}): numbers are too good.")
-  return found
+  return lines
 
 
 def _samples(provenance):
   """Rows that know captions of the test, and rows whose motions other code made than judged them."""
-  found = []
+  lines = []
   for model in provenance.get("models") or ():
     seen, every = model.get("captions_seen") or (0, 0)
     if seen:
-      found.append(f"{seen} of the {every} different test captions ({seen / every:.0%}) are captions that "
+      lines.append(f"{seen} of the {every} different test captions ({seen / every:.0%}) are captions that "
                    f"{model['row']} was trained on.")
-    others = [one for one in model.get("sampled_by") or () if one.get("code") != provenance.get("code")]
+    others = [maker for maker in model.get("sampled_by") or () if maker.get("code") != provenance.get("code")]
     if others:
-      commits = sorted({str((one.get("code") or {}).get("commit", "unknown"))[:12] for one in others})
-      found.append(f"Motions of {model['row']} were made by code {', '.join(commits)}, judged by "
+      commits = sorted({str((maker.get("code") or {}).get("commit", "unknown"))[:12] for maker in others})
+      lines.append(f"Motions of {model['row']} were made by code {', '.join(commits)}, judged by "
                    f"{str((provenance.get('code') or {}).get('commit', 'unknown'))[:12]}.")
-  return found
+  return lines

@@ -1,4 +1,4 @@
-"""The HTML page of evaluations: tables beside the paper's, curves, motions beside the real ones, provenance.
+"""The HTML page of evaluations: tables next to the papers', curves, motions next to the real ones, provenance.
 
 `write(results, folder)` creates index.html, which loads nothing from elsewhere, and motions/*.html, where the pairs
 play. The content is collected here; assets/report.html is its template, which escapes all text, with a style sheet.
@@ -90,18 +90,19 @@ def _template():
 
 def _section(name, result, folder, pages):
   """The section of a result; pages: a folder for the page of each pair of motions."""
-  found = tables.compare(result)
-  physics = [metric for metric in found.metrics if metric in IN_ROWS]
-  metrics = [metric for metric in found.metrics if metric not in physics]
+  table = tables.compare(result)
+  physics = [metric for metric in table.metrics if metric in IN_ROWS]
+  metrics = [metric for metric in table.metrics if metric not in physics]
   shown = result.gallery
   # Results are shared and committed without the motions, whose licence may forbid it.
-  lost = bool(shown) and not any((folder / one[side]).is_file() for one in shown for side in _SIDES if one.get(side))
-  chosen = {} if lost else {kind: [one for one in shown if one["kind"] == kind] for kind in _TITLES}
+  lost = bool(shown) and not any(
+      (folder / motion[side]).is_file() for motion in shown for side in _SIDES if motion.get(side))
+  chosen = {} if lost else {kind: [motion for motion in shown if motion["kind"] == kind] for kind in _TITLES}
   # Bodies and feet stand below the scores, so that either fits a page's width.
-  return {"title": _title(result), "about": _about(result), "tiles": _tiles(found), "notes": found.notes,
-          "scores": _scores(found, metrics or physics),
-          "physics": _scores(found, physics) if physics and metrics else None,
-          "differences": [_differences(one) for one in differences.comparisons(result)],
+  return {"title": _title(result), "about": _about(result), "tiles": _tiles(table), "notes": table.notes,
+          "scores": _scores(table, metrics or physics),
+          "physics": _scores(table, physics) if physics and metrics else None,
+          "differences": [_differences(comparison) for comparison in differences.comparisons(result)],
           "sanity": _sanity(result.sanity), "controls": _controls(result.controls),
           "curves": _curves(result.curves), "without_motions": lost,
           "galleries": [_gallery(kind, entries, folder, pages, f"{name}_{kind}") for kind, entries in chosen.items()
@@ -121,7 +122,7 @@ def _about(result):
   if data.get("samples"):
     facts.append(f"{data['samples']:,} samples of {data.get('split', 'test')}")
   if evaluators:
-    facts.append("judged by " + ", ".join(one["name"] for one in evaluators))
+    facts.append("judged by " + ", ".join(evaluator["name"] for evaluator in evaluators))
   if count := provenance.get("replications"):
     facts.append(f"{count} replication{'s' if count > 1 else ''}")
   return " · ".join(facts)
@@ -130,30 +131,30 @@ def _about(result):
 # --- numbers -----------------------------------------------------------------------------------------------------
 
 
-def _tiles(found):
+def _tiles(table):
   """Key numbers of our first row, with those of the real motions and the paper under each, and its name if there are
   others.
   """
-  rows, several = {}, sum(line.kind == "ours" for line in found.lines) > 1
-  for line in found.lines:
+  rows, several = {}, sum(line.kind == "ours" for line in table.lines) > 1
+  for line in table.lines:
     rows.setdefault(line.kind, line)
   if "ours" not in rows:
     return []
   tiles = []
-  for metric in [name for name in _GLANCE if name in found.metrics][:_TILES]:
-    at = found.metrics.index(metric)
+  for metric in [name for name in _GLANCE if name in table.metrics][:_TILES]:
+    at = table.metrics.index(metric)
     others = [f"{kind} {rows[kind].cells[at].mean}" for kind in ("real", "paper")
               if kind in rows and rows[kind].cells[at].mean != "–"]
     tiles.append({"metric": metric, "cell": rows["ours"].cells[at], "others": [rows["ours"].name] * several + others})
   return tiles
 
 
-def _scores(found, metrics):
+def _scores(table, metrics):
   """The table of some metrics, without rows of the paper that have none of them."""
-  best = _best(found)
+  best = _best(table)
   rows = []
-  for line in found.lines:
-    cells = {metric: cell for metric, cell in zip(found.metrics, line.cells) if metric in metrics}
+  for line in table.lines:
+    cells = {metric: cell for metric, cell in zip(table.metrics, line.cells) if metric in metrics}
     if line.kind.startswith("paper") and all(cell.mean == "–" for cell in cells.values()):
       continue
     rows.append({"kind": line.kind.replace(" ", "-"), "name": line.name,
@@ -161,25 +162,25 @@ def _scores(found, metrics):
   return {"metrics": metrics, "rows": rows}
 
 
-def _differences(found):
+def _differences(table):
   """A table of differences, without a best number."""
-  return {"title": found.title, "notes": found.notes, "metrics": found.metrics,
+  return {"title": table.title, "notes": table.notes, "metrics": table.metrics,
           "rows": [{"kind": line.kind, "name": line.name, "cells": [(cell, False) for cell in line.cells]}
-                   for line in found.lines]}
+                   for line in table.lines]}
 
 
-def _best(found):
+def _best(table):
   """{(row, metric)}: the best number among several rows of ours, where it lies outside the interval of the next one.
 
   Rows of a part, as "suffix: ..", are compared among themselves.
   """
-  real = next((line for line in found.lines if line.kind == "real"), None)
+  real = next((line for line in table.lines if line.kind == "real"), None)
   parts, best = {}, set()
-  for line in found.lines:
+  for line in table.lines:
     if line.kind == "ours":
       parts.setdefault(line.name.partition(": ")[0] if ": " in line.name else "", []).append(line)
   for ours in parts.values():
-    for at, metric in enumerate(found.metrics):
+    for at, metric in enumerate(table.metrics):
       better = tables.METRICS[metric].better if metric in tables.METRICS else ""
       cells = {line.name: line.cells[at] for line in ours if line.cells[at].mean != "–"}
       goal = real.cells[at].mean if real else "–"
@@ -194,26 +195,26 @@ def _best(found):
   return best
 
 
-def _sanity(found):
+def _sanity(record):
   """Scores of real motions with their own and with shuffled captions, which the evaluators have to separate."""
-  if not found:
+  if not record:
     return None
-  real, shuffled = found.get("real") or {}, found.get("shuffled") or {}
+  real, shuffled = record.get("real") or {}, record.get("shuffled") or {}
   return {"metrics": [name for name in real if name in shuffled and name in tables.METRICS],
-          "rows": [("real motions", real), ("shuffled captions", shuffled)], "failures": found.get("failures"),
-          "noise": found.get("fid_noise"), "halves": found.get("fid_halves")}
+          "rows": [("real motions", real), ("shuffled captions", shuffled)], "failures": record.get("failures"),
+          "noise": record.get("fid_noise"), "halves": record.get("fid_halves")}
 
 
-def _controls(found):
+def _controls(record):
   """Damaged real motions: the direction in which each number has to move, and whether it did."""
-  if not found:
+  if not record:
     return None
   rows = {}
-  for one in found.get("expected") or []:
-    noticed = f"{100 * one['noticed']:g}" if one.get("noticed") else None
-    rows.setdefault(one["control"], {})[one["metric"]] = one | {"noticed": noticed}
+  for expectation in record.get("expected") or []:
+    noticed = f"{100 * expectation['noticed']:g}" if expectation.get("noticed") else None
+    rows.setdefault(expectation["control"], {})[expectation["metric"]] = expectation | {"noticed": noticed}
   return {"metrics": list(dict.fromkeys(metric for cells in rows.values() for metric in cells)), "rows": rows,
-          "real": (found.get("rows") or {}).get("real"), "failures": found.get("failures")}
+          "real": (record.get("rows") or {}).get("real"), "failures": record.get("failures")}
 
 
 # --- pictures ----------------------------------------------------------------------------------------------------
@@ -235,9 +236,9 @@ def _curves(curves):
 
 def _legend(series):
   """[(name, colour's class)] of several lines; empty for a single line or for lines without names."""
-  if len(series) < 2 or not any(one.name for one in series):
+  if len(series) < 2 or not any(line.name for line in series):
     return []
-  return [(one.name, kind) for one, kind in zip(series, charts.kinds(series))]
+  return [(line.name, kind) for line, kind in zip(series, charts.kinds(series))]
 
 
 def _gallery(kind, entries, folder, pages, stem):
@@ -257,26 +258,27 @@ def _gallery(kind, entries, folder, pages, stem):
 
 
 def _drawable(folder, entry):
-  """({side: clip} of an entry, notes): what a barely trained model samples may be no person, or no body to draw."""
+  """({side: clip} of an entry, notes): the sample of a barely trained model may have an implausible skeleton, or one
+  that cannot be drawn."""
   clips, notes = {}, []
   for side, said in _SIDES.items():
     if not entry.get(side):
       continue
     try:
       clip = _load(folder, entry[side])
-      if found := plausibility.fault(clip.joints, clip.skeleton, clip.fps, said):
+      if fault := plausibility.fault(clip.joints, clip.skeleton, clip.fps, said):
         export.page(clip)  # raises for bones that are too long for a body
     except InputError as error:
       notes.append(f"{said}: not drawn: {_reason(error)}")
       continue
     clips[side] = clip
-    if found:
-      notes.append(_reason(found))
+    if fault:
+      notes.append(_reason(fault))
   return clips, notes
 
 
 def _reason(error):
-  """What an error found, without the path that it begins with and the advice that it ends with."""
+  """The cause in an error's text, without the path at its start and the advice at its end."""
   return re.sub(r"^\S*\.npz: ", "", str(error)).partition(";")[0]
 
 
@@ -305,11 +307,11 @@ def _provenance(provenance):
   if not provenance:
     return None
   facts = []
-  for one in provenance.get("models") or ():
-    facts.append(("model", _join(one, ("row", "model", "hash", "parameters", "layout", "guidance_scale", "sampler",
+  for model in provenance.get("models") or ():
+    facts.append(("model", _join(model, ("row", "model", "hash", "parameters", "layout", "guidance_scale", "sampler",
                                         "sampling"))))
-  for one in provenance.get("evaluators") or ():
-    facts.append(("evaluator", _join(one, ("name", "kind", "layout", "hash", "statistics"))))
+  for evaluator in provenance.get("evaluators") or ():
+    facts.append(("evaluator", _join(evaluator, ("name", "kind", "layout", "hash", "statistics"))))
   facts.append(("data", _join(provenance.get("data"),
                               ("folders", "format", "split", "samples", "split_hash", "excluded"))))
   facts.append(("seed", provenance.get("seed")))
@@ -328,7 +330,7 @@ def _join(values, names):
 
 def _told(name, value):
   if isinstance(value, dict):
-    return ", ".join(f"{key} {one}" for key, one in value.items())
+    return ", ".join(f"{key} {item}" for key, item in value.items())
   if isinstance(value, list):
     return ", ".join(map(str, value))
   return str(value)[:12] if "hash" in name or name in ("statistics", "commit") else value

@@ -1,4 +1,4 @@
-"""Which rows of the papers' tables stand beside a model of ours: those that its config names, sampled as they were.
+"""Which rows of the papers' tables are shown with a model of ours: those that its config names, sampled as they were.
 
 A number is marked only against a row of the same kind and protocol: the config is the one that was named for the row,
 sampled the same way, judged by that table's own protocol on all of the test split.
@@ -12,28 +12,28 @@ _RESAMPLED = {"CMDM w/ FSS": {_AR: "CMDM w/ AR"}, "CMDM": {_AR: "w/o FSS"} | _LA
 
 
 def paper_of(protocol, evaluator, rows, whole=True) -> dict | None:
-  """What `tables.compare` needs to know of a protocol's paper, or None where the numbers stand alone.
+  """The `paper` of `tables.compare` for a protocol, or None where nothing printed is comparable.
 
   rows: {row of ours: (candidate, part)}; whole: of the protocol's own test set, not some of it for a trial, nor other
-  prompts. What goes with no printed row stands beside the protocol's own one, and nothing of it is marked.
+  prompts. A row without a printed counterpart is shown next to the protocol's own printed row, and not marked.
   """
   if protocol.paper is None or protocol.paper_layout not in (None, evaluator.layout.name):
     return None
   system, table, row = protocol.paper
-  found, also, beside = {}, [row] if row in tables.paper_table(system, table).rows else [], []
+  matches, also, beside = {}, [row] if row in tables.paper_table(system, table).rows else [], []
   for name, (candidate, part) in rows.items():
     partners, others = printed_rows(protocol, candidate, part)
     exact = paper_tables.matches_paper_row(candidate.model.config)
     if partners:
-      found[name] = [dict(system=one[0], table=one[1], row=one[2]) for one in partners]
+      matches[name] = [dict(system=partner[0], table=partner[1], row=partner[2]) for partner in partners]
       beside += [name] * (not (whole and exact))
-    also += [one for one in others if exact and one not in also]
-  return dict(system=system, table=table, row=found, also=also, unmarked=beside + ["real"] * (not whole))
+    also += [partner for partner in others if exact and partner not in also]
+  return dict(system=system, table=table, row=matches, also=also, unmarked=beside + ["real"] * (not whole))
 
 
 def printed_rows(protocol, candidate, part=""):
-  """([(system, table, row)] that a candidate's numbers (or those of a part of what it does) go with, those that print
-  of the same model what this protocol does not measure)."""
+  """(printed rows [(system, table, row)] comparable with a candidate, or with one part of its results; printed rows of
+  the same model with metrics that this protocol does not measure)."""
   config, options = candidate.model.config, dict(candidate.options)
   named = _as_sampled(paper_tables.rows_of(config), config, options, getattr(candidate, "guidance_scale", None))
   if options.get("way", protocol.way) != protocol.way:
@@ -47,28 +47,29 @@ def printed_rows(protocol, candidate, part=""):
     elif not table.judged:
       elsewhere.append([table.system, table.table, name])
   number = lambda name: int(name.partition("-")[0]) if name[0].isdigit() else 0
-  return sorted(here, key=lambda one: (one[:2] != protocol.paper[:2], number(one[1]))), elsewhere
+  return sorted(here, key=lambda place: (place[:2] != protocol.paper[:2], number(place[1]))), elsewhere
 
 
 def _as_sampled(rows, config, options, guidance_scale):
-  """The rows of a config as it is sampled by options and a guidance scale: other ones, or none, where that is another
-  way than its own."""
-  own = paper_tables.sampling_choices(config)
+  """The printed rows of a config under these options and guidance scale: other ones, or none, where these differ from
+  the config's own sampling."""
+  configured = paper_tables.sampling_choices(config)
   chosen = paper_tables.sampling_choices(config, options | dict(guidance_scale=guidance_scale))
   others = {name: options.get(name) for name in ("context", "temperature") if options.get(name) is not None}
   shared = options.get("shared_noise")
   shared = config.get("sampler", {}).get("shared_noise") if shared is None else shared  # tokenizers have no sampler
   others |= {"shared_noise": shared} if shared else {}
-  if chosen == own and not others and options.get("solver") in (None, *_SOLVERS.get(config.get("stage"), ())):
+  if chosen == configured and not others and options.get("solver") in (None, *_SOLVERS.get(config.get("stage"), ())):
     return rows
   # Only how many steps, and how far apart blocks begin, may differ: as the papers' own models were tried.
   free = ("schedule", "num_steps", "lag")
   fixed = [name for name in chosen if name not in free]
-  if others or any(chosen[name] != own[name] for name in fixed) or chosen.get("schedule") == "full":
+  if others or any(chosen[name] != configured[name] for name in fixed) or chosen.get("schedule") == "full":
     return {}
   key = chosen.get("num_steps"), chosen.get("lag")
-  found = {table: _RESAMPLED.get(row, {}).get(key) for table, row in rows.items()}
-  return {table: row for table, row in found.items() if row and row in tables.paper_table(*table.split(" ", 1)).rows}
+  resampled = {table: _RESAMPLED.get(row, {}).get(key) for table, row in rows.items()}
+  return {table: row for table, row in resampled.items()
+          if row and row in tables.paper_table(*table.split(" ", 1)).rows}
 
 
 # How exactly CDAMD's equation is solved is no row of its own; CMDM's solver is (docs/papers/cmdm.md#fss).

@@ -1,4 +1,4 @@
-"""Tables with the papers' numbers beside ours: all numbers of both papers as data; output as Markdown, LaTeX and CSV.
+"""Tables with the papers' numbers next to ours: all numbers of both papers as data; output as Markdown, LaTeX and CSV.
 
 `paper_tables/` holds a JSON file for each printed table: `"0.588 ± 0.004"` is a mean and its 95 % interval as printed,
 null a number that is not given. A number of ours that differs from the paper's by more than either interval is marked.
@@ -118,10 +118,10 @@ def paper_table(system, table) -> PaperTable:
 
 def paper_row(system, table, row) -> dict[str, dict]:
   """A printed row, {metric: {"mean": .., "interval": .. or None, "digits": ..}}; metrics not printed are left out."""
-  found = paper_table(system, table)
-  if row not in found.rows:
-    raise ValueError(f"got row {row!r} of {system}'s table {table}, expected one of {', '.join(found.rows)}")
-  return {metric: value for metric, value in found.rows[row].items() if value is not None}
+  printed = paper_table(system, table)
+  if row not in printed.rows:
+    raise ValueError(f"got row {row!r} of {system}'s table {table}, expected one of {', '.join(printed.rows)}")
+  return {metric: value for metric, value in printed.rows[row].items() if value is not None}
 
 
 def _read(path):
@@ -138,8 +138,8 @@ def _read(path):
   protocols = data.pop("protocols", None)
   if protocols is None:
     protocols = {data.pop("protocol"): data["metrics"]}
-  data["protocols"] = {name: one if isinstance(one, dict) else {metric: metric for metric in one}
-                       for name, one in protocols.items()}
+  data["protocols"] = {name: metrics if isinstance(metrics, dict) else {metric: metric for metric in metrics}
+                       for name, metrics in protocols.items()}
   lists = {key: tuple(data[key]) for key in ("metrics", "own", "notes") if key in data}
   return PaperTable(**data | lists, rows=rows)
 
@@ -168,7 +168,7 @@ class Line(NamedTuple):
 
 
 class Comparison(NamedTuple):
-  """A result beside the paper's rows, independent of the output format."""
+  """A result next to the paper's rows, independent of the output format."""
   title: str
   metrics: list[str]
   lines: list[Line]
@@ -180,7 +180,7 @@ def compare(result: Result) -> Comparison:
 
   result.paper names the printed rows: {"system", "table", "row", "also", "unmarked"}. row: a name, or {row of ours:
   name or [{"system", "table", "row"}, ..]}; "also" lists further rows to show, names of that table or [system, table,
-  name]. Rows of ours under "unmarked" are shown beside theirs without marks. Where the table has several rows of a
+  name]. Rows of ours under "unmarked" are shown next to theirs without marks. Where the table has several rows of a
   name, as "suffix: CDAMD", a row "suffix: .." of ours is compared with it. None: no rows of a paper.
   """
   metrics, paper = list(result.metrics), result.paper
@@ -204,28 +204,30 @@ def compare(result: Result) -> Comparison:
 
 def printed_table(system, table) -> Comparison:
   """A whole table of a paper, for `markdown(printed_table("cmdm", "1"))`."""
-  found = paper_table(system, table)
-  lines = [Line(name, "paper real" if name == REAL else "paper", [_paper_cell(row[metric]) for metric in found.metrics])
-           for name, row in found.rows.items()]
-  repeats = f"mean ± 95 % interval of {found.repeats} repeats" if found.repeats else "as printed"
-  units = [f"{METRICS[metric].label}: {unit}." for metric, unit in found.unit.items()]
-  notes = [f"{found.source}; {repeats}.", *units, *(f"{note[0].upper()}{note[1:]}." for note in found.notes)]
-  return Comparison(f"{found.system.upper()}, Table {found.table}: {found.title}", list(found.metrics), lines, notes)
+  printed = paper_table(system, table)
+  lines = [Line(name, "paper real" if name == REAL else "paper",
+                [_paper_cell(row[metric]) for metric in printed.metrics])
+           for name, row in printed.rows.items()]
+  repeats = f"mean ± 95 % interval of {printed.repeats} repeats" if printed.repeats else "as printed"
+  units = [f"{METRICS[metric].label}: {unit}." for metric, unit in printed.unit.items()]
+  notes = [f"{printed.source}; {repeats}.", *units, *(f"{note[0].upper()}{note[1:]}." for note in printed.notes)]
+  return Comparison(f"{printed.system.upper()}, Table {printed.table}: {printed.title}", list(printed.metrics), lines,
+                    notes)
 
 
 def _printed(result, paper):
   """({row of ours: the paper's numbers that it is compared with}, the paper's rows to show, {name: row}, the real one
   last, and notes on them).
   """
-  own = paper["system"], str(paper["table"])
-  partners, unmarked = _partners(result, paper["row"], paper_table(*own)), set(paper.get("unmarked", ()))
-  also = [(*own, one) if isinstance(one, str) else tuple(one) for one in paper.get("also", ())]
-  elsewhere = [one for one in also if not paper_table(*one[:2]).judged]
-  wanted = [one for some in partners.values() for one in some] + [one for one in also if one not in elsewhere]
+  main = paper["system"], str(paper["table"])
+  partners, unmarked = _partners(result, paper["row"], paper_table(*main)), set(paper.get("unmarked", ()))
+  also = [(*main, entry) if isinstance(entry, str) else tuple(entry) for entry in paper.get("also", ())]
+  elsewhere = [entry for entry in also if not paper_table(*entry[:2]).judged]
+  wanted = [entry for some in partners.values() for entry in some] + [entry for entry in also if entry not in elsewhere]
   shown, repeated = {}, []
   for key in dict.fromkeys(wanted):
     numbers = paper_table(*key[:2]).row_for(key[2], result.protocol)
-    same = key[:2] != own and any(_repeats(numbers, other) for other in shown.values())
+    same = key[:2] != main and any(_repeats(numbers, other) for other in shown.values())
     repeated += [key] * same
     shown |= {} if same else {key: numbers}
   against = {}
@@ -234,13 +236,13 @@ def _printed(result, paper):
       for key in reversed(keys):  # the first one counts most
         against[name] = against.get(name, {}) | paper_table(*key[:2]).row_for(key[2], result.protocol)
   real = {}
-  if REAL in paper_table(*own).rows:
-    real = {REAL: paper_table(*own).row_for(REAL, result.protocol)}
+  if REAL in paper_table(*main).rows:
+    real = {REAL: paper_table(*main).row_for(REAL, result.protocol)}
     against |= {"real": real[REAL]} if "real" not in unmarked else {}
-  name_of = lambda key: key[2] if key[:2] == own else f"{key[2]} ({_table_name(key, own)})"
+  name_of = lambda key: key[2] if key[:2] == main else f"{key[2]} ({_table_name(key, main)})"
   rows = {name_of(key): numbers for key, numbers in shown.items() if key[2] != REAL} | real
   notes = []
-  for key in dict.fromkeys([*(key[:2] for key in shown), *([own] if real else [])]):
+  for key in dict.fromkeys([*(key[:2] for key in shown), *([main] if real else [])]):
     notes += _said_of(paper_table(*key))
   if repeated:
     notes.append(f"In print, too, with the same numbers: {', '.join(map(name_of, repeated))}.")
@@ -253,8 +255,8 @@ def _printed(result, paper):
   return against, rows, notes
 
 
-def _table_name(key, own=("", "")):
-  system = "" if key[0] == own[0] else f"{key[0].upper()} "
+def _table_name(key, main=("", "")):
+  system = "" if key[0] == main[0] else f"{key[0].upper()} "
   number = key[1].partition("-")[0]
   return f"{system}Table {number}" if number.isdigit() else f"{system}{number}"
 
@@ -285,8 +287,8 @@ def _partners(result, row, table) -> dict[str, list]:
   """{row of ours: [(system, table, row of the paper), ..]}"""
   key = table.system, table.table
   if isinstance(row, dict):
-    return {name: [(*key, one)] if isinstance(one, str) else [(each["system"], each["table"], each["row"])
-                                                              for each in one] for name, one in row.items()}
+    return {name: [(*key, partner)] if isinstance(partner, str) else [
+        (each["system"], each["table"], each["row"]) for each in partner] for name, partner in row.items()}
   ours = [name for name in result.row_order if name != "real"]
   if any(name.endswith(f": {row}") for name in table.rows):
     parts = {name: f"{name.partition(': ')[0]}: {row}" for name in ours}
@@ -338,40 +340,40 @@ def heading(metric) -> str:
 
 def markdown(result: Result | Comparison) -> str:
   """A result, or a Comparison, as Markdown, aligned so that it reads in a terminal, with notes below."""
-  found = result if isinstance(result, Comparison) else compare(result)
-  body = [[line.name, *(_plain(cell) for cell in line.cells)] for line in found.lines]
-  head = ["", *(heading(metric) for metric in found.metrics)]
+  table = result if isinstance(result, Comparison) else compare(result)
+  body = [[line.name, *(_plain(cell) for cell in line.cells)] for line in table.lines]
+  head = ["", *(heading(metric) for metric in table.metrics)]
   widths = [max(len(row[i]) for row in [head, *body]) for i in range(len(head))]
   show = lambda row: "| " + " | ".join(text.ljust(width) for text, width in zip(row, widths)) + " |"
   rule = "| " + " | ".join("-" * width for width in widths) + " |"
-  lines = [f"### {found.title}", "", show(head), rule, *map(show, body), "", *(f"- {note}" for note in found.notes)]
+  lines = [f"### {table.title}", "", show(head), rule, *map(show, body), "", *(f"- {note}" for note in table.notes)]
   return "\n".join(lines).replace("- * ", "- \\* ") + "\n"
 
 
 def latex(result: Result | Comparison) -> str:
   """The same as a LaTeX table environment (booktabs), intervals as superscripts."""
-  found = result if isinstance(result, Comparison) else compare(result)
+  table = result if isinstance(result, Comparison) else compare(result)
   head = " & ".join(["", *(f"{_escape(label(metric))} {arrow(metric, _LATEX_ARROWS)}".strip()
-                           for metric in found.metrics)])
+                           for metric in table.metrics)])
   rows, before = [], None
-  for line in found.lines:
+  for line in table.lines:
     if before is not None and line.kind.startswith("paper") != before.startswith("paper"):
       rows.append(r"\midrule")
     rows.append(" & ".join([_escape(line.name), *map(_latex_cell, line.cells)]) + r" \\")
     before = line.kind
-  notes = " ".join(_escape(note) for note in found.notes)
-  return "\n".join([r"\begin{table}", r"\centering", rf"\begin{{tabular}}{{l{'c' * len(found.metrics)}}}", r"\toprule",
+  notes = " ".join(_escape(note) for note in table.notes)
+  return "\n".join([r"\begin{table}", r"\centering", rf"\begin{{tabular}}{{l{'c' * len(table.metrics)}}}", r"\toprule",
                     head + r" \\", r"\midrule", *rows, r"\bottomrule", r"\end{tabular}",
-                    rf"\caption{{{_escape(found.title)}. {notes}}}", r"\end{table}"]) + "\n"
+                    rf"\caption{{{_escape(table.title)}. {notes}}}", r"\end{table}"]) + "\n"
 
 
 def csv(result: Result | Comparison) -> str:
   """The same as CSV: two columns, mean and interval, for each metric, empty where there is no number."""
-  found = result if isinstance(result, Comparison) else compare(result)
+  table = result if isinstance(result, Comparison) else compare(result)
   out = io.StringIO()
   writer = csv_lib.writer(out, lineterminator="\n")
-  writer.writerow(["row", "kind", *(f"{metric}{end}" for metric in found.metrics for end in ("", "_interval"))])
-  for line in found.lines:
+  writer.writerow(["row", "kind", *(f"{metric}{end}" for metric in table.metrics for end in ("", "_interval"))])
+  for line in table.lines:
     numbers = (text for cell in line.cells for text in (cell.mean.replace("–", ""), cell.interval))
     writer.writerow([line.name, line.kind, *numbers])
   return out.getvalue()

@@ -43,8 +43,8 @@ class Damaged:
 class Wanted(NamedTuple):
   """Motions that another program has to generate for a replication (`evaluation.external`).
 
-  name: of the folder of their files. about: further fields of each line of prompts.jsonl, beside file, caption, frames,
-  rate and seed. given: joints (T, J, 3) of the real motion that each is based on, if any.
+  name: of the folder of their files. about: further fields of each line of prompts.jsonl, besides file, caption,
+  frames, rate and seed. given: joints (T, J, 3) of the real motion that each is based on, if any.
   """
   name: str
   jobs: samples.Jobs
@@ -55,7 +55,7 @@ class Wanted(NamedTuple):
 class Task:
   """What a protocol measures, over the test set of a harness. A task caches what it computes only once."""
   METRICS: ClassVar[tuple[str, ...]]        # that its rows may have, in the order of the tables
-  OPTIONS: ClassVar[tuple[str, ...]] = ()   # choices of --sampling that it has beside those of the method
+  OPTIONS: ClassVar[tuple[str, ...]] = ()   # choices of --sampling that it has besides those of the method
   TEXT_TO_MOTION: ClassVar[bool] = False    # captions and lengths are all that a motion is made of
   FITS_GIVEN: ClassVar[bool] = False        # motions of other programs must fit what they are given, so are not moved
   FILES: ClassVar[str]                      # what another program has to make, for those who write it
@@ -71,7 +71,7 @@ class Task:
     raise NotImplementedError("a task of evaluation has a `load` of its own (docs/adding.md)")
 
   def real(self, replication: int) -> Found:
-    """Rows that need no model: "real", and others beside it."""
+    """Rows that need no model: "real", and further ones."""
     raise NotImplementedError(f"{type(self).__name__} has no `real` (docs/adding.md)")
 
   def wanted(self, replication: int, reader) -> Iterable[Wanted]:
@@ -88,7 +88,7 @@ class Task:
 
   @property
   def notes(self) -> tuple[str, ...]:
-    """Notes under the table, beside the protocol's own."""
+    """Notes under the table, in addition to the protocol's own."""
     return ()
 
 
@@ -119,8 +119,8 @@ class ClipTask(Task):
             for kind, value in two_sample.halves(self.harness.real_windows(replication)).items()}
 
   def set_apart(self, replication, motions, layout):
-    """(AUC of motions [(rows, F)] of the draw against the real ones, as part of their row; {part: the numbers that tell
-    them apart}, for the notes)."""
+    """(AUC of classifiers that tell motions [(rows, F)] of the draw from real ones, as part of their row; {part: the
+    features that they tell them apart by}, for the notes)."""
     apart = self.harness.set_apart(replication, motions, layout)
     return {f"auc_{kind}": verdict.auc for kind, verdict in apart.items()}, {"": _reasons(apart)} if apart else {}
 

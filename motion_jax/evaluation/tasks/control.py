@@ -87,7 +87,7 @@ class Control(Generation):
         signal = [self._signal(joints, name, density, replication, i) for i, joints in enumerate(real)]
         motions, joints = self._made(candidate, jobs, signal, _folder(name, density, replication),
                                      f"{name} {density}")
-        errors = [_distances(motion, one) for motion, one in zip(joints, signal)]
+        errors = [_distances(motion, target) for motion, target in zip(joints, signal)]
         runs.append(self._row(replication, motions, layout, errors))
       rows[name] = {metric: float(np.mean([run[metric] for run in runs])) for metric in runs[0]}
     if len(names) == len(JOINTS):
@@ -101,8 +101,8 @@ class Control(Generation):
     for name in JOINTS:
       for density in DENSITIES:
         yield Wanted(_folder(name, density, replication), jobs, [
-            one | {"control": _as_json(self._signal(joints, name, density, replication, i))}
-            for i, (one, joints) in enumerate(zip(ids, real))])
+            record | {"control": _as_json(self._signal(joints, name, density, replication, i))}
+            for i, (record, joints) in enumerate(zip(ids, real))])
     jobs, paths = self._walks(replication, self.protocol.max_frames, reader.layout.fps)
     for name, path in paths.items():
       yield Wanted(_path_folder(name, replication), jobs,
@@ -122,12 +122,12 @@ class Control(Generation):
 
   def _real_joints(self, reader, replication):
     """Joints [(T, 22, 3)] of the real motions of a draw, each from the origin, faced +z."""
-    layout, found = reader.layout, []
+    layout, rotated = reader.layout, []
     for features in self.harness.drawn(replication).cut(self.test_set.of(reader)):
       turn, path = layout.root_path(features)
       joints = np.asarray(to_joints(features, layout), np.float64) - path[0] * [1, 0, 1]
-      found.append(rot.rotate(np.broadcast_to(turn[0], joints.shape[:-1] + (4,)), joints))
-    return found
+      rotated.append(rot.rotate(np.broadcast_to(turn[0], joints.shape[:-1] + (4,)), joints))
+    return rotated
 
   def _signal(self, joints, name, density, replication, place):
     """The `ControlSignal` (1, T) of a joint at some frames of joints (T, 22, 3)."""
@@ -147,11 +147,11 @@ class Control(Generation):
     exact = bool(candidate.options.get("exact"))
     store = candidate.store(self.harness, f"control, {'joints' if exact else 'exact False'}, {given}")
     make = controlled_generator(self._plain(candidate), signal, given, exact)
-    made = candidate.sample(make, store, name, jobs, what)
+    sampled = candidate.sample(make, store, name, jobs, what)
     if not exact:
-      return made, [to_joints(motion, candidate.model.stats.layout) for motion in made]
-    return ([motion[:, :-3 * NUM_JOINTS] for motion in made],
-            [motion[:, -3 * NUM_JOINTS:].reshape(len(motion), NUM_JOINTS, 3) for motion in made])
+      return sampled, [to_joints(motion, candidate.model.stats.layout) for motion in sampled]
+    return ([motion[:, :-3 * NUM_JOINTS] for motion in sampled],
+            [motion[:, -3 * NUM_JOINTS:].reshape(len(motion), NUM_JOINTS, 3) for motion in sampled])
 
   def _paths(self, candidate, replication):
     """A row of each curve: distance of the pelvis from it, and physics of the body on it. All motions are as long as
@@ -162,11 +162,11 @@ class Control(Generation):
     jobs, places = self._walks(replication, longest, layout.fps)
     for folder, name in candidate.parts({_path_folder(name, replication): name for name in places}, some=False).items():
       path, signal = places[name], _path_targets(places[name])
-      made = self._made(candidate, jobs, [signal] * len(jobs.captions), folder, name)[1]
-      made = [motion[:len(path)] for motion in made]
-      rows[name] = control_scores([_distances(motion, signal) for motion in made]) | {
-          "skating": float(np.mean([physics.skating_ratio(motion) for motion in made]))
-      } | _speed(made, layout.fps)
+      sampled = self._made(candidate, jobs, [signal] * len(jobs.captions), folder, name)[1]
+      sampled = [motion[:len(path)] for motion in sampled]
+      rows[name] = control_scores([_distances(motion, signal) for motion in sampled]) | {
+          "skating": float(np.mean([physics.skating_ratio(motion) for motion in sampled]))
+      } | _speed(sampled, layout.fps)
     return rows
 
 
@@ -239,11 +239,11 @@ def controlled_generator(candidate, signal, given, exact):
     constraints, model = signals.stack(rows), candidate.model
     if exact:
       guided = dict(control=constraints) if model.takes_control else {}
-      made = model.generate(jobs.captions, jobs.frames, seeds=jobs.seeds, **guided, **chosen)
+      generated = model.generate(jobs.captions, jobs.frames, seeds=jobs.seeds, **guided, **chosen)
       joints = [project(motion.joints, row.slice_frames(0, motion.num_frames), model.fps, warn=True).astype(np.float32)
-                for motion, row in zip(made, rows)]
-      return [np.concatenate([features_of(model, one), one.reshape(len(one), -1)], axis=1) for one in joints]
+                for motion, row in zip(generated, rows)]
+      return [np.concatenate([features_of(model, clip), clip.reshape(len(clip), -1)], axis=1) for clip in joints]
     keys, seeds = keys_of(None, jobs.seeds, len(jobs.seeds))
-    made = model.sample(jobs.captions, jobs.frames, keys, seeds, False, chosen, constraints)
-    return [motion.features for motion in made]
+    generated = model.sample(jobs.captions, jobs.frames, keys, seeds, False, chosen, constraints)
+    return [motion.features for motion in generated]
   return make

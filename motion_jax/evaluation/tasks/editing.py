@@ -35,18 +35,18 @@ class Editing(ClipTask):
     jobs = samples.jobs_of(self.test_set, drawn, self.harness.seed, replication)
     judged = {}
     for name, task in candidate.parts({_folder(task, replication): task for task in TASKS}).items():
-      made = candidate.sample(editor(candidate, self.protocol, real, task), store, name, jobs,
-                              f"{task} {replication + 1}")
-      judged[task] = self.harness.judged(replication, made, candidate.model.stats.layout)
-    return Found({task: one.row for task, one in judged.items()},
-                 by_motion={task: one.by_motion for task, one in judged.items()})
+      motions = candidate.sample(editor(candidate, self.protocol, real, task), store, name, jobs,
+                                 f"{task} {replication + 1}")
+      judged[task] = self.harness.judged(replication, motions, candidate.model.stats.layout)
+    return Found({task: scores.row for task, scores in judged.items()},
+                 by_motion={task: scores.by_motion for task, scores in judged.items()})
 
   def wanted(self, replication, reader):
     drawn, joints = self.harness.drawn(replication), self.joints(replication, reader)
     jobs = samples.jobs_of(self.test_set, drawn, self.harness.seed, replication)
     for task in TASKS:
-      about = [one | {"task": task, "keep": kept_spans(task, count)}
-               for one, count in zip(self.ids(replication), jobs.frames)]
+      about = [record | {"task": task, "keep": kept_spans(task, count)}
+               for record, count in zip(self.ids(replication), jobs.frames)]
       yield Wanted(_folder(task, replication), jobs, about, joints)
 
 
@@ -68,15 +68,15 @@ def editor(candidate, protocol, real, task):
     # Parity: the released script edits with the mask that it samples with; --sampling mask=bcm is ours.
     model, options = candidate.model, dict(candidate.options)
     cleanup = options.pop("cleanup", False)
-    own = {"mask": model.config.sampler.mask} if "mask" in model.options.described() else {}
-    options = own | {"guidance_scale": candidate.guidance_scale} | options
+    defaults = {"mask": model.config.sampler.mask} if "mask" in model.options.described() else {}
+    options = defaults | {"guidance_scale": candidate.guidance_scale} | options
     motions = [real[i][:count] for i, count in zip(jobs.places, jobs.frames)]
     if protocol.paste or cleanup:
       keys, seeds = keys_of(None, jobs.seeds, len(motions))
-      made = pasting.edited(model, motions, jobs.captions, lambda count: pasting.requested_frames(count, task), keys,
-                            seeds, cleanup, options, task)
-      return [motion.features for motion in made]
-    made = model.edits(motions, jobs.captions, task, seeds=jobs.seeds, **options)
-    return [row[:count + samples.TAIL] for row, count in zip(made.decoded, jobs.frames)]
+      edited = pasting.edited(model, motions, jobs.captions, lambda count: pasting.requested_frames(count, task), keys,
+                              seeds, cleanup, options, task)
+      return [motion.features for motion in edited]
+    edited = model.edits(motions, jobs.captions, task, seeds=jobs.seeds, **options)
+    return [row[:count + samples.TAIL] for row, count in zip(edited.decoded, jobs.frames)]
 
   return make

@@ -18,9 +18,9 @@ class Generation(ClipTask):
 
   def real(self, replication):
     """Rows of the real motions, with the AUC of one half of them against the other, and with shuffled captions."""
-    found = super().real(replication)
-    found.rows["real"].update(self.real_set_apart(replication))
-    return found
+    scored = super().real(replication)
+    scored.rows["real"].update(self.real_set_apart(replication))
+    return scored
 
   def found(self, candidate, replication):
     """The row of a candidate's motions, with multimodality where the protocol has it."""
@@ -77,7 +77,7 @@ class Generation(ClipTask):
   def _generations(self, candidate, replication, motions):
     """Lists of protocol.multimodality_motions generations of the first captions, one of which is in `motions`."""
     have, wanted = self._copies(replication), self._many(replication)
-    made = iter(candidate.sample(candidate.generator(), candidate.store(self.harness), wanted.name, wanted.jobs,
-                                 f"multimodality {replication + 1}"))
-    return [[motions[i] if copy == have[i] else next(made) for copy in range(self.protocol.multimodality_motions)]
+    sampled = iter(candidate.sample(candidate.generator(), candidate.store(self.harness), wanted.name, wanted.jobs,
+                                    f"multimodality {replication + 1}"))
+    return [[motions[i] if copy == have[i] else next(sampled) for copy in range(self.protocol.multimodality_motions)]
             for i in range(self._num_captions)]

@@ -35,7 +35,7 @@ class LongHorizon(Task):
   FILES = ("one motion of all `segments` in a row, each of a caption and its frames; prompts change at those frames")
   METRICS = ("top1", "top2", "top3", "fid", "matching", "diversity", "transition_fid", "transition_kid",
              "transition_diversity", "transition_distance", "peak_jerk", "auj")
-  OPTIONS = ("way", "cleanup", "ease")  # the last two: as a person sees it, features of the cleaned, eased joints
+  OPTIONS = ("way", "cleanup", "ease")  # the last two: judge the features of cleaned, eased joints, as users see them
 
   def __init__(self, harness):
     super().__init__(harness)
@@ -68,41 +68,41 @@ class LongHorizon(Task):
     """The row of a candidate's long motions."""
     model, prompts = candidate.model, self.sequences(replication)
     options = ways_of(candidate, self.protocol.way)
-    frames = [model.segment_frames(one.frames.tolist(), *options.get("way", "").split()) for one in prompts]
+    frames = [model.segment_frames(script.frames.tolist(), *options.get("way", "").split()) for script in prompts]
     jobs = self._jobs(replication, prompts, frames)
-    timed = [list(zip(one.captions, (one.frames / model.stats.layout.fps).tolist())) for one in prompts]
+    timed = [list(zip(script.captions, (script.frames / model.stats.layout.fps).tolist())) for script in prompts]
     store = candidate.store(self.harness, f"multi-prompt, {options.get('way', 'stream')}{self._file_hash}")
-    made = candidate.sample(multi_prompt_generator(candidate, timed, options), store, f"r{replication:03d}", jobs,
-                            f"replication {replication + 1}", BATCH)
-    scored = long_horizon.score(self._pieces(made, prompts, frames, model.stats.layout), self._reference(replication),
-                                *self._scoring(replication, self._rules))
-    count, size = sum(len(one.captions) - 1 for one in prompts), self._reference(replication).transitions.shape[1]
+    motions = candidate.sample(multi_prompt_generator(candidate, timed, options), store, f"r{replication:03d}", jobs,
+                               f"replication {replication + 1}", BATCH)
+    scored = long_horizon.score(self._pieces(motions, prompts, frames, model.stats.layout),
+                                self._reference(replication), *self._scoring(replication, self._rules))
+    count, size = sum(len(script.captions) - 1 for script in prompts), self._reference(replication).transitions.shape[1]
     note = {"": f"its transition FID is of {count} transitions in {size} dimensions, whose covariance has no full "
                 "rank: compare transition KID, which needs none"} if count <= size else {}
     return Found({"": scored.row}, {"": scored.curve}, notes=note)
 
   def wanted(self, replication, reader):
     prompts = self.sequences(replication)
-    frames = [one.frames.tolist() for one in prompts]
+    frames = [sequence.frames.tolist() for sequence in prompts]
     yield Wanted(f"r{replication:03d}", self._jobs(replication, prompts, frames), [
-        {"segments": [{"caption": caption, "frames": count} for caption, count in zip(one.captions, counts)]}
-        for one, counts in zip(prompts, frames)])
+        {"segments": [{"caption": caption, "frames": count} for caption, count in zip(sequence.captions, counts)]}
+        for sequence, counts in zip(prompts, frames)])
 
   def _jobs(self, replication, prompts, frames):
-    return samples.Jobs([" | ".join(one.captions) for one in prompts], [int(sum(part)) for part in frames],
+    return samples.Jobs([" | ".join(sequence.captions) for sequence in prompts], [int(sum(part)) for part in frames],
                         [samples.seed_of(self.harness.seed, replication, i) for i in range(len(prompts))],
                         list(range(len(prompts))))
 
-  def _pieces(self, made, prompts, frames, layout):
+  def _pieces(self, motions, prompts, frames, layout):
     """The `metrics.long_horizon.Sequence`s of generated motions [(rows, F)], one at a time."""
     evaluator = self.harness.evaluator
-    for motion, one, counts in zip(made, prompts, frames):
+    for motion, sequence, counts in zip(motions, prompts, frames):
       motion = motion[:sum(counts)]
       joints = np.asarray(to_joints(motion, layout), np.float64)
       yield long_horizon.Sequence(
           joints if evaluator.layout.are_joints else layout.convert(motion, evaluator.layout, evaluator.mode),
-          joints * layout.skeleton.unit, tuple(counts), tuple(one.captions),
-          self.harness.embed_captions(evaluator, one.captions, one.tokens))
+          joints * layout.skeleton.unit, tuple(counts), tuple(sequence.captions),
+          self.harness.embed_captions(evaluator, sequence.captions, sequence.tokens))
 
   def damaged(self, replication, joints):
     """Transitions: real ones, and "spliced", halves of two clips without anything between them."""
@@ -115,7 +115,7 @@ class LongHorizon(Task):
     last, first = crops[:, half - 1:half, :1], other[:, half:half + 1, :1]
     spliced = np.concatenate([crops[:, :half], other[:, half:] + (last - first) * [1, 0, 1]], axis=1)
     read = list if layout.are_joints else (
-        lambda x: [layout.from_joints_in_place(one, evaluator.mode) for one in x])
+        lambda x: [layout.from_joints_in_place(clip, evaluator.mode) for clip in x])
     rows = {name: long_horizon.transition_row(read(x), x * skeleton.unit, self._reference(replication), self._embed(),
                                               rules, skeleton) for name, x in (("real", crops), ("spliced", spliced))}
     return Damaged(rows, {"spliced": dict.fromkeys(
@@ -139,13 +139,13 @@ class LongHorizon(Task):
       return [PromptSequence([text for text, _ in prompts], [None] * len(prompts),
                              whole(np.maximum([frames for _, frames in prompts], protocol.unit_length)))
               for prompts in read_sequences(protocol.timelines)[:protocol.sequences]]
-    rng, found = self.harness.rng(0, SEQUENCES), []
+    rng, result = self.harness.rng(0, SEQUENCES), []
     for _ in range(protocol.sequences):
       item = rng.choice(len(test_set), protocol.segments, replace=len(test_set) < protocol.segments)
       caption = (rng.random(protocol.segments) * [len(test_set.captions[i]) for i in item]).astype(int)
       drawn = samples.Draw(item, caption, np.zeros(len(item), int), test_set.rows[item])
-      found.append(PromptSequence(drawn.captions_of(test_set), drawn.tokens_of(test_set), whole(drawn.frames)))
-    return found
+      result.append(PromptSequence(drawn.captions_of(test_set), drawn.tokens_of(test_set), whole(drawn.frames)))
+    return result
 
   def _captioned(self, at, drawn, whole):
     """The items `at` (N,) of a recording with one caption each, chosen by numbers drawn (N,) from 0 to 1."""
@@ -156,10 +156,10 @@ class LongHorizon(Task):
   @functools.cached_property
   def _recordings(self) -> list[np.ndarray]:
     """The items of each recording, in order."""
-    found = {}
+    places = {}
     for i, name in enumerate(self.test_set.ids):
-      found.setdefault(name.rsplit("#", 2)[0], []).append(i)
-    return [np.array(at) for at in found.values()]
+      places.setdefault(name.rsplit("#", 2)[0], []).append(i)
+    return [np.array(at) for at in places.values()]
 
   @functools.cached_property
   def _chosen(self) -> list[np.ndarray]:
@@ -179,11 +179,11 @@ class LongHorizon(Task):
     """The recordings as `metrics.long_horizon.Sequence`s, with the captions that the replication draws."""
     test_set, evaluator, layout = self.test_set, self.harness.evaluator, get_layout(self.protocol.joints_layout)
     read, features = test_set.of(evaluator), test_set.features[layout.name, evaluator.mode]
-    for at, one in zip(self._chosen, self.sequences(replication)):
+    for at, sequence in zip(self._chosen, self.sequences(replication)):
       joints = np.asarray(to_joints(np.concatenate([features[i] for i in at]), layout), np.float64)
       yield long_horizon.Sequence(
           np.concatenate([read[i] for i in at]), joints * layout.skeleton.unit, tuple(map(int, test_set.rows[at])),
-          tuple(one.captions), self.harness.embed_captions(evaluator, one.captions, one.tokens))
+          tuple(sequence.captions), self.harness.embed_captions(evaluator, sequence.captions, sequence.tokens))
 
   @property
   def _real(self):
@@ -252,12 +252,12 @@ def multi_prompt_generator(candidate, sequences, options):
   """
   options = samples.contrast_of(candidate.model) | dict(options)
   of_joints = options.get("cleanup", False) or options.get("ease", False)
-  def in_place(joints):  # bones that drift and feet in the floor are what is to be judged: nothing mends them here
+  def in_place(joints):  # not retargeted: bones that drift and feet in the floor are to be judged
     layout, mode = candidate.model.stats.layout, candidate.model.config.data.mode
     return layout.from_joints_in_place(long_horizon.placed(np.asarray(joints, np.float64), layout.skeleton), mode)
 
   def make(jobs):
-    made = candidate.model.multi_prompts([sequences[i] for i in jobs.places], seeds=jobs.seeds,
-                                         guidance_scale=candidate.guidance_scale, **options)
-    return [in_place(motion.joints) if of_joints else motion.features for motion in made]
+    motions = candidate.model.multi_prompts([sequences[i] for i in jobs.places], seeds=jobs.seeds,
+                                            guidance_scale=candidate.guidance_scale, **options)
+    return [in_place(motion.joints) if of_joints else motion.features for motion in motions]
   return make

@@ -23,26 +23,26 @@ class Reconstruction(ClipTask):
 
   def real(self, replication):
     """Rows of the real motions, with the AUC of one half of them against the other, and with shuffled captions."""
-    found = super().real(replication)
-    found.rows["real"].update(self.real_set_apart(replication))
-    return found
+    scored = super().real(replication)
+    scored.rows["real"].update(self.real_set_apart(replication))
+    return scored
 
   def found(self, candidate, replication):
     """The row of a tokenizer."""
     protocol, layout, drawn = self.protocol, candidate.model.stats.layout, self.harness.drawn(replication)
     real = drawn.cut(self.test_set.of(candidate.reader))
     if candidate.model.can("round_trip"):
-      made = self.reconstructed(candidate, replication, real)
+      motions = self.reconstructed(candidate, replication, real)
     else:
       wanted, = self.wanted(replication, candidate.reader)
-      made = candidate.sample(None, None, wanted.name, wanted.jobs, "")
+      motions = candidate.sample(None, None, wanted.name, wanted.jobs, "")
     errors = {}
     for alone in (True, False):
-      pairs = zip(real, made, drawn.frames)
+      pairs = zip(real, motions, drawn.frames)
       errors[alone] = [protocol_lib.reconstruction_errors(a[None], b[None], [m], alone, layout)[0] for a, b, m in pairs]
     mm = 1000 * layout.skeleton.unit
-    row, by_motion = self.harness.judged(replication, made, layout)
-    apart, notes = self.set_apart(replication, made, layout)
+    row, by_motion = self.harness.judged(replication, motions, layout)
+    apart, notes = self.set_apart(replication, motions, layout)
     return Found({"": row | apart | {
         "mpjpe": mm * scores.mpjpe(errors[True]), "mpjpe_heading": mm * scores.mpjpe(errors[False]),
         "released_mpjpe": scores.released_mpjpe(errors[protocol.poses_alone], protocol.pool)}},
@@ -64,16 +64,16 @@ class Reconstruction(ClipTask):
   def reconstructed(self, candidate, replication, real):
     """Motions [(rows, F)] of a draw after the tokenizer, BATCH at a time."""
     stats, protocol, drawn = candidate.model.stats, self.protocol, self.harness.drawn(replication)
-    made = []
+    motions = []
     with samples.progress(len(real), f"{candidate.name}, replication {replication + 1}", candidate.show) as bar:
       for first in range(0, len(real), samples.BATCH):
         places = np.minimum(np.arange(first, first + samples.BATCH), len(real) - 1)
         x = padded([real[i] for i in places], stats, protocol.max_frames)
         seeds = [samples.seed_of(self.harness.seed, replication, int(drawn.item[i])) for i in places]
         back = candidate.model.round_trip(x, drawn.frames[places], seeds if protocol.sampled_latents else None)
-        made += [stats.denormalize(row[:m + samples.TAIL]) for row, m in zip(back, drawn.frames[places])]
+        motions += [stats.denormalize(row[:m + samples.TAIL]) for row, m in zip(back, drawn.frames[places])]
         bar.update(samples.BATCH)
-    return made[:len(real)]
+    return motions[:len(real)]
 
 
 def padded(motions, stats, length):

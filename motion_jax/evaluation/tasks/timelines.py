@@ -44,28 +44,29 @@ class Timelines(Task):
     harness, layout = self.harness, candidate.model.stats.layout
     prompts, jobs = self._asked(replication, layout.fps)
     store = candidate.store(harness, f"timelines {prompts}")
-    made = candidate.sample(multi_prompt_generator(candidate, prompts, ways_of(candidate)), store,
-                            f"r{replication:03d}", jobs, f"replication {replication + 1}", BATCH)
+    generated = candidate.sample(multi_prompt_generator(candidate, prompts, ways_of(candidate)), store,
+                                 f"r{replication:03d}", jobs, f"replication {replication + 1}", BATCH)
     read, mode, real = harness.evaluator.layout, harness.evaluator.mode, self._real
     embed = lambda motions: harness.embed(harness.evaluator, motions, np.array([len(x) for x in motions]))
     return Found({"": timeline_scores.score(
-        self._timelines, [layout.convert(x, read, mode) for x in made], [_metres(x, layout) for x in made], embed,
-        real.texts, real.text, real.motion, self._rules, layout.skeleton)})
+        self._timelines, [layout.convert(x, read, mode) for x in generated],
+        [_metres(x, layout) for x in generated], embed, real.texts, real.text, real.motion, self._rules,
+        layout.skeleton)})
 
   def wanted(self, replication, reader):
     fps = reader.layout.fps
     prompts, jobs = self._asked(replication, fps)
     yield Wanted(f"r{replication:03d}", jobs, [
         {"timeline": [interval._asdict() for interval in timeline],
-         "segments": [{"caption": caption, "frames": round(seconds * fps)} for caption, seconds in one]}
-        for timeline, one in zip(self._timelines, prompts)])
+         "segments": [{"caption": caption, "frames": round(seconds * fps)} for caption, seconds in segments]}
+        for timeline, segments in zip(self._timelines, prompts)])
 
   def _asked(self, replication, fps):
     """([(caption, seconds)] of each timeline, jobs)."""
     prompts = [single_track(timeline) for timeline in self._timelines]
-    frames = [sum(round(seconds * fps) for _, seconds in one) for one in prompts]
+    frames = [sum(round(seconds * fps) for _, seconds in segments) for segments in prompts]
     return prompts, samples.Jobs(
-        [" | ".join(caption for caption, _ in one) for one in prompts], frames,
+        [" | ".join(caption for caption, _ in segments) for segments in prompts], frames,
         [samples.seed_of(self.harness.seed, replication, i) for i in range(len(prompts))], list(range(len(prompts))))
 
   @property

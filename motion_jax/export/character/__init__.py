@@ -1,7 +1,7 @@
-"""Animate a user's own rigged character: a .glb, .gltf or .vrm file comes back with further animations.
+"""Animate a user's own rigged character: write motions into its .glb, .gltf or .vrm file as further animations.
 
-Mesh, materials, textures, morph targets and the animations that it has keep their bytes: the file's JSON gets an
-animation more, and its buffer the keys behind what is there.
+Mesh, materials, textures, morph targets and existing animations keep their bytes: an animation is added to the file's
+JSON, and its keys are appended to the buffer.
 """
 import pathlib
 
@@ -18,7 +18,7 @@ from motion_jax.motion.skeleton import HUMANML3D
 from motion_jax.utils.errors import InputError
 
 OUTPUTS = (".glb", ".vrm")
-_MOVED = 1e-3  # of a leg: a bone that moves further from what it hangs on gets keys of its place
+_MOVED = 1e-3  # leg lengths: a bone that moves further than this relative to its parent gets position keys
 
 
 def check_character(file, mapping=None) -> Figure:
@@ -88,24 +88,24 @@ def _without_matrix(node):
 
 
 def _unused(name, animations):
-  """The name, with a number behind it if an animation has it already."""
-  there = {one.get("name") for one in animations if isinstance(one, dict)}
+  """The name, with a number after it if an animation has it already."""
+  there = {animation.get("name") for animation in animations if isinstance(animation, dict)}
   return name if name not in there else next(f"{name}_{number}" for number in range(2, len(there) + 3)
                                              if f"{name}_{number}" not in there)
 
 
 def _local(figure, posed, clip):
-  """(node, places (T, 3) or None, rotations (T, 4)) of each bone, relative to the node that it hangs on in the file."""
+  """(node, positions (T, 3) or None, rotations (T, 4)) of each bone, relative to its parent node in the file."""
   document = figure.document
   rest = document.world(*document.rest())
   turned = rot.multiply(figure.out[None, None], posed.turned)
   places = rot.rotate(figure.out[None, None], posed.places) * figure.scale + figure.origin
   nodes = list(figure.nodes)
   for bone, twin in figure.copies:  # turned against the bone as it is at rest
-    _, own, _ = take_apart(rest[figure.nodes[bone]])
+    _, rest_turn, _ = take_apart(rest[figure.nodes[bone]])
     _, still, _ = take_apart(rest[twin])
     nodes.append(twin)
-    against = rot.multiply(rot.conjugate(own), still)[None]
+    against = rot.multiply(rot.conjugate(rest_turn), still)[None]
     turned = np.concatenate([turned, rot.multiply(turned[:, bone], against)[:, None]], axis=1)
     places = np.concatenate([places, places[:, bone, None]], axis=1)
   if figure.root is not None:  # it moves over the ground from where it rests, as the body does
@@ -135,9 +135,9 @@ def _local(figure, posed, clip):
     local = rot.multiply(rot.conjugate(rot.multiply(lead_turned, still[None])), turned[:, bone])
     inner = rot.rotate(rot.conjugate(lead_turned), places[:, bone] - lead_place)
     moved = np.einsum("ij,tj->ti", np.linalg.inv(relative), np.concatenate([inner, np.ones((len(inner), 1))], 1))[:, :3]
-    own = np.linalg.inv(relative) @ rest[node, :, 3]
+    rest_place = np.linalg.inv(relative) @ rest[node, :, 3]
     size = np.linalg.norm(np.linalg.inv(relative)[:3, 0]) * figure.scale
-    stays = base >= 0 and np.abs(moved - own[:3]).max() < _MOVED * size
+    stays = base >= 0 and np.abs(moved - rest_place[:3]).max() < _MOVED * size
     yield node, None if stays else moved, rot.unit(local)
 
 

@@ -35,7 +35,7 @@ class Figure:
   nodes: list[int]         # of each bone
   parts: dict[str, int]    # {joint of HumanML3D: bone}; spine and neck are those of `bones`
   bones: Bones             # spine and neck, as numbers of bones
-  parents: list[int]       # the bone on which each hangs in a body, -1 for the pelvis; before it in the list
+  parents: list[int]       # the parent of each bone in a body, -1 for the pelvis; parents come first
   offsets: np.ndarray      # (M, 3) from that bone, in its turned frame
   turned: np.ndarray       # (M, 4) world rotations in the reference pose
   places: np.ndarray       # (M, 3) in the reference pose
@@ -48,7 +48,7 @@ class Figure:
 
   @property
   def about(self) -> str:
-    """What was found, in a line."""
+    """The bones that were recognized, in one line."""
     return (f"{len(self.nodes)} of its bones are moved, by the names of {self.bones.label}; its legs are "
             f"{self.scale * LEGS:.3g} long")
 
@@ -74,12 +74,12 @@ def read_figure(path, mapping=None) -> Figure:
       nodes[k] for k in chosen]) for i in chosen], rest[[nodes[i] for i in chosen], :3, 3], **how)
   try:
     known = {joint: nodes.index(node) for joint, node in stated.items() if node in bones}
-    found = find(range(len(nodes)), mapping=mapping, known=known)
+    match = find(range(len(nodes)), mapping=mapping, known=known)
   except InputError as error:
     raise InputError(f"{path}: {error}") from None
-  copies = _copies(path, nodes, names, parents, rest, found, find)
-  above = [node for node in _above(document, nodes[found.limbs["pelvis"]]) if node in joints]
-  return _built(document, nodes, names, found, rest, above[-1] if above else None, copies)
+  copies = _copies(path, nodes, names, parents, rest, match, find)
+  above = [node for node in _above(document, nodes[match.limbs["pelvis"]]) if node in joints]
+  return _built(document, nodes, names, match, rest, above[-1] if above else None, copies)
 
 
 def _above(document, node):
@@ -92,29 +92,29 @@ def _human_bones(document):
   """{joint of HumanML3D: node} as VRM 1.0 and 0.x state it."""
   with document.checked():
     extensions = document.json.get("extensions", {})
-    found = {}
+    human = {}
     if "VRMC_vrm" in extensions:
-      found = {bone: about["node"] for bone, about in extensions["VRMC_vrm"]["humanoid"]["humanBones"].items()}
+      human = {bone: about["node"] for bone, about in extensions["VRMC_vrm"]["humanoid"]["humanBones"].items()}
     elif "VRM" in extensions:
-      found = {about["bone"]: about["node"] for about in extensions["VRM"]["humanoid"]["humanBones"]}
+      human = {about["bone"]: about["node"] for about in extensions["VRM"]["humanoid"]["humanBones"]}
     rig = get_rig("vrm")
-    stated = {joint: found[rig.names[number]] for joint, number in rig.joints.items() if rig.names[number] in found}
+    stated = {joint: human[rig.names[number]] for joint, number in rig.joints.items() if rig.names[number] in human}
     for node in stated.values():
       document.nodes[node]
     return {joint: node for joint, node in stated.items() if node >= 0}
 
 
-def _copies(path, nodes, names, parents, rest, found, find):
-  """{node of the body: nodes of further skeletons that are its equals in name and place}, such as those of clothes,
-  whole or in part.
+def _copies(path, nodes, names, parents, rest, bones, find):
+  """{node of the body: nodes of further skeletons with the same name and place}, such as skeletons of clothes, whole or
+  in part.
 
-  Raises InputError for another body.
+  Raises InputError for a second body.
   """
-  pelvis, places, copies = found.limbs["pelvis"], rest[nodes, :3, 3], {}
+  pelvis, places, copies = bones.limbs["pelvis"], rest[nodes, :3, 3], {}
   body = [i for i in range(len(nodes)) if pelvis in _line(parents, i)]
   groups = collections.defaultdict(list)  # {the topmost bone of a skeleton: its bones}
   for i in range(len(nodes)):
-    if i not in body and i not in found.limbs.values():
+    if i not in body and i not in bones.limbs.values():
       groups[_line(parents, i)[-1]].append(i)
   apart = lambda i, k: np.linalg.norm(places[i] - places[k])
   for group in groups.values():
@@ -149,14 +149,14 @@ def _line(parents, i):
   return line
 
 
-def _built(document, nodes, names, found, rest, root, copies):
+def _built(document, nodes, names, match, rest, root, copies):
   path = document.path
   # Of the trunk counts what lies on the way to the head: a bone called so elsewhere follows no joint.
-  limbs = {joint: number for joint, number in found.limbs.items() if joint not in (
+  limbs = {joint: number for joint, number in match.limbs.items() if joint not in (
       "spine1", "spine2", "spine3", "neck")}
-  numbers = list(dict.fromkeys([limbs["pelvis"], *found.spine, *found.neck, *limbs.values()]))
+  numbers = list(dict.fromkeys([limbs["pelvis"], *match.spine, *match.neck, *limbs.values()]))
   parts = {joint: numbers.index(number) for joint, number in limbs.items()}
-  bones = Bones(parts, tuple(map(numbers.index, found.spine)), tuple(map(numbers.index, found.neck)), found.label)
+  bones = Bones(parts, tuple(map(numbers.index, match.spine)), tuple(map(numbers.index, match.neck)), match.label)
   parents = _body_parents(parts, bones, len(numbers))
   order = sorted(range(len(numbers)), key=lambda bone: _depth(parents, bone))
   back = {bone: place for place, bone in enumerate(order)}
@@ -193,7 +193,7 @@ def _built(document, nodes, names, found, rest, root, copies):
 
 
 def _body_parents(parts, bones, count):
-  """The bone on which each hangs in a body."""
+  """The parent of each bone in a body."""
   parents = [-1] * count
   trunk = [parts["pelvis"], *bones.spine]
   chest = trunk[-1]
@@ -242,7 +242,7 @@ def _reference(document, nodes, parts, places, turned):
 
 
 def _asymmetry(places, parts):
-  """How far a pose's left side is from its right one mirrored, on average, in parts of a leg."""
+  """Mean distance of a pose's left side from its mirrored right side, in leg lengths."""
   pairs = [(parts[joint], parts["right" + joint[4:]]) for joint in parts if joint.startswith("left")
            and "right" + joint[4:] in parts]
   left, right = (places[list(side)] for side in zip(*pairs))
@@ -267,12 +267,12 @@ def _bind_pose(document, nodes):
     return None
   if not set(nodes) <= set(matrices):
     return None
-  found = np.array([matrices[node] for node in nodes])
-  if not (np.abs(np.linalg.det(found)) > 1e-12).all():
+  inverse_bind = np.array([matrices[node] for node in nodes])
+  if not (np.abs(np.linalg.det(inverse_bind)) > 1e-12).all():
     return None
   top = document.parents[nodes[0]]
   above = document.world(*document.rest())[top] if top >= 0 else np.eye(4)
-  places, turned, _ = take_apart(above @ np.linalg.inv(found))
+  places, turned, _ = take_apart(above @ np.linalg.inv(inverse_bind))
   return places, turned
 
 
@@ -321,8 +321,8 @@ def _soles(document, nodes, parts, rest, still, turned, scale, frame):
   heights = {bone: rot.rotate(inward[None], places)[:, 1] for bone, places in points.items()}
   soles = {}
   for side in SIDES:
-    own = [parts[f"{side}_{joint}"] for joint in ("ankle", "foot") if f"{side}_{joint}" in parts]
-    shown = [bone for bone in own if bone in heights]
+    foot_bones = [parts[f"{side}_{joint}"] for joint in ("ankle", "foot") if f"{side}_{joint}" in parts]
+    shown = [bone for bone in foot_bones if bone in heights]
     if not shown:
       continue
     low = min(heights[bone].min() for bone in shown)
@@ -346,11 +346,11 @@ def _soles(document, nodes, parts, rest, still, turned, scale, frame):
 
 
 def _vertices(document, feet, rest):
-  """{bone: places (P, 3) in the world of the vertices that follow it or what hangs on it most}."""
+  """{bone: positions (P, 3) in the world of the vertices that follow it, or its children, most}."""
   owner = {}
   for node in document.order:
     owner[node] = feet.get(node, owner.get(document.parents[node]))
-  found = {}
+  by_bone = {}
   for node in document.nodes:
     if "skin" not in node or "mesh" not in node:
       continue
@@ -378,5 +378,5 @@ def _vertices(document, feet, rest):
       share = weights[chosen] / np.maximum(weights[chosen].sum(1, keepdims=True), 1e-9)
       moved = np.einsum("pk,pkij,pj->pi", share, matrices[where[chosen]], places)[:, :3]
       for bone in np.unique(most[chosen]):
-        found.setdefault(int(bone), []).append(moved[most[chosen] == bone])
-  return {bone: np.concatenate(parts) for bone, parts in found.items()}
+        by_bone.setdefault(int(bone), []).append(moved[most[chosen] == bone])
+  return {bone: np.concatenate(parts) for bone, parts in by_bone.items()}

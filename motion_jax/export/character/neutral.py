@@ -1,9 +1,9 @@
-"""How a motion holds feet, collars and head when nothing is done with them, which characters have at rest.
+"""Neutral pose of feet, collars and head in a motion, which corresponds to the rest pose of a character.
 
-Captures differ in where they place these joints: of a foot flat on the floor the bone from ankle to toes falls by 35 or
-by 42 degrees, the collars of a body at ease point up by 8 or by 29, the head stands straight or leans ahead by 20. A
-character's mesh shows these parts at ease in its rest pose, so bones turn from there by what the motion adds to its own
-ease. A character of the motion's own skeleton (`is_own`) takes all as it is.
+Captures differ in where they place these joints: the bone from ankle to toes of a foot flat on the floor falls by 35 or
+by 42 degrees, the collars of a body at ease point up by 8 or by 29, the head is upright or leans forward by 20. A
+character's rest pose shows these parts at ease, so its bones turn from there by the difference between the motion and
+the motion's own neutral pose. For a character with the motion's own skeleton (`is_own`) nothing is changed.
 """
 import numpy as np
 
@@ -29,7 +29,7 @@ def is_own(places: Float[np.ndarray, "j 3"], offsets: Float[np.ndarray, "j 3"], 
 
 def eased(turned: Float[np.ndarray, "t j 4"], joints: Float[np.ndarray, "t j 3"], offsets: Float[np.ndarray, "j 3"],
           fps: float) -> Float[np.ndarray, "t j 4"]:
-  """World rotations (T, 22, 4) in which feet, collars and head turn from their own ease instead of from a T-pose."""
+  """World rotations (T, 22, 4) in which feet, collars and head are relative to their neutral pose, not to a T-pose."""
   result = turned.copy()
   _feet(result, turned, joints, offsets, fps)
   _collars(result, turned)

@@ -56,24 +56,24 @@ def _pose(figure, clip):
       pose.offsets[[4, 7, 5, 8]], axis=-1).sum()
   joints = joints * size  # a clip of a child, or of a giant, on legs of the usual length
   fixed = corrections(figure, pose.offsets)
-  own = _is_own(figure, pose.offsets * size, fixed)
-  if not own:
+  is_own = _is_own(figure, pose.offsets * size, fixed)
+  if not is_own:
     turned = eased(turned, joints, pose.offsets, clip.fps)
   turns = _follow(figure, turned, fixed)
   joints[..., 1] -= floor_height(joints, skeleton)
   places = _forward(figure, turns)
   hips = lambda at: at[:, [figure.parts["left_hip"], figure.parts["right_hip"]]].mean(1)
   places += (joints[:, list(skeleton.hips)].mean(1) - hips(places))[:, None]
-  if not own:  # else its feet are where the motion has them
+  if not is_own:  # else its feet are where the motion has them
     turns, places = _stand(figure, joints, turns, places, pose.offsets * size)
   places[..., 1] -= np.percentile(_sole_height(figure, turns, places), _FLOOR_PERCENTILE)
   return Posed(turns, places)
 
 
 def corrections(figure: Figure, offsets: Float[np.ndarray, "j 3"]) -> Float[np.ndarray, "j 4"]:
-  """How each joint's bone turns from the character's reference pose to the T-pose of offsets (22, 3)."""
+  """Rotations of each joint's bone from the character's reference pose to the T-pose of offsets (22, 3)."""
   skeleton, parts = HUMANML3D, figure.parts
-  found = np.tile([1.0, 0, 0, 0], (skeleton.num_joints, 1))
+  turns = np.tile([1.0, 0, 0, 0], (skeleton.num_joints, 1))
   of = {name: number for number, name in enumerate(skeleton.joints)}
   for side in SIDES:
     for limb in (("hip", "knee"), ("shoulder", "elbow")):
@@ -83,16 +83,16 @@ def corrections(figure: Figure, offsets: Float[np.ndarray, "j 3"]) -> Float[np.n
         bone, goal = figure.places[parts[after]] - figure.places[parts[here]], offsets[of[after]]
         if np.linalg.norm(bone) > 1e-6:
           turn = rot.multiply(rot.between(rot.unit(rot.rotate(turn, bone)), rot.unit(goal)), turn)
-        found[of[here]] = turn
+        turns[of[here]] = turn
     if f"{side}_foot" in parts:
       foot = figure.places[parts[f"{side}_foot"]] - figure.places[parts[f"{side}_ankle"]]
       goal = offsets[of[f"{side}_foot"]]
       angle = lambda v: np.arctan2(v[0], v[2])
       if np.hypot(foot[0], foot[2]) > 0.3 * np.linalg.norm(foot):
-        found[of[f"{side}_ankle"]] = rot.about_axis(np.array(angle(goal) - angle(foot)), "y")
+        turns[of[f"{side}_ankle"]] = rot.about_axis(np.array(angle(goal) - angle(foot)), "y")
     for joint, other in _TURNS_WITH.items():
-      found[of[f"{side}_{joint}"]] = found[of[f"{side}_{other}"]]
-  return found
+      turns[of[f"{side}_{joint}"]] = turns[of[f"{side}_{other}"]]
+  return turns
 
 
 def _is_own(figure, offsets, fixed):
@@ -174,8 +174,8 @@ def _stand(figure, joints, turns, places, offsets):
 
 
 def _stance(figure, joints, side, leg):
-  """How much farther out (T, 2), along x and z, a foot stands than the motion's: by as much as the hip is farther from
-  the pelvis. While the foot stands it stays, and so does this."""
+  """How much farther out (T, 2), along x and z, a foot stands than in the motion: as much as the hip is farther from
+  the pelvis. It is constant while the foot stands."""
   skeleton, parts = HUMANML3D, figure.parts
   across = joints[:, skeleton.hips[1]] - joints[:, skeleton.hips[0]]
   wide = np.linalg.norm(figure.places[parts["left_hip"]] - figure.places[parts["right_hip"]])

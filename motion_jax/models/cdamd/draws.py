@@ -45,9 +45,10 @@ def draw_step(rng: jax.Array, keys: jax.Array, length: int, channels: int, confi
       t = jax.random.randint(t, (copies, length), 0, config.ddpm_steps)
     else:
       t = jax.random.uniform(t, (copies, length))
-    one = lambda key: jax.random.uniform(key)
+    uniform = lambda key: jax.random.uniform(key)
     order, noised, kept = jax.random.uniform(places, (3, length))
-    return Draws(one(time), one(text), one(prior), order, noised, kept, t, normal[0], normal[1:], one(mask))
+    return Draws(uniform(time), uniform(text), uniform(prior), order, noised, kept, t, normal[0], normal[1:],
+                 uniform(mask))
 
   axes: Any = (0, 0, 0, 0, 0, 0, 1, 0, 1, 0)
   draws = jax.vmap(of_item, out_axes=Draws(*axes))(keys)
@@ -56,27 +57,27 @@ def draw_step(rng: jax.Array, keys: jax.Array, length: int, channels: int, confi
   return draws
 
 
-_SHARED = 1 << 30  # in the place of an iteration: of the noise that all latents share
+_SHARED = 1 << 30  # stands for the iteration in the noise that all latents share
 
 
 def make_draw(keys: jax.Array, channels: int, shared: float = 0.0) -> Callable[..., Array]:
   """draw(k, j, places) for `make_latents`: noise (B, R, C) of places (B, R) in iterations k (B, R), which depends on a
   motion's key, iteration, step j and place, nothing else, so neither padding nor batch-mates change it. keys (B,).
 
-  shared: of the noise's variance, how much is of one draw for all latents of a motion. The head makes each latent from
-  noise of its own, so what the transformer leaves open, such as where exactly the body is, is decided again for every
-  latent, and the body shakes. From the same noise neighbours decide alike. Each latent's noise is a standard normal for
-  any share, as in training; the reference shares none.
+  shared: share of the noise variance that all latents of a motion have in common. With independent noise the head
+  decides what the transformer leaves open, such as the exact position of the body, separately for every latent, and the
+  body shakes; with common noise neighbours decide alike. Each latent's noise is a standard normal for any share, as in
+  training; the reference shares none.
   """
   fold = jax.random.fold_in
 
   def draw(k, j, places):
     of_place = lambda key, k, place: jax.random.normal(fold(fold(fold(key, k), j), place), (channels,))
-    own = jax.vmap(jax.vmap(of_place, (None, 0, 0)))(keys, k, places)
+    independent = jax.vmap(jax.vmap(of_place, (None, 0, 0)))(keys, k, places)
     if not shared:
-      return own
+      return independent
     common = jax.vmap(lambda key: jax.random.normal(fold(fold(key, _SHARED), j), (1, channels)))(keys)
-    return jnp.sqrt(shared) * common + jnp.sqrt(1 - shared) * own
+    return jnp.sqrt(shared) * common + jnp.sqrt(1 - shared) * independent
 
   return draw
 

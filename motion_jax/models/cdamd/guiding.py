@@ -21,7 +21,8 @@ VARIANCE = 0.05  # of a finished latent, in units of that of all latents: how fa
 
 @flax.struct.dataclass
 class Settling:
-  """What makes joints of features, and the number of Gauss-Newton steps."""
+  """Settings of guidance on finished latents: statistics and layout of the features, and the number of Gauss-Newton
+  steps."""
   mean: Any
   std: Any
   num_times: Any

@@ -113,10 +113,10 @@ def generator_loss(net: Net, params: Any, z1: Float[Array, "b l c"], real_mask: 
     predict = lambda x, t: net.apply(params, x, t, condition, method="predict")  # one condition for all copies
     if config.diffusion == "ddpm":
       schedule = ddpm.cosine_schedule(config.ddpm_steps)
-      made = ddpm.loss_rows(predict, schedule, jnp.broadcast_to(z1, noise.shape), t, noise)
+      errors = ddpm.loss_rows(predict, schedule, jnp.broadcast_to(z1, noise.shape), t, noise)
     else:
-      made = ((predict(paths.add_noise(z1, noise, t), t) - (z1 - noise)) ** 2).mean(-1)
-    return made.astype(jnp.promote_types(made.dtype, jnp.float32))
+      errors = ((predict(paths.add_noise(z1, noise, t), t) - (z1 - noise)) ** 2).mean(-1)
+    return errors.astype(jnp.promote_types(errors.dtype, jnp.float32))
 
   copied: tuple[Array, ...] = (draws.diffusion_noise, draws.t)
   error: Callable = error_of
@@ -126,8 +126,10 @@ def generator_loss(net: Net, params: Any, z1: Float[Array, "b l c"], real_mask: 
     copied += (compared,)
 
     def contrasted(params, conditions, z1, noise, t, compared):
-      own, other = (error_of(params, condition, z1, noise, t) for condition in jnp.split(conditions, 2, axis=-1))
-      return own + config.contrast * jnp.where(compared, paths.margin_loss(own, other, config.contrast_margin), 0.0)
+      matched, contradicted = (error_of(params, condition, z1, noise, t)
+                               for condition in jnp.split(conditions, 2, axis=-1))
+      penalty = paths.margin_loss(matched, contradicted, config.contrast_margin)
+      return matched + config.contrast * jnp.where(compared, penalty, 0.0)
 
     error = contrasted
 

@@ -100,16 +100,16 @@ class CdamdModel(EditingModel):
     steps = sum(checked(sampling.pop(name, usual), 0, 100, name) for name, usual in (
         ("control_steps", CONTROL_STEPS), ("refinements", 0)))
     frames = [count // self.frames_per_latent * self.frames_per_latent for count in frames]
-    every = np.arange(self.max_latents) < np.array(frames)[:, None] // self.frames_per_latent
-    made, about = self._latents(np.zeros(every.shape + (self.net.transformer.latent_dim,), np.float32), every, every,
-                                prompts, keys, sampling)
+    real_mask = np.arange(self.max_latents) < np.array(frames)[:, None] // self.frames_per_latent
+    latents = np.zeros(real_mask.shape + (self.net.transformer.latent_dim,), np.float32)
+    rows, about = self._latents(latents, real_mask, real_mask, prompts, keys, sampling)
     if signal is not None and steps:
       signal = signal.slice_frames(0, self.max_latents * self.frames_per_latent)
       about = about | dict(control_steps=steps)
-      made = in_batches(self.programs.settle, made, every, signal,
+      rows = in_batches(self.programs.settle, rows, real_mask, signal,
                         shared=(self.codec, Settling.of(self.stats, steps)))
-    made = in_batches(self.programs.decode, made, every, shared=(self.codec,))
-    return motions_of_prompts(self, made, prompts, frames, seeds, about, cleanup)
+    rows = in_batches(self.programs.decode, rows, real_mask, shared=(self.codec,))
+    return motions_of_prompts(self, rows, prompts, frames, seeds, about, cleanup)
 
   def sample_segments(self, lists: Sequence[Sequence[tuple[str, int]]], keys: jax.Array, seeds: Sequence[int | None],
                       cleanup: bool, sampling: dict[str, Any]) -> Motions:
@@ -132,8 +132,8 @@ class CdamdModel(EditingModel):
         given = features_of(self, np.concatenate([past, np.repeat(past[-1:], count, axis=0)]))
         new = np.arange(len(given)) >= len(past)
         rng = jax.random.fold_in(jax.random.fold_in(key, i + 1), len(joints))
-        made, _ = self.inpaint([given], [new], [prompt], keys_of(rng, None, 1)[0], sampling)
-        known, shown = (np.array(layout.to_joints(x)) for x in (given, made[0]))
+        sampled, _ = self.inpaint([given], [new], [prompt], keys_of(rng, None, 1)[0], sampling)
+        known, shown = (np.array(layout.to_joints(x)) for x in (given, sampled[0]))
         new_joints = join(shown, known, ~new)
         joints = np.concatenate([joints, laid_over(new_joints.astype(np.float64), past, len(past))]).astype(np.float32)
       prompts.append(prompt)
@@ -147,7 +147,7 @@ class CdamdModel(EditingModel):
 
   def new_frames(self, num_frames: int, task: str | None, keep: Spans | None, change: Spans | None
                  ) -> Bool[np.ndarray, " {num_frames}"]:
-    """(num_frames,): the frames that an edit samples. A task is one of latents, as in the reference."""
+    """(num_frames,): the frames that an edit samples; tasks are divided by latents, as in the reference."""
     if task is None:
       return super().new_frames(num_frames, task, keep, change)
     unit = self.frames_per_latent
@@ -165,8 +165,8 @@ class CdamdModel(EditingModel):
     padded = padded_features(self, features, self.max_latents * unit)
     latents = in_batches(self.programs.encode, padded, real, shared=(self.codec,))
     sampling = sampling | dict(mask=sampling.get("mask") or self.edit_mask)
-    made, about = self._latents(latents, edited, real, prompts, keys, sampling)
-    return in_batches(self.programs.decode, made, real, shared=(self.codec,)), about
+    resampled, about = self._latents(latents, edited, real, prompts, keys, sampling)
+    return in_batches(self.programs.decode, resampled, real, shared=(self.codec,)), about
 
   def encode_words(self, prompts: Sequence[str]) -> tuple[Array, Array | None]:
     """(text_emb, text_mask or None) as the model was trained: sentence vectors, or these and their words."""
@@ -183,8 +183,8 @@ class CdamdModel(EditingModel):
                                   masking.masked_counts(chosen.num_iterations, editable.sum(-1)))
     schedule = unmasking.schedule(masked, chosen.unmasked_only)
     most = unmasking.most_unmasked(masking.masked_counts(chosen.num_iterations, np.array([self.max_latents])))
-    # Of choices that a program depends on there are few: one row at a time where an iteration seldom unmasks two, else
-    # as many as it unmasks of the longest motion; a window of 4 positions where that is enough.
+    # Few values, as each compiles a program: one row at a time where an iteration seldom unmasks two, else as many as
+    # it unmasks of the longest motion; a window of 4 positions where that is enough.
     num_rows = (1 if most <= 2 else min(2 * -(-most // 2), self.max_latents)) if chosen.unmasked_only else None
     window = min(WINDOW, self.max_latents)
     small = num_rows == 1 and chosen.mask == "causal" and unmasking.span(np.asarray(schedule.made_at)) <= window
@@ -197,9 +197,9 @@ class CdamdModel(EditingModel):
       return self.programs.latents(plan, params, latents, real, text_emb, text_mask,
                                    unmasking.Schedule(made_at, drawn_at, schedule.num_iterations), keys, *shared)
 
-    made = in_batches(run, latents, real, text_emb, text_mask, schedule.made_at, schedule.drawn_at, keys,
-                      shared=(self.params, np.float32(chosen.guidance_scale), steps))
-    return made, chosen.about() | dict(model=self.id)
+    filled = in_batches(run, latents, real, text_emb, text_mask, schedule.made_at, schedule.drawn_at, keys,
+                        shared=(self.params, np.float32(chosen.guidance_scale), steps))
+    return filled, chosen.about() | dict(model=self.id)
 
 
 MODELS = {"cdamd.generator": CdamdModel}
@@ -208,7 +208,7 @@ TOKENIZERS = dict.fromkeys(("cdamd.autoencoder", "cdamd.generator"), round_trips
 
 
 class Programs:
-  """What is compiled, each once for all lengths, kinds and numbers of motions."""
+  """The compiled functions of a model, each compiled once for motions of any length, number and kind."""
 
   def __init__(self, net: Generator, length: LengthEstimator | None) -> None:
     def latents(plan, params, latents, real_mask, text_emb, text_mask, schedule, keys, scale, steps):

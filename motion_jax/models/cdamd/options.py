@@ -1,4 +1,4 @@
-"""How a CDAMD model is sampled."""
+"""Sampling options of CDAMD."""
 import dataclasses
 from typing import TYPE_CHECKING, Any
 
@@ -36,10 +36,10 @@ class CdamdSampling(SamplingOptions):
     if self.solver is None and (config.sampler.solver == "ddpm") != ddpm:
       usual = (dict(solver="ddpm", num_steps=config.loss.ddpm_steps) if ddpm else
                dict(solver="midpoint", num_steps=10)) | usual
-    found = super().resolved(config, **usual)
-    if (found.solver == "ddpm") != ddpm:
-      raise InputError(f"got solver {found.solver!r} for a model that was trained by {config.loss.diffusion}")
-    return found
+    options = super().resolved(config, **usual)
+    if (options.solver == "ddpm") != ddpm:
+      raise InputError(f"got solver {options.solver!r} for a model that was trained by {config.loss.diffusion}")
+    return options
 
 
 OPTIONS = CdamdSampling

@@ -74,17 +74,18 @@ def _check_fields(config):
 
 
 def encode_generator(config: ConfigDict, folder: str | os.PathLike) -> str:
-  """Writes the store of a generator's data: latents, and codes where its loss has a prior; returns what to tell."""
+  """Writes the store of a generator's data: latents, and codes where its loss has a prior; returns a line of summary.
+  """
   data, encoder, codec, frozen = _generator_parts(config)
   net, prior = codec.net, Autoencoder(**module_fields(config.prior))
   levels = config.quantizer.num_levels
 
   def encode(frozen, x, num_frames):
     real_mask = padding_mask(num_frames // net.frames_per_latent, x.shape[1] // net.frames_per_latent)
-    made = {"latents": AutoencoderCodec.of(net, frozen).encode(x, real_mask)}
+    encoded = {"latents": AutoencoderCodec.of(net, frozen).encode(x, real_mask)}
     if "prior" in frozen:
-      made["codes"] = RvqCodec(prior, frozen["prior"]).encode(x, codec.real_frames(real_mask))[0][..., :levels]
-    return made
+      encoded["codes"] = RvqCodec(prior, frozen["prior"]).encode(x, codec.real_frames(real_mask))[0][..., :levels]
+    return encoded
 
   return store.encode(folder, frozen, items_of(config, data), encoder, encode, config.data.vary_subject > 0,
                       latents_look_back=False)

@@ -1,4 +1,4 @@
-"""What CDAMD trains beside its autoencoders (`shared.autoencoders`): the masked transformer, as a pure function."""
+"""Training stage of CDAMD's masked transformer, as a pure function; its autoencoders: `shared.autoencoders`."""
 import functools
 from typing import Any
 
@@ -132,8 +132,8 @@ def generator_stage(config: ConfigDict) -> Stage:
     measure = lambda codes: generator_loss(net, params, z1, real_mask, text_emb, codes, draws, fields,
                                            text_mask=text_mask)
     sums, weight = measure(None)
-    made = {"loss": sums["loss"], "weight": weight}
-    return made if codes is None else made | {"with_prior": measure(codes)[0]["loss"]}
+    losses = {"loss": sums["loss"], "weight": weight}
+    return losses if codes is None else losses | {"with_prior": measure(codes)[0]["loss"]}
 
   return Stage(init, loss, predict, in_parts=True,
                about_loss="mean squared error of the diffusion head, per number of a masked latent")

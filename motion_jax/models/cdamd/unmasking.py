@@ -78,7 +78,7 @@ def decoding_step(condition: Callable[..., Any], solve: Callable[..., Array], dr
   row, size = jnp.arange(batch)[:, None], num_rows or length
   # A loop of a known length where one chunk is enough for every iteration.
   enough = isinstance(schedule.made_at, np.ndarray) and max(
-      np.bincount(one[one >= 0], minlength=1).max() for one in schedule.made_at) <= size
+      np.bincount(iterations[iterations >= 0], minlength=1).max() for iterations in schedule.made_at) <= size
   most_chunks = 1 if num_rows is None or enough else None
 
   def step(k, state):
@@ -101,8 +101,8 @@ def decoding_step(condition: Callable[..., Any], solve: Callable[..., Array], dr
       at = jnp.tile(places if start is None else places - start[:, None], (branches, 1))[..., None]
       rows_of = jnp.take_along_axis(conditions, jnp.clip(at, 0, conditions.shape[1] - 1), axis=1)
       iteration = jnp.broadcast_to(k, places.shape) if num_rows is None else drawn_at[row, places]
-      made = solve(rows_of, rows, lambda j: draw(iteration, j, places)).astype(z.dtype)
-      return z.at[row, places].set(jnp.where(rows[..., None], made, z[row, places]))
+      solved = solve(rows_of, rows, lambda j: draw(iteration, j, places)).astype(z.dtype)
+      return z.at[row, places].set(jnp.where(rows[..., None], solved, z[row, places]))
 
     chunks = most_chunks or (wanted.sum(-1).max() + size - 1) // size
     return State(jax.lax.fori_loop(0, chunks, chunk, z), caches)

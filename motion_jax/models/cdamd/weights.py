@@ -92,25 +92,25 @@ def write_cdamd(out: str | pathlib.Path, tokenizer_file: str | pathlib.Path | No
                      "tokenizer alone, or an RVQ-VAE alone")
   if generator_file is None:
     read, file = (autoencoder, tokenizer_file) if rvq_file is None else (rvq, rvq_file)
-    made = read(file)  # type: ignore[arg-type]  # one of the two is given
+    ae = read(file)  # type: ignore[arg-type]  # one of the two is given
     stage = "cdamd.autoencoder" if rvq_file is None else "cdamd.rvq"
-    return write_tokenizer(out, made, stats_of(stats, made.fields["features"]), stage)
+    return write_tokenizer(out, ae, stats_of(stats, ae.fields["features"]), stage)
   if tokenizer_file is None:
     raise ValueError("a generator makes latents; give the file of the tokenizer that makes motion of them, too")
 
-  made = autoencoder(tokenizer_file)
-  stats = stats_of(stats, made.fields["features"])
+  ae = autoencoder(tokenizer_file)
+  stats = stats_of(stats, ae.fields["features"])
   gen = generator(generator_file, weights, num_heads)
   transformer = gen.fields["transformer"]
-  if transformer["latent_dim"] != made.fields["latent_dim"]:
+  if transformer["latent_dim"] != ae.fields["latent_dim"]:
     raise ValueError(f"the generator makes latents of {transformer['latent_dim']} numbers, those of the tokenizer have "
-                     f"{made.fields['latent_dim']}; they are of different trainings")
-  frozen = AutoencoderCodec(made.module, made.params).unscaled().parts  # Parity: released latents are not scaled
-  networks = [made, gen]
-  config = _generator_config(made, gen, stats.layout, diffusion)
+                     f"{ae.fields['latent_dim']}; they are of different trainings")
+  frozen = AutoencoderCodec(ae.module, ae.params).unscaled().parts  # Parity: released latents are not scaled
+  networks = [ae, gen]
+  config = _generator_config(ae, gen, stats.layout, diffusion)
   if rvq_file is not None:
     prior = rvq(rvq_file)
-    _check_prior(prior, made, transformer)
+    _check_prior(prior, ae, transformer)
     frozen["prior"] = prior.params
     quantizer = {name: prior.fields.pop(name) for name in ("num_levels", "num_codes")}
     config |= dict(prior=prior.fields, quantizer=quantizer)
@@ -144,7 +144,7 @@ def _check_prior(prior, tokenizer, transformer):
 
 
 def _generator_config(tokenizer, gen, layout, diffusion):
-  """What generating needs to know beside the sizes: the released evaluations' choices.
+  """Config of generation, apart from the sizes: the choices of the released evaluations.
 
   Source: docs/papers/cdamd.md#generation.
   """

@@ -24,7 +24,7 @@ CAPTIONS = 4  # different captions that a window shows at most
 
 
 def graphs_of(model: CmdmNetworks, **sampling: Any) -> tuple[list[Graph], dict[str, Any]]:
-  """(the four graphs of a model, what a host needs beside them: numbers, skeleton, tokenizer, licence).
+  """(the four graphs of a model, what a host needs besides them: numbers, skeleton, tokenizer, licence).
 
   sampling: choices of `CmdmSampling`, which become constants of the graphs. Batch size 1, without constraints.
   """
@@ -67,8 +67,8 @@ def _text(model):
   variables = {"params": encoder.params}
 
   def text(ids, mask):
-    made = streaming.encode_text(dit, params, encoder.model.apply(variables, ids, mask), mask, guided=False)
-    return made.k[:, 0], made.v[:, 0]
+    text_kv = streaming.encode_text(dit, params, encoder.model.apply(variables, ids, mask), mask, guided=False)
+    return text_kv.k[:, 0], text_kv.v[:, 0]
 
   return Graph("text", text, {"ids": np.zeros((1, words), np.int32), "mask": np.ones((1, words), bool)},
                ["text_k", "text_v"], {}, {

@@ -1,8 +1,9 @@
-"""Frame-wise sampling that is pulled towards constraints in every second iteration, through the decoder.
+"""Guidance of frame-wise sampling by constraints, through the decoder, in every second iteration.
 
-The latents of the window, as clean as the network thinks them, are decoded behind those that left it, and become joints
-where the motion has got to; `control.guidance` says what they would have to be. So a network that has not learned from
-constraints meets them, too, and one that has meets them more exactly. What left the window stays as it is.
+The network's estimate of the window's clean latents is decoded after the latents that left the window, and placed where
+the motion has arrived; `control.guidance` computes the correction that meets the constraints. A network that was not
+trained on constraints meets them this way, and one that was meets them more exactly. Latents that left the window stay
+as they are.
 """
 import dataclasses
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
@@ -44,10 +45,11 @@ def variance_of(t: Float[Array, " w"], moves: Bool[Array, " w"]) -> Float[Array,
 
 @flax.struct.dataclass
 class Guide:
-  """What pulls: a signal of frames (B, T) from block `first` on, and all that makes joints of latents. Made by `of`.
+  """Guidance towards a signal of frames (B, T) from block `first` on, with all that turns latents into joints. Made by
+  `of`.
 
-  num_steps: of conjugate gradients each time; num_times: how often the finished latents of a whole motion
-  are pulled once more, all together, which no stream can: with 0 a stream makes the motion that is made offline.
+  num_steps: conjugate gradient steps of each correction. num_times: further corrections of all finished latents of a
+  motion together, which a stream cannot have; with 0 a stream equals the offline motion.
   """
   codec: VaeCodec
   mean: Any
@@ -68,11 +70,11 @@ class Guide:
     return get_layout(self.layout)
 
   def over(self, frames: int) -> Self:
-    """The same over this number of frames; those behind the end of the signal are unconstrained."""
+    """The same over this number of frames; those after the end of the signal are unconstrained."""
     return dataclasses.replace(self, signal=self.signal.slice_frames(0, frames))
 
   def begin(self) -> Behind:
-    """Before the first block: the origin, faced +Z, by a row that goes nowhere."""
+    """The state before the first block: standing still at the origin, facing +Z."""
     batch = self.signal.given.shape[0]
     row = jnp.zeros((batch, 1, self._layout.dim))
     return Behind(self.codec.init_decode_state(batch), row, jnp.zeros((batch, 2)), jnp.zeros(batch))
@@ -106,13 +108,13 @@ class Guide:
 
   def pull(self, behind: Behind, base: Any, clean: Float[Array, "b w c"], t: Float[Array, " w"],
            moves: Bool[Array, " w"]) -> Float[Array, "b w c"]:
-    """What is to be added to the clean latents that a window at times t (W,) means, where latents move. base: how many
-    latents lie before it."""
+    """The correction of the clean latents that the network predicts in a window at times t (W,), where latents move.
+    base: number of latents before the window."""
     return self.newton_step(behind, base, clean, variance_of(t, moves), self.num_steps)
 
   def newton_step(self, behind: Behind, base: Any, latents: Float[Array, "b w c"], variance: Float[Array, "1 w 1"],
                   num_steps: Any, tolerance: Any = guidance.TOLERANCE) -> Float[Array, "b w c"]:
-    """`guidance.newton_step` of latents behind `base` others."""
+    """`guidance.newton_step` of latents after `base` others."""
     residual = lambda z: self._residual(behind, base - self.first, z)
     return guidance.newton_step(residual, latents, variance, num_steps, tolerance)
 

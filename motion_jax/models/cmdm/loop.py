@@ -23,7 +23,7 @@ _LENGTH = 50  # latents whose constraints are compiled together; longer ones by 
 
 
 class SamplingLoop:
-  """Motions side by side, one block further with each `step`; what they show is set in between.
+  """A batch of motions, one block longer with each `step`; captions and constraints are set in between.
 
     loop = SamplingLoop(model, plan, scale, keys)
     loop.say(text_emb, text_mask)
@@ -46,7 +46,7 @@ class SamplingLoop:
     self.paths: list[Path | None] = [None] * self.batch
     self._paths_before = self.paths
     self._text: Any = None
-    self._tokens: np.ndarray | None = None  # of what motions are held to (B, L, N), from block _tokens_from on
+    self._tokens: np.ndarray | None = None  # embedded constraints (B, L, N), from block _tokens_from on
     self._tokens_from = 0
     self._signal: ControlSignal | None = None
     self._control_steps = 0
@@ -77,7 +77,8 @@ class SamplingLoop:
   # --- constraints -------------------------------------------------------------------------------------------------
 
   def hold(self, signal: ControlSignal | None, control_steps: int, start: Float[np.ndarray, "b 3"]) -> None:
-    """Holds the frames that can still change to a signal (B, T) of frames from the beginning on; None: to nothing.
+    """Constrains the frames that can still change to a signal (B, T), from the first frame of the motions; None: no
+    constraints.
 
     A network trained on constraints gets them as far ahead as it looks; latents are pulled to them by control_steps
     conjugate gradient steps in every second iteration. start: x, z and heading of the bodies.
@@ -108,7 +109,7 @@ class SamplingLoop:
     return np.pad(window, ((0, 0), (0, length - window.shape[1]), (0, 0)))
 
   def _behind(self) -> Behind:
-    """Where bodies stand before the window."""
+    """Decoder state and root transform at the window's first frame."""
     if not self.base:
       return behind_nothing(self.model, self.batch)
     rows = [(path.row, path.place[::2], heading_of(path)) for path in self._paths_before if path is not None]
@@ -123,13 +124,13 @@ class SamplingLoop:
     offset = np.stack([drift[:, 0], 0 * drift[:, 0], drift[:, 1]], axis=-1).astype(np.float32)[:, None, None]
     window = dataclasses.replace(window, positions=np.where(window.given, window.positions - offset, 0))
     times, level = np.asarray(self._constants.times), now.levels + iteration
-    at, then = (np.repeat(times[np.clip(one, 0, plan.num_steps)], plan.block) for one in (level, level + 1))
-    moves = at < then
-    share = np.minimum(min(plan.lag, 2) * (then - at) / np.where(moves, 1 - at, 1), 1)
+    t, t_next = (np.repeat(times[np.clip(index, 0, plan.num_steps)], plan.block) for index in (level, level + 1))
+    moves = t < t_next
+    share = np.minimum(min(plan.lag, 2) * (t_next - t) / np.where(moves, 1 - t, 1), 1)
     base = np.int32(self.base * plan.block)
     guide = dataclasses.replace(Guide.of(model.codec, model.stats, window), first=base)
     pulled = np.asarray(model.compiled.pull(
-        guide, tuple(self._behind()), base, self._state.clean, variance_of(at, moves), np.int32(self._control_steps),
+        guide, tuple(self._behind()), base, self._state.clean, variance_of(t, moves), np.int32(self._control_steps),
         np.float32(TOLERANCE)))
     self._state = self._state._replace(latents=np.asarray(self._state.latents) + share[:, None] * pulled)
 
@@ -157,10 +158,10 @@ class SamplingLoop:
 
   def step(self, caption: Int[np.ndarray, "b w"], since: Int[np.ndarray, "b w"] | None = None,
            drift: Float[np.ndarray, "b 2"] | None = None) -> Float[np.ndarray, "b n c"] | None:
-    """One more block begins, and those under way come as much nearer to clean: the one that became clean, if any.
+    """Starts one more block and denoises those under way by one step; returns the block that became clean, if any.
 
     caption (B, W): which of the captions each block of the window has; since (B, W): see `streaming.window_at`. drift:
-    x and z by which bodies are seen elsewhere than where they are decoded.
+    x and z by which the cleanup has moved bodies from where they are decoded.
     """
     plan, age = self.plan, self.plan.age
     since = self._any() if since is None else since
@@ -189,20 +190,20 @@ class SamplingLoop:
     return np.asarray(features)
 
   def follow(self, features: Float[np.ndarray, "b t f"]) -> list[Float[np.ndarray, "t j 3"]]:
-    """Joints of the next rows of features, not normalized: where each body has got to is kept."""
-    made = [continue_path(rows, path, self.model.stats.layout) for rows, path in zip(features, self.paths)]
-    self._paths_before, self.paths = self.paths, [path for _, path in made]
-    return [joints for joints, _ in made]
+    """Joints of the next rows of features, not normalized; remembers where each body has arrived."""
+    continued = [continue_path(rows, path, self.model.stats.layout) for rows, path in zip(features, self.paths)]
+    self._paths_before, self.paths = self.paths, [path for _, path in continued]
+    return [joints for joints, _ in continued]
 
 
 def behind_nothing(model: CmdmNetworks, batch: int) -> Behind:
-  """`Guide.begin` in numpy, which compiles nothing."""
+  """The state before any latent left the window: `Guide.begin` in numpy, which compiles nothing."""
   zeros = lambda *shape: np.zeros(shape, np.float32)
   return Behind(_decoder_state(model, batch), zeros(batch, 1, model.stats.layout.dim), zeros(batch, 2), zeros(batch))
 
 
 def _decoder_state(model, batch):
-  """What the decoder remembers of motions that have not begun, in numpy."""
+  """The decoder's state before the first latents, in numpy."""
   shapes = jax.eval_shape(lambda: model.codec.init_decode_state(batch))
   return jax.tree.map(lambda a: np.zeros(a.shape, a.dtype), shapes)
 
@@ -217,13 +218,13 @@ def decode_all(model: CmdmNetworks, latents: Float[np.ndarray, "b l c"], frames:
   size, length, fpl = model.dit.block, latents.shape[1], model.frames_per_latent
   if not model.vae.causal:
     whole = np.zeros((len(latents), length * fpl, model.vae.features), np.float32)
-    for row, own, count in zip(whole, latents, [length * fpl] * len(latents) if frames is None else frames):
+    for row, row_latents, count in zip(whole, latents, [length * fpl] * len(latents) if frames is None else frames):
       used = -(-int(count) // fpl)
-      row[:used * fpl] = model.compiled.decode_whole(model.codec, own[None, :used])[0]
+      row[:used * fpl] = model.compiled.decode_whole(model.codec, row_latents[None, :used])[0]
     return whole
   latents = np.pad(latents, ((0, 0), (0, -length % size), (0, 0)))
-  state, made = _decoder_state(model, len(latents)), list[np.ndarray]()
+  state, blocks = _decoder_state(model, len(latents)), list[np.ndarray]()
   for block in np.split(latents, latents.shape[1] // size, axis=1):
     features, state = model.compiled.decode(model.codec, block, state)
-    made.append(np.asarray(features))
-  return np.concatenate(made, axis=1)[:, :length * fpl]
+    blocks.append(np.asarray(features))
+  return np.concatenate(blocks, axis=1)[:, :length * fpl]

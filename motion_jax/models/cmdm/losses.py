@@ -101,7 +101,7 @@ def align_ratio(vae: Net, params: Any, x: Float[Array, "b t f"], noise: Float[Ar
 
   Source: docs/papers/cmdm.md#alignment.
 
-  last_layer "linear": at the linear layer behind it.
+  last_layer "linear": at the linear layer after it.
 
   Constants to the gradient. Neither derivative goes deeper than W, so that rec costs one pass back through the decoder,
   without its parameters' gradients; the forward pass is the loss's own and compiled once.

@@ -106,9 +106,9 @@ class CmdmModel(BlockModel, CmdmNetworks):
     prompts, frames = ([*part] for part in zip(*segments))
     captions = [caption.text for caption in clip.captions if caption.text.strip()]
     past_prompt = past_prompt or (captions[-1] if captions else prompts[0])
-    made, ends, steps = extend(self, plan, chosen, joints, past_prompt, prompts, frames, keys, contrast, way, num_past,
-                               cleanup)
-    return Continued(made, ends, about | dict(way=way, past_prompt=past_prompt), steps)
+    added, ends, steps = extend(self, plan, chosen, joints, past_prompt, prompts, frames, keys, contrast, way, num_past,
+                                cleanup)
+    return Continued(added, ends, about | dict(way=way, past_prompt=past_prompt), steps)
 
   def make_stream(self, segments: Sequence[tuple[str, int | None]], keys: jax.Array, num_frames: int | None,
                   cleanup: bool, sampling: dict[str, Any]) -> "LiveStream":

@@ -112,22 +112,22 @@ def _windows(model, plan, sampling, prompts, segment, frames, keys, contrast):
   text_emb, text_mask = captions_of(model, prompts, contrast)
   seen = streaming.seen_since(plan, segment)
   seen = None if seen is None else block * np.repeat(np.asarray(seen), block, axis=1)
-  made, lengths = np.zeros((len(prompts), 0, model.dit.latent_dim), np.float32), offline.latents_of(
+  latents, lengths = np.zeros((len(prompts), 0, model.dit.latent_dim), np.float32), offline.latents_of(
       frames, model.frames_per_latent)
-  while made.shape[1] < shown.shape[1]:
-    past = made[:, -keep:]
-    start = made.shape[1] - past.shape[1]
+  while latents.shape[1] < shown.shape[1]:
+    past = latents[:, -keep:]
+    start = latents.shape[1] - past.shape[1]
     places = np.minimum(start + np.arange(size), shown.shape[1] - 1)
     part, since = shown[:, places], None if seen is None else np.maximum(seen[:, places] - start, 0)
-    own = part - part[:, :1]
-    at = np.minimum(part[:, :1] + np.arange(1 << int(own.max()).bit_length()), text_mask.shape[1] - 1)
+    relative = part - part[:, :1]
+    at = np.minimum(part[:, :1] + np.arange(1 << int(relative.max()).bit_length()), text_mask.shape[1] - 1)
     rows = np.arange(len(at))[:, None]
-    emb, mask = words_of_latents(text_emb[rows, at], text_mask[rows, at], own)
-    made = np.concatenate([made, np.asarray(model.compiled.chain_segment(
+    emb, mask = words_of_latents(text_emb[rows, at], text_mask[rows, at], relative)
+    latents = np.concatenate([latents, np.asarray(model.compiled.chain_segment(
         plan, size, model.params, text_emb=emb, text_mask=mask, scale=sampling.guidance_scale,
-        lengths=np.clip(lengths - made.shape[1], 1, size - past.shape[1]), past=past, since=since,
+        lengths=np.clip(lengths - latents.shape[1], 1, size - past.shape[1]), past=past, since=since,
         keys=jax.vmap(lambda key, start=start: jax.random.fold_in(key, start))(keys)))], axis=1)
-  return made[:, :shown.shape[1]]
+  return latents[:, :shown.shape[1]]
 
 
 def chain(model: CmdmNetworks, plan: streaming.Plan, sampling: CmdmSampling, prompts: Sequence[Sequence[str]],
@@ -136,15 +136,16 @@ def chain(model: CmdmNetworks, plan: streaming.Plan, sampling: CmdmSampling, pro
   """Motions of several prompts by the released code's procedure; arguments and results as of `stream`, without
   constraints.
 
-  Each segment is sampled by itself behind the last num_past latents of the one before, which get fresh noise in every
+  Each segment is sampled by itself after the last num_past latents of the one before, which get fresh noise in every
   step, with its own caption only; all latents are decoded in one pass (docs/papers/cmdm.md#multi-prompt).
   """
   frames_per_latent = model.frames_per_latent
   counts = [[max(1, int(number) // frames_per_latent) for number in row] for row in frames]
-  made = [np.concatenate(parts)
-          for parts in chained(model, plan, sampling, prompts, counts, [[] for _ in counts], keys, contrast, num_past)]
-  longest = max(map(len, made))
-  latents = np.stack([np.pad(z, ((0, longest - len(z)), (0, 0))) for z in made])
+  chains = [np.concatenate(parts)
+            for parts in chained(model, plan, sampling, prompts, counts, [[] for _ in counts], keys, contrast,
+                                 num_past)]
+  longest = max(map(len, chains))
+  latents = np.stack([np.pad(z, ((0, longest - len(z)), (0, 0))) for z in chains])
   ends = [(np.cumsum(row) * frames_per_latent).tolist() for row in counts]
   totals = [row[-1] for row in ends]
   return decode_all(model, latents, totals), totals, ends

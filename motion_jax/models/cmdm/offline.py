@@ -90,7 +90,7 @@ def _batch(model, plan, request):
 
 def blocks(loop: SamplingLoop, request: Request, past: Float[np.ndarray, "b p c"] | None = None
            ) -> Iterator[Float[np.ndarray, "b n c"]]:
-  """Yields the clean blocks (B, block, C) of a request whose rows are those of the loop, behind clean latents that were
+  """Yields the clean blocks (B, block, C) of a request whose rows are those of the loop, after clean latents that were
   made with their first caption."""
   captions = Captions(loop, request)
   if past is not None:

@@ -1,4 +1,4 @@
-"""How a CMDM model is sampled."""
+"""Sampling options of CMDM."""
 import dataclasses
 from typing import TYPE_CHECKING, Any
 
@@ -34,11 +34,11 @@ class CmdmSampling(SamplingOptions):
   def resolved(self, config: "ConfigDict", **usual: Any) -> "CmdmSampling":
     learned = "ddpm" if config.model.get("predicts") == "ddpm" else "flow"
     known = SOLVERS[learned]
-    found = super().resolved(config, **{"solver": config.sampler.get("solver") or known[0]} | usual)
-    if found.solver not in known:
-      raise InputError(f"got solver {found.solver!r}, this model knows {', '.join(known)}: it was trained to predict "
+    options = super().resolved(config, **{"solver": config.sampler.get("solver") or known[0]} | usual)
+    if options.solver not in known:
+      raise InputError(f"got solver {options.solver!r}, this model knows {', '.join(known)}: it was trained to predict "
                        f"{'the noise of a DDPM' if learned == 'ddpm' else 'a velocity'}")
-    return found
+    return options
 
   @property
   def steps_apart(self) -> int:

@@ -1,7 +1,7 @@
-"""Words of clips that were put together of several, for training: each latent sees those of its own part alone.
+"""Per-segment captions in training, for clips joined from several: each latent sees the words of its own part alone.
 
-So the denoiser learns to follow several prompts in sequence, where the words change from block to block
-(`multi_prompt`); a sentence about all of a clip says nothing of when its parts are.
+This teaches the denoiser to follow several prompts in sequence, where the words change from block to block
+(`multi_prompt`); a caption of the whole clip does not say when its parts happen.
 """
 from collections.abc import Sequence
 from typing import Any
@@ -18,7 +18,7 @@ def most_parts(spans: Sequence[Segments]) -> int:
 
 
 def part_of_blocks(segments: Segments, num_blocks: int, frames_per_block: int) -> Int[np.ndarray, " {num_blocks}"]:
-  """Which part each block belongs to: the one in whose frames its middle lies, behind the last one the last."""
+  """The part of each block: the one that holds its middle frame; after the end of the last part, that one."""
   middles = (np.arange(num_blocks) + 0.5) * frames_per_block
   ends = [past for _, _, past in segments]
   return np.minimum(np.searchsorted(ends, middles, side="right"), len(segments) - 1)

@@ -81,9 +81,9 @@ def make_plan(num_steps: int, lag: int, block: int, context: int, num_blocks: in
 
 
 def seen_since(plan: Plan, segment: Int[Array, "b n"] | None) -> Int[Array, "b n"] | None:
-  """The first block that each block sees, by the plan's memory of what was made with other captions; None: any.
+  """The first block that each block attends to, by the plan's memory of blocks with other captions; None: no limit.
 
-  segment (B, N): rising, which caption each block has. What is made with the first one sees all that was given before.
+  segment (B, N): rising, which caption each block has. Blocks of the first caption attend to all that was given before.
   """
   if plan.memory is None or segment is None:
     return None

@@ -27,9 +27,9 @@ def generate(dit: CausalDiT, plan: streaming.Plan, num_blocks: int, params: Any,
   block (lag = num_steps). keys (B,): one per motion. Pure; dit, plan and num_blocks are static.
 
   With segment (B, num_blocks), text_emb (B, G, S, E) and text_mask (B, G, S) are G captions a motion, and segment says
-  which of them each block has. lengths (B,): latents of each motion, behind which nothing is seen; None: whole blocks.
-  control, of the frames that are made, is for a network that was trained to keep to it;
-  guide, of as many, pulls any.
+  which of them each block has. lengths (B,): latents of each motion, after which nothing is attended to; None: whole
+  blocks. control: constraints of the generated frames, for a network that was trained on constraints; guide: guidance
+  over as many frames, for any network.
   """
   sampler = streaming.bind(dit, plan, params, text_emb=text_emb, text_mask=text_mask, scale=scale, keys=keys,
                            control=told_of(codec, control), lengths=lengths)
@@ -48,7 +48,7 @@ def generate_whole(dit: CausalDiT, plan: streaming.Plan, num_blocks: int, params
   What `generate` is tested against, and the full-sequence schedule of the paper's ablation. guide pulls finished
   latents alone.
   """
-  decode = lambda made: codec.decode(made if guide is None else guide.settle(made))
+  decode = lambda latents: codec.decode(latents if guide is None else guide.settle(latents))
   length = num_blocks * plan.block
   noise = jnp.concatenate([streaming.block_noise(keys, i, plan, dit.latent_dim) for i in range(num_blocks)], axis=1)
   if segment is not None:
@@ -110,7 +110,7 @@ def renoising_step(velocity: Callable[..., Array], x: Latents, t: Float[Array, "
   sampler is stochastic, and the network sees no clean past. Our own way, a cache of the clean past, is
   `streaming.Sampler.prefill`.
 
-  The first step finds noise where the past belongs: it is put in place after the network has spoken.
+  In the first step the network sees noise in place of the past, which is inserted after each prediction.
   """
   # Parity: the paper keeps a clean past in the context (equation 12); this is what the code does.
   t, t_next = (jnp.broadcast_to(a, x.shape[:2]) for a in (t, t_next))
@@ -121,7 +121,7 @@ def renoising_step(velocity: Callable[..., Array], x: Latents, t: Float[Array, "
 
 def renoised(velocity: Callable[..., Array], x: Latents, times: Float[Array, "n l"],
              past: Float[Array, "b p c"], fresh: Callable[[Any], Array]) -> Latents:
-  """Carries noise x (B, P + N, C) to data behind a clean past (B, P, C) along times (M + 1, P + N).
+  """Carries noise x (B, P + N, C) to data after a clean past (B, P, C) along times (M + 1, P + N).
 
   velocity(x, t (P + N,)) -> like x; fresh(m) is the new noise of step m, m a traced integer. The window comes back
   whole, its first P latents those given.
@@ -137,7 +137,7 @@ def chained(dit: CausalDiT, plan: streaming.Plan, params: Any, *, text_emb: Floa
             text_mask: Bool[Array, "b *l s"], scale: Any, lengths: Int[Array, " b"], past: Float[Array, "b p c"],
             noise: Float[Array, "b l c"], fresh: Callable[[Any], Array], times: Float[Array, "m l"] | None = None,
             since: Int[Array, "b l"] | None = None) -> Float[Array, "b n c"]:
-  """New latents (B, N, C) behind a past (B, P, C) as the released code makes them: plain recompute, past re-noised.
+  """New latents (B, N, C) after a past (B, P, C) as the released code makes them: plain recompute, past re-noised.
   text_mask (B, S), or (B, P + N, S) where latents have captions of their own.
 
   noise (B, P + N, C) and fresh(m) alike: see `renoised`; lengths (B,) of the new latents, those beyond
@@ -172,8 +172,8 @@ def chain_segment(dit: CausalDiT, plan: streaming.Plan, length: int, params: Any
 
 def block_words(dit: CausalDiT, guided: bool, params: Any, text_emb: Float[Array, "b g s e"],
                 text_mask: Bool[Array, "b g s"]) -> tuple[Any, Any, Any]:
-  """Keys, values and constant of captions, see `streaming.encode_text`, as a bare tuple: a kept program gives back no
-  named tuple that it is not given."""
+  """Keys, values and constant of captions, see `streaming.encode_text`, as a bare tuple: a cached program cannot return
+  a named tuple that is not among its arguments."""
   text = streaming.encode_text(dit, params, text_emb, text_mask, guided)
   return text.k, text.v, text.null
 

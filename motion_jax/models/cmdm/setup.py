@@ -85,8 +85,8 @@ def load_teacher(config: ConfigDict, stats: Stats) -> tuple[Any, dict[str, Any] 
   folder, fields = config.frozen.teacher, config.teacher.to_dict()
   own_layout = fields.get("layout", config.data.layout)
   if folder == "random-init":
-    own = alignment.plain_stats(own_layout)
-    view = None if own_layout == stats.layout.name else alignment.view_of(stats, own, folder)
+    teacher_stats = alignment.plain_stats(own_layout)
+    view = None if own_layout == stats.layout.name else alignment.view_of(stats, teacher_stats, folder)
   else:
     run = runs.load_run(folder, "tmr.teacher")
     view = alignment.view_of(stats, run.stats, folder)
@@ -104,8 +104,8 @@ def load_teacher(config: ConfigDict, stats: Stats) -> tuple[Any, dict[str, Any] 
 
 
 def tokenizer_fields(config: ConfigDict) -> dict[str, Any]:
-  """With these a tokenizer's run folder says what its latents were aligned with: the fields of the teacher, and where
-  the weights of that came from."""
+  """Config fields that record what a tokenizer's latents were aligned with: the fields of the teacher, and where its
+  weights came from."""
   if not config.frozen.teacher and config.train.start:  # what a tokenizer was aligned with stays true
     before = runs.load_run(config.train.start).config.get("alignment_teacher", {})
     return {"alignment_teacher": before.to_dict()} if before else {}
@@ -121,25 +121,26 @@ def tokenizer_fields(config: ConfigDict) -> dict[str, Any]:
 
 
 def denoiser_fields(config: ConfigDict) -> dict[str, Any]:
-  """What its tokenizer was aligned with, so that a record of the generator can say it, and how many numbers tell a
-  latent of constraints; a student has all of its teacher's sizes, words and latents, and begins with its parameters."""
+  """Config fields taken over from the runs of frozen parts: the teacher with which the tokenizer was aligned, for the
+  record, and the number of control features per latent. A student takes over all sizes, text encoder and latents of
+  its teacher, and starts from its parameters."""
   if "num_steps" in config.distill and not config.distill.teacher:
     raise InputError("got no config.distill.teacher, expected the denoiser that the student learns from: a run folder, "
                      "or a name that ships such as cmdm-small")
   if _has_teacher(config):
     run = runs.load_run(config.distill.teacher, "cmdm.denoiser")
-    own = {name: run.config[name].to_dict() for name in ("model", "tokenizer", "alignment_teacher")}
+    sections = {name: run.config[name].to_dict() for name in ("model", "tokenizer", "alignment_teacher")}
     text = {"text": str(run.text), "text_level": run.config.frozen.text_level}
-    return own | {"frozen": config.frozen.to_dict() | text | {"tokenizer": str(run.folder)},
-                  "train": config.train.to_dict() | {"start": config.train.start or config.distill.teacher}}
-  found: dict[str, Any] = {}
+    return sections | {"frozen": config.frozen.to_dict() | text | {"tokenizer": str(run.folder)},
+                       "train": config.train.to_dict() | {"start": config.train.start or config.distill.teacher}}
+  fields: dict[str, Any] = {}
   if config.data.control and not config.model.control:
     count = conditioning.size(2 ** config.tokenizer.num_halvings)
-    found["model"] = config.model.to_dict() | {"control": count}
+    fields["model"] = config.model.to_dict() | {"control": count}
   if config.frozen.tokenizer == "random-init":
-    return found
+    return fields
   taught = runs.load_run(config.frozen.tokenizer, _TOKENIZERS).config.alignment_teacher
-  return found | ({"alignment_teacher": taught.to_dict()} if taught else {})
+  return fields | ({"alignment_teacher": taught.to_dict()} if taught else {})
 
 
 def _has_teacher(config):
@@ -197,7 +198,7 @@ def _held_out_loss(config, stats, encoder, codec):
 
 
 def not_sampled(config: ConfigDict) -> list[str]:
-  """What a denoiser of this config cannot do once it is trained, a sentence each."""
+  """Limits of a denoiser that is trained by this config, a sentence each."""
   notes = []
   if not config.tokenizer.causal:
     notes.append("the tokenizer looks both ways (tokenizer.causal=False): whole motions alone, no stream, and "
@@ -247,14 +248,14 @@ def denoiser(config: ConfigDict) -> TrainingSetup:
                              config.data.frames_per_latent, config.model.block, words, rows)
       return dict(zip(("text_emb", "text_mask"), reader(said, at_least=words, rows=rows)))
 
-    own = encoded(said, segments)
+    arrays = encoded(said, segments)
     if config.loss.contrast:
       shown = [[text for text, *_ in spans] or [caption] for caption, spans in zip(said, segments or [[]] * len(said))]
       false = contradicted([text for texts in shown for text in texts], config.seed, step)
       other = encoded([false.get(caption, caption) for caption in said],
                       [[(false[text], *span) for text, *span in row] for row in segments])
-      own = contradictions_of(own, other, [any(false[text] != text for text in texts) for texts in shown[rows]])
-    return batch | own
+      arrays = contradictions_of(arrays, other, [any(false[text] != text for text in texts) for texts in shown[rows]])
+    return batch | arrays
 
   evaluate = _held_out_loss(config, data.stats, encoder, codec)
   stage, frozen = cmdm.denoiser_stage(config), codec.parts | motion_errors.frozen_stats(config, data.stats)
@@ -267,7 +268,7 @@ def denoiser(config: ConfigDict) -> TrainingSetup:
 
 
 def encode_denoiser(config: ConfigDict, folder: str | os.PathLike) -> str:
-  """Writes the store of a denoiser's data; returns what to tell of it."""
+  """Writes the store of a denoiser's data; returns a line of summary."""
   _, items, encoder, codec = _denoiser_parts(config)
   encode = lambda parts, x, num_frames: {"distribution": VaeCodec.of(codec.net, parts).distribution(x)}
   return store.encode(folder, codec.parts, items, encoder, encode, config.data.vary_subject > 0,

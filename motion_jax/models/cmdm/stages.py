@@ -1,4 +1,4 @@
-"""What CMDM trains, as pure functions: the causal tokenizer and, on its latents, the causal denoiser."""
+"""Training stages of CMDM, as pure functions: the causal tokenizer and, on its latents, the causal denoiser."""
 import functools
 from collections.abc import Callable
 from typing import Any
@@ -75,11 +75,11 @@ def tokenizer_stage(config: ConfigDict) -> Stage:
     """Reconstructions by the mean of the latents; with rng also, as "drawn", by latents drawn around it."""
     encoded: Any = vae.apply(params, batch["features"], method="encode")
     mean, logvar = encoded
-    found = {"features": vae.apply(params, mean, method="decode"), "mean": mean, "logvar": logvar}
+    outputs = {"features": vae.apply(params, mean, method="decode"), "mean": mean, "logvar": logvar}
     if rng is not None:
       z = sample_latent(mean, logvar, jax.random.normal(rng, mean.shape))
-      found["drawn"] = vae.apply(params, z, method="decode")
-    return found
+      outputs["drawn"] = vae.apply(params, z, method="decode")
+    return outputs
 
   return Stage(init, loss, predict, in_parts=True, about_loss=_about_tokenizer(config))
 
@@ -111,7 +111,7 @@ def _about_tokenizer(config):
 
 def forcing_inputs(config: ConfigDict, vae: CausalVAE, dit: CausalDiT, frozen: Any, batch: dict[str, Any],
                    rng: jax.Array) -> tuple[Any, Any, Any, Any, Any]:
-  """What diffusion forcing learns from in one step: (latents (B, L, C), which are real (B, L), times (B, L), noise
+  """Inputs of a step of diffusion forcing: (latents (B, L, C), which are real (B, L), times (B, L), noise
   (B, L, C), text_emb (B, S, E) with some dropped)."""
   encode_rng, level_rng, noise_rng, drop_rng = jax.random.split(rng, 4)
   keys = lambda key: jax.vmap(lambda i: jax.random.fold_in(key, i))(batch["index"])
@@ -158,11 +158,12 @@ def control_of(config: ConfigDict, vae: CausalVAE, frozen: Any, batch: dict[str,
 def self_forced(velocity: Callable[..., Any], z1: Latents, latent_mask: Bool[Array, "b l"],
                   t: Float[Array, "b l"], noise: Latents, keys: Array, block: int, share: float
                   ) -> tuple[Latents, Float[Array, "b l"], Bool[Array, "b l"]]:
-  """(latents, times, which are its own (B, L)): of a share of clips, drawn by keys (B,), the blocks before a random
-  border are what the network makes of them, and stand as clean, as they do when a motion continues from its own output.
+  """Self-forcing: (latents, times, which latents are predictions (B, L)). In a share of clips, drawn by keys (B,), the
+  blocks before a random border are replaced by the network's predictions and count as clean, as when a motion
+  continues from generated frames.
 
-  They are its prediction from noise that is more than half gone, without a gradient. A clip keeps one real block at
-  least to learn from. Source: the two forward passes of MotionStreamer (arXiv 2503.15451), there of single frames.
+  They are predicted from noise that is more than half gone, without a gradient. A clip keeps at least one real block to
+  learn from. Source: the two forward passes of MotionStreamer (arXiv 2503.15451), there of single frames.
   """
   length = z1.shape[1]
   places = -(-length // block)
@@ -174,21 +175,21 @@ def self_forced(velocity: Callable[..., Any], z1: Latents, latent_mask: Bool[Arr
     return count * block, jnp.repeat(jax.random.uniform(level, (places,), minval=0.5), block)[:length]
 
   count, level = jax.vmap(draw)(keys, latent_mask.sum(1))
-  own = jnp.arange(length) < count[:, None]
+  forced = jnp.arange(length) < count[:, None]
   x = paths.add_noise(z1, noise, level.astype(z1.dtype))
-  made = paths.velocity_to_x1(x, velocity(x, level.astype(z1.dtype)), level.astype(z1.dtype))
-  made = jax.lax.stop_gradient(made.astype(z1.dtype))
-  return jnp.where(own[..., None], made, z1), jnp.where(own, jnp.ones_like(t), t), own
+  predicted = paths.velocity_to_x1(x, velocity(x, level.astype(z1.dtype)), level.astype(z1.dtype))
+  predicted = jax.lax.stop_gradient(predicted.astype(z1.dtype))
+  return jnp.where(forced[..., None], predicted, z1), jnp.where(forced, jnp.ones_like(t), t), forced
 
 
 def decoded_errors(config: ConfigDict, codec: VaeCodec, frozen: Any, batch: dict[str, Any], latent_mask: Any,
                    counts: Any, t: Any, control: ControlSignal | None = None) -> Callable | None:
-  """errors_of(clean latents (B, L, C)) -> {name: (B,)}, for `paths.forcing_loss`: the errors of the decoded motion that
-  config.loss gives a weight, times that; None where it gives none. latent_mask (B, L) says which latents are real,
-  counts which of them are looked at.
+  """errors_of(clean latents (B, L, C)) -> {name: (B,)}, for `paths.forcing_loss`: the errors of the decoded motion,
+  times their weights in config.loss; None where all weights are 0. latent_mask (B, L): real latents; counts: those
+  whose frames count, if their time is over config.loss.decoded_from.
 
-  "control" is how far joints are from where constraints want them, where the frames that are mostly noise, and add up
-  to their places, are real ones.
+  "control" is the distance of joints from their constraints. Frames that do not count are replaced by real ones before
+  it is measured, as the steps of all earlier frames add up to the place of a joint.
   """
   errors, weights = motion_errors.of_features(config, frozen), motion_errors.weights(config.loss)
   held = config.loss.control if control is not None else 0.0
@@ -197,16 +198,17 @@ def decoded_errors(config: ConfigDict, codec: VaeCodec, frozen: Any, batch: dict
   if config.model.get("predicts") == "ddpm":
     raise InputError(f"got loss.{next(iter(weights), 'control')} and model.predicts='ddpm'; decoded motion is looked "
                      "at where the network's output means clean latents by the straight path: velocity, eps or x1")
-  # What is mostly noise means an average of motions, which need not move as any of them does.
+  # From mostly noise the network predicts an average of motions, which need not move like any of them.
   frames = codec.real_frames(counts & (t > config.loss.decoded_from))
 
   def errors_of(clean):
-    made = codec.decode(jnp.where(latent_mask[..., None], clean, 0.0))
-    real = batch["features"][:, :made.shape[1]]
-    found = {name: weights[name] * value for name, value in errors(made, real, frames).items()} if errors else {}
+    rebuilt = codec.decode(jnp.where(latent_mask[..., None], clean, 0.0))
+    real = batch["features"][:, :rebuilt.shape[1]]
+    terms = {name: weights[name] * value for name, value in errors(rebuilt, real, frames).items()} if errors else {}
     if control is not None and held:
-      found["control"] = held * _held_errors(config, frozen, jnp.where(frames[..., None], made, real), control, frames)
-    return found
+      filled = jnp.where(frames[..., None], rebuilt, real)
+      terms["control"] = held * _held_errors(config, frozen, filled, control, frames)
+    return terms
 
   return errors_of
 
@@ -259,9 +261,9 @@ def denoiser_stage(config: ConfigDict) -> Stage:
     velocity = lambda x, t, emb=text_emb, mask=batch["text_mask"]: dit.apply(
         params, x, t[:, ::shared], emb, attn_mask, mask, control)
     if dit.predicts == "ddpm":
-      if found := next((name for name in ("self_forcing", "pyramid_levels", "contrast") if config.loss[name]), ""):
-        raise InputError(f"got loss.{found} and model.predicts='ddpm'; it is a loss of the straight path: velocity, "
-                         "eps or x1")
+      if loss_name := next((name for name in ("self_forcing", "pyramid_levels", "contrast") if config.loss[name]), ""):
+        raise InputError(f"got loss.{loss_name} and model.predicts='ddpm'; it is a loss of the straight path: "
+                         "velocity, eps or x1")
       # Parity: the paper's algorithm 1; the code, and our default, learn the velocity of a straight path.
       return ddpm_forcing.forcing_loss(velocity, z1, latent_mask, t, noise)
     counts = latent_mask
@@ -269,8 +271,8 @@ def denoiser_stage(config: ConfigDict) -> Stage:
       counts &= t < 1  # what is finished teaches nothing: its noise is gone
     if config.loss.self_forcing:
       keys = jax.vmap(lambda i: jax.random.fold_in(jax.random.fold_in(rng, 2), i))(batch["index"])
-      z1, t, own = self_forced(velocity, z1, latent_mask, t, noise, keys, block, config.loss.self_forcing)
-      counts &= ~own
+      z1, t, forced = self_forced(velocity, z1, latent_mask, t, noise, keys, block, config.loss.self_forcing)
+      counts &= ~forced
     errors = decoded_errors(config, VaeCodec.of(vae, frozen), frozen, batch, latent_mask, counts, t, signal)
     contrast = _contrast(config, velocity, batch, text_emb, counts, t) if config.loss.contrast else None
     return paths.forcing_loss(velocity, z1, counts, t, noise, dit.predicts, errors, contrast)

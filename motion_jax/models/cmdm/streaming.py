@@ -10,7 +10,7 @@ sampling is `lax.scan` over it (`Sampler.sample`), applications and streams call
   once; the branch without caption attends to a constant.
 - Every block has a caption of its own. A new one begins with a new block; keys and values of older blocks depend on
   their own captions, which do not change, so the cache stays exact and nothing is computed again. With `Plan.memory`
-  blocks of a new caption see only the last few before it: what one was doing holds back what one is to do.
+  blocks of a new caption see only the last few before it: frames of the old prompt suppress the new action.
 
 All steps have the same shapes, so that one program serves motions of any length and kind: blocks that have not begun
 are computed, but seen by none that has, and an empty cache is a masked one. A given past enters by the same step, block
@@ -50,21 +50,21 @@ class Stream(NamedTuple):
   latents: Any  # (B, width * block, C), the window
   cache: Any    # (k, v), (depth, rows, ring * block, H, K), keys unturned
   oldest: Any   # (k, v), (depth, rows, block, H, K), of the window's oldest block in its last iteration
-  clean: Any    # like latents: the clean latents that they meant in the last iteration, of flows
+  clean: Any    # like latents: the clean latents predicted in the last iteration; flows only
   past: Any     # () how many latents were given before the first block, see `Sampler.prefill`
   behind: Any = None  # the state after the latents that left the window, for guided samplers
 
 
 class Constants(NamedTuple):
-  """What the time alone decides: times (num_steps + 1,) and modulation (depth, num_steps + 1, 6, D); of a DDPM also
-  how to go from each to the next."""
+  """Tables that depend on the time alone: times (num_steps + 1,) and modulation (depth, num_steps + 1, 6, D); of a DDPM
+  also the steps from each time to the next."""
   times: jax.Array
   modulation: jax.Array
   steps: ddpm_forcing.Steps | None = None
 
 
 class Conditions(NamedTuple):
-  """What a step depends on, except its state: params of the network, stacked; `Constants`; the captions' `encode_text`;
+  """All inputs of a step but its state: params of the network, stacked; `Constants`; the captions' `encode_text`;
   scale () or (B,) of guidance; keys of the noise that a DDPM's steps add, None for a flow; control (B, W * block, N) of
   `CausalDiT.control_tokens`, None for a network without."""
   params: Any
@@ -76,12 +76,12 @@ class Conditions(NamedTuple):
 
 
 class Window(NamedTuple):
-  """Where a step stands, and what is seen there. Made by `window_at`, in numpy or inside of a trace."""
+  """Position of a step in the stream, and its attention mask. Made by `window_at`, in numpy or inside of a trace."""
   steps: Any      # () how many steps were done before
   moves: Any      # () whether the window moves on to the next block
   slot: Any       # () where the block that left it goes in the cache, in latents
   blocks: Any     # (W,) the blocks of the window, counted from the first that is sampled
-  levels: Any     # (W,) iterations that each has behind it; negative: not begun
+  levels: Any     # (W,) iterations that each has had; negative: not begun
   num_steps: Any  # () of a block
   attn_mask: Any  # (rows or 1, 1, W * block, (ring + W) * block) what latents see of cache and window
   positions: Any  # (ring * block,) of cached keys
@@ -142,11 +142,11 @@ def oldest_block(plan: Plan, steps: Any) -> Any:
 
 def window_at(plan: Plan, steps: Any, past: Any, caption: Int[Array, "b w"], since: Int[Array, "b w"] | None = None,
               lengths: Int[Array, " b"] | None = None) -> Window:
-  """The window of the step after `steps` others, behind `past` given latents, traced if any argument is.
+  """The window of the step after `steps` others, after `past` given latents, traced if any argument is.
 
   caption (B, W): which of the captions in text each block has. since (B, W): the first block that each sees,
-  `seen_since`; None: all within the context. lengths (B,): latents of each motion; those that fill up its last block,
-  or run on beside a longer motion, see and are seen by themselves alone. None: no end.
+  `seen_since`; None: all within the context. lengths (B,): latents of each motion; later ones, in its last block or in
+  the blocks of a longer motion of the batch, see and are seen by themselves alone. None: no end.
   """
   xp = jnp if any(isinstance(a, jax.Array) for a in (steps, past, caption, since, lengths)) else np
   size, slots, within = plan.block, xp.arange(plan.ring), xp.arange(plan.block)
@@ -193,7 +193,7 @@ def _words_of_blocks(text, caption, size):
 
 def first_latents(dit: Net, layout: Layout, keys: jax.Array, now: Window, given: Float[Array, "_ _ _"]
                   ) -> Float[Array, "b w l c"]:
-  """What blocks begin with (B, W, block, C): noise, or before the first one the clean latents given (B, block, C)."""
+  """Initial latents of blocks (B, W, block, C): noise; before the first block `given`, clean latents (B, block, C)."""
   noise = jax.vmap(lambda index: block_noise(keys, index, layout, dit.latent_dim), out_axes=1)(now.blocks)
   return jnp.where(now.steps < 0, jnp.expand_dims(given, -3), noise)
 
@@ -289,7 +289,7 @@ class Sampler:
 
   def prefill(self, state: Stream, *, past: Float[Array, "b p c"], count: Any, caption: Int[Array, "b k"] | None = None
               ) -> Stream:
-    """A state as of `init` with clean latents behind it: the motion continues the last `count` of past (B, P, C).
+    """A state as of `init` after clean latents: the motion continues the last `count` of past (B, P, C).
 
     P is whole blocks, and the past ends where block 0 begins; what stands before its last `count` latents is ignored.
     Block after block enters the window at t = 1 and leaves its keys and values in the cache. caption (B, P / block):
@@ -370,9 +370,9 @@ class Sampler:
       state, block, _ = sampler._stepped(state, sampler._window(state, segment, since))
       return state, block
 
-    _, made = jax.lax.scan(body, self.init() if state is None else state, None, length=plan.age + num_blocks - 1)
-    made = made[plan.age - 1:]  # (num_blocks, B, block, C)
-    return jnp.moveaxis(made, 0, 1).reshape(len(self.keys), num_blocks * plan.block, self.dit.latent_dim)
+    _, blocks = jax.lax.scan(body, self.init() if state is None else state, None, length=plan.age + num_blocks - 1)
+    blocks = blocks[plan.age - 1:]  # (num_blocks, B, block, C)
+    return jnp.moveaxis(blocks, 0, 1).reshape(len(self.keys), num_blocks * plan.block, self.dit.latent_dim)
 
 
 def bind(dit: FrameWiseNetwork, plan: Plan, params: Any, *, text_emb: Float[Array, "b *g s e"] | None = None,

@@ -90,8 +90,9 @@ def write_cmdm(out: str | pathlib.Path, tokenizer_file: str | pathlib.Path, stat
                 frozen=dict(text=str(text or TEXT), tokenizer=checkpoint.FROZEN),
                 data=dict(layout=layout.name, max_frames=192, max_words=64),
                 sampler=dict(num_steps=50, lag=2, guidance_scale=3.0))  # docs/papers/cmdm.md#fss, #guidance
-  own = vae.fields == PAPERS_VAE and dit.fields == PAPERS_DIT
-  config["paper_row"] = paper_tables.claim(runs.with_defaults(ConfigDict(config)), paper_tables.CMDM if own else {})
+  as_paper = vae.fields == PAPERS_VAE and dit.fields == PAPERS_DIT
+  config["paper_row"] = paper_tables.claim(runs.with_defaults(ConfigDict(config)),
+                                           paper_tables.CMDM if as_paper else {})
   frozen = VaeCodec(vae.module, vae.params).unscaled().parts  # Parity: released latents are not scaled
   write(out, config, [vae, dit], dit.params, stats, frozen, files)
   return [vae, dit]

@@ -59,7 +59,7 @@ def goal_error(found: Float[Array, "b 8 3"], wanted: Float[Array, "b 8 3"], coun
 
 
 class Stand(NamedTuple):
-  """Where motions stand as a block begins, in the frame of their beginning: x and z (B, 2), heading (B,) in radians."""
+  """Root transform at the start of a block, relative to the motion's start: x and z (B, 2), heading (B,) in radians."""
   place: Float[np.ndarray, "b 2"]
   heading: Float[np.ndarray, " b"]
 
@@ -68,7 +68,7 @@ class Stand(NamedTuple):
     return cls(np.zeros((batch, 2)), np.zeros(batch))
 
   def after(self, features: Float[np.ndarray, "b t f"], layout: Representation) -> "Stand":
-    """Where they stand in the frame that follows a block of features, not normalized."""
+    """The root transform after a block of features, not normalized."""
     turned, path = layout.root_path(np.concatenate([features, features[:, -1:]], axis=1))
     angle = -2 * np.arctan2(turned[..., 2], turned[..., 0])
     step = np.stack([rotate_about_y(moved, turn - first) for moved, turn, first in
@@ -78,26 +78,26 @@ class Stand(NamedTuple):
 
 def goals_of_block(signal: ControlSignal, first: int, count: int, stand: Stand, layout: Representation
                    ) -> Float[np.ndarray, "b 8 4"]:
-  """What constraints ask of the block of count frames from the frame `first` on, seen from where it begins.
+  """Goals by which constraints are met in the block of `count` frames from frame `first` on, relative to its start.
 
   A goal is where the last target of a joint within the block is; training has goals at the block's end. A pelvis or
   another joint whose next target lies in a later block is approached: the path on the ground counts, in proportion to
   the time. Without a heading target, which training has beside every goal, a body faces where it goes.
   """
-  made = np.zeros((signal.batch, len(GOALS), 4), np.float32)
-  for row, wanted in enumerate(made):
+  goals = np.zeros((signal.batch, len(GOALS), 4), np.float32)
+  for row, targets in enumerate(goals):
     for goal, place in _targets(signal, row, first, count, stand, layout).items():
-      wanted[GOALS.index(goal)] = [*rotate_about_y(place, -stand.heading[row]), 1.0]
+      targets[GOALS.index(goal)] = [*rotate_about_y(place, -stand.heading[row]), 1.0]
     turns = _given(np.asarray(signal.heading_given)[row], first, first + count)
-    at = next((one[:3] for one in wanted if one[3]), None)
+    at = next((target[:3] for target in targets if target[3]), None)
     if len(turns):
       turn = float(np.asarray(signal.heading)[row, turns[-1]]) - stand.heading[row]
     elif at is not None:
       turn = np.arctan2(at[0], at[2]) if np.hypot(at[0], at[2]) > _FAR else 0.0
     else:
       continue
-    wanted[_HEADING] = [np.arctan2(np.sin(turn), np.cos(turn)), 0, 0, 1.0]
-  return made
+    targets[_HEADING] = [np.arctan2(np.sin(turn), np.cos(turn)), 0, 0, 1.0]
+  return goals
 
 
 def _given(flags: Bool[np.ndarray, " t"], first: int, stop: int | None = None) -> Int[np.ndarray, " n"]:
@@ -108,7 +108,7 @@ def _given(flags: Bool[np.ndarray, " t"], first: int, stop: int | None = None) -
 def _targets(signal, row, first, count, stand, layout):
   """{goal: (x, y, z) from where the block begins, in the directions of the motion} of one motion."""
   given, positions = np.asarray(signal.given)[row], np.asarray(signal.positions, np.float64)[row]
-  found, approached = {}, None
+  targets, approached = {}, None
   for goal in dict.fromkeys(goal for goals in TRAINED for goal in goals if goal != "heading"):
     joint = 0 if goal == "path" else layout.skeleton.joints.index(goal)
     whole = given[:, joint].all(-1)
@@ -120,9 +120,9 @@ def _targets(signal, row, first, count, stand, layout):
     frame = inside[-1] if len(inside) else frames[0]
     place = positions[frame, joint] - [stand.place[row][0], 0, stand.place[row][1]]
     if len(inside):
-      found[goal] = place * [1, goal != "path", 1]
+      targets[goal] = place * [1, goal != "path", 1]
     elif approached is None:
       approached = place * [1, 0, 1] * count / (frame - first + 1)
-  if approached is not None and not found:
-    found["path"] = approached
-  return found
+  if approached is not None and not targets:
+    targets["path"] = approached
+  return targets

@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float
 from motion_jax.shapes import Array
 
 STANDS = 0.01  # a foot that moves less than this between two frames stands
-TERMS = ("velocity", "positions", "contacts")  # beside the error of the features, each with a weight
+TERMS = ("velocity", "positions", "contacts")  # besides the error of the features, each with a weight
 
 
 def masked_l2(made: Float[Array, "b t n"], real: Float[Array, "b t n"], frame_mask: Bool[Array, "b t"]
@@ -23,11 +23,11 @@ def masked_l2(made: Float[Array, "b t n"], real: Float[Array, "b t n"], frame_ma
 
 def contact_error(made: Float[Array, "b t j 3"], real: Float[Array, "b t j 3"], frame_mask: Bool[Array, "b t"],
                   feet: Sequence[int]) -> Float[Array, " b"]:
-  """How far feet that stand in the real motion move in the decoded one; steps without contact count as met."""
-  own, theirs = (jnp.diff(joints[:, :, jnp.array(feet)], axis=1) for joints in (made, real))
-  stands = jnp.sqrt((theirs ** 2).sum(-1, keepdims=True)) <= STANDS
-  own = jnp.where(stands, own, 0.0).reshape(*own.shape[:2], -1)
-  return masked_l2(own, jnp.zeros_like(own), frame_mask[:, 1:])
+  """Squared steps, in the decoded motion, of feet that stand in the real one; 0 where there is no contact."""
+  velocity, real_velocity = (jnp.diff(joints[:, :, jnp.array(feet)], axis=1) for joints in (made, real))
+  stands = jnp.sqrt((real_velocity ** 2).sum(-1, keepdims=True)) <= STANDS
+  velocity = jnp.where(stands, velocity, 0.0).reshape(*velocity.shape[:2], -1)
+  return masked_l2(velocity, jnp.zeros_like(velocity), frame_mask[:, 1:])
 
 
 def mdm_terms(made: Float[Array, "b t f"], real: Float[Array, "b t f"], frame_mask: Bool[Array, "b t"],

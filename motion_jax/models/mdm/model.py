@@ -72,8 +72,8 @@ class MdmModel(EditingModel, MdmNetwork):
              cleanup: bool, sampling: dict[str, Any], signal: ControlSignal | None = None) -> Motions:
     """One pass: motions of prompts, a key each; sampling: choices of `MdmSampling`."""
     chosen = self.sampling(**sampling)
-    made = self._sampled(prompts, frames, keys, chosen)
-    return motions_of_prompts(self, made, prompts, frames, seeds, chosen.about() | dict(model=self.id), cleanup)
+    generated = self._sampled(prompts, frames, keys, chosen)
+    return motions_of_prompts(self, generated, prompts, frames, seeds, chosen.about() | dict(model=self.id), cleanup)
 
   def _sampled(self, prompts, frames, keys, chosen, known=None, known_mask=None):
     """Normalized features (B, max_frames, F)."""
@@ -91,20 +91,20 @@ class MdmModel(EditingModel, MdmNetwork):
     the sampling)."""
     chosen = self.sampling(**sampling)
     known = np.zeros((len(features), self.config.data.max_frames, self.net.features), np.float32)
-    mask = np.ones(known.shape, bool)  # Parity: what lies behind the end of a motion counts as given, as zeros.
+    mask = np.ones(known.shape, bool)  # Parity: what lies after the end of a motion counts as given, as zeros.
     for row, kept, x, flags in zip(known, mask, features, new):
       row[:len(x)] = self.stats.normalize(np.asarray(x))
       kept[:len(x)] = ~flags[:, None]
       if chosen.part != "body":
         kept[:len(x)] |= editing.kept_columns(self.stats.layout, chosen.part)
     frames = [len(x) for x in features]
-    made = np.asarray(self._sampled(prompts, frames, keys, chosen, known, mask))
-    return made, chosen.about() | dict(model=self.id)
+    sampled = np.asarray(self._sampled(prompts, frames, keys, chosen, known, mask))
+    return sampled, chosen.about() | dict(model=self.id)
 
 
 class Memory(NamedTuple):
-  """What DiP remembers: the last normalized frames, where motions stand, and the constraints that they have goals
-  from."""
+  """State of DiP between blocks: the last normalized frames, where motions stand, and the constraints that set their
+  goals."""
   prefix: Float[Any, "b p f"]
   stand: Stand
   signal: ControlSignal | None = None
@@ -143,18 +143,18 @@ class DipModel(BlockModel, MdmNetwork):
 
   def make_block(self, state: BlockState, prompts: Sequence[str], chosen: MdmSampling
                  ) -> tuple[Float[np.ndarray, "b n f"], BlockState]:
-    """(normalized features of the next block, the state behind it)."""
+    """(normalized features of the next block, the state after it)."""
     text_emb, text_mask = self.encode_words(prompts)
     prefix, stand, signal = state.memory
     goals, layout = no_goals(self.net, len(prefix)), self.stats.layout
     if signal is not None:
       goals = goals_of_block(signal, state.blocks * self.block_frames, self.block_frames, stand, layout)
-    made, prefix = self._block(self.plan_of(chosen), self.block_frames, self.params, prefix, text_emb, text_mask,
-                               chosen.guidance_scale, state.keys, state.blocks, goals)
-    made = np.asarray(made)
+    block, prefix = self._block(self.plan_of(chosen), self.block_frames, self.params, prefix, text_emb, text_mask,
+                                chosen.guidance_scale, state.keys, state.blocks, goals)
+    block = np.asarray(block)
     if self.takes_control:
-      stand = stand.after(self.stats.denormalize(made), layout)
-    return made, BlockState(state.keys, state.blocks + 1, Memory(prefix, stand, signal))
+      stand = stand.after(self.stats.denormalize(block), layout)
+    return block, BlockState(state.keys, state.blocks + 1, Memory(prefix, stand, signal))
 
 
 def _noise(keys, shape):

@@ -1,4 +1,4 @@
-"""How an MDM model is sampled."""
+"""Sampling options of MDM."""
 import dataclasses
 
 from motion_jax.models.options import SamplingOptions, choice, number

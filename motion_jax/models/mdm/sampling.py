@@ -13,7 +13,8 @@ SCHEDULES = {"cosine": ddpm.cosine_schedule, "linear": ddpm.linear_schedule}
 
 
 class Plan(NamedTuple):
-  """How it is sampled; hashable. train_steps: those of training, num_steps: those made (`ddpm.spaced_steps`)."""
+  """Static choices of sampling; hashable. train_steps: steps of training; num_steps: steps of sampling
+  (`ddpm.spaced_steps`)."""
   train_steps: int = 1000
   num_steps: int | str = 1000
   solver: str = "ancestral"  # or "ddim"
@@ -26,7 +27,7 @@ def schedule_of(plan: Plan) -> ddpm.Schedule:
 
 
 class Condition(NamedTuple):
-  """What the network reads beside the noisy frames; each may be None but text_emb. See `nets.motion_denoiser`."""
+  """Inputs of the network besides the noisy frames; each may be None but text_emb. See `nets.motion_denoiser`."""
   text_emb: Any
   text_mask: Any = None
   frame_mask: Any = None
@@ -46,10 +47,10 @@ def predictor(net: Net, plan: Plan, params: Any, condition: Condition, scale: An
 
   def predict(x, step):
     rows = jnp.concatenate([x, x]) if plan.guided else x
-    made = net.apply(params, rows, jnp.broadcast_to(step, len(rows)), *condition)
+    prediction = net.apply(params, rows, jnp.broadcast_to(step, len(rows)), *condition)
     if not plan.guided:
-      return made
-    with_text, without = jnp.split(made, 2)
+      return prediction
+    with_text, without = jnp.split(prediction, 2)
     return guidance.combine(with_text, without, scale)
 
   return predict
@@ -73,6 +74,6 @@ def denoise(net: Net, plan: Plan, params: Any, condition: Condition, scale: Any,
 def next_block(net: Net, plan: Plan, params: Any, condition: Condition, scale: Any, draw: Callable
                ) -> tuple[Float[Array, "b t f"], Float[Array, "b p f"]]:
   """DiP: the block (B, T, F) after the clean frames condition.prefix (B, P, F), and the prefix of the one after it."""
-  made = denoise(net, plan, params, condition, scale, draw)
+  block = denoise(net, plan, params, condition, scale, draw)
   prefix = condition.prefix
-  return made, jnp.concatenate([prefix, made], axis=1)[:, -prefix.shape[1]:]
+  return block, jnp.concatenate([prefix, block], axis=1)[:, -prefix.shape[1]:]

@@ -1,4 +1,4 @@
-"""What MDM trains, as a pure function: the denoiser of whole motions or, as DiP, of the frames after a prefix."""
+"""Training stage of MDM, as a pure function: the denoiser of whole motions or, as DiP, of the frames after a prefix."""
 from typing import Any
 
 import jax
@@ -61,16 +61,16 @@ def denoiser_stage(config: ConfigDict) -> Stage:
       wanted = places(joints_of(x1), layout)  # seen from the first frame that is predicted, not from the prefix
       more["goals"] = conditions(jnp.where(counts[..., None], wanted, 0.0), counts)
       more["goals_mask"] = ~no_goal
-    made = net.apply(params, ddpm.add_noise(schedule, x1, noise, t[:, None]), t, text, batch["text_mask"],
-                     real if config.loss.mask_frames else None, prefix, **more)
+    prediction = net.apply(params, ddpm.add_noise(schedule, x1, noise, t[:, None]), t, text, batch["text_mask"],
+                           real if config.loss.mask_frames else None, prefix, **more)
     whole = lambda x: x if prefix is None else jnp.concatenate([prefix, x], axis=1)
-    joints = (tuple(joints_of(whole(x))[:, context:] for x in (made, x1))
+    joints = (tuple(joints_of(whole(x))[:, context:] for x in (prediction, x1))
               if weights.keys() & {"positions", "contacts"} else None)
-    terms = mdm_terms(made, x1, real, weights, joints=joints, feet=feet)
+    terms = mdm_terms(prediction, x1, real, weights, joints=joints, feet=feet)
     if plain.num_goals:
-      terms["goals"] = goal_error(places(joints_of(made), layout), wanted, counts)
+      terms["goals"] = goal_error(places(joints_of(prediction), layout), wanted, counts)
       terms["loss"] = terms["loss"] + config.loss.goals * terms["goals"]
-    return made, terms
+    return prediction, terms
 
   def loss(params, frozen, batch, step, rng):
     terms = errors(params, frozen, batch, rng, config.loss.drop_rate, config.model.dropout > 0)[1]
@@ -78,8 +78,8 @@ def denoiser_stage(config: ConfigDict) -> Stage:
 
   def predict(params, frozen, batch, rng):
     """Clean features of noisy ones, all captions given, and the sums and weight of their loss."""
-    made, terms = errors(params, frozen, batch, jax.random.key(0) if rng is None else rng, 0.0, False)
-    return {"features": made, "loss": terms["loss"].sum(), "weight": batch["index"].shape[0]}
+    prediction, terms = errors(params, frozen, batch, jax.random.key(0) if rng is None else rng, 0.0, False)
+    return {"features": prediction, "loss": terms["loss"].sum(), "weight": batch["index"].shape[0]}
 
   return Stage(init, loss, predict, in_parts=True,
                about_loss="squared error of the clean features of real frames, in units of their deviation")

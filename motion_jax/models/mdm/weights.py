@@ -57,9 +57,9 @@ def write_mdm(out: str | pathlib.Path, file: str | pathlib.Path, stats: Any, tex
   file does not hold.
   """
   check_free(out)
-  made, options = denoiser(file, weights, num_heads), _options(pathlib.Path(file))
+  network, options = denoiser(file, weights, num_heads), _options(pathlib.Path(file))
   steps, drop_rate = options["diffusion_steps"], float(options["cond_mask_prob"])
-  fields = made.fields | dict(num_steps=max(steps, 1), time_token=options["emb_trans_dec"])
+  fields = network.fields | dict(num_steps=max(steps, 1), time_token=options["emb_trans_dec"])
   layout, kind = layout_for(fields["features"]), _text_of(options, fields)
   encoder, level, pieces = TEXT[kind]
   files = text_files(text, fields["text_dim"], "denoiser", encoder, level)
@@ -70,8 +70,8 @@ def write_mdm(out: str | pathlib.Path, file: str | pathlib.Path, stats: Any, tex
                           contacts=0.0),
                 data=dict(layout=layout.name, mode="benchmark", max_frames=196, max_words=64),
                 sampler=dict(guidance_scale=2.5 if drop_rate else 1.0, num_steps=steps, solver="ancestral"))
-  write(out, config, [made], made.params, stats_of(stats, fields["features"]), files=files)
-  return [made]
+  write(out, config, [network], network.params, stats_of(stats, fields["features"]), files=files)
+  return [network]
 
 
 def _options(file):

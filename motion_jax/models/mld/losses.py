@@ -19,7 +19,7 @@ def vae_terms(made: Float[Array, "b t f"], real: Float[Array, "b t f"], joints: 
   """{name: (B,)}: "features" and "joints", smooth L1 with beta 1, "kl", and their weighted sum "loss".
 
   joints: of both motions, (B, T, J, 3). Means are over all entries, of padding too: features are 0 there on both sides,
-  joints are where the motion has come to.
+  and the joints stay where the motion ends.
   """
   distance = lambda a, b: optax.huber_loss(a, b).reshape(len(a), -1).mean(1)
   terms = {"features": distance(made, real), "joints": distance(*joints), "kl": kl_terms(mean, logvar)}

@@ -62,9 +62,9 @@ class MldModel(TextToMotionModel):
     """One pass: motions of prompts, a key each; sampling: choices of `MldSampling`."""
     chosen = self.sampling(**sampling)
     real = padding_mask(jnp.asarray(frames), self.config.data.max_frames)  # one length for all, compiled once
-    made = self._generate(self.plan_of(chosen), self.params, self.frozen.get(VAE), self.encoder(prompts)[0],
-                          self.frozen[NO_CAPTION], real, chosen.guidance_scale, keys)
-    return motions_of_prompts(self, made, prompts, frames, seeds, chosen.about() | dict(model=self.id), cleanup)
+    generated = self._generate(self.plan_of(chosen), self.params, self.frozen.get(VAE), self.encoder(prompts)[0],
+                               self.frozen[NO_CAPTION], real, chosen.guidance_scale, keys)
+    return motions_of_prompts(self, generated, prompts, frames, seeds, chosen.about() | dict(model=self.id), cleanup)
 
   def reconstruct(self, features: Num[Array, "t f"]) -> Float[np.ndarray, "t f"]:
     """Features (T, F) through the VAE and back, by the mean of their latent."""
@@ -72,8 +72,8 @@ class MldModel(TextToMotionModel):
       raise InputError(f"got a motion of {len(features)} frames, MLD's VAE has positions for "
                        f"{self.vae.max_length - 2 * self.vae.num_tokens}; cut a part out of it")
     x = jnp.asarray(self.stats.normalize(np.asarray(features))[None])
-    made = reconstruct(self.vae, self.frozen[VAE], x, jnp.ones(x.shape[:2], bool))
-    return self.stats.denormalize(np.asarray(made))[0]
+    rebuilt = reconstruct(self.vae, self.frozen[VAE], x, jnp.ones(x.shape[:2], bool))
+    return self.stats.denormalize(np.asarray(rebuilt))[0]
 
 
 class MldFramesModel(MldModel):

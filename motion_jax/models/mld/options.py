@@ -1,4 +1,4 @@
-"""How an MLD model is sampled."""
+"""Sampling options of MLD."""
 import dataclasses
 
 from motion_jax.models.options import SamplingOptions, choice, number

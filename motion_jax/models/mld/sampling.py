@@ -11,9 +11,10 @@ from motion_jax.shapes import Array, Net
 
 
 class FrameDenoiser(NamedTuple):
-  """A denoiser of frames as the others are called, padding 0 in what it predicts and, if hidden, not attended to.
+  """A denoiser of frames with the interface of a denoiser of latents. Its prediction is 0 at padding, which, if hidden,
+  is not attended to.
 
-  real (B, T); twice as many rows are two such batches.
+  real (B, T): real frames; a batch of 2 B rows is two such batches.
   """
   net: Net
   real: Any
@@ -22,12 +23,12 @@ class FrameDenoiser(NamedTuple):
   def apply(self, params: Any, x: Float[Array, "b t f"], t: Any, text: Float[Array, "b s e"], **more: Any
             ) -> Float[Array, "b t f"]:
     real = jnp.concatenate([self.real] * (len(x) // len(self.real)))
-    made = self.net.apply(params, x, t, text, frame_mask=real if self.hidden else None, **more)
-    return jnp.where(real[..., None], made, 0)
+    prediction = self.net.apply(params, x, t, text, frame_mask=real if self.hidden else None, **more)
+    return jnp.where(real[..., None], prediction, 0)
 
 
 class Plan(NamedTuple):
-  """How it is sampled; hashable. predicts: what the denoiser learned, "noise" or "x1"."""
+  """Static choices of sampling; hashable. predicts: what the denoiser learned, "noise" or "x1"."""
   train_steps: int = 1000
   num_steps: int = 50
   solver: str = "ddim"  # or "ancestral"
@@ -50,17 +51,17 @@ def schedule_of(plan: Plan) -> ddpm.Schedule:
 
 def predictor(net: Net, plan: Plan, params: Any, text_emb: Float[Array, "b s e"], no_text_emb: Float[Array, "b s e"],
               scale: Any) -> Callable:
-  """predict(z, step ()) -> noise or clean latents, guided; no_text_emb: what the encoder makes of an empty caption."""
+  """predict(z, step ()) -> noise or clean latents, guided; no_text_emb: the embedding of an empty caption."""
   scale = jnp.asarray(scale, text_emb.dtype)
   scale = scale[:, None, None] if scale.ndim else scale
   text = jnp.concatenate([text_emb, no_text_emb]) if plan.guided else text_emb
 
   def predict(z, step):
     rows = jnp.concatenate([z, z]) if plan.guided else z
-    made = net.apply(params, rows, jnp.broadcast_to(step, len(rows)), text)
+    prediction = net.apply(params, rows, jnp.broadcast_to(step, len(rows)), text)
     if not plan.guided:
-      return made
-    with_text, without = jnp.split(made, 2)
+      return prediction
+    with_text, without = jnp.split(prediction, 2)
     return guidance.combine(with_text, without, scale)
 
   return predict

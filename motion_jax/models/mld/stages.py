@@ -1,4 +1,4 @@
-"""What MLD trains, as pure functions: the transformer VAE and the denoiser, of latents or, without a VAE, of frames."""
+"""Training stages of MLD, as pure functions: transformer VAE and denoiser, of latents or, without a VAE, of frames."""
 from typing import Any, cast
 
 import jax
@@ -51,7 +51,7 @@ def vae_stage(config: ConfigDict) -> Stage:
 
 
 def reconstruct(vae: TokenVAE, params: Any, x: Any, real: Any) -> Any:
-  """Features (B, T, F) there and back, by the mean of the latent."""
+  """Features (B, T, F) encoded and decoded, by the mean of the latent."""
   return vae.apply(params, vae.apply(params, x, real, method="encode")[0], real, method="decode")
 
 
@@ -118,8 +118,8 @@ def _denoising(net, config, params, frozen, batch, rng, clean, keys):
   drop = jax.vmap(lambda key: jax.random.bernoulli(key, config.loss.drop_rate))(keys[:, 3])
   text = jnp.where(drop[:, None, None], frozen[NO_CAPTION][None], batch["text_emb"])
   more: dict[str, Any] = dict(items=batch["index"], rngs={"dropout": rng}) if config.model.dropout else {}
-  made = net.apply(params, ddpm.add_noise(schedule, clean, noise, t[:, None]), t, text, **more)
-  errors = prediction_error(made, noise if config.diffusion.predicts == "noise" else clean)
+  prediction = net.apply(params, ddpm.add_noise(schedule, clean, noise, t[:, None]), t, text, **more)
+  errors = prediction_error(prediction, noise if config.diffusion.predicts == "noise" else clean)
   return {"loss": errors.sum()}, len(errors)
 
 
@@ -137,6 +137,6 @@ def denoiser_shapes(net: TokenDenoiser, num_tokens: int) -> Any:
 
 
 def frozen_shapes(vae: TokenVAE | None, text_dim: int) -> dict[str, Any]:
-  """Shapes of what a denoiser's run keeps beside its parameters."""
+  """Shapes of what a denoiser's run keeps besides its parameters."""
   no_caption = {NO_CAPTION: jax.ShapeDtypeStruct((1, text_dim), jnp.float32)}
   return no_caption | ({VAE: vae_shapes(vae)} if vae else {})

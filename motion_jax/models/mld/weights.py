@@ -67,7 +67,7 @@ def _denoiser(whole, num_tokens, num_heads):
 
 
 def _lightning(path):
-  """Entries of a Lightning checkpoint beside its weights."""
+  """Entries of a Lightning checkpoint besides its weights."""
   return ("callbacks", "hparams_name", "hyper_parameters", "loops", "lr_schedulers", "optimizer_states",
           "native_amp_scaling_state")
 
@@ -84,12 +84,13 @@ def write_mld(out: str | pathlib.Path, file: str | pathlib.Path, stats: Any, tex
   is needed: the run keeps the vector of an empty caption.
   """
   check_free(out)
-  *vaes, made = found = networks(file, num_heads)
-  encoder = encoder_of(text, made.fields["text_dim"], "MLD denoiser", TEXT)
-  features = (vaes or found)[0].fields["features"]
+  *vaes, denoiser = parts = networks(file, num_heads)
+  encoder = encoder_of(text, denoiser.fields["text_dim"], "MLD denoiser", TEXT)
+  features = (vaes or parts)[0].fields["features"]
   frozen: dict[str, Any] = {NO_CAPTION: np.asarray(encoder.no_caption())}
   config: dict[str, Any] = dict(
-      stage="mld.frames", model=made.fields | dict(num_steps=1000), frozen=dict(text=str(text), text_level="sentence"),
+      stage="mld.frames", model=denoiser.fields | dict(num_steps=1000),
+      frozen=dict(text=str(text), text_level="sentence"),
       diffusion=dict(num_steps=1000, predicts="noise"), loss=dict(drop_rate=0.1, mask_frames=False),
       data=dict(layout=layout_for(features).name, mode="benchmark", max_frames=196, max_words=64),
       sampler=dict(guidance_scale=7.5, num_steps=1000, solver="ancestral"))
@@ -98,5 +99,6 @@ def write_mld(out: str | pathlib.Path, file: str | pathlib.Path, stats: Any, tex
                    sampler=dict(guidance_scale=7.5, num_steps=50, solver="ddim"))
     config["frozen"] |= dict(tokenizer=checkpoint.FROZEN)
     frozen[VAE] = vaes[0].params
-  write(out, config, found, made.params, stats_of(stats, features), frozen, {checkpoint.TEXT: text_identity(encoder)})
-  return found
+  write(out, config, parts, denoiser.params, stats_of(stats, features), frozen,
+        {checkpoint.TEXT: text_identity(encoder)})
+  return parts

@@ -28,8 +28,8 @@ class Draws(NamedTuple):
 def draw_step(keys: jax.Array, length: int, num_codes: int) -> Draws:
   """keys (B,): one per item, so that draws are the same on any number of devices."""
   def of_item(key):
-    one, places, codes = jax.random.split(key, 3)
-    time, text = jax.random.uniform(one, (2,))
+    scalar_key, places, codes = jax.random.split(key, 3)
+    time, text = jax.random.uniform(scalar_key, (2,))
     random_codes = jax.random.randint(codes, (length,), 0, num_codes)
     order, noise, keep = jax.random.uniform(places, (3, length))
     return Draws(time, text, order, noise, keep, random_codes)
@@ -41,10 +41,11 @@ def hide(codes: Int[Array, "b l"], real_mask: Bool[Array, "b l"], draws: Draws, 
          mask_rate: float = 0.88) -> tuple[Int[Array, "b l"], Bool[Array, "b l"]]:
   """(what the masked transformer reads, which codes carry loss), both (B, L); K is the mask, K + 1 padding."""
   # Parity: of the hidden codes 10 % are random, 79.2 % masked and 10.8 % kept; the paper says 10, 80 and 10.
-  made = masking.corruption(draws.time_u, draws.order_u, draws.noise_u, draws.keep_u, real_mask, noise_rate, mask_rate)
-  given = jnp.where(made.noised, draws.random_codes, codes)
-  given = jnp.where(made.replaced, num_codes, given)
-  return jnp.where(real_mask, given, num_codes + 1), made.masked
+  hidden = masking.corruption(draws.time_u, draws.order_u, draws.noise_u, draws.keep_u, real_mask, noise_rate,
+                              mask_rate)
+  given = jnp.where(hidden.noised, draws.random_codes, codes)
+  given = jnp.where(hidden.replaced, num_codes, given)
+  return jnp.where(real_mask, given, num_codes + 1), hidden.masked
 
 
 def level_of(u: Float[Array, " b"], num_levels: int) -> Int[Array, " b"]:

@@ -87,8 +87,8 @@ class MomaskModel(EditingModel):
     frames = [count // unit * unit for count in frames]
     every = np.arange(self.max_latents) < np.array(frames)[:, None] // unit
     nothing = np.zeros((len(prompts), self.max_latents, self.config.quantizer.num_levels), np.int32)
-    made, about = self._sampled(nothing, every, every, prompts, keys, sampling)
-    return motions_of_prompts(self, made, prompts, frames, seeds, about, cleanup)
+    generated, about = self._sampled(nothing, every, every, prompts, keys, sampling)
+    return motions_of_prompts(self, generated, prompts, frames, seeds, about, cleanup)
 
   def inpainted(self, features: Sequence[np.ndarray], new: Sequence[np.ndarray], prompts: Sequence[str],
                 keys: jax.Array, sampling: dict[str, Any]) -> tuple[np.ndarray, dict[str, Any]]:
@@ -98,8 +98,8 @@ class MomaskModel(EditingModel):
     edited = edited_latents(new, self.max_latents, unit)
     real = np.asarray(padding_mask(jnp.array([-(-len(x) // unit) for x in features]), self.max_latents))
     codes = self._encode(self.codec.params, padded_features(self, features, self.max_latents * unit), real)
-    made, about = self._sampled(codes, edited, real, prompts, keys, sampling)
-    return np.asarray(made), about
+    sampled, about = self._sampled(codes, edited, real, prompts, keys, sampling)
+    return np.asarray(sampled), about
 
   def _sampled(self, codes, editable, real, prompts, keys, sampling):
     """(normalized features (B, T, F), record of the sampling)."""
@@ -107,10 +107,10 @@ class MomaskModel(EditingModel):
     counts = masking.masked_counts(chosen.num_iterations, editable.sum(-1))
     plan = Plan(chosen.guidance_scale != 1, chosen.temperature, chosen.threshold, chosen.residual_scale != 1,
                 chosen.residual_temperature)
-    made = self._fill(plan, self.params, self.frozen.get("residual", {}), self.codec.params, jnp.asarray(codes),
-                      jnp.asarray(editable), jnp.asarray(real), jnp.asarray(counts), self.encoder(prompts)[0][:, 0],
-                      keys, jnp.float32(chosen.guidance_scale), jnp.float32(chosen.residual_scale))
-    return made, chosen.about() | dict(model=self.id)
+    filled = self._fill(plan, self.params, self.frozen.get("residual", {}), self.codec.params, jnp.asarray(codes),
+                        jnp.asarray(editable), jnp.asarray(real), jnp.asarray(counts), self.encoder(prompts)[0][:, 0],
+                        keys, jnp.float32(chosen.guidance_scale), jnp.float32(chosen.residual_scale))
+    return filled, chosen.about() | dict(model=self.id)
 
 
 MODELS = {"momask.masked": MomaskModel}

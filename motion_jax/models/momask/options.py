@@ -1,4 +1,4 @@
-"""How a MoMask model is sampled."""
+"""Sampling options of MoMask."""
 import dataclasses
 
 from motion_jax.models.options import SamplingOptions, number

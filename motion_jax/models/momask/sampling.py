@@ -70,8 +70,8 @@ def decode_masked(net: Net, params: Any, codes: Int[Array, "b l"], editable: Boo
                   scale: float | None, choose: Choose, rescore: bool = False) -> Round:
   """All rounds of filling the editable codes of level 0, (B, L); the last one's codes are those of the motion.
 
-  counts (N, B): how many codes each round finds masked (`mask_schedule.masked_counts` of how many are editable); the
-  least certain ones are. What is not editable stays as it is. rescore: in each round the certainty of all editable
+  counts (N, B): how many codes each round finds masked (`mask_schedule.masked_counts` of how many are editable), the
+  least certain ones. What is not editable stays as it is. rescore: in each round the certainty of all editable
   codes is that of codes drawn in their places, as the reference does for an edit without a mask.
   """
   rows = 1 if scale is None else 2
@@ -121,6 +121,6 @@ def add_levels(net: Net, params: Any, codes: Int[Array, "b l"], real_mask: Bool[
     return (history, drawn), (drawn, logits)
 
   history = jnp.zeros((*codes.shape, net.code_dim), text_emb.dtype)
-  made, logits = jax.lax.scan(one_level, (history, codes), jnp.arange(1, steps + 1))[1]
-  every = jnp.concatenate([codes[None], made])
+  residuals, logits = jax.lax.scan(one_level, (history, codes), jnp.arange(1, steps + 1))[1]
+  every = jnp.concatenate([codes[None], residuals])
   return jnp.moveaxis(jnp.where(every == net.padding_code, -1, every), 0, -1), logits

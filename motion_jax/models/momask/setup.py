@@ -21,8 +21,8 @@ MASKED, RESIDUAL = "momask.masked", "momask.residual"
 def masked(config: ConfigDict) -> TrainingSetup:
   """The masked transformer; with it lie a residual transformer and a length estimator, where the config names them."""
   def more(encoder):
-    found = {"residual": load_residual(config, encoder)} if config.frozen.residual else {}
-    return found | ({"length": length_setup.load_length(config.frozen.length, encoder)} if config.frozen.length else {})
+    parts = {"residual": load_residual(config, encoder)} if config.frozen.residual else {}
+    return parts | ({"length": length_setup.load_length(config.frozen.length, encoder)} if config.frozen.length else {})
 
   return _transformer(config, masked_stage(config), more)
 
@@ -51,19 +51,19 @@ def load_residual(config: ConfigDict, encoder: TextEncoder) -> Any:
   folder = config.frozen.residual
   run = runs.load_run(folder, RESIDUAL)
   run.check_encoder(encoder)
-  own, wanted = run.config.quantizer.to_dict(), config.quantizer.to_dict()
-  if own != wanted:
-    raise ValueError(f"{folder} was trained on codes of {own}, this config says {wanted}; train both transformers on "
-                     "one RVQ-VAE")
+  trained, wanted = run.config.quantizer.to_dict(), config.quantizer.to_dict()
+  if trained != wanted:
+    raise ValueError(f"{folder} was trained on codes of {trained}, this config says {wanted}; train both transformers "
+                     "on one RVQ-VAE")
   return run.params(residual_shapes(ResidualCodeTransformer(**module_fields(run.config.model))))
 
 
 def resolved(config: ConfigDict) -> dict[str, Any]:
-  """What the masked transformer's config takes over: the sizes of its residual transformer and length estimator."""
-  found = length_setup.fields_of(config)
+  """Config fields of the masked transformer from other runs: sizes of residual transformer and length estimator."""
+  fields = length_setup.fields_of(config)
   if config.frozen.residual:
-    found["residual"] = runs.load_run(config.frozen.residual, RESIDUAL).config.model.to_dict()
-  return found
+    fields["residual"] = runs.load_run(config.frozen.residual, RESIDUAL).config.model.to_dict()
+  return fields
 
 
 RESOLVED = {MASKED: resolved}

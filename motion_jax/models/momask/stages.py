@@ -1,4 +1,4 @@
-"""What MoMask trains beside its RVQ-VAE (`shared.autoencoders`), as pure functions: its two transformers."""
+"""Training stages of MoMask, as pure functions: both transformers; for its RVQ-VAE see `shared.autoencoders`."""
 from typing import Any
 
 import jax

@@ -71,44 +71,44 @@ def write_momask(out: str | pathlib.Path, tokenizer_file: str | pathlib.Path, st
     if residual_file or length_file:
       raise ValueError("a residual transformer or a length estimator makes no motion without --masked; give it, too")
     return write_tokenizer(out, codes, stats, "momask.rvq")
-  made, networks = masked(masked_file, num_heads), [codes]
+  transformer, networks = masked(masked_file, num_heads), [codes]
   tokenizer = dict(codes.fields)
   quantizer = {name: tokenizer.pop(name) for name in ("num_levels", "num_codes")}
   kit = stats.layout.skeleton.name == "kit"
   config: dict[str, Any] = dict(
-      stage="momask.masked", tokenizer=tokenizer, quantizer=quantizer, model=made.fields, residual={}, length={},
+      stage="momask.masked", tokenizer=tokenizer, quantizer=quantizer, model=transformer.fields, residual={}, length={},
       data=dict(layout=stats.layout.name, mode="benchmark", min_frames=24 if kit else 40, max_frames=196),
       sampler=dict(num_iterations=10, guidance_scale=2.0 if kit else 4.0, residual_scale=5.0))
   frozen = {TOKENIZER: codes.params}
-  _demand_codes(made, quantizer)
-  networks.append(made)
+  _demand_codes(transformer, quantizer)
+  networks.append(transformer)
   if residual_file is not None:
     more = residual(residual_file, num_heads)
     _demand_codes(more, quantizer)
     if more.fields["num_levels"] != quantizer["num_levels"]:
       raise ValueError(f"the residual transformer knows {more.fields['num_levels']} levels of codes, the RVQ-VAE has "
                        f"{quantizer['num_levels']}; they are of different trainings")
-    _demand_text(more.what, more.fields["text_dim"], made)
+    _demand_text(more.what, more.fields["text_dim"], transformer)
     frozen["residual"], config["residual"] = more.params, more.fields
     networks.append(more)
   if length_file is not None:
     estimator = length_estimator(length_file)
-    _demand_text(estimator.what, estimator.params["params"]["layer0"]["kernel"].shape[0], made)
+    _demand_text(estimator.what, estimator.params["params"]["layer0"]["kernel"].shape[0], transformer)
     frozen["length"], config["length"] = estimator.params, estimator.fields
     networks.append(estimator)
-  files = text_files(text, made.fields["text_dim"], "masked transformer", f"{TEXT} has 512", level="sentence")
+  files = text_files(text, transformer.fields["text_dim"], "masked transformer", f"{TEXT} has 512", level="sentence")
   config["frozen"] = dict(text=str(text or TEXT), text_level="sentence", tokenizer=checkpoint.FROZEN)
-  write(out, config, networks, made.params, stats, frozen, files)
+  write(out, config, networks, transformer.params, stats, frozen, files)
   return networks
 
 
-def _demand_text(what, text_dim, made):
-  if text_dim != made.fields["text_dim"]:
-    raise ValueError(f"the {what} reads {text_dim} numbers of text, the {made.what} {made.fields['text_dim']}; they "
+def _demand_text(what, text_dim, net):
+  if text_dim != net.fields["text_dim"]:
+    raise ValueError(f"the {what} reads {text_dim} numbers of text, the {net.what} {net.fields['text_dim']}; they "
                      "are of different trainings, or leave it out")
 
 
-def _demand_codes(made, quantizer):
-  if made.fields["num_codes"] != quantizer["num_codes"]:
-    raise ValueError(f"the {made.what} knows {made.fields['num_codes']} codes, the RVQ-VAE has "
+def _demand_codes(net, quantizer):
+  if net.fields["num_codes"] != quantizer["num_codes"]:
+    raise ValueError(f"the {net.what} knows {net.fields['num_codes']} codes, the RVQ-VAE has "
                      f"{quantizer['num_codes']}; they are of different trainings")

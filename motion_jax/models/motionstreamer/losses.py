@@ -56,9 +56,9 @@ def two_forward_loss(net: Net, params: Any, schedule: ddpm.Schedule, text_emb: F
   predict = lambda params, x, t, condition: net.apply(params, x, t, condition, method="predict")
   noisy = ddpm.add_noise(schedule, latents, draws.own_noise, draws.own_t)
   # Parity: as released, the clean latents of a noise prediction are not clipped; those of the last steps are far off.
-  made = ddpm.x1_of_noise(schedule, noisy, predict(params, noisy, draws.own_t, conditions(params, latents)),
-                          draws.own_t)
-  mixed = jnp.where(replaced[..., None], jax.lax.stop_gradient(made), latents)
+  first_pass = ddpm.x1_of_noise(schedule, noisy, predict(params, noisy, draws.own_t, conditions(params, latents)),
+                                draws.own_t)
+  mixed = jnp.where(replaced[..., None], jax.lax.stop_gradient(first_pass), latents)
   condition = conditions(params, mixed)
   target = jnp.broadcast_to(latents, draws.noise.shape)
   same = lambda t: jnp.broadcast_to(condition, (*t.shape, condition.shape[-1]))

@@ -25,8 +25,8 @@ from motion_jax.utils.config_files import module_fields
 
 
 class Memory(NamedTuple):
-  """Between two latents: the segment that runs, or None before its first latent; its prompts; the newest latents
-  (B, n, C), at most those that a segment has places for; the rows that the segment has; the decoder's memory."""
+  """The state between two latents: the running segment, None before its first latent; its prompts; the newest latents
+  (B, n, C), at most as many as a segment has places for; the number of rows in the segment; the decoder's state."""
   segment: sampling.Segment | None
   prompts: tuple[str, ...]
   latents: Any
@@ -37,8 +37,8 @@ class Memory(NamedTuple):
 class MotionStreamerModel(BlockModel):
   """MotionStreamer ready to use. Each latent is a block: four frames.
 
-  A prompt that changes begins a segment behind the newest half of the latents that a segment has places for; so does a
-  segment whose places are full.
+  When the prompt changes, or when the places of a segment are full, a new segment begins after the newest half of the
+  latents that a segment has places for.
   """
   abilities: tuple[str, ...] = (*BlockModel.abilities, "reconstruct")
   options = MotionStreamerSampling
@@ -77,7 +77,7 @@ class MotionStreamerModel(BlockModel):
 
   def make_block(self, state: BlockState, prompts: Sequence[str], chosen: MotionStreamerSampling
                  ) -> tuple[Float[np.ndarray, "b n f"], BlockState]:
-    """(normalized features of the frames of the next latent, the state behind it)."""
+    """(normalized features of the frames of the next latent, the state after it)."""
     memory, plan = state.memory, self.plan_of(chosen)
     if memory.segment is None or memory.prompts != tuple(prompts) or memory.rows > self.most_latents:
       memory = self._begun(memory, plan, tuple(prompts))
@@ -89,7 +89,7 @@ class MotionStreamerModel(BlockModel):
     return np.asarray(features), BlockState(state.keys, state.blocks + 1, memory)
 
   def _begun(self, memory, plan, prompts):
-    """A segment of these prompts behind the newest latents."""
+    """A segment of these prompts after the newest latents."""
     keep = min(memory.latents.shape[1], self.most_latents // 2)
     past = np.zeros((len(prompts), self.most_latents // 2, self.vae.latent_dim), np.float32)
     past[:, :keep] = memory.latents[:, memory.latents.shape[1] - keep:]
@@ -132,7 +132,7 @@ def _next(net, plan, params, codec, segment, scale, temperature, keys, count, de
 
 
 def _decoder_of(batch, codec, latents):
-  """The decoder's memory before any latent, and behind these."""
+  """The decoder's memory before any latent, or after these."""
   start = codec.init_decode_state(batch)
   return start, codec.decode_step(latents, start)[1]
 

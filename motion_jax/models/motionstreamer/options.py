@@ -1,4 +1,4 @@
-"""How a MotionStreamer model is sampled."""
+"""Sampling options of MotionStreamer."""
 import dataclasses
 
 from motion_jax.models.options import SamplingOptions, choice, number

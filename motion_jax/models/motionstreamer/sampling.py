@@ -1,8 +1,8 @@
 """Latents one after the other with MotionStreamer, each by diffusion, from a caption and the latents before it.
 
-A segment begins with its caption and the newest latents of what was before; keys and values of these rows are cached,
-and each latent adds one row. The end of a segment's places is no end of a motion: `sample_more` begins again with the
-newest half.
+A segment begins with its caption and the newest latents so far; keys and values of these rows are cached, and each
+latent adds one row. A segment has a fixed number of places, a motion has not: when they are full, the next segment
+(`model`) begins with the newest half of the latents.
 """
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -17,8 +17,8 @@ from motion_jax.shapes import Array, Net
 
 
 class Plan(NamedTuple):
-  """How it is sampled; hashable. train_steps: those of the head's training. clip_latents: bound of the clean latents
-  that the steps of the head mean, 0 for none."""
+  """Static choices of sampling; hashable. train_steps: steps of the head's training. clip_latents: bound of the clean
+  latents that the head predicts in each step, 0 for none."""
   train_steps: int = 50
   num_steps: int = 50
   guided: bool = True
@@ -33,7 +33,7 @@ class Segment(NamedTuple):
 
 def begin(net: Net, plan: Plan, params: Any, text_emb: Float[Array, "b e"], no_text_emb: Float[Array, "b e"],
           past: Float[Array, "b p c"], num_past: Any) -> Segment:
-  """The segment of a caption behind the first num_past of the latents past (B, P, C)."""
+  """The segment of a caption after the first num_past of the latents past (B, P, C)."""
   # Parity: a new segment reads its own caption and the latents before it, not the caption of those (as it is trained).
   text = jnp.concatenate([text_emb, no_text_emb]) if plan.guided else text_emb
   past = jnp.concatenate([past, past]) if plan.guided else past
@@ -53,10 +53,10 @@ def draw_latent(net: Net, plan: Plan, params: Any, segment: Segment, scale: Any,
 
   def predict(x, step):
     rows = jnp.concatenate([x, x]) if plan.guided else x
-    made = net.apply(params, rows, jnp.broadcast_to(step, len(rows)), segment.condition, method="predict")
+    prediction = net.apply(params, rows, jnp.broadcast_to(step, len(rows)), segment.condition, method="predict")
     if not plan.guided:
-      return made
-    with_text, without = jnp.split(made, 2)
+      return prediction
+    with_text, without = jnp.split(prediction, 2)
     return guidance.combine(with_text, without, scale)
 
   # Parity: no bound, as released. In the first step back an error of the noise counts 31 times in the latent
@@ -81,29 +81,29 @@ class Stop(NamedTuple):
 
 def sample_segment(net: Net, plan: Plan, params: Any, segment: Segment, scale: Any, draw: Callable, num_latents: int,
                    stop: Stop | None = None) -> tuple[Float[Array, "b l c"], Int[Array, " b"], Segment]:
-  """(latents (B, num_latents, C), how many of each count (B,), the segment behind them); draw(k, m) is the noise of
+  """(latents (B, num_latents, C), how many of each count (B,), the segment after them); draw(k, m) is the noise of
   latent k.
 
   With a stop a motion counts the latents before the one that ends it, at least one, and the loop ends with the last
-  motion; latents behind an end are no part of the motion.
+  motion; latents after an end are no part of the motion.
   """
   def latent(k, state):
-    segment, made, counts = state
-    one = draw_latent(net, plan, params, segment, scale, lambda m: draw(k, m))
+    segment, latents, counts = state
+    new_latent = draw_latent(net, plan, params, segment, scale, lambda m: draw(k, m))
     going = counts == k
     if stop is not None:
-      near = jnp.linalg.norm(one - stop.latent, axis=-1) < stop.distance
+      near = jnp.linalg.norm(new_latent - stop.latent, axis=-1) < stop.distance
       # Parity: the released code fails where the very first latent ends the motion.
       going = going & ~(near & (k >= max(stop.earliest, 1)))
-    return follow(net, plan, params, segment, one), made.at[:, k].set(one), counts + going
+    return follow(net, plan, params, segment, new_latent), latents.at[:, k].set(new_latent), counts + going
 
   channels = draw(0, 0).shape
-  made = jnp.zeros((channels[0], num_latents, channels[-1]), draw(0, 0).dtype)
-  state = segment, made, jnp.zeros(channels[0], jnp.int32)
+  latents = jnp.zeros((channels[0], num_latents, channels[-1]), draw(0, 0).dtype)
+  state = segment, latents, jnp.zeros(channels[0], jnp.int32)
   if stop is None:
-    segment, made, counts = jax.lax.fori_loop(0, num_latents, latent, state)
+    segment, latents, counts = jax.lax.fori_loop(0, num_latents, latent, state)
   else:
     unfinished = lambda carry: (carry[0] < num_latents) & (carry[1][2] == carry[0]).any()
     step = lambda carry: (carry[0] + 1, latent(*carry))
-    segment, made, counts = jax.lax.while_loop(unfinished, step, (jnp.zeros((), jnp.int32), state))[1]
-  return made, counts, segment
+    segment, latents, counts = jax.lax.while_loop(unfinished, step, (jnp.zeros((), jnp.int32), state))[1]
+  return latents, counts, segment

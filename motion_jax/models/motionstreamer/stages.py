@@ -1,4 +1,4 @@
-"""What MotionStreamer trains, as pure functions: the causal autoencoder and, on its latents, the generator."""
+"""Training stages of MotionStreamer, as pure functions: the causal autoencoder and, on its latents, the generator."""
 from typing import Any
 
 import jax
@@ -44,7 +44,7 @@ def tokenizer_stage(config: ConfigDict) -> Stage:
     keys = jax.vmap(lambda i: jax.random.fold_in(rng, i))(batch["index"])
     noise = jax.vmap(lambda key: jax.random.normal(key, shape(x)))(keys)
     split = lambda a: a.reshape((-1, size) + a.shape[1:])
-    terms = [autoencoder_terms(net, params, one, e, weights, root, shared) for one, e in zip(split(x), split(noise))]
+    terms = [autoencoder_terms(net, params, part, e, weights, root, shared) for part, e in zip(split(x), split(noise))]
     return jax.tree.map(lambda *parts: sum(parts), *terms), len(terms) * shared.share
 
   def predict(params, frozen, batch, rng):
@@ -78,7 +78,7 @@ def generator_stage(config: ConfigDict) -> Stage:
     return plain.init(rng, jnp.asarray(batch["text_emb"][:1, 0]), jnp.zeros((1, 1, channels)), jnp.zeros((1, 1), int))
 
   def sequences(frozen, batch, keys):
-    """(latents (B, most, C) with the end latent behind them, how many count (B,)): some lose their first or last."""
+    """(latents (B, most, C) followed by the end latent, how many count (B,)): some lose their first or last."""
     codec = VaeCodec.of(vae, frozen)
     x = batch["features"]
     z = codec.encode(x) if config.loss.mean_latents else codec.sample(x, keys[:, 0])
@@ -133,7 +133,7 @@ def tokenizer_shapes(vae: CausalVAE) -> Any:
 
 
 def frozen_shapes(vae: CausalVAE, text_dim: int) -> dict[str, Any]:
-  """Shapes of what a generator's run keeps beside its parameters."""
+  """Shapes of what a generator's run keeps besides its parameters."""
   channel = jax.ShapeDtypeStruct((vae.latent_dim,), jnp.float32)
   return VaeCodec(vae, tokenizer_shapes(vae), channel, channel).parts | {
       END: channel, NO_CAPTION: jax.ShapeDtypeStruct((1, text_dim), jnp.float32)}

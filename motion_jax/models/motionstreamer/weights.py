@@ -63,8 +63,8 @@ def write_motionstreamer(out: str | pathlib.Path, autoencoder_file: str | pathli
   sentence-T5-XXL, which is needed: the run keeps the vector of an empty caption.
   """
   check_free(out)
-  vae, made = autoencoder(autoencoder_file), generator(generator_file, num_heads)
-  sizes = made.fields["transformer"]
+  vae, network = autoencoder(autoencoder_file), generator(generator_file, num_heads)
+  sizes = network.fields["transformer"]
   if sizes["latent_dim"] != vae.fields["latent_dim"]:
     raise ValueError(f"the generator makes latents of {sizes['latent_dim']} numbers, those of the autoencoder have "
                      f"{vae.fields['latent_dim']}; they are of different trainings")
@@ -72,7 +72,7 @@ def write_motionstreamer(out: str | pathlib.Path, autoencoder_file: str | pathli
   codec, layout = VaeCodec(vae.module, vae.params).unscaled(), layout_for(vae.fields["features"])
   nothing = np.zeros((1, codec.frames_per_latent, vae.fields["features"]), np.float32)
   end = RELEASED_END if sizes["latent_dim"] == len(RELEASED_END) else np.asarray(codec.encode(nothing))[0, 0]
-  config = dict(stage="motionstreamer.generator", model=made.fields, tokenizer=vae.fields,
+  config = dict(stage="motionstreamer.generator", model=network.fields, tokenizer=vae.fields,
                 frozen=dict(text=str(text), text_level="sentence", tokenizer=checkpoint.FROZEN),
                 diffusion=dict(num_steps=50),
                 loss=dict(drop_rate=0.1, copies=4, crop_rate=1 / 3, mean_latents=False, unit_latents=False,
@@ -80,6 +80,6 @@ def write_motionstreamer(out: str | pathlib.Path, autoencoder_file: str | pathli
                 data=dict(layout=layout.name, mode="benchmark", max_frames=300, max_words=64),
                 sampler=dict(guidance_scale=4.0, num_steps=50))
   frozen = codec.parts | {END: end, NO_CAPTION: np.asarray(encoder.no_caption())}
-  write(out, config, [vae, made], made.params, stats_of(stats, vae.fields["features"]), frozen,
+  write(out, config, [vae, network], network.params, stats_of(stats, vae.fields["features"]), frozen,
         {checkpoint.TEXT: text_identity(encoder)})
-  return [vae, made]
+  return [vae, network]

@@ -94,9 +94,9 @@ def load_frozen(folder: str, fields: ConfigDict, stage: str, config: ConfigDict,
     return net, variables, sources.load_features(config.data).stats
   run = runs.load_run(folder, stage)
   demand_alike(folder, run.config.model, fields)
-  own = run.config.get("quantizer")
-  if quantizer and (own.num_levels, own.num_codes) != (quantizer.num_levels, quantizer.num_codes):
-    raise ValueError(f"{folder} has {own.num_levels} levels of {own.num_codes} codes, config.quantizer says "
+  trained = run.config.get("quantizer")
+  if quantizer and (trained.num_levels, trained.num_codes) != (quantizer.num_levels, quantizer.num_codes):
+    raise ValueError(f"{folder} has {trained.num_levels} levels of {trained.num_codes} codes, config.quantizer says "
                      f"{quantizer.num_levels} of {quantizer.num_codes}; make them agree")
   variables = run.params(autoencoder_shapes(net, quantizer))
   return net, variables, stats_lib.load_stats(folder, config.data.layout)
@@ -112,6 +112,6 @@ def load_codes(config: ConfigDict, stage: str) -> tuple[Autoencoder, Any, Stats]
 
 def demand_alike(folder: str, theirs: ConfigDict, fields: ConfigDict) -> None:
   """Raises ValueError where the autoencoder in a folder is not that of a config's section."""
-  theirs, ours = (Autoencoder(**module_fields(one)) for one in (theirs, fields))
+  theirs, ours = (Autoencoder(**module_fields(section)) for section in (theirs, fields))
   # Frozen, it has no dropout; windows have no padding.
   demand_same_network(f"the autoencoder in {folder}", theirs, ours, "this config", dropout=0.0, hide_padding=False)

@@ -51,7 +51,8 @@ def autoencoder_terms(y: Float[Array, "b t f"], x: Float[Array, "b t f"], distan
 
 def rvq_terms(y: Float[Array, "b t f"], x: Float[Array, "b t f"], commitment: Any, velocity_weight: float = 0.1,
               commitment_weight: float = 0.02, position_weight: float = 0.1, **reconstruction: Any) -> dict[str, Array]:
-  """The same for the RVQ-VAE, with the error of frame differences and the distance of latents to their codes."""
+  """`autoencoder_terms` and, for the RVQ-VAE, the error of frame differences and the distance of latents to their
+  codes."""
   # Parity: the paper's eq. (10) has a codebook loss, which `rvq.learn` gives; the code moves the codebooks by running
   # means instead.
   terms = autoencoder_terms(y, x, position_weight=position_weight, **reconstruction)
@@ -63,7 +64,7 @@ def rvq_terms(y: Float[Array, "b t f"], x: Float[Array, "b t f"], commitment: An
 
 def with_motion_errors(terms: dict[str, Array], errors: Mapping[str, Float[Array, " b"]], weights: Mapping[str, float]
                        ) -> dict[str, Array]:
-  """Terms with those of `motion_errors`, mean squares (B,) of each clip, and their weighted sum in the loss."""
+  """Adds `motion_errors`, mean squares (B,) per clip, to the terms, and their weighted sum to the loss."""
   means = {name: squares.mean() for name, squares in errors.items()}
   return {**terms, **means, "loss": terms["loss"] + sum(weights[name] * mean for name, mean in means.items())}
 
@@ -94,7 +95,7 @@ def _with_dropout(net, params, method, x, items, rng):
 
 
 def _terms(config):
-  """(fields of config.loss for the terms on features, a function that adds those on the decoded motion to them)."""
+  """(the fields of config.loss for terms on features, a function that adds the terms on decoded motion)."""
   weights = motion_errors.weights(config.loss)
   fields = {name: value for name, value in config.loss.items() if name not in (*motion_errors.NAMES, "latent_noise")}
 
@@ -123,8 +124,9 @@ _ABOUT_RECONSTRUCTION = ("mean error of normalized numbers, below 1 from the sta
 def autoencoder_stage(config: ConfigDict) -> Stage:
   """Trains the deterministic autoencoder on windows: batch["features"] (B, T, F), normalized.
 
-  With config.loss.latent_noise its decoder is given latents that are a little off, as a generator's are, and learns to
-  take a motion's path from all latents around, not from each by itself; then items of a batch meet in the loss.
+  With config.loss.latent_noise the decoder gets latents with added noise, as a generator's latents are inexact, and
+  learns to infer the path of a motion from all latents around, not from each one alone. The scale of the noise is that
+  of the batch, so the items of a batch are then no longer independent in the loss.
   """
   net, noise = mixed_precision(Autoencoder(**config.model), config), config.loss.latent_noise
   fields, add_errors = _terms(config)
@@ -175,12 +177,12 @@ def rvq_stage(config: ConfigDict, axis_name: str | None = DEVICES) -> Stage:
     latents = _with_dropout(net, params, "encode", x, batch["index"], encoder_rng)
     noise = rvq.draw_noise(tile_rng, item_keys(code_rng, batch), latents.shape[1], books)
     num_active = rvq.draw_active(active_rng, quantizer.num_levels, quantizer.drop_rate)
-    made, books = rvq.train(books, latents, num_active, noise, quantizer.decay, quantizer.temperature,
-                            quantizer.gain_once, axis_name)
-    y = _with_dropout(net, params, "decode", made.quantized, batch["index"], decoder_rng)
-    terms = add_errors(rvq_terms(y, x, made.commitment, **fields), y, x, frozen, batch)
+    quantization, books = rvq.train(books, latents, num_active, noise, quantizer.decay, quantizer.temperature,
+                                    quantizer.gain_once, axis_name)
+    y = _with_dropout(net, params, "decode", quantization.quantized, batch["index"], decoder_rng)
+    terms = add_errors(rvq_terms(y, x, quantization.commitment, **fields), y, x, frozen, batch)
     dead = vq.num_dead(books).mean(dtype=x.dtype, where=books.initialised)
-    terms |= {"perplexity": made.perplexity, "usage": made.usage, "dead": dead}
+    terms |= {"perplexity": quantization.perplexity, "usage": quantization.usage, "dead": dead}
     return jax.tree.map(lambda term: term * len(x), terms), float(len(x)), {"codebooks": books._asdict()}
 
   def predict(variables, frozen, batch, rng):
@@ -201,7 +203,7 @@ def _rvq_by_gradient(net, config, axis_name):
     params = net.init(net_rng, batch["features"][:1])
     latents = net.apply(params, batch["features"], method="encode")
     book = vq.codebook_of(rvq.first_codes(latents, quantizer.num_levels, quantizer.num_codes, code_rng))
-    # In the collection of the other way, so that a run folder is read alike; all of it floats, which gradients need.
+    # The same collection as with running means, so that run folders are read alike; all floats, as gradients need.
     return {**params, "codebooks": jax.tree.map(lambda a: a.astype(latents.dtype), book._asdict())}
 
   def loss(params, frozen, batch, step, rng):
@@ -209,11 +211,11 @@ def _rvq_by_gradient(net, config, axis_name):
     encoder_rng, decoder_rng, active_rng = jax.random.split(rng, 3)
     latents = _with_dropout(net, params, "encode", x, batch["index"], encoder_rng)
     num_active = rvq.draw_active(active_rng, quantizer.num_levels, quantizer.drop_rate)
-    made, codebook = rvq.learn(codes, latents, num_active, axis_name)
-    y = _with_dropout(net, params, "decode", made.quantized, batch["index"], decoder_rng)
-    terms = add_errors(rvq_terms(y, x, made.commitment, **fields), y, x, frozen, batch)
-    terms |= {"loss": terms["loss"] + codebook, "codebook": codebook, "perplexity": made.perplexity,
-              "usage": made.usage}
+    quantization, codebook = rvq.learn(codes, latents, num_active, axis_name)
+    y = _with_dropout(net, params, "decode", quantization.quantized, batch["index"], decoder_rng)
+    terms = add_errors(rvq_terms(y, x, quantization.commitment, **fields), y, x, frozen, batch)
+    terms |= {"loss": terms["loss"] + codebook, "codebook": codebook, "perplexity": quantization.perplexity,
+              "usage": quantization.usage}
     return jax.tree.map(lambda term: term * len(x), terms), float(len(x))
 
   def predict(variables, frozen, batch, rng):

@@ -86,8 +86,8 @@ class BlockModel(TextToMotionModel):
 
   def run_segments(self, lists: Sequence[Frames], keys: jax.Array, sampling: dict[str, Any],
                    signal: "ControlSignal | None" = None, way: str = "stream") -> Sampled:
-    """A motion of each list of (prompt, frames), a key each. Motions of one prompt are sampled in one batch, others by
-    themselves; signal (B, T) constrains motions of one prompt."""
+    """A motion of each list of (prompt, frames), a key each. Motions of one prompt are sampled in one batch, motions of
+    several one by one; signal (B, T) constrains motions of one prompt."""
     chosen, single = self.sampling(**sampling), all(len(segments) == 1 for segments in lists)
     parts, frames, ends = [], [], []
     for rows in [list(range(len(lists)))] if single else [[row] for row in range(len(lists))]:
@@ -103,7 +103,7 @@ class BlockModel(TextToMotionModel):
 
   def continue_motion(self, clip: "Clip", joints: Float[np.ndarray, "t j 3"], segments: Frames, keys: jax.Array,
                       cleanup: bool, sampling: dict[str, Any]) -> Continued:
-    """The continuation of joints (T, J, 3), those of a clip at the model's rate and with its bones. cleanup: of a
+    """The continuation of joints (T, J, 3): a clip's, at the model's rate and on the model's bones. cleanup: for a
     method that cleans up the new frames before they are put on the clip's own body."""
     from motion_jax.models.results import features_of
     from motion_jax.motion.representations import to_joints

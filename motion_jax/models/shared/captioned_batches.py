@@ -1,4 +1,4 @@
-"""Padded clips with what a text encoder makes of their captions, and losses on held-out ones: for every generator."""
+"""Batches of padded clips with encoded captions, and losses on held-out clips: for every generator."""
 import functools
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -17,9 +17,9 @@ from motion_jax.training import checkpoint
 from motion_jax.training.setup import caption_lengths, encoder_files, held_out
 from motion_jax.utils.errors import InputError
 
-NO_CAPTION = "no_text_emb"  # the name, among the frozen parts, of what an encoder makes of an empty caption (1, E)
+NO_CAPTION = "no_text_emb"  # the name, among the frozen parts, of the embedding (1, E) of an empty caption
 _RULES = ("frames_per_latent", "crop_frames", "keep_long", "shorten_rate")  # of `batches.TextItems`
-# By chance, or beside the loss, in training only.
+# Fields for random dropping and for the contrast term, which `undisturbed` turns off.
 _DISTURBED = (("loss", "drop_rate"), ("loss", "crop_rate"), ("loss", "contrast"), ("model", "dropout"))
 
 
@@ -37,9 +37,9 @@ def text_encoder(config: ConfigDict, text_dim: int, level: str | None = None) ->
 
 
 def text_files(data: sources.FeatureSet, encoder: TextEncoder) -> dict[str, str | bytes]:
-  """What a generator's run folder keeps of its captions: how long their motions are, and the encoder's identity.
+  """Caption files of a generator's run folder: the usual length of each caption's motions, and the encoder's identity.
 
-  Without captions that the encoder cannot take: the application compares prompts with all that are kept.
+  Captions that the encoder cannot take are left out: the application compares prompts with all that are kept.
   """
   long = encoder.too_long([caption for captions in data.own_captions for caption in captions])
   return {checkpoint.LENGTHS: caption_lengths(data, long), **encoder_files(encoder)}
@@ -68,7 +68,7 @@ def batches_of(config: ConfigDict, data: sources.FeatureSet, encoder: TextEncode
                encoders: Any = None) -> tuple[Callable[..., Any], int]:
   """(next_batch, number of clips): features (B, T, F), num_frames (B,), index (B,), and `with_text`.
 
-  encoders: the parameters by which the store config.data.store was made, whose latents then take the features' place.
+  encoders: the parameters that encoded the store config.data.store; its latents then replace the features.
   """
   check_captions(data, encoder)
   items = items_of(config, data)
@@ -109,8 +109,12 @@ def contradicted(captions: Sequence[str], seed: int, step: int) -> dict[str, str
 
 
 def contradictions_of(own: dict[str, Any], false: dict[str, Any], differ: Sequence[bool]) -> dict[str, Any]:
-  """What a batch holds of contradicting captions: false_emb, false_mask, as wide as the batch's own text_emb and
-  text_mask, which may become wider, and has_false (B,). own, false: these two of both; differ: of the rows."""
+  """Entries of a batch for contrast with contradicting captions: text_emb, text_mask, false_emb, false_mask, has_false
+  (B,).
+
+  own, false: {"text_emb", "text_mask"} of the captions and of their contradictions, which are padded to the wider of
+  the two. differ: for each row, whether its caption has a contradiction.
+  """
   width = max(own["text_mask"].shape[-1], false["text_mask"].shape[-1])
   widened: dict[str, Any] = {}
   for prefix, sides in (("text", own), ("false", false)):
@@ -123,10 +127,10 @@ def contradictions_of(own: dict[str, Any], false: dict[str, Any], differ: Sequen
 
 def with_text(batch: dict[str, Any], config: ConfigDict, encoder: TextEncoder, step: int, rows: slice = batches.ALL,
               vectors: bool = False) -> dict[str, Any]:
-  """A batch with the features of its captions in their place: text_emb (B, S, E), text_mask (B, S).
+  """Replaces the captions of a batch by their embeddings: text_emb (B, S, E), text_mask (B, S).
 
-  vectors: one vector a sentence, text_emb (B, E); of an encoder that gives words they stand in front of these.
-  With a weight config.loss.contrast also captions that contradict these, see `contradictions_of`.
+  vectors: one vector a sentence, text_emb (B, E); of an encoder that gives words, the vector comes first and the words
+  follow. With a weight config.loss.contrast also the embeddings of contradicting captions, see `contradictions_of`.
   """
   rng = batches.step_rng(config.seed, 2, step)
   captions = [vary_subject(caption, rng, config.data.vary_subject) for caption in batch.pop("caption")]
@@ -138,21 +142,21 @@ def with_text(batch: dict[str, Any], config: ConfigDict, encoder: TextEncoder, s
       return encoder.sentence_and_words(captions, min(config.data.max_words, encoder.max_words), rows)
     return encoder(captions, at_least=narrowest(config.data.max_words), rows=rows)
 
-  own = dict(zip(("text_emb", "text_mask"), encoded(captions)))
+  text = dict(zip(("text_emb", "text_mask"), encoded(captions)))
   if config.loss.get("contrast", 0.0):
     false = contradicted(captions, config.seed, step)
     other = dict(zip(("text_emb", "text_mask"), encoded([false[caption] for caption in captions])))
-    own = contradictions_of(own, other, [false[caption] != caption for caption in captions[rows]])
+    text = contradictions_of(text, other, [false[caption] != caption for caption in captions[rows]])
   if vectors and encoder.level == "sentence":
-    own = {name: value for name, value in own.items() if not name.endswith("_mask")}
-  return batch | own
+    text = {name: value for name, value in text.items() if not name.endswith("_mask")}
+  return batch | text
 
 
 # --- on held-out clips --------------------------------------------------------------------------------------------
 
 
 def undisturbed(config: ConfigDict) -> ConfigDict:
-  """A copy of a config by which no caption, latent or activation is left out by chance."""
+  """A copy of a config without random dropping of captions, latents or activations."""
   given = config.copy_and_resolve_references().unlock()
   for section, name in _DISTURBED:
     if name in given[section]:

@@ -37,16 +37,16 @@ class TrainingCaptions:
 
   @classmethod
   def of_folder(cls, folder: str | os.PathLike, encoder: TextEncoder, fps: float, subjects: Sequence[str] = ()) -> Self:
-    """Those of a run folder, read when an answer is not in the user's cache; empty where it does not keep them."""
+    """The statistics in a run folder, read when an answer is not in the user's cache; empty where there are none."""
     path = pathlib.Path(folder) / checkpoint.LENGTHS
     if not path.is_file():
       return cls([], [], encoder, fps, subjects)
-    found = cls([], [], encoder, fps, subjects)
-    found._rows, found._any = None, True
+    captions = cls([], [], encoder, fps, subjects)
+    captions._rows, captions._any = None, True
     digest = hashlib.sha256(path.read_bytes()).hexdigest()
-    found._answers = cache.Answers("captions", digest, encoder.fingerprint, fps, *subjects)
-    found._folder = folder
-    return found
+    captions._answers = cache.Answers("captions", digest, encoder.fingerprint, fps, *subjects)
+    captions._folder = folder
+    return captions
 
   @functools.cached_property
   def _read(self):
@@ -82,8 +82,8 @@ class TrainingCaptions:
     """
     if not self._any:
       return []
-    found = self._answers(f"nearest {num} {prompt}", lambda: self._nearest(prompt, num))
-    return [(text, frames) for text, frames in found]
+    captions = self._answers(f"nearest {num} {prompt}", lambda: self._nearest(prompt, num))
+    return [(text, frames) for text, frames in captions]
 
   def _nearest(self, prompt, num):
     rows = self.vocabulary.candidates(prompt)

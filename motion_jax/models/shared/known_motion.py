@@ -29,8 +29,8 @@ def on_our_body(clip: Clip, fps: float, skeleton: Skeleton) -> Float[np.ndarray,
 
 
 def at_rate(clip: Clip, fps: float, skeleton: Skeleton) -> Float[np.ndarray, "t j 3"]:
-  """Joints (T, J, 3), float64, of the clip's own body at a rate. Raises ValueError for another skeleton, or a motion
-  that is no person's."""
+  """Joints (T, J, 3), float64, of the clip's own body at a rate. Raises ValueError for another skeleton, or an
+  implausible motion (`motion.plausibility`)."""
   if clip.skeleton is not skeleton:
     raise ValueError(f"clip {clip.id!r} has the skeleton {clip.skeleton.name!r}, the model moves {skeleton.name!r}")
   plausibility.check(clip.joints, clip.skeleton, clip.fps, f"clip {clip.id!r}")
@@ -44,7 +44,7 @@ def _has_other_bones(joints, skeleton):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class KnownMotion:
-  """A motion on its own body, in its own place, and the same on the body that a model moves.
+  """A motion on its own body, and the same motion retargeted to the body of the model.
 
   joints, on_model (T, J, 3): both at the model's rate. own: the model's skeleton with the bone lengths of joints.
   """
@@ -69,9 +69,10 @@ class KnownMotion:
     return dataclasses.replace(self, joints=self.joints[first:past], on_model=self.on_model[first:past])
 
   def own_body(self, made: Num[np.ndarray, "n j 3"], shown: Num[np.ndarray, "t j 3"]) -> Float[np.ndarray, "n j 3"]:
-    """made (N, J, 3) on the model's body as this motion's own one moves, over its own floor; anywhere on the ground.
+    """Brings generated joints `made` (N, J, 3) from the model's body to this motion's body and floor; x and z may be
+    off.
 
-    shown (T, J, 3): this motion as the model was shown it, whose floor is the one of made.
+    shown (T, J, 3): this motion as the model saw it, on the same floor as `made`.
     """
     made = np.asarray(made, np.float64)
     floor = floor_height(self.joints, self.skeleton)
@@ -85,8 +86,8 @@ class KnownMotion:
 
   def continued(self, made: Num[np.ndarray, "n j 3"], count: int, fps: float, fix_body: bool = True
                 ) -> Float[np.ndarray, "m j 3"]:
-    """The last `count` frames of made (N, J, 3), on this motion's own body, where this motion ends; those before show
-    its end. fix_body: see `fill_frames`. float32."""
+    """The last `count` frames of generated joints `made` (N, J, 3), on this motion's body, continued from its end; the
+    frames of `made` before them repeat that end. fix_body: see `fill_frames`. float32."""
     past = self.cut(len(self.joints) - (len(made) - count), len(self.joints))
     made = self.own_body(made, made[:-count]) if fix_body else np.asarray(made, np.float64)
     given = np.concatenate([past.joints, np.repeat(past.joints[-1:], count, axis=0)])
@@ -94,8 +95,8 @@ class KnownMotion:
     return fill_frames(made, given, new, self.own, fps, fix_body)[new].astype(np.float32)
 
 
-def _differ(own, skeleton):
-  return np.abs(own.bone_lengths - skeleton.bone_lengths).max() * skeleton.unit > _OTHER_BONES
+def _differ(body, skeleton):
+  return np.abs(body.bone_lengths - skeleton.bone_lengths).max() * skeleton.unit > _OTHER_BONES
 
 
 def clip_of(motion: Any, layout: Representation) -> Clip:

@@ -48,7 +48,7 @@ def length_shapes(net: LengthEstimator, text_dim: int) -> Any:
 
 
 def middle_frames(logits: Float[Array, "b k"], frames_per_latent: int = 4) -> Int[np.ndarray, " b"]:
-  """Frames (B,) of the median of what the estimator thinks likely, at least one latent."""
+  """Median length in frames (B,) of the estimated distribution, at least one latent."""
   # Parity: the reference draws a length; here repeated calls give the same length.
   share = np.cumsum(np.asarray(jax.nn.softmax(logits)), axis=-1)
   return frames_per_latent * np.maximum(np.argmax(share >= 0.5 * share[..., -1:], axis=-1), 1)

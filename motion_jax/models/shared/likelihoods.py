@@ -42,7 +42,7 @@ def sharing(rows: int, size: int, num_devices: int, axis_name: str) -> Sharing:
 
 def gaussian_nll(prediction: Float[Array, "b t f"], target: Float[Array, "b t f"], shared: Sharing = ALONE
                  ) -> Float[Array, ""]:
-  """Reconstruction under a Gaussian whose one sigma is the best for this batch; summed over all elements.
+  """Negative log-likelihood of a Gaussian with one sigma, the best for this batch; summed over all elements.
 
   s = log sqrt(mean squared error), softly floored at -6; gradients flow through it
   (docs/papers/cmdm.md#tokenizer-loss).

@@ -20,7 +20,7 @@ from motion_jax.shapes import Array, Latents
 
 
 class Corruption(NamedTuple):
-  """What training hides of latents (B, L): masked, all that carry loss; of these noised and replaced, see `corrupt`."""
+  """Corruption of latents (B, L) in training. masked: all that carry loss; of these noised, replaced: see `corrupt`."""
   masked: Bool[Array, "b l"]
   noised: Bool[Array, "b l"]
   replaced: Bool[Array, "b l"]
@@ -34,8 +34,8 @@ def choose_masked(time_u: Float[Array, " b"], order_u: Float[Array, "b l"], real
   """(B, L) which latents carry loss: a random number of them, cosine-distributed, at random places.
 
   Draws from [0, 1): time_u (B,), order_u (B, L). The number is counted on the padded length and places in the padding
-  are left out, so a short motion keeps the same expected share and may get none. mask_draw "latent": each latent by
-  itself with that share for its probability, and the number is what comes of it.
+  are left out, so a short motion keeps the same expected share and may get none. mask_draw "latent": each latent is
+  masked independently, with that share as its probability.
   """
   # Parity: the paper has a binary mask m_t under a cosine schedule; that a number is drawn is the code's.
   if mask_draw not in MASK_DRAWS:
@@ -61,7 +61,7 @@ def corruption(time_u: Float[Array, " b"], order_u: Float[Array, "b l"], noise_u
 
 def corrupt(latents: Latents, made: Corruption, noise: Latents,
             mask_latent: Float[Array, "1 1 c"], real_mask: Bool[Array, "b l"]) -> Latents:
-  """What the transformer sees: latents (B, L, C) with a Corruption applied; mask_latent (1, 1, C), zeros at padding."""
+  """Input of the transformer: latents (B, L, C) with a Corruption applied; mask_latent (1, 1, C), zeros at padding."""
   x = jnp.where(made.noised[..., None], noise, latents)
   x = jnp.where(made.replaced[..., None], mask_latent, x)
   return jnp.where(real_mask[..., None], x, 0.0)

@@ -1,7 +1,7 @@
-"""What decoders do to the motion that one sees: jerks, punches that slow down, feet that slide. Losses of any method.
+"""Errors of decoded motion, as losses of any method: jitter, slowed punches, sliding feet, wrong bones.
 
-They are taken on joints in metres, made of the decoded features, not on the features: there a wrist of a fast punch is
-one of many columns, and a foot stands by what the root's step and the foot's own step add up to.
+They are computed on joints in metres, from decoded features, not on the features themselves: there the wrist of a fast
+punch is one of many columns, and whether a foot stands depends on the sum of the root's step and the foot's own.
 """
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -21,38 +21,38 @@ from motion_jax.shapes import Array
 NAMES = ("acceleration", "extremity_velocity", "foot_contact", "brief_contact", "bone_length", "limb_direction",
          "dynamics")
 STATS = "stats"  # the name of mean and std of the features among the frozen parts of a stage
-_STILL = (0.02, 0.2, 4.0)  # m/s, m/s^2, m/s^3: sizes below these are all alike to the logarithms of `_dynamics`
-_SPANS = (0.4, 1.6)        # seconds over which it takes their means
-_TOGETHER = 10.0           # weight of what real motion hardly varies: ratios of neighbouring joints, and of orders
-_TOUCHES = 1.0   # metres a second below which a foot near the ground bears a body that runs, at 20 frames a second
+_STILL = (0.02, 0.2, 4.0)  # m/s, m/s^2, m/s^3: added inside the logarithms of `_dynamics`; smaller sizes hardly count
+_SPANS = (0.4, 1.6)        # seconds: the windows of its means
+_TOGETHER = 10.0           # weight of ratios of neighbouring joints and of orders, which vary little in real motion
+_TOUCHES = 1.0   # m/s: a foot near the ground that is slower touches it, as in running; at 20 frames a second
 
 
 def motion_errors(made: Num[Array, "b t j 3"], real: Num[Array, "b t j 3"],
                   frame_mask: Bool[Array, "b t"] | None = None, skeleton: Skeleton = HUMANML3D,
                   fps: float | None = None) -> dict[str, Float[Array, " b"]]:
-  """Mean squares (B,) of how a decoded motion (B, T, J, 3) moves otherwise than the real one, each clip by itself.
+  """Mean squared errors (B,) of how a decoded motion `made` (B, T, J, 3) moves, per clip and by name.
 
-  acceleration: of all joints, (m/s^2)^2. extremity_velocity: of wrists, ankles and toes, the error of the velocity and
-  that of the speed alone added up, (m/s)^2: the mean of what a latent may mean is slower than any of it, and the speed
-  tells. foot_contact: the decoded velocity of ankles and toes that stand in the real motion (`contacts.feet_stand`,
-  over a floor at 0), 0 where they do not, (m/s)^2. brief_contact: the error of the velocity of ankles and toes that
-  touch the ground for a moment, which in the real motion are near it, slower than 1 m/s and do not stand: the feet of a
-  body that runs are down too briefly for that rule; (m/s)^2. bone_length: the error of the length of every bone, m^2:
-  of where a joint may be the mean lies nearer to its parent than any of it, so that feet and legs come out too short.
-  limb_direction: the error of the direction of every bone, as a unit vector: a decoder that lengthens a foot for the
-  sake of bone_length must not do it downwards. dynamics: the error of the logarithm of how large the speed, the
-  acceleration and the jerk of every joint are, over the ground and seen from the pelvis, on average over 0.4 and over
-  1.6 s, and ten times that of their ratios between a joint and its parent, and of jerk to acceleration to speed, which
-  vary little in real motion: squared errors of joints make motion smoother than real, and the steps of upsampling
-  shakier, neither of which they see, for it is a matter of millimetres.
-  frame_mask (B, T): the frames that are no padding; a difference counts whose frames all are.
+  acceleration: of all joints, (m/s^2)^2.
+  extremity_velocity: of wrists, ankles and toes, velocity error plus speed error, (m/s)^2. A latent stands for several
+  motions; their mean is slower than each, which the speed error shows.
+  foot_contact: decoded velocity of ankles and toes that stand in the real motion (`contacts.feet_stand`, floor at 0),
+  (m/s)^2; 0 elsewhere.
+  brief_contact: velocity error of ankles and toes that touch the ground for a moment, (m/s)^2: near it and slower than
+  1 m/s in the real motion, but too briefly for `feet_stand`, as in running.
+  bone_length: of all bones, m^2. The mean of possible joint positions is too near the parent, so feet and legs shrink.
+  limb_direction: of the directions of all bones, unit vectors; keeps bone_length from lengthening feet downwards.
+  dynamics: of the logarithms of mean speed, acceleration and jerk of each joint, in the world and relative to the
+  pelvis, over windows of 0.4 and 1.6 s; plus ten times that of their ratios between a joint and its parent, and between
+  orders. MSE oversmooths and upsampling adds jitter; both are below the millimetre scale of other losses.
+
+  frame_mask (B, T): real frames, no padding; a difference counts if all of its frames are real.
   """
   fps = fps or skeleton.fps
   feet = jnp.array(skeleton.left_feet + skeleton.right_feet)
   wrists = jnp.array([j for j, name in enumerate(skeleton.joints) if name.endswith("wrist")])
   if frame_mask is None:
     frame_mask = jnp.ones(real.shape[:2], bool)
-  else:  # what padding holds, NaN too, meets no arithmetic
+  else:  # padding may hold NaN
     made, real = (jnp.where(frame_mask[..., None, None], a, 0.0) for a in (made, real))
   stands = jax.vmap(lambda joints: feet_stand(joints, fps, skeleton, floor=0.0))(real)
   error, step = made - real, lambda a: jnp.diff(a, axis=1) * (fps * skeleton.unit)
@@ -79,12 +79,12 @@ def _directions(joints, skeleton):
   return bones / _length(bones, 1e-3 / skeleton.unit)
 
 
-def _dynamics(made, real, frame_mask, fps, skeleton):
+def _dynamics(decoded, real, frame_mask, fps, skeleton):
   """Mean square (B,) of the differences in the logarithms of mean speeds, accelerations and jerks, and `_TOGETHER`
   times that of how they differ between a joint and its parent, and between one order and the next."""
   seen = lambda joints: jnp.concatenate([joints, joints[:, :, 1:] - joints[:, :, :1]], axis=2) * skeleton.unit
-  made, real, orders = seen(made), seen(real), len(_STILL)
-  count = max(made.shape[1] - orders, 0)  # frames of all orders alike
+  decoded, real, orders = seen(decoded), seen(real), len(_STILL)
+  count = max(decoded.shape[1] - orders, 0)  # frames of all orders alike
   counts = jnp.stack([frame_mask[:, k:k + count] for k in range(orders + 1)]).all(0)
   parents = np.array(skeleton.parents[1:])
   joint = np.arange(1, len(parents) + 1)
@@ -92,15 +92,15 @@ def _dynamics(made, real, frame_mask, fps, skeleton):
   above = np.concatenate([parents, len(parents) + parents[parents > 0]])
   sizes = []
   for still in _STILL:
-    made, real = (jnp.diff(joints, axis=1) * fps for joints in (made, real))
-    sizes.append([_length(joints[:, :count], 0.1 * still)[..., 0] for joints in (made, real)])
+    decoded, real = (jnp.diff(joints, axis=1) * fps for joints in (decoded, real))
+    sizes.append([_length(joints[:, :count], 0.1 * still)[..., 0] for joints in (decoded, real)])
   total = jnp.zeros(len(frame_mask), real.dtype)
   for span in _SPANS:
     width = max(min(round(span * fps), count), 1)
     whole = _means(counts[..., None].astype(real.dtype), width)[..., 0] > 1 - 0.5 / width  # no frame of padding
     off = jnp.stack([jnp.log((_means(a, width) + still) / (_means(b, width) + still))
                      for (a, b), still in zip(sizes, _STILL)], -1)
-    square = sum(weight * (one ** 2).mean((2, 3)) for one, weight in (
+    square = sum(weight * (differences ** 2).mean((2, 3)) for differences, weight in (
         (off, 1.0), (off[:, :, below] - off[:, :, above], _TOGETHER), (jnp.diff(off, axis=-1), _TOGETHER)))
     total += jnp.where(whole, square, 0.0).sum(1) / jnp.maximum(whole.sum(1), 1)
   return total / len(_SPANS)
@@ -124,19 +124,19 @@ def _length(vectors, least=0.01):
 
 
 def _mean_square(vectors, mask):
-  """Of the lengths of vectors (B, T, N, K), over the frames of mask (B, T) and N -> (B,)."""
+  """Mean squared length (B,) of vectors (B, T, N, K), over N and the frames of mask (B, T)."""
   square = (vectors ** 2).sum(-1).mean(-1)
   return jnp.where(mask, square, 0.0).sum(1) / jnp.maximum(mask.sum(1), 1)
 
 
 def weights(loss_config: ConfigDict) -> dict[str, float]:
-  """Those of the terms that a config's section loss asks for: {name: weight}, without what is 0."""
+  """{name: weight} of the terms to which a config's section loss gives a weight other than 0."""
   return {name: loss_config[name] for name in NAMES if loss_config.get(name)}
 
 
 def frozen_stats(config: ConfigDict, stats: Stats) -> dict[str, Any]:
-  """What these terms, and constraints of the motion, need among the frozen parts of a stage; nothing where the config
-  asks for none."""
+  """Mean and std of the features as a frozen part of a stage, for these terms and for constraints; {} where the config
+  has neither."""
   wanted = weights(config.loss) or config.data.get("control")
   return {STATS: {"mean": stats.mean, "std": stats.std}} if wanted else {}
 
@@ -150,8 +150,8 @@ def of_features(config: ConfigDict, frozen: Mapping[str, Any]) -> Callable | Non
   mean, std = frozen[STATS]["mean"], frozen[STATS]["std"]
 
   def errors(decoded, features, frame_mask=None):
-    made, real = (layout.to_joints(x * std + mean) for x in (decoded, features))
-    found = motion_errors(made, real, frame_mask, layout.skeleton, layout.fps)
-    return {name: found[name] for name in wanted}
+    decoded_joints, real_joints = (layout.to_joints(x * std + mean) for x in (decoded, features))
+    losses = motion_errors(decoded_joints, real_joints, frame_mask, layout.skeleton, layout.fps)
+    return {name: losses[name] for name in wanted}
 
   return errors

@@ -90,28 +90,29 @@ def prepare(model: Any, motion: Any, new: Callable[[int], Bool[np.ndarray, " t"]
 
 def paste(model: Any, edit: Edit, prompt: str, seed: int | None, decoded: Float[np.ndarray, "n f"],
           cleanup: bool, about: dict[str, Any]) -> Motion:
-  """The clip of an edit with new frames from decoded (count, F), not normalized, its window as the model sampled it."""
+  """The motion of an edit: its clip with new frames from decoded (count, F), the unnormalized features of its window.
+  """
   layout = model.stats.layout
-  made, shown = (np.array(layout.to_joints(x), np.float64) for x in (decoded, edit.features))
+  fresh, shown = (np.array(layout.to_joints(x), np.float64) for x in (decoded, edit.features))
   known, new = edit.known.cut(edit.start, edit.window.stop), edit.new_in_window
   steps = [step_records.record("sample", "new frames sampled between kept ones")]
   if cleanup and layout.has_fixed_bones:
-    before, made = made, clean_up(made, layout.contacts(decoded), layout.skeleton, smoothing=model.smoothing)
-    steps.append(cleanup_record(before, made, layout.skeleton, edit.start))
+    before, fresh = fresh, clean_up(fresh, layout.contacts(decoded), layout.skeleton, smoothing=model.smoothing)
+    steps.append(cleanup_record(before, fresh, layout.skeleton, edit.start))
   if cleanup:
-    made = known.own_body(made, shown)
+    fresh = known.own_body(fresh, shown)
   joints = np.array(edit.known.joints)
   if new.all():  # nothing is kept: it begins where the clip does
-    made = fill_frames(np.concatenate([made[:1], made]), np.concatenate([known.joints[:1], known.joints]),
-                       np.append(False, new), known.own, model.fps, cleanup)[1:]
+    fresh = fill_frames(np.concatenate([fresh[:1], fresh]), np.concatenate([known.joints[:1], known.joints]),
+                        np.append(False, new), known.own, model.fps, cleanup)[1:]
   else:
-    made = fill_frames(made, known.joints, new, known.own, model.fps, cleanup)
-  joints[edit.window] = made
+    fresh = fill_frames(fresh, known.joints, new, known.own, model.fps, cleanup)
+  joints[edit.window] = fresh
   joints = joints.astype(np.float32)
   runs = [list(run) for run in runs_of(edit.new)]
   seconds = [(first / model.fps, past / model.fps) for first, past in runs]
   captions = (Caption(prompt),) if edit.new.all() else captions_with(
-      [one for one in edit.clip.captions if one.text.strip()], seconds, prompt, len(edit.new) / model.fps)
+      [caption for caption in edit.clip.captions if caption.text.strip()], seconds, prompt, len(edit.new) / model.fps)
   return Motion(joints, model.fps, captions, id=edit.clip.id, source=model.id,
                 license=edit.clip.license or model.license, skeleton=layout.skeleton,
                 features=features_of_edit(model, edit, joints),
@@ -135,7 +136,7 @@ def edited(model: Any, clips: Sequence[Any], prompts: Sequence[str],
            sampling: dict[str, Any], task: str = "spans") -> Motions:
   """Clips whose frames new(num_frames) -> (T,) are sampled once and pasted back, in one batch."""
   edits = [prepare(model, clip, new) for clip in clips]
-  decoded, about = model.inpaint([one.features for one in edits], [one.new_in_window for one in edits], prompts, keys,
-                                 sampling)
-  return gathered([paste(model, *one, cleanup, about | dict(task=task))
-                   for one in zip(edits, prompts, seeds, decoded)])
+  decoded, about = model.inpaint([edit.features for edit in edits], [edit.new_in_window for edit in edits], prompts,
+                                 keys, sampling)
+  return gathered([paste(model, *row, cleanup, about | dict(task=task))
+                   for row in zip(edits, prompts, seeds, decoded)])

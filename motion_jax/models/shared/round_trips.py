@@ -1,4 +1,4 @@
-"""Tokenizers as an evaluation uses them: padded motions there and back.
+"""Tokenizer round trips for evaluations: padded motions, encoded and decoded.
 
 A method lists its tokenizers by stage in `TOKENIZERS` of its model.py, those inside of its generators among them; the
 functions here are for networks that methods share.
@@ -16,10 +16,10 @@ from motion_jax.shapes import Array
 
 
 class RoundTrip(NamedTuple):
-  """What an evaluation needs of a tokenizer.
+  """The encoder and decoder of a tokenizer as one function, for evaluations.
 
   shapes: of its parameters. run(params, x (B, T, F), num_frames (B,), keys (B,) or None) -> (B, T, F): normalized
-  features there and back; keys draw the latents of a variational tokenizer, None takes their means.
+  features, encoded and decoded; keys draw the latents of a variational tokenizer, None takes their means.
   """
   shapes: Any
   run: Callable[[Any, Array, Array, Any], Array]

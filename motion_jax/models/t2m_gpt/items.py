@@ -33,7 +33,7 @@ def encode_clips(codec: RvqCodec, features: Sequence[np.ndarray], seed: int, bat
   longest = -(-max(map(len, features)) // unit) * unit
   alone = dataclasses.replace(codec, net=codec.net.clone(hide_padding=True), params=jax.device_put(codec.params))
   encode = jax.jit(lambda x, mask: alone.encode(x, mask)[0][..., 0])
-  made = []
+  clip_codes = []
   for first in range(0, len(features), batch_size):
     part = features[first:first + batch_size]
     x = np.zeros((batch_size, longest, part[0].shape[-1]), np.float32)
@@ -43,15 +43,15 @@ def encode_clips(codec: RvqCodec, features: Sequence[np.ndarray], seed: int, bat
       start = batches.step_rng(seed, 7, first + row).integers(len(clip) - counts[row] + 1)
       x[row, :counts[row]] = clip[start:start + counts[row]]
     codes = np.asarray(encode(x, np.arange(longest) < counts[:, None]))
-    made += [codes[row, :counts[row] // unit] for row in range(len(part))]
-  return made
+    clip_codes += [codes[row, :counts[row] // unit] for row in range(len(part))]
+  return clip_codes
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class CodeItems:
   """Rows of codes with a caption each, every clip once an epoch.
 
-  codes: (n_i,) of each clip, captions: a list for each; length of a row; end: the code behind the last. shorten_rate:
+  codes: (n_i,) of each clip, captions: a list for each; length of a row; end: the code after the last. shorten_rate:
   how often a clip loses one code, at its head or its tail. weights: draws with replacement in proportion to them.
   """
   codes: list[np.ndarray]
@@ -79,16 +79,16 @@ class CodeItems:
     else:
       p = np.asarray(self.weights)[self.kept]
       chosen = self.kept[rng.choice(len(self), batch_size, p=p / p.sum())]
-    made, counts, captions = [], [], []
+    targets, counts, captions = [], [], []
     for i in chosen:
       place = ("head", "tail")[rng.integers(2)] if rng.random() < self.shorten_rate else "whole"
       # Parity: the reference also drops the only code of a clip, which leaves a motion of nothing.
       place = place if len(self.codes[i]) > 1 else "whole"
       codes = without_one(self.codes[i], place)[:self.length - 1]
-      made.append(target_row(codes, self.length, self.end))
+      targets.append(target_row(codes, self.length, self.end))
       counts.append(len(codes))
       captions.append(self.captions[i][rng.integers(len(self.captions[i]))])
-    return {"codes": np.stack(made)[rows], "num_codes": np.array(counts, np.int32)[rows],
+    return {"codes": np.stack(targets)[rows], "num_codes": np.array(counts, np.int32)[rows],
             "index": np.arange(batch_size)[rows], "caption": captions}
 
 

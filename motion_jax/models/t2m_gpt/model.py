@@ -57,10 +57,10 @@ class T2mGptModel(TextToMotionModel):
     counts = np.array(frames) // unit
     fewest = np.where(counts > 0, counts, 1)
     most = np.where(counts > 0, counts, self.net.max_length - 1)
-    made, num_codes = self._generate(chosen.draw, self.params, self.codec.params, self.encoder(prompts)[0][:, 0], keys,
+    rows, num_codes = self._generate(chosen.draw, self.params, self.codec.params, self.encoder(prompts)[0][:, 0], keys,
                                      jnp.asarray(fewest), jnp.asarray(most), jnp.float32(chosen.temperature))
     frames = [int(count) * unit for count in np.asarray(num_codes)]
-    return motions_of_prompts(self, made, prompts, frames, seeds, chosen.about() | dict(model=self.id), cleanup)
+    return motions_of_prompts(self, rows, prompts, frames, seeds, chosen.about() | dict(model=self.id), cleanup)
 
 
 MODELS = {"t2m_gpt.gpt": T2mGptModel}

@@ -1,4 +1,4 @@
-"""How a T2M-GPT model is sampled."""
+"""Sampling options of T2M-GPT."""
 import dataclasses
 
 from motion_jax.models.options import SamplingOptions, choice, number

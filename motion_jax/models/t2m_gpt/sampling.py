@@ -27,7 +27,7 @@ def categorical(keys: jax.Array, temperature: float = 1.0) -> Choose:
 
 def sample(net: Net, params: Any, text_emb: Float[Array, "b e"], choose: Choose, fewest: Int[Array, " b"],
            most: Int[Array, " b"]) -> Int[Array, "b n"]:
-  """Codes (B, max_length - 1) of motions, -1 behind the last one of each.
+  """Codes (B, max_length - 1) of motions, -1 after the last one of each.
 
   fewest, most (B,): how many codes a motion has at least, before which the end is not allowed, and at most.
   """

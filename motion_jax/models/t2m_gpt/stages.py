@@ -1,4 +1,4 @@
-"""What T2M-GPT trains beside its VQ-VAE (`shared.autoencoders`), as a pure function: the transformer on its codes."""
+"""Training stage of T2M-GPT, as a pure function: the transformer on codes of the VQ-VAE (`shared.autoencoders`)."""
 from typing import Any
 
 import jax

@@ -45,17 +45,17 @@ def write_t2m_gpt(out: str | pathlib.Path, tokenizer_file: str | pathlib.Path, s
   stats = stats_of(stats, codes.fields["features"], means=("mean.npy", "Mean.npy"))
   if gpt_file is None:
     return write_tokenizer(out, codes, stats, "t2m_gpt.vq")
-  made, tokenizer = gpt(gpt_file, num_heads), dict(codes.fields)
+  net, tokenizer = gpt(gpt_file, num_heads), dict(codes.fields)
   quantizer = {name: tokenizer.pop(name) for name in ("num_levels", "num_codes")}
-  if made.fields["num_codes"] != quantizer["num_codes"]:
-    raise ValueError(f"the GPT knows {made.fields['num_codes']} codes, the VQ-VAE has {quantizer['num_codes']}; they "
+  if net.fields["num_codes"] != quantizer["num_codes"]:
+    raise ValueError(f"the GPT knows {net.fields['num_codes']} codes, the VQ-VAE has {quantizer['num_codes']}; they "
                      "are of different trainings")
   kit = stats.layout.skeleton.name == "kit"
   config = dict(
-      stage="t2m_gpt.gpt", tokenizer=tokenizer, quantizer=quantizer, model=made.fields,
+      stage="t2m_gpt.gpt", tokenizer=tokenizer, quantizer=quantizer, model=net.fields,
       data=dict(layout=stats.layout.name, mode="benchmark", min_frames=24 if kit else 40, max_frames=196),
       sampler=dict(guidance_scale=1.0, draw="categorical", temperature=1.0),
       frozen=dict(text=str(text or TEXT), text_level="sentence", tokenizer=checkpoint.FROZEN))
-  files = text_files(text, made.fields["text_dim"], "GPT", f"{TEXT} has 512", level="sentence")
-  write(out, config, [codes, made], made.params, stats, {TOKENIZER: codes.params}, files)
-  return [codes, made]
+  files = text_files(text, net.fields["text_dim"], "GPT", f"{TEXT} has 512", level="sentence")
+  write(out, config, [codes, net], net.params, stats, {TOKENIZER: codes.params}, files)
+  return [codes, net]

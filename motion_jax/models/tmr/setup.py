@@ -51,7 +51,7 @@ def teacher(config: ConfigDict) -> TrainingSetup:
     return batch | read(batch.pop("caption"), rows)
 
   stage = tmr_stage(config, space) if frozen_text else contrastive_stage(config)
-  made = jax.jit(lambda params, batch: stage.predict(params, {}, batch, None))
+  predict = jax.jit(lambda params, batch: stage.predict(params, {}, batch, None))
   single = one_clip_per_caption(held_out(config, data.stats, captioned=True), config.data.max_frames)
 
   def evaluate(params):
@@ -59,14 +59,14 @@ def teacher(config: ConfigDict) -> TrainingSetup:
     parts = []
     for rows in np.array_split(single.kept, max(1, len(single) // 64)):
       batch = single.rows(rows, batches.step_rng(config.seed, 4))
-      parts.append(made(params, batch | space.read(encoder, batch.pop("caption"))))
+      parts.append(predict(params, batch | space.read(encoder, batch.pop("caption"))))
     text, motion = (np.concatenate([part[name] for part in parts]) for name in ("text", "motion"))
     return {name: round(value, 4) for name, value in retrieval(text @ motion.T).items()}
 
-  own = stage.init
+  fresh_init = stage.init
 
   def init(batch, rng):
-    params = own(batch, rng)
+    params = fresh_init(batch, rng)
     params["motion"] = {**params["motion"], **given}
     return params if frozen_text else {**params, "text": encoder.params}
 
@@ -86,8 +86,8 @@ def reader(config: ConfigDict, space: Space, encoder: TextEncoder
     near = load_text_encoder(config.frozen.sentence, level="sentence")
 
   def read(captions, rows=slice(None)):
-    found = space.read(encoder, captions, rows)
-    return found if near is None else found | {"sentence": near.sentence(captions[rows]).astype(np.float32)}
+    text = space.read(encoder, captions, rows)
+    return text if near is None else text | {"sentence": near.sentence(captions[rows]).astype(np.float32)}
 
   return read
 
@@ -113,12 +113,12 @@ def imagenet(folder: str | pathlib.Path, net: MotionPatches) -> tuple[Any, dict[
     raise ValueError(f"{path} is a vision transformer of width {width} on patches of "
                      f"{params['patch_embed']['kernel'].shape[0]} numbers, config.model has width {net.width} on "
                      f"{patch}; set model.width, depth, num_heads and mlp_width to those of the file")
-  found = {"weights": "file", "file": f"{path.parent.name}/{path.name}", "left_out": left,
+  record = {"weights": "file", "file": f"{path.parent.name}/{path.name}", "left_out": left,
           "sha256": hashlib.sha256(path.read_bytes()).hexdigest()}
   if (path.parent / "config.json").is_file():
     fields = read_json(path.parent / "config.json")
-    found["architecture"] = str(fields.get("architecture") or fields.get("model_type") or "")
-  return params, found
+    record["architecture"] = str(fields.get("architecture") or fields.get("model_type") or "")
+  return params, record
 
 
 def origin(config: ConfigDict, net: Teacher) -> tuple[dict[str, Any], dict[str, Any]]:

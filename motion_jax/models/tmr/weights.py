@@ -16,7 +16,7 @@ from motion_jax.training.setup import text_identity
 
 DISTILBERT = "distilbert-base-uncased"
 TMR_FILES = ("motion_encoder", "text_encoder", "motion_decoder")  # its extracted weights, a file each
-LIGHTNING = ("lr_schedulers", "loops", "callbacks")               # what its whole checkpoint holds beside state_dict
+LIGHTNING = ("lr_schedulers", "loops", "callbacks")               # what its whole checkpoint holds besides state_dict
 
 
 def read_teacher(path: str | pathlib.Path) -> NetworkState:
@@ -94,8 +94,8 @@ def _tmr(part, layout, num_heads, text_fields):
   module = make_teacher(fields, layout)
   text_fields = {"width": part.shape("text_encoder.projection.weight", what, 2)[1]}
   shapes = {"params": teacher_shapes(module, text_fields, layout)["motion"]}
-  made = network("teacher", part, module, fields | {"text": text_fields}, shapes, tmr_names(depth))
-  return made._replace(params={"motion": made.params["params"]})
+  motion_net = network("teacher", part, module, fields | {"text": text_fields}, shapes, tmr_names(depth))
+  return motion_net._replace(params={"motion": motion_net.params["params"]})
 
 
 def _made(part, layout, fields, text_fields, params):
@@ -125,10 +125,10 @@ def write_teacher(out: str | pathlib.Path, file: str | pathlib.Path, stats: Any,
   check_free(out)
   stats = load_stats(stats)
   encoder = None if text is None else load_text_encoder(text)
-  made = teacher(file, stats.layout, num_heads, encoder and bert_fields_of(encoder.model))
-  fields = dict(made.fields)
+  net = teacher(file, stats.layout, num_heads, encoder and bert_fields_of(encoder.model))
+  fields = dict(net.fields)
   kind, text_fields = fields["kind"], fields.pop("text")
-  frames = {"tmr": 200, "part_tmr": 196}.get(kind) or made.module.max_frames
+  frames = {"tmr": 200, "part_tmr": 196}.get(kind) or net.module.max_frames
   files = {checkpoint.TEXT: text_identity(encoder)} if encoder else {}
   if kind == "tmr":
     files = text_files(text, text_fields["width"], "teacher", f"{DISTILBERT} has 768")
@@ -136,5 +136,5 @@ def write_teacher(out: str | pathlib.Path, file: str | pathlib.Path, stats: Any,
   config = dict(stage="tmr.teacher", text=text_fields, model=fields, frozen=dict(text=str(text or DISTILBERT)),
                 origin={"weights": "released"}, loss=dict(text_pool="first"),
                 data=dict(layout=stats.layout.name, mode="benchmark", max_frames=frames, max_words=words))
-  write(out, config, [made], made.params, stats, files=files)
-  return [made]
+  write(out, config, [net], net.params, stats, files=files)
+  return [net]
