@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from motion_jax import export
+from motion_jax.export.files import READERS
 from motion_jax.models.results import Motion
 from motion_jax.motion.step_records import record
 from motion_jax.utils import progress
@@ -23,6 +24,7 @@ from motion_jax_studio.server.security import Refused
 
 _CHECKED = 0.5  # seconds between two checks of whether a waiting request was cancelled
 _LOADING = 600  # seconds to wait for a model that may have the ability
+_IN_TWO_FILES = (".amc", ".gltf")  # formats whose motion needs another file
 
 
 class RequestHandler:
@@ -126,8 +128,9 @@ class RequestHandler:
   def read(self, data: bytes, name: str) -> dict[str, Any]:
     """{motion} from the bytes of an uploaded file; only the ending of its name is used."""
     ending = Path(name).suffix.lower()
-    if ending not in (".npz", ".npy", ".bvh"):
-      raise InputError(f"got a file that ends in {ending[:12]!r}, expected .npz, .npy or .bvh")
+    if ending not in READERS or ending in _IN_TWO_FILES:
+      readable = ", ".join(known for known in READERS if known not in _IN_TWO_FILES)
+      raise InputError(f"got a file that ends in {ending[:12]!r}, expected one of {readable}")
     with tempfile.TemporaryDirectory() as folder:
       path = Path(folder) / f"upload{ending}"
       path.write_bytes(data)
