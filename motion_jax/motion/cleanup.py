@@ -177,7 +177,7 @@ class _Body:
 
   def smooth(self, frames: _Frames, count: int) -> np.ndarray:
     """Joints (count, J, 3) without tremor."""
-    if not self.smoothing:
+    if self.smoothing < 0.02:  # neighbouring frames have no weight
       return frames.joints[2:2 + count]
     weights = np.exp(-0.5 * (np.arange(-2, 3) / self.smoothing) ** 2)
     smoothed = _weighted(frames.joints, weights / weights.sum())
