@@ -22,6 +22,7 @@ from motion_jax.text.padding import pad, padded_length
 from motion_jax.text.vocabulary import FUNCTION_WORDS, unknown_words
 from motion_jax.utils import cache, text_files
 from motion_jax.utils.errors import InputError
+from motion_jax.utils.numerals import shortened
 
 SHIPPED = pathlib.Path(__file__).parents[1] / "pretrained"
 LEVELS = ("words", "sentence")
@@ -339,7 +340,7 @@ def load_text_encoder(name_or_folder="words", max_words=None, level="words"):
   if max_words is not None and max_words < 3:
     raise InputError(f"got max_words={max_words}, expected at least 3: a word and the two special pieces")
   if level not in LEVELS:
-    raise InputError(f"got the text level {level!r}, expected one of {', '.join(LEVELS)}")
+    raise InputError(f"got the text level {shortened(repr(level))}, expected one of {', '.join(LEVELS)}")
   name = str(name_or_folder)
   if name == "random-init":
     return TextEncoder(_random_init(), name, max_words=max_words, level=level)

@@ -110,7 +110,8 @@ def test_faster_motions_are_thinned_and_others_are_refused(built, tmp_path):
                           (dict(poses=poses[:, :63], trans=trans, fps=30.0), r"poses \(149, 63\)"),
                           (dict(poses=poses, fps=30.0), "lacks trans; it holds fps, poses"),
                           (dict(poses=poses * np.nan, trans=trans, fps=30.0), "NaN"),
-                          (dict(poses=poses * 1e6, trans=trans, fps=30.0), "angles of over 1000 radians")):
+                          (dict(poses=poses * 1e6, trans=trans, fps=30.0), "angles of over 1000 radians"),
+                          (dict(poses=poses, trans=trans + 1e40, fps=30.0), "places beyond 1e\\+06")):
     np.savez(path, **arrays)
     with pytest.raises(ValueError, match=message):
       read_recording(path)

@@ -5,8 +5,10 @@ import shutil
 
 import numpy as np
 import pytest
+from ml_collections import ConfigDict
 
 from motion_jax.text.encoder import SHIPPED, load_text_encoder
+from motion_jax.utils.errors import InputError
 
 CAPTIONS = ["a person walks forward.", "someone jumps",
             "a person turns left, then waves with the right hand and sits down.", "Run!",
@@ -70,6 +72,9 @@ def test_bad_sizes(encoder):
   assert short(["a person walks"])[1].sum() == 5, "with the two special pieces"
   with pytest.raises(ValueError, match="at most 5"):
     short(["a person walks forward"])
+  with pytest.raises(InputError, match="got the text level .*a: 1.*, expected one of words, sentence") as error:
+    load_text_encoder("words", level=ConfigDict({"a": 1}))  # of a damaged run; its repr has several lines
+  assert "\n" not in str(error.value)
 
 
 def test_a_sentence_is_one_row(encoder):

@@ -87,6 +87,7 @@ def read_annotations(folder, split="train") -> dict:
 
 RATES = "fps", "mocap_framerate", "mocap_frame_rate"
 _MOST_RADIANS = 1000.0  # largest angle of a rotation vector that counts as valid
+_FARTHEST = 1e6  # metres, or units, of a place that counts as valid
 
 
 def read_recording(path) -> Recording:
@@ -135,9 +136,9 @@ def read_poses(path, names=None, fps=None) -> Recording:
   if poses.ndim != 2 or poses.shape[1] < 66 or translation.shape != (len(poses), 3) or not len(poses):
     raise ValueError(f"{path}: got poses {poses.shape} and trans {translation.shape}, expected (T, 66 or more) and "
                      "(T, 3)")
-  if not ((np.abs(poses) < _MOST_RADIANS).all() and np.isfinite(translation).all()):
-    raise InputError(f"{path} holds NaN, infinity or angles of over {_MOST_RADIANS:g} radians; leave the file out or "
-                     "take it from AMASS again")
+  if not ((np.abs(poses) < _MOST_RADIANS).all() and (np.abs(translation) < _FARTHEST).all()):
+    raise InputError(f"{path} holds NaN, infinity, angles of over {_MOST_RADIANS:g} radians or places beyond "
+                     f"{_FARTHEST:g}; leave the file out or take it from AMASS again")
   if not 0 < fps < np.inf:
     raise InputError(f"{path} has {fps:g} frames a second, expected a rate")
   return Recording(rot.from_vector(poses[:, :66].reshape(-1, 22, 3)), translation, fps)
