@@ -206,7 +206,7 @@ def other_array(rng, array):
     with np.errstate(all="ignore"):
       array = array * np.asarray(pick(rng, (1000.0, 100.0, 0.0, -1.0, 1e-30, 1e30, np.nan)), np.float32)
   elif how == 6 and array.ndim > 1:
-    array = array.reshape(len(array), -1) if rng.random() < 0.5 else np.swapaxes(array, 0, -1)
+    array = array.reshape(len(array), -1) if rng.random() < 0.5 and array.size else np.swapaxes(array, 0, -1)
   elif how == 7 and array.ndim:
     array = np.repeat(array, int(rng.integers(2, 40)), axis=0)
   else:
