@@ -43,13 +43,16 @@ def get_config(size="full"):
   config.alignment_teacher = dict()  # what the tokenizer was aligned with; the run takes it from there
   config.tokenizer = dict(features=263, latent_dim=64, width=1024, num_halvings=2, dilations=(9, 3, 1), causal=True)
   config.model = dict(latent_dim=64, width=512, depth=8, num_heads=4, ff_width=1024, block=3, text_dim=768,
-                      control=0)  # numbers that tell a latent of constraints; data.control sets it
+                      control=0,  # numbers that tell a latent of constraints; data.control sets it
+                      time_left=False)  # not of the paper: tokens know how many latents their caption has left
   # self_forcing: share of the clips that begin with what the network made itself (docs/training.md#denoisers).
   # pyramid_levels: share of the clips whose times are those of a moment of sampling, not drawn for each block.
   # decoded_from: errors of the decoded motion count for frames whose latents' time is above it (0 noise, 1 clean).
   # control: weight of the distance of the decoded motion from the constraints that it gets (data.control).
-  config.loss = dict(drop_rate=0.1, unit_latents=False, level_block=3, mean_latents=False, self_forcing=0.0,
-                     pyramid_levels=0.0, decoded_from=0.5, control=0.0, **common.contrast(), **common.motion_errors())
+  # time_left_drop: share of the clips whose time that is left is unknown, as it is in a stream (model.time_left).
+  config.loss = dict(drop_rate=0.1, time_left_drop=0.2, unit_latents=False, level_block=3, mean_latents=False,
+                     self_forcing=0.0, pyramid_levels=0.0, decoded_from=0.5, control=0.0, **common.contrast(),
+                     **common.motion_errors())
   config.data = common.captioned_data(layout="full", batch_size=64, min_frames=40, max_frames=192, lengths=(192,),
                                       max_words=64, balance=0.0, vary_subject=0.0, per_segment_captions=0.0, store="",
                                       control=0.0)  # share of the motions with constraints (docs/training.md)

@@ -70,9 +70,9 @@ def data(**fields):
   std of turn, root and contacts of a data set's own statistics is divided by; 0: nothing
   (docs/papers/momask.md#statistics). workers: number of processes that make clips, captions and features of archives,
   equal to those of one; 0: this one. source_weights: pairs (archive, factor), how much more or less often than others
-  its clips are drawn (docs/training.md#balance)."""
+  its clips are drawn (docs/training.md#balance); source_shares: pairs (archive, share of all draws)."""
   return dict(name="humanml3d", folder="", folders=(), mode="benchmark", mirror=False, kinematic_captions=False,
-              paraphrases=0, feature_bias=0.0, workers=0, source_weights=(),
+              paraphrases=0, feature_bias=0.0, workers=0, source_weights=(), source_shares=(),
               augment=dict(stitched=0.0, bent_paths=0.0, idle=0.0, counted=0.0, excerpts=0.0, seats=0.0,
                            stepping=0.0, postures=0.0, wandering=0.0, time_warp=0.0)) | fields
 

@@ -159,7 +159,7 @@ _QUANTIZER = _MOTION_ERRORS | {"data.released_windows": False, "data.short_windo
 DEFAULTS: dict[str, dict[str, Any]] = {
     "": {"data.feature_bias": 0.0, "optimizer.warmup": "full", "data.mode": "benchmark",
          "data.kinematic_captions": False, "data.paraphrases": 0, "data.augment": {}, "data.workers": 0,
-         "data.source_weights": (),
+         "data.source_weights": (), "data.source_shares": (),
          "optimizer.name": "adamw", "optimizer.fields": {}, "optimizer.schedule_fields": {},
          "optimizer.boundaries": (), "optimizer.gamma": 0.1, "optimizer.skip_loss": 0.0,
          "optimizer.final_rate": 0.0,
@@ -181,7 +181,7 @@ DEFAULTS: dict[str, dict[str, Any]] = {
         "train.remat": False, "train.scan_layers": False, "train.attention": "xla", "frozen.text_level": "words",
         "alignment_teacher": {},
         "distill.teacher": "", "loss.mean_latents": False, "loss.decoded_from": 0.5, "loss.self_forcing": 0.0,
-        "loss.pyramid_levels": 0.0,
+        "loss.pyramid_levels": 0.0, "model.time_left": False, "loss.time_left_drop": 0.0,
         "data.per_segment_captions": 0.0, "data.control": 0.0, "model.control": 0,
         "loss.control": 0.0,
         "loss.level_block": lambda config: config["model"].get("block", 3), "data.vary_subject": 0.0,

@@ -51,20 +51,38 @@ class FeatureSet:
 
     Raises InputError for an archive that is not among the data.
     """
-    factors = dict(config.get("source_weights", ()))
-    if unknown := sorted(set(factors) - set(self.sources)):
-      raise InputError(f"got data.source_weights for {unknown[0]!r}, expected one of the archives that are read: "
-                       f"{', '.join(sorted(set(self.sources) - {''})) or 'there is none'}")
+    factors = self._of_archives(config, "source_weights")
     return np.array([factors.get(source, 1.0) for source in self.sources], np.float64) if factors else None
 
   def draw_weights(self, config, kept=slice(None)) -> np.ndarray | None:
-    """Sampling weights (N,) of the clips `kept`: data.balance over their groups, times `source_factors`; None if the
-    config has neither, and every clip occurs once per epoch."""
-    factors = self.source_factors(config)
-    if not config.balance and factors is None:
+    """Sampling weights (N,) of the clips `kept`: data.balance over their groups, times `source_factors`, scaled so that
+    archives have the shares of data.source_shares, pairs (archive, share of all draws); None if the config has none of
+    these, and every clip occurs once per epoch.
+
+    Raises InputError for an archive that is not among the data, and for shares that leave nothing for the others.
+    """
+    factors, shares = self.source_factors(config), self._of_archives(config, "source_shares")
+    if not config.balance and factors is None and not shares:
       return None
-    weights = balance_weights(np.array(self.groups)[kept], config.balance)
-    return weights if factors is None else weights * factors[kept]
+    weights, sources = balance_weights(np.array(self.groups)[kept], config.balance), np.array(self.sources)[kept]
+    weights = weights if factors is None else weights * factors[kept]
+    if not all(0 < share < 1 for share in shares.values()) or sum(shares.values()) >= 1:
+      raise InputError(f"got data.source_shares {tuple(shares.items())}, expected shares above 0, below 1 together")
+    rest = ~np.isin(sources, list(shares))
+    for archive, share in shares.items():
+      inside = sources == archive
+      weights[inside] *= share / weights[inside].sum()
+    if shares:
+      weights[rest] *= (1 - sum(shares.values())) / weights[rest].sum()
+    return weights
+
+  def _of_archives(self, config, name):
+    """The pairs (archive, number) of a field as a dict. Raises InputError for an archive that is not read."""
+    values = dict(config.get(name, ()))
+    if unknown := sorted(set(values) - set(self.sources)):
+      raise InputError(f"got data.{name} for {unknown[0]!r}, expected one of the archives that are read: "
+                       f"{', '.join(sorted(set(self.sources) - {''})) or 'there is none'}")
+    return values
 
 
 def recognize(config):

@@ -13,7 +13,7 @@ import flax.linen as nn
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float, Num
+from jaxtyping import Bool, Float, Int, Num
 
 from motion_jax import shapes
 from motion_jax.nets.attention import Attention, rotary_table, turn
@@ -23,6 +23,7 @@ from motion_jax.shapes import Array, AttentionMask
 
 PREDICTION_FLOOR = 0.02  # one of the default 50 sampling steps
 ADAPTER_RANK = 128       # hidden width of a `ControlAdapter`
+TIME_LEFT_ROWS = 24      # embeddings of the latents that are left, a third of an octave apart: 0, 0.26, ... 202 latents
 SIZES = {"S": dict(num_heads=2, depth=4, width=512), "M": dict(num_heads=4, depth=8, width=512),
          "L": dict(num_heads=6, depth=12, width=768), "XL": dict(num_heads=8, depth=16, width=1024)}
 # Not of the paper: about 1 and 3 billion parameters, with heads of 128 channels, for meshes (docs/pods.md).
@@ -159,6 +160,7 @@ class CausalDiT(nn.Module):
   remat: bool = False  # recompute each block in the backward pass instead of storing its activations
   attention: str = "xla"  # of `attention.dot_product_attention`: "xla", or "cudnn" for 16 bits on NVIDIA's GPUs
   two_way: bool = False  # latents in denoising (0 < t < 1) see one another in both directions (`masks.two_way_mask`)
+  time_left: bool = False  # tokens get an embedding of how many latents their caption has left
   scan_layers: bool = False  # in training, compile one layer and scan it `depth` times instead of compiling each
 
   # Parity: blocks of 3 latents that see one another, the RMS norm of queries and keys, a feed-forward of 2 D and no
@@ -175,6 +177,8 @@ class CausalDiT(nn.Module):
     self.blocks = [block(self.width, self.num_heads, self.ff_width, self.dtype, self.attention, name=f"block{i}")
                    for i in range(self.depth)]
     self.out = Dense(self.latent_dim, ("embed", None), kernel_init=nn.initializers.zeros, dtype=self.dtype)
+    if self.time_left:  # zero at first: a network that is trained further begins as it was
+      self.time_left_rows = self.param("time_left_rows", nn.initializers.zeros, (1 + TIME_LEFT_ROWS, self.width))
     if self.control:
       self.control_in = Dense(2 * self.width, (None, "mlp"), **xavier)
       self.control_out = Dense(self.depth * ADAPTER_RANK, ("mlp", None), **xavier)
@@ -261,15 +265,16 @@ class CausalDiT(nn.Module):
   def window(self, x: Float[Array, "b w c"], t: Float[Array, "#b w"],
              modulation: Float[Array, "depth #b #w 6 d"], text: Text,
              attn_mask: Bool[Array, "#b 1 w s"], positions: Num[Array, "*#b w"],
-             past: KeysValues | None = None, control: Float[Array, "_ w control"] | None = None
-             ) -> tuple[Float[Array, "b w c"], KeysValues]:
+             past: KeysValues | None = None, control: Float[Array, "_ w control"] | None = None,
+             left: Int[Array, "#b w"] | None = None) -> tuple[Float[Array, "b w c"], KeysValues]:
     """Velocity of a window of latents and its keys and values: x (B, W, C), modulation (depth, B or 1, W, 6, D).
 
     text: of text_keys_values. positions (W,) or (B, W). past: (k, v) (depth, B, P, H, K) of the latents before the
-    window, keys rotated; attn_mask (B or 1, 1, W, P + W) masks unused ones. control: of control_tokens.
+    window, keys rotated; attn_mask (B or 1, 1, W, P + W) masks unused ones. control: of control_tokens. left: of
+    `__call__`.
     -> (velocity, (k, v)) with the keys and values of x (depth, B, W, H, K), keys not rotated.
     """
-    latents, x, attn_mask = x, self.x_in(x.astype(self.dtype)), self._seen(attn_mask, t)
+    latents, x, attn_mask = x, self._timed(self.x_in(x.astype(self.dtype)), left), self._seen(attn_mask, t)
     if not self.use_adaln:
       x = x + self.level(t)
     block, table, added = self._block(), self._table(positions), None
@@ -287,6 +292,22 @@ class CausalDiT(nn.Module):
     rows = self._stacked("blocks"), modulation, text.k, text.v, text.null, past, added
     x, new = jax.lax.scan(layer, x, rows)
     return self._to_velocity(self.out(x), latents, t), new
+
+  def _timed(self, x: Float[Array, "b l d"], left: Int[Array, "#b l"] | None) -> Float[Array, "b l d"]:
+    """Tokens with the embedding of the latents that are left, if the network has one; negative or None: unknown.
+
+    Rows of the embedding are spaced evenly in log2(1 + left) and interpolated: the end counts most.
+    """
+    if not self.time_left:
+      return x
+    rows = self.time_left_rows.astype(x.dtype)
+    if left is None:
+      return x + rows[0]
+    place = jnp.clip(3 * jnp.log2(1.0 + jnp.maximum(left, 0)), 0, TIME_LEFT_ROWS - 1)
+    low = jnp.minimum(place.astype(jnp.int32), TIME_LEFT_ROWS - 2)
+    share = (place - low).astype(x.dtype)[..., None]
+    known = (1 - share) * rows[1 + low] + share * rows[2 + low]
+    return x + jnp.where(left[..., None] < 0, rows[0], known)
 
   def _seen(self, attn_mask: Bool[Array, "#b 1 l k"], t: Float[Array, "#b l"]) -> Bool[Array, "_ 1 l k"]:
     """What latents at times t attend to, of a mask that knows no times."""
@@ -307,9 +328,11 @@ class CausalDiT(nn.Module):
 
   def __call__(self, x: Float[Array, "b l c"], t: Float[Array, "b m"], text_emb: Float[Array, "b s e"],
                attn_mask: AttentionMask, text_mask: Bool[Array, "b *m s"],
-               control: Float[Array, "_ l n"] | None = None) -> Float[Array, "b l c"]:
+               control: Float[Array, "_ l n"] | None = None, left: Int[Array, "#b l"] | None = None
+               ) -> Float[Array, "b l c"]:
     """x (B, L, C), t (B, L) or (B, L / n), text_emb (B, S, E), attn_mask (B or 1, 1, L, L), text_mask (B, S)
-    or (B, L, S); control (B, L, N) as in `control_tokens`, or (B / 2, L, N), see `ControlAdapter`."""
+    or (B, L, S); control (B, L, N) as in `control_tokens`, or (B / 2, L, N), see `ControlAdapter`. left (B, L): how
+    many latents its caption has left, each latent included, for a network with time_left; negative or None: unknown."""
     shapes.check(x=(x, "BLC"), t=(t, "BM"), text_emb=(text_emb, "BSE"))
     (batch, length, _), words = x.shape, text_emb.shape[1]
     for name, mask, expected in (("attn_mask", attn_mask, ((batch, 1, length, length), (1, 1, length, length))),
@@ -324,14 +347,14 @@ class CausalDiT(nn.Module):
       raise ValueError(f"got {t.shape[1]} times for {length} latents, expected one each or one per whole block")
     attn_mask = self._seen(attn_mask, jnp.repeat(t, length // t.shape[1], axis=1))
     if self.scan_layers and not self.is_initializing():
-      return self._scanned(x, t, text_emb, attn_mask, text_mask, added)
+      return self._scanned(x, t, text_emb, attn_mask, text_mask, added, left)
     modulation = self._modulations(t)
     if t.shape[1] != length:
       modulation = [broadcast_to_length(part, length // t.shape[1]) for part in modulation]
       t = jnp.repeat(t, length // t.shape[1], axis=1)
     words, table = self.text_in(text_emb.astype(self.dtype)), self._table(jnp.arange(length))
     control_emb = [] if added is None else jnp.split(added[..., :-1], self.depth, axis=-1)
-    latents, x = x, self.x_in(x.astype(self.dtype))
+    latents, x = x, self._timed(self.x_in(x.astype(self.dtype)), left)
     if not self.use_adaln:
       x = x + self.level(t)
     for i, block in enumerate(self.blocks):
@@ -341,7 +364,7 @@ class CausalDiT(nn.Module):
 
   def _scanned(self, x: Float[Array, "b l c"], t: Float[Array, "b m"], text_emb: Float[Array, "b s e"],
                attn_mask: AttentionMask, text_mask: Bool[Array, "b *m s"],
-               control: Float[Array, "_ l control"] | None) -> Float[Array, "b l c"]:
+               control: Float[Array, "_ l control"] | None, left: Int[Array, "#b l"] | None) -> Float[Array, "b l c"]:
     """`__call__` by one scan over the layers, whose parameters it stacks; files and optimizers have them apart."""
     level, words = self.level(t), self.text_in(text_emb.astype(self.dtype))
     plain = None if self.use_adaln else self._modulations(t)[0]
@@ -352,7 +375,7 @@ class CausalDiT(nn.Module):
       modulation = broadcast_to_length(block.modulation(level) if plain is None else plain, count)
       return block.step(x, modulation, block.text(words, text_mask), attn_mask, table)[0], None
 
-    latents, x = x, self.x_in(x.astype(self.dtype))
+    latents, x = x, self._timed(self.x_in(x.astype(self.dtype)), left)
     if not self.use_adaln:
       x = x + self.level(t)
     stack = lambda modules: jax.tree.map(lambda *leaves: jnp.stack(leaves), *(module.variables for module in modules))

@@ -4,7 +4,7 @@ import shlex
 import sys
 
 from motion_jax.utils.install import pip_install
-from motion_jax.utils.numerals import FRAME_RATES, real
+from motion_jax.utils.numerals import FRAME_RATES, real, whole
 from motion_jax_studio.cli import shared
 
 
@@ -64,6 +64,21 @@ def add_to(commands):
                      help="split so that training has not seen the captions, or the subjects, of the test (captions)")
   split.add_argument("--overwrite", action="store_true", help="replace existing folders")
   split.set_defaults(run=_split)
+  compose = data.add_parser("compose", help="make training clips with a model: sampled, checked, the failures left out",
+                            description="Samples prompts by the whole pipeline and keeps the motions that meet all "
+                            "requirements of their prompts, with sound bones and feet, as an archive. A run that was "
+                            "interrupted continues; the same choices give the same archive.")
+  compose.add_argument("out", help="folder to write, or to continue")
+  compose.add_argument("--model", default="cmdm-small", help="a shipped model or a run folder (cmdm-small)")
+  compose.add_argument("--number", type=whole(1, 1_000_000), default=8000, metavar="N", help="number of prompts (8000)")
+  compose.add_argument("--seed", type=whole(0, 2**31 - 1), default=0, metavar="N",
+                       help="seed of prompts and motions (0)")
+  compose.add_argument("--sentences", metavar="FILE", default="", help="people's sentences to use with those of the "
+                       "grammar: a .jsonl with text and split, a .tsv, or one a line")
+  compose.add_argument("--apart", metavar="FILE", nargs="+", default=(), help="evaluation sentences: prompts within "
+                       "three words of one are left out")
+  compose.add_argument("--attempts", type=whole(1, 100), default=3, metavar="N", help="samples per prompt at most (3)")
+  compose.set_defaults(run=_compose)
   doctor = data.add_parser("doctor", help="check a data folder and suggest fixes")
   doctor.add_argument("folder", help="a data folder of any supported data set")
   doctor.set_defaults(run=_doctor)
@@ -124,6 +139,13 @@ def _describe(args):
     print(f"wrote {describe_folders.write_table(rows, args.out)} captions to {args.out}\n"
           f"next: motion-jax data build {shlex.quote(args.folder)} FOLDER --captions {shlex.quote(args.out)}")
   return _left_out(faults)
+
+
+def _compose(args):
+  from motion_jax_studio.composing.compose import compose
+  shared.cache_compiled_code()
+  print(compose(args.out, args.model, args.number, args.seed, args.sentences, args.apart, args.attempts))
+  print(f"train on it: motion-jax train --data {shlex.quote(args.out)} FURTHER_ARCHIVES ...")
 
 
 def _doctor(args):

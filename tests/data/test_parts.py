@@ -5,7 +5,7 @@ import pytest
 
 from motion_jax import fit
 from motion_jax.data.batches import TextItems
-from motion_jax.models.cmdm.parts import part_of_blocks, words_by_part
+from motion_jax.models.cmdm.parts import part_of_blocks, time_left, words_by_part
 from motion_jax.text.encoder import load_text_encoder
 from motion_jax.training.setup import untrained
 from motion_jax.utils.errors import InputError
@@ -43,6 +43,13 @@ def test_a_cut_keeps_the_parts_that_it_shows_in_its_own_frames():
 def test_a_block_belongs_to_the_part_of_its_middle():
   assert part_of_blocks(SPANS, 5, 12).tolist() == [0, 0, 1, 1, 1]  # middles at 6, 18, 30, 42 and, behind the end, 54
   assert part_of_blocks((("a", 0, 5), ("b", 5, 40)), 2, 12).tolist() == [1, 1]
+
+
+def test_latents_know_how_many_of_their_caption_are_left():
+  counts = time_left(np.array([48, 40, 46]), [SPANS, (), ()], 14, 4, 3)
+  assert counts[0].tolist() == [6, 5, 4, 3, 2, 1, 6, 5, 4, 3, 2, 1, 0, -1]
+  assert counts[1].tolist() == list(range(10, -4, -1))
+  assert counts[2, 0] == 12  # the last latent begun counts
 
 
 def test_latents_see_the_words_of_their_part_and_no_others():

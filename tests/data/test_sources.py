@@ -55,6 +55,17 @@ def test_clips_of_an_archive_are_drawn_more_seldom(archives):
     data.draw_weights(_config(archives["cmu"], source_weights=(("kaykit", 0.5),)))
 
 
+def test_an_archive_has_the_share_of_draws_that_the_config_says(archives):
+  config = _config(archives["cmu"], archives["gameclips"], source_shares=(("gameclips", 0.25),))
+  data = sources.load_features(config)
+  weights = data.draw_weights(config)
+  assert weights[2:].sum() == pytest.approx(0.25) and weights.sum() == pytest.approx(1)
+  for shares, error in (((("kaykit", 0.5),), "got data.source_shares for 'kaykit'"),
+                        ((("gameclips", 1.0),), "expected shares above 0, below 1 together")):
+    with pytest.raises(ValueError, match=error):
+      data.draw_weights(_config(archives["cmu"], source_shares=shares))
+
+
 def test_statistics_are_those_that_the_config_names():
   """Of each column, of each axis, or with a bias; those of a run that is built upon stay."""
   config = ConfigDict(dict(name="synthetic", num_clips=2, layout="full", mode="corrected"))

@@ -283,3 +283,16 @@ def test_layers_in_one_loop_are_the_layers_one_by_one(fields):
       sizes.append(str(jax.make_jaxpr(run)(params)).count("dot_general"))
     assert sizes[1] < 0.6 * sizes[0], sizes
     jax.tree.map(lambda one, other: np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-12), *made)
+
+
+@pytest.mark.parametrize("scan_layers", [False, True])
+def test_time_left_is_an_embedding_of_each_token(scan_layers):
+  dit, params = small(time_left=True, scan_layers=scan_layers)
+  rows = jax.random.normal(jax.random.key(1), params["params"]["time_left_rows"].shape)
+  params = {"params": params["params"] | {"time_left_rows": rows}}
+  x, t = jax.random.normal(jax.random.key(2), (2, 6, dit.latent_dim)), jnp.full((2, 6), 0.5)
+  text = jax.random.normal(jax.random.key(3), (2, 4, dit.text_dim))
+  run = lambda left: dit.apply(params, x, t, text, block_causal_mask(6, dit.block), jnp.ones((2, 4), bool), left=left)
+  np.testing.assert_array_equal(run(None), run(jnp.full((2, 6), -1)))
+  given = run(jnp.array([[6, 5, 4, 3, 2, 1], [1000, 999, 4, 3, 2, 1]]))
+  assert (jnp.abs(given - run(None)).max((1, 2)) > 1e-3).all() and jnp.isfinite(given).all()

@@ -2,7 +2,8 @@
 
 motions.npz: names (N,), start (N + 1,) frame offsets, root (frames, 3) metres, local (frames, 22, 3) joints less the
 pelvis; 20 frames a second, 22 joints in HumanML3D's order. captions.jsonl, a row per piece of a clip: id, clip, start,
-end (frames in the clip), text (a list of sentences, or one), split, and optionally content, style, label.
+end (frames in the clip), text (a list of sentences, or one), split, and optionally content, style, label, spans (a list
+of (sentence, first frame, frame past the last) of parts) and made (how the application made the clip).
 """
 import collections
 import hashlib
@@ -18,7 +19,7 @@ from motion_jax.data.datasets.base import Dataset
 from motion_jax.motion import plausibility
 from motion_jax.motion.skeleton import HUMANML3D
 from motion_jax.utils.errors import InputError
-from motion_jax.utils.input_files import json_row, load_npz, read_json_lines
+from motion_jax.utils.input_files import json_row, load_npz, read_json, read_json_lines
 from motion_jax.utils.text_files import read_lines
 
 FPS = 20.0
@@ -27,7 +28,8 @@ _LICENSES = {"cmu": _CMU, "cmu2": _CMU, "bandai": "CC BY-NC 4.0, (c) 2022 Bandai
              "hdm05": "CC BY-SA 3.0, Mocap Database HDM05, Hochschule der Medien Stuttgart and University of Bonn",
              "reactidle": "MIT, (c) 2025 RSAIT", "mimic": "MIT, (c) 2018 Xue Bin Peng, (c) Meta Platforms, Inc.",
              "gameclips": "CC0 1.0", "kaykit": "CC0 1.0, Kay Lousberg, www.kaylousberg.com"}
-_TAGS = ("clip", "content", "style", "label", "subject", "whole", "spikes")
+_TAGS = ("clip", "content", "style", "label", "subject", "whole", "spikes", "made", "spans")
+ABOUT = "archive.json"  # optional: {"license": ...} of archives that are not in _LICENSES
 
 
 def is_archive(folder) -> bool:
@@ -42,7 +44,9 @@ def read_archive(folder, split=None, faults=None) -> list[Clip]:
   outside it, and, without faults, for a faulty piece.
   """
   arrays, path = read_motions(folder), pathlib.Path(folder) / "captions.jsonl"
-  clips = []
+  clips, name = [], path.parent.name
+  about = read_json(path.with_name(ABOUT)) if path.with_name(ABOUT).is_file() else {}
+  license_text = about.get("license") or _LICENSES.get(name, "")
   for number, row in read_json_lines(path):
     row = read_row(row, arrays, f"{path} line {number}")
     if split and row["split"] != split:
@@ -56,8 +60,8 @@ def read_archive(folder, split=None, faults=None) -> list[Clip]:
       continue
     clips.append(Clip(
         joints=joints, fps=FPS, captions=tuple(Caption(text) for text in row["text"]), id=row["id"],
-        split=row["split"], source=path.parent.name, license=_LICENSES.get(path.parent.name, ""),
-        meta={tag: row[tag] for tag in _TAGS if tag in row}))
+        split=row["split"], source=name, license=license_text,
+        meta={tag: row[tag] for tag in _TAGS if tag in row} | ({"num_own": 0} if "made" in row else {})))
   return clips
 
 
@@ -118,6 +122,8 @@ def read_row(row, motions, where) -> dict:
     if not isinstance(row[key], kind) or isinstance(row[key], bool) or key == "text" and not all(
         isinstance(text, str) for text in row["text"]):
       raise InputError(f"{where}: got {key} {str(row[key])[:60]!r}, expected {called}")
+  if not all(isinstance(span, list) and list(map(type, span)) == [str, int, int] for span in row.get("spans", ())):
+    raise InputError(f"{where}: got spans {str(row['spans'])[:60]}, expected a list of [sentence, first, past]")
   if row["clip"] not in motions.spans:
     raise InputError(f"{where}: clip {row['clip'][:60]!r} is not in motions.npz")
   length = motions.length(row["clip"])

@@ -179,13 +179,15 @@ def clip_items(clips, config, split, layout: FeatureLayout) -> list[TextItem]:
   paraphrased captions, of train (`text.paraphrase`). config.workers: number of processes; results do not depend on it.
   """
   clips, new_clips = [clip for clip in clips if clip.split == split], []
+  composed = [clip for clip in clips if "made" in clip.meta]  # by the application: has its captions, is not cut further
+  clips = [clip for clip in clips if "made" not in clip.meta]
   shown = dict(unit="clip", leave=False, disable=None)
   with workers(config.get("workers", 0)) as team:
     if split == "train":
       new_clips = augmented(clips, augment_shares(config), progress=True, workers=team)
     if config.get("kinematic_captions", False):
       clips = list(tqdm.tqdm(team.map(with_kinematic_captions, clips, 16), f"captions of {split}", len(clips), **shown))
-    clips += new_clips
+    clips += [*new_clips, *composed]
     if split == "train" and config.get("paraphrases", 0):
       clips = [_in_other_words(clip, config.paraphrases) for clip in clips]
     known = LAYOUTS.get(layout.name) is layout  # passed by name: other processes know it, too
@@ -202,7 +204,7 @@ def _in_other_words(clip, number) -> Clip:
   said = tuple(dataclasses.replace(caption, text=text) for caption in clip.captions
                for text in paraphrases(caption.text, number))
   written = tuple(dict.fromkeys(clip.captions))
-  return clip.replace(captions=tuple(dict.fromkeys((*written, *said))), meta=clip.meta | {"num_own": len(written)})
+  return clip.replace(captions=tuple(dict.fromkeys((*written, *said))), meta={"num_own": len(written)} | clip.meta)
 
 
 def _item(clip, layout, mode, mirrored=False) -> TextItem | None:

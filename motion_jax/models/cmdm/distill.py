@@ -68,7 +68,7 @@ def student_stage(config: ConfigDict) -> Stage:
                     for a in staircase_rows(keys, blocks, given.num_steps, given.lag))
     attn_mask = block_causal_mask(z1.shape[1], dit.block) & latent_mask[:, None, None, :]
     shared = dit.block if z1.shape[1] % dit.block == 0 else 1
-    run = _velocity(dit, batch, attn_mask, shared)
+    run = _velocity(dit, batch, attn_mask, shared, stages.time_left_of(config, batch, rng))
     t = level / given.num_steps
     x = paths.add_noise(z1, noise, t)
     target = teacher_step(run(frozen[TEACHER], given.guidance_scale), x, level, moves, given.num_steps,
@@ -89,7 +89,7 @@ def student_stage(config: ConfigDict) -> Stage:
   return plain._replace(loss=loss)
 
 
-def _velocity(dit: Net, batch: Any, attn_mask: Any, shared: int) -> Any:
+def _velocity(dit: Net, batch: Any, attn_mask: Any, shared: int, left: Any = None) -> Any:
   """velocity_of(params, scale)(x, t): guided by the scale, 1 is without a second pass."""
   text, mask = batch["text_emb"], batch["text_mask"]
 
@@ -97,10 +97,10 @@ def _velocity(dit: Net, batch: Any, attn_mask: Any, shared: int) -> Any:
     def velocity(x, t):
       t = t[:, ::shared]
       if scale == 1.0:
-        return dit.apply(params, x, t, text, attn_mask, mask)
+        return dit.apply(params, x, t, text, attn_mask, mask, left=left)
       twice = lambda a: jnp.concatenate([a, a])
       both = dit.apply(params, twice(x), twice(t), jnp.concatenate([text, jnp.zeros_like(text)]), twice(attn_mask),
-                       twice(mask))
+                       twice(mask), left=None if left is None else twice(left))
       with_text, without = jnp.split(both, 2)
       return combine(with_text, without, scale)
 

@@ -18,7 +18,6 @@ from motion_jax.models.cmdm.networks import CmdmNetworks
 from motion_jax.models.shared.moving_path import Path, continue_path, heading_of
 from motion_jax.nets.causal_dit import Text
 
-_ENDLESS = 2**30  # latents
 _LENGTH = 50  # latents whose constraints are compiled together; longer ones by doubling
 
 
@@ -58,7 +57,7 @@ class SamplingLoop:
 
   @lengths.setter
   def lengths(self, lengths: Int[np.ndarray, " b"] | None) -> None:
-    self._lengths = np.full(self.batch, _ENDLESS) if lengths is None else np.asarray(lengths)
+    self._lengths = np.full(self.batch, streaming.ENDLESS) if lengths is None else np.asarray(lengths)
 
   @property
   def steps(self) -> int:
@@ -157,15 +156,21 @@ class SamplingLoop:
     return np.full((self.batch, self.plan.width), -2**30)
 
   def step(self, caption: Int[np.ndarray, "b w"], since: Int[np.ndarray, "b w"] | None = None,
-           drift: Float[np.ndarray, "b 2"] | None = None) -> Float[np.ndarray, "b n c"] | None:
+           drift: Float[np.ndarray, "b 2"] | None = None, until: Int[np.ndarray, "b w"] | None = None
+           ) -> Float[np.ndarray, "b n c"] | None:
     """Starts one more block and denoises those under way by one step; returns the block that became clean, if any.
 
     caption (B, W): which of the captions each block of the window has; since (B, W): see `streaming.window_at`. drift:
-    x and z by which the cleanup has moved bodies from where they are decoded.
+    x and z by which the cleanup has moved bodies from where they are decoded. until (B, W): the latent with which the
+    caption of each block ends; by default each motion's last.
     """
     plan, age = self.plan, self.plan.age
     since = self._any() if since is None else since
-    now = streaming.window_at(plan, self.steps, int(self._state.past), caption, since, self.lengths)
+    if not self.model.dit.time_left:
+      until = None
+    elif until is None:
+      until = np.repeat(self.lengths[:, None], plan.width, axis=1)
+    now = streaming.window_at(plan, self.steps, int(self._state.past), caption, since, self.lengths, until)
     given, control = np.zeros((self.batch, plan.block, self.model.dit.latent_dim), np.float32), self.control
     if self._signal is None:
       self._advance(now, given, 0, plan.lag, control)

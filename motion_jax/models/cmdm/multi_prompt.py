@@ -112,6 +112,8 @@ def _windows(model, plan, sampling, prompts, segment, frames, keys, contrast):
   text_emb, text_mask = captions_of(model, prompts, contrast)
   seen = streaming.seen_since(plan, segment)
   seen = None if seen is None else block * np.repeat(np.asarray(seen), block, axis=1)
+  ends = np.repeat(streaming.caption_ends(segment, offline.latents_of(frames, model.frames_per_latent), block), block,
+                   axis=1) if model.dit.time_left else None
   latents, lengths = np.zeros((len(prompts), 0, model.dit.latent_dim), np.float32), offline.latents_of(
       frames, model.frames_per_latent)
   while latents.shape[1] < shown.shape[1]:
@@ -119,13 +121,14 @@ def _windows(model, plan, sampling, prompts, segment, frames, keys, contrast):
     start = latents.shape[1] - past.shape[1]
     places = np.minimum(start + np.arange(size), shown.shape[1] - 1)
     part, since = shown[:, places], None if seen is None else np.maximum(seen[:, places] - start, 0)
+    until = None if ends is None else ends[:, places] - start
     relative = part - part[:, :1]
     at = np.minimum(part[:, :1] + np.arange(1 << int(relative.max()).bit_length()), text_mask.shape[1] - 1)
     rows = np.arange(len(at))[:, None]
     emb, mask = words_of_latents(text_emb[rows, at], text_mask[rows, at], relative)
     latents = np.concatenate([latents, np.asarray(model.compiled.chain_segment(
         plan, size, model.params, text_emb=emb, text_mask=mask, scale=sampling.guidance_scale,
-        lengths=np.clip(lengths - latents.shape[1], 1, size - past.shape[1]), past=past, since=since,
+        lengths=np.clip(lengths - latents.shape[1], 1, size - past.shape[1]), past=past, since=since, until=until,
         keys=jax.vmap(lambda key, start=start: jax.random.fold_in(key, start))(keys)))], axis=1)
   return latents[:, :shown.shape[1]]
 
@@ -176,7 +179,8 @@ def chained(model: CmdmNetworks, plan: streaming.Plan, sampling: CmdmSampling, p
     segment_keys = jax.vmap(lambda key, i=i: jax.random.fold_in(key, i))(keys)
     latents = model.compiled.chain_segment(
         plan, given + longest, model.params, text_emb=text_emb[:, at], text_mask=text_mask[:, at],
-        scale=sampling.guidance_scale, lengths=jnp.asarray(lengths), past=np.stack(past), keys=segment_keys)
+        scale=sampling.guidance_scale, lengths=jnp.asarray(lengths), past=np.stack(past), keys=segment_keys,
+        until=np.repeat(given + lengths[:, None], given + longest, axis=1) if model.dit.time_left else None)
     for parts, z, row in zip(latents_of, np.asarray(latents), counts):
       if i < len(row):
         parts.append(z[:row[i]])

@@ -24,6 +24,22 @@ def part_of_blocks(segments: Segments, num_blocks: int, frames_per_block: int) -
   return np.minimum(np.searchsorted(ends, middles, side="right"), len(segments) - 1)
 
 
+def time_left(num_frames: Int[np.ndarray, " b"], segments: Sequence[Segments], count: int, frames_per_latent: int,
+              block: int) -> Int[np.ndarray, "b {count}"]:
+  """How many latents each latent's caption has left, itself included: up to the end of the clip, or of its part.
+
+  num_frames (B,): of the clips; segments: the parts of each, () for one caption; count: latents of a row. 0 and less
+  after the end.
+  """
+  ends = np.repeat(-(-num_frames[:, None] // frames_per_latent), count, axis=1)
+  for row, spans in zip(ends, segments):
+    if len(spans) > 1:
+      part = np.repeat(part_of_blocks(spans, -(-count // block), block * frames_per_latent), block)[:count]
+      borders = np.searchsorted(part, part, side="right")
+      row[:] = np.where(part == part[-1], row, np.minimum(borders, row))
+  return (ends - np.arange(count)).astype(np.int32)
+
+
 def words_by_part(encoder: Any, said: Sequence[str], segments: Sequence[Segments], parts: int, num_frames: int,
                   frames_per_latent: int, block: int, at_least: int, rows: slice = ALL
                   ) -> dict[str, Float[np.ndarray, "b s e"] | Bool[np.ndarray, "b l s"]]:

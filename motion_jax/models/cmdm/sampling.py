@@ -60,7 +60,13 @@ def generate_whole(dit: CausalDiT, plan: streaming.Plan, num_blocks: int, params
   if lengths is not None:
     real = padding_mask(lengths, length)[:, None]
     attn_mask &= (real[..., None, :] & real[..., None]) | jnp.eye(length, dtype=bool)
-  velocity = plain_velocity(dit, params, text_emb, text_mask, attn_mask, scale, plan.guided, told_of(codec, control))
+  left = None
+  if dit.time_left:
+    ends = streaming.caption_ends(jnp.zeros((len(keys), num_blocks), int) if segment is None else segment,
+                                  jnp.full(len(keys), length) if lengths is None else jnp.asarray(lengths), plan.block)
+    left = jnp.repeat(ends, plan.block, axis=1) - jnp.arange(length)
+  velocity = plain_velocity(dit, params, text_emb, text_mask, attn_mask, scale, plan.guided, told_of(codec, control),
+                            left)
   if plan.solver in ddpm_forcing.SOLVERS:
     # Parity: algorithm 2 of the paper, whose steps draw fresh noise; the code's, and our default, are Euler's.
     levels = schedules.staircase_levels(plan.num_steps, length, plan.lag, plan.block)
@@ -86,14 +92,16 @@ def words_of_latents(text_emb: Float[Array, "b g s e"], text_mask: Bool[Array, "
 
 def plain_velocity(dit: CausalDiT, params: Any, text_emb: Float[Array, "b s e"], text_mask: Bool[Array, "b *l s"],
                    attn_mask: AttentionMask, scale: Any, guided: bool = True,
-                   control: Float[Array, "b l n"] | None = None) -> Callable[..., jax.Array]:
+                   control: Float[Array, "b l n"] | None = None, left: Int[Array, "b l"] | None = None
+                   ) -> Callable[..., jax.Array]:
   """velocity(x, t (L,)) of the network itself, recomputed completely in every call."""
   def velocity(x, t, drop):
     twice = lambda a: jnp.concatenate([a, a]) if drop.shape[0] > a.shape[0] > 1 else a
     emb = jnp.where(drop[:, None, None], 0.0, jnp.concatenate([text_emb] * (drop.shape[0] // text_emb.shape[0])))
     mask = jnp.concatenate([text_mask] * (drop.shape[0] // text_mask.shape[0]))
     control_emb = None if control is None else jnp.concatenate([control] * (drop.shape[0] // control.shape[0]))
-    return dit.apply(params, x, jnp.broadcast_to(t, x.shape[:2]), emb, twice(attn_mask), mask, control_emb)
+    return dit.apply(params, x, jnp.broadcast_to(t, x.shape[:2]), emb, twice(attn_mask), mask, control_emb,
+                     None if left is None else twice(left))
 
   if guided:
     return guidance.guided(velocity, scale)
@@ -136,13 +144,14 @@ def renoised(velocity: Callable[..., Array], x: Latents, times: Float[Array, "n 
 def chained(dit: CausalDiT, plan: streaming.Plan, params: Any, *, text_emb: Float[Array, "b s e"],
             text_mask: Bool[Array, "b *l s"], scale: Any, lengths: Int[Array, " b"], past: Float[Array, "b p c"],
             noise: Float[Array, "b l c"], fresh: Callable[[Any], Array], times: Float[Array, "m l"] | None = None,
-            since: Int[Array, "b l"] | None = None) -> Float[Array, "b n c"]:
+            since: Int[Array, "b l"] | None = None, until: Int[Array, "b l"] | None = None) -> Float[Array, "b n c"]:
   """New latents (B, N, C) after a past (B, P, C) as the released code makes them: plain recompute, past re-noised.
   text_mask (B, S), or (B, P + N, S) where latents have captions of their own.
 
   noise (B, P + N, C) and fresh(m) alike: see `renoised`; lengths (B,) of the new latents, those beyond
   mean nothing. P = 0 is the first segment of a chain, an ordinary run. Positions restart in every segment, and
-  blocks count from the window's start. since (B, P + N): the first latent that each sees; None: any.
+  blocks count from the window's start. since (B, P + N): the first latent that each sees; None: any. until (B, P + N):
+  the latent with which the caption of each ends, for a network with time_left; None: unknown.
   """
   length, given = noise.shape[1], past.shape[1]
   if times is None:
@@ -151,7 +160,8 @@ def chained(dit: CausalDiT, plan: streaming.Plan, params: Any, *, text_emb: Floa
   attn_mask = sliding_mask(length, plan.block, context) & padding_mask(given + lengths, length)[:, None, None, :]
   if since is not None:
     attn_mask &= jnp.arange(length) >= since[:, None, :, None]
-  velocity = plain_velocity(dit, params, text_emb, text_mask, attn_mask, scale, plan.guided)
+  left = None if until is None else until - jnp.arange(length)
+  velocity = plain_velocity(dit, params, text_emb, text_mask, attn_mask, scale, plan.guided, left=left)
   if not given:
     return samplers.euler(velocity, noise, times)
   return renoised(velocity, noise, times, past, fresh)[:, given:]
@@ -159,7 +169,8 @@ def chained(dit: CausalDiT, plan: streaming.Plan, params: Any, *, text_emb: Floa
 
 def chain_segment(dit: CausalDiT, plan: streaming.Plan, length: int, params: Any, *, text_emb: Float[Array, "b s e"],
                   text_mask: Bool[Array, "b *l s"], scale: Any, lengths: Int[Array, " b"], past: Float[Array, "b p c"],
-                  keys: jax.Array, since: Int[Array, "b l"] | None = None) -> Float[Array, "b n c"]:
+                  keys: jax.Array, since: Int[Array, "b l"] | None = None, until: Int[Array, "b l"] | None = None
+                  ) -> Float[Array, "b n c"]:
   """`chained` for a window of `length`, past included; its noise belongs to a motion's key and a latent's place."""
   def fresh(m):
     keys_now = jax.vmap(lambda key: jax.random.fold_in(key, m))(keys)
@@ -167,7 +178,7 @@ def chain_segment(dit: CausalDiT, plan: streaming.Plan, length: int, params: Any
     return jnp.concatenate(blocks, axis=1)[:, :length]
 
   return chained(dit, plan, params, text_emb=text_emb, text_mask=text_mask, scale=scale, lengths=lengths, past=past,
-                 noise=fresh(0), fresh=lambda m: fresh(m + 1), since=since)
+                 noise=fresh(0), fresh=lambda m: fresh(m + 1), since=since, until=until)
 
 
 def block_words(dit: CausalDiT, guided: bool, params: Any, text_emb: Float[Array, "b g s e"],

@@ -12,7 +12,7 @@ from motion_jax.data import batches, sources, store
 from motion_jax.latents import TOKENIZER, VaeCodec
 from motion_jax.models import cmdm
 from motion_jax.models.cmdm import distill
-from motion_jax.models.cmdm.parts import most_parts, words_by_part
+from motion_jax.models.cmdm.parts import most_parts, time_left, words_by_part
 from motion_jax.models.shared import motion_errors
 from motion_jax.models.shared.captioned_batches import (
   check_captions,
@@ -192,9 +192,19 @@ def _held_out_loss(config, stats, encoder, codec):
   def batch(i):
     drawn = items.batch(size, config.seed, i)
     text_emb, text_mask = encoder(drawn.pop("caption"), at_least=config.data.max_words)
-    return drawn | {"text_emb": text_emb, "text_mask": text_mask}
+    return drawn | {"text_emb": text_emb, "text_mask": text_mask} | _time_left(config, drawn, [()] * size)
 
   return held_out_means(batch, measured_loss(cmdm.denoiser_stage(undisturbed(config)).loss), frozen)
+
+
+def _time_left(config, batch, segments):
+  """{"time_left": (B, L)} of a batch, for a network with time_left; else {}."""
+  if not config.model.get("time_left"):
+    return {}
+  data = config.data
+  count = (batch["distribution"].shape[1] if "distribution" in batch else
+           batch["features"].shape[1] // data.frames_per_latent)
+  return {"time_left": time_left(batch["num_frames"], segments, count, data.frames_per_latent, config.model.block)}
 
 
 def not_sampled(config: ConfigDict) -> list[str]:
@@ -255,7 +265,7 @@ def denoiser(config: ConfigDict) -> TrainingSetup:
       other = encoded([false.get(caption, caption) for caption in said],
                       [[(false[text], *span) for text, *span in row] for row in segments])
       arrays = contradictions_of(arrays, other, [any(false[text] != text for text in texts) for texts in shown[rows]])
-    return batch | arrays
+    return batch | arrays | _time_left(config, batch, (segments or [()] * len(said))[rows])
 
   evaluate = _held_out_loss(config, data.stats, encoder, codec)
   stage, frozen = cmdm.denoiser_stage(config), codec.parts | motion_errors.frozen_stats(config, data.stats)

@@ -6,7 +6,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import optax
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from ml_collections import ConfigDict
 
 from motion_jax.control import conditioning
@@ -155,6 +155,16 @@ def control_of(config: ConfigDict, vae: CausalVAE, frozen: Any, batch: dict[str,
   return signal, conditioning.features(signal, vae.frames_per_latent)
 
 
+def time_left_of(config: ConfigDict, batch: dict[str, Any], rng: jax.Array) -> Int[Array, "b l"] | None:
+  """How many latents its caption has left for each latent (`CausalDiT`), -1 for a share config.loss.time_left_drop of
+  the motions; None for a network without time_left."""
+  if "time_left" not in batch:
+    return None
+  drop = jax.vmap(lambda i: jax.random.bernoulli(jax.random.fold_in(jax.random.fold_in(rng, 6), i),
+                                                 config.loss.time_left_drop))(batch["index"])
+  return jnp.where(drop[:, None], -1, batch["time_left"])
+
+
 def self_forced(velocity: Callable[..., Any], z1: Latents, latent_mask: Bool[Array, "b l"],
                   t: Float[Array, "b l"], noise: Latents, keys: Array, block: int, share: float
                   ) -> tuple[Latents, Float[Array, "b l"], Bool[Array, "b l"]]:
@@ -232,10 +242,11 @@ def denoiser_stage(config: ConfigDict) -> Stage:
   """Trains the causal diffusion transformer by diffusion forcing on latents of the frozen tokenizer.
 
   Batch: features (B, T, F) or, of a store, distribution (B, L, 2 C) of their latents; num_frames (B,), text_emb
-  (B, S, E), text_mask (B, S), index (B,) place in the whole batch. With a weight for one of `motion_errors.NAMES` the
-  clean latents that the network means are decoded, and the motion of frames whose latents' time is over
-  config.loss.decoded_from is held to the real one's; frozen["stats"] holds mean and std of the features, also with a
-  share config.data.control of motions whose latents are conditioned on random constraints that the motion meets.
+  (B, S, E), text_mask (B, S), index (B,) place in the whole batch; of a network with time_left also time_left (B, L).
+  With a weight for one of `motion_errors.NAMES` the clean latents that the network means are decoded, and the motion of
+  frames whose latents' time is over config.loss.decoded_from is held to the real one's; frozen["stats"] holds mean and
+  std of the features, also with a share config.data.control of motions whose latents are conditioned on random
+  constraints that the motion meets.
 
   With a weight config.loss.contrast the batch also holds captions that contradict the motions, `captioned_batches`, and
   with these the velocity of latents before the time config.loss.contrast_until must be off by contrast_margin more.
@@ -258,8 +269,9 @@ def denoiser_stage(config: ConfigDict) -> Stage:
     # Equal times inside a block are modulated once.
     shared = block if block > 1 and config.loss.level_block % block == 0 and z1.shape[1] % block == 0 else 1
     signal, control = control_of(config, vae, frozen, batch, rng)
+    left = time_left_of(config, batch, rng)
     velocity = lambda x, t, emb=text_emb, mask=batch["text_mask"]: dit.apply(
-        params, x, t[:, ::shared], emb, attn_mask, mask, control)
+        params, x, t[:, ::shared], emb, attn_mask, mask, control, left)
     if dit.predicts == "ddpm":
       if loss_name := next((name for name in ("self_forcing", "pyramid_levels", "contrast") if config.loss[name]), ""):
         raise InputError(f"got loss.{loss_name} and model.predicts='ddpm'; it is a loss of the straight path: "
@@ -282,7 +294,8 @@ def denoiser_stage(config: ConfigDict) -> Stage:
     attn_mask = block_causal_mask(z1.shape[1], block) & latent_mask[:, None, None, :]
     ddpm = dit.predicts == "ddpm"
     x = (ddpm_forcing if ddpm else paths).add_noise(z1, noise, t)
-    return {"velocity": dit.apply(params, x, t, text_emb, attn_mask, batch["text_mask"]),
+    return {"velocity": dit.apply(params, x, t, text_emb, attn_mask, batch["text_mask"],
+                                  left=time_left_of(config, batch, rng)),
             "target": noise if ddpm else z1 - noise}
 
   target = {"ddpm": "noise", "eps": "noise", "x1": "latents"}.get(dit.predicts, "velocity")

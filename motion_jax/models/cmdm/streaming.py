@@ -43,6 +43,8 @@ from motion_jax.models.cmdm.plan import seen_since as seen_since
 from motion_jax.nets.frame_wise import FrameWiseNetwork
 from motion_jax.shapes import Array, Net
 
+ENDLESS = 2**30  # latents of a motion without end
+
 
 class Stream(NamedTuple):
   """State between two steps; B motions side by side, 2 B rows in the cache when guided."""
@@ -86,6 +88,7 @@ class Window(NamedTuple):
   attn_mask: Any  # (rows or 1, 1, W * block, (ring + W) * block) what latents see of cache and window
   positions: Any  # (ring * block,) of cached keys
   caption: Any    # (B, W) which of the captions each block has
+  left: Any = None  # (rows, W * block) how many latents each one's caption has left, itself included; negative: unknown
 
 
 def make_constants(dit: Net, params: Any, plan: Plan, rows: int = 0) -> Constants:
@@ -141,12 +144,14 @@ def oldest_block(plan: Plan, steps: Any) -> Any:
 
 
 def window_at(plan: Plan, steps: Any, past: Any, caption: Int[Array, "b w"], since: Int[Array, "b w"] | None = None,
-              lengths: Int[Array, " b"] | None = None) -> Window:
+              lengths: Int[Array, " b"] | None = None, until: Int[Array, "b w"] | None = None) -> Window:
   """The window of the step after `steps` others, after `past` given latents, traced if any argument is.
 
   caption (B, W): which of the captions in text each block has. since (B, W): the first block that each sees,
   `seen_since`; None: all within the context. lengths (B,): latents of each motion; later ones, in its last block or in
-  the blocks of a longer motion of the batch, see and are seen by themselves alone. None: no end.
+  the blocks of a longer motion of the batch, see and are seen by themselves alone. None: no end. until (B, W): the
+  latent with which the caption of each block ends (`caption_ends`), `ENDLESS` or more: unknown; None: for networks
+  without `time_left`.
   """
   xp = jnp if any(isinstance(a, jax.Array) for a in (steps, past, caption, since, lengths)) else np
   size, slots, within = plan.block, xp.arange(plan.ring), xp.arange(plan.block)
@@ -168,10 +173,24 @@ def window_at(plan: Plan, steps: Any, past: Any, caption: Int[Array, "b w"], sin
   if plan.guided and not (since is None and lengths is None):
     mask = xp.concatenate([mask, mask])
   levels = xp.where(blocks < 0, plan.num_steps, (steps - blocks) * plan.lag)
+  left = None
+  if until is not None:
+    left = spread(until) - (positions + base * size)[-plan.width * size:]
+    left = xp.where(spread(until) < ENDLESS, left, -1).astype(xp.int32)
+    left = xp.concatenate([left, left]) if plan.guided else left
   number = lambda a: xp.asarray(a, xp.int32)
   return Window(number(steps), xp.asarray((steps <= 0) | (steps > plan.age)), number((base - 1) % plan.ring * size),
                 number(blocks), number(levels), number(plan.num_steps), mask,
-                number(positions[:plan.ring * size]), number(caption))
+                number(positions[:plan.ring * size]), number(caption), left)
+
+
+def caption_ends(segment: Int[Array, "b n"], lengths: Int[Array, " b"], size: int) -> Int[Array, "b n"]:
+  """The latent with which the caption of each block ends. segment (B, N): rising, the caption of each block; lengths
+  (B,): latents of each motion; size: latents of a block."""
+  xp = jnp if any(isinstance(a, jax.Array) for a in (segment, lengths)) else np
+  past = (segment[:, None, :] <= segment[:, :, None]).sum(-1) * size
+  last = segment == segment[:, -1:]  # it may last longer than its blocks
+  return xp.where(last, lengths[:, None], xp.minimum(past, lengths[:, None]))
 
 
 def first_state(dit: Net, layout: Layout, batch: int, xp: Any = jnp) -> Stream:
@@ -229,8 +248,9 @@ def iterate(dit: Net, layout: Layout, conditions: Conditions, state: Stream, now
   def velocity_at(latents, level):
     modulation = jnp.repeat(constants.modulation[:, level], size, axis=1)[:, None]
     x = jnp.concatenate([latents, latents]) if layout.guided else latents
+    left = {} if now.left is None else {"left": now.left}
     velocity, new = dit.apply(params, x, spread(constants.times[level])[None], modulation, text, now.attn_mask, within,
-                              past, control, method="window")
+                              past, control, method="window", **left)
     if layout.guided:
       with_text, without = jnp.split(velocity, 2)
       velocity = combine(with_text, without, scale)
@@ -306,13 +326,13 @@ class Sampler:
 
     return jax.lax.scan(fill, state, blocks)[0]
 
-  def _window(self, state, caption, since, offset=0):
-    """`window_at` with captions (B, N) and sights (B, N) of all blocks, the first of them block -offset."""
+  def _window(self, state, caption, since, offset=0, until=None):
+    """`window_at` with captions, sights and ends (B, N) of all blocks, the first of them block -offset."""
     at = oldest_block(self.plan, state.steps) + jnp.arange(self.plan.width) + offset
     of_window = lambda rows: rows[:, jnp.clip(at, 0, rows.shape[1] - 1)]
     caption = jnp.zeros((len(self.keys), self.plan.width), jnp.int32) if caption is None else of_window(caption)
-    since = None if since is None else of_window(since)
-    return window_at(self.plan, state.steps, state.past, caption, since, self.lengths)
+    since, until = (None if rows is None else of_window(rows) for rows in (since, until))
+    return window_at(self.plan, state.steps, state.past, caption, since, self.lengths, until)
 
   def _advanced(self, state, now, given, count):
     """The state one block further, of `count` iterations."""
@@ -366,8 +386,14 @@ class Sampler:
     if self.lengths is None and getattr(self.dit, "two_way", False):  # blocks that begin after the last one are unseen
       sampler = dataclasses.replace(self, lengths=jnp.full(len(self.keys), num_blocks * plan.block))
 
+    until = None
+    if getattr(self.dit, "time_left", False):
+      lengths = jnp.full(len(self.keys), num_blocks * plan.block) if self.lengths is None else self.lengths
+      until = caption_ends(jnp.zeros((len(self.keys), num_blocks), int) if segment is None else segment, lengths,
+                           plan.block)
+
     def body(state, _):
-      state, block, _ = sampler._stepped(state, sampler._window(state, segment, since))
+      state, block, _ = sampler._stepped(state, sampler._window(state, segment, since, until=until))
       return state, block
 
     _, blocks = jax.lax.scan(body, self.init() if state is None else state, None, length=plan.age + num_blocks - 1)

@@ -1,5 +1,7 @@
 """The fast sampler gives the plain one's numbers: whole, streamed, past its cache, with words that change."""
+import dataclasses
 import functools
+import types
 
 import chex
 import jax
@@ -238,3 +240,36 @@ def test_bad_plans_and_pasts_are_refused():
                               np.zeros((2, 2), np.uint32))
   with pytest.raises(ValueError, match="whole blocks of 3"):
     sampler.prefill(sampler.init(), past=jnp.zeros((2, 4, 5)), count=4)
+
+
+@pytest.mark.parametrize("lengths", [None, (11, 10)])
+def test_latents_that_know_how_many_are_left(lengths):
+  """Cached sampling, with captions that change, is the plain loop; rows of zeros are no embedding."""
+  dit, plan, params, constants, text_emb, text_mask, keys = setting(6, 2, 3, 12, time_left=True)
+  rows = jax.random.normal(jax.random.key(5), params["params"]["time_left_rows"].shape) * 0.5
+  params = {"params": params["params"] | {"time_left_rows": rows}}
+  emb, mask = jnp.stack([text_emb, text_emb[::-1]], 1), jnp.stack([text_mask, text_mask[::-1]], 1)
+  segment = jnp.array([[0, 0, 1, 1], [0, 1, 1, 1]])
+  codec = types.SimpleNamespace(decode=lambda z: z, frames_per_latent=4)
+  lengths = None if lengths is None else jnp.array(lengths)
+  run = lambda function, dit, params: np.asarray(function(
+      dit, plan, 4, params, codec, text_emb=emb, text_mask=mask, scale=SCALE, keys=keys, segment=segment,
+      lengths=lengths))[:, :10]
+  cached = run(cmdm.generate, dit, params)
+  np.testing.assert_allclose(cached, run(cmdm.generate_whole, dit, params), atol=2e-5)
+  plain = {"params": {name: value for name, value in params["params"].items() if name != "time_left_rows"}}
+  without = run(cmdm.generate, dataclasses.replace(dit, time_left=False, parent=None), plain)
+  zeros = {"params": params["params"] | {"time_left_rows": 0 * rows}}
+  np.testing.assert_array_equal(run(cmdm.generate, dit, zeros), without)
+  assert np.abs(cached - without).max() > 1e-3
+
+
+def test_ends_of_captions():
+  segment = np.array([[0, 0, 1, 1], [0, 1, 2, 2]])
+  ends = streaming.caption_ends(segment, np.array([11, 20]), 3)
+  assert ends.tolist() == [[6, 6, 11, 11], [3, 6, 20, 20]]
+  now = streaming.window_at(streaming.make_plan(6, 2, 3, 12, 4, False), 0, 0, segment, until=ends)
+  assert now.left[0].tolist()[:12] == [6, 5, 4, 3, 2, 1, 5, 4, 3, 2, 1, 0]
+  unknown = np.full((1, 4), streaming.ENDLESS)
+  assert (streaming.window_at(streaming.make_plan(6, 2, 3, 12, 4, False), 0, 0, segment[:1], until=unknown).left
+          == -1).all()
