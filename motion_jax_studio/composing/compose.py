@@ -153,7 +153,7 @@ def _row(planner, number, prompt, plan: Plan, motion):
               corrected_cm=max((step.get("cm", 0.0) for step in steps if step["step"] == "correct"), default=0.0))
 
 
-# --- files -------------------------------------------------------------------------------------------------------------
+# --- files -----------------------------------------------------------------------------------------------------------
 
 
 def _size_of(folder):
