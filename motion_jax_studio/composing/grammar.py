@@ -31,8 +31,9 @@ _ARMS = ("wave", "wave the {side} hand", "wave with the {side} hand", "wave both
 _WHOLE = ("bow", "take a bow", "bow deeply", "kick", "kick with the {side} leg", "kick with the {side} foot",
           "throw a {side} kick", "jump", "jump up", "jump forward", "leap up", "hop", "squat", "crouch down",
           "sit down", "take a seat", "kneel down", "lie down", "bend over", "bend down", "bend forward", "stand still",
-          "stop", "pause", "wait", "dance", "do a dance", "lean to the {side}", "look around", "stretch", "stand on one leg",
-          "stand on the {side} leg", "lift the {side} leg", "lift the {side} knee", "pick something up", "throw a ball")
+          "stop", "pause", "wait", "dance", "do a dance", "lean to the {side}", "look around", "stretch",
+          "stand on one leg", "stand on the {side} leg", "lift the {side} leg", "lift the {side} knee",
+          "pick something up", "throw a ball")
 _COUNTED = ("jump", "hop", "kick", "kick with the {side} leg", "punch", "punch with the {side} hand", "squat", "bow",
             "wave", "clap", "wave the {side} hand", "raise the {side} hand", "jump up", "raise both arms")
 _COUNTS = ("once", "twice", "two times", "three times", "3 times", "four times", "thrice")
