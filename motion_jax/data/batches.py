@@ -155,7 +155,8 @@ class TextItems:
   an item is shortened by the frames of one latent.
 
   spans: the parts of each clip that was joined from several, () for others; per_segment_captions: probability that such
-  a clip has the captions of its parts, each in its frames, instead of one caption of the whole clip.
+  a clip has the captions of its parts, each in its frames, instead of one caption of the whole clip. optimality: of
+  each clip, if these are scored samples.
   """
   features: list[np.ndarray]
   captions: list[list[str]]
@@ -169,6 +170,7 @@ class TextItems:
   shorten_rate: float = 1 / 3
   spans: list[Segments] | None = None
   per_segment_captions: float = 0.0
+  optimality: list[float] | None = None
 
   def __post_init__(self):
     if not 0 <= self.crop_frames <= self.max_frames or self.crop_frames % self.frames_per_latent:
@@ -237,14 +239,16 @@ class TextItems:
         yield from ((int(i), start, count, self.lengths[bucket]) for start in range(frames - count + 1))
 
   def batch(self, batch_size, seed, step, rows=ALL):
-    """-> features (B, T, F) zero-padded, num_frames (B,), index (B,), of these rows; caption, a list of all B, and
-    with per_segment_captions also segments (`Draw`)."""
+    """-> features (B, T, F) zero-padded, num_frames (B,), index (B,), of scored samples optimality (B,), of these rows;
+    caption, a list of all B, and with per_segment_captions also segments (`Draw`)."""
     drawn = self.draw(batch_size, seed, step)
     index, num_frames = np.arange(batch_size)[rows], drawn.num_frames[rows]
     out = np.zeros((len(index), drawn.length, self.features[0].shape[-1]), np.float32)
     for row, i, start, count in zip(out, drawn.clip[rows], drawn.start[rows], num_frames):
       row[:count] = self.features[i][start:start + count]
     batch = {"features": out, "num_frames": num_frames, "caption": drawn.captions, "index": index}
+    if self.optimality is not None:
+      batch["optimality"] = np.array([self.optimality[i] for i in drawn.clip[rows]], np.float32)
     return batch if drawn.segments is None else batch | {"segments": drawn.segments}
 
 

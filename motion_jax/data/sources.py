@@ -33,7 +33,8 @@ class FeatureSet:
 
   tokens: {caption: its tokens "lemma/POS"}, if the data set has them. spans: of each clip that was joined from several,
   (caption, first, past) in rows of its features; () for others. sources: the archive of each clip, "" if unknown.
-  own_captions: `captions` without paraphrases (`data.paraphrases`).
+  own_captions: `captions` without paraphrases (`data.paraphrases`). optimality: of scored samples
+  (`diffusion.negative_aware`), None for other clips.
   """
   features: list[np.ndarray]
   captions: list[list[str]]
@@ -45,6 +46,7 @@ class FeatureSet:
   spans: list[tuple[tuple[str, int, int], ...]] = dataclasses.field(default_factory=list)
   sources: list[str] = dataclasses.field(default_factory=list)
   own_captions: list[list[str]] = dataclasses.field(default_factory=list)
+  optimality: list[float | None] = dataclasses.field(default_factory=list)
 
   def source_factors(self, config) -> np.ndarray | None:
     """Sampling factors (N,) of the clips by data.source_weights, pairs (archive, factor); None without them.
@@ -213,7 +215,7 @@ def _load_features(config, split, stats, captioned):
   return FeatureSet(normalized, [list(item.captions) for item in items],
                     [item.group or item.id for item in items], [item.id for item in items], stats, layout, tokens,
                     [item.spans for item in items], [item.source for item in items],
-                    [list(item.captions[:item.num_own]) for item in items])
+                    [list(item.captions[:item.num_own]) for item in items], [item.optimality for item in items])
 
 
 # --- cached features ---------------------------------------------------------------------------------------------

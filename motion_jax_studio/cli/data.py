@@ -78,6 +78,9 @@ def add_to(commands):
   compose.add_argument("--apart", metavar="FILE", nargs="+", default=(), help="evaluation sentences: prompts within "
                        "three words of one are left out")
   compose.add_argument("--attempts", type=whole(1, 100), default=3, metavar="N", help="samples per prompt at most (3)")
+  compose.add_argument("--group", type=whole(2, 1000), default=0, metavar="N",
+                       help="instead: sample each prompt N times in one pass, and keep all with their rewards, for "
+                       "--config cmdm_scored")
   compose.set_defaults(run=_compose)
   doctor = data.add_parser("doctor", help="check a data folder and suggest fixes")
   doctor.add_argument("folder", help="a data folder of any supported data set")
@@ -144,8 +147,10 @@ def _describe(args):
 def _compose(args):
   from motion_jax_studio.composing.compose import compose
   shared.cache_compiled_code()
-  print(compose(args.out, args.model, args.number, args.seed, args.sentences, args.apart, args.attempts))
-  print(f"train on it: motion-jax train --data {shlex.quote(args.out)} FURTHER_ARCHIVES ...")
+  print(compose(args.out, args.model, args.number, args.seed, args.sentences, args.apart, args.attempts,
+                args.group))
+  print(f"train on it: motion-jax train --data {shlex.quote(args.out)} "
+        + ("--config cmdm_scored:small ..." if args.group else "FURTHER_ARCHIVES ..."))
 
 
 def _doctor(args):

@@ -5,6 +5,9 @@ kept if the plan of its prompt has requirements, it violates none of them, and b
 (`motion_jax.data.datasets.archive`) has the whole caption of each clip, the captions of its segments as spans, the
 seed, and how far the correction step moved a joint. Prompt, seed and motion are functions of (seed, number), so that an
 interrupted run continues where it stopped and gives the same archive.
+
+With `group`, each prompt is sampled that often in one pass of the network, without plan and corrections, and all of its
+motions are kept with their rewards, for training on scored samples (`diffusion.negative_aware`).
 """
 import hashlib
 import json
@@ -16,6 +19,7 @@ import numpy as np
 
 from motion_jax.data.batches import step_rng
 from motion_jax.data.datasets.archive import ABOUT
+from motion_jax.diffusion import negative_aware
 from motion_jax.metrics import physics
 from motion_jax.models.results import Motion
 from motion_jax.motion import plausibility
@@ -23,6 +27,7 @@ from motion_jax.utils import progress
 from motion_jax.utils.atomic import atomic_path
 from motion_jax.utils.errors import InputError
 from motion_jax.utils.input_files import load_npz, read_json, read_json_lines
+from motion_jax_studio.checks.violations import violation_score
 from motion_jax_studio.composing import grammar
 from motion_jax_studio.composing.apart import Apart, read_sentences
 from motion_jax_studio.language import Plan
@@ -34,6 +39,8 @@ LONGEST = 196         # frames
 _SQUEEZED = 1.35      # longest usual length, as a factor on LONGEST, that is sampled in LONGEST frames
 _PEOPLE = 0.35        # share of prompts from people's sentences, if there are any
 # Limits of sound motion: 99 of 100 clips of bandai and CMU that are decoded and cleaned up lie inside.
+_MET = 0.05  # largest violation score of a requirement that counts as met
+_ONE_PASS = ("plan", "warn", "cleanup", "pose", "correct", "check")
 _MOST = {"bone_drift": 0.02, "floating": 0.08, "planted_speed": 0.25}
 _ROWS, _JOINTS = "rows.jsonl", "joints.npz"
 
@@ -46,13 +53,15 @@ class Prompt(NamedTuple):
 
 
 def compose(out: str | pathlib.Path, model: Any = "cmdm-small", number: int = 8000, seed: int = 0,
-            sentences: str | pathlib.Path = "", apart: Iterable[str | pathlib.Path] = (), attempts: int = 3) -> str:
+            sentences: str | pathlib.Path = "", apart: Iterable[str | pathlib.Path] = (), attempts: int = 3,
+            group: int = 0) -> str:
   """Writes an archive of motions that the application made from `number` prompts; returns a summary.
 
   sentences: a file of people's sentences (`apart.read_sentences`); of a .jsonl its split "train". apart: files of
   evaluation sentences; prompts within `apart.MARGIN` words of one are skipped. attempts: samples per prompt at most.
+  group: samples in one pass per prompt, all kept and scored; 0: the best of the application, if it passes.
   An existing folder of the same choices is continued, with more prompts too. Raises InputError for a folder of other
-  choices, or of another model.
+  choices, or of another model, and if nothing is kept, or no rewards differ.
   """
   out, lists = pathlib.Path(out), [pathlib.Path(path) for path in apart]
   people = read_sentences(sentences, "train" if pathlib.Path(sentences).suffix == ".jsonl" else "") if sentences else []
@@ -60,7 +69,7 @@ def compose(out: str | pathlib.Path, model: Any = "cmdm-small", number: int = 80
   pipeline = Pipeline(model)
   pipeline.warns = False
   about = dict(composed_by=pipeline.model.id, license=_license_of(pipeline.model), seed=seed, attempts=attempts,
-               sentences=_digest(people), apart=[path.name for path in lists])
+               group=group, sentences=_digest(people), apart=[path.name for path in lists])
   _check(out, about)
   (out / "parts").mkdir(parents=True, exist_ok=True)
   if not (out / ABOUT).exists():
@@ -71,7 +80,7 @@ def compose(out: str | pathlib.Path, model: Any = "cmdm-small", number: int = 80
     folder = out / "parts" / f"{chunk.start:06d}"
     if _size_of(folder) != len(chunk):
       prompts = [prompt_of(seed, place, people) for place in chunk]
-      _write_part(folder, len(chunk), *_chunk(pipeline, chunk.start, prompts, far, attempts))
+      _write_part(folder, len(chunk), *_chunk(pipeline, chunk.start, prompts, far, attempts, group))
   return _assemble(out, [out / "parts" / f"{chunk.start:06d}" for chunk in chunks], number)
 
 
@@ -83,8 +92,32 @@ def prompt_of(seed: int, number: int, people: Sequence[str] = ()) -> Prompt:
   return Prompt(grammar.prompt(seed, number), "grammar", int(rng.integers(2**31)))
 
 
-def _chunk(pipeline, first, prompts, far, attempts):
+def _chunk(pipeline, first, prompts, far, attempts, group):
   """(rows, joints of each) of the motions that are kept, and why the others are not: {reason: number}."""
+  chosen, left = _chosen(pipeline, first, prompts, far)
+  rows, joints = [], []
+  if group:
+    for number, prompt, plan, frames in chosen:
+      motions = pipeline([prompt.text] * group, frames, seeds=range(prompt.seed, prompt.seed + group),
+                         without=_ONE_PASS)
+      rows += [_scored_row(number, place, prompt, plan, motion) for place, motion in enumerate(motions)]
+      joints += [np.asarray(motion.joints, np.float32) for motion in motions]
+    return rows, joints, left
+  motions = pipeline([plan for *_, plan, _ in chosen], [frames for *_, frames in chosen],
+                     seeds=[prompt.seed for _, prompt, *_ in chosen], max_attempts=attempts) if chosen else []
+  for (number, prompt, plan, _), motion in zip(chosen, motions):
+    reason = ("requirements not met" if motion.meta.get("unmet") else
+              "" if is_sound(motion) else "bones or feet not sound")
+    if reason:
+      left[reason] = left.get(reason, 0) + 1
+    else:
+      rows.append(_row(pipeline.planner, number, prompt, plan, motion))
+      joints.append(np.asarray(motion.joints, np.float32))
+  return rows, joints, left
+
+
+def _chosen(pipeline, first, prompts, far):
+  """(number, prompt, plan, frames) of the prompts to sample, and {reason: number} of the others."""
   chosen, left = [], dict[str, int]()
 
   def leave(reason):
@@ -106,20 +139,7 @@ def _chunk(pipeline, first, prompts, far, attempts):
       leave("too long")
       continue
     chosen.append((number, prompt, plan, min(sum(counts), LONGEST)))
-  if not chosen:
-    return [], [], left
-  motions = pipeline([plan for *_, plan, _ in chosen], [frames for *_, frames in chosen],
-                     seeds=[prompt.seed for _, prompt, *_ in chosen], max_attempts=attempts)
-  rows, joints = [], []
-  for (number, prompt, plan, _), motion in zip(chosen, motions):
-    if motion.meta.get("unmet"):
-      leave("requirements not met")
-    elif not is_sound(motion):
-      leave("bones or feet not sound")
-    else:
-      rows.append(_row(pipeline.planner, number, prompt, plan, motion))
-      joints.append(np.asarray(motion.joints, np.float32))
-  return rows, joints, left
+  return chosen, left
 
 
 def _unknown(pipeline, plan):
@@ -135,6 +155,20 @@ def is_sound(motion: Motion) -> bool:
   values = dict(bone_drift=physics.bone_drift(joints), floating=physics.floating(joints),
                 planted_speed=physics.planted_speed(joints, motion.fps))
   return all(float(value) <= _MOST[name] for name, value in values.items())
+
+
+def reward_of(motion: Motion, plan: Plan) -> float:
+  """The share of a plan's requirements that a motion meets; 0 with unsound bones or feet."""
+  if not plan.requirements or not is_sound(motion):
+    return 0.0
+  return float(np.mean([violation_score(motion.joints, [requirement], motion.fps) <= _MET
+                        for requirement in plan.requirements]))
+
+
+def _scored_row(number, place, prompt, plan, motion):
+  name = f"scored_{number:06d}_{place:02d}"
+  return dict(id=name, clip=name, start=0, end=len(motion.joints), text=[prompt.text], split="train", made="scored",
+              group=number, seed=prompt.seed + place, origin=prompt.origin, reward=round(reward_of(motion, plan), 4))
 
 
 def _row(planner, number, prompt, plan: Plan, motion):
@@ -183,6 +217,11 @@ def _assemble(out, parts, number):
   if not rows:
     raise InputError(f"{out}: none of {number} prompts gave a motion that meets its requirements ({_counts(left)}); "
                      "compose more of them, or with another model")
+  if "reward" in rows[0]:
+    values = negative_aware.optimality(*(np.array([row[name] for row in rows]) for name in ("reward", "group")))
+    learned = [place for place, value in enumerate(values) if np.isfinite(value)]
+    rows = [rows[place] | dict(optimality=round(float(values[place]), 6)) for place in learned]
+    clips = [clips[place] for place in learned]
   root = np.concatenate([clip[:, 0] for clip in clips])
   local = np.concatenate([clip - clip[:, :1] for clip in clips])
   starts = np.cumsum([0, *map(len, clips)])

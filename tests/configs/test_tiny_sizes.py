@@ -60,6 +60,8 @@ def traced_training(config, workdir, stage, next_batch, frozen, *_):
 
 @pytest.mark.parametrize("stages, sizes", [
     chain(CMDM | {"cmdm_student": {"distill.teacher": "cmdm_denoiser"}}),
+    chain(CMDM | {"cmdm_scored": {"frozen.tokenizer": "cmdm_denoiser", "scored.sampler": "cmdm_denoiser",
+                                  "scored.reference": "cmdm_denoiser"}}),
     chain({"tmr": {}, "cmdm_tokenizer": {"frozen.teacher": "tmr"}}),
     chain({"motion_patches": {}, "cmdm_tokenizer": {"frozen.teacher": "motion_patches"}}),
     *(on(data, CMDM) for data in ("kit", "essential", "snapmogen", "babel")),

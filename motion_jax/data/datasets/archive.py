@@ -3,7 +3,8 @@
 motions.npz: names (N,), start (N + 1,) frame offsets, root (frames, 3) metres, local (frames, 22, 3) joints less the
 pelvis; 20 frames a second, 22 joints in HumanML3D's order. captions.jsonl, a row per piece of a clip: id, clip, start,
 end (frames in the clip), text (a list of sentences, or one), split, and optionally content, style, label, spans (a list
-of (sentence, first frame, frame past the last) of parts) and made (how the application made the clip).
+of (sentence, first frame, frame past the last) of parts), made (how the application made the clip) and optimality (of a
+scored sample, `diffusion.negative_aware`).
 """
 import collections
 import hashlib
@@ -28,7 +29,7 @@ _LICENSES = {"cmu": _CMU, "cmu2": _CMU, "bandai": "CC BY-NC 4.0, (c) 2022 Bandai
              "hdm05": "CC BY-SA 3.0, Mocap Database HDM05, Hochschule der Medien Stuttgart and University of Bonn",
              "reactidle": "MIT, (c) 2025 RSAIT", "mimic": "MIT, (c) 2018 Xue Bin Peng, (c) Meta Platforms, Inc.",
              "gameclips": "CC0 1.0", "kaykit": "CC0 1.0, Kay Lousberg, www.kaylousberg.com"}
-_TAGS = ("clip", "content", "style", "label", "subject", "whole", "spikes", "made", "spans")
+_TAGS = ("clip", "content", "style", "label", "subject", "whole", "spikes", "made", "spans", "optimality")
 ABOUT = "archive.json"  # optional: {"license": ...} of archives that are not in _LICENSES
 
 

@@ -34,7 +34,7 @@ class TextItem(NamedTuple):
 
   tokens: (), or a tuple "lemma/POS", ... for each caption; group: its action, if known (else its id). spans: (caption,
   first, past) rows of its parts, if it was joined from several clips; made: augmented, not captured (`data.augment`);
-  source: the name of its archive; num_own: number of captions that are not paraphrases.
+  source: the name of its archive; num_own: number of captions that are not paraphrases; optimality: of a scored sample.
   """
   id: str
   features: np.ndarray
@@ -45,6 +45,7 @@ class TextItem(NamedTuple):
   made: bool = False
   source: str = ""
   num_own: int | None = None
+  optimality: float | None = None
 
 
 class TestItem(NamedTuple):
@@ -220,7 +221,7 @@ def _item(clip, layout, mode, mirrored=False) -> TextItem | None:
   spans = tuple((text, first, min(past, len(features))) for text, first, past in clip.meta.get("spans", ()))
   return TextItem(clip.id, features, tuple(caption.text for caption in clip.captions), (),
                   str(clip.meta.get("content") or clip.meta.get("label") or clip.id), spans, "made" in clip.meta,
-                  clip.source, clip.meta.get("num_own"))
+                  clip.source, clip.meta.get("num_own"), clip.meta.get("optimality"))
 
 
 def augment_shares(config) -> dict[str, float]:

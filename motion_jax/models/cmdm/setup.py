@@ -11,7 +11,7 @@ from motion_jax.control import conditioning
 from motion_jax.data import batches, sources, store
 from motion_jax.latents import TOKENIZER, VaeCodec
 from motion_jax.models import cmdm
-from motion_jax.models.cmdm import distill
+from motion_jax.models.cmdm import distill, scored
 from motion_jax.models.cmdm.parts import most_parts, time_left, words_by_part
 from motion_jax.models.shared import motion_errors
 from motion_jax.models.shared.captioned_batches import (
@@ -172,8 +172,18 @@ def _items(config, data, lengths, weights=None):
   rules = {name: config.data[name] for name in ("frames_per_latent", "crop_frames", "keep_long", "shorten_rate")}
   if config.data.per_segment_captions and any(data.spans):
     rules |= dict(spans=data.spans, per_segment_captions=config.data.per_segment_captions)
+  if _is_scored(config):
+    if None in data.optimality:
+      raise InputError(f"got {data.optimality.count(None)} clips without an optimality, expected an archive of scored "
+                       "samples alone, by motion-jax data compose --group")
+    rules["optimality"] = data.optimality
   return batches.TextItems(data.features, data.captions, config.data.min_frames, config.data.max_frames, lengths,
                            weights=weights, **rules)
+
+
+def _is_scored(config):
+  """Whether a denoiser learns from its own scored samples."""
+  return bool(config.get("scored", {}).get("sampler"))
 
 
 def _held_out_loss(config, stats, encoder, codec):
@@ -269,6 +279,12 @@ def denoiser(config: ConfigDict) -> TrainingSetup:
 
   evaluate = _held_out_loss(config, data.stats, encoder, codec)
   stage, frozen = cmdm.denoiser_stage(config), codec.parts | motion_errors.frozen_stats(config, data.stats)
+  if _is_scored(config):
+    shapes = cmdm.denoiser_shapes(CausalDiT(**module_fields(config.model)))
+    stage, evaluate = scored.scored_stage(config), None
+    frozen = frozen | {name: untrained(shapes) if config.scored[name] == "random-init" else
+                       runs.load_run(config.scored[name], "cmdm.denoiser").params(shapes)
+                       for name in (scored.SAMPLER, scored.REFERENCE)}
   if config.distill.teacher:
     shapes = cmdm.denoiser_shapes(CausalDiT(**module_fields(config.model)))
     teacher = (runs.load_run(config.distill.teacher, "cmdm.denoiser").params(shapes) if _has_teacher(config)

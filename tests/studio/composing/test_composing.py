@@ -60,7 +60,7 @@ def sampled(monkeypatch):
   """`compose` with a pipeline that is not run: each third prompt is kept. Returns the chunks that were sampled."""
   chunks = []
 
-  def chunk(pipeline, first, prompts, far, attempts):
+  def chunk(pipeline, first, prompts, far, attempts, group):
     chunks.append(first)
     rows = [dict(id=f"composed_{n:06d}", clip=f"composed_{n:06d}", start=0, end=40, text=[prompt.text], split="train",
                  made="composed", content="composed: 1 requirements", origin=prompt.origin, seed=prompt.seed,
@@ -119,3 +119,13 @@ def test_composing_by_a_model(tmp_path, capsys):
   for clip in clips:
     assert violation_score(clip.joints, parse(clip.captions[0].text).requirements) == pytest.approx(0, abs=0.05)
   assert clips and not [clip for clip in clips if Apart(read_sentences(LISTS)).nearest(clip.captions[0].text)]
+
+
+@pytest.mark.slow
+def test_scored_samples(tmp_path, capsys):
+  """Groups of one pass, of which those whose rewards differ are kept."""
+  command = ["data", "compose", str(tmp_path / "scored"), "--model", "cmdm-small-fast", "--number", "6", "--group", "3",
+             "--seed", "5"]
+  assert main(command) == 0 and "--config cmdm_scored:small" in capsys.readouterr().out
+  rows = [json.loads(line) for line in (tmp_path / "scored/captions.jsonl").read_text().splitlines()]
+  assert len(rows) == 3 and len({row["reward"] for row in rows}) > 1 and all(0 <= row["optimality"] <= 1 for row in rows)
