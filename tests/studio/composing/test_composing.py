@@ -124,8 +124,9 @@ def test_composing_by_a_model(tmp_path, capsys):
 @pytest.mark.slow
 def test_scored_samples(tmp_path, capsys):
   """Groups of one pass, of which those whose rewards differ are kept."""
-  command = ["data", "compose", str(tmp_path / "scored"), "--model", "cmdm-small-fast", "--number", "6", "--group", "3",
-             "--seed", "5"]
+  command = ["data", "compose", str(tmp_path / "scored"), "--model", "cmdm-small-fast", "--number", "6", "--group",
+             "3", "--seed", "5"]
   assert main(command) == 0 and "--config cmdm_scored:small" in capsys.readouterr().out
   rows = [json.loads(line) for line in (tmp_path / "scored/captions.jsonl").read_text().splitlines()]
-  assert len(rows) == 3 and len({row["reward"] for row in rows}) > 1 and all(0 <= row["optimality"] <= 1 for row in rows)
+  assert len(rows) == 3 and len({row["reward"] for row in rows}) > 1
+  assert all(0 <= row["optimality"] <= 1 for row in rows)
