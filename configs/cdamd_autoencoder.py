@@ -30,7 +30,7 @@ def get_config(size="full"):
   # columns: those that count twice, 4 : 4 + 3 (J - 1). distance "l1" with position_weight 0 is the paper's loss.
   # latent_noise: of what the decoder is given in training, in standard deviations of the latents.
   config.loss = dict(distance="smooth_l1", position_weight=1.0, columns=(4, 67), latent_noise=0.0,
-                     **common.motion_errors())
+                     **common.motion_errors(), **common.critic())
   # per_axis: one mean and std for x, y and z each over all joints, instead of one per column. balance: windows of rare
   # actions are drawn more often; 0 each once an epoch, 1 all actions alike.
   config.data = common.data(layout="coordinates", per_axis=False, batch_size=256, window=64, stride=1,

@@ -39,7 +39,7 @@ def get_config(size="full"):
   # align falls by the share align_fall of it. Other choices of the last fields: configs/ablations/cmdm_paper.py.
   config.loss = dict(kl_weight=0.01, kl_ramp=2_000, root_weight=0.05, micro_batch=128, align=0.1, align_fall=0.9,
                      adaptive_align=True, reconstruction="gaussian", distance_pairs="window", last_layer="convolution",
-                     **common.motion_errors())
+                     **common.motion_errors(), **common.critic())
   # short_window: length in frames of the windows in every second batch; 0: none (data/batches.py).
   # balance: windows of rare actions are drawn more often; 0 each once an epoch, 1 all actions alike.
   config.data = common.data(layout="full", batch_size=256, window=64, stride=10, short_window=0, balance=0.0)

@@ -102,6 +102,15 @@ def motion_errors():
               limb_direction=0.0, dynamics=0.0)
 
 
+def critic():
+  """A critic of the decoded motion, in a tokenizer's section `loss`; 0: off, as in the papers.
+
+  critic: weight of its adversarial term, from step critic_after on; critic_matching: of feature matching;
+  critic_width: channels of its first layers (models/shared/critic.py). Its learning rate: optimizer.rates.
+  """
+  return dict(critic=0.0, critic_matching=0.0, critic_after=0, critic_width=64)
+
+
 def contrast():
   """How a generator learns, in its section `loss`, to follow the side, count, pace and direction of a caption
   (docs/training.md#contradicting-captions): the weight of what the error with a caption that contradicts the motion
@@ -152,10 +161,12 @@ def train(num_steps, log_every, save_every, **fields):
   sample_every: pictures of what the run makes, in its samples/, at the saves nearest to multiples of it; 0: none.
   start: a run, or a name that ships, whose parameters are the first ones; freeze: names of parts that stay as they are
   there, such as ("encoder",): then a tokenizer's latents mean what they meant, and its generators go on with it.
+  start_parts: names of the only parts taken from there, for networks whose other parts have another size.
   """
-  return dict(start="", freeze=(), dtype="float32", num_steps=num_steps, num_epochs=0, log_every=log_every,
-              save_every=save_every, num_saves=20, best="", keep_last=2, max_skips=20, max_rollbacks=3,
-              hang_minutes=60.0, workers=0, cpu_seconds=0.0, seconds=0.0, tensorboard=False, sample_every=0) | fields
+  return dict(start="", start_parts=(), freeze=(), dtype="float32", num_steps=num_steps, num_epochs=0,
+              log_every=log_every, save_every=save_every, num_saves=20, best="", keep_last=2, max_skips=20,
+              max_rollbacks=3, hang_minutes=60.0, workers=0, cpu_seconds=0.0, seconds=0.0, tensorboard=False,
+              sample_every=0) | fields
 
 
 def archives(config, **fields):

@@ -240,10 +240,13 @@ def _started_from(stage, config):
   run = runs.load_run(folder)
   inside = run.stage != config.stage and runs.TOKENIZERS.get(run.stage) == config.stage
   start = flax.traverse_util.flatten_dict(run.frozen()[TOKENIZER] if inside else run.params())
-  for name in config.train.freeze:
+  for field, name in (*(("freeze", name) for name in config.train.freeze),
+                      *(("start_parts", name) for name in config.train.start_parts)):
     if not any(name in path for path in start):
-      raise InputError(f"got train.freeze {name!r}, but train.start {folder} has no parameters of that name, only "
+      raise InputError(f"got train.{field} {name!r}, but train.start {folder} has no parameters of that name, only "
                        f"{', '.join(sorted({path[1] for path in start if len(path) > 1}))}")
+  if config.train.start_parts:
+    start = {path: value for path, value in start.items() if any(name in path for name in config.train.start_parts)}
 
   def init(batch, rng):
     initial = flax.traverse_util.flatten_dict(stage.init(batch, rng))

@@ -72,8 +72,14 @@ class Run:
     return carried if carried.is_dir() else self.config.frozen.text
 
   def params(self, like: Any = None) -> Any:
-    """The weights; with `like` (arrays or shapes) every name and shape must agree."""
-    return checkpoint.load_params(self.folder, like, self.params_file)
+    """The weights, less those of a critic; with `like` (arrays or shapes) every name and shape must agree."""
+    if not self.config.get("loss", {}).get(checkpoint.CRITIC):
+      return checkpoint.load_params(self.folder, like, self.params_file)
+    params = checkpoint.load_params(self.folder, name=self.params_file)
+    params["params"].pop(checkpoint.CRITIC, None)
+    if like is not None:
+      checkpoint.check_fits(params, like, f"{self.folder / self.params_file} does not fit its config")
+    return params
 
   def frozen(self, like: Any = None) -> dict[str, Any]:
     """The frozen parts that it was trained with; `like` selects some of them and checks their shapes.
@@ -146,6 +152,7 @@ def held_stats(config: ml_collections.ConfigDict) -> Stats | None:
 _STORE = {"data.store": ""}
 _MOTION_ERRORS = {"data.balance": 0.0, "loss.acceleration": 0.0, "loss.extremity_velocity": 0.0,
                   "loss.foot_contact": 0.0, "loss.brief_contact": 0.0, "loss.bone_length": 0.0}
+_CRITIC = {"loss.critic": 0.0, "loss.critic_matching": 0.0, "loss.critic_after": 0, "loss.critic_width": 64}
 _CONTRAST = {"loss.contrast": 0.0, "loss.contrast_margin": 0.1, "loss.contrast_until": 0.5}
 _TEXT_ITEMS = {"data.frames_per_latent": 4, "data.crop_frames": 0, "data.keep_long": False, "data.shorten_rate": 1 / 3}
 _MDM = {"model.num_goals": 0, "loss.goals": 0.0, "diffusion.schedule": "cosine", "frozen.text_pieces": 0}
@@ -167,12 +174,13 @@ DEFAULTS: dict[str, dict[str, Any]] = {
          "train.start": "", "train.best": "", "train.workers": 0,
          "train.num_epochs": 0, "train.num_saves": 20, "train.keep_last": 2, "train.tensorboard": False,
          "train.sample_every": 0, "train.cpu_seconds": 0.0, "train.seconds": 0.0, "train.max_skips": 20,
-         "train.max_rollbacks": 3, "train.hang_minutes": 60.0, "train.freeze": (), "optimizer.skip_spikes": 0.0,
+         "train.max_rollbacks": 3, "train.hang_minutes": 60.0, "train.freeze": (),
+         "train.start_parts": (), "optimizer.skip_spikes": 0.0,
          "optimizer.accumulate_steps": 1, "optimizer.ema_debias": False,
          "mesh.map": "auto", "mesh.layout": "replicated",
          "mesh.rules": (), "mesh.data": 0, "mesh.model": 1},
     "tmr.teacher": {"model.kind": "part_tmr", "frozen.sentence": "", "frozen.vit": "", "origin": {}},
-    "cmdm.tokenizer": _MOTION_ERRORS | {
+    "cmdm.tokenizer": _MOTION_ERRORS | _CRITIC | {
         "data.short_window": 0, "frozen.teacher": "", "frozen.evaluator": "", "teacher": {},
         "alignment_teacher": {},
         "loss.adaptive_align": True, "loss.align_fall": 0.9, "loss.reconstruction": "gaussian",
@@ -187,7 +195,7 @@ DEFAULTS: dict[str, dict[str, Any]] = {
         "loss.level_block": lambda config: config["model"].get("block", 3), "data.vary_subject": 0.0,
         "sampler.schedule": "fss",
         "sampler.solver": lambda config: "ancestral" if config["model"].get("predicts") == "ddpm" else "euler"},
-    "cdamd.autoencoder": _MOTION_ERRORS | {"data.released_windows": False, "data.short_window": 0,
+    "cdamd.autoencoder": _MOTION_ERRORS | _CRITIC | {"data.released_windows": False, "data.short_window": 0,
                                             "data.one_per_clip": False,
                                             "loss.latent_noise": 0.0},
     "cdamd.rvq": _MOTION_ERRORS | {"data.released_windows": False, "data.short_window": 0,
@@ -274,12 +282,14 @@ def exchange_decoder(generator: str | pathlib.Path, tokenizer: str | pathlib.Pat
   given = load_run(tokenizer, TOKENIZERS[run.stage]).params()["params"]
   frozen = run.frozen()
   own = frozen[TOKENIZER]["params"]
-  checkpoint.check_fits(given["decoder"], own["decoder"], f"the decoder in {tokenizer} does not fit {generator}")
+  width = load_run(tokenizer).config.model.get("decoder_width", 0)
+  if width == run.config.tokenizer.get("decoder_width", 0):
+    checkpoint.check_fits(given["decoder"], own["decoder"], f"the decoder in {tokenizer} does not fit {generator}")
   if not all(map(np.array_equal, *map(jax.tree.leaves, (given["encoder"], own["encoder"])))):
     raise InputError(f"the encoder in {tokenizer} differs from that in {generator}, which learned the latents of its "
                      "own; train with config.train.freeze = (\"encoder\",), or train the generator on it")
   own["decoder"] = given["decoder"]
-  _write_changed(run, out, {checkpoint.FROZEN: frozen})
+  _write_changed(run, out, {checkpoint.FROZEN: frozen}, {"decoder_width": width})
 
 
 def average(first: str | pathlib.Path, second: str | pathlib.Path, out: str | pathlib.Path) -> None:
@@ -293,8 +303,9 @@ def average(first: str | pathlib.Path, second: str | pathlib.Path, out: str | pa
 COMBINATIONS = {"exchange_decoder": exchange_decoder, "average": average}
 
 
-def _write_changed(run, out, changed):
-  """Copies the files of a run that loading needs, with changed ones {name: parameters}; all of it or nothing."""
+def _write_changed(run, out, changed, tokenizer=None):
+  """Copies the files of a run that loading needs, with changed ones {name: parameters}, and changed fields of the
+  config's section tokenizer; all of it or nothing."""
   out = pathlib.Path(out)
   if out.exists():
     raise InputError(f"{out} is there already; choose another folder")
@@ -303,3 +314,6 @@ def _write_changed(run, out, changed):
     shutil.copytree(run.folder, folder, dirs_exist_ok=True, ignore=left_out)
     for name, params in changed.items():
       checkpoint.save_params(folder, params, name=name)
+    config = checkpoint.load_json(folder, checkpoint.CONFIG)
+    if any(config.get("tokenizer", {}).get(field, 0) != value for field, value in (tokenizer or {}).items()):
+      checkpoint.save_config(folder, ml_collections.ConfigDict(config | {"tokenizer": config["tokenizer"] | tokenizer}))

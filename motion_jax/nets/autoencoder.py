@@ -60,7 +60,8 @@ class Autoencoder(nn.Module):
     sizes = dict(width=self.width, num_halvings=self.num_halvings, dilations=tuple(self.dilations),
                  dropout=self.dropout, dtype=self.dtype)
     self.encoder = ConvStack(halving_layers, features=self.features, out=self.latent_dim, **sizes)
-    self.decoder = ConvStack(doubling_layers, features=self.latent_dim, out=self.features, **sizes)
+    self.decoder = ConvStack(doubling_layers, features=self.latent_dim, out=self.features,
+                             **sizes | dict(width=self.decoder_width or self.width))
 
   @property
   def frames_per_latent(self) -> int:

@@ -99,6 +99,7 @@ class CausalVAE(nn.Module):
   teacher_dim: int = 0                    # 256 adds the alignment projection (training only)
   teacher_to_latent: bool = False         # project the teacher's features into latent space, not latents into theirs
   causal: bool = True
+  decoder_width: int = 0                  # of the decoder, if it differs from that of the encoder
   dtype: Any = jnp.float32
 
   def setup(self) -> None:
@@ -106,7 +107,7 @@ class CausalVAE(nn.Module):
         features=self.features, latent_dim=self.latent_dim, width=self.width, num_halvings=self.num_halvings,
         dilations=tuple(self.dilations), dtype=self.dtype, causal=self.causal)
     self.encoder = Encoder(**sizes)
-    self.decoder = Decoder(**sizes)
+    self.decoder = Decoder(**sizes | dict(width=self.decoder_width or self.width))
     if self.teacher_dim:
       fan_in, out = self.latent_dim, self.teacher_dim
       if self.teacher_to_latent:

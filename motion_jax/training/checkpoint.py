@@ -18,6 +18,7 @@ from motion_jax.utils.errors import InputError, reading
 from motion_jax.utils.input_files import load_safetensors, read_json
 
 CONFIG, PARAMS = "config.json", "params.safetensors"
+CRITIC = "critic"  # the parameters of a critic beside those of a network, which are left out when a run is loaded
 RAW = "raw.safetensors"        # the last weights as they are, where PARAMS holds their average
 LAST = "last.safetensors"      # the weights of the last save, where PARAMS holds the best ones by validation
 FROZEN = "frozen.safetensors"  # frozen parts of a stage: the denoiser's tokenizer

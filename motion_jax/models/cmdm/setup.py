@@ -23,6 +23,7 @@ from motion_jax.models.shared.captioned_batches import (
   text_files,
   undisturbed,
 )
+from motion_jax.models.shared.critic import with_critic
 from motion_jax.models.tmr import alignment
 from motion_jax.models.tmr.space import make_teacher, teacher_shapes
 from motion_jax.motion import stats as stats_lib
@@ -73,7 +74,8 @@ def tokenizer(config: ConfigDict) -> TrainingSetup:
     frozen["teacher"], view = load_teacher(config, data.stats)
     if view is not None:
       frozen["teacher_view"] = view
-  return TrainingSetup(cmdm.tokenizer_stage(config), next_batch, frozen, evaluate, data.stats, {}, len(windows))
+  stage = with_critic(cmdm.tokenizer_stage(config), config)
+  return TrainingSetup(stage, next_batch, frozen, evaluate, data.stats, {}, len(windows))
 
 
 def load_teacher(config: ConfigDict, stats: Stats) -> tuple[Any, dict[str, Any] | None]:

@@ -11,6 +11,7 @@ from motion_jax.latents import RvqCodec
 from motion_jax.models.shared import motion_errors
 from motion_jax.models.shared.autoencoders import autoencoder_shapes, autoencoder_stage, rvq_stage
 from motion_jax.models.shared.captioned_batches import clips_of
+from motion_jax.models.shared.critic import with_critic
 from motion_jax.motion import stats as stats_lib
 from motion_jax.motion.stats import Stats
 from motion_jax.nets.autoencoder import Autoencoder
@@ -33,7 +34,8 @@ def autoencoder(config: ConfigDict) -> TrainingSetup:
   evaluate = _reconstruction(config, data.stats, net.apply)
   frozen = motion_errors.frozen_stats(config, data.stats)
   next_batch, num_items = _windows(config, data)
-  return TrainingSetup(autoencoder_stage(config), next_batch, frozen, evaluate, data.stats, {}, num_items)
+  stage = with_critic(autoencoder_stage(config), config)
+  return TrainingSetup(stage, next_batch, frozen, evaluate, data.stats, {}, num_items)
 
 
 def rvq(config: ConfigDict) -> TrainingSetup:

@@ -135,9 +135,9 @@ def weights(loss_config: ConfigDict) -> dict[str, float]:
 
 
 def frozen_stats(config: ConfigDict, stats: Stats) -> dict[str, Any]:
-  """Mean and std of the features as a frozen part of a stage, for these terms and for constraints; {} where the config
-  has neither."""
-  wanted = weights(config.loss) or config.data.get("control")
+  """Mean and std of the features as a frozen part of a stage, for these terms, for constraints and for a critic; {}
+  where the config has none."""
+  wanted = weights(config.loss) or config.data.get("control") or config.loss.get("critic")
   return {STATS: {"mean": stats.mean, "std": stats.std}} if wanted else {}
 
 
