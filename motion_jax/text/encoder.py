@@ -160,6 +160,13 @@ class TextEncoder:
       raise InputError(f"got the word {word!r}, which is not in {sentence!r}")
     return self._features([sentence])[0][rows].mean(0)
 
+  def shows(self, sentence, spans, length):
+    """Which of `length` word pieces of a sentence lie in one of the spans of characters, (length,); special ones do."""
+    shown = np.zeros(length, bool)
+    for row, (a, b) in enumerate(self._encode(sentence).offsets[:length]):
+      shown[row] = a == b or any(first <= a and b <= past for first, past in spans)
+    return shown
+
   def out_of_vocabulary(self, sentence):
     """Words of a sentence that the encoder has not learned, in order.
 

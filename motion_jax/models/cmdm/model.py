@@ -13,6 +13,7 @@ from motion_jax.models.cmdm.options import WAYS, CmdmSampling
 from motion_jax.models.keys import keys_of
 from motion_jax.models.shared import round_trips
 from motion_jax.models.shared.blocks import BlockModel, Continued, Frames, Sampled, Segments
+from motion_jax.models.shared.script import segment_ends
 from motion_jax.shapes import Array
 from motion_jax.utils.errors import InputError
 from motion_jax.utils.numerals import checked
@@ -71,9 +72,12 @@ class CmdmModel(BlockModel, CmdmNetworks):
     if signal is not None:
       about |= dict(control_steps=control_steps, refinements=refinements)
       control = dict(signal=signal, control_steps=control_steps, refinements=refinements)
-    prompts, frames = ([list(part) for part in parts] for parts in zip(*(zip(*segments) for segments in lists)))
+    steered = multi_prompt.by_clauses(lists, self.block_frames) if chosen.clauses and way == "stream" else lists
+    prompts, frames = ([list(part) for part in parts] for parts in zip(*(zip(*segments) for segments in steered)))
     make = multi_prompt.stream if way == "stream" else multi_prompt.chain
-    return Sampled(*make(self, plan, chosen, prompts, frames, keys, contrast, **control), about)
+    sampled = Sampled(*make(self, plan, chosen, prompts, frames, keys, contrast, **control), about)
+    return sampled if steered is lists else sampled._replace(
+        ends=[segment_ends([count for _, count in segments], self.block_frames) for segments in lists])
 
   def segment_frames(self, frames: Sequence[int], way: str = "stream") -> list[int]:
     """The frames that each segment of `multi_prompt` gets where `frames` were requested, which are rounded by `way`."""

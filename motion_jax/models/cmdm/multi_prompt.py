@@ -19,6 +19,7 @@ from motion_jax.models.cmdm.options import CmdmSampling
 from motion_jax.models.cmdm.sampling import words_of_latents
 from motion_jax.models.shared.script import borders, segment_ends
 from motion_jax.shapes import Array
+from motion_jax.text.clauses import clauses_of
 from motion_jax.text.contrast import Contrast
 from motion_jax.utils.errors import InputError
 
@@ -30,6 +31,21 @@ def segment_frames(frames: Sequence[int], way: str, frames_per_block: int, frame
   if way != "stream":
     return [max(1, int(count) // frames_per_latent) * frames_per_latent for count in frames]
   return np.diff(segment_ends(frames, frames_per_block), prepend=0).tolist()
+
+
+def by_clauses(lists: Sequence[Sequence[tuple[str, int]]], frames_per_block: int) -> list[list[tuple[str, int]]]:
+  """Lists of (prompt, frames) in which prompts of several clauses are replaced by these, with equal shares of the
+  blocks; a prompt of fewer blocks than clauses stays."""
+  rows = []
+  for segments in lists:
+    ends, row = segment_ends([count for _, count in segments], frames_per_block), list[tuple[str, int]]()
+    for (prompt, _), first, past in zip(segments, [0, *ends], ends):
+      parts, blocks = clauses_of(prompt), -(-(past - first) // frames_per_block)
+      parts = parts if len(parts) <= blocks else [prompt]
+      borders = [first + round(blocks * at / len(parts)) * frames_per_block for at in range(len(parts))]
+      row += [(part, stop - start) for part, start, stop in zip(parts, borders, [*borders[1:], past])]
+    rows.append(row)
+  return rows
 
 
 def captions_of(model: CmdmNetworks, prompts: Sequence[Sequence[str]], contrast: Contrast | None = None

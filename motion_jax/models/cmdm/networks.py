@@ -16,6 +16,7 @@ from motion_jax.models.cmdm.options import CmdmSampling
 from motion_jax.nets.causal_dit import CausalDiT
 from motion_jax.nets.causal_vae import CausalVAE
 from motion_jax.shapes import Array
+from motion_jax.text.clauses import Clause
 from motion_jax.training import checkpoint
 from motion_jax.utils import cache
 from motion_jax.utils.config_files import module_fields
@@ -101,12 +102,18 @@ class CmdmNetworks(TextToMotionModel):
     """(text_emb, text_mask) of prompts, padded to the width of everyday ones so that these share compiled code.
 
     Longer ones are padded to twice that, four times, ...: each width is compiled once. contrast: see `text.contrast`.
+    Of a `Clause` the words of the whole sentence are encoded, and those of the clause are real.
     """
     everyday = -(-self.config.data.max_words // 8) * 8
+    clauses, prompts = prompts, [prompt.sentence if isinstance(prompt, Clause) else prompt for prompt in prompts]
     emb, mask = self.encoder(prompts, at_least=everyday)
     if contrast is not None and contrast.scale:
       from motion_jax.text.contrast import contrasted
       emb = contrasted(self.encoder, prompts, emb, mask, contrast)
+    if emb.shape[1] > 1:
+      for row, clause in zip(mask, clauses):
+        if isinstance(clause, Clause):
+          row &= self.encoder.shows(clause.sentence, clause.spans, len(row))
     missing = max(everyday - emb.shape[1], 0)  # of a sentence vector, which is one row
     return np.pad(emb, ((0, 0), (0, missing), (0, 0))), np.pad(mask, ((0, 0), (0, missing)))
 

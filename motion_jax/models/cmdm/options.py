@@ -2,7 +2,7 @@
 import dataclasses
 from typing import TYPE_CHECKING, Any
 
-from motion_jax.models.options import SamplingOptions, choice, number
+from motion_jax.models.options import SamplingOptions, choice, number, switch
 from motion_jax.utils.errors import InputError
 from motion_jax.utils.numerals import CONTEXT, CONTRAST, MEMORY, STEPS
 
@@ -30,6 +30,9 @@ class CmdmSampling(SamplingOptions):
   contrast_scale: float | None = number("contrast guidance: how far the embedding of a prompt is moved away from "
                                         "that of its negative prompt, such as the same sentence with the other leg; 0 "
                                         "turns it off", CONTRAST, float, key="side_guidance", usual=0.0)
+
+  clauses: bool | None = switch("attention of each part of a motion to the clause of the prompt that is due, for "
+                                "prompts such as \"walks, then sits down\"; else to the whole prompt", usual=False)
 
   def resolved(self, config: "ConfigDict", **usual: Any) -> "CmdmSampling":
     learned = "ddpm" if config.model.get("predicts") == "ddpm" else "flow"
