@@ -25,7 +25,7 @@ def add_to(commands):
 
   rigs = commands.add_parser("rigs", help="list the rigs that --rig can write; for a file, the nearest rig and a joint "
                              "mapping to fill in")
-  rigs.add_argument("file", nargs="?", help="a .bvh or .amc file whose joint names to look up")
+  rigs.add_argument("file", nargs="?", help=f"motion file whose joint names to look up: {shared.MOTION_HELP}")
   rigs.add_argument("--write-mapping", metavar="FILE.json", help="write {our joint: the joint of the file} to correct "
                     "and fill in, for --mapping of the commands that read motion")
   rigs.set_defaults(run=_rigs)
@@ -56,17 +56,13 @@ def _rigs(args):
 def _nearest_rig(args):
   import json
 
-  from motion_jax.data.mocap.asf import read_amc
-  from motion_jax.data.mocap.bvh import read_bvh
+  from motion_jax.export.files import named_joints
   from motion_jax.rigs.joint_maps import mapping_template
   from motion_jax.utils.atomic import atomic_path
   path = pathlib.Path(args.file)
-  read = {".bvh": read_bvh, ".amc": read_amc}.get(path.suffix.lower())
-  if read is None:
-    raise InputError(f"got {path.name!r}, expected a .bvh or .amc file")
-  capture = read(path)
-  mapping, label = mapping_template(capture.names, capture.positions[:1], capture.parents)
-  print(f"{path}: {len(capture.names)} joints; nearest: {label or 'no rig that is known'}")
+  names, positions, parents = named_joints(path)
+  mapping, label = mapping_template(names, positions[:1], parents)
+  print(f"{path}: {len(names)} joints; nearest: {label or 'no known rig'}")
   for ours, theirs in mapping.items():
     print(f"  {ours:<16} {theirs or '(computed from other joints, or missing)'}")
   if args.write_mapping:
