@@ -15,11 +15,12 @@ from typing import Any
 import jax
 import numpy as np
 
-from motion_jax.control.signal import ControlSignal
+from motion_jax.control.constraints import Constraint
 from motion_jax.models.results import Motion, captions_in_a_row
 from motion_jax.models.shared.script import borders
 from motion_jax.motion.step_records import record
 from motion_jax.utils import progress
+from motion_jax_studio import constraining
 
 _EVERY = 8    # blocks between two copies of a stream
 
@@ -43,12 +44,33 @@ class MultiPromptCache:
     self._lock = threading.Lock()
 
   def make(self, pipeline: Any, segments: Sequence[tuple[str, int]], seed: int, cleanup: bool, sampling: dict[str, Any],
-           hold: ControlSignal | None = None) -> tuple[Motion, int, int]:
+           control: Sequence[Constraint] = ()) -> tuple[Motion, int, int]:
     """(motion, frames that were reused, frames equal to the previous motion) of (prompt, frames) rows.
 
-    Equals `CmdmModel.multi_prompt`. hold (1, T): a signal that constrains the motion; motions with different signals
-    share nothing.
+    Equals `CmdmModel.multi_prompt`. control: constraints that the motion meets, exactly so with cleanup; it is
+    compared with no previous motion.
     """
+    if not control:
+      return self._sample(pipeline, segments, seed, cleanup, sampling)
+    constraining.check_skeleton(pipeline.model)
+    fps, (prompt, last), reused = pipeline.model.fps, segments[-1], 0
+    count = sum(frames for _, frames in segments)
+    target = constraining.target_of(list(control), count, fps, cleanup)
+    rows = [*segments[:-1], (prompt, last + target.frames_to_sample(fps) - count)]
+
+    def sample(signals):
+      nonlocal reused
+      motion, reused, _ = self._sample(pipeline, rows, seed, cleanup, sampling, signals[0])
+      return [motion]
+
+    motion, = constraining.sample_guided([target], fps, sample)
+    motion = constraining.constrain(pipeline.model, motion, target, cleanup)
+    ends = np.minimum(np.cumsum([frames for _, frames in segments]), motion.num_frames).tolist()
+    captions = captions_in_a_row([prompt for prompt, _ in segments], ends, fps)
+    return motion.replace(captions=captions), reused, 0
+
+  def _sample(self, pipeline, segments, seed, cleanup, sampling, hold=None):
+    """`make` with a signal (1, T) for constraints; motions with different signals share nothing."""
     hold = None if hold is None or hold.is_empty else hold
     key = pipeline.model.id, seed, cleanup, tuple(sorted(sampling.items())), None if hold is None else _digest(hold)
     with self._lock:

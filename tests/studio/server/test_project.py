@@ -52,7 +52,7 @@ def test_steps_of_a_project_are_left_out_of_its_blocks_and_edits(library, monkey
   assert checked["without"] == ["plan", "check"]
   motion = project.made(checked, library, Limits())
   assert [row["step"] for row in motion.meta["steps"]] == ["sample", "cleanup"] and given == [{"plan", "check"}]
-  with pytest.raises(InputError, match="'pose' in without, expected one of plan, warn, cleanup"):
+  with pytest.raises(InputError, match="'pose' in without, expected one of check, cleanup"):
     project.checked(PROJECT | {"without": ["pose"]}, Limits())
 
 

@@ -177,7 +177,7 @@ def test_the_clock_holds_the_sampling_back(page, studio):
   page.more(2)
   stream, began = next(iter(studio.streams)), time.monotonic()
   page.more(3)
-  seconds = stream._live.block_seconds
+  seconds = stream._live.stream.block_seconds
   assert time.monotonic() - began > 0.5 * seconds
   page.send(type="speed", value=0)
   began = time.monotonic()
