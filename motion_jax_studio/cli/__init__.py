@@ -16,8 +16,9 @@ from motion_jax_studio.cli.parser import Parser
 from motion_jax_studio.cli.prompts import read_prompts, read_sequences
 
 # {command: its module}, in the order of --help.
-MODULES = {"generate": "make", "multi-prompt": "make", "extend": "make", "edit": "make", "blend": "blend",
-           "studio": "studio", "make": "studio", "render": "show", "models": "show", "rigs": "show", "data": "data",
+MODULES = {"generate": "generating", "multi-prompt": "generating", "extend": "generating", "edit": "generating",
+           "render": "render", "blend": "render", "studio": "studio", "make": "studio", "models": "listing",
+           "rigs": "listing", "data": "data",
            "train": "train", "evaluate": "evaluate", "convert": "convert", "export": "export", "retrieve": "retrieve",
            "retarget": "robot"}
 __all__ = ["main", "parse", "read_prompts", "read_sequences"]

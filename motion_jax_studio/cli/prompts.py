@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 from motion_jax.utils.errors import InputError
 from motion_jax.utils.numerals import MOTIONS, NumberError, is_number, real, shortened, whole
-from motion_jax_studio.cli import shared
+from motion_jax_studio.cli.reading import MOTION_FILES
 
 MOMASK_FPS = 20.0
 _MOMASK = re.compile(r"(?P<prompt>.*[^\s#])#(?P<length>[0-9]+|NA)")
@@ -59,7 +59,7 @@ def read_lines(text) -> list[Line]:
 def _check_is_prompt(text):
   """Raises InputError for the name of a motion file or of a project, where a sentence was expected."""
   use = {".json": "motion-jax make makes a studio's project"} | dict.fromkeys(
-      shared.MOTION_FILES, "motion-jax extend, edit and render read motion files")
+      MOTION_FILES, "motion-jax extend, edit and render read motion files")
   ending = pathlib.Path(text).suffix.lower()
   if ending in use and " " not in text:
     raise InputError(f"got {shortened(text)!r} as the prompt, expected a sentence in quotes, or a .txt or .csv file of "

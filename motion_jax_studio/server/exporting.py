@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 from motion_jax import export
-from motion_jax.control.compiling import compile
 from motion_jax.export import scene
 from motion_jax.models.results import colors_of
 from motion_jax.motion.looping import in_place, looped, velocity
@@ -65,19 +64,12 @@ def exported(request: Any) -> tuple[bytes, str, str]:
   name = request.name or (clip.captions[0].text if clip.captions else clip.id)
   shown = _variant(clip, request.trim, request.in_place, request.loop)
   if request.control and kind in _RENDERED and not request.in_place and not request.loop:
-    options |= _constraint_options(request.control, clip, request.trim, kind)
+    if clip.skeleton is not HUMANML3D:
+      raise InputError(f"got control of the skeleton {clip.skeleton.name!r}; control knows {HUMANML3D.name}")
+    span = slice(*request.trim[0]) if request.trim else slice(0, clip.num_frames)
+    options |= scene.drawn_constraints(request.control, [clip], [span], kind)
   media = _MEDIA.get(kind, mimetypes.guess_type(f"motion.{kind}")[0] or "application/octet-stream")
   return _written(shown, kind, **options), media, f"{_file_name(name)}.{kind}"
-
-
-def _constraint_options(control, clip, trim, kind):
-  """The options of `export.save` that draw the constraints of a clip."""
-  if clip.skeleton is not HUMANML3D:
-    raise InputError(f"got control of the skeleton {clip.skeleton.name!r}; control knows {HUMANML3D.name}")
-  signal = compile(control, clip.num_frames, clip.fps, clip.joints)
-  if trim is not None:
-    signal = signal.slice_frames(*trim[0])
-  return {"control": signal} | ({"way_points": scene.way_points(control)} if kind == "html" else {})
 
 
 def _variant(clip, trim, still, loop):

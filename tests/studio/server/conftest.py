@@ -42,7 +42,8 @@ def library(tiny_run, tiny_generator):
 @pytest.fixture(scope="session", autouse=True)
 def protocols(tmp_path_factory):
   """The entry points of pyproject.toml, as an installation has them: {name: object}."""
-  points = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["entry-points"]["motion_jax_studio.protocols"]
+  project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+  points = project["entry-points"]["motion_jax_studio.protocols"]
   folder = tmp_path_factory.mktemp("installed")
   about = folder / "motion_jax_as_installed-1.dist-info"
   about.mkdir()

@@ -279,7 +279,8 @@ def test_variants_of_an_export(client, walk):
 
 
 @pytest.mark.parametrize("change, told", [
-    ({"format": "exe"}, "expected one of amass.npz"), ({"rig": "vrm"}, "got rig for the format npy, expected one of bvh"),
+    ({"format": "exe"}, "expected one of amass.npz"),
+    ({"rig": "vrm"}, "got rig for the format npy, expected one of bvh"),
     ({"format": "bvh", "rig": "nothing"}, "got rig 'nothing'"), ({"trim": [[0, 10**6]]}, "expected one span"),
     ({"motion": {"shape": [1, 22, 3], "fps": 20, "joints": "AA=="}}, "bytes of joints"),
     ({"motion": {"shape": [36_001, 22, 3], "fps": 20, "joints": ""}}, "expected [frames, 22, 3] of 1 to 36,000"),

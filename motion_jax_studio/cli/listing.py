@@ -1,23 +1,15 @@
-"""motion-jax render, models and rigs: convert a motion file, list models and rigs."""
+"""motion-jax models and rigs: lists of models and of rigs, and the nearest rig of a file."""
 import pathlib
 import shlex
 
 from motion_jax.utils.errors import InputError
-from motion_jax_studio.cli import shared
+from motion_jax_studio.cli.reading import MOTION_HELP
 
 _MAKES = "text to motion"
 
 
 def add_to(commands):
   """Adds these sub-commands to those of `motion-jax`."""
-  render = commands.add_parser("render", help="convert a motion file to a film, a picture, a page or another format")
-  render.add_argument("file", help=f"motion file: {shared.MOTION_HELP}")
-  shared.add_out(render, None, "walk.mp4,walk.glb (FILE with .html)")
-  shared.add_reading(render)
-  shared.add_rig(render)
-  shared.add_film(render, "in every output format")
-  render.set_defaults(run=_render)
-
   models = commands.add_parser("models", help="list the shipped models with size, licence and speed; for a model, its "
                                "abilities and sampling defaults")
   models.add_argument("model", nargs="*", help="run folders or shipped models")
@@ -25,17 +17,10 @@ def add_to(commands):
 
   rigs = commands.add_parser("rigs", help="list the rigs that --rig can write; for a file, the nearest rig and a joint "
                              "mapping to fill in")
-  rigs.add_argument("file", nargs="?", help=f"motion file whose joint names to look up: {shared.MOTION_HELP}")
+  rigs.add_argument("file", nargs="?", help=f"motion file whose joint names to look up: {MOTION_HELP}")
   rigs.add_argument("--write-mapping", metavar="FILE.json", help="write {our joint: the joint of the file} to correct "
                     "and fill in, for --mapping of the commands that read motion")
   rigs.set_defaults(run=_rigs)
-
-
-def _render(args):
-  outputs = shared.outputs_of(args, args.out or str(pathlib.Path(args.file).with_suffix(".html")))
-  clip = shared.read_motion(args.file, args)
-  print(f"{args.file}: {clip.num_frames} frames, {clip.seconds:.1f} s at {clip.fps:g} frames a second")
-  shared.save(args, [shared.trimmed(args, clip)], outputs)
 
 
 def _rigs(args):
