@@ -9,9 +9,9 @@ from motion_jax_studio import step_names
 from motion_jax_studio.cli import control
 from motion_jax_studio.cli import generation_flags as flags
 from motion_jax_studio.cli.parser import typed
-from motion_jax_studio.cli.prompts import read_lines, read_sequences
+from motion_jax_studio.cli.prompts import check_count, read_lines, read_sequences
 from motion_jax_studio.cli.reading import MOTION_HELP, add_reading, read_motion, value_of
-from motion_jax_studio.cli.session import Session, check_count, counted, print_made
+from motion_jax_studio.cli.session import Session, counted, print_sampled
 
 _SECONDS = real(above=0, high=3600, unit="seconds")
 
@@ -109,7 +109,7 @@ def _generate(args):
                              **session.sampling)
   session.print_plans(next(run))
   motions = [*itertools.chain.from_iterable(run)]
-  print_made(motions)
+  print_sampled(motions)
   session.write(motions, constraints=constraints)
 
 
@@ -155,7 +155,9 @@ def _extend(args):
 
 def _segments(args, fps):
   """[(prompt, seconds)] with which `extend` continues a motion."""
-  segments = read_sequences(args.prompt, fps)[0]
+  segments, *others = read_sequences(args.prompt, fps)
+  if others:
+    raise InputError(f"got {1 + len(others)} lists of prompts in {args.prompt}, expected one to continue a motion with")
   if args.seconds is not None and len(segments) > 1:
     raise InputError("got --seconds for several prompts; write lengths after colons, as in \"walks:4 | sits:3\"")
   return segments if args.seconds is None else [(segments[0][0], args.seconds)]

@@ -33,11 +33,6 @@ def add_steps(parser, names):
                       "much")
 
 
-def without_of(args):
-  """The steps that --without, --no-plan and --no-cleanup leave out."""
-  return args.without | {name for name in ("plan", "cleanup") if getattr(args, f"no_{name}", False)}
-
-
 def add_attempts(parser):
   parser.add_argument("--max-attempts", type=whole(1, 100), default=MAX_ATTEMPTS, metavar="N",
                       help="maximum samples per motion: resample until the prompt checks, such as the number of jumps, "
@@ -150,10 +145,14 @@ def _group(parser, method):
       parser.add_argument_group(title))
 
 
-def sampling_of(args, model):
-  """The sampling choices on the command line. Raises InputError for those that the model's method does not have."""
+def choices_of(args, model):
+  """(steps that --without, --no-plan and --no-cleanup leave out, sampling choices) of the command line.
+
+  Raises InputError for sampling choices that the model's method does not have.
+  """
+  without = args.without | {name for name in ("plan", "cleanup") if getattr(args, f"no_{name}", False)}
   given = {name: getattr(args, name) for name in _choices(args.command) if getattr(args, name) is not None}
   unknown = [f"--{name.replace('_', '-')}" for name in given if name not in model.options.described()]
   if unknown:
     raise InputError(f"got {', '.join(unknown)} for the model {model.id}, which has no such choice")
-  return given
+  return without, given

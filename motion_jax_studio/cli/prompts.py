@@ -26,11 +26,6 @@ class Line(NamedTuple):
     return self.count if self.count is None or self.fps is None else max(1, round(self.count * fps / self.fps))
 
 
-def read_prompts(text, fps=MOMASK_FPS):
-  """[(prompt, frames or None)] of `read_lines`. fps: frame rate of the returned lengths."""
-  return [(line.prompt, line.frames(fps)) for line in read_lines(text)]
-
-
 def read_lines(text) -> list[Line]:
   """Prompts with lengths, from a sentence, a .txt file of prompts, or a .csv file of prompts and lengths.
 
@@ -54,6 +49,13 @@ def read_lines(text) -> list[Line]:
   if not 0 < len(rows) <= MOTIONS[1]:
     raise InputError(f"{path} holds {f'{len(rows):,} prompts' if rows else 'no prompt'}, expected 1 to {MOTIONS[1]:,}")
   return rows
+
+
+def check_count(prompts, num_samples):
+  """Raises InputError for more motions than one run may generate, before the model is loaded."""
+  if prompts * num_samples > MOTIONS[1]:
+    raise InputError(f"got {prompts:,} prompts with --num-samples {num_samples:,}, {prompts * num_samples:,} motions; "
+                     f"expected at most {MOTIONS[1]:,} in one run")
 
 
 def _check_is_prompt(text):
@@ -106,18 +108,17 @@ def _prompt_and_frames(path, row):
 
 def read_sequences(text, fps=20.0):
   """[[(prompt, seconds or None)]]: lists of segments, from prompts separated by | or from a file, see `motion-jax
-  multi-prompt --help`."""
+  multi-prompt --help`. fps: frame rate of lengths in frames."""
   from motion_jax.data import timelines
   from motion_jax.utils import text_files
   path = pathlib.Path(text)
   if path.suffix.lower() == ".txt" and path.is_file() and timelines.is_timeline(text_files.read_text(path)):
     return [timelines.single_track(timeline) for timeline in timelines.read_timelines(path)]
-  if path.suffix.lower() == ".csv":
-    return [[(prompt, None if frames is None else frames / fps) for prompt, frames in read_prompts(text)]]
-  rows = read_prompts(text, fps)
-  if len(rows) == 1 and rows[0][1] is None:
-    return [[_prompt_and_seconds(part) for part in rows[0][0].split("|")]]
-  return [[_prompt_and_seconds(prompt) if frames is None else (prompt, frames / fps) for prompt, frames in rows]]
+  lines, is_table = read_lines(text), path.suffix.lower() == ".csv"
+  if len(lines) == 1 and lines[0].count is None and not is_table:
+    return [[_prompt_and_seconds(part) for part in lines[0].prompt.split("|")]]
+  return [[_prompt_and_seconds(line.prompt) if line.count is None and not is_table else
+           (line.prompt, None if line.count is None else line.frames(fps) / fps) for line in lines]]
 
 
 def _prompt_and_seconds(part):

@@ -5,7 +5,6 @@ import warnings
 
 from motion_jax.utils import progress, timing
 from motion_jax.utils.errors import InputError
-from motion_jax.utils.numerals import MOTIONS
 from motion_jax_studio.cli import generation_flags as flags
 from motion_jax_studio.cli.writing import Output
 
@@ -24,13 +23,13 @@ class Session:
 
   def __init__(self, args, ability=None):
     self.output, self.start = Output(args), time.time()
-    self.seeds, self.without = range(args.seed, args.seed + args.num_samples), flags.without_of(args)
+    self.seeds = range(args.seed, args.seed + args.num_samples)
     self._explains, self._times = args.explain, args.timings
     if args.timings:
       timing.start()
     self.pipeline = _load(args.model, ability)
     self.model = self.pipeline.model
-    self.sampling = flags.sampling_of(args, self.model)
+    self.without, self.sampling = flags.choices_of(args, self.model)
 
   def each_seed(self, sample, frames):
     """[sample(seed=seed)] for --num-samples seeds. frames: length of a motion. Raises InputError for too many
@@ -68,7 +67,7 @@ class Session:
       print(timing.report())
 
 
-def print_made(motions):
+def print_sampled(motions):
   """Print the plans of motions as they were sampled, and the root speed of motions with --in-place."""
   for text in list(dict.fromkeys(motion.meta["understood"] for motion in motions if "understood" in motion.meta)
                    )[:_PRINTED]:
@@ -78,13 +77,6 @@ def print_made(motions):
       left, _, ahead = (round(part, 2) + 0.0 for part in motion.meta["velocity"])
       print(f"in place: move the character at {(left ** 2 + ahead ** 2) ** 0.5:.2f} m/s ({ahead:.2f} ahead, {left:.2f} "
             "to its left)")
-
-
-def check_count(prompts, num_samples):
-  """Raises InputError for more motions than one run may generate, before the model is loaded."""
-  if prompts * num_samples > MOTIONS[1]:
-    raise InputError(f"got {prompts:,} prompts with --num-samples {num_samples:,}, {prompts * num_samples:,} motions; "
-                     f"expected at most {MOTIONS[1]:,} in one run")
 
 
 def _load(name, ability):

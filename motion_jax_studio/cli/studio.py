@@ -59,7 +59,7 @@ def _make(args):
   cache.keep_in_user_cache()
   library = Library(project.models_of(saved), warm=False)
   library.start()
-  motion = project.made(saved, library, limits, args.take, lambda note: print(f"note: {note}"))
+  motion = project.generate(saved, library, limits, args.take, lambda note: print(f"note: {note}"))
   for caption in motion.captions:
     print(f"{caption.start:6.1f} to {caption.end:5.1f} s  {caption.text}")
   output.write([motion], constraints=project.control_of(saved))

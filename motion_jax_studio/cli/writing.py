@@ -165,8 +165,8 @@ class Output:
     with value_of("--trim", self._flags.trim):
       first, past = spans_of([self._flags.trim], clip.num_frames, clip.fps)[0]
     if not 0 <= first < past:
-      raise InputError(f"got --trim {self._flags.trim} for a motion of {clip.seconds:.1f} s, expected A:B with A before "
-                       "B and within it, such as 0.5s:2s")
+      raise InputError(f"got --trim {self._flags.trim} for a motion of {clip.seconds:.1f} s, expected A:B with A "
+                       "before B and within it, such as 0.5s:2s")
     return slice(first, past)
 
   def _print_rig_error(self, clips):

@@ -13,8 +13,7 @@ VERSION = "1.2"
 
 def ready(handler: RequestHandler) -> list[Any]:
   """The `ModelSlot`s of models that can be used."""
-  return [slot for slot in handler.library.slots.values()
-          if slot.ready.is_set() and slot.model is not None and slot.model.can("multi_prompt")]
+  return [slot for slot in handler.library.slots.values() if slot.ready.is_set() and slot.can("multi_prompt")]
 
 
 def capabilities(handler: RequestHandler) -> dict[str, Any]:

@@ -58,7 +58,7 @@ class Studio:
     protocols = {name: PROTOCOLS[name](self) for name in PROTOCOLS}
     routes = [WebSocketRoute("/v1/stream", self._stream), *self._v1(),
               *(Mount(f"/{name}", routes=routes) for name, routes in protocols.items()),
-              Route("/openapi.json", lambda request: JSONResponse(openapi.described(self.limits))),
+              Route("/openapi.json", lambda request: JSONResponse(openapi.document(self.limits))),
               Route("/body.json", _body_page), *_pages()]
     handlers = {404: _plain_error, 405: _plain_error, Exception: _fault}
     inner = Starlette(routes=routes, exception_handlers=handlers)
@@ -78,10 +78,10 @@ class Studio:
     works = {
         "status": self._status, "progress": self._progress, "cancel": self._cancel, "generate": handler.generate,
         "models": lambda: {"models": [slot.about() for slot in self.library.slots.values()]},
-        "suggestions": lambda model=None, words="": suggestions.suggested(
+        "suggestions": lambda model=None, words="": suggestions.suggest(
             self.library.slot(model).model, words[:self.limits.prompt]),
         "multi-prompt": handler.multi_prompt, "edit": handler.edit, "import": lambda data, name="": handler.read(
-            data, name), "project": lambda body: project.checked(body, self.limits), "export": self._export,
+            data, name), "project": lambda body: project.validate(body, self.limits), "export": self._export,
         "export-choices": exporting.choices}
     return [self.route(f"/v1/{name}", works[name], *self._reader(row), takes=row.query, at_once=name in _AT_ONCE)
             for name, row in openapi.ENDPOINTS.items()]
@@ -156,7 +156,7 @@ class Studio:
 
   def _export(self, request):
     with self.handler.place():
-      file, media, name = exporting.exported(request)
+      file, media, name = exporting.export_file(request)
     return Response(file, media_type=media, headers={"content-disposition": f'attachment; filename="{name}"'})
 
   # --- streams -----------------------------------------------------------------------------------------------------

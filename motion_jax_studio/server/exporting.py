@@ -49,7 +49,7 @@ def _missing(kind):
   return None
 
 
-def exported(request: Any) -> tuple[bytes, str, str]:
+def export_file(request: Any) -> tuple[bytes, str, str]:
   """(bytes, media type, file name) of an `Export` request."""
   clip, kind = request.motion, request.format
   options = {name: value for name in _OPTIONS if (value := getattr(request, name)) not in (None, False)}

@@ -29,7 +29,7 @@ class _Take:
   """The latest motion of one model, seed and sampling, and copies of its stream."""
 
   def __init__(self):
-    self.words: list[str] = []  # the prompt of each block
+    self.prompts: list[str] = []  # the prompt of each block
     self.copies: dict[int, tuple[Any, int]] = {}  # by step: (stream before that step, frames returned so far)
     self.joints = np.zeros((0, 0, 3), np.float32)
 
@@ -98,27 +98,28 @@ def _make(pipeline, take, segments, seed, cleanup, sampling, hold):
   model, stream = pipeline.model, functools.partial(pipeline.stream, seed=seed, cleanup=cleanup, plan=False, **sampling)
   per_block = stream(segments[0][0]).block_frames
   blocks, total = borders([frames for _, frames in segments], per_block)
-  words = [prompt for (prompt, _), count in zip(segments, blocks) for _ in range(count)]
-  same = next((i for i, (old, new) in enumerate(zip(take.words, words)) if old != new),
-              min(len(take.words), len(words)))
-  usable = [step for step in take.copies if step <= same and step < len(words)]
+  of_block = [prompt for (prompt, _), count in zip(segments, blocks) for _ in range(count)]
+  same = next((i for i, (old, new) in enumerate(zip(take.prompts, of_block)) if old != new),
+              min(len(take.prompts), len(of_block)))
+  usable = [step for step in take.copies if step <= same and step < len(of_block)]
   take.copies = {step: take.copies[step] for step in usable}
   start = max(usable, default=None)
   if start is None:
-    live = stream(words[0], num_frames=total)
+    live = stream(of_block[0], num_frames=total)
     reused, pieces = 0, []
     if hold is not None:
       live.hold(hold)
   else:
     copy, reused = take.copies[start]
     live, pieces = copy.fork(total), [take.joints[:reused]]
-  take.words, given, step = words, reused, start or 0
+  take.prompts, given, step = of_block, reused, start or 0
   while given < total:
-    starts = step < len(words) and (not step or words[step] != words[step - 1])
-    if 0 < step <= len(words) and step not in take.copies and (starts or not step % _EVERY or step == len(words)):
+    starts = step < len(of_block) and (not step or of_block[step] != of_block[step - 1])
+    is_due = starts or not step % _EVERY or step == len(of_block)
+    if 0 < step <= len(of_block) and step not in take.copies and is_due:
       take.copies[step] = live.fork(), given
     if starts and step:
-      live.say(words[step])
+      live.say(of_block[step])
     joints = live.step()
     given += len(joints)
     pieces.append(joints)

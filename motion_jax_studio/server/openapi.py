@@ -59,7 +59,7 @@ _REFUSALS = {"400": "the request is not valid", "401": "no token", "403": "sent 
              "500": "a fault of the program"}
 
 
-def described(limits: Limits) -> dict[str, Any]:
+def document(limits: Limits) -> dict[str, Any]:
   """An OpenAPI 3.1 document of the requests of /v1."""
   types = types_of(limits)
   kinds = {row.body: kind for row in ENDPOINTS.values() if (kind := getattr(types, row.body or "", None))}

@@ -28,7 +28,6 @@ from motion_jax_studio.server.multi_prompt import MultiPromptCache
 from motion_jax_studio.server.security import Refused
 
 _CHECKED = 0.5  # seconds between two checks of whether a waiting request was cancelled
-_LOADING = 600  # seconds to wait for a model that may have the ability
 _IN_TWO_FILES = (".amc", ".gltf")  # formats whose motion needs another file
 
 
@@ -110,20 +109,12 @@ class RequestHandler:
     """`Edit` -> {motion, made, notes}."""
     if (request.change is None) == (request.keep is None):
       raise InputError("got both or neither of change and keep; give one of them, the frames to regenerate or to keep")
-    pipeline = self.library.pipeline(request.model or self._first_with("edit"), "edit")
+    pipeline = self.library.pipeline(request.model, "edit")
     with self.place(), progress.part("generating the span"):
       motion = make_edit(pipeline, request.motion, request.prompt, request.change, request.keep, request.seed,
                          request.sampling, request.without)
     return {"motion": serialization.to_json(motion), "made": motion.meta["made"]} | notes_and_unknown_words(
         pipeline, [request.prompt], notes_of([motion]), without=request.without)
-
-  def _first_with(self, ability):
-    """The name of the first model with an ability, or None."""
-    for slot in self.library.slots.values():
-      slot.ready.wait(_LOADING)
-      if slot.model is not None and slot.model.can(ability):
-        return slot.name
-    return None
 
   def read(self, data: bytes, name: str) -> dict[str, Any]:
     """{motion} from the bytes of an uploaded file; only the ending of its name is used."""

@@ -39,7 +39,7 @@ def check_address(host: str, token: str | None) -> None:
                      "signs")
 
 
-def kept_token(folder: pathlib.Path | None = None) -> str:
+def stored_token(folder: pathlib.Path | None = None) -> str:
   """This user's token, the same for every start, so that open pages and bookmarks stay valid.
 
   It is stored in a file that only the user can read, in $XDG_STATE_HOME or ~/.local/state. If it cannot be stored, each
@@ -89,7 +89,7 @@ def serve(names: Sequence[str], host: str = "127.0.0.1", port: int = 8765, token
   check_address(host, token)
   require_packages("the studio", "msgspec", "starlette", "uvicorn", "websockets")
   listener = take_port(host, port)
-  token = token or kept_token()
+  token = token or stored_token()
   address = f"{public_url}?token={urllib.parse.quote(token)}" if public_url else address_of(
       host, listener.getsockname()[1], token)
   print(f"the studio is at {address}\nCtrl-C ends it", flush=True)

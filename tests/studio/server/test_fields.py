@@ -139,4 +139,4 @@ def test_the_document_has_every_request_and_its_type(client):
     assert tuple(schemas[name]["properties"]) == TYPES[path.replace("-", "_")].__struct_fields__
   references = set(re.findall('"#/components/schemas/(.*?)"', json.dumps(document)))
   assert {"Motion", "Segment", "Error"} < references <= set(schemas)
-  assert openapi.described(LIMITS)["components"]["schemas"]["Generate"]["properties"]["prompt"]["maxLength"] == 30
+  assert openapi.document(LIMITS)["components"]["schemas"]["Generate"]["properties"]["prompt"]["maxLength"] == 30
