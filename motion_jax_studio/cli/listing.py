@@ -28,7 +28,7 @@ def _rigs(args):
   if args.file:
     return _nearest_rig(args)
   if args.write_mapping:
-    raise InputError("got --write-mapping without a file, expected motion-jax rigs FILE.bvh --write-mapping FILE.json")
+    raise InputError("got --write-mapping without a file, expected motion-jax rigs FILE --write-mapping FILE.json")
   print("--rig NAME writes .bvh and .glb files with the joint names, tree and rest pose of another program:")
   for name, rig in all_rigs().items():
     also = f"; also {', '.join(rig.aliases)}" if rig.aliases else ""
