@@ -1,5 +1,6 @@
 """One live motion per WebSocket: a thread samples blocks and applies the page's messages between two blocks."""
 import collections
+import functools
 import logging
 import secrets
 import threading
@@ -85,13 +86,33 @@ class Stream:
     except ValueError as error:  # prompts or choices that the model does not accept
       self._send({"type": "error", "fatal": False, "message": reason(error, 400)})
 
-  def _on_start(self, message):
-    self._begin(message)
+  def _on_start(self, start):
+    """Starts a motion; if that fails, the previous motion continues."""
+    slot = self._library.slot(start.model)
+    pipeline = self._pipeline(slot)
+    if pipeline is None:
+      return
+    model, seed = pipeline.model, secrets.randbelow(1 << 31) if start.seed is None else start.seed
+    check_sampling(model, start.sampling)
+    sampling, cleanup = live_sampling(model, start.sampling), start.cleanup and "cleanup" not in start.without
+    stream = pipeline.stream(start.prompt, seed=seed, num_frames=start.frames, cleanup=cleanup, without=start.without,
+                             **sampling)
+    skeleton = model.stats.layout.skeleton
+    poses = start.pose and Poses(start.pose, skeleton, model.fps)
+    self._live, self._start = _Run(stream, pipeline, seed, poses), start
+    self._runs, self._paused = self._runs + 1, False
+    self._send({"type": "started", "run": self._runs, "sequence": self._sequence, "model": slot.name,
+                "id": model.id, "seed": seed, "cleanup": cleanup, "fps": model.fps,
+                "joints": list(skeleton.joints), "parents": [int(parent) for parent in skeleton.parents],
+                "block_frames": round(stream.block_seconds * model.fps), "ahead": start.ahead,
+                "sampling": model.sampling(**sampling).about()} | ({"pose": poses.about} if poses else {}))
+    self._sent_state = ""
+    self._announce_prompts(start.prompt, 0)
 
   def _on_restart(self, message):
-    assert self._live is not None
-    seed = self._live.seed if message.seed is None else message.seed
-    self._begin(self._changed(prompt=message.prompt or self._live.stream.prompt, seed=seed))
+    live = self._live
+    self._on_start(self._changed(prompt=message.prompt or live.stream.prompt,
+                                 seed=live.seed if message.seed is None else message.seed))
 
   def _on_prompt(self, message):
     self._announce_prompts(message.prompt, self._live.stream.say(message.prompt, message.after))
@@ -111,13 +132,11 @@ class Stream:
   def _on_ack(self, message):
     self._acknowledged = max(self._acknowledged, min(message.sequence, self._sequence - 1))
 
-  def _on_pause(self, message):
-    self._paused = True
+  def _on_pause(self, message, paused=True):
+    self._paused = paused
     self._send_state()
 
-  def _on_resume(self, message):
-    self._paused = False
-    self._send_state()
+  _on_resume = functools.partialmethod(_on_pause, paused=False)
 
   def _on_stop(self, message):
     self._send_state("stopped")
@@ -179,29 +198,6 @@ class Stream:
     live.position = min(live.position + passed * speed, live.sent / live.fps)
     lead = self._start.ahead * live.stream.block_seconds
     return self._has_room() and (not speed or live.sent / live.fps < live.position + lead)
-
-  def _begin(self, start):
-    """Starts a motion; if that fails, the previous motion continues."""
-    slot = self._library.slot(start.model)
-    pipeline = self._pipeline(slot)
-    if pipeline is None:
-      return
-    model, seed = pipeline.model, secrets.randbelow(1 << 31) if start.seed is None else start.seed
-    check_sampling(model, start.sampling)
-    sampling, cleanup = live_sampling(model, start.sampling), start.cleanup and "cleanup" not in start.without
-    stream = pipeline.stream(start.prompt, seed=seed, num_frames=start.frames, cleanup=cleanup, without=start.without,
-                             **sampling)
-    skeleton = model.stats.layout.skeleton
-    poses = start.pose and Poses(start.pose, skeleton, model.fps)
-    self._live, self._start = _Run(stream, pipeline, seed, poses), start
-    self._runs, self._paused = self._runs + 1, False
-    self._send({"type": "started", "run": self._runs, "sequence": self._sequence, "model": slot.name,
-                "id": model.id, "seed": seed, "cleanup": cleanup, "fps": model.fps,
-                "joints": list(skeleton.joints), "parents": [int(parent) for parent in skeleton.parents],
-                "block_frames": round(stream.block_seconds * model.fps), "ahead": start.ahead,
-                "sampling": model.sampling(**sampling).about()} | ({"pose": poses.about} if poses else {}))
-    self._sent_state = ""
-    self._announce_prompts(start.prompt, 0)
 
   def _pipeline(self, slot):
     """The pipeline of a model, once it is ready; None if the page has gone by then. Sends its loading progress."""
