@@ -271,9 +271,10 @@ class Pipeline:
     segments: Any = prompt
     if plan:
       segments = [(action_prompt, None if count is None else count / self.model.fps)
-                  for action_prompt, count in prompts_in_sequence(self.planner, self.planner.plan(prompt), num_frames)]
+                  for action_prompt, count in prompts_in_sequence(self.planner, self.planner.plan(prompt), num_frames,
+                                                                  is_endless=num_frames is None)]
     live = self.model.stream(segments, cleanup=cleanup, num_frames=num_frames, **self._with_contrast(options))
-    return PlannedStream(live, self, out, hold_until_done)
+    return PlannedStream(live, self, prompt, out, hold_until_done)
 
   def extend(self, clip: Clip | Array, prompt: str | Segments, num_frames: int | None = None, *,
              seconds: float | None = None, plan: bool = True, cleanup: bool = True,

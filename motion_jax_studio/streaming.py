@@ -16,8 +16,10 @@ class PlannedStream:
   as a kick, has had its usual time.
   """
 
-  def __init__(self, live: Any, pipeline: Any, out: Collection[str] = (), hold_until_done: bool = False) -> None:
+  def __init__(self, live: Any, pipeline: Any, prompt: str, out: Collection[str] = (), hold_until_done: bool = False
+               ) -> None:
     self.live, self._pipeline, self._out, self._hold_until_done = live, pipeline, out, hold_until_done
+    self.prompt = prompt  # the last one, before it was planned
 
   def say(self, prompt: str, after: float | None = None) -> int:
     """Change the prompt; returns the first frame of the new one. See `LiveStream.say`."""
@@ -28,12 +30,15 @@ class PlannedStream:
     if self._hold_until_done:
       begun, last = self.live.script[-1]
       not_before = begun + durations.frames_until_done(planner, last)
-    segments = prompt if "plan" in self._out else prompts_in_sequence(planner, planner.plan(prompt))
-    return self.live.say(segments, after, not_before)
+    segments = prompt if "plan" in self._out else prompts_in_sequence(
+        planner, planner.plan(prompt), is_endless=self.live.num_frames is None)
+    first = self.live.say(segments, after, not_before)
+    self.prompt = prompt
+    return first
 
   def fork(self, num_frames: int | None = None) -> "PlannedStream":
     """A second stream that continues from here, independent of this one; see `LiveStream.fork`."""
-    return PlannedStream(self.live.fork(num_frames), self._pipeline, self._out, self._hold_until_done)
+    return PlannedStream(self.live.fork(num_frames), self._pipeline, self.prompt, self._out, self._hold_until_done)
 
   def __getattr__(self, name):
     if name == "live":  # not set yet, as in a copy or an unpickled object

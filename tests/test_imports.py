@@ -38,7 +38,7 @@ LAYERS = {
         ("steps",),
         ("pipeline",),
         ("server",),
-        ("client", "cli", "__init__")],
+        ("client", "cli", "mmcp", "__init__")],
 }
 CORE = {"absl", "chex", "filelock", "flatbuffers", "flax", "jax", "jaxtyping", "jinja2", "lazy_loader",
         "ml_collections", "msgspec", "numpy", "optax", "orbax", "PIL", "safetensors", "scipy", "tokenizers", "tqdm"}
@@ -47,7 +47,7 @@ LAZY = {"torch", "transformers", "imageio_ffmpeg", "huggingface_hub", "tensorflo
         "uvicorn", "mujoco", "mink", "ezc3d", "jax2onnx", "onnx", "onnxruntime", "bpy", "mathutils", "ufbx",
         "pxr", "jaxlib"}  # jaxlib comes with jax
 # Rooms that nobody enters without an extra, whose packages they import at the top.
-OF_EXTRAS = {"server": {"anyio", "starlette"}, "client": {"websockets"}}
+OF_EXTRAS = {"server": {"anyio", "starlette"}, "mmcp": {"starlette"}, "client": {"websockets"}}
 METHODS = ("cmdm", "cdamd", "mdm", "mld", "momask", "t2m_gpt", "motionstreamer")
 FILES = sorted(path for package in LAYERS for path in (ROOT / package).rglob("*.py"))
 

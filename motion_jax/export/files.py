@@ -4,21 +4,14 @@ import json
 import pathlib
 import shlex
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from motion_jax.data.clip import Caption, Clip
-from motion_jax.data.mocap.asf import AMC_FPS, read_amc
-from motion_jax.data.mocap.bvh import read_bvh
-from motion_jax.data.mocap.capture import to_clip, with_rate
-from motion_jax.data.mocap.fbx import read_fbx
-from motion_jax.data.mocap.files import read_mapping, split_clip
-from motion_jax.data.mocap.gltf import MOTIONS
-from motion_jax.data.mocap.gltf_motion import read_gltf
-from motion_jax.data.mocap.usd import SUFFIXES as USD_SUFFIXES
-from motion_jax.data.mocap.usd import read_usd
-from motion_jax.export.points import load_c3d, load_csv, load_trc
+from motion_jax.data.mocap.capture import to_clip
+from motion_jax.data.mocap.files import CAPTURES, read_capture, read_mapping, split_clip
+from motion_jax.export.points import POINTS, Points, load_points
 from motion_jax.motion import plausibility
 from motion_jax.motion.representations import get_layout, layout_for, to_joints
 from motion_jax.motion.skeleton import HUMANML3D, SKELETONS
@@ -80,18 +73,7 @@ def load(path, fps=None, unit="auto", up=None, mapping=None, check=True) -> Clip
   implausible skeleton (`motion.plausibility`), which is only a warning for a motion that a model generated.
   """
   path, clip_name = split_clip(path)
-  read = READERS.get(path.suffix.lower())
-  if path.suffix.lower() in (".pkl", ".pickle", ".pt", ".pth"):
-    from motion_jax.export import research_files
-    raise InputError(research_files.pickled(path))
-  if path.is_dir():
-    raise IsADirectoryError(f"{path} is a folder, expected a motion file; name one in it")
-  if path.suffix.lower() == ".usdz":
-    raise InputError(f"got {path.name!r}, a package of USD files: unzip it and name the .usd, .usda or .usdc in it")
-  if read is None:
-    raise ValueError(f"got {path.name!r}, expected a file that ends in {', '.join(READERS)}")
-  if not path.is_file():
-    raise FileNotFoundError(f"there is no file {path}")
+  read = _reader(path)
   plausibility.check_rate(fps, str(path))
   read_as = lambda up: read(path, fps, unit, up, read_mapping(mapping), **({"clip": clip_name} if clip_name else {}))
   try:
@@ -109,6 +91,38 @@ def load(path, fps=None, unit="auto", up=None, mapping=None, check=True) -> Clip
         clip.joints, clip.skeleton) not in ("y", ""):
       _tell_upward_axis(read_as, path)
   return clip
+
+
+def named_joints(path) -> tuple[Sequence[str], np.ndarray, Sequence[int] | None]:
+  """(names, positions (T, N, 3), parents) of the joints of any motion file, as they are in it; parents is None for
+  points without a tree."""
+  path, clip_name = split_clip(path)
+  _reader(path)
+  ending = path.suffix.lower()
+  if ending in CAPTURES:
+    capture = read_capture(path, clip_name)
+    return capture.names, capture.positions, capture.parents
+  if ending in POINTS and isinstance(points := POINTS[ending](path), Points):
+    return points.names, points.positions, None
+  clip = load(path, check=False)
+  return clip.skeleton.joints, clip.joints, clip.skeleton.parents
+
+
+def _reader(path):
+  """The reader of a file. Raises an OSError or ValueError for a path that is none of a motion file."""
+  if path.suffix.lower() in (".pkl", ".pickle", ".pt", ".pth"):
+    from motion_jax.export import research_files
+    raise InputError(research_files.pickled(path))
+  if path.is_dir():
+    raise IsADirectoryError(f"{path} is a folder, expected a motion file; name one in it")
+  if path.suffix.lower() == ".usdz":
+    raise InputError(f"got {path.name!r}, a package of USD files: unzip it and name the .usd, .usda or .usdc in it")
+  read = READERS.get(path.suffix.lower())
+  if read is None:
+    raise ValueError(f"got {path.name!r}, expected a file that ends in {', '.join(READERS)}")
+  if not path.is_file():
+    raise FileNotFoundError(f"there is no file {path}")
+  return read
 
 
 def _tell_upward_axis(read_as, path):
@@ -236,30 +250,12 @@ def _load_npy(path, fps, unit, up, mapping):
               skeleton=skeleton, features=features)
 
 
-def _load_bvh(path, fps, unit, up, mapping):
-  return _as_clip(with_rate(read_bvh(path), fps), path, unit, up, mapping)
-
-
-def _load_gltf(path, fps, unit, up, mapping, clip=None):
-  return _as_clip(with_rate(read_gltf(path, clip), fps), path, unit, up or "y", mapping)
-
-
-def _load_fbx(path, fps, unit, up, mapping, clip=None):
-  return _as_clip(with_rate(read_fbx(path, clip), fps), path, unit, up or "y", mapping)
-
-
-def _load_usd(path, fps, unit, up, mapping, clip=None):
-  return _as_clip(with_rate(read_usd(path, clip), fps), path, unit, up or "y", mapping)
-
-
-def _load_amc(path, fps, unit, up, mapping):
-  return _as_clip(read_amc(path, fps=fps or AMC_FPS), path, unit, up, mapping)
-
-
-def _as_clip(capture, path, unit, up, mapping):
+def _load_capture(path, fps, unit, up, mapping, clip=None):
   """The frames of a capture as they are, on the skeleton that its names are of."""
+  capture = read_capture(path, clip, fps)
   skeleton = HUMANML3D if mapping else skeleton_of(capture.names)
-  return to_clip(capture, path, mapping, capture.fps, unit, up or "auto", skeleton=skeleton)
+  up = up or ("auto" if path.suffix.lower() in _OWN_AXIS else "y")
+  return to_clip(capture, path, mapping, capture.fps, unit, up, skeleton=skeleton)
 
 
 def _from_features(features):
@@ -288,6 +284,4 @@ def _turns_are_off(features, layout):
 
 # {extension: reader(path, fps, unit, up, mapping) -> Clip}, and those of other packages; the arguments are `load`'s.
 READERS: Registry[Callable] = Registry("motion_jax.imports", {
-    ".npz": _load_npz, ".npy": _load_npy, ".bvh": _load_bvh, ".amc": _load_amc, ".csv": load_csv, ".trc": load_trc,
-    ".c3d": load_c3d} | dict.fromkeys([*MOTIONS], _load_gltf) | {
-        ".fbx": _load_fbx} | dict.fromkeys(USD_SUFFIXES, _load_usd))
+    ".npz": _load_npz, ".npy": _load_npy} | dict.fromkeys(CAPTURES, _load_capture) | dict.fromkeys(POINTS, load_points))

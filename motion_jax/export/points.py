@@ -9,6 +9,7 @@ import pathlib
 import re
 import struct
 import warnings
+from typing import NamedTuple
 
 import numpy as np
 
@@ -26,6 +27,15 @@ from motion_jax.utils.text_files import LARGEST_MOTION, read_lines, split_cells
 _MEMORY = 2e9  # bytes of address space of the process that reads a C3D file
 _OPENSIM = np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]])    # y up, facing +z -> y up, facing +x
 _LABORATORY = np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])  # y up, facing +z -> z up, facing +x
+
+
+class Points(NamedTuple):
+  """Named points of a file, in its own unit and axes."""
+  names: list[str]
+  positions: np.ndarray        # (T, N, 3), NaN in gaps
+  fps: float | None            # None: not stated
+  unit: str = ""               # stated by the file
+  axes: np.ndarray | None = None  # (3, 3), points @ axes are y up and face +z, in files as their programs write them
 
 
 def _metres(clip):
@@ -69,8 +79,11 @@ def c3d(clip, path) -> pathlib.Path:
   return pathlib.Path(path)
 
 
-def load_csv(path, fps, unit, up, mapping) -> Clip:
-  """A table that names its columns as `csv` does; one of numbers alone is a robot's (`motion_jax.robots`)."""
+def read_csv(path, fps=None) -> Points | Clip:
+  """A table that names its columns as `csv` does. One of numbers alone is a robot's (`motion_jax.robots`): a Clip.
+
+  fps: frame rate of the file, replacing that of its column of times.
+  """
   lines = [line for line in read_lines(path, "CSV file", LARGEST_MOTION) if line.strip()]
   notes = [line.lstrip("# ") for line in lines if line.startswith("#")]  # numpy.savetxt writes the header so
   lines = [line for line in lines if not line.startswith("#")]
@@ -98,7 +111,7 @@ def load_csv(path, fps, unit, up, mapping) -> Clip:
   points = rows[:, [[columns[name, axis] for axis in "xyz"] for name in names]]
   if fps is None:
     fps = _rate_of_table(path, head, rows)
-  return _clip(path, names, points, fps, _stated(unit, units.pop()) if len(units) == 1 else unit, up or "y", mapping)
+  return Points(names, points, fps, units.pop() if len(units) == 1 else "")
 
 
 # Columns of coordinates: pelvis_x, pelvis.X, pelvisX, "pelvis x (mm)", pelvis_pos_x, pelvis[x], pelvis.Xposition.
@@ -134,7 +147,7 @@ def _rate_of_table(path, head, rows):
   return None
 
 
-def load_trc(path, fps, unit, up, mapping) -> Clip:
+def read_trc(path, fps=None) -> Points:
   """A .trc file's markers."""
   lines = read_lines(path, "TRC file", LARGEST_MOTION)
   if len(lines) < 6 or not lines[0].startswith("PathFileType"):
@@ -146,20 +159,31 @@ def load_trc(path, fps, unit, up, mapping) -> Clip:
   if fps is None:
     fps = float(about["DataRate"]) if _is_number(about.get("DataRate", "")) else _rate(rows[:, 1], path)
   points = rows[:, 2:].reshape(len(rows), len(names), 3)
-  turned = points if up else points @ _OPENSIM
-  return _clip(path, names, turned, fps, _stated(unit, about.get("Units", "")), up or "y", mapping)
+  return Points(names, points, fps, about.get("Units", ""), _OPENSIM)
 
 
-def load_c3d(path, fps, unit, up, mapping) -> Clip:
+def read_c3d(path, fps=None) -> Points:
   """The points of a C3D file. Needs the extra `c3d`."""
   if not _is_whole(path):
     raise InputError(f"{path} is cut or no C3D file")
   file = native.read("C3D", path, library="ezc3d", extra="c3d", advice="or export a .trc or .csv from the program that "
                      "made it", memory=_MEMORY)
   points = file["points"]
-  turned = points if up else points @ _LABORATORY
-  return _clip(path, file["labels"].tolist()[:points.shape[1]], turned, fps or float(file["rate"]),
-               _stated(unit, file["units"].item()), up or "y", mapping)
+  return Points(file["labels"].tolist()[:points.shape[1]], points, fps or float(file["rate"]), file["units"].item(),
+                _LABORATORY)
+
+
+POINTS = {".csv": read_csv, ".trc": read_trc, ".c3d": read_c3d}
+
+
+def load_points(path, fps, unit, up, mapping) -> Clip:
+  """The Clip of a file of `POINTS`."""
+  read = POINTS[path.suffix.lower()](path, fps)
+  if isinstance(read, Clip):
+    return read
+  points = read.positions if up or read.axes is None else read.positions @ read.axes
+  unit = read.unit.lower() if unit == "auto" and read.unit.lower() in plausibility.UNITS else unit
+  return _clip(path, read.names, points, read.fps, unit, up or "y", mapping)
 
 
 def _is_whole(path):
@@ -211,10 +235,6 @@ def _rate(times, path):
     raise InputError(f"{path}: its times do not rise evenly; give the rate by --fps (fps=)")
   rate = float(1 / steps.mean())
   return float(round(rate)) if abs(rate - round(rate)) < 0.01 else rate
-
-
-def _stated(unit, stated):
-  return stated.lower() if unit == "auto" and stated.lower() in plausibility.UNITS else unit
 
 
 def _is_gap(cell):

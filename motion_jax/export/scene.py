@@ -62,6 +62,15 @@ def parts_of(signal: "ControlSignal") -> Parts:
                [(int(frame), places[frame]) for frame in _some(list(np.flatnonzero(posed)), _POSES)])
 
 
+def drawn_constraints(constraints: Sequence[Constraint], clips: Sequence[Clip], spans: Sequence[slice], path: str
+                      ) -> dict[str, Any]:
+  """The options of `export.save` that draw constraints on a page or picture of clips, cut to a span of frames each."""
+  from motion_jax.control.compiling import compile  # loads JAX
+  signals = [compile(constraints, clip.num_frames, clip.fps, clip.joints).slice_frames(span.start, span.stop)
+             for clip, span in zip(clips, spans)]
+  return {"control": signals} | ({"way_points": way_points(constraints)} if path.lower().endswith("html") else {})
+
+
 def way_points(constraints: Sequence[Constraint]) -> list[list[float]]:
   """[x, z] of the points that paths are drawn through."""
   return [[float(point[0]), float(point[-1])] for constraint in constraints

@@ -55,6 +55,7 @@ class Autoencoder(nn.Module):
   dropout: float = 0.2
   dtype: Any = jnp.float32
   hide_padding: bool = False
+  decoder_width: int = 0  # of the decoder, if it differs from that of the encoder
 
   def setup(self) -> None:
     sizes = dict(width=self.width, num_halvings=self.num_halvings, dilations=tuple(self.dilations),

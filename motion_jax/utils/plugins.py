@@ -1,4 +1,4 @@
-"""Additions by other packages: entry points of methods, data sets, representations and export formats.
+"""Additions by other packages: entry points of methods, data sets, representations, formats and protocols.
 
 A package names them in its pyproject.toml, and nothing of motion_jax is edited (docs/adding.md):
 
@@ -71,22 +71,27 @@ def _object(entry):
 
 
 @functools.lru_cache(maxsize=64)
-def _entry_points(group, _path):
+def _entry_points(group, path):
   """{name: entry point} of a group; looked for once for each sys.path."""
-  if not _may_be_added(_path):
+  if not _may_be_added(group, path):
     return {}
   import importlib.metadata
   return {entry.name: entry for entry in importlib.metadata.entry_points(group=group)}
 
 
+def _may_be_added(group, path):
+  """Whether a package on sys.path may have entry points of a group; importing importlib.metadata would take longer."""
+  tables = _tables_of_entry_points(path)
+  return tables is None or any(f"[{group}]".encode() in table for table in tables)
+
+
 @functools.lru_cache(maxsize=64)
-def _may_be_added(path):
-  """Whether a package on sys.path may have entry points of ours; importing importlib.metadata would take longer."""
+def _tables_of_entry_points(path):
+  """The entry points of the packages on sys.path, as bytes; None where only importlib.metadata can read them."""
   folders = [pathlib.Path(folder or ".") for folder in path]
-  if any(folder.is_file() for folder in folders):
-    return True  # an archive, which only importlib.metadata reads
   try:
-    return any(b"[motion_jax." in file.read_bytes() for folder in folders
-               for file in folder.glob("*-info/entry_points.txt"))
+    return None if any(folder.is_file() for folder in folders) else [
+        table for folder in folders for file in folder.glob("*-info/entry_points.txt")
+        if b"[motion_jax" in (table := file.read_bytes())]
   except OSError:
-    return True
+    return None

@@ -10,21 +10,20 @@ import warnings
 
 import motion_jax
 from motion_jax.utils import progress, stopping
-from motion_jax.utils.errors import InputError
 from motion_jax.utils.numerals import shortened
 from motion_jax_studio.cli.parser import Parser
-from motion_jax_studio.cli.prompts import read_prompts, read_sequences
 
 # {command: its module}, in the order of --help.
-MODULES = {"generate": "make", "multi-prompt": "make", "extend": "make", "edit": "make", "blend": "blend",
-           "studio": "studio", "make": "studio", "render": "show", "models": "show", "rigs": "show", "data": "data",
+MODULES = {"generate": "generating", "multi-prompt": "generating", "extend": "generating", "edit": "generating",
+           "render": "render", "blend": "render", "studio": "studio", "make": "studio", "models": "listing",
+           "rigs": "listing", "data": "data",
            "train": "train", "evaluate": "evaluate", "convert": "convert", "export": "export", "retrieve": "retrieve",
            "retarget": "robot"}
-__all__ = ["main", "parse", "read_prompts", "read_sequences"]
+__all__ = ["main", "parse"]
 
 # Errors that a user can fix. Errors of libraries are translated where they occur (`errors.reading`); any other
 # exception is a fault of the program and keeps its traceback.
-KNOWN_ERRORS = (ValueError, OSError, FloatingPointError)
+_KNOWN_ERRORS = (ValueError, OSError, FloatingPointError)
 
 
 def main(argv=None, command=None, program=None):
@@ -72,37 +71,28 @@ def _run(args):
   if getattr(args, "command", None) not in ("train", "evaluate"):  # these print their own progress
     progress.show()
   try:
-    return _called(args) or 0
+    return args.run(args) or 0
   except BrokenPipeError:
     raise
-  except KNOWN_ERRORS as error:
-    print(f"{args.program}: {error}", file=sys.stderr)
-    return 1
   except Exception as error:
-    if not _out_of_memory(error):
+    if (message := _message(error)) is None:
       raise
-    print(f"{args.program}: this takes more memory than there is; try fewer or shorter motions", file=sys.stderr)
+    print(f"{args.program}: {message}", file=sys.stderr)
     return 1
 
 
-def _called(args):
-  """Runs the command; returns its exit status. Reports file names that are too long."""
-  try:
-    return args.run(args)
-  except OSError as error:
-    if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
-      raise InputError(f"no space left on the disk to write {error.filename or 'to'}, or a file is larger than it may "
-                       "be; free some, or write to another folder. Nothing half-written is left") from error
-    if error.errno != errno.ENAMETOOLONG:
-      raise
-    name = str(error.filename or "")
-    raise InputError(f"got the file name {shortened(name)!r} of {len(name)} characters, longer than a file's may be; "
-                     "give a shorter one") from error
-
-
-def _out_of_memory(error):
-  """Whether numpy or jax ran out of memory; jax raises a RuntimeError."""
-  return isinstance(error, MemoryError) or isinstance(error, RuntimeError) and "RESOURCE_EXHAUSTED" in str(error)
+def _message(error):
+  """The line to print for an error that the user can fix; None for a fault of the program."""
+  number, name = getattr(error, "errno", None), str(getattr(error, "filename", None) or "")
+  if number in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
+    return (f"no space left on the disk to write {name or 'to'}, or a file is larger than it may be; free some, or "
+            "write to another folder. Nothing half-written is left")
+  if number == errno.ENAMETOOLONG:
+    return (f"got the file name {shortened(name)!r} of {len(name)} characters, longer than a file's may be; give a "
+            "shorter one")
+  if isinstance(error, MemoryError) or isinstance(error, RuntimeError) and "RESOURCE_EXHAUSTED" in str(error):
+    return "this takes more memory than there is; try fewer or shorter motions"
+  return str(error) if isinstance(error, _KNOWN_ERRORS) else None
 
 
 def _parser(command=None):

@@ -5,7 +5,8 @@ import sys
 
 from motion_jax.utils.install import pip_install
 from motion_jax.utils.numerals import FRAME_RATES, real, whole
-from motion_jax_studio.cli import shared
+from motion_jax_studio.cli.configs import add_config, config_of
+from motion_jax_studio.cli.reading import add_mapping
 
 
 def add_to(commands):
@@ -16,7 +17,7 @@ def add_to(commands):
   build.add_argument("source", help="folder to read: an archive, or BVH or ASF/AMC files, also in sub-folders")
   build.add_argument("out", help="folder to write")
   build.add_argument("--captions", help="CSV, TSV or JSONL: file, caption[, start, end, split]")
-  shared.add_mapping(build)
+  add_mapping(build)
   build.add_argument("--mode", choices=("corrected", "benchmark"), default="corrected",
                      help="corrected features, or with the errors of the published benchmark")
   build.add_argument("--fps", type=real(*FRAME_RATES), metavar="F",
@@ -40,7 +41,7 @@ def add_to(commands):
                            description="Writes a store of a config's training inputs: the latents of every cut and "
                            "the text embeddings of every caption. Training with "
                            "--config.data.store=FOLDER does not run these encoders.")
-  shared.add_config(encode)
+  add_config(encode)
   encode.add_argument("--out", required=True, metavar="FOLDER", help="folder to write the store to")
   encode.set_defaults(run=_encode)
   describe = data.add_parser("describe", help="write captions of motions from their kinematics",
@@ -51,7 +52,7 @@ def add_to(commands):
   describe.add_argument("--out", metavar="FILE.csv", help="write the table that `data build --captions` reads")
   describe.add_argument("--fps", type=real(*FRAME_RATES), metavar="F",
                         help="frame rate of the capture files, overrides the one in the files (.amc has none: 120)")
-  shared.add_mapping(describe)
+  add_mapping(describe)
   describe.set_defaults(run=_describe)
   split = data.add_parser("split", help="make a test split that training has not seen",
                           description="Writes copies of archives with another split. By captions, test rows keep the "
@@ -120,9 +121,10 @@ def _records(args):
 
 
 def _encode(args):
-  config = shared.config_of(args)
+  config = config_of(args)
   from motion_jax import fit
-  shared.cache_compiled_code()
+  from motion_jax.utils import cache
+  cache.keep_in_user_cache()
   print(fit.encode(config, args.out))
   print(f"train on it: motion-jax train --config {args.config} ... --config.data.store={shlex.quote(args.out)}")
 
@@ -145,8 +147,9 @@ def _describe(args):
 
 
 def _compose(args):
+  from motion_jax.utils import cache
   from motion_jax_studio.composing.compose import compose
-  shared.cache_compiled_code()
+  cache.keep_in_user_cache()
   print(compose(args.out, args.model, args.number, args.seed, args.sentences, args.apart, args.attempts,
                 args.group))
   print(f"train on it: motion-jax train --data {shlex.quote(args.out)} "

@@ -14,9 +14,11 @@ def add_to(commands):
       description="Evaluates trained models with a named protocol: real data first, then each model. Writes "
                   "results.json, tables.md and tables.tex.")
   add = evaluate.add_argument
-  add("--model", action="append", default=[], help="a run folder or a shipped model; repeatable")
-  add("--data", action="append", nargs="+", metavar="DIR", help="data folders; several form one test set. Files of "
-      "timelines (mtt) or of FlowMDM's multi-prompt sequences (.json: long-horizon, babel) follow the folder")
+  add("--model", dest="runs", action="append", default=[], metavar="MODEL", help="a run folder or a shipped "
+      "model; repeatable")
+  add("--data", dest="folders", action="extend", nargs="+", default=[], metavar="DIR", help="data folders; several "
+      "form one test set. Files of timelines (mtt) or of FlowMDM's multi-prompt sequences (.json: long-horizon, babel) "
+      "follow the folder")
   add("--protocol", help="evaluation protocol (default: by data and first model); docs/evaluation.md lists them")
   add("--evaluator", help="folder or name of the evaluator (default: the protocol's)")
   add("--clip-evaluator", help="folder or name of the CLIP-type evaluator, or none")
@@ -25,7 +27,7 @@ def add_to(commands):
   add("--seed", type=whole(*SEEDS), help="random seed of all draws (default: the protocol's)")
   add("--out", help="folder for results (default: eval/PROTOCOL in the run folder)")
   add("--samples", help="folder that keeps the generated motions, to share them between evaluations")
-  add("--guidance-scale", type=real(*GUIDANCE), nargs="+", action="extend", default=[],
+  add("--guidance-scale", dest="guidance_scales", type=real(*GUIDANCE), nargs="+", action="extend", default=[],
       help="classifier-free guidance scales; one table row per scale")
   add("--sampling", nargs="+", action="extend", default=[], metavar="KEY=VALUE", help="sampling choices "
       "for all models, such as schedule=ar num_steps=20; docs/sampling.md lists them")
@@ -40,7 +42,8 @@ def add_to(commands):
   add("--limit", type=whole(1, 1_000_000), help="evaluate at most this many samples, for a quick trial")
   add("--controls", action="store_true", help="also evaluate damaged real motions to verify that the metrics notice; "
       "exit status 1 if one does not")
-  add("--no-multimodality", action="store_true", help="skip the multimodality metric, which takes most of the time")
+  add("--no-multimodality", dest="multimodality", action="store_false", help="skip the multimodality metric, which "
+      "takes most of the time")
   add("--force", action="store_true", help="continue even if real motions fail the sanity checks")
   add("--allow-shared", action="store_true", help="include test clips that are also in the training split, and list "
       "them in the provenance")
@@ -107,13 +110,13 @@ def _evaluate(args):
     from motion_jax.evaluation.report import tables
     print(printed(tables, args.paper_tables))
     return 0
-  if not args.data and not args.compare_with:
+  if not args.folders and not args.compare_with:
     raise InputError("got no --data; give --data FOLDER, or --report with the folders of earlier results as "
                      "--compare-with")
   if args.compare_with and not args.report:
     raise InputError("got --compare-with without --report; give --report OUT, the folder of the page")
   with stopping.at_once(args.program, "stopped; the same command continues with the samples that exist"):
-    return _judge(args) if args.data else _page(args, args.compare_with)
+    return _judge(args) if args.folders else _page(args, args.compare_with)
 
 
 def _page(args, folders):
@@ -137,13 +140,9 @@ def _judge(args):
   devices = jax.local_devices()
   if args.devices and args.devices > len(devices):
     raise InputError(f"got --devices {args.devices}, there are {len(devices)}")
-  request = Request(
-      args.model, [folder for some in args.data for folder in some], args.protocol, evaluator=args.evaluator,
-      clip_evaluator=args.clip_evaluator, motions=motions, as_given=args.as_given, replications=args.replications,
-      seed=args.seed, limit=args.limit, guidance_scales=args.guidance_scale, sampling=sampling, vary=vary,
-      weights=args.weights, multimodality=not args.no_multimodality, controls=args.controls,
-      allow_shared=args.allow_shared, force=args.force, recompute=args.recompute, out=args.out, samples=args.samples,
-      devices=devices[:args.devices])
+  given = {name: value for name, value in vars(args).items() if name in Request.__dataclass_fields__}
+  request = Request(**given | {"sampling": sampling, "vary": vary, "motions": motions,
+                               "devices": devices[:args.devices]})
   if args.export_prompts:
     print("wrote", run.export_prompts(request, args.export_prompts))
     return 0

@@ -2,7 +2,7 @@
 import pathlib
 
 from motion_jax.utils.errors import InputError
-from motion_jax_studio.cli import shared
+from motion_jax_studio.cli.writing import print_files
 
 
 def add_to(commands):
@@ -34,5 +34,5 @@ def _export(args):
   print(f"{model.id}, licence {model.license}: weights as {args.precision}")
   written = graphs.write(*model.graphs(), folder, args.precision)
   print(f"{sum(path.stat().st_size for path in written) / 1e6:.1f} MB in all")
-  shared.print_files(written)
+  print_files(written)
   print(f"try it: python examples/onnx_stream.py {folder} \"a person walks forward\" --out walk.npy")

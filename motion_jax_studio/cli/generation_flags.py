@@ -1,5 +1,4 @@
 """Flags of the commands that generate motion; sampling choices of all methods come from their `SamplingOptions`."""
-import argparse
 import functools
 import json
 import pathlib
@@ -9,8 +8,8 @@ from motion_jax.models import registry
 from motion_jax.utils.errors import InputError
 from motion_jax.utils.numerals import MOTIONS, SEEDS, whole
 from motion_jax_studio.checks import MAX_ATTEMPTS
-from motion_jax_studio.cli import shared
-from motion_jax_studio.cli.parser import HelpAll
+from motion_jax_studio.cli.parser import HelpAll, typed
+from motion_jax_studio.cli.writing import add_film, add_out, add_rig
 from motion_jax_studio.step_names import left_out
 
 _SHOWN = ("without", "explain", "num_samples", "seed", "model", "out")  # flags that --help of all commands shows
@@ -28,22 +27,10 @@ def add_planning(parser):
 
 def add_steps(parser, names):
   """Add --without and --explain, for the steps before and after sampling."""
-  parser.add_argument("--without", metavar="STEPS", type=functools.partial(_steps, names=names), default=frozenset(),
-                      help=f"steps to leave out, separated by commas: {', '.join(names)}")
+  parser.add_argument("--without", metavar="STEPS", type=typed(functools.partial(left_out, names=names)),
+                      default=frozenset(), help=f"steps to leave out, separated by commas: {', '.join(names)}")
   parser.add_argument("--explain", action="store_true", help="print what each step did, in which frames and by how "
                       "much")
-
-
-def _steps(text, names):
-  try:
-    return left_out(text, names)
-  except InputError as error:
-    raise argparse.ArgumentTypeError(str(error)) from None
-
-
-def without_of(args):
-  """The steps that --without, --no-plan and --no-cleanup leave out."""
-  return args.without | {name for name in ("plan", "cleanup") if getattr(args, f"no_{name}", False)}
 
 
 def add_attempts(parser):
@@ -74,9 +61,9 @@ def add_common(parser, command, out, shown):
                       help="return the network's output: no foot-skate cleanup, smoothing or exact constraints")
   parser.add_argument("--model", default=_MODEL,
                       help="a run folder or a shipped model; see motion-jax models (%(default)s)")
-  shared.add_out(parser, out, "wave.mp4,wave.bvh")
-  shared.add_rig(parser)
-  shared.add_film(parser, "in films and pictures")
+  add_out(parser, out, "wave.mp4,wave.bvh")
+  add_rig(parser)
+  add_film(parser, "in films and pictures")
   parser.add_argument("--timings", action="store_true", help="print where the time went")
 
 
@@ -158,10 +145,14 @@ def _group(parser, method):
       parser.add_argument_group(title))
 
 
-def sampling_of(args, model):
-  """The sampling choices on the command line. Raises InputError for those that the model's method does not have."""
+def choices_of(args, model):
+  """(steps that --without, --no-plan and --no-cleanup leave out, sampling choices) of the command line.
+
+  Raises InputError for sampling choices that the model's method does not have.
+  """
+  without = args.without | {name for name in ("plan", "cleanup") if getattr(args, f"no_{name}", False)}
   given = {name: getattr(args, name) for name in _choices(args.command) if getattr(args, name) is not None}
   unknown = [f"--{name.replace('_', '-')}" for name in given if name not in model.options.described()]
   if unknown:
     raise InputError(f"got {', '.join(unknown)} for the model {model.id}, which has no such choice")
-  return given
+  return without, given

@@ -5,8 +5,21 @@ import shlex
 
 from motion_jax.models.arguments import OTHERS
 from motion_jax.utils.nearest import did_you_mean
+from motion_jax.utils.numerals import shortened
 
 _QUOTES = "; a sentence goes in quotes, several go in a file"
+
+
+def typed(read):
+  """`read` as the type of a flag: argparse prints the message of its ValueErrors, with the flag's value."""
+  def convert(text):
+    try:
+      return read(text)
+    except ValueError as error:
+      where = "" if shortened(text) in str(error) else f"in {shortened(text)}: "
+      raise argparse.ArgumentTypeError(f"{where}{error}") from None
+
+  return convert
 
 
 class HelpAll(argparse.Action):

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 from motion_jax.utils.errors import InputError
 from motion_jax.utils.numerals import MOTIONS, NumberError, is_number, real, shortened, whole
-from motion_jax_studio.cli import shared
+from motion_jax_studio.cli.reading import MOTION_FILES
 
 MOMASK_FPS = 20.0
 _MOMASK = re.compile(r"(?P<prompt>.*[^\s#])#(?P<length>[0-9]+|NA)")
@@ -24,11 +24,6 @@ class Line(NamedTuple):
   def frames(self, fps):
     """The length at another frame rate, or None."""
     return self.count if self.count is None or self.fps is None else max(1, round(self.count * fps / self.fps))
-
-
-def read_prompts(text, fps=MOMASK_FPS):
-  """[(prompt, frames or None)] of `read_lines`. fps: frame rate of the returned lengths."""
-  return [(line.prompt, line.frames(fps)) for line in read_lines(text)]
 
 
 def read_lines(text) -> list[Line]:
@@ -56,10 +51,17 @@ def read_lines(text) -> list[Line]:
   return rows
 
 
+def check_count(prompts, num_samples):
+  """Raises InputError for more motions than one run may generate, before the model is loaded."""
+  if prompts * num_samples > MOTIONS[1]:
+    raise InputError(f"got {prompts:,} prompts with --num-samples {num_samples:,}, {prompts * num_samples:,} motions; "
+                     f"expected at most {MOTIONS[1]:,} in one run")
+
+
 def _check_is_prompt(text):
   """Raises InputError for the name of a motion file or of a project, where a sentence was expected."""
   use = {".json": "motion-jax make makes a studio's project"} | dict.fromkeys(
-      shared.MOTION_FILES, "motion-jax extend, edit and render read motion files")
+      MOTION_FILES, "motion-jax extend, edit and render read motion files")
   ending = pathlib.Path(text).suffix.lower()
   if ending in use and " " not in text:
     raise InputError(f"got {shortened(text)!r} as the prompt, expected a sentence in quotes, or a .txt or .csv file of "
@@ -106,18 +108,17 @@ def _prompt_and_frames(path, row):
 
 def read_sequences(text, fps=20.0):
   """[[(prompt, seconds or None)]]: lists of segments, from prompts separated by | or from a file, see `motion-jax
-  multi-prompt --help`."""
+  multi-prompt --help`. fps: frame rate of lengths in frames."""
   from motion_jax.data import timelines
   from motion_jax.utils import text_files
   path = pathlib.Path(text)
   if path.suffix.lower() == ".txt" and path.is_file() and timelines.is_timeline(text_files.read_text(path)):
     return [timelines.single_track(timeline) for timeline in timelines.read_timelines(path)]
-  if path.suffix.lower() == ".csv":
-    return [[(prompt, None if frames is None else frames / fps) for prompt, frames in read_prompts(text)]]
-  rows = read_prompts(text, fps)
-  if len(rows) == 1 and rows[0][1] is None:
-    return [[_prompt_and_seconds(part) for part in rows[0][0].split("|")]]
-  return [[_prompt_and_seconds(prompt) if frames is None else (prompt, frames / fps) for prompt, frames in rows]]
+  lines, is_table = read_lines(text), path.suffix.lower() == ".csv"
+  if len(lines) == 1 and lines[0].count is None and not is_table:
+    return [[_prompt_and_seconds(part) for part in lines[0].prompt.split("|")]]
+  return [[_prompt_and_seconds(line.prompt) if line.count is None and not is_table else
+           (line.prompt, None if line.count is None else line.frames(fps) / fps) for line in lines]]
 
 
 def _prompt_and_seconds(part):

@@ -1,21 +1,21 @@
 """motion-jax retrieve: find clips by text, and captions by motion."""
 from motion_jax.utils.numerals import MOTIONS, whole
-from motion_jax_studio.cli import shared
+from motion_jax_studio.cli import reading, writing
 
 
 def add_to(commands):
   """Adds this sub-command to those of `motion-jax`."""
   retrieve = commands.add_parser("retrieve", help="find clips nearest to a sentence, or captions nearest to a motion")
   retrieve.add_argument("query", nargs="?",
-                        help=f"a sentence, or a motion file ({shared.MOTION_HELP}); without a query, the recall over "
+                        help=f"a sentence, or a motion file ({reading.MOTION_HELP}); without a query, the recall over "
                              "the whole collection is printed")
   retrieve.add_argument("--data", required=True, metavar="DIR", help="an archive or a HumanML3D-layout folder")
   retrieve.add_argument("--split", help="train, val or test (default: all)")
   retrieve.add_argument("--top-k", type=whole(*MOTIONS), default=5, help="number of results (5)")
   retrieve.add_argument("--teacher", default="part-tmr-small", help="a run folder or a shipped model (part-tmr-small)")
-  shared.add_reading(retrieve)
-  shared.add_out(retrieve, None, "nearest.html,nearest.bvh; the nearest clip")
-  shared.add_rig(retrieve)
+  reading.add_reading(retrieve)
+  writing.add_out(retrieve, None, "nearest.html,nearest.bvh; the nearest clip")
+  writing.add_rig(retrieve)
   retrieve.set_defaults(run=_retrieve)
 
 
@@ -26,13 +26,14 @@ def _print_recall(scores):
 
 
 def _retrieve(args):
-  outputs = shared.outputs_of(args) if args.out else []
-  is_file = args.query is not None and args.query.lower().endswith(shared.MOTION_FILES)
-  query = shared.read_motion(args.query, args) if is_file else None  # before the slow part
+  output = writing.Output(args) if args.out else None
+  is_file = args.query is not None and args.query.lower().endswith(reading.MOTION_FILES)
+  query = reading.read_motion(args.query, args) if is_file else None  # before the slow part
   if args.out and (query is not None or args.query is None):
     raise ValueError("got --out without a sentence; it writes the clip nearest to one")
-  shared.cache_compiled_code()
   from motion_jax import retrieval
+  from motion_jax.utils import cache
+  cache.keep_in_user_cache()
   retriever = retrieval.load(args.teacher)
   collection = retrieval.read_collection(retriever, args.data, args.split)
   print(f"{len(collection)} clips of {args.data}" + (f", split {args.split}" if args.split else ""))
@@ -54,6 +55,6 @@ def _retrieve(args):
     matches = collection.nearest_clips(retriever.embed_text([args.query])[0], args.top_k)
     for similarity, i in matches:
       print(f"{similarity:6.3f}  {collection.ids[i]:24s} {collection.seconds[i]:5.1f} s  {collection.captions[i][0]}")
-    if args.out:
+    if output is not None:
       clips = retrieval.read_clips(args.data, args.split)
-      shared.save(args, [clips[matches[0][1]]], outputs)
+      output.write([clips[matches[0][1]]])

@@ -4,7 +4,8 @@ import pathlib
 
 from motion_jax.utils.errors import InputError
 from motion_jax.utils.numerals import FRAME_RATES, real, whole
-from motion_jax_studio.cli import shared
+from motion_jax_studio.cli.reading import MOTION_HELP, add_reading, read_motion
+from motion_jax_studio.cli.writing import print_files
 
 _FORMATS = ("unitree_xyzw", "kimodo_wxyz", "gmr", "mjlab", "beyondmimic", "holosoma", "mujoco", "loco_mujoco")
 _PICTURES = (".png", ".jpg", ".mp4", ".gif")
@@ -17,7 +18,7 @@ def add_to(commands):
       epilog="STEM.FORMAT.csv or .npz is written for each format, with a .json file that states robot, order of joints "
       "and quaternions, axes, units, rate and licence. Formats: " + ", ".join(_FORMATS) + ".",
       formatter_class=argparse.RawDescriptionHelpFormatter)
-  retarget.add_argument("file", help=f"motion file: {shared.MOTION_HELP}; or a robot's .csv or .npz, to convert back")
+  retarget.add_argument("file", help=f"motion file: {MOTION_HELP}; or a robot's .csv or .npz, to convert back")
   retarget.add_argument("--robot", default="g1", help="g1 (Unitree G1), or an MJCF (.xml) or URDF file with "
                         "--robot-mapping")
   retarget.add_argument("--robot-mapping", metavar="FILE.json", help="{human part: body of the robot}, for a robot of "
@@ -33,7 +34,7 @@ def add_to(commands):
   retarget.add_argument("--out", help="stem of the files to write (FILE without its ending); for a robot's file, the "
                         "motion file to write: .npz (if there is no ending), .bvh .glb .mp4 .html ...")
   retarget.add_argument("--picture", metavar="FILE", help="also draw the robot: .png (a strip), .mp4 or .gif")
-  shared.add_reading(retarget)
+  add_reading(retarget)
   retarget.set_defaults(run=_retarget)
 
 
@@ -80,7 +81,7 @@ def _retarget(args):
           f"{motion.meta['quaternion_order']}")
     written = [file for out in outputs for file in export.save(motion.to_clip(), out)]
   else:
-    clip = shared.read_motion(args.file, args)
+    clip = read_motion(args.file, args)
     motion = robots.retarget(clip, robot, args.rate or robots.RATE)
     print(f"{path}: {clip.seconds:.1f} s onto {robot.title}, {len(robot.moving)} moving joints, {motion.fps:g} frames "
           f"a second, {motion.meta['seconds_per_second']:.2f} s of work per second of motion")
@@ -89,4 +90,4 @@ def _retarget(args):
     written = [file for name in formats for file in robots.write(motion, stem, name)]
   if args.picture:
     written += export.save(motion, args.picture)
-  shared.print_files(written)
+  print_files(written)

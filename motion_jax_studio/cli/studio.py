@@ -5,7 +5,8 @@ import motion_jax
 from motion_jax.utils import progress
 from motion_jax.utils.errors import InputError
 from motion_jax.utils.numerals import whole
-from motion_jax_studio.cli import shared
+from motion_jax_studio.cli.reading import MOTION_FILES
+from motion_jax_studio.cli.writing import Output, add_out, add_rig
 
 _SHIPPED = pathlib.Path(motion_jax.__file__).parent / "pretrained"
 
@@ -28,8 +29,8 @@ def add_to(commands):
   make = commands.add_parser("make", help="generate the motion of a saved studio project")
   make.add_argument("project", help="project file (.json) of the studio")
   make.add_argument("--take", type=whole(0, 100), help="index of the seed, from 0 (default: the chosen one)")
-  shared.add_out(make, "motion.html", "motion.glb,motion.bvh")
-  shared.add_rig(make)
+  add_out(make, "motion.html", "motion.glb,motion.bvh")
+  add_rig(make)
   make.set_defaults(run=_make)
 
 
@@ -44,27 +45,21 @@ def _studio(args):
 
 def _make(args):
   with progress.part("starting"):
-    from motion_jax import export
-    from motion_jax_studio.cli import control
+    from motion_jax.utils import cache
     from motion_jax_studio.server.server import require_packages
     require_packages("a project of the studio", "msgspec")
     from motion_jax_studio.server import project
     from motion_jax_studio.server.library import Library
     from motion_jax_studio.server.limits import Limits
-    if pathlib.Path(args.project).suffix.lower() in shared.MOTION_FILES:
-      raise InputError(f"{args.project} is a motion file, expected a project (.json) saved in the studio; motion-jax "
-                       "render converts motion files")
-    outputs, limits = shared.outputs_of(args), Limits()
-    saved = project.read(args.project, limits)
-    shared.cache_compiled_code()
+  if pathlib.Path(args.project).suffix.lower() in MOTION_FILES:
+    raise InputError(f"{args.project} is a motion file, expected a project (.json) saved in the studio; motion-jax "
+                     "render converts motion files")
+  output, limits = Output(args), Limits()
+  saved = project.read(args.project, limits)
+  cache.keep_in_user_cache()
   library = Library(project.models_of(saved), warm=False)
   library.start()
-  motion = project.made(saved, library, limits, args.take, lambda note: print(f"note: {note}"))
+  motion = project.generate(saved, library, limits, args.take, lambda note: print(f"note: {note}"))
   for caption in motion.captions:
     print(f"{caption.start:6.1f} to {caption.end:5.1f} s  {caption.text}")
-  constraints = project.control_of(saved)
-  signal = control.drawn(constraints, [motion])[0] if constraints else None
-  written = [path for out in outputs for path in export.save(
-      motion, out, **shared.file_options(args, out), **control.drawn_options(out, signal, constraints))]
-  shared.print_rig_error(args, [motion], outputs)
-  shared.print_files(written)
+  output.write([motion], constraints=project.control_of(saved))

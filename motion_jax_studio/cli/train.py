@@ -4,7 +4,7 @@ import sys
 
 from motion_jax.utils import config_files
 from motion_jax.utils.numerals import NumberError, real, shortened, whole
-from motion_jax_studio.cli import shared
+from motion_jax_studio.cli.configs import add_config, config_of
 
 
 def add_to(commands):
@@ -17,7 +17,7 @@ def add_to(commands):
              f"{', '.join(config_files.recipes())}. Sizes: tiny (two steps), mini, laptop, small; "
              "default: the paper's. docs/configs.md lists them all.")
   add = train.add_argument
-  shared.add_config(train)
+  add_config(train)
   add("--workdir", required=True, metavar="FOLDER", help="run folder; created if missing")
   add("--resume", nargs="?", const="yes", choices=("yes", "no", "auto"),
       help="resume the run in the folder exactly where it stopped; --resume=auto starts a run if there is none "
@@ -67,18 +67,19 @@ def _train(args):
 
 
 def _run(args, stop):
-  config = shared.config_of(args)
+  config = config_of(args)
 
   import jax
   from absl import logging
 
   from motion_jax import fit
   from motion_jax.training import distributed
+  from motion_jax.utils import cache
   logging.set_verbosity(logging.WARNING)  # orbax logs every step of a save
   distributed.start(args.coordinator, args.process_id, args.num_processes, args.simulate_devices)
   stop.quiet = not distributed.is_first()
   stop.nothing_to_lose(distributed.end_together)
-  shared.cache_compiled_code()  # a resumed run does not compile again
+  cache.keep_in_user_cache()  # a resumed run does not compile again
   resume = {"yes": True, "no": False, "auto": "auto", None: "auto" if jax.process_count() > 1 else False}[args.resume]
   with distributed.as_one():
     fit.run(config, pathlib.Path(args.workdir), resume, args.max_seconds, stop, args.allow_changes,

@@ -5,26 +5,32 @@ import functools
 import json
 import pathlib
 import time
+from collections.abc import Callable
 from typing import Any
 
 import anyio.to_thread
 from starlette.applications import Starlette
 from starlette.requests import ClientDisconnect, Request
 from starlette.responses import JSONResponse, Response
-from starlette.routing import Route, WebSocketRoute
+from starlette.routing import Mount, Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 import motion_jax
 from motion_jax.export.html import VIEWER, resting_body
 from motion_jax.utils import progress
 from motion_jax.utils.errors import InputError, reason
-from motion_jax_studio.server import export_choices, exporting, mmcp, openapi, project, suggestions
+from motion_jax.utils.plugins import Registry
+from motion_jax_studio.server import exporting, fields, openapi, project, suggestions
 from motion_jax_studio.server.library import Library
 from motion_jax_studio.server.limits import ChoiceError, Limits, TokenBucket
+from motion_jax_studio.server.request_types import types_of
 from motion_jax_studio.server.requests import RequestHandler
 from motion_jax_studio.server.security import LOOPBACK, Refused, SecurityMiddleware
 from motion_jax_studio.server.streams import Stream
 
+# {name: function(studio) -> routes below /name/} of further protocols, each an entry point of this group.
+PROTOCOLS: Registry[Callable] = Registry("motion_jax_studio.protocols", {})
+_AT_ONCE = ("status", "progress", "cancel")  # answered even if all threads work
 _MOST_WORKS = 50  # requests whose progress can be read at the same time
 ASSETS = pathlib.Path(__file__).parents[1] / "assets"
 _TYPES = {".html": "text/html; charset=utf-8", ".js": "text/javascript; charset=utf-8",
@@ -49,25 +55,15 @@ class Studio:
 
   def app(self) -> SecurityMiddleware:
     """The ASGI application inside the security middleware."""
-    routes = [
-        WebSocketRoute("/v1/stream", self._stream),
-        Route("/v1/status", self._status), Route("/v1/models", self._models),
-        Route("/v1/progress", self._progress), Route("/v1/cancel", self._cancel, methods=["POST"]),
-        Route("/v1/suggestions", self._suggestions),
-        Route("/v1/generate", self._json(self.handler.generate), methods=["POST"]),
-        Route("/v1/multi-prompt", self._json(self.handler.multi_prompt), methods=["POST"]),
-        Route("/v1/edit", self._json(self.handler.edit), methods=["POST"]),
-        Route("/v1/project", self._json(lambda body: project.checked(body, self.limits)), methods=["POST"]),
-        Route("/v1/import", self._import, methods=["POST"]),
-        Route("/v1/export", self._export, methods=["POST"]),
-        Route("/v1/export-choices", self._export_choices),
-        Route("/mmcp/capabilities", self._mmcp_capabilities),
-        Route("/mmcp/generate", self._mmcp_generate, methods=["POST"]),
-        Route("/openapi.json", lambda request: JSONResponse(openapi.described(self.limits))),
-        Route("/body.json", _body_page), *_pages()]
+    protocols = {name: PROTOCOLS[name](self) for name in PROTOCOLS}
+    routes = [WebSocketRoute("/v1/stream", self._stream), *self._v1(),
+              *(Mount(f"/{name}", routes=routes) for name, routes in protocols.items()),
+              Route("/openapi.json", lambda request: JSONResponse(openapi.document(self.limits))),
+              Route("/body.json", _body_page), *_pages()]
     handlers = {404: _plain_error, 405: _plain_error, Exception: _fault}
     inner = Starlette(routes=routes, exception_handlers=handlers)
-    return SecurityMiddleware(inner, self.token, self.limits, self.host in LOOPBACK, self.public_url)
+    guarded = tuple(f"/{name}/" for name in ("v1", *protocols))
+    return SecurityMiddleware(inner, self.token, self.limits, guarded, self.host in LOOPBACK, self.public_url)
 
   def close(self) -> None:
     """Ends all streams."""
@@ -76,31 +72,61 @@ class Studio:
 
   # --- requests ----------------------------------------------------------------------------------------------------
 
-  async def _status(self, request: Request) -> Response:
-    return JSONResponse({"version": motion_jax.__version__, "protocol": 1, "streams": len(self.streams),
-                         "seconds": round(time.monotonic() - self.began, 1),
-                         "models": {name: slot.state for name, slot in self.library.slots.items()}})
+  def _v1(self):
+    """The routes of `openapi.ENDPOINTS`."""
+    handler = self.handler
+    works = {
+        "status": self._status, "progress": self._progress, "cancel": self._cancel, "generate": handler.generate,
+        "models": lambda: {"models": [slot.about() for slot in self.library.slots.values()]},
+        "suggestions": lambda model=None, words="": suggestions.suggest(
+            self.library.slot(model).model, words[:self.limits.prompt]),
+        "multi-prompt": handler.multi_prompt, "edit": handler.edit, "import": lambda data, name="": handler.read(
+            data, name), "project": lambda body: project.validate(body, self.limits), "export": self._export,
+        "export-choices": exporting.choices}
+    return [self.route(f"/v1/{name}", works[name], *self._reader(row), takes=row.query, at_once=name in _AT_ONCE)
+            for name, row in openapi.ENDPOINTS.items()]
 
-  async def _models(self, request: Request) -> Response:
-    about = await anyio.to_thread.run_sync(lambda: [slot.about() for slot in self.library.slots.values()])
-    return JSONResponse({"models": about})
+  def _reader(self, row):
+    """(method, function of the bytes of a body) of an endpoint."""
+    kind = getattr(types_of(self.limits), row.body or "", None)
+    if kind is not None:
+      return "POST", lambda data: fields.parse(kind, self.parsed(data), self.limits)
+    return ("POST" if row.body or row.changes else "GET"), {"json": self.parsed, "bytes": bytes, None: None}[row.body]
 
-  async def _progress(self, request: Request) -> Response:
-    work = self.works.get(request.query_params.get("work", ""))
-    return JSONResponse(work.state() if work else progress.Work().state())
+  def route(self, path: str, work: Callable[..., Any], method: str = "GET", read: Callable[[bytes], Any] | None = None,
+            takes: Any = (), refuse: Callable[[Exception], Response] | None = None, at_once: bool = False) -> Route:
+    """A route of `path` whose reply is work(read(body), **query), or work(**query) without `read`: a Response, or JSON.
 
-  async def _cancel(self, request: Request) -> Response:
-    work = self.works.get(request.query_params.get("work", ""))
-    if work is not None:
-      work.cancelled = True
-    return JSONResponse({"cancelled": work is not None})
+    A thread reads the body, works and writes the reply, because JSON of large motions takes long. takes: names of the
+    query that work has. refuse(error): the reply to a Refused, a Cancelled or a ValueError. at_once: no thread.
+    """
+    def reply(request, data):
+      query = {name: request.query_params[name] for name in takes if name in request.query_params}
+      answer = work(*([read(data)] if read else ()), **query)
+      return answer if isinstance(answer, Response) else JSONResponse(answer)
 
-  async def _suggestions(self, request: Request) -> Response:
-    async def answer():
-      name, words = request.query_params.get("model"), request.query_params.get("words", "")[:self.limits.prompt]
-      return JSONResponse(await anyio.to_thread.run_sync(suggestions.found, self.library.slot(name).model, words))
+    async def handle(request: Request) -> Response:
+      try:
+        data = await _content(request)
+        if at_once:
+          return reply(request, data)
+        with self._followed(request):
+          return await anyio.to_thread.run_sync(reply, request, data)
+      except (Refused, progress.Cancelled, ValueError) as error:
+        return (refuse or _refusal)(error)
 
-    return await _reply(answer)
+    return Route(path, handle, methods=[method])
+
+  def parsed(self, data: bytes | str) -> Any:
+    """The value of JSON. The number of values is limited: parsing blocks all other threads, and short lists cost the
+    most time and memory."""
+    count = sum(data.count(sign if isinstance(data, str) else sign.encode()) for sign in ",[{")
+    if count > self.limits.values:
+      raise Refused(413, f"got JSON of {count:,} values, expected at most {self.limits.values:,}")
+    try:
+      return json.loads(data, parse_constant=_no_number)
+    except (ValueError, RecursionError) as error:
+      raise InputError(f"got no valid JSON ({reason(error, 80)})") from None
 
   @contextlib.contextmanager
   def _followed(self, request):
@@ -115,59 +141,23 @@ class Studio:
       if self.works.get(name) is work:
         del self.works[name]
 
-  def _json(self, work: Any) -> Any:
-    """A handler of JSON requests. A thread parses the body, runs work(body) and writes the reply, because JSON of large
-    motions takes long; an InputError becomes status 400."""
-    async def handle(request: Request) -> Response:
-      async def answer():
-        data = await _content(request)
-        with self._followed(request):
-          return await anyio.to_thread.run_sync(lambda: JSONResponse(work(_parsed(data, self.limits))))
+  def _status(self):
+    return {"version": motion_jax.__version__, "protocol": 1, "streams": len(self.streams),
+            "seconds": round(time.monotonic() - self.began, 1),
+            "models": {name: slot.state for name, slot in self.library.slots.items()}}
 
-      return await _reply(answer)
+  def _progress(self, work=""):
+    return self.works.get(work, progress.Work()).state()
 
-    return handle
+  def _cancel(self, work=""):
+    if work in self.works:
+      self.works[work].cancelled = True
+    return {"cancelled": work in self.works}
 
-  async def _import(self, request: Request) -> Response:
-    async def answer():
-      data, name = await _content(request), request.query_params.get("name", "")
-      return await anyio.to_thread.run_sync(lambda: JSONResponse(self.handler.read(data, name)))
-
-    return await _reply(answer)
-
-  async def _export(self, request: Request) -> Response:
-    async def answer():
-      data = await _content(request)
-
-      def work():
-        body = _parsed(data, self.limits)
-        with self.handler.place():
-          return exporting.exported(body, self.limits)
-
-      with self._followed(request):
-        file, media, name = await anyio.to_thread.run_sync(work)
-      return Response(file, media_type=media, headers={"content-disposition": f'attachment; filename="{name}"'})
-
-    return await _reply(answer)
-
-  async def _export_choices(self, request: Request) -> Response:
-    return JSONResponse(await anyio.to_thread.run_sync(export_choices.choices))
-
-  async def _mmcp_capabilities(self, request: Request) -> Response:
-    return JSONResponse(await anyio.to_thread.run_sync(mmcp.capabilities, self.handler))
-
-  async def _mmcp_generate(self, request: Request) -> Response:
-    try:
-      data = await _content(request)
-      return await anyio.to_thread.run_sync(lambda: Response(
-          json.dumps(mmcp.generate(_parsed(data, self.limits), self.handler)), media_type=mmcp.MEDIA))
-    except mmcp.MmcpError as error:
-      return JSONResponse(error.body(), error.status)
-    except Refused as error:
-      code = "payload_too_large" if error.status == 413 else "rate_limited"
-      return JSONResponse(mmcp.MmcpError(error.status, code, str(error)).body(), error.status)
-    except ValueError as error:
-      return JSONResponse(mmcp.MmcpError(400, "invalid_request", reason(error, 400)).body(), 400)
+  def _export(self, request):
+    with self.handler.place():
+      file, media, name = exporting.export_file(request)
+    return Response(file, media_type=media, headers={"content-disposition": f'attachment; filename="{name}"'})
 
   # --- streams -----------------------------------------------------------------------------------------------------
 
@@ -221,8 +211,8 @@ class Studio:
       if not bucket.take(time.monotonic()):
         return await _end(socket, 1008, f"got more than {self.limits.messages:g} messages a second")
       try:
-        stream.receive(_parsed(text, self.limits))
-      except InputError as error:
+        stream.receive(self.parsed(text))
+      except (InputError, Refused) as error:
         await socket.send_json({"type": "error", "fatal": False, "message": reason(error, 400)})
 
 
@@ -249,31 +239,16 @@ async def _content(request):
     raise Refused(400, "the connection was closed before the body was complete") from None
 
 
-def _parsed(data, limits):
-  """Parse JSON. The number of values is limited: parsing blocks all other threads, and short lists cost the most time
-  and memory."""
-  count = sum(data.count(sign if isinstance(data, str) else sign.encode()) for sign in ",[{")
-  if count > limits.values:
-    raise Refused(413, f"got JSON of {count:,} values, expected at most {limits.values:,}")
-  try:
-    return json.loads(data, parse_constant=_no_number)
-  except (ValueError, RecursionError) as error:
-    raise InputError(f"got no valid JSON ({reason(error, 80)})") from None
-
-
 def _no_number(name):
   raise ValueError(f"{name} is no number of JSON")
 
 
-async def _reply(answer):
-  try:
-    return await answer()
-  except Refused as error:
-    return _error(error.status, str(error))
-  except progress.Cancelled:
+def _refusal(error):
+  """The reply to an error that the client can fix."""
+  if isinstance(error, progress.Cancelled):
     return _error(409, "this request was cancelled")
-  except (InputError, ValueError) as error:
-    return _error(422 if isinstance(error, ChoiceError) else 400, reason(error, 400))
+  status = error.status if isinstance(error, Refused) else 422 if isinstance(error, ChoiceError) else 400
+  return _error(status, reason(error, 400))
 
 
 def _error(status, message):

@@ -1,50 +1,78 @@
-"""/v1/export: a motion as the bytes of a file, optionally trimmed, in place or looped."""
+"""/v1/export: a motion as the bytes of a file, optionally trimmed, in place or looped; and the formats and rigs that
+/v1/export-choices lists, from the library's own tables."""
+import functools
+import inspect
+import mimetypes
 import re
 import tempfile
 from pathlib import Path
 from typing import Any
 
 from motion_jax import export
-from motion_jax.control.compiling import compile
 from motion_jax.export import scene
 from motion_jax.models.results import colors_of
 from motion_jax.motion.looping import in_place, looped, velocity
 from motion_jax.motion.skeleton import HUMANML3D
-from motion_jax.utils.errors import InputError
-from motion_jax_studio.server import export_choices, fields
-from motion_jax_studio.server.limits import Limits
-from motion_jax_studio.server.request_types import types_of
+from motion_jax.rigs.rig import all_rigs
+from motion_jax.utils.errors import InputError, reason
 
 _FILM_SECONDS = 60.0  # of a rendered film
+_RENDERED = ("mp4", "gif", "png", "jpg", "html")  # pictures and pages: the body is drawn
+_OPTIONS = ("rig", "t_pose", "fps", "character")
+_MEDIA = {"glb": "model/gltf-binary", "html": "text/html; charset=utf-8", "bvh": "text/plain; charset=utf-8"}
 
 
-def exported(body: Any, limits: Limits) -> tuple[bytes, str, str]:
-  """(bytes, media type, file name) of a request with the fields of `Export`."""
-  request = fields.parse(types_of(limits).export, body, limits)
+@functools.cache
+def formats() -> dict[str, tuple[str, ...]]:
+  """{format: those of rig, t_pose, fps and character that its writer takes} of all writers."""
+  options = {}
+  for ending, write in export.WRITERS.items():
+    takes, kind = inspect.signature(write).parameters, ending[1:]
+    options[kind] = tuple(option for option in _OPTIONS if option in takes or option == "fps" and kind not in _RENDERED
+                          or option == "character" and kind in ("glb", "vrm"))
+  return options
+
+
+def choices() -> dict[str, Any]:
+  """{formats: [{name, options, missing: what to install, or null}], rigs: [{name, title}]}."""
+  return {"formats": [{"name": kind, "options": list(options), "missing": _missing(kind)}
+                      for kind, options in formats().items()],
+          "rigs": [{"name": name, "title": rig.title} for name, rig in all_rigs().items()]}
+
+
+def _missing(kind):
+  with tempfile.TemporaryDirectory() as folder:
+    try:
+      export.check_output(Path(folder) / f"motion.{kind}")
+    except (ValueError, OSError, RuntimeError, ImportError) as error:
+      return reason(error, 300)
+  return None
+
+
+def export_file(request: Any) -> tuple[bytes, str, str]:
+  """(bytes, media type, file name) of an `Export` request."""
   clip, kind = request.motion, request.format
-  given = export_choices.options_of(kind, {name: getattr(request, name) for name in export_choices.OPTIONS})
+  options = {name: value for name in _OPTIONS if (value := getattr(request, name)) not in (None, False)}
+  for name in options:
+    if name not in formats()[kind]:
+      able = [other for other, names in formats().items() if name in names]
+      raise InputError(f"got {name} for the format {kind}, expected one of {', '.join(able)}")
   if request.rig and request.character is not None:
     raise InputError("got a rig and a character, which keeps its own bones; give one of them")
   if kind == "vrm" and request.character is None:
     raise InputError("got the format vrm without a character; give one, or choose vrma for the motion alone")
   name = request.name or (clip.captions[0].text if clip.captions else clip.id)
-  shown = variant(clip, request.trim, request.in_place, request.loop)
-  draws = request.control and kind in export_choices.RENDERED and not request.in_place and not request.loop
-  options = _constraint_options(request.control, clip, request.trim, kind) if draws else {}
-  return written(shown, kind, **options, **given), export_choices.media(kind), f"{file_name(name)}.{kind}"
+  shown = _variant(clip, request.trim, request.in_place, request.loop)
+  if request.control and kind in _RENDERED and not request.in_place and not request.loop:
+    if clip.skeleton is not HUMANML3D:
+      raise InputError(f"got control of the skeleton {clip.skeleton.name!r}; control knows {HUMANML3D.name}")
+    span = slice(*request.trim[0]) if request.trim else slice(0, clip.num_frames)
+    options |= scene.drawn_constraints(request.control, [clip], [span], kind)
+  media = _MEDIA.get(kind, mimetypes.guess_type(f"motion.{kind}")[0] or "application/octet-stream")
+  return _written(shown, kind, **options), media, f"{_file_name(name)}.{kind}"
 
 
-def _constraint_options(control, clip, trim, kind):
-  """The options of `export.save` that draw the constraints of a clip."""
-  if clip.skeleton is not HUMANML3D:
-    raise InputError(f"got control of the skeleton {clip.skeleton.name!r}; control knows {HUMANML3D.name}")
-  signal = compile(control, clip.num_frames, clip.fps, clip.joints)
-  if trim is not None:
-    signal = signal.slice_frames(*trim[0])
-  return {"control": signal} | ({"way_points": scene.way_points(control)} if kind == "html" else {})
-
-
-def variant(clip: Any, trim: Any = None, still: bool = False, loop: bool = False) -> Any:
+def _variant(clip, trim, still, loop):
   """A clip trimmed to one span of frames, looped, with the root kept in place."""
   if trim is not None:
     if len(trim) != 1 or trim[0][1] > clip.num_frames:
@@ -62,9 +90,9 @@ def variant(clip: Any, trim: Any = None, still: bool = False, loop: bool = False
   return clip
 
 
-def written(clip: Any, kind: str, character: bytes | None = None, **options: Any) -> bytes:
+def _written(clip, kind, character=None, **options):
   """The bytes of the file that `export.save` writes with these options; character: those of a rigged .glb or .vrm."""
-  if kind in export_choices.RENDERED:
+  if kind in _RENDERED:
     if kind in ("mp4", "gif") and clip.seconds > _FILM_SECONDS:
       raise InputError(f"got a motion of {clip.seconds:.0f} s for a film, expected at most {_FILM_SECONDS:g} s; "
                        "trim it")
@@ -83,7 +111,7 @@ def written(clip: Any, kind: str, character: bytes | None = None, **options: Any
     return path.read_bytes()
 
 
-def file_name(text: str) -> str:
+def _file_name(text):
   """A file name of letters, digits and dashes from any text."""
   return re.sub(r"[^a-z0-9]+", "-", text.lower()).strip("-")[:60] or "motion"
 

@@ -19,12 +19,6 @@ from motion_jax_studio.server import serialization
 from motion_jax_studio.server.limits import ChoiceError, Limits
 
 _MOST_SPANS, _MOST_CHOICES = 100, 20
-# Arguments of model methods that are not sampling choices.
-_NO_CHOICES = frozenset((
-    "self", "prompt", "prompts", "segments", "lists", "clip", "clips", "motion", "seed", "seeds", "rng", "seconds",
-    "num_frames", "cleanup", "polish", "literal", "plan", "control", "project", "keep", "change", "task", "past",
-    "past_prompt", "hold_until_done", "ease", "rest", "way", "num_past", "paste", "mask", "without",
-    "negative_prompts"))
 
 
 class Request(msgspec.Struct, forbid_unknown_fields=True):
@@ -81,30 +75,21 @@ def number(low: float, high: float, whole: bool = False) -> type[Kind]:
   return Number
 
 
-def choice(options: tuple[str, ...]) -> type[Kind]:
-  """One of several words, which OpenAPI and errors list in this order; those of a Literal are sorted."""
-  class Choice(Kind):
-    returns = str
-
-    @classmethod
-    def read(cls, value, limits):
-      if not isinstance(value, str) or value not in options:
-        raise ValueError("not allowed")
-      return value
-
-    @classmethod
-    def schema(cls, limits):
-      return {"type": "string", "enum": list(options)}
-
-  return Choice
-
-
 class Prompt(Kind):
+  """Text for a model. Errors show an example."""
   returns = str
 
   @classmethod
   def read(cls, value, limits):
-    return check_prompt(value, limits)
+    if not isinstance(value, str):
+      raise InputError(f"got the prompt {str(value)[:60]}, expected text in double quotes, such as \"a person waves\"")
+    if not value.strip():
+      raise InputError("got an empty prompt; say what the person does, as in \"a person waves\"")
+    if len(value) > limits.prompt:
+      raise InputError(f"got a prompt of {len(value):,} characters, expected at most {limits.prompt:,}")
+    if not is_text(value):
+      raise InputError("got a prompt with bytes that are no UTF-8 text")
+    return value
 
   @classmethod
   def schema(cls, limits):
@@ -137,14 +122,11 @@ class Sampling(Kind):
     if not (isinstance(value, dict) and len(value) <= _MOST_CHOICES and all(
         item is None or type(item) in (int, float, str, bool) for item in value.values())):
       raise ChoiceError(f"got sampling {str(value)[:40]}, expected an object such as {{\"guidance_scale\": 3}}")
-    if unknown := sorted(_NO_CHOICES & set(value)):
-      raise ChoiceError(f"got {unknown[0]!r} in sampling, which is not a sampling choice; use the request's field of "
-                        "that name, if there is one")
     return {str(key)[:60]: item for key, item in value.items() if item is not None}
 
   @classmethod
   def schema(cls, limits):
-    return {"type": "object", "maxProperties": _MOST_CHOICES, "propertyNames": {"not": {"enum": sorted(_NO_CHOICES)}},
+    return {"type": "object", "maxProperties": _MOST_CHOICES,
             "additionalProperties": {"type": ["number", "string", "boolean", "null"]}}
 
 
@@ -223,7 +205,8 @@ def _in_words(error, kind, body, limits):
   if isinstance(error.__cause__, InputError):
     return error.__cause__
   if unknown := re.fullmatch("Object contains unknown field `(.*)`", what, re.DOTALL):
-    return InputError(f"got the unknown field {unknown[1][:60]!r}; docs/protocol.md lists all fields")
+    return InputError(f"got the unknown field {unknown[1][:60]!r}, expected "
+                      f"{'some of ' * bool(rule['properties'])}{', '.join(rule['properties']) or 'no field'}")
   if rule.get("type") == "object":
     return InputError(f"got {_kind_of(value)}, expected a JSON object such as {{\"prompt\": \"a person waves\"}}")
   if rule.get("type") == "array" and isinstance(value, list) and len(value) > rule.get("maxItems", len(value)):
@@ -244,12 +227,13 @@ def _expected(rule):
   if "enum" in rule:
     return f"one of {', '.join(rule['enum'])}"
   if rule["type"] in ("integer", "number"):
-    return f"a {'whole ' * (rule['type'] == 'integer')}number from {rule['minimum']:,} to {rule['maximum']:,}"
+    bounds = f" from {rule['minimum']:,} to {rule['maximum']:,}" if "maximum" in rule else ""
+    return f"a {'whole ' * (rule['type'] == 'integer')}number{bounds}"
   if "maxLength" in rule:
     return f"a text of at most {rule['maxLength']} characters"
   if rule["type"] == "string":
     return "the bytes of a file in base64"
-  if rule["type"] == "array" and "examples" not in rule:
+  if rule["type"] == "array" and "enum" in rule.get("items", ()):
     return f"a list, some of {', '.join(rule['items']['enum'])}"
   return "true or false" if rule["type"] == "boolean" else f"a list such as {_example(rule)}"
 
@@ -265,19 +249,6 @@ def check_points(constraints: list[Constraint], limits: Limits, name: str) -> No
               for constraint in constraints)
   if count > limits.points:
     raise InputError(f"{name}: got {count:,} points of paths and targets, expected at most {limits.points:,}")
-
-
-def check_prompt(value: Any, limits: Limits) -> str:
-  """A valid prompt. Raises InputError for an empty prompt, a long one, and one that is not text."""
-  if not isinstance(value, str):
-    raise InputError(f"got the prompt {str(value)[:60]}, expected text in double quotes, such as \"a person waves\"")
-  if not value.strip():
-    raise InputError("got an empty prompt; say what the person does, as in \"a person waves\"")
-  if len(value) > limits.prompt:
-    raise InputError(f"got a prompt of {len(value):,} characters, expected at most {limits.prompt:,}")
-  if not is_text(value):
-    raise InputError("got a prompt with bytes that are no UTF-8 text")
-  return value
 
 
 def _kind_of(value):

@@ -27,6 +27,10 @@ class ModelSlot:
     self.began, self.seconds = 0.0, 0.0
     self.ready = threading.Event()  # or failed
 
+  def can(self, ability: str) -> bool:
+    """Whether the model is there and has an ability."""
+    return self.model is not None and self.model.can(ability)
+
   def progress(self) -> dict[str, Any]:
     """The loading progress, for the page."""
     now = time.monotonic() - self.began if self.began and not self.ready.is_set() else self.seconds
@@ -95,21 +99,29 @@ class Library:
     return self.pipeline(name, ability).model
 
   def pipeline(self, name: str | None, ability: str) -> Pipeline:
-    """The pipeline of a model with an ability; waits until it is ready. Raises InputError if there is none."""
+    """The pipeline of a model with an ability, None: of the first that has it; waits until it is ready. Raises
+    InputError if there is none."""
     slot = self.slot(name)
-    if not slot.ready.is_set():
-      with progress.part(f"waiting for the model {slot.name}, which is being prepared"):
-        slot.ready.wait(_PATIENCE)
+    if name is None:
+      slot = next((other for other in self.slots.values() if self._waited(other).can(ability)), slot)
+    self._waited(slot)
     if not slot.ready.is_set():
       raise InputError(f"the model {slot.name} is not ready yet ({slot.state}); try again in a minute")
     if slot.model is None or slot.state == "failed":
       raise InputError(f"the model {slot.name} could not be loaded: {slot.error}")
-    if not slot.model.can(ability):
-      able = [other.name for other in self.slots.values() if other.model is not None and other.model.can(ability)]
+    if not slot.can(ability):
+      able = [other.name for other in self.slots.values() if other.can(ability)]
       raise InputError(f"the model {slot.name} has no {ability!r}; "
                        + (f"{', '.join(able)} {'has' if len(able) == 1 else 'have'}" if able else
                           "start the studio with one that has, by --model"))
     return slot.pipeline
+
+  def _waited(self, slot):
+    """A slot whose model is ready, or was waited for."""
+    if not slot.ready.is_set():
+      with progress.part(f"waiting for the model {slot.name}, which is being prepared"):
+        slot.ready.wait(_PATIENCE)
+    return slot
 
 
 def _load(name):

@@ -15,11 +15,12 @@ from typing import Any
 import jax
 import numpy as np
 
-from motion_jax.control.signal import ControlSignal
+from motion_jax.control.constraints import Constraint
 from motion_jax.models.results import Motion, captions_in_a_row
 from motion_jax.models.shared.script import borders
 from motion_jax.motion.step_records import record
 from motion_jax.utils import progress
+from motion_jax_studio import constraining
 
 _EVERY = 8    # blocks between two copies of a stream
 
@@ -28,7 +29,7 @@ class _Take:
   """The latest motion of one model, seed and sampling, and copies of its stream."""
 
   def __init__(self):
-    self.words: list[str] = []  # the prompt of each block
+    self.prompts: list[str] = []  # the prompt of each block
     self.copies: dict[int, tuple[Any, int]] = {}  # by step: (stream before that step, frames returned so far)
     self.joints = np.zeros((0, 0, 3), np.float32)
 
@@ -43,12 +44,33 @@ class MultiPromptCache:
     self._lock = threading.Lock()
 
   def make(self, pipeline: Any, segments: Sequence[tuple[str, int]], seed: int, cleanup: bool, sampling: dict[str, Any],
-           hold: ControlSignal | None = None) -> tuple[Motion, int, int]:
+           control: Sequence[Constraint] = ()) -> tuple[Motion, int, int]:
     """(motion, frames that were reused, frames equal to the previous motion) of (prompt, frames) rows.
 
-    Equals `CmdmModel.multi_prompt`. hold (1, T): a signal that constrains the motion; motions with different signals
-    share nothing.
+    Equals `CmdmModel.multi_prompt`. control: constraints that the motion meets, exactly so with cleanup; it is
+    compared with no previous motion.
     """
+    if not control:
+      return self._sample(pipeline, segments, seed, cleanup, sampling)
+    constraining.check_skeleton(pipeline.model)
+    fps, (prompt, last), reused = pipeline.model.fps, segments[-1], 0
+    count = sum(frames for _, frames in segments)
+    target = constraining.target_of(list(control), count, fps, cleanup)
+    rows = [*segments[:-1], (prompt, last + target.frames_to_sample(fps) - count)]
+
+    def sample(signals):
+      nonlocal reused
+      motion, reused, _ = self._sample(pipeline, rows, seed, cleanup, sampling, signals[0])
+      return [motion]
+
+    motion, = constraining.sample_guided([target], fps, sample)
+    motion = constraining.constrain(pipeline.model, motion, target, cleanup)
+    ends = np.minimum(np.cumsum([frames for _, frames in segments]), motion.num_frames).tolist()
+    captions = captions_in_a_row([prompt for prompt, _ in segments], ends, fps)
+    return motion.replace(captions=captions), reused, 0
+
+  def _sample(self, pipeline, segments, seed, cleanup, sampling, hold=None):
+    """`make` with a signal (1, T) for constraints; motions with different signals share nothing."""
     hold = None if hold is None or hold.is_empty else hold
     key = pipeline.model.id, seed, cleanup, tuple(sorted(sampling.items())), None if hold is None else _digest(hold)
     with self._lock:
@@ -76,27 +98,28 @@ def _make(pipeline, take, segments, seed, cleanup, sampling, hold):
   model, stream = pipeline.model, functools.partial(pipeline.stream, seed=seed, cleanup=cleanup, plan=False, **sampling)
   per_block = stream(segments[0][0]).block_frames
   blocks, total = borders([frames for _, frames in segments], per_block)
-  words = [prompt for (prompt, _), count in zip(segments, blocks) for _ in range(count)]
-  same = next((i for i, (old, new) in enumerate(zip(take.words, words)) if old != new),
-              min(len(take.words), len(words)))
-  usable = [step for step in take.copies if step <= same and step < len(words)]
+  of_block = [prompt for (prompt, _), count in zip(segments, blocks) for _ in range(count)]
+  same = next((i for i, (old, new) in enumerate(zip(take.prompts, of_block)) if old != new),
+              min(len(take.prompts), len(of_block)))
+  usable = [step for step in take.copies if step <= same and step < len(of_block)]
   take.copies = {step: take.copies[step] for step in usable}
   start = max(usable, default=None)
   if start is None:
-    live = stream(words[0], num_frames=total)
+    live = stream(of_block[0], num_frames=total)
     reused, pieces = 0, []
     if hold is not None:
       live.hold(hold)
   else:
     copy, reused = take.copies[start]
     live, pieces = copy.fork(total), [take.joints[:reused]]
-  take.words, given, step = words, reused, start or 0
+  take.prompts, given, step = of_block, reused, start or 0
   while given < total:
-    starts = step < len(words) and (not step or words[step] != words[step - 1])
-    if 0 < step <= len(words) and step not in take.copies and (starts or not step % _EVERY or step == len(words)):
+    starts = step < len(of_block) and (not step or of_block[step] != of_block[step - 1])
+    is_due = starts or not step % _EVERY or step == len(of_block)
+    if 0 < step <= len(of_block) and step not in take.copies and is_due:
       take.copies[step] = live.fork(), given
     if starts and step:
-      live.say(words[step])
+      live.say(of_block[step])
     joints = live.step()
     given += len(joints)
     pieces.append(joints)

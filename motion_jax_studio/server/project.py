@@ -20,7 +20,7 @@ from motion_jax_studio.step_names import EDIT, EXTEND
 FORMAT, VERSION = "motion_jax project", 1
 
 
-def checked(value: Any, limits: Limits) -> dict[str, Any]:
+def validate(value: Any, limits: Limits) -> dict[str, Any]:
   """A project with all of its fields (`Project`), each checked. Raises InputError for a project that is not valid."""
   if not isinstance(value, dict) or value.get("format") != FORMAT:
     raise InputError("this is no project of motion_jax; one is saved by the studio's page")
@@ -46,12 +46,12 @@ def read(path: str | pathlib.Path, limits: Limits) -> dict[str, Any]:
     raise InputError(f"{path} is larger than a project can be ({limits.body_bytes >> 20} MiB)")
   value = parse_json(read_text(path), path, "it may be incomplete: save it again, or use a copy")
   try:
-    return checked(value, limits)
+    return validate(value, limits)
   except InputError as error:
     raise InputError(f"{path}: {error}") from None
 
 
-def made(project: dict[str, Any], library: Library, limits: Limits, take: int | None = None,
+def generate(project: dict[str, Any], library: Library, limits: Limits, take: int | None = None,
          notify: Callable[[str], None] = lambda note: None) -> Any:
   """The Motion of a checked project, with its chosen seed or the seed at index `take`.
 
@@ -86,7 +86,6 @@ def models_of(project: dict[str, Any]) -> list[str]:
 
 
 def _with_warning(pipeline, saved, notify):
-  made_by = pipeline.model.id
-  if saved["id"] and saved["id"] != made_by:
-    notify(f"the project was made with {saved['id']}, this is {made_by}: the motion may be another one")
+  if saved["id"] and saved["id"] != pipeline.model.id:
+    notify(f"the project was made with {saved['id']}, this is {pipeline.model.id}: the motion may be another one")
   return pipeline

@@ -1,18 +1,18 @@
 """The types of requests, stream messages and project files (docs/protocol.md), within the limits of a studio."""
 import functools
 from types import SimpleNamespace
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import msgspec
 from msgspec import Meta
 
 from motion_jax.utils.numerals import SEEDS
 from motion_jax_studio import step_names
-from motion_jax_studio.server import export_choices
-from motion_jax_studio.server.fields import Control, MotionField, Prompt, Request, Sampling, Spans, choice, number
+from motion_jax_studio.server import exporting
+from motion_jax_studio.server.fields import Control, MotionField, Prompt, Request, Sampling, Spans, number
 from motion_jax_studio.server.limits import Limits
 
-DEFAULT_AHEAD = 3  # blocks that are sent before the page has acknowledged the first of them: 1.8 s
+_AHEAD = 3         # blocks that are sent before the page has acknowledged the first of them: 1.8 s
 MOST_EDITS = 100   # of a project
 _BASE64 = {"pattern": "^([A-Za-z0-9+/]{4})*([A-Za-z0-9+/]{2}==|[A-Za-z0-9+/]{3}=)?$"}
 
@@ -44,7 +44,7 @@ def types_of(limits: Limits) -> SimpleNamespace:
   control = _optional(Control, [], "constraints, docs/control.md")
   cleanup = _optional(bool, True, "foot-skate cleanup, smoothing and exact constraints")
   yes, no = _optional(bool, True), _optional(bool, False)
-  without = lambda names: _optional(list[choice(names)], [], "steps to leave out")
+  without = lambda names: _optional(list[Literal[names]], [], "steps to leave out")
   take = _optional(number(0, limits.takes, whole=True), 0)
 
   segments = Annotated[list[_type("Segment", prompt=Prompt, seconds=seconds)], Meta(
@@ -64,7 +64,7 @@ def types_of(limits: Limits) -> SimpleNamespace:
       keep=_optional(Spans, about="spans [first, past] in frames to keep"), model=model, seed=seed, sampling=sampling,
       without=without(step_names.EDIT))
   export = _type(
-      "Export", motion=MotionField, format=choice(tuple(export_choices.formats())),
+      "Export", motion=MotionField, format=Literal[tuple(exporting.formats())],
       name=_optional(_text(1000), about="of the file"),
       trim=_optional(Spans, about="one span [first, past] in frames"), in_place=no, loop=no, control=control,
       rig=_optional(_text(60), about="a rig of /v1/export-choices, for the formats that take one"),
@@ -89,7 +89,7 @@ def types_of(limits: Limits) -> SimpleNamespace:
           "Start", model=model, prompt=Prompt, seed=random_seed, cleanup=yes,
           without=without(step_names.EXTEND), sampling=sampling,
           frames=_optional(number(4, limits.frames, whole=True)), speed=_optional(number(0, 8), 1.0), keep_going=yes,
-          ahead=_optional(number(1, 32, whole=True), DEFAULT_AHEAD),
+          ahead=_optional(number(1, 32, whole=True), _AHEAD),
           pose=_optional(_text(), about="robot:g1 or rig:NAME: also send poses, 50 a second")),
       "prompt": _type("ChangePrompt", prompt=Prompt, after=_optional(number(0, 3600))),
       "control": _type("ChangeControl", at=_optional(number(0, 1e6)), control=control),

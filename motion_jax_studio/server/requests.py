@@ -1,4 +1,4 @@
-"""Handlers of requests that generate, edit or read motions: a JSON object in, a JSON object out."""
+"""Handlers of requests that generate, edit or read motions: a parsed request in, a JSON object out."""
 import contextlib
 import tempfile
 import threading
@@ -6,7 +6,13 @@ from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from motion_jax import export
+from motion_jax.control.compiling import compile
+from motion_jax.control.constraints import Constraint
+from motion_jax.data.clip import Clip
+from motion_jax.export import scene
 from motion_jax.export.files import READERS
 from motion_jax.models.results import Motion
 from motion_jax.motion.step_records import record
@@ -15,15 +21,13 @@ from motion_jax.utils.errors import InputError
 from motion_jax_studio.checks.reports import note_of
 from motion_jax_studio.constraining import implied_frames
 from motion_jax_studio.planning.segments import segments_of
-from motion_jax_studio.server import constraint_report, fields, serialization
+from motion_jax_studio.server import serialization
 from motion_jax_studio.server.library import Library, live_sampling
 from motion_jax_studio.server.limits import Limits, check_sampling
 from motion_jax_studio.server.multi_prompt import MultiPromptCache
-from motion_jax_studio.server.request_types import types_of
 from motion_jax_studio.server.security import Refused
 
 _CHECKED = 0.5  # seconds between two checks of whether a waiting request was cancelled
-_LOADING = 600  # seconds to wait for a model that may have the ability
 _IN_TWO_FILES = (".amc", ".gltf")  # formats whose motion needs another file
 
 
@@ -51,9 +55,8 @@ class RequestHandler:
     finally:
       self._admitted.release()
 
-  def generate(self, body: Any) -> dict[str, Any]:
-    """Fields of `Generate` -> {motions, notes, constraints}."""
-    request = fields.parse(types_of(self.limits).generate, body, self.limits)
+  def generate(self, request: Any) -> dict[str, Any]:
+    """`Generate` -> {motions, notes, constraints}."""
     pipeline, control = self.library.pipeline(request.model, "generate"), list(request.control)
     model = pipeline.model
     check_sampling(model, request.sampling)
@@ -64,21 +67,20 @@ class RequestHandler:
     seeds = [(request.seed + i) % 2**32 for i in range(request.num_samples)]
     with self.place(), progress.part("generating the motion"):
       motions = pipeline([request.prompt] * len(seeds), seconds=request.seconds, seeds=seeds, plan=request.plan,
-                      cleanup=request.cleanup, exact=request.cleanup, control=control or None, without=request.without,
-                      **request.sampling)
-    report = {"constraints": [constraint_report.report(control, motion) for motion in motions]} if control else {}
+                         cleanup=request.cleanup, exact=request.cleanup, control=control or None,
+                         without=request.without, **request.sampling)
+    report = {"constraints": [constraints_of(control, motion) for motion in motions]} if control else {}
     return {"motions": [serialization.to_json(motion) for motion in motions]} | report | notes_and_unknown_words(
         pipeline, [request.prompt], notes_of(motions), request.plan and "plan" not in request.without, request.without)
 
-  def multi_prompt(self, body: Any) -> dict[str, Any]:
-    """Fields of `MultiPrompt` -> {motion, reused_frames, same_frames, notes, unknown, segments, constraints}."""
-    request = fields.parse(types_of(self.limits).multi_prompt, body, self.limits)
-    rows, control = rows_of(request.segments), list(request.control)
+  def multi_prompt(self, request: Any) -> dict[str, Any]:
+    """`MultiPrompt` -> {motion, reused_frames, same_frames, notes, unknown, segments, constraints}."""
+    rows, control = [(segment.prompt, segment.seconds) for segment in request.segments], list(request.control)
     pipeline = self.library.pipeline(request.model, "multi_prompt")
     with self.place():
       motion, reused, same = self.make_multi_prompt(pipeline, rows, request.seed, request.cleanup,
                                                     request.sampling, request.past, control, request.without)
-    report = {"constraints": constraint_report.report(control, motion)} if control else {}
+    report = {"constraints": constraints_of(control, motion)} if control else {}
     return {"motion": serialization.to_json(motion), "reused_frames": reused, "same_frames": same} | report | (
         segment_notes(pipeline, [prompt for prompt, _ in rows], request.without))
 
@@ -99,31 +101,20 @@ class RequestHandler:
       raise InputError(f"got a motion of {sum(frames for _, frames in segments) / model.fps:.0f} s, expected at most "
                        f"{self.limits.seconds:g}")
     sampling = live_sampling(model, sampling)
-    given = pipeline, segments, seed, cleanup, sampling
-    motion, reused, same = (*constraint_report.made(self.multi_prompts, *given, control), 0) if control else (
-        self.multi_prompts.make(*given))
+    motion, reused, same = self.multi_prompts.make(pipeline, segments, seed, cleanup, sampling, control)
     planned = [] if "plan" in without else [record("plan", " | ".join(prompt for prompt, _ in segments))]
     return motion.replace(meta=motion.meta | {"steps": [*planned, *motion.meta["steps"]]}), reused, same
 
-  def edit(self, body: Any) -> dict[str, Any]:
-    """Fields of `Edit` -> {motion, made, notes}."""
-    request = fields.parse(types_of(self.limits).edit, body, self.limits)
+  def edit(self, request: Any) -> dict[str, Any]:
+    """`Edit` -> {motion, made, notes}."""
     if (request.change is None) == (request.keep is None):
       raise InputError("got both or neither of change and keep; give one of them, the frames to regenerate or to keep")
-    pipeline = self.library.pipeline(request.model or self._first_with("edit"), "edit")
+    pipeline = self.library.pipeline(request.model, "edit")
     with self.place(), progress.part("generating the span"):
       motion = make_edit(pipeline, request.motion, request.prompt, request.change, request.keep, request.seed,
                          request.sampling, request.without)
     return {"motion": serialization.to_json(motion), "made": motion.meta["made"]} | notes_and_unknown_words(
         pipeline, [request.prompt], notes_of([motion]), without=request.without)
-
-  def _first_with(self, ability):
-    """The name of the first model with an ability, or None."""
-    for slot in self.library.slots.values():
-      slot.ready.wait(_LOADING)
-      if slot.model is not None and slot.model.can(ability):
-        return slot.name
-    return None
 
   def read(self, data: bytes, name: str) -> dict[str, Any]:
     """{motion} from the bytes of an uploaded file; only the ending of its name is used."""
@@ -144,9 +135,14 @@ class RequestHandler:
     return {"motion": serialization.to_json(clip)}
 
 
-def rows_of(segments: Sequence[Any]) -> list[tuple[str, float | None]]:
-  """[(prompt, seconds or None)] of parsed segments."""
-  return [(segment.prompt, segment.seconds) for segment in segments]
+def constraints_of(control: Sequence[Constraint], motion: Clip) -> dict[str, Any]:
+  """Constraints as they apply to a motion: {targets: [[frame, x, y, z]], poses: [{frame, joints}], off: {mean, worst,
+  frame, joint}}. `off` is the distance in millimetres; it is missing if no constraint has a place."""
+  signal = compile(control, motion.num_frames, motion.fps, motion.joints)
+  parts, off = scene.parts_of(signal), scene.distance(signal, motion)
+  return {"targets": [[frame, *np.round(place, 4).tolist()] for frame, _, place in parts.targets],
+          "poses": [{"frame": frame, "joints": np.round(joints, 4).tolist()} for frame, joints in parts.poses]
+          } | ({"off": off} if off else {})
 
 
 def make_edit(pipeline: Any, clip: Any, prompt: str, change: Any, keep: Any, seed: int, sampling: dict[str, Any],

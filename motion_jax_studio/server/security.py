@@ -33,12 +33,13 @@ class SecurityMiddleware:
   """ASGI middleware around the whole application.
 
   A request from a browser must come from a page of this server (Origin). A server that listens to this machine only
-  requires a local host name (Host, against DNS rebinding). Requests below /v1 and /mmcp need the token. Failures inside
-  become JSON with one sentence.
+  requires a local host name (Host, against DNS rebinding). Requests below the `guarded` paths need the token. Failures
+  inside become JSON with one sentence.
   """
 
-  def __init__(self, app: Any, token: str, limits: Limits, local: bool, public_url: str | None = None) -> None:
-    self._app, self._token, self._limits, self._local = app, token, limits, local
+  def __init__(self, app: Any, token: str, limits: Limits, guarded: tuple[str, ...], local: bool,
+               public_url: str | None = None) -> None:
+    self._app, self._token, self._limits, self._guarded, self._local = app, token, limits, guarded, local
     self._public = urllib.parse.urlsplit(public_url or "").netloc.lower()  # of a proxy in front
     self._clients: dict[str, _Client] = {}
 
@@ -74,7 +75,7 @@ class SecurityMiddleware:
     if origin is not None and _place_of(origin) not in {host.lower(), self._public} - {""}:
       raise Refused(403, f"got a request from a page of {origin[:80]!r}, only the studio's own pages may send requests "
                     "and those of a proxy that --public-url names")
-    if not scope["path"].startswith(("/v1/", "/mmcp/")):
+    if not scope["path"].startswith(self._guarded):
       return
     query = urllib.parse.parse_qs(scope.get("query_string", b"").decode("latin1"))
     given = headers.get("authorization", "").removeprefix("Bearer ").strip() or query.get("token", [""])[0]

@@ -39,7 +39,7 @@ def check_address(host: str, token: str | None) -> None:
                      "signs")
 
 
-def kept_token(folder: pathlib.Path | None = None) -> str:
+def stored_token(folder: pathlib.Path | None = None) -> str:
   """This user's token, the same for every start, so that open pages and bookmarks stay valid.
 
   It is stored in a file that only the user can read, in $XDG_STATE_HOME or ~/.local/state. If it cannot be stored, each
@@ -89,13 +89,32 @@ def serve(names: Sequence[str], host: str = "127.0.0.1", port: int = 8765, token
   check_address(host, token)
   require_packages("the studio", "msgspec", "starlette", "uvicorn", "websockets")
   listener = take_port(host, port)
-  token = token or kept_token()
+  token = token or stored_token()
   address = f"{public_url}?token={urllib.parse.quote(token)}" if public_url else address_of(
       host, listener.getsockname()[1], token)
   print(f"the studio is at {address}\nCtrl-C ends it", flush=True)
   if open_page:
     threading.Thread(target=_open, args=(address,), daemon=True).start()
-  _run(names, host, token, listener, public_url)
+  import uvicorn
+
+  from motion_jax_studio.server.app import Studio
+  from motion_jax_studio.server.library import Library
+  library = Library(names)
+  studio = Studio(library, token, host, public_url=public_url)
+
+  class Server(uvicorn.Server):
+    def handle_exit(self, sig, frame):
+      studio.close()
+      # Compiling threads cannot be stopped; a second is enough to close the pages.
+      timer = threading.Timer(_PATIENCE, lambda: os._exit(128 + sig))
+      timer.daemon = True
+      timer.start()
+      super().handle_exit(sig, frame)
+
+  logging.getLogger("uvicorn.error").addFilter(_is_news)
+  library.start()
+  with progress.follow(progress.Work()):  # pages show the progress of requests, not this terminal
+    Server(settings(studio)).run(sockets=[listener])
 
 
 def checked_url(text: str) -> str:
@@ -132,29 +151,6 @@ def settings(studio: Any, app: Any = None) -> Any:
                         http=connections.protocol(studio.limits), limit_concurrency=studio.limits.connections,
                         ws_max_size=2 * studio.limits.message_bytes, ws_per_message_deflate=False,
                         timeout_graceful_shutdown=1, server_header=False, proxy_headers=False)
-
-
-def _run(names: Sequence[str], host: str, token: str, listener: Any, public_url: str | None = None) -> None:
-  import uvicorn
-
-  from motion_jax_studio.server.app import Studio
-  from motion_jax_studio.server.library import Library
-  library = Library(names)
-  studio = Studio(library, token, host, public_url=public_url)
-
-  class Server(uvicorn.Server):
-    def handle_exit(self, sig, frame):
-      studio.close()
-      # Compiling threads cannot be stopped; a second is enough to close the pages.
-      timer = threading.Timer(_PATIENCE, lambda: os._exit(128 + sig))
-      timer.daemon = True
-      timer.start()
-      super().handle_exit(sig, frame)
-
-  logging.getLogger("uvicorn.error").addFilter(_is_news)
-  library.start()
-  with progress.follow(progress.Work()):  # pages show the progress of requests, not this terminal
-    Server(settings(studio)).run(sockets=[listener])
 
 
 def _is_news(record: logging.LogRecord) -> bool:

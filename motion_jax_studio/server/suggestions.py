@@ -14,7 +14,7 @@ def _figures() -> dict[str, Any]:
   return json.loads(_FIGURES.read_text(encoding="utf-8"))
 
 
-def found(model: Any, words: str = "") -> dict[str, Any]:
+def suggest(model: Any, words: str = "") -> dict[str, Any]:
   """{fps, scale, parents, rows: [{prompt, kind, figure}], captions} of a model, or of None before it is loaded.
 
   rows: prompts whose words the model knows. captions: training captions of similar meaning to the words. See

@@ -98,3 +98,16 @@ def test_a_mapping_is_a_rigs_name_or_a_file_that_the_command_begins(tmp_path, ca
   with pytest.raises(InputError, match="left_hip twice"):
     export.load(path, mapping=mapping)
   assert cli.main(["rigs", str(tmp_path / "a.npy")]) == 1 and cli.main(["rigs", "--write-mapping", "a.json"]) == 1
+
+
+@pytest.mark.parametrize("name, rig, label", [
+    ("walk.bvh", "mixamo", "Mixamo"), ("walk.glb", "unity", "Unity"), ("walk.usda", "ue5", "Unreal Engine 5"),
+    ("walk.vrma", None, "Unity, VRM"), ("walk.npz", None, "humanml3d"), ("walk.npy", None, "humanml3d"),
+    ("walk.csv", None, "humanml3d"), ("walk.trc", None, "humanml3d"), ("walk.c3d", None, "humanml3d")])
+def test_the_nearest_rig_of_every_format_that_is_read(tmp_path, capsys, name, rig, label):
+  export.save(walk(8), tmp_path / name, **({"rig": rig} if rig else {}))
+  mapping = tmp_path / "mapping.json"
+  assert cli.main(["rigs", str(tmp_path / name), "--write-mapping", str(mapping)]) == 0
+  assert f"nearest: {label}" in capsys.readouterr().out
+  joints = export.load(tmp_path / name).joints
+  np.testing.assert_allclose(export.load(tmp_path / name, mapping=mapping).joints, joints, atol=1e-5)

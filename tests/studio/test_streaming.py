@@ -64,6 +64,26 @@ def test_actions_share_their_time_and_simultaneous_ones_a_prompt(model):
     assert [text for text, _ in rows] == prompts and sum(count for _, count in rows) == total, prompt
 
 
+@pytest.mark.parametrize("prompt, rows", [
+    ("a person sits down", [("a person sits down", 60), ("a person is sitting on a chair", None)]),
+    ("someone walks, then lies down", [("someone walks", 60), ("someone lies down", 60),
+                                       ("someone is lying on the floor", None)]),
+    ("Kneel!", [("Kneel!", 60), ("a person is down on the knees", None)]),
+    ("she sits down, stays there and waves", [
+        ("she sits down", 60), ("she is sitting on a chair", 40), ("she is sitting on a chair and waves", 60)]),
+    ("a man sits down, stays seated, then stands up", [
+        ("a man sits down", 60), ("a man is sitting on a chair", 40), ("a man stands up", 60)]),
+    ("a person sits on the floor", [("a person sits on the floor", None)]),
+    ("a person walks", [("a person walks", None)])])
+def test_a_stream_holds_a_low_pose_by_a_prompt_of_the_pose(model, monkeypatch, prompt, rows):
+  monkeypatch.setattr(type(model.captions), "unknown_words", lambda captions, text: [])
+  planner = Lengths(model, lambda prompt: 60)
+  in_sequence = prompts_in_sequence(planner, parse(prompt), is_endless=True)
+  assert [text for text, _ in in_sequence] == [text for text, _ in rows] and in_sequence[-1][1] == rows[-1][1]
+  monkeypatch.setattr(type(model.captions), "unknown_words", lambda captions, text: ["chair"])
+  assert all(" is " not in text for text, _ in prompts_in_sequence(planner, parse(prompt), is_endless=True))
+
+
 def test_pauses_and_prompts_that_wait(model):
   pipeline, prompts = pipeline_of(model, 36), [("a person bows", 3.6), ("a person walks", 1.2)]
   plain, rest = (pipeline.multi_prompt(prompts, seed=5, rest=rest, **FAST) for rest in (False, True))

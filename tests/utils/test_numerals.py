@@ -7,12 +7,13 @@ from motion_jax.utils.numerals import NumberError, checked, real, whole
 from motion_jax_studio.cli import evaluate
 from tests.studio.cli.test_flags import FLAGS
 
+NO_NUMERIC_FLAGS = ("--name", "--without", "--path", "--keyframe", "--target", "--keep-parts", "--size")
 NO_NUMBERS = ("nan", "inf", "-inf", "1e400", "-1e400", "٣", "²", "1_000", "0x10", "", "ten", "1,5", "9" * 5000, "--")
 
 
 def test_every_numeric_flag_has_bounds():
   numeric = [(prog, option, action) for prog, option, action in FLAGS
-             if action.type is not None and option not in ("--name", "--without")]  # names
+             if action.type is not None and option not in NO_NUMERIC_FLAGS]
   assert len(numeric) > 30 and ("motion-jax generate", "--num-samples") in [given[:2] for given in numeric]
   for prog, option, action in numeric:
     assert action.type not in (int, float), f"{prog} {option} takes any number"

@@ -3,11 +3,12 @@
   python tools/format_matrix MOTION.npz --blender PYTHON_WITH_BPY --node FOLDER_WITH_NODE_MODULES [--rigs mixamo,ue5]
 
 Errors are against what was written (`export.rig.on_rig`): the largest distance of any joint in any frame, in
-millimetres, and the largest difference of any joint's turn from its rest pose, in degrees. A reader that is not given
+millimetres / the largest difference of any joint's turn from its rest pose, in degrees. A reader that is not given
 is left out. Prints rows of a Markdown table, which docs/formats.md holds.
 """
 import argparse
 import json
+import os
 import pathlib
 import re
 import subprocess
@@ -34,6 +35,8 @@ def main():
   parser.add_argument("--node", help="a folder whose node_modules has three, @pixiv/three-vrm and three-vrm-animation")
   args = parser.parse_args()
   warnings.simplefilter("ignore")
+  if args.blender:
+    os.environ["MOTION_JAX_BLENDER"] = args.blender  # which writes .fbx
   clip = export.load(args.motion)
   columns = {}
   with tempfile.TemporaryDirectory() as folder:
@@ -59,7 +62,7 @@ def measure(clip, name, folder, args):
       at = [HUMANML3D.joints.index(joint) for joint in moved.rig.joints]
       numbers = list(moved.rig.joints.values())
       far = np.linalg.norm(ours[:, at] - places_of(moved)[:, numbers], axis=-1).max()
-      found[kind, OURS] = f"{1000 * far:.2f} mm"
+      found[kind, OURS] = f"{1000 * far:.2f}"
     if kind == ".usda":
       found[kind, "usd-core"] = _text(moved, _usd(path))
     if args.blender and kind != ".vrma":
@@ -123,7 +126,7 @@ def _text(moved, read):
   off = rot.multiply(rot.conjugate(rot.unit(turns)), moved.turned[:, numbers])
   angle = np.degrees(2 * np.arctan2(np.linalg.norm(off[..., 1:], axis=-1), np.abs(off[..., 0])).max())
   lost = "" if len(own) >= len(moved.rig.joints) else f", {len(moved.rig.joints) - len(own)} joints lost"
-  return f"{1000 * far:.3f} mm, {angle:.3f}°{lost}"
+  return f"{1000 * far:.3f} / {angle:.3f}{lost}"
 
 
 if __name__ == "__main__":

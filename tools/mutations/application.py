@@ -4,7 +4,7 @@ SECURITY, MMCP, STREAMS = f"{SERVER}security.py", f"{SERVER}mmcp.py", f"{SERVER}
 
 MUTATIONS = (
     # --- what the server refuses ----------------------------------------------------------------------------------
-    ("application-mmcp-token", "motion_jax_studio/server/security.py", 'startswith(("/v1/", "/mmcp/"))',
+    ("application-mmcp-token", "motion_jax_studio/server/security.py", 'startswith(self._guarded)',
      'startswith("/v1/")', (f"{SECURITY}::test_without_the_token_there_is_nothing",)),
     ("application-public-url", "motion_jax_studio/server/security.py", "{host.lower(), self._public}",
      "{host.lower(), urllib.parse.urlsplit(origin).netloc.lower()}",
@@ -18,7 +18,7 @@ MUTATIONS = (
     ("application-token-of-a-group", "motion_jax_studio/server/server.py", "st_mode & 0o077", "st_mode & 0o007",
      (f"{SERVER}server.py::test_the_token_is_kept_for_the_user_alone",)),
     ("application-acknowledged-ahead", "motion_jax_studio/server/streams.py",
-     "min(request.sequence, self._sequence - 1)", "request.sequence",
+     "min(message.sequence, self._sequence - 1)", "message.sequence",
      (f"{STREAMS}::test_a_page_that_does_not_read_stops_the_sampling",)),
     ("application-project-size", "motion_jax_studio/server/project.py", "if path.stat().st_size > limits.body_bytes:",
      "if False:", (f"{SERVER}project.py::test_what_is_no_project_is_told_in_one_line",)),
@@ -30,11 +30,11 @@ MUTATIONS = (
     # --- what it makes --------------------------------------------------------------------------------------------
     ("application-story-cleanup", "motion_jax_studio/server/multi_prompt.py", "seed, cleanup, tuple(sorted(",
      "seed, tuple(sorted(", (f"{SERVER}multi_prompt.py::test_other_seeds_choices_and_old_takes_are_kept_apart",)),
-    ("application-feet", "motion_jax_studio/server/mmcp.py", "{name: stands[:, i].tolist()",
+    ("application-feet", "motion_jax_studio/mmcp/document.py", "{name: stands[:, i].tolist()",
      "{name: stands[:, -1 - i].tolist()", (f"{MMCP}::test_a_reply_names_the_feet_that_stand",)),
-    ("application-pose-on-the-floor", "motion_jax_studio/server/mmcp_constraints.py",
+    ("application-pose-on-the-floor", "motion_jax_studio/mmcp/constraints.py",
      "joints[:, 1] -= joints[:, 1].min()", "pass", (f"{MMCP}::test_a_pose_of_mmcp_is_turned_as_replies_are",)),
-    ("application-seed-of-a-sample", "motion_jax_studio/cli/make.py",
+    ("application-seed-of-a-sample", "motion_jax_studio/cli/generating.py",
      "else given, args.seed + i)\n          for line in lines for i",
      "else given, args.seed)\n          for line in lines for i",
      ("tests/studio/cli/test_cli.py::test_motions_come_in_pieces_with_a_seed_for_each_sample",)),

@@ -42,7 +42,7 @@ MUTATIONS = (
     ("step-records-cm", "motion_jax/motion/step_records.py", "100 * float(away.max())", "100 * float(away.mean())",
      ("tests/motion/test_step_records.py::test_a_change_is_measured_in_frames_centimetres_and_degrees",)),
     ("language-fork", "motion_jax_studio/streaming.py",
-     "self.live.fork(num_frames), self._pipeline, self._out, self._hold_until_done)",
+     "self.live.fork(num_frames), self._pipeline, self.prompt, self._out, self._hold_until_done)",
      "self.live.fork(num_frames), self._pipeline, self._out)",
      ("tests/studio/test_streaming.py::test_pauses_and_prompts_that_wait",)),
     ("language-gliding-run", "motion_jax_studio/editing.py",

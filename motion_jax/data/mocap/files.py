@@ -4,11 +4,12 @@ import json
 import pathlib
 
 from motion_jax.data.mocap import usd
-from motion_jax.data.mocap.asf import amc_clip
-from motion_jax.data.mocap.bvh import bvh_clip
-from motion_jax.data.mocap.fbx import fbx_clip
+from motion_jax.data.mocap.asf import AMC_FPS, amc_clip, read_amc
+from motion_jax.data.mocap.bvh import bvh_clip, read_bvh
+from motion_jax.data.mocap.capture import Capture, with_rate
+from motion_jax.data.mocap.fbx import fbx_clip, read_fbx
 from motion_jax.data.mocap.gltf import MOTIONS
-from motion_jax.data.mocap.gltf_motion import gltf_clip
+from motion_jax.data.mocap.gltf_motion import gltf_clip, read_gltf
 from motion_jax.utils.errors import InputError
 from motion_jax.utils.input_files import read_json
 from motion_jax.utils.numerals import named
@@ -16,6 +17,8 @@ from motion_jax.utils.text_files import read_text
 
 READERS = {".bvh": bvh_clip, ".amc": amc_clip} | dict.fromkeys(MOTIONS, gltf_clip) | {".fbx": fbx_clip} | (
     dict.fromkeys(usd.SUFFIXES, usd.usd_clip))
+CAPTURES = {".bvh": read_bvh, ".amc": read_amc} | dict.fromkeys(MOTIONS, read_gltf) | {".fbx": read_fbx} | (
+    dict.fromkeys(usd.SUFFIXES, usd.read_usd))
 _SEVERAL = (*MOTIONS, ".fbx", *usd.SUFFIXES)  # files that may hold several clips
 
 
@@ -33,6 +36,15 @@ def read_clip(path, name, faults=None, **options):
       raise
     faults.append((name, str(error).removeprefix(str(path)).lstrip(":/ ")))
     return None
+
+
+def read_capture(path, clip=None, fps=None) -> Capture:
+  """The skeleton and the frames of a file of `CAPTURES`. clip: name or number of one of several animations; fps: its
+  frame rate, replacing the one that it states."""
+  ending = path.suffix.lower()
+  if ending == ".amc":
+    return read_amc(path, fps=fps or AMC_FPS)
+  return with_rate(CAPTURES[ending](path, *([clip] if clip else [])), fps)
 
 
 def split_clip(path) -> tuple[pathlib.Path, str | None]:

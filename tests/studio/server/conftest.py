@@ -1,11 +1,15 @@
 """A studio with a tiny model, in process."""
 import contextlib
 import importlib.util
+import sys
 import threading
+import tomllib
 
 import jax
 import numpy as np
 import pytest
+
+from tests.conftest import ROOT
 
 # Only CI is sure to have the extra; tests/test_imports.py proves that it has.
 collect_ignore_glob = [] if all(map(importlib.util.find_spec, ("msgspec", "starlette", "motionmcp"))) else ["test_*.py"]
@@ -33,6 +37,22 @@ def library(tiny_run, tiny_generator):
   for slot in library.slots.values():
     assert slot.ready.wait(300) and slot.state == "ready", slot.error
   return library
+
+
+@pytest.fixture(scope="session", autouse=True)
+def protocols(tmp_path_factory):
+  """The entry points of pyproject.toml, as an installation has them: {name: object}."""
+  project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+  points = project["entry-points"]["motion_jax_studio.protocols"]
+  folder = tmp_path_factory.mktemp("installed")
+  about = folder / "motion_jax_as_installed-1.dist-info"
+  about.mkdir()
+  (about / "METADATA").write_text("Metadata-Version: 2.1\nName: motion-jax-as-installed\nVersion: 1\n")
+  (about / "entry_points.txt").write_text("\n".join(["[motion_jax_studio.protocols]", *(
+      f"{name} = {value}" for name, value in points.items())]))
+  sys.path.insert(0, str(folder))
+  yield points
+  sys.path.remove(str(folder))
 
 
 @pytest.fixture

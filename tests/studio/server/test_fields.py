@@ -97,15 +97,15 @@ def test_the_schema_and_the_parser_agree(name):
     ({"cleanup": "yes"}, "got cleanup 'yes', expected true or false"),
     ({"model": 5}, "got model 5, expected a text of at most 200 characters"),
     ({"model": "a\ud800"}, "got a model with bytes that are no UTF-8 text"),
-    ({"without": ["jump"]}, "got 'jump' in without, expected one of plan, warn, cleanup, pose, correct, "),
-    ({"without": "plan"}, "got without 'plan', expected a list, some of plan, warn, "),
+    ({"without": ["jump"]}, "got 'jump' in without, expected one of check, cleanup, constrain, correct, plan, "),
+    ({"without": "plan"}, "got without 'plan', expected a list, some of check, cleanup, "),
     ({"segments": []}, 'got no segments, expected a list such as [{"prompt": "a person walks", "seconds": 4}]'),
     ({"segments": [{"prompt": "walks"}] * 4}, "got 4 segments, expected at most 3"),
     ({"segments": [{"prompt": "walks", "seconds": -1}]}, "got seconds -1, expected a number from 0.2 to 120"),
     ({"segments": ["walks"]}, "got a text, expected a JSON object such as "),
-    ({"segments": [{"prompt": "walks", "length": 4}]}, "got the unknown field 'length'; docs/protocol.md lists all"),
+    ({"segments": [{"prompt": "walks", "length": 4}]}, "got the unknown field 'length', expected some of prompt, "),
     ({"trim": [[5, 0]]}, "got trim [[5, 0]], expected a list such as [[20, 60]]"),
-    ({"format": "exe"}, "got format 'exe', expected one of npz, npy, "),
+    ({"format": "exe"}, "got format 'exe', expected one of amass.npz, bvh, "),
     ({"character": "@"}, "got character '@', expected the bytes of a file in base64"),
     ({"motion": None}, "got no motion, expected an object with shape, joints and fps as /v1/generate returns it"),
     ({"seeds": [0, -1]}, "got -1 in seeds, expected a whole number from 0 to")])
@@ -139,4 +139,4 @@ def test_the_document_has_every_request_and_its_type(client):
     assert tuple(schemas[name]["properties"]) == TYPES[path.replace("-", "_")].__struct_fields__
   references = set(re.findall('"#/components/schemas/(.*?)"', json.dumps(document)))
   assert {"Motion", "Segment", "Error"} < references <= set(schemas)
-  assert openapi.described(LIMITS)["components"]["schemas"]["Generate"]["properties"]["prompt"]["maxLength"] == 30
+  assert openapi.document(LIMITS)["components"]["schemas"]["Generate"]["properties"]["prompt"]["maxLength"] == 30

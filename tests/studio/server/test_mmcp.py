@@ -12,8 +12,10 @@ from motion_jax.motion import rotations as rot
 from motion_jax.motion.contacts import feet_stand
 from motion_jax.motion.pose import Pose, pose_to_joints
 from motion_jax.motion.skeleton import HUMANML3D
+from motion_jax.utils.plugins import Registry
+from motion_jax_studio.mmcp import constraints
 from motion_jax_studio.pipeline import Pipeline
-from motion_jax_studio.server import mmcp_constraints
+from motion_jax_studio.server import app
 
 
 @pytest.fixture
@@ -83,10 +85,10 @@ def test_a_pose_of_mmcp_is_turned_as_replies_are():
   pose = to_pose(np.asarray(synthetic_clips(seed=0, num=1)[0].joints)[:9].astype(float))
   turns = {name: pose.rotations[8, i, [1, 2, 3, 0]].tolist() for i, name in enumerate(HUMANML3D.joints)}
   rows = [{"type": "pose_keyframe", "frame": 8, "joint_rotations": turns, "root_position": pose.root[8].tolist()}]
-  (found,), told = mmcp_constraints.read(rows, 20, 20.0)
+  (found,), told = constraints.read(rows, 20, 20.0)
   same = pose_to_joints(pose._replace(offsets=t_pose(), shifts=0 * pose.shifts))[8]
   assert np.abs(found.joints - same).max() < 1e-6 and found.place == "world" and not told and found.time == 0.4
-  (anywhere,), _ = mmcp_constraints.read([{name: value for name, value in rows[0].items() if name != "root_position"}],
+  (anywhere,), _ = constraints.read([{name: value for name, value in rows[0].items() if name != "root_position"}],
                                          20, 20.0)
   assert anywhere.place == "anywhere" and anywhere.joints[:, 1].min() == 0, "it stands on the floor"
 
@@ -109,7 +111,7 @@ def test_paths_and_hands_at_frames_of_another_rate_pass_their_points():
     places = [[0.01 * frame, 1.2, 0.0] for frame in frames]
     row = {"type": kind, "frames": frames} | ({"joint": "left_wrist", "positions": places} if joint else {
         "positions_xz": [place[::2] for place in places], "heading_radians": [0.0] * len(frames)})
-    signal = compile(mmcp_constraints.read([row], 200, fps)[0], 45, 20.0)
+    signal = compile(constraints.read([row], 200, fps)[0], 45, 20.0)
     given = signal.given[0, :, joint, 0]
     assert given[:20].all() and (not joint or not given[20:40].any() and given[40] and not given[41:].any())
     expected = 0.01 * fps / 20 * np.flatnonzero(given)
@@ -126,6 +128,13 @@ def test_rate_loop_and_guidance(client, request_body):
   found = tracks(client.post("/mmcp/generate", json=body).json(), 0)
   turn = found["rotation", 5]
   assert len(turn) == 40 and abs(turn[0] @ turn[-1]) > 0.99
+
+
+def test_a_studio_without_the_entry_point_has_no_mmcp(studio, protocols, monkeypatch):
+  paths = lambda: {route.path for route in studio.app()._app.router.routes}
+  assert set(protocols) == {"mmcp"} and "/mmcp" in paths()
+  monkeypatch.setattr(app, "PROTOCOLS", Registry("nothing", {}))
+  assert "/mmcp" not in paths() and "/v1/generate" in paths()
 
 
 @pytest.mark.parametrize("change, status, code", [

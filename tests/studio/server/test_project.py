@@ -21,14 +21,14 @@ PROJECT = {"format": "motion_jax project", "version": 1, "model": {"name": "tiny
 def test_a_project_is_what_its_requests_make(client, library):
   found = client.post("/v1/project", json=PROJECT).json()
   assert found == PROJECT | {"cleanup": True, "past": None, "control": None, "edits": [], "without": []}
-  made = project.made(found, library, Limits())
+  made = project.generate(found, library, Limits())
   body = {"segments": found["blocks"], "sampling": found["sampling"], "seed": 9, "model": "tiny"}
   asked = client.post("/v1/multi-prompt", json=body)
   assert (joints_of(asked.json()["motion"]) == made.joints).all()
-  other = project.made(found, library, Limits(), take=0)
+  other = project.generate(found, library, Limits(), take=0)
   assert other.meta["seed"] == 4 and not (other.joints == made.joints).all()
   with pytest.raises(InputError, match="got the take 2"):
-    project.made(found, library, Limits(), take=2)
+    project.generate(found, library, Limits(), take=2)
 
 
 def test_edits_are_done_in_their_order(library, monkeypatch):
@@ -37,9 +37,9 @@ def test_edits_are_done_in_their_order(library, monkeypatch):
       asked.append((pipeline.model.id, *rest)), clip)[1])
   edit = {"prompt": "a person kicks", "change": [[8, 16]], "seed": 2, "model": {"name": "editor", "id": "old@1234"}}
   told = []
-  found = project.checked(PROJECT | {"edits": [edit | {"take": 1}, edit | {"take": 0}, edit | {"take": 1, "seed": 3}]},
+  found = project.validate(PROJECT | {"edits": [edit | {"take": 1}, edit | {"take": 0}, edit | {"take": 1, "seed": 3}]},
                           Limits())
-  project.made(found, library, Limits(), notify=told.append)
+  project.generate(found, library, Limits(), notify=told.append)
   assert [row[4] for row in asked] == [2, 3] and asked[0][2] == [(8, 16)]
   assert "made with old@1234" in told[0]
 
@@ -48,12 +48,12 @@ def test_steps_of_a_project_are_left_out_of_its_blocks_and_edits(library, monkey
   given = []
   monkeypatch.setattr(project, "make_edit", lambda pipeline, clip, *rest: (given.append(rest[-1]), clip)[1])
   edit = {"prompt": "a person kicks", "change": [[8, 16]], "take": 1, "model": {"name": "editor", "id": ""}}
-  checked = project.checked(PROJECT | {"without": ["plan", "check"], "edits": [edit]}, Limits())
+  checked = project.validate(PROJECT | {"without": ["plan", "check"], "edits": [edit]}, Limits())
   assert checked["without"] == ["plan", "check"]
-  motion = project.made(checked, library, Limits())
+  motion = project.generate(checked, library, Limits())
   assert [row["step"] for row in motion.meta["steps"]] == ["sample", "cleanup"] and given == [{"plan", "check"}]
-  with pytest.raises(InputError, match="'pose' in without, expected one of plan, warn, cleanup"):
-    project.checked(PROJECT | {"without": ["pose"]}, Limits())
+  with pytest.raises(InputError, match="'pose' in without, expected one of check, cleanup"):
+    project.validate(PROJECT | {"without": ["pose"]}, Limits())
 
 
 @pytest.mark.slow
@@ -66,7 +66,7 @@ def test_the_command_line_makes_it_too(tmp_path, monkeypatch, capsys, client, li
   path.write_text(json.dumps(checked))
   monkeypatch.setattr(model_library, "_load", lambda name: library.model(name, "multi_prompt"))
   assert cli.main(["make", str(path), "--out", ",".join(map(str, outputs))]) == 0
-  motion = project.made(checked, library, Limits())
+  motion = project.generate(checked, library, Limits())
   assert (export.load(outputs[0]).joints == motion.joints).all() and motion.meta["control"] == ["root_path"]
   assert np.abs(motion.joints[-1, 0, [0, 2]] - [1.2, 1.4]).max() < 2e-3
   assert "a person waves" in capsys.readouterr().out

@@ -71,19 +71,19 @@ def test_a_missing_package_is_reported_before_anything_else(capsys, monkeypatch,
 
 def test_the_token_is_kept_for_the_user_alone(tmp_path):
   folder = tmp_path / "state"
-  token = server.kept_token(folder)
+  token = server.stored_token(folder)
   path = folder / "studio-token"
   assert len(token) >= 16 and path.stat().st_mode & 0o777 == 0o600
-  assert server.kept_token(folder) == token
+  assert server.stored_token(folder) == token
   path.chmod(0o640)  # others may have read it
-  assert (other := server.kept_token(folder)) != token and path.stat().st_mode & 0o777 == 0o600
+  assert (other := server.stored_token(folder)) != token and path.stat().st_mode & 0o777 == 0o600
   for content in ("", "short", "ä" * 20):
     path.write_text(content)
-    assert server.kept_token(folder) not in (content, other, "")
+    assert server.stored_token(folder) not in (content, other, "")
   blocked = tmp_path / "file"
   blocked.write_text("")
   for place in (blocked, blocked / "below"):
-    assert server.kept_token(place) != server.kept_token(place)
+    assert server.stored_token(place) != server.stored_token(place)
 
 
 def test_a_user_without_a_home_gets_a_token_and_no_cache(monkeypatch):
@@ -94,7 +94,7 @@ def test_a_user_without_a_home_gets_a_token_and_no_cache(monkeypatch):
   monkeypatch.setattr("pwd.getpwuid", nameless)
   for name in ("HOME", "XDG_STATE_HOME", "XDG_CACHE_HOME"):
     monkeypatch.delenv(name, raising=False)
-  assert len(server.kept_token()) >= 16 and server.kept_token() != server.kept_token()
+  assert len(server.stored_token()) >= 16 and server.stored_token() != server.stored_token()
   monkeypatch.setattr(cache, "_folder", None)
   cache.keep_in_user_cache()
   assert cache._folder is None

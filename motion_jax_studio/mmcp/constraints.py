@@ -21,8 +21,8 @@ _FIELDS = {"root_path": {"frames", "positions_xz", "heading_radians"},
 _ENDS = {HUMANML3D.joints[joint] for joint in range(22) if joint not in HUMANML3D.parents}
 
 
-class ConstraintError(ValueError):
-  """A refusal with a code of MMCP."""
+class MmcpError(InputError):
+  """A refusal with an HTTP status and a code of MMCP."""
 
   def __init__(self, status: int, code: str, message: str) -> None:
     super().__init__(message)
@@ -32,29 +32,29 @@ class ConstraintError(ValueError):
 def read(rows: Any, frames: int, fps: float, rate: float = 20.0) -> tuple[list[Constraint], list[str]]:
   """(our constraints, notes about unsupported parts) of a request's constraints.
 
-  frames: length of the motion at fps; rate: frames per second of the model. Raises ConstraintError.
+  frames: length of the motion at fps; rate: frames per second of the model. Raises InputError.
   """
   if rows is None:
     return [], []
   if not isinstance(rows, list) or len(rows) > MOST:
-    raise ConstraintError(422, "schema_validation", f"expected a list of at most {MOST} constraints")
+    raise InputError(f"expected a list of at most {MOST} constraints")
   constraints: list[Constraint] = []
   notes: list[str] = []
   for number, row in enumerate(rows):
     kind = row.get("type") if isinstance(row, dict) else None
     if not isinstance(kind, str):
-      raise ConstraintError(422, "schema_validation", f"constraint {number} has no type")
+      raise InputError(f"constraint {number} has no type")
     if kind not in KINDS:
-      raise ConstraintError(400, "unsupported_constraint", f"constraint {number}: got {kind[:40]!r}, this model takes "
+      raise MmcpError(400, "unsupported_constraint", f"constraint {number}: got {kind[:40]!r}, this model takes "
                             f"{', '.join(KINDS)}")
     unknown = set(row) - _FIELDS[kind] - {"type"}
     if unknown:
-      raise ConstraintError(422, "schema_validation", f"constraint {number} ({kind}): got the unknown field "
+      raise InputError(f"constraint {number} ({kind}): got the unknown field "
                             f"{str(min(unknown))[:40]!r}")
     try:
       constraints += _constraints(kind, row, frames, fps, rate, notes)
     except InputError as error:
-      raise ConstraintError(422, "schema_validation", f"constraint {number} ({kind}): {error}") from None
+      raise error if isinstance(error, MmcpError) else InputError(f"constraint {number} ({kind}): {error}") from None
   return constraints, list(dict.fromkeys(notes))
 
 
@@ -81,7 +81,7 @@ def _constraints(kind, row, frames, fps, rate, notes) -> list[Constraint]:
     notes.append("rotations of an effector_target are ignored, its positions are met")
   name = row.get("joint")
   if name not in HUMANML3D.joints:
-    raise ConstraintError(400, "unknown_joint", f"got the joint {str(name)[:40]!r}, expected one of the "
+    raise MmcpError(400, "unknown_joint", f"got the joint {str(name)[:40]!r}, expected one of the "
                           "canonical_skeleton")
   # Adjacent frames become one target with a curve, for several of them may map to one frame of the model.
   whole, cuts = EffectorTarget(name, times, places), np.flatnonzero(np.diff(times) > 1.5 / rate) + 1
@@ -96,7 +96,7 @@ def _pose(row: dict[str, Any], frames: int, fps: float, notes: list[str]) -> Key
     raise InputError("joint_rotations is missing")
   unknown = set(turns) - set(HUMANML3D.joints)
   if unknown:
-    raise ConstraintError(400, "unknown_joint", f"got the joint {str(min(unknown))[:40]!r}, expected those of the "
+    raise MmcpError(400, "unknown_joint", f"got the joint {str(min(unknown))[:40]!r}, expected those of the "
                           "canonical_skeleton")
   missing = sorted(set(HUMANML3D.joints) - set(turns) - _ENDS)
   fill = row.get("fill_mode", "generate")
@@ -123,7 +123,7 @@ def _frames(values: Any, frames: int) -> np.ndarray:
   if not isinstance(values, list) or not values or not all(type(value) is int for value in values):
     raise InputError(f"got the frames {str(values)[:40]}, expected whole numbers")
   if min(values) < 0 or max(values) >= frames:
-    raise ConstraintError(400, "frame_out_of_range", f"got frame {min(values) if min(values) < 0 else max(values)}, "
+    raise MmcpError(400, "frame_out_of_range", f"got frame {min(values) if min(values) < 0 else max(values)}, "
                           f"the motion has frames 0 to {frames - 1}")
   return np.array(values, float)
 

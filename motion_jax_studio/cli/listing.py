@@ -1,23 +1,15 @@
-"""motion-jax render, models and rigs: convert a motion file, list models and rigs."""
+"""motion-jax models and rigs: lists of models and of rigs, and the nearest rig of a file."""
 import pathlib
 import shlex
 
 from motion_jax.utils.errors import InputError
-from motion_jax_studio.cli import shared
+from motion_jax_studio.cli.reading import MOTION_HELP
 
 _MAKES = "text to motion"
 
 
 def add_to(commands):
   """Adds these sub-commands to those of `motion-jax`."""
-  render = commands.add_parser("render", help="convert a motion file to a film, a picture, a page or another format")
-  render.add_argument("file", help=f"motion file: {shared.MOTION_HELP}")
-  shared.add_out(render, None, "walk.mp4,walk.glb (FILE with .html)")
-  shared.add_reading(render)
-  shared.add_rig(render)
-  shared.add_film(render, "in every output format")
-  render.set_defaults(run=_render)
-
   models = commands.add_parser("models", help="list the shipped models with size, licence and speed; for a model, its "
                                "abilities and sampling defaults")
   models.add_argument("model", nargs="*", help="run folders or shipped models")
@@ -25,17 +17,10 @@ def add_to(commands):
 
   rigs = commands.add_parser("rigs", help="list the rigs that --rig can write; for a file, the nearest rig and a joint "
                              "mapping to fill in")
-  rigs.add_argument("file", nargs="?", help="a .bvh or .amc file whose joint names to look up")
+  rigs.add_argument("file", nargs="?", help=f"motion file whose joint names to look up: {MOTION_HELP}")
   rigs.add_argument("--write-mapping", metavar="FILE.json", help="write {our joint: the joint of the file} to correct "
                     "and fill in, for --mapping of the commands that read motion")
   rigs.set_defaults(run=_rigs)
-
-
-def _render(args):
-  outputs = shared.outputs_of(args, args.out or str(pathlib.Path(args.file).with_suffix(".html")))
-  clip = shared.read_motion(args.file, args)
-  print(f"{args.file}: {clip.num_frames} frames, {clip.seconds:.1f} s at {clip.fps:g} frames a second")
-  shared.save(args, [shared.trimmed(args, clip)], outputs)
 
 
 def _rigs(args):
@@ -43,7 +28,7 @@ def _rigs(args):
   if args.file:
     return _nearest_rig(args)
   if args.write_mapping:
-    raise InputError("got --write-mapping without a file, expected motion-jax rigs FILE.bvh --write-mapping FILE.json")
+    raise InputError("got --write-mapping without a file, expected motion-jax rigs FILE --write-mapping FILE.json")
   print("--rig NAME writes .bvh and .glb files with the joint names, tree and rest pose of another program:")
   for name, rig in all_rigs().items():
     also = f"; also {', '.join(rig.aliases)}" if rig.aliases else ""
@@ -56,17 +41,13 @@ def _rigs(args):
 def _nearest_rig(args):
   import json
 
-  from motion_jax.data.mocap.asf import read_amc
-  from motion_jax.data.mocap.bvh import read_bvh
+  from motion_jax.export.files import named_joints
   from motion_jax.rigs.joint_maps import mapping_template
   from motion_jax.utils.atomic import atomic_path
   path = pathlib.Path(args.file)
-  read = {".bvh": read_bvh, ".amc": read_amc}.get(path.suffix.lower())
-  if read is None:
-    raise InputError(f"got {path.name!r}, expected a .bvh or .amc file")
-  capture = read(path)
-  mapping, label = mapping_template(capture.names, capture.positions[:1], capture.parents)
-  print(f"{path}: {len(capture.names)} joints; nearest: {label or 'no rig that is known'}")
+  names, positions, parents = named_joints(path)
+  mapping, label = mapping_template(names, positions[:1], parents)
+  print(f"{path}: {len(names)} joints; nearest: {label or 'no known rig'}")
   for ours, theirs in mapping.items():
     print(f"  {ours:<16} {theirs or '(computed from other joints, or missing)'}")
   if args.write_mapping:

@@ -6,13 +6,14 @@ from motion_jax.utils import progress
 from motion_jax.utils.errors import InputError
 from motion_jax.utils.numerals import real, whole
 from motion_jax_studio import step_names
-from motion_jax_studio.cli import control, shared
+from motion_jax_studio.cli import control
 from motion_jax_studio.cli import generation_flags as flags
-from motion_jax_studio.cli.prompts import read_lines, read_sequences
-from motion_jax_studio.cli.session import Session, check_count, counted, print_made
+from motion_jax_studio.cli.parser import typed
+from motion_jax_studio.cli.prompts import check_count, read_lines, read_sequences
+from motion_jax_studio.cli.reading import MOTION_HELP, add_reading, read_motion, value_of
+from motion_jax_studio.cli.session import Session, counted, print_sampled
 
 _SECONDS = real(above=0, high=3600, unit="seconds")
-_PARTS = "legs, torso, left_arm, right_arm, head, with commas"
 
 
 def add_to(commands):
@@ -60,7 +61,7 @@ def _add_multi_prompt(commands):
 
 def _add_extend(commands):
   extend = commands.add_parser("extend", help="continue a motion file from a prompt")
-  extend.add_argument("file", help=f"motion to continue: {shared.MOTION_HELP}")
+  extend.add_argument("file", help=f"motion to continue: {MOTION_HELP}")
   extend.add_argument("--prompt", required=True, help="what happens next; several prompts as for multi-prompt")
   extend.add_argument("--seconds", type=_SECONDS, help="length of the new part in seconds, for a single prompt")
   extend.add_argument("--past-prompt", help="prompt of the motion in the file (default: its caption, else the new one)")
@@ -69,14 +70,14 @@ def _add_extend(commands):
                            "again in each step, as in the released code")
   flags.add_planning(extend)
   flags.add_steps(extend, step_names.EXTEND)
-  shared.add_reading(extend)
+  add_reading(extend)
   flags.add_common(extend, "extend", "extended.html", ("prompt", "seconds"))
   extend.set_defaults(run=_extend)
 
 
 def _add_edit(commands):
   edit = commands.add_parser("edit", help="regenerate selected frames or body parts of a motion file")
-  edit.add_argument("file", help=f"motion to edit: {shared.MOTION_HELP}")
+  edit.add_argument("file", help=f"motion to edit: {MOTION_HELP}")
   edit.add_argument("--prompt", required=True, help="what the person does in the new frames")
   part = edit.add_mutually_exclusive_group()
   part.add_argument("--task", choices=("inpainting", "outpainting", "prefix", "suffix"),
@@ -86,20 +87,21 @@ def _add_edit(commands):
                     help="regenerate this span and keep the rest: seconds (1.5s:3s), shares (25%%:0.5) or frames "
                          "(30:60); repeatable")
   part.add_argument("--keep", action="append", metavar="A:B", help="keep this span and regenerate the rest; repeatable")
-  edit.add_argument("--keep-parts", metavar="PARTS", help=f"keep these body parts ({_PARTS}) and regenerate the "
-                    "others, within --change or everywhere; works with any model")
+  edit.add_argument("--keep-parts", metavar="PARTS", type=typed(control.parts_of), help="keep these body parts (legs, "
+                    "torso, left_arm, right_arm, head, with commas) and regenerate the others, within --change or "
+                    "everywhere; works with any model")
   edit.add_argument("--no-paste", action="store_true", help="return kept frames as the autoencoder decodes them, "
                     "not as they are in the file")
   flags.add_attempts(edit)
   flags.add_steps(edit, step_names.EDIT)
-  shared.add_reading(edit)
+  add_reading(edit)
   flags.add_common(edit, "edit", "edited.html", ("prompt", "task", "change", "keep", "keep_parts", "max_attempts"))
   edit.set_defaults(run=_edit, model="cdamd-small")
 
 
 def _generate(args):
   lines = read_lines(args.prompt)
-  check_count(len(lines), args)
+  check_count(len(lines), args.num_samples)
   session = Session(args)
   constraints = control.constraints_of(args, session.model)
   run = session.pipeline.run(_requests(args, lines, session.model.fps), control=constraints or None,
@@ -107,7 +109,7 @@ def _generate(args):
                              **session.sampling)
   session.print_plans(next(run))
   motions = [*itertools.chain.from_iterable(run)]
-  print_made(motions)
+  print_sampled(motions)
   session.write(motions, constraints=constraints)
 
 
@@ -123,22 +125,23 @@ def _multi_prompt(args):
   from motion_jax_studio.batches import batches
   session = Session(args, "multi_prompt")
   lists = read_sequences(args.prompts, session.model.fps)
-  check_count(len(lists), args)
+  check_count(len(lists), args.num_samples)
   session.print_model(f"{counted(len(lists) * args.num_samples, 'motion')} of {counted(len(lists[0]), 'prompt')}")
-  rows = [(segments, args.seed + i) for segments in lists for i in range(args.num_samples)]
+  rows = [(segments, seed) for segments in lists for seed in session.seeds]
   motions = []
   for batch in progress.each(batches([_length(session.pipeline, segments) for segments, _ in rows], session.model.fps),
                              "generating motions", unit="batch"):
-    some, seeds = zip(*rows[batch])
-    motions += session.pipeline.multi_prompts(some, way=args.way, without=session.without, seeds=seeds, rest=args.rest,
-                                              hold_until_done=args.hold_until_done, ease=args.ease, **session.sampling)
+    segments, seeds = zip(*rows[batch])
+    motions += session.pipeline.multi_prompts(segments, way=args.way, without=session.without, seeds=seeds,
+                                              rest=args.rest, hold_until_done=args.hold_until_done, ease=args.ease,
+                                              **session.sampling)
   for caption in motions[0].captions if len(lists) == 1 else ():
     print(f"{caption.start:6.1f} to {caption.end:5.1f} s  {caption.text}")
   session.write(motions)
 
 
 def _extend(args):
-  clip = shared.read_motion(args.file, args)
+  clip = read_motion(args.file, args)
   session = Session(args, "extend")
   segments = _segments(args, session.model.fps)
   session.print_model(f"{clip.seconds:.1f} s of {args.file} to continue")
@@ -147,13 +150,14 @@ def _extend(args):
     raise InputError(f"got --{min(more).replace('_', '-')} for the model {session.model.id}, which has no such choice")
   extend = functools.partial(session.pipeline.extend, clip, segments, without=session.without, **more,
                              **session.sampling)
-  frames = clip.seconds * session.model.fps + _length(session.pipeline, segments)
-  session.write(session.each_seed(lambda seed: extend(seed=seed), frames))
+  session.write(session.each_seed(extend, clip.seconds * session.model.fps + _length(session.pipeline, segments)))
 
 
 def _segments(args, fps):
   """[(prompt, seconds)] with which `extend` continues a motion."""
-  segments = read_sequences(args.prompt, fps)[0]
+  segments, *others = read_sequences(args.prompt, fps)
+  if others:
+    raise InputError(f"got {1 + len(others)} lists of prompts in {args.prompt}, expected one to continue a motion with")
   if args.seconds is not None and len(segments) > 1:
     raise InputError("got --seconds for several prompts; write lengths after colons, as in \"walks:4 | sits:3\"")
   return segments if args.seconds is None else [(segments[0][0], args.seconds)]
@@ -161,28 +165,42 @@ def _segments(args, fps):
 
 def _edit(args):
   from motion_jax.models.results import colors_of
-  clip = shared.read_motion(args.file, args)
+  clip = read_motion(args.file, args)
   if not (args.task or args.change or args.keep or args.keep_parts):
     raise InputError("got nothing to regenerate; give --task, --change, --keep or --keep-parts")
   session = Session(args, None if args.keep_parts else "edit")
   if args.keep_parts:
-    return session.write(control.regenerate_parts(args, clip, session.pipeline, session.sampling))
+    return session.write(_regenerate_parts(args, clip, session))
   fps = session.model.fps
   session.print_model(f"{clip.seconds:.1f} s of {args.file} edited")
-  edit = functools.partial(_editor(args, session), clip, args.prompt, args.task, **_spans(args, clip, fps),
-                           **session.sampling)
-  motions = session.each_seed(lambda seed: edit(seed=seed), round(clip.seconds * fps))
+  frames = round(clip.seconds * fps)
+  spans = {name: _spans(f"--{name}", getattr(args, name), frames, fps) for name in ("keep", "change")}
+  motions = session.each_seed(functools.partial(_editor(args, session), clip, args.prompt, args.task, **spans,
+                                                **session.sampling), frames)
   for first, past in motions[0].meta["made"]:
     print(f"new frames: {first / fps:.1f} to {past / fps:.1f} s")
   return session.write(motions, colors=colors_of(motions[0]))
 
 
-def _spans(args, clip, fps):
-  """{"keep": spans or None, "change": spans or None} of --keep and --change."""
+def _regenerate_parts(args, clip, session):
+  """The motions of `edit --keep-parts`: body parts of the clip are kept, the prompt controls the others."""
+  from motion_jax.control.constraints import KeepParts
+  from motion_jax.models.shared.known_motion import at_rate
+  if args.task or args.keep:
+    raise InputError("got --keep-parts with --task or --keep; use --change for the span in which the other "
+                     "parts are regenerated")
+  fps = session.model.fps
+  joints = at_rate(clip, fps, session.model.stats.layout.skeleton)
+  spans = [[first / fps, past / fps] for first, past in _spans("--change", args.change, len(joints), fps) or ()] or None
+  return session.pipeline([args.prompt] * args.num_samples, seeds=session.seeds, without=session.without,
+                          control=[KeepParts(joints, args.keep_parts, fps, spans)], **session.sampling)
+
+
+def _spans(flag, texts, frames, fps):
+  """The spans of frames that a flag names, or None."""
   from motion_jax.models.shared.spans import spans_of
-  flag, texts = ("keep", args.keep) if args.keep else ("change", args.change or [])
-  with shared.value_of(f"--{flag}", " ".join(texts)):
-    return {"keep": None, "change": None} | {flag: spans_of(texts, round(clip.seconds * fps), fps) or None}
+  with value_of(flag, " ".join(texts or ())):
+    return spans_of(texts or [], frames, fps) or None
 
 
 def _editor(args, session):
