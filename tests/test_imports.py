@@ -37,7 +37,7 @@ LAYERS = {
         ("batches", "blending", "constraining", "editing", "resampling", "streaming"),
         ("steps",),
         ("pipeline",),
-        ("server",),
+        ("server", "composing"),
         ("client", "cli", "mmcp", "__init__")],
 }
 CORE = {"absl", "chex", "filelock", "flatbuffers", "flax", "jax", "jaxtyping", "jinja2", "lazy_loader",

@@ -7,8 +7,9 @@ import pytest
 from motion_jax import fit, runs
 from motion_jax.models import cmdm
 from motion_jax.models.shared import critic, motion_errors
+from motion_jax.models.shared.critic import seen
 from motion_jax.motion.representations import get_layout
-from motion_jax.nets.motion_critic import MotionCritic, seen
+from motion_jax.nets.motion_critic import MotionCritic
 from motion_jax.training import checkpoint
 from tests.conftest import load_config
 

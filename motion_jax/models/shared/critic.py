@@ -12,15 +12,30 @@ import jax.numpy as jnp
 from jaxtyping import Float
 from ml_collections import ConfigDict
 
+from motion_jax.metrics.physics import in_body_frame
 from motion_jax.models.shared import motion_errors
 from motion_jax.motion.representations import get_layout
-from motion_jax.nets.motion_critic import MotionCritic, seen
+from motion_jax.motion.skeleton import HUMANML3D, Skeleton
+from motion_jax.nets.motion_critic import MotionCritic
 from motion_jax.shapes import Array
 from motion_jax.training.checkpoint import CRITIC
 from motion_jax.training.stage import Stage
 
 _LAST = ("params", "decoder", "conv_out", "conv", "kernel")
 _MOST = 1e4  # of the ratio of gradients
+_SIZES = (0.5, 1.0, 10.0)  # m, m/s, m/s^2: what positions, velocities and accelerations are divided by
+
+
+def seen(joints: Float[Array, "b t j 3"], skeleton: Skeleton = HUMANML3D) -> Float[Array, "b t-2 n"]:
+  """What the critic sees of joints (B, T, J, 3): positions in the body's frame with the pelvis's height, and their
+  first two differences, which of the pelvis are those over the ground; (B, T - 2, 9 J)."""
+  metres, fps = joints * skeleton.unit, skeleton.fps
+  local = jax.vmap(lambda clip: in_body_frame(clip, skeleton))(metres)
+  local = local.at[:, :, 0, 1].set(metres[:, :, 0, 1])
+  velocity = jnp.diff(local, axis=1).at[:, :, 0].set(jnp.diff(metres[:, :, 0], axis=1)) * fps
+  acceleration = jnp.diff(velocity, axis=1) * fps
+  parts = [part / size for part, size in zip((local[:, 2:], velocity[:, 1:], acceleration), _SIZES)]
+  return jnp.concatenate([part.reshape(*part.shape[:2], -1) for part in parts], axis=-1)
 
 
 def with_critic(stage: Stage, config: ConfigDict) -> Stage:
