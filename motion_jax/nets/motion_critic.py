@@ -20,7 +20,7 @@ class MotionCritic(nn.Module):
 
   @nn.compact
   def __call__(self, x: Float[Array, "b t n"]) -> list[list[Float[Array, "b _ _"]]]:
-    """x (B, T, N) of numbers a frame -> for each stride the outputs of its layers, of which the last are scores (B, t, 1)."""
+    """x (B, T, N) -> for each stride the outputs of its layers, of which the last are the scores (B, t, 1)."""
     towers = []
     for stride in self.strides:
       y = nn.avg_pool(x, (stride,), (stride,)) if stride > 1 else x
