@@ -38,7 +38,7 @@ from motion_jax_studio.streaming import PlannedStream
 
 Step = Callable[[Job], None]
 Segments = Sequence[tuple[str, float | None]]  # prompts and their seconds
-STEPS = (steps.Plan(), steps.Warn(), steps.CleanUp(), steps.Sample(), steps.Pose(), steps.Correct(), steps.Check(),
+STEPS = (steps.PlanPrompts(), steps.Warn(), steps.CleanUp(), steps.Sample(), steps.Pose(), steps.Correct(), steps.Check(),
          steps.Constrain())
 
 

@@ -27,7 +27,7 @@ def name_of(step: Callable[[Job], None]) -> str:
 
 
 @dataclasses.dataclass(frozen=True)
-class Plan:
+class PlanPrompts:
   """Parses each prompt, once, into segments and simultaneous actions. Without it prompts go to the network as given."""
   name: ClassVar = "plan"
 

@@ -15,7 +15,7 @@ from motion_jax_studio.language import Segment, parse
 from motion_jax_studio.planning.standing import standing
 from motion_jax_studio.posing.corrections import corrected
 from motion_jax_studio.posing.postures import posed
-from motion_jax_studio.steps import Plan
+from motion_jax_studio.steps import PlanPrompts
 from tests.studio.posing.test_corrections import MODEL
 
 _yes, _no = lambda prompt: True, lambda prompt: False
@@ -105,7 +105,7 @@ def test_a_lean_beside_an_action_of_the_legs_is_left_to_the_network():
 def test_plans_with_constraints_stay_as_they_are():
   job = SimpleNamespace(planner=SimpleNamespace(plan=parse, with_postures=lambda plan: standing(plan, _no, _no)),
                         prompts=["a person claps"] * 2, plans=[None] * 2, constraints=[[], [object()]])
-  Plan()(job)
+  PlanPrompts()(job)
   assert [plan.is_plain for plan in job.plans] == [False, True]
 
 
