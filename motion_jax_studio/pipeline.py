@@ -95,7 +95,7 @@ class Pipeline:
     plan: judge a prompt action by action, not as a whole. postures: the pose step adds hand poses and leans, as in
     `pipeline(...)`; False for streams and lists of segments.
     """
-    return prompt_notes.notes_of(self.planner, [
+    return prompt_notes.notes_on(self.planner, [
         self.plan(prompt, postures) if plan and isinstance(prompt, str) else prompt for prompt in prompts], postures)
 
   def warn(self, prompts: Iterable[str | Plan], plan: bool = True, postures: bool = False) -> None:

@@ -15,7 +15,7 @@ from motion_jax_studio.language.words import letters, several_people
 _NAMED = 5  # most words of a note, and most notes of a call
 
 
-def notes_of(planner: Any, prompts: Iterable[str | Plan], postures: bool = True) -> list[str]:
+def notes_on(planner: Any, prompts: Iterable[str | Plan], postures: bool = True) -> list[str]:
   """Notes on prompts that a model may not perform as intended; a plan is judged action by action, a string as a whole.
 
   postures: the pose step adds leans and hand poses, so they need not be learned.

@@ -50,13 +50,13 @@ def report(prompts: Sequence[str], unmet: Sequence[Sequence[str]], attempts: int
   """Warn about motions that still violate requirements after all attempts."""
   failed = [(prompt, missing) for prompt, missing in zip(prompts, unmet) if missing]
   for prompt, missing in failed[:_NAMED]:
-    warnings.warn(note_of(attempts, missing, prompt), stacklevel=2)
+    warnings.warn(attempts_note(attempts, missing, prompt), stacklevel=2)
   if len(failed) > _NAMED:
     warnings.warn(f"{len(failed) - _NAMED} more motions do not show all of their prompts after {attempts} attempts",
                   stacklevel=2)
 
 
-def note_of(attempts: int, missing: Sequence[str], prompt: str) -> str:
+def attempts_note(attempts: int, missing: Sequence[str], prompt: str) -> str:
   """The warning about one motion: "4 attempts, no kick with the right leg seen ..."."""
   shown = prompt if len(prompt) <= 80 else prompt[:79] + "…"
   return f"{attempts} attempts, {', '.join(missing)} (prompt: {shown!r}); another seed may show it"

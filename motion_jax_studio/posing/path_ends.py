@@ -53,7 +53,7 @@ def is_free(constraint: Constraint) -> TypeGuard[RootPath]:
       constraint.between and not np.ndim(constraint.heading))
 
 
-def note_of(plan: Plan, constraints: Sequence[Constraint]) -> str:
+def path_note(plan: Plan, constraints: Sequence[Constraint]) -> str:
   """A note on an action in place, such as sitting down, that a path would carry along; "" if there is none."""
   far = any(is_free(constraint) and paths.length(constraint.points[:, [0, -1]]) > _FAR for constraint in constraints)
   if not far or moving_segments(plan) < len(plan.segments):
