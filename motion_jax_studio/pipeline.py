@@ -38,8 +38,8 @@ from motion_jax_studio.streaming import PlannedStream
 
 Step = Callable[[Job], None]
 Segments = Sequence[tuple[str, float | None]]  # prompts and their seconds
-STEPS = (steps.PlanPrompts(), steps.Warn(), steps.CleanUp(), steps.Sample(), steps.Pose(), steps.Correct(), steps.Check(),
-         steps.Constrain())
+STEPS = (steps.PlanPrompts(), steps.Warn(), steps.CleanUp(), steps.Sample(), steps.Pose(), steps.Correct(),
+         steps.Check(), steps.Constrain())
 
 
 class Pipeline:

@@ -134,9 +134,9 @@ class Correct:
   name: ClassVar = "correct"
 
   def __call__(self, job: Job) -> None:
-    for i, (plan, required) in enumerate(zip(job.plans, job.required)):
+    for i, (plan, requirements) in enumerate(zip(job.plans, job.requirements)):
       if plan is not None and not job.guided[i] and can_be_checked(job.model):
-        _changed(job, i, self.name, corrected(job.model, job.motions[i], required))
+        _changed(job, i, self.name, corrected(job.model, job.motions[i], requirements))
 
 
 def _changed(job, row, step, motion):

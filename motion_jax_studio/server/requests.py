@@ -166,7 +166,8 @@ def notes_of(motions: Sequence[Any]) -> list[str]:
   several, notes = len(motions) > 1, [motion.meta["note"] for motion in motions[:1] if motion.meta.get("note")]
   for i, motion in enumerate(motions):
     if unmet := motion.meta.get("unmet"):
-      notes.append(f"take {i + 1}: " * several + attempts_note(len(motion.meta["attempts"]), unmet, motion.meta["prompt"]))
+      note = attempts_note(len(motion.meta["attempts"]), unmet, motion.meta["prompt"])
+      notes.append(f"take {i + 1}: " * several + note)
   return notes
 
 
