@@ -27,7 +27,7 @@ _SLIDES = 0.3     # metres per second, largest average speed of the slower foot,
 _SHORTEST = 0.5  # seconds; an action can be seen only in longer spans
 
 
-class Made(NamedTuple):
+class Edit(NamedTuple):
   """An edited motion, and the distortion of its new frames by bone lengths and foot skating: 0 if they are good."""
   motion: Motion
   distortion: float
@@ -55,7 +55,7 @@ def edited(job: Job, clips: Sequence[Any], new: Callable[[int], np.ndarray], max
     if keeps_legs[row] and sliding(motion):
       motion = on_own_legs(motion, edits[row].known.joints, partial(pasting.features_of_edit, model, edits[row]))
     slides = 0.0 if any(requirement.kind == "run" for requirement in required[row]) else sliding(motion)
-    return Made(motion, _distortion(model, features, edits[row].new_in_window) + slides)
+    return Edit(motion, _distortion(model, features, edits[row].new_in_window) + slides)
 
   def attempts(rows, number, factor):
     part = job.select(rows, keys=resampling.keys_again(job, rows, number),

@@ -56,7 +56,7 @@ def sides_of(words: Sequence[str]) -> tuple[str, ...]:
 
 
 @functools.lru_cache(maxsize=1 << 12)
-def postures_of(text: str) -> frozenset[str]:
+def limb_postures(text: str) -> frozenset[str]:
   """Words of a limb pose that is kept during an action: {"arm", "stretch", "out"} of "walks with the arms stretched
   out", none of "jumps with both feet"."""
   postures: set[str] = set()

@@ -139,7 +139,7 @@ def _action(clause, subject):
   said = [word for word in lower(clause.words) if word.isalpha()]
   in_the_past = _is_past(clause) and (not clause.subject or clause.subject[-1].lower() in lexicon.PEOPLE)
   rest = set(said) - lexicon.SHORT_TIMES
-  keeps_a_limb = bool(actions.postures_of(words))
+  keeps_a_limb = bool(actions.limb_postures(words))
   stands = clause.verb in ("stand", "stay") and said[:1] == ["still"] or (
       clause.verb == "stand" and not clause.words and not is_participle(clause.form))
   pauses = clause.verb in lexicon.PAUSING_VERBS and not (clause.verb == "rest" and rest) or (

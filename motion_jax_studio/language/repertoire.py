@@ -17,7 +17,7 @@ from motion_jax.text.morphology import base_form, possible_bases, verb_of
 from motion_jax.text.tagger import tag_words
 from motion_jax.utils import cache
 from motion_jax_studio.language import lexicon
-from motion_jax_studio.language.actions import postures_of
+from motion_jax_studio.language.actions import limb_postures
 from motion_jax_studio.language.hand_places import without_hands
 from motion_jax_studio.language.meaning import kind_of
 from motion_jax_studio.language.parser import parse
@@ -119,11 +119,11 @@ class Repertoire:
     if any(action.verb in _LEAPS for action in plan.actions):
       things |= _ways(said)
     if not any(action.part == "arms" or action.verb in lexicon.LIMB_OF_ACTION for action in plan.actions):
-      things |= postures_of(said)  # not for "waves with the right hand up"
+      things |= limb_postures(said)  # not for "waves with the right hand up"
     if _UNNAMED.search(said) and any(action.part == "arms" for action in plan.actions):
       things |= {"thing"}  # "throws an object"
     alike = [phrase for phrase in near
-             if things <= _things(phrase) | _places(phrase) | _ways(phrase) | postures_of(phrase)]
+             if things <= _things(phrase) | _places(phrase) | _ways(phrase) | limb_postures(phrase)]
     equal = bool(alike) and nearest[0][0] >= _EQUAL and nearest[0][1] == alike[0]
     few = len(alike) <= _FEW and not equal or bool(self.rare_words(plan))
     return Judgement(bool(near) and same, bool(near) and few, nearest)
