@@ -172,5 +172,6 @@ NEGATIONS = {"without", "not", "no", "never", "nor", "don't", "doesn't"}
 
 # --- paths ------------------------------------------------------------------------------------------------------------
 
-STAYING_VERBS = set("sit stand stop rest wait stay pause halt squat crouch kneel lie kick jump bow lean".split())
+# Verbs of actions on the spot; a jump may also go somewhere.
+STAYING_VERBS = set("sit stand stop rest wait stay pause halt squat crouch kneel lie kick bow lean".split())
 NO_DIRECTION = {"forward", "forwards", "ahead", "back", "away", "on"}

@@ -102,7 +102,7 @@ def path_shapes_of(actions: Sequence[Any]) -> list[PathShape]:
   With a separate turn only the pace is kept; "makes a u-turn" gives its shape to a walk without one.
   """
   moving = [action for action in actions
-            if action.part in ("legs", "body", "") and action.verb not in lexicon.STAYING_VERBS]
+            if action.part in ("legs", "body", "") and action.verb not in lexicon.STAYING_VERBS | {"jump"}]
   turns = any(is_a(action.verb, *_TURNS) for action in moving)
   going = [action for action in moving if action.verb not in lexicon.LIGHT_VERBS and not is_a(action.verb, *_TURNS)]
   for action in moving:

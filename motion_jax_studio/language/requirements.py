@@ -124,8 +124,8 @@ def _states(actions):
 
 def _places(actions, shapes):
   """Requirements on where the body goes: in place or to a side, by the only action that moves it, or back."""
-  going = [action for action in actions if action.part in ("legs", "body", "") and (
-      action.verb not in lexicon.STAYING_VERBS or action.verb == "jump")]
+  going = [action for action in actions
+           if action.part in ("legs", "body", "") and action.verb not in lexicon.STAYING_VERBS]
   gaits = [is_gait(action.verb) or action.verb in ("go", "return", "come") for action in going]
   bent = any(shape.kind in BENT for shape in shapes)
   if len(going) == 1 and going[0].part == "legs":

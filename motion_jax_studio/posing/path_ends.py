@@ -10,11 +10,10 @@ from motion_jax.control import paths
 from motion_jax.control.constraints import Constraint, RootPath
 from motion_jax.models.results import Motion
 from motion_jax_studio.language import Plan
-from motion_jax_studio.language.lexicon import LOW
+from motion_jax_studio.language.lexicon import LOW, STAYING_VERBS
 from motion_jax_studio.language.path_shapes import is_gait
 from motion_jax_studio.planning import durations
 
-_STAYS = {"sit", "stand", "stop", "rest", "wait", "stay", "pause", "squat", "crouch", "kneel", "lie", "kick", "bow"}
 _FAR = 0.5      # metres; a longer path does not fit an action in place
 _SLOW, _STOPS = 0.3, 1.5  # metres a second of a body that has stopped, and seconds within which it stops
 _POINTS = 40    # way points of a path with times
@@ -66,7 +65,7 @@ def path_note(plan: Plan, constraints: Sequence[Constraint]) -> str:
 def _stays(segment):
   def stays(action):
     words = set(action.words.lower().split())
-    return action.verb in _STAYS and not words & {"forward", "forwards", "sideways", "around"} or (
+    return action.verb in STAYING_VERBS and not words & {"forward", "forwards", "sideways", "around"} or (
         action.part in ("arms", "head", "torso"))
   return segment.is_pause or all(map(stays, (segment.action, *segment.simultaneous)))
 
