@@ -3,7 +3,7 @@ from typing import NamedTuple
 
 from motion_jax.text.morphology import is_participle, is_past, verb_of
 from motion_jax.text.tagger import tag_words
-from motion_jax_studio.language import actions, lexicon
+from motion_jax_studio.language import lexicon, parts
 from motion_jax_studio.language.counting import with_steps
 from motion_jax_studio.language.light_verbs import reworded
 
@@ -23,8 +23,8 @@ class Clause(NamedTuple):
 
   @property
   def part(self) -> str:
-    """The body part that acts (`actions.part_of`)."""
-    return actions.part_of(self.verb, lower(self.words))
+    """The body part that acts (`parts.part_of`)."""
+    return parts.part_of(self.verb, lower(self.words))
 
 
 def clause_of(tokens):
@@ -54,7 +54,7 @@ def clause_of(tokens):
   before += [token for token in tokens[start + 1:head] if token.lower().endswith("ly")]
   form, after = tokens[head].lower(), tokens[head + 1:]
   who = lower(subject)
-  if "with" in who and who[0] != "with" and not lexicon.LIMBS.isdisjoint(who) and actions.part_of(verb, ()) == "legs":
+  if "with" in who and who[0] != "with" and not lexicon.LIMBS.isdisjoint(who) and parts.part_of(verb, ()) == "legs":
     kept = who.index("with")  # "a person with both arms up walks"; arms that act themselves do not stay so
     subject, after = subject[:kept], [*after, *subject[kept:]]
   if is_past(form) and (lexicon.BEING | {"be"}) & set(words[start:head]):  # "is pushed"
@@ -136,7 +136,7 @@ def can_be_simultaneous(group, clause):
     if not member.part or not clause.part or {member.part, clause.part} == {"legs", "body"}:
       return False
     if member.part == clause.part:
-      sides, others = (actions.sides_of(lower(x.words)) for x in (member, clause))
+      sides, others = (parts.sides_of(lower(x.words)) for x in (member, clause))
       if member.part != "arms" or not sides or not others or set(sides) & set(others):
         return False
   return True

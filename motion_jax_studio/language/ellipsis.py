@@ -5,12 +5,12 @@ Two lists of rules, both tried in order: `_CONTINUATIONS` after any connector, `
 import re
 
 from motion_jax_studio.language import lexicon
-from motion_jax_studio.language.actions import sides_of
 from motion_jax_studio.language.clause import Clause, lower
 from motion_jax_studio.language.counting import without_times
 from motion_jax_studio.language.light_verbs import reworded
 from motion_jax_studio.language.meaning import is_a
-from motion_jax_studio.language.words import said
+from motion_jax_studio.language.parts import sides_of
+from motion_jax_studio.language.words import normalize
 
 _SLOWER, _FASTER = {"slow", "slows", "decelerates", "slower"}, {"speed", "speeds", "accelerates", "faster", "pace"}
 _PACE_WORDS = _SLOWER | _FASTER | set("goes gets up down gradually suddenly then slowly quickly abruptly picks again "
@@ -71,7 +71,7 @@ def _continuing(done, kind, tokens):
 
 
 def _change_of_pace(done, kind, tokens):
-  previous, words = done[-1], set(said(tuple(lower(tokens))).split())
+  previous, words = done[-1], set(normalize(tuple(lower(tokens))).split())
   if not words & (_SLOWER | _FASTER) or not words <= _PACE_WORDS or not _is_gait(previous.verb):
     return None
   if gait := words & {"walk", "run", "jog", "sprint"}:

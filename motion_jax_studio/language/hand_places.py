@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from motion_jax_studio.language import lexicon
-from motion_jax_studio.language.words import before, first_of, said, says, tokens
+from motion_jax_studio.language.words import has_phrase, lookup, normalize, tokens, until
 
 _BOTH = ("left", "right")
 _WHOSE = lexicon.POSSESSIVES | {"of", "the", "both", "a", "an", "one"}
@@ -123,16 +123,16 @@ def _added_limb(words):
 
 def _place_of(words, sides):
   """The place that words about a hand name; None if they name none."""
-  plain = said(word for at, word in enumerate(words) if word not in ("each", "both", "either", "opposite") and not (
-      word in _BOTH and words[at + 1:]))
+  plain = normalize(word for at, word in enumerate(words)
+                    if word not in ("each", "both", "either", "opposite") and not (word in _BOTH and words[at + 1:]))
   for level in _LEVELS:
     plain = plain.replace(f" {level} ", f"-{level} ").replace(f"-{level} ", f"-{level} {level} ")
   if " from " in plain and plain.startswith((" lower", " drop")):
     return "down"
-  at_a_part = said("@" if word in _AT else word for word in plain.replace("top of", "on").replace(
+  at_a_part = normalize("@" if word in _AT else word for word in plain.replace("top of", "on").replace(
       "front of", "on").split())
-  aside = " raised aside " if says(plain, _ASIDE) and says(plain, _RAISED) else ""
-  place = first_of(_PLACES, plain + at_a_part + aside)
+  aside = " raised aside " if has_phrase(plain, _ASIDE) and has_phrase(plain, _RAISED) else ""
+  place = lookup(_PLACES, plain + at_a_part + aside)
   return "front" if place == "out" and plain.startswith(" reach") else _resolved(place or None, sides)
 
 
@@ -151,10 +151,10 @@ def _brought(words, sides, at_once=False, alone=True):
 def hand_place_of(verb: str, part: str, sides: tuple[str, ...], times: int, text: str) -> HandPlace | None:
   """The hand pose or gesture of an action; None if its words name none. sides: the arms that it names."""
   words = tokens(text)
-  whole = said(words)
-  if says(whole, _CARRY):
+  whole = normalize(words)
+  if has_phrase(whole, _CARRY):
     return None
-  if says(said(words[:6]), "t pose, t-pose"):
+  if has_phrase(normalize(words[:6]), "t pose, t-pose"):
     return HandPlace("side", _BOTH, True, verb not in _BRINGS)
   start = next((at for at, word in enumerate(words) if not word.endswith("ly")), 0)
   rest = words[start + 1:]
@@ -186,7 +186,7 @@ def _hands_brought(verb, form, rest, sides):
     place = _brought((*form, *_until_end(after)), (), alone=_until_end(after) == after)
     if place:
       return place._replace(again=True)
-  place = first_of(_TO_THE_HEAD, said(rest))
+  place = lookup(_TO_THE_HEAD, normalize(rest))
   return place and HandPlace(place, sides or ("right",), False, alone=False)
 
 
@@ -198,20 +198,21 @@ def _until_end(words):
 
 def _thing(words):
   """The single word that is touched: ("head",) of "the right side of his head or neck with a hand"; () for others."""
-  thing = said(before((".", *words), {"with", "or"})[1:]).replace(" left side of ", " ").replace(" right side of ", " ")
+  thing = normalize(until((".", *words), {"with", "or"})[1:])
+  thing = thing.replace(" left side of ", " ").replace(" right side of ", " ")
   return tuple(thing.split()) if len(thing.split()) == 1 else ()
 
 
 def _gesture_of(verb, part, sides, times, words):
   """The gesture of an action of the arms, None of other actions."""
   limb = next((word.removesuffix("s") for word in words if word.removesuffix("s") in ("arm", "hand", "forearm")), "")
-  text = said(words)
-  circles = says(text, _CIRCLES) or verb == "rotate" and limb == "arm"
+  text = normalize(words)
+  circles = has_phrase(text, _CIRCLES) or verb == "rotate" and limb == "arm"
   if limb and verb in _CIRCLING and circles and _NO_CIRCLE.isdisjoint(words):
-    way = _OF_ARMS if limb == "arm" and not says(text, _SMALL) else _OF_HANDS
-    way = way[::-1] if says(text, "backward, backwards, reverse") else way
+    way = _OF_ARMS if limb == "arm" and not has_phrase(text, _SMALL) else _OF_HANDS
+    way = way[::-1] if has_phrase(text, "backward, backwards, reverse") else way
     return HandPlace("", sides or ("right",), False, gesture=way * times, rhythm=times == 1, flows=True)
-  if part != "arms" or not _NO_GESTURE.isdisjoint(before(words, {"with"})):
+  if part != "arms" or not _NO_GESTURE.isdisjoint(until(words, {"with"})):
     return None
   if verb in _AGAIN_AND_AGAIN:
     rhythm = _AGAIN_AND_AGAIN[verb]
@@ -243,7 +244,7 @@ def places_of(segments: Sequence[Any]) -> list[dict[int, HandPlace]]:
     placed, busy = {}, set()
     hands = [action.sides for action in segment.actions if action.part == "arms" and action.sides]
     for number, action in enumerate(segment.actions):
-      place = action.hands
+      place = action.slots.hands
       if place and (last is not None or not place.again):
         sides = place.sides or last or ("right",)
         placed[number] = place._replace(sides=sides, place=_resolved(place.place, sides))

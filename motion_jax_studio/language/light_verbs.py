@@ -12,7 +12,7 @@ from motion_jax_studio.language import lexicon
 from motion_jax_studio.language.counting import without_times
 from motion_jax_studio.language.hand_places import limb_at
 from motion_jax_studio.language.meaning import pace_of
-from motion_jax_studio.language.words import said
+from motion_jax_studio.language.words import normalize
 
 _UP = {"up", "overhead", "air", "sky", "head"}
 _UPWARD = _UP | lexicon.NUMBERS.keys() | set(
@@ -47,7 +47,7 @@ def _action(verb, words, times=1):
 
 
 def _start_in_a_posture(verb, words, lower):
-  postures = [word for word in said(lower).split() if word not in _TO_A_POSTURE]
+  postures = [word for word in normalize(lower).split() if word not in _TO_A_POSTURE]
   if verb not in ("start", "begin", "return") or len(postures) != 1:
     return None
   posture = "sit" if postures == ["seated"] else verb_of(postures[0])

@@ -18,7 +18,7 @@ from motion_jax.text.lexicon import ACTIONS, VERBS
 from motion_jax.text.morphology import is_participle, possible_bases, present_participle, third_person, verb_of
 from motion_jax.text.wordnet import Target
 from motion_jax_studio.language import lexicon
-from motion_jax_studio.language.actions import part_of
+from motion_jax_studio.language.parts import part_of
 from motion_jax_studio.language.words import letters
 
 SURE = SYNONYM  # confidence from which a verb is replaced

@@ -1,6 +1,6 @@
 """Clauses in the order of time: groups of simultaneous ones, one group after the other, all of one subject."""
 from motion_jax.text.morphology import is_participle
-from motion_jax_studio.language import actions, lexicon
+from motion_jax_studio.language import lexicon, parts
 from motion_jax_studio.language.clause import can_be_simultaneous, lower
 
 
@@ -57,17 +57,17 @@ def _and_is_simultaneous(group, clause):
     return False
   # "picks it up and walks on", "walks to the door and opens it"
   if any(member.part == "arms" and member.verb != "lift" and not (
-      actions.stays_low(member.verb, member.part, lower(member.words)))
+      parts.stays_low(member.verb, member.part, lower(member.words)))
          or _is_at_a_thing(member) and lexicon.IDLE.isdisjoint(other.verb for other in every) for member in every):
     return False
-  parts = {member.part for member in every}
-  if "body" in parts:
+  moving = {member.part for member in every}
+  if "body" in moving:
     return all(is_participle(member.form) for member in every)  # "dancing and clapping"
-  if "legs" in parts:
-    return parts <= {"legs", "arms", "head"} and all(  # "is sitting and clapping"
-        actions.is_continuous(member.verb, lower(member.words)) or is_participle(member.form)
+  if "legs" in moving:
+    return moving <= {"legs", "arms", "head"} and all(  # "is sitting and clapping"
+        parts.is_continuous(member.verb, lower(member.words)) or is_participle(member.form)
         for member in every if member.part == "legs")
-  return parts == {"arms", "head"} or parts == {"arms"} and {member.verb for member in every} <= lexicon.ONE_ARM_EACH
+  return moving == {"arms", "head"} or moving == {"arms"} and {member.verb for member in every} <= lexicon.ONE_ARM_EACH
 
 
 def _is_at_a_thing(clause):

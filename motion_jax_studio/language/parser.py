@@ -11,7 +11,8 @@ import re
 from collections.abc import Callable
 
 from motion_jax.text.morphology import is_participle, is_past, third_person, verb_of
-from motion_jax_studio.language import actions, lexicon
+from motion_jax_studio.language import lexicon, parts
+from motion_jax_studio.language.actions import Action, Segment, pause, still
 from motion_jax_studio.language.clause import lower
 from motion_jax_studio.language.clauses import clauses_of, fragments_of, parts_of
 from motion_jax_studio.language.hand_places import without_hands
@@ -20,7 +21,7 @@ from motion_jax_studio.language.meaning import Meanings, is_a, translated
 from motion_jax_studio.language.ordering import in_order, subject_of
 from motion_jax_studio.language.plan import Plan
 from motion_jax_studio.language.poses import holding, is_hold, with_poses
-from motion_jax_studio.language.segments import Action, Segment, pause
+from motion_jax_studio.language.words import normalize
 
 _WHERE_TO = {"to", "the", "where", "toward", "towards", "in"}  # after "walks back"
 _NOT_FORWARD = frozenset("backward backwards back sideways turns turn circle around diagonally".split())
@@ -32,20 +33,20 @@ def parse(text: str, known: Callable[[str], bool] | None = None, meanings: Meani
   known(words): whether a model has learned these words as one action; they stay together ("walks and turns left"), as
   does any walk with the turn to a side after it. meanings: replacements of verbs that the model does not know.
   """
-  parts = parts_of(fragments_of(text))
+  clauses = parts_of(fragments_of(text))
   whole = [_action(clause, lower(clause.subject) or lexicon.DEFAULT_SUBJECT) if clause else None
-           for _, clause in _clauses(parts, meanings, lambda text: True)]
-  split = _segments(text, _clauses(parts, meanings))
+           for _, clause in _clauses(clauses, meanings, lambda text: True)]
+  split = _segments(text, _clauses(clauses, meanings))
   segments = split if known is None else _on_the_way(
-      None if known(text) else _segments(text, _clauses(parts, meanings, known)), text)
+      None if known(text) else _segments(text, _clauses(clauses, meanings, known)), text)
   actions_ = tuple(filter(None, whole)) if split is None else tuple(
       action for segment in split for action in (segment.action, *segment.simultaneous))
   plain = (Segment(Action(text, text)),)
   return Plan(text, segments or plain, actions_, whole[0] if len(whole) == 1 else None, split or plain)
 
 
-def _clauses(parts, meanings, keep_together=None):
-  return [(kind, clause and translated(clause, meanings)) for kind, clause in clauses_of(parts, keep_together)]
+def _clauses(clauses, meanings, keep_together=None):
+  return [(kind, clause and translated(clause, meanings)) for kind, clause in clauses_of(clauses, keep_together)]
 
 
 def _segments(text, joined):
@@ -70,16 +71,15 @@ def _with_ways_back(segments):
   changed = list(segments)
   for place, (turn, back) in enumerate(zip(segments, segments[1:])):
     turning, walking = turn.action, back.action
-    if not (walking.leads_back and is_a(walking.verb, "walk", "run")) or turning.verb not in lexicon.TURNING:
+    if not (walking.slots.leads_back and is_a(walking.verb, "walk", "run")) or turning.verb not in lexicon.TURNING:
       continue
     sides = {"left", "right"} & set(turning.words.lower().split())
     words = " ".join(["turns around", *(f"to the {side}" for side in sides if len(sides) == 1)])
-    changed[place] = turn._replace(action=turning._replace(
-        prompt=f"{turning.subject} {words}", words=words, part="legs", verb="turn", reworded=True))
+    changed[place] = turn._replace(action=turning.replace(
+        words=words, part="legs", verb="turn", reworded=True))
     way, rest = walking.words.lower().split("back", 1)
     words = f"{way}forward{'' if _WHERE_TO & {*rest.split()[:1]} else rest}"
-    changed[place + 1] = back._replace(action=walking._replace(
-        prompt=f"{walking.subject} {words}", words=words, reworded=True, goes_back=True))
+    changed[place + 1] = back._replace(action=walking.replace(words=words, reworded=True, goes_back=True))
   return changed
 
 
@@ -91,15 +91,21 @@ def _on_the_way(segments, text):
     before, turn = joined[-1] if joined else None, segment.action
     walks_on = after is not None and is_a(after.action.verb, "walk", "run")
     if before and _goes_on(before) and not any((walks_on, segment.simultaneous, segment.seconds, turn.times > 1)) and (
-        turn.is_turn_to_a_side):
+        _is_turn_to_a_side(turn)):
       words = f"{before.action.words} and {turn.words}"
-      words = " ".join(words.split()[:-3]) if turn.said.endswith(" on way ") else words
-      joined[-1] = before._replace(action=before.action._replace(
-          prompt=f"{before.action.subject} {words}", words=words,
-          reworded=before.action.reworded or turn.reworded and "turn" not in text.lower()))
+      words = " ".join(words.split()[:-3]) if normalize(turn.words).endswith(" on way ") else words
+      joined[-1] = before._replace(action=before.action.replace(
+          words=words, reworded=before.action.reworded or turn.reworded and "turn" not in text.lower()))
     else:
       joined.append(segment)
   return tuple(joined) if joined and not Plan(text, tuple(joined)).is_plain else None
+
+
+def _is_turn_to_a_side(action):
+  """Whether it is a turn to the left or right and no more: "turns sharply to the left on his way"."""
+  words = normalize(action.words).removesuffix("on way ").split()
+  return [word for word in words if word != "to" and not word.endswith("ly")] in (
+      [turn, side] for turn in ("turn", "turns") for side in ("left", "right"))
 
 
 def _goes_on(segment):
@@ -111,11 +117,11 @@ def _goes_on(segment):
 
 def _segment(group, subject):
   """The Segment of simultaneous clauses; the one whose part comes first in PARTS is the base of the motion."""
-  ordered = sorted(group, key=lambda clause: actions.PARTS.index(clause.part) if clause.part else -1)
+  ordered = sorted(group, key=lambda clause: parts.PARTS.index(clause.part) if clause.part else -1)
   acting = []
   for clause in ordered:
     action = _action(clause, subject)
-    acting += _with_hands_up(action) if action.part == "legs" and action.hands else [action]
+    acting += _with_hands_up(action) if action.part == "legs" and action.slots.hands else [action]
   seconds = [clause.seconds for clause in ordered if clause.seconds is not None]
   if not seconds and acting[0].words in (PAUSE, HOLD):
     words = " ".join(lower(ordered[0].words))
@@ -125,12 +131,12 @@ def _segment(group, subject):
 
 def _with_hands_up(action):
   """[the action without "with the right hand raised", the raised hand as a pose]; else [the action]."""
-  prompt, sides = without_hands(action.prompt), action.hands.sides
-  if action.hands.place != "up" or not action.hands.at_once or prompt == action.prompt:
+  prompt, sides = without_hands(action.prompt), action.slots.hands.sides
+  if action.slots.hands.place != "up" or not action.slots.hands.at_once or prompt == action.prompt:
     return [action]
   raised = "raises both hands" if len(sides) == 2 else f"raises the {sides[0]} hand"
-  return [action._replace(words=prompt.removeprefix(f"{action.subject} "), prompt=prompt),
-          Action(f"{action.subject} {raised}", raised, "arms", sides, is_pose=True, subject=action.subject)]
+  return [action.replace(words=prompt.removeprefix(f"{action.subject} ")),
+          Action.of(action.subject, raised, "arms", sides=sides, is_pose=True)]
 
 
 def _action(clause, subject):
@@ -139,20 +145,20 @@ def _action(clause, subject):
   said = [word for word in lower(clause.words) if word.isalpha()]
   in_the_past = _is_past(clause) and (not clause.subject or clause.subject[-1].lower() in lexicon.PEOPLE)
   rest = set(said) - lexicon.SHORT_TIMES
-  keeps_a_limb = bool(actions.limb_postures(words))
+  keeps_a_limb = bool(parts.limb_postures(words))
   stands = clause.verb in ("stand", "stay") and said[:1] == ["still"] or (
       clause.verb == "stand" and not clause.words and not is_participle(clause.form))
   pauses = clause.verb in lexicon.PAUSING_VERBS and not (clause.verb == "rest" and rest) or (
       clause.verb in ("finish", "quit") and not said)
   if (stands or pauses) and not keeps_a_limb:
-    return Action(f"{who} {PAUSE}", PAUSE, "legs", verb="stand", reworded=clause.reworded, subject=who)
+    return still(who, reworded=clause.reworded)
   if pauses:  # "stops with the arms crossed"
     clause = clause._replace(verb="stand", form="stand", words=["still", *clause.words])
     words = _words_of(clause, subject)
   if is_hold(clause.verb, rest):
-    return Action(f"{who} {words}", HOLD, "legs", verb="stand", subject=who)
-  return Action(f"{who} {words}", words, clause.part, actions.sides_of(lower(clause.words)), clause.times, clause.verb,
-                reworded=clause.reworded or in_the_past, counts_steps=clause.steps, subject=who)
+    return still(who, HOLD).replace(prompt=f"{who} {words}")
+  return Action.of(who, words, clause.part, sides=parts.sides_of(lower(clause.words)), times=clause.times,
+                   verb=clause.verb, reworded=clause.reworded or in_the_past, counts_steps=clause.steps)
 
 
 def _is_past(clause):

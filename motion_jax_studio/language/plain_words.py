@@ -7,10 +7,10 @@ for they may hide the action: in captures, the hands of old people wave below th
 from collections.abc import Sequence
 
 from motion_jax_studio.language import lexicon
-from motion_jax_studio.language.actions import sides_of
+from motion_jax_studio.language.actions import Action
+from motion_jax_studio.language.parts import sides_of
 from motion_jax_studio.language.plan import Plan
 from motion_jax_studio.language.requirements import Requirement, requirements_of
-from motion_jax_studio.language.segments import Action
 
 # Words by the kind of a requirement: without a side, and with one.
 _WORDS = {
@@ -42,7 +42,7 @@ def _plain(action: Action, plan: Plan) -> Action:
   said = plan.text if plan.is_plain else action.words
   if not words or words in said and subject == (action.subject or subject):
     return plan.segments[0].action if plan.is_plain else action
-  return action._replace(prompt=f"{subject} {words}", words=words, sides=sides_of(words.split()), reworded=True)
+  return action.replace(prompt=f"{subject} {words}", words=words, sides=sides_of(words.split()), reworded=True)
 
 
 def _words_of(requirements: Sequence[Requirement], turns: bool) -> str:

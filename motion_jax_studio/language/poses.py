@@ -1,8 +1,8 @@
 """Pauses and held poses: a seated body stays seated while it waits, and its arms may act meanwhile."""
-from motion_jax_studio.language import actions, lexicon
+from motion_jax_studio.language import lexicon, parts
+from motion_jax_studio.language.actions import Segment, still
 from motion_jax_studio.language.clause import lower
 from motion_jax_studio.language.lexicon import HOLD, PAUSE
-from motion_jax_studio.language.segments import Action, Segment
 
 
 def is_hold(verb, words):
@@ -12,18 +12,13 @@ def is_hold(verb, words):
   return verb == "do" and words in ({"not", "move"}, {"nothing"})
 
 
-def hold(who: str) -> Action:
-  """The action of holding the last pose of the action before it."""
-  return Action(f"{who} {HOLD}", HOLD, "legs", verb="stand", subject=who)
-
-
 def holding(segment):
   """[the segment, a hold of its duration] for a raised hand or a low pose with a duration; else [the segment]."""
   action = segment.action
   if segment.seconds is None or segment.simultaneous or action.times > 1 or not (
       action.verb in ("raise", "lift") and action.part == "arms" or action.verb in lexicon.LOW):
     return [segment]
-  return [segment._replace(seconds=None), Segment(hold(action.subject), (), segment.seconds)]
+  return [segment._replace(seconds=None), Segment(still(action.subject, HOLD), (), segment.seconds)]
 
 
 def with_poses(segments, who):
@@ -35,14 +30,14 @@ def with_poses(segments, who):
   for segment in map(_without_simultaneous_pauses, _without_repeated_pauses(segments)):
     action, before = segment.action, posed[-1] if posed else None
     if action.words == HOLD and before is None and lexicon.LOW_POSES & set(action.prompt.split()):
-      action = action._replace(words=action.prompt.removeprefix(who + " "))
+      action = action.replace(words=action.prompt.removeprefix(who + " "))
     elif action.words == HOLD and before is None:
-      action = action._replace(prompt=f"{who} {PAUSE}", words=PAUSE, reworded=True)
+      action = action.replace(words=PAUSE, reworded=True)
     elif action.words == PAUSE and (low or before and before.hold_pose and not segment.simultaneous):
-      action = action._replace(prompt=f"{who} {HOLD}", words=HOLD)
+      action = action.replace(words=HOLD)
     elif low and all(map(_stays_low, (action, *segment.simultaneous))):
       segment = segment._replace(simultaneous=(action, *segment.simultaneous))
-      action = hold(who)
+      action = still(who, HOLD)
     posed.append(segment._replace(action=action))
     low = action.verb in lexicon.LOW or low and posed[-1].hold_pose
   return tuple(posed)
@@ -55,7 +50,7 @@ def _without_simultaneous_pauses(segment):
 
 
 def _stays_low(action):
-  return actions.stays_low(action.verb, action.part, lower(action.words.split()))
+  return parts.stays_low(action.verb, action.part, lower(action.words.split()))
 
 
 def _without_repeated_pauses(segments):

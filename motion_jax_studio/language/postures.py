@@ -1,8 +1,8 @@
 """Which actions of a plan are postures: hands in a place, a gesture of the arms, a trunk that leans."""
 from collections.abc import Sequence
 
+from motion_jax_studio.language.actions import Segment
 from motion_jax_studio.language.hand_places import HandPlace, places_of
-from motion_jax_studio.language.segments import Segment
 
 
 def postures_of(segments: Sequence[Segment]) -> dict[tuple[int, int], HandPlace | None]:
@@ -11,4 +11,4 @@ def postures_of(segments: Sequence[Segment]) -> dict[tuple[int, int], HandPlace 
               if place.alone and (place.flows or segments[at].actions[number].part == "arms" or not (
                   segments[at].actions[number].verb))}
   return postures | {(at, number): None for at, segment in enumerate(segments)
-                     for number, action in enumerate(segment.actions) if action.lean}
+                     for number, action in enumerate(segment.actions) if action.slots.lean}

@@ -17,10 +17,10 @@ from motion_jax.text.morphology import base_form, possible_bases, verb_of
 from motion_jax.text.tagger import tag_words
 from motion_jax.utils import cache
 from motion_jax_studio.language import lexicon
-from motion_jax_studio.language.actions import limb_postures
 from motion_jax_studio.language.hand_places import without_hands
 from motion_jax_studio.language.meaning import kind_of
 from motion_jax_studio.language.parser import parse
+from motion_jax_studio.language.parts import limb_postures
 from motion_jax_studio.language.plan import Plan
 
 # Least cosine of two phrases with the same meaning. In a shipped model 1.5 to 1.7 % of the phrases have no other one as

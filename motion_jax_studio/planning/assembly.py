@@ -8,7 +8,7 @@ from motion_jax.motion.layering import put_on
 from motion_jax.motion.skeleton import Skeleton
 from motion_jax.shapes import Float, Num
 from motion_jax_studio.language import Action, Segment
-from motion_jax_studio.language.actions import held_pose
+from motion_jax_studio.language.parts import held_pose
 from motion_jax_studio.planning.pauses import held_frame, insert_pause
 
 _IN, _OUT = 8, 12  # frames in which a layer is blended in and out

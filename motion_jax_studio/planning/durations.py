@@ -8,9 +8,9 @@ from motion_jax.analysis.event_words import TIMES
 from motion_jax.utils.errors import InputError
 from motion_jax.utils.numerals import as_float, require_numbers
 from motion_jax_studio.language import Action, Plan, Segment, parse, pause
-from motion_jax_studio.language.lexicon import COUNTED_ONE_BY_ONE, CYCLES, LOW, PAUSE
+from motion_jax_studio.language.actions import still
+from motion_jax_studio.language.lexicon import COUNTED_ONE_BY_ONE, CYCLES, HOLD, LOW, PAUSE
 from motion_jax_studio.language.path_shapes import is_gait, min_duration
-from motion_jax_studio.language.poses import hold
 from motion_jax_studio.language.postures import postures_of
 
 LONGEST = 3600     # seconds of a plan
@@ -115,7 +115,7 @@ def with_pauses(planner: Any, rows: Sequence[tuple[str, int]]) -> tuple[Plan, li
     counts.append(took if left >= _LEFT else count)
     if left >= _LEFT:
       after = pause(action.subject if action.leaves_at_ease else "", left)
-      segments.append(after._replace(action=hold(action.subject)) if action.verb in LOW else after)
+      segments.append(after._replace(action=still(action.subject, HOLD)) if action.verb in LOW else after)
       counts.append(count - took)
   return Plan(" | ".join(prompt for prompt, _ in rows), tuple(segments)), counts
 

@@ -90,7 +90,7 @@ def repeated(action: Any, count: int, least: int, one_by_one: bool = False) -> l
 
 def single_requirements(action: Action) -> list[Requirement]:
   """What one repetition of an action requires."""
-  return requirements_of((action._replace(times=1),), action.prompt)
+  return requirements_of((action.replace(times=1),), action.prompt)
 
 
 def _required(plans):

@@ -15,7 +15,7 @@ from motion_jax.motion.smoothing import gaussian_filter1d
 from motion_jax.motion.step_records import added, record
 from motion_jax_studio.checks.violations import gets_up, violation_score
 from motion_jax_studio.language.requirements import Requirement
-from motion_jax_studio.language.words import said, says, tokens
+from motion_jax_studio.language.words import has_phrase, normalize, tokens
 from motion_jax_studio.planning.pauses import held_frame, insert_pause
 from motion_jax_studio.posing.rerouting import returning, shaped, stepping, towards
 
@@ -90,7 +90,7 @@ def _jumping(joints, fps, requirements, skeleton):
 def _on_the_floor(joints, motion, _, skeleton):
   """Lower a motion whose feet never reach the floor, unless the body hangs, rides or swims."""
   height = float(floor_height(joints, skeleton))
-  if height <= _FLOATS or motion.captions and says(said(motion.captions[0].text), _HANGS):
+  if height <= _FLOATS or motion.captions and has_phrase(normalize(motion.captions[0].text), _HANGS):
     return joints
   lowest = joints[:, list(HUMANML3D.left_feet + HUMANML3D.right_feet), 1].min()
   return joints - np.array([0, lowest, 0], joints.dtype)

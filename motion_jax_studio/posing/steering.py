@@ -19,7 +19,8 @@ _FAR, _CORNER = 0.5, 0.8  # metres: least distance of a walk, and length of the 
 def with_steering(motion: Motion, plan: Plan) -> Float[np.ndarray, "t j 3"]:
   """Joints of a motion with each walk of its plan to a side turned there; its own joints if all walks are right."""
   segments = plan.read_segments
-  walks = [(number, side) for number, segment in enumerate(segments) if (side := segment.action.course) is not None]
+  courses = [segment.action.slots.course for segment in segments]
+  walks = [(number, side) for number, side in enumerate(courses) if side is not None]
   if len(walks) < 2 or not any(side for _, side in walks):
     return motion.joints
   path, gone = course(motion.joints, motion.fps)
@@ -38,7 +39,7 @@ def _turns(segments: Sequence[Segment], walks, bounds, path, heading):
     way = path[min(past, len(path)) - 1] - path[first]
     if np.linalg.norm(way) < _FAR:
       continue
-    backward = segments[number].action.is_backward
+    backward = segments[number].action.slots.is_backward
     goes = float(np.arctan2(*way)) + turned
     if side:
       # In a walk backward, the left of the body is the right of the path.
