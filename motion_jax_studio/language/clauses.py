@@ -14,16 +14,53 @@ from motion_jax_studio.language.clause import (
   lower,
   unknown_verb,
 )
-from motion_jax_studio.language.connectors import connector_at, stronger
 from motion_jax_studio.language.counting import with_numbers
 from motion_jax_studio.language.ellipsis import completed
 from motion_jax_studio.language.meaning import is_a
 
+# Connectors by the order in time that they give.
+_CONNECTORS = {
+    "then": "and then, but then, and after that, after that, after which, after a while, after a moment, a moment "
+            "later, and afterwards, afterwards, followed by, and finally, finally, and lastly, lastly, and next, next, "
+            "and later, later on, then, ;, ., !, ?",
+    "before": "before",
+    "after": "after, once, when",
+    "until": "until, till, and then until",
+    "while": "while also, while, whilst, and at the same time, at the same time as, and simultaneously, during, as",
+    "and": "and also, and, but"}
+_KIND_OF = {words: kind for kind, row in _CONNECTORS.items() for words in row.split(", ")} | {",": ","}
+_LONGEST = max(len(words.split()) for words in _KIND_OF)
+_STRENGTH = ("", ",", "and", "then", "while", "until", "after", "before")
 _TOKEN = re.compile(r"\d+(?:\.\d+)?|\w+(?:['’-]\w+)*|\S", re.UNICODE)
 _NOT = re.compile(r"(?i)\b(do|does|did)n['’]t\b")
 _SUBORDINATE = ("before", "after", "while", "until")
 _LONGEST_SUBJECT = 5  # words: "the tired old man"
 _LONGEST_CLAUSE = 40  # words after which a participle begins no further clause
+
+
+def _connector_at(words, at):
+  """(number of tokens, kind) of the connector that begins at words[at]; (0, "") if there is none."""
+  for length in range(min(_LONGEST, len(words) - at), 0, -1):
+    name = " ".join(words[at:at + length])
+    if name in _KIND_OF:
+      after = words[at + length] if at + length < len(words) else ""
+      before = words[at - 1] if at else ""
+      return (0, "") if _is_another_word(name, before, after) else (length, _KIND_OF[name])
+  return 0, ""
+
+
+def _is_another_word(connector, before, after):
+  """Whether the words of a connector mean something else between these neighbours, as in "rests for a while"."""
+  return (connector == "as" and after in lexicon.NOT_A_CONNECTOR_AFTER_AS
+          or connector == "next" and after == "to"
+          or connector == "then" and after in ("more", "again")
+          or connector == "once" and (after in lexicon.AFTER_ONCE or not after[:1].isalnum())
+          or connector == "while" and before in lexicon.BEFORE_WHILE)  # "rests for a while"
+
+
+def _stronger(first, second):
+  """The more specific of two adjacent connectors: "while" of "and while"."""
+  return max(first, second, key=_STRENGTH.index)
 
 
 def fragments_of(text):
@@ -36,7 +73,7 @@ def fragments_of(text):
   fragments, kind, start, at = [], "", 0, 0
   between = []  # tokens of the connectors since the last fragment
   while at < len(tokens):
-    length, here = connector_at(words, at)
+    length, here = _connector_at(words, at)
     begins = "" if length else _begins_at_verb(words, start, at)
     if begins:
       fragments.append((kind, between, tokens[start:at]))
@@ -45,7 +82,7 @@ def fragments_of(text):
       if at > start:
         fragments.append((kind, between, tokens[start:at]))
         kind, between = "", []
-      kind, between = stronger(kind, here), [*between, *tokens[at:at + length]]
+      kind, between = _stronger(kind, here), [*between, *tokens[at:at + length]]
       start = at + length
     at += length or 1
   if start < len(tokens):
@@ -59,7 +96,7 @@ def _with_subjects(fragments):
   for kind, between, tokens in fragments:
     if len(joined) > 1 and _is_subject(lower(joined[-1][2])):
       before, words, subject = joined.pop()
-      kind, between, tokens = stronger(before, kind), [*words, *between], [*subject, *tokens]
+      kind, between, tokens = _stronger(before, kind), [*words, *between], [*subject, *tokens]
     joined.append((kind, between, tokens))
   return joined
 

@@ -253,3 +253,12 @@ def places_of(segments: Sequence[Any]) -> list[dict[int, HandPlace]]:
     places.append({number: place for number, place in placed.items() if busy.isdisjoint(place.sides)})
     last = [*places[-1].values()][-1].sides if places[-1] else hands[-1] if hands else last
   return places
+
+
+def postures_of(segments: Sequence[Any]) -> dict[tuple[int, int], HandPlace | None]:
+  """{(segment, action): hand pose} of the actions that are only a posture, by their indices; None stands for a lean."""
+  postures = {(at, number): place for at, places in enumerate(places_of(segments)) for number, place in places.items()
+              if place.alone and (place.flows or segments[at].actions[number].part == "arms" or not (
+                  segments[at].actions[number].verb))}
+  return postures | {(at, number): None for at, segment in enumerate(segments)
+                     for number, action in enumerate(segment.actions) if action.slots.lean}

@@ -20,7 +20,6 @@ from motion_jax_studio.language.lexicon import HOLD, PAUSE
 from motion_jax_studio.language.meaning import Meanings, is_a, translated
 from motion_jax_studio.language.ordering import in_order, subject_of
 from motion_jax_studio.language.plan import Plan
-from motion_jax_studio.language.poses import holding, is_hold, with_poses
 from motion_jax_studio.language.words import normalize
 
 _WHERE_TO = {"to", "the", "where", "toward", "towards", "in"}  # after "walks back"
@@ -59,10 +58,10 @@ def _segments(text, joined):
   if not groups:
     return None
   who = " ".join(subject)
-  segments = [part for group in groups for part in holding(_segment(group, subject))]
+  segments = [part for group in groups for part in _holding(_segment(group, subject))]
   if any(clause.steps for clause in groups[-1]) and segments[-1].seconds:  # after its steps the body stands there
     segments.append(pause(who, None))
-  posed = with_poses(_with_ways_back(segments), who)
+  posed = _with_poses(_with_ways_back(segments), who)
   return None if Plan(text, posed).is_plain else posed
 
 
@@ -155,7 +154,7 @@ def _action(clause, subject):
   if pauses:  # "stops with the arms crossed"
     clause = clause._replace(verb="stand", form="stand", words=["still", *clause.words])
     words = _words_of(clause, subject)
-  if is_hold(clause.verb, rest):
+  if _is_hold(clause.verb, rest):
     return still(who, HOLD).replace(prompt=f"{who} {words}")
   return Action.of(who, words, clause.part, sides=parts.sides_of(lower(clause.words)), times=clause.times,
                    verb=clause.verb, reworded=clause.reworded or in_the_past, counts_steps=clause.steps)
@@ -176,3 +175,59 @@ def _words_of(clause, subject):
     form = base if is_plural else third_person(base)
   words = " ".join([*lower(clause.before), form, *clause.words])
   return re.sub(r"\s+([,.;:!?%)])", r"\1", words).rstrip(" .,;:!?-–—").replace("( ", "(")
+
+
+# --- pauses and held poses: a seated body stays seated while it waits, and its arms may act meanwhile ---
+
+def _is_hold(verb, words):
+  """Whether a verb and the words after it say that nothing moves: "stays seated", "holds the pose", "does not move"."""
+  if verb in ("stay", "remain", "hold", "keep"):
+    return words <= lexicon.POSE_WORDS and (verb in ("stay", "remain") or bool(words & lexicon.POSE_NOUNS))
+  return verb == "do" and words in ({"not", "move"}, {"nothing"})
+
+
+def _holding(segment):
+  """[the segment, a hold of its duration] for a raised hand or a low pose with a duration; else [the segment]."""
+  action = segment.action
+  if segment.seconds is None or segment.simultaneous or action.times > 1 or not (
+      action.verb in ("raise", "lift") and action.part == "arms" or action.verb in lexicon.LOW):
+    return [segment]
+  return [segment._replace(seconds=None), Segment(still(action.subject, HOLD), (), segment.seconds)]
+
+
+def _with_poses(segments, who):
+  """The segments, with a low pose (sitting, lying) held through pauses and through actions of arms and head after it.
+
+  A hold with no pose before it becomes a pause, except "stays seated", which becomes an action.
+  """
+  posed, low = [], False
+  for segment in map(_without_simultaneous_pauses, _without_repeated_pauses(segments)):
+    action, before = segment.action, posed[-1] if posed else None
+    if action.words == HOLD and before is None and lexicon.LOW_POSES & set(action.prompt.split()):
+      action = action.replace(words=action.prompt.removeprefix(who + " "))
+    elif action.words == HOLD and before is None:
+      action = action.replace(words=PAUSE, reworded=True)
+    elif action.words == PAUSE and (low or before and before.hold_pose and not segment.simultaneous):
+      action = action.replace(words=HOLD)
+    elif low and all(map(_stays_low, (action, *segment.simultaneous))):
+      segment = segment._replace(simultaneous=(action, *segment.simultaneous))
+      action = still(who, HOLD)
+    posed.append(segment._replace(action=action))
+    low = action.verb in lexicon.LOW or low and posed[-1].hold_pose
+  return tuple(posed)
+
+
+def _without_simultaneous_pauses(segment):
+  """The segment without pauses and holds during its action: "steps back" of "steps back while holding still"."""
+  acting = tuple(action for action in segment.simultaneous if action.words not in (PAUSE, HOLD))
+  return segment._replace(simultaneous=acting)
+
+
+def _stays_low(action):
+  return parts.stays_low(action.verb, action.part, lower(action.words.split()))
+
+
+def _without_repeated_pauses(segments):
+  """The segments without a pause of no given duration after another pause: "stops and stands still"."""
+  return [segment for segment, before in zip(segments, (None, *segments))
+          if before is None or not (segment.is_pause and before.is_pause and segment.seconds is None)]

@@ -9,9 +9,9 @@ from motion_jax.utils.errors import InputError
 from motion_jax.utils.numerals import as_float, require_numbers
 from motion_jax_studio.language import Action, Plan, Segment, parse, pause
 from motion_jax_studio.language.actions import still
+from motion_jax_studio.language.hand_places import postures_of
 from motion_jax_studio.language.lexicon import COUNTED_ONE_BY_ONE, CYCLES, HOLD, LOW, PAUSE
 from motion_jax_studio.language.path_shapes import is_gait, min_duration
-from motion_jax_studio.language.postures import postures_of
 
 LONGEST = 3600     # seconds of a plan
 _REST = 2.0        # seconds of standing still

@@ -15,8 +15,8 @@ from motion_jax.models.results import Motion, captions_in_a_row, features_of
 from motion_jax.motion.step_records import added, record
 from motion_jax_studio.checks.violations import can_be_checked
 from motion_jax_studio.language import Action, Plan
+from motion_jax_studio.language.hand_places import postures_of
 from motion_jax_studio.language.lexicon import COUNTED_ONE_BY_ONE
-from motion_jax_studio.language.postures import postures_of
 from motion_jax_studio.language.requirements import Requirement, is_counted, requirements_of
 from motion_jax_studio.planning import assembly, durations
 from motion_jax_studio.planning.independent import best_takes, sample_independently, take_key

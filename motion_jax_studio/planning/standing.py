@@ -3,7 +3,7 @@ from collections.abc import Callable
 
 from motion_jax_studio.language import Plan
 from motion_jax_studio.language.actions import still
-from motion_jax_studio.language.postures import postures_of
+from motion_jax_studio.language.hand_places import postures_of
 
 
 def standing(plan: Plan, knows: Callable[[str], bool], can: Callable[[str], bool]) -> Plan:
