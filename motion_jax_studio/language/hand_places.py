@@ -56,23 +56,16 @@ _RUBBED = {"head": "ear", "ear": "head", "face": "head", "stomach": "chest", "ch
 _TO_THE_HEAD = (("ear", "to ear, at ear, near ear"),
                 ("face", "to mouth, at mouth, to lips, to face, at face, near face"))
 _AT_THE_HEAD = {"salute": "head", "drink": "face", "sip": "face", "eat": "face"}
-# Gestures of one hand and of both: successive places, each with the seconds to reach it.
-_BEAT = 0.3
-_ONE_HAND = dict.fromkeys(("throw", "toss", "hurl"), (("ear", 0.7), ("front", 0.25), ("down", 0.8))) | dict.fromkeys(
-    ("hit", "strike", "slap", "swat", "slash"), (("head", 0.6), ("front", 0.25), ("down", 0.8))) | dict.fromkeys(
-    ("point", "reach", "grab"), (("front", 0.8),))
-_BOTH_HANDS = dict.fromkeys(("push", "shove"), (("chest", 0.7), ("front", 0.5))) | {
-    "pull": (("front", 0.8), ("stomach", 0.6)), "catch": (("front", 0.5), ("stomach", 0.5))}
-_AGAIN_AND_AGAIN = {"clap": (("together", _BEAT), ("apart", _BEAT)), "flap": (("side", _BEAT), ("down", _BEAT))}
 _NO_GESTURE = set("up down behind above head back floor ground stair stairs step steps pose ups punch punches jab jabs "
                   "hook hooks uppercut uppercuts kick kicks blow blows himself herself itself themself themselves "
                   "yourself myself".split()) | (lexicon.LIMBS - {"hand", "hands", "arm", "arms"})
 # Circles of whole arms, and of hands in front of the body: the hands pass these places without a stop.
 _CIRCLING = {"move", "make", "do", "circle", "rotate", "swing", "spin", "draw", "gesture", "use", "stir"}
-_CIRCLES, _SMALL = "circle, circles, circling, circular", "small, little, tiny, front"
+_CIRCLES = "circle, circles, circling, circular"
 _NO_CIRCLE = lexicon.LIMBS - _LIMBS - {"chest"} | {"around"}
 _OF_ARMS = tuple((place, 0.45) for place in ("front", "up", "side", "down"))
 _OF_HANDS = tuple((place, 0.3) for place in ("face", "front", "stomach", "chest"))
+_BEAT = 0.3
 
 
 class HandPlace(NamedTuple):
@@ -85,6 +78,19 @@ class HandPlace(NamedTuple):
   rhythm: bool = False  # the gesture is repeated
   flows: bool = False  # the hands pass the places of the gesture without a stop
   again: bool = False  # of the hands of the last hand pose, if there is one: "lowers them"
+
+
+# Gestures by verb: the hands, if no side is named; successive places, each with the seconds to reach it; whether these
+# are repeated as long as the action lasts.
+_THROW, _HIT = (("ear", 0.7), ("front", 0.25), ("down", 0.8)), (("head", 0.6), ("front", 0.25), ("down", 0.8))
+_GESTURES = {verb: row for verbs, row in (
+    ("throw toss hurl", (("right",), _THROW, False)), ("hit strike slap swat slash", (("right",), _HIT, False)),
+    ("point reach grab", (("right",), (("front", 0.8),), False)),
+    ("push shove", (_BOTH, (("chest", 0.7), ("front", 0.5)), False)),
+    ("pull", (_BOTH, (("front", 0.8), ("stomach", 0.6)), False)),
+    ("catch", (_BOTH, (("front", 0.5), ("stomach", 0.5)), False)),
+    ("clap", (_BOTH, (("together", _BEAT), ("apart", _BEAT)), True)),
+    ("flap", (_BOTH, (("side", _BEAT), ("down", _BEAT)), True))) for verb in verbs.split()}
 
 
 class Limb(NamedTuple):
@@ -127,8 +133,6 @@ def _place_of(words, sides):
                     if word not in ("each", "both", "either", "opposite") and not (word in _BOTH and words[at + 1:]))
   for level in _LEVELS:
     plain = plain.replace(f" {level} ", f"-{level} ").replace(f"-{level} ", f"-{level} {level} ")
-  if " from " in plain and plain.startswith((" lower", " drop")):
-    return "down"
   at_a_part = normalize("@" if word in _AT else word for word in plain.replace("top of", "on").replace(
       "front of", "on").split())
   aside = " raised aside " if has_phrase(plain, _ASIDE) and has_phrase(plain, _RAISED) else ""
@@ -162,8 +166,8 @@ def hand_place_of(verb: str, part: str, sides: tuple[str, ...], times: int, text
     return place
   hand = sides or ("right",)
   if verb in _TOUCHES and (place := _brought(("to", *_thing(rest)), hand)):
-    rubbed = verb in _RUBS and _RUBBED.get(place.place)
-    return place if not rubbed else place._replace(gesture=((place.place, _BEAT), (rubbed, _BEAT)), rhythm=True)
+    rubbed = _RUBBED.get(place.place) if verb in _RUBS else None
+    return place._replace(gesture=((place.place, _BEAT), (rubbed, _BEAT)), rhythm=True) if rubbed else place
   if verb in _AT_THE_HEAD:
     return HandPlace(_AT_THE_HEAD[verb], hand, False)
   if gesture := _gesture_of(verb, part, sides, times, words):
@@ -177,9 +181,9 @@ def hand_place_of(verb: str, part: str, sides: tuple[str, ...], times: int, text
 def _hands_brought(verb, form, rest, sides):
   """The hand pose of an action that moves the hands. form: (its verb as written,); rest: the words after it."""
   particle = rest[:1] if rest and rest[0] in _PARTICLES else ()
-  if limb := limb_at(rest, len(particle)) or limb_at(rest, 0):
+  if limb := limb_at(rest, len(particle)):
     return _brought((*form, *limb.before, *particle, *limb.after), limb.sides, verb in _KEEPS, limb.ends)
-  if verb == "reach" and rest and (rest[0] in _OUTWARD or rest[:2] == ("in", "front")):
+  if verb == "reach" and rest and rest[0] in _OUTWARD:
     return _brought(("reaches", *_until_end(rest)), sides or ("right",), alone=False)
   if rest[:1] in (("it",), ("them",)) or {"again", "back", "down"}.issuperset(rest):
     after = rest if rest[:1] not in (("it",), ("them",)) else rest[1:] if rest[0] == "them" else ()
@@ -207,21 +211,15 @@ def _gesture_of(verb, part, sides, times, words):
   """The gesture of an action of the arms, None of other actions."""
   limb = next((word.removesuffix("s") for word in words if word.removesuffix("s") in ("arm", "hand", "forearm")), "")
   text = normalize(words)
-  circles = has_phrase(text, _CIRCLES) or verb == "rotate" and limb == "arm"
-  if limb and verb in _CIRCLING and circles and _NO_CIRCLE.isdisjoint(words):
-    way = _OF_ARMS if limb == "arm" and not has_phrase(text, _SMALL) else _OF_HANDS
-    way = way[::-1] if has_phrase(text, "backward, backwards, reverse") else way
-    return HandPlace("", sides or ("right",), False, gesture=way * times, rhythm=times == 1, flows=True)
-  if part != "arms" or not _NO_GESTURE.isdisjoint(until(words, {"with"})):
+  if limb and verb in _CIRCLING and has_phrase(text, _CIRCLES) and _NO_CIRCLE.isdisjoint(words):
+    places = _OF_ARMS if limb == "arm" else _OF_HANDS
+    places = places[::-1] if has_phrase(text, "backward, backwards, reverse") else places
+    return HandPlace("", sides or ("right",), False, gesture=places * times, rhythm=times == 1, flows=True)
+  if part != "arms" or verb not in _GESTURES or not _NO_GESTURE.isdisjoint(until(words, {"with"})):
     return None
-  if verb in _AGAIN_AND_AGAIN:
-    rhythm = _AGAIN_AND_AGAIN[verb]
-    return HandPlace("", _BOTH, False, gesture=rhythm * times + (("down", 0.8),) * (times > 1), rhythm=times == 1)
-  if verb in _ONE_HAND:
-    return HandPlace("", sides or ("right",), False, gesture=_ONE_HAND[verb] * times)
-  if verb in _BOTH_HANDS:
-    return HandPlace("", sides or _BOTH, False, gesture=_BOTH_HANDS[verb] * times)
-  return None
+  hands, places, repeats = _GESTURES[verb]
+  gesture = places * times + (("down", 0.8),) * (repeats and times > 1)
+  return HandPlace("", hands if repeats else sides or hands, False, gesture=gesture, rhythm=repeats and times == 1)
 
 
 def without_hands(text: str) -> str:

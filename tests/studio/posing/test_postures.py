@@ -68,11 +68,11 @@ def test_a_lean_is_read_from_the_words_that_say_one():
       ("leans forward", (0, 1), False), ("tilts back slightly", (0, -1), False), ("slouches", (0, 1), False),
       ("sways", (1, 0), True), ("sways slightly to his left", (1, 0), False), ("rocks back and forth", (0, 1), True),
       ("sways from side to side", (1, 0), True)):
-    assert parse(f"a person {text}").single.lean == (way, sways), text
+    assert parse(f"a person {text}").single.slots.lean == (way, sways), text
   for text in ("leans on a table", "tilts the head to the left", "walks to the left", "bows", "leans back in a chair",
                "rocks a baby", "tilts a glass to drink", "slumps to the ground", "sways the hips",
                "hunches over creeping"):
-    assert parse(f"a person {text}").single.lean is None, text
+    assert parse(f"a person {text}").single.slots.lean is None, text
 
 
 def test_a_plan_leans_in_its_time():
