@@ -128,7 +128,7 @@ def sliding(motion: Motion) -> float:
 
 def gliding_reports(motion: Motion, requirements: Sequence[Any], checked: bool) -> list[str]:
   """[a sentence] if the body slides in new frames, because it travels to the kept frames without steps; else []."""
-  if not checked or any(one.kind == "run" for one in requirements) or not sliding(motion):
+  if not checked or any(requirement.kind == "run" for requirement in requirements) or not sliding(motion):
     return []
   first, past = max(motion.meta["made"], key=lambda span: span[1] - span[0])
   root = motion.joints[[max(first - 1, 0), min(past, len(motion.joints) - 1)], 0][:, [0, 2]]

@@ -17,7 +17,6 @@ class Action:
   sides: tuple[str, ...] = ()  # the arms that it names
   times: int = 1   # number of repetitions, where the sentence gives one
   verb: str = ""   # its base form
-  is_pose: bool = False   # a pose that is kept, such as "with the right hand raised"
   reworded: bool = False  # differs from the text: "bows" for "takes a bow"
   counts_steps: bool = False  # a walk of a given number of steps
   subject: str = ""  # "a person"
@@ -46,7 +45,7 @@ class Action:
   @property
   def is_done_once(self) -> bool:
     """Whether the action ends by itself and leaves the body standing, as a bow does and a walk does not."""
-    return self.is_pose or self.verb in lexicon.DONE_ONCE
+    return self.verb in lexicon.DONE_ONCE
 
   @property
   def leaves_at_ease(self) -> bool:

@@ -59,11 +59,11 @@ def clause_of(tokens):
     subject, after = subject[:kept], [*after, *subject[kept:]]
   if is_past(form) and (lexicon.BEING | {"be"}) & set(words[start:head]):  # "is pushed"
     before.insert(0, "are" if words[start] == "are" else "is")
-  meant = reworded(verb, after)
-  if meant is None:
+  action = reworded(verb, after)
+  if action is None:
     return with_steps(Clause(subject, before, verb, form, after))
-  form = meant.participle if is_participle(form) else meant.verb
-  return Clause(subject, before, meant.verb, form, meant.words, meant.times, reworded=True)
+  form = action.participle if is_participle(form) else action.verb
+  return Clause(subject, before, action.verb, form, action.words, action.times, reworded=True)
 
 
 def _main_verb(words, tags, head, verb):
@@ -97,8 +97,7 @@ def _first_verb(words, tags):
       continue  # "with the knees bent", "a walking man"
     if tag in ("VERB", "AUX") and word not in ("being", "been", "having"):
       return at
-    if tag in ("NOUN", "ADJ") and verb_of(word) and before not in ("DET", "ADJ", "NUM", "ADP") and (
-        before != "PRON" or words[at - 1] in lexicon.PRONOUNS):
+    if tag in ("NOUN", "ADJ") and verb_of(word) and before not in ("DET", "ADJ", "NUM", "ADP"):
       return at
   return None
 
@@ -120,7 +119,7 @@ def _describes(words, at):
 def unknown_verb(tokens):
   """The clause of tokens that begin with a verb unknown to the word lists, as in "then warms them"; else None."""
   word = tokens[0].lower()
-  is_verb = len(word) > 3 and word.isalpha() and word.endswith("s") and not word.endswith("ss") and (
+  is_verb = len(word) > 3 and word.isalpha() and word.endswith("s") and (
       word not in lexicon.DIRECTIONS | lexicon.LIMBS)
   return Clause([], [], word[:-1], word, tokens[1:]) if is_verb else None
 

@@ -16,7 +16,6 @@ from motion_jax_studio.language.clause import (
 )
 from motion_jax_studio.language.counting import with_numbers
 from motion_jax_studio.language.ellipsis import completed
-from motion_jax_studio.language.meaning import is_a
 
 # Connectors by the order in time that they give.
 _CONNECTORS = {
@@ -34,7 +33,6 @@ _STRENGTH = ("", ",", "and", "then", "while", "until", "after", "before")
 _TOKEN = re.compile(r"\d+(?:\.\d+)?|\w+(?:['’-]\w+)*|\S", re.UNICODE)
 _NOT = re.compile(r"(?i)\b(do|does|did)n['’]t\b")
 _SUBORDINATE = ("before", "after", "while", "until")
-_LONGEST_SUBJECT = 5  # words: "the tired old man"
 _LONGEST_CLAUSE = 40  # words after which a participle begins no further clause
 
 
@@ -53,7 +51,6 @@ def _is_another_word(connector, before, after):
   """Whether the words of a connector mean something else between these neighbours, as in "rests for a while"."""
   return (connector == "as" and after in lexicon.NOT_A_CONNECTOR_AFTER_AS
           or connector == "next" and after == "to"
-          or connector == "then" and after in ("more", "again")
           or connector == "once" and (after in lexicon.AFTER_ONCE or not after[:1].isalnum())
           or connector == "while" and before in lexicon.BEFORE_WHILE)  # "rests for a while"
 
@@ -103,7 +100,7 @@ def _with_subjects(fragments):
 
 def _is_subject(words):
   return words in ([pronoun] for pronoun in lexicon.SUBJECT_PRONOUNS) or (
-      words[0] in lexicon.DETERMINERS and words[-1] in lexicon.PEOPLE - {"one"} and len(words) <= _LONGEST_SUBJECT)
+      words[0] in lexicon.DETERMINERS and words[-1] in lexicon.PEOPLE - {"one"})
 
 
 def _begins_at_verb(words, start, at):
@@ -151,7 +148,7 @@ class Part(NamedTuple):
 
 def parts_of(fragments):
   """The clauses of fragments, each a `Part`; a fragment that is no action of its own is joined to the one before it."""
-  fragments = [(kind, between, list(tokens)) for kind, between, tokens in _with_main_clause(fragments)]
+  fragments = [(kind, between, list(tokens)) for kind, between, tokens in fragments]
   result: list[Part] = []
   lead = ""          # the connector of a subordinate clause in front, until its main clause comes
   subject: list[str] = []  # of a clause in front that is no action
@@ -186,7 +183,7 @@ def parts_of(fragments):
     if more is None and (clause is None or previous.clause is None or not _stands_alone(part, previous)):
       result[-1] = _joined(previous, part)
       continue
-    if lead and kind in (",", "then", "and") and (kind != "and" or clause.subject):
+    if lead:
       part, lead = part._replace(kind=f"main {lead}"), ""
     result.append(part)
   return result
@@ -238,30 +235,14 @@ def _joined(previous, part):
   return previous._replace(tokens=tokens, clause=clause)
 
 
-def _with_main_clause(fragments):
-  """The fragments, the first one cut where a main clause begins without a comma: "after she sits she gets up"."""
-  if not fragments or fragments[0][0] not in _SUBORDINATE:
-    return fragments
-  (kind, between, tokens), *rest = fragments
-  words = lower(tokens)
-  for at in range(1, len(words)):
-    clause = clause_of(tokens[at:]) if words[at] in lexicon.SUBJECT_PRONOUNS | lexicon.DETERMINERS else None
-    subject = lower(clause.subject) if clause is not None else []
-    begins = subject and subject[-1] in lexicon.PEOPLE and not is_participle(clause.form) and not (
-        lexicon.DETERMINERS & set(subject[1:]))
-    if begins and len(subject) <= _LONGEST_SUBJECT and clause_of(tokens[:at]) is not None:
-      return [(kind, between, tokens[:at]), (",", [","], tokens[at:]), *rest]
-  return fragments
-
-
 def _stands_alone(part, previous):
   """Whether a fragment after a connector is an action of its own, not a continuation of the previous fragment."""
   kind, clause, before = part.kind, part.clause, previous.clause
   if clause.subject and not is_person(clause.subject):
     return False
-  if clause.verb == "land" and is_a(before.verb, "jump", "hop"):
+  if clause.verb == "land":
     return False  # "jumps up, then lands"
-  if kind == "and" and not before.words and before.verb in lexicon.OF_AN_OBJECT and clause.words:
+  if kind == "and" and not before.words and before.verb in lexicon.OF_AN_OBJECT:
     return False  # "lifts and bends his right leg"
   if kind == "," and is_participle(clause.form) and not can_be_simultaneous([before], clause):
     return clause.verb in lexicon.HALTING_VERBS  # "walks, stopping", but not "walks, turning left"

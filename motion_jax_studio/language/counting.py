@@ -37,8 +37,9 @@ def with_numbers(clause):
   if match := _SIMULTANEOUS.search(text):
     text = _without(text, match)
   before = [word for word in clause.before if word.lower() not in lexicon.SIMULTANEOUS]
-  return clause._replace(words=text.split(), before=before, times=times, seconds=seconds, simultaneous=(
-      match is not None or before != clause.before), steps=clause.steps and seconds == clause.seconds)
+  return clause._replace(
+      words=text.split(), before=before, times=times, seconds=seconds, steps=clause.steps and seconds == clause.seconds,
+      simultaneous=match is not None or before != clause.before)
 
 
 def with_steps(clause):

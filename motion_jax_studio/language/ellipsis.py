@@ -34,7 +34,7 @@ def completed(done, kind, tokens, clause):
   if kind not in ("and", ","):
     return None
   # "jumps forward twice and backward once", "punches left, right"; "walks back and forth" stays as it is.
-  both_counted = all(without_times(some)[1] is not None for some in (previous.words, tokens))
+  both_counted = all(without_times(words)[1] is not None for words in (previous.words, tokens))
   other_side = kind == "," and lexicon.EVENTS.get(previous.verb) in lexicon.SIDED_EVENTS and (
       lower(tokens) in (["left"], ["right"]))
   return _verbless(previous, tokens) if both_counted or other_side else None
@@ -105,15 +105,15 @@ def _manner(previous, tokens, words):
 
 
 def _direction(previous, tokens, words):
-  said, adverbs = lower(previous.words), {word for word in words if word.endswith("ly")}
+  before, adverbs = lower(previous.words), {word for word in words if word.endswith("ly")}
   known = lexicon.DIRECTIONS | {"to", "the"} | lexicon.POSSESSIVES | adverbs
   is_direction = words and words != ["again"] and set(words) <= known
-  one_limb = len(sides_of(said)) < 2 and lexicon.LIMBS.intersection(said)
+  one_limb = len(sides_of(before)) < 2 and lexicon.LIMBS.intersection(before)
   of_a_limb = one_limb and words and words[-1] in lexicon.SIDES and "to" not in words
-  if not is_direction or of_a_limb or not lexicon.DIRECTIONS.intersection(said):
+  if not is_direction or of_a_limb or not lexicon.DIRECTIONS.intersection(before):
     return None
   shape = _SHAPE.match(" ".join(previous.words))  # "in a circle to the left, then to the right"
-  to = ["to"] if "to" in said and words[0] in {"the", *lexicon.POSSESSIVES} else []  # "to the left, then the right"
+  to = ["to"] if "to" in before and words[0] in {"the", *lexicon.POSSESSIVES} else []  # "to the left, then the right"
   return _with_words(previous, [*(shape[0].split() if shape and words[0] != shape[0] else []), *to, *tokens])
 
 
@@ -123,16 +123,16 @@ def _taken_noun(previous, tokens, words):
 
 
 def _other_limb(previous, tokens, words):
-  said = lower(previous.words)
-  limb = next((word for word in said if word in lexicon.LIMBS), "")
-  if not words or words[-1] not in lexicon.LIMBS and len(sides_of(said)) == 2:
+  before = lower(previous.words)
+  limb = next((word for word in before if word in lexicon.LIMBS), "")
+  if not words or words[-1] not in lexicon.LIMBS and len(sides_of(before)) == 2:
     return None  # "with both arms to the right, then left"
   if not set(words) <= lexicon.POSSESSIVES | lexicon.LIMBS | lexicon.BEFORE_A_LIMB or not (
       words[-1] in lexicon.LIMBS or limb and words[-1] in (*lexicon.SIDES, "other")):
     return None
   start = [word for word in ("with", "on") if word in previous.words and word not in words][:1]
   start += ["the"] if len(words) == 1 and words[0] in lexicon.SIDES else []
-  side = next((lexicon.SIDES[word] for word in said if word in lexicon.SIDES), "other")
+  side = next((lexicon.SIDES[word] for word in before if word in lexicon.SIDES), "other")
   named = [side if word.lower() == "other" else word for word in tokens]
   return _with_words(previous, [*start, *named, *([] if words[-1] in lexicon.LIMBS else [limb])])
 

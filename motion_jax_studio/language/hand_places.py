@@ -44,8 +44,6 @@ _PLACES = (
 _ASIDE = ("on side, on sides, to side, to sides, at side, at sides, by side, by sides, to left, to right, on left, "
           "on right")
 _RAISED = "out*, stretch*, spread*, rais*, extend*, lift*"  # with these words hands that are _ASIDE are raised
-# Actions in which hands carry the body.
-_CARRY = "push up, push ups, push-up, push-ups, pushup, pushups, crawl*, plank, planks, handstand*, cartwheel*"
 
 _KEEPS = {"hold", "keep"}  # the hands are in their place from the first frame on
 _BRINGS = _KEEPS | set("raise lift stretch extend reach spread lower drop put place bring rest stick take lay return "
@@ -155,9 +153,6 @@ def _brought(words, sides, at_once=False, alone=True):
 def hand_place_of(verb: str, part: str, sides: tuple[str, ...], times: int, text: str) -> HandPlace | None:
   """The hand pose or gesture of an action; None if its words name none. sides: the arms that it names."""
   words = tokens(text)
-  whole = normalize(words)
-  if has_phrase(whole, _CARRY):
-    return None
   if has_phrase(normalize(words[:6]), "t pose, t-pose"):
     return HandPlace("side", _BOTH, True, verb not in _BRINGS)
   start = next((at for at, word in enumerate(words) if not word.endswith("ly")), 0)

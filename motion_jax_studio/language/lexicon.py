@@ -42,7 +42,6 @@ SUBJECT_PRONOUNS = {"he", "she", "they", "i"}  # a main clause may begin with th
 PLURAL_SUBJECTS = set("people men women children they we i you".split())
 POSSESSIVES = {"his", "her", "their", "its", "my", "your", "our"}
 DETERMINERS = {"the", "a", "an", "this", "that"}
-ANOTHER_PERSON = {"another", "other", "second", "else", "each"}
 
 # --- numbers ----------------------------------------------------------------------------------------------------------
 
@@ -139,7 +138,6 @@ BODY_PARTS = (("legs", {"leg", "knee", "foot", "feet", "heel", "toe", "ankle", "
               ("torso", {"torso", "hip", "waist", "chest"}),
               ("arms", ARM_PARTS))
 BODY = set().union(*(things for _, things in BODY_PARTS))
-FACE = set("face forehead eyes nose mouth brow lips cheeks".split())
 LIMBS = BODY | {f"{part}s" for part in BODY}
 NO_POSTURE = {"left", "right", "side", "sides", "again", "slightly", "first", "it's"}
 BEFORE_A_LIMB = set("the with on left right both other one".split())
@@ -174,4 +172,3 @@ NEGATIONS = {"without", "not", "no", "never", "nor", "don't", "doesn't"}
 
 # Verbs of actions on the spot; a jump may also go somewhere.
 STAYING_VERBS = set("sit stand stop rest wait stay pause halt squat crouch kneel lie kick bow lean".split())
-NO_DIRECTION = {"forward", "forwards", "ahead", "back", "away", "on"}

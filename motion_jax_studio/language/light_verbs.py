@@ -95,16 +95,8 @@ def _stretch(verb, words, lower):
 
 def _motion_of_an_action(verb, words, lower):
   motion = _MOTION.match(" ".join(lower)) if verb in lexicon.LIGHT_VERBS else None
-  meant = motion and verb_of(motion["verb"])
-  return _action(meant, words[len(motion[0].split()):]) if meant else None
-
-
-def _steps_at_a_pace(verb, words, lower):
-  pace = pace_of(lower[0]) if verb == "take" and lower[1:2] == ["steps"] else ""
-  after = words[2:]
-  if not pace or after and lower[2] not in (*lexicon.AFTER_A_NOUN, "ahead"):
-    return None
-  return _action("walk", [*(["forward"] if lower[2:] in (["ahead"], []) else after), pace])
+  base = motion and verb_of(motion["verb"])
+  return _action(base, words[len(motion[0].split()):]) if base else None
 
 
 def _noun_of_an_action(verb, words, lower):
@@ -113,26 +105,26 @@ def _noun_of_an_action(verb, words, lower):
   times, rest = _number_in_front(lower)
   if verb not in lexicon.LIGHT_VERBS or rest is None:
     return None  # "does squats"
-  side, paces, ways = "", [], []
+  side, paces, adverbs = "", [], []
   while rest and (rest[0] in lexicon.SIDES or rest[0] in lexicon.ADVERBS or pace_of(rest[0])):
     if rest[0] in lexicon.SIDES:
       side = rest[0]
     elif pace_of(rest[0]):
       paces = [pace_of(rest[0])]
     else:
-      ways.append(lexicon.ADVERBS[rest[0]])  # "does a forward kick"
+      adverbs.append(lexicon.ADVERBS[rest[0]])  # "does a forward kick"
     rest = rest[1:]
   if rest[:1] in (["90"], ["180"], ["360"]) and rest[1:2] not in (["degree"], ["degrees"]):  # "does a 180"
     rest = [rest[0], "degrees", *(rest[1:] if rest[1:2] in (["turn"], ["spin"]) else ["turn", *rest[1:]])]
   if rest[1:2] in (["degree"], ["degrees"]) and rest[0].isdigit():  # "does a 180 degree turn"
-    ways, rest = [*ways, rest[0], "degrees"], rest[2:]
-  meant = _verb_of_noun(rest[0]) if rest else []
-  if not meant or times < 1 or rest[1:] and rest[1] not in lexicon.AFTER_A_NOUN or (
-      side and meant[0] not in (*lexicon.LIMB_OF_ACTION, "turn")):
+    adverbs, rest = [*adverbs, rest[0], "degrees"], rest[2:]
+  base = _verb_of_noun(rest[0]) if rest else []
+  if not base or times < 1 or rest[1:] and rest[1] not in lexicon.AFTER_A_NOUN or (
+      side and base[0] not in (*lexicon.LIMB_OF_ACTION, "turn")):
     return None
-  with_side = [] if not side else [side] if meant[0] == "turn" else [
-      "with", "the", side, lexicon.LIMB_OF_ACTION[meant[0]]]
-  return _action(meant[0], [*meant[1:], *ways, *with_side, *words[len(words) - len(rest) + 1:], *paces], times)
+  with_side = [] if not side else [side] if base[0] == "turn" else [
+      "with", "the", side, lexicon.LIMB_OF_ACTION[base[0]]]
+  return _action(base[0], [*base[1:], *adverbs, *with_side, *words[len(words) - len(rest) + 1:], *paces], times)
 
 
 def _verb_of_noun(noun):
@@ -158,4 +150,4 @@ def _number_in_front(words):
 
 
 _RULES = (_start_in_a_posture, _come_to_a_stop, _strike_with_explicit_side, _put_hands_up, _side_steps,
-          _stretch, _motion_of_an_action, _steps_at_a_pace, _noun_of_an_action)
+          _stretch, _motion_of_an_action, _noun_of_an_action)

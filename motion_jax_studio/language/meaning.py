@@ -9,6 +9,7 @@ does not become "walk". Below the confidence `SURE` the model gets the words as 
 """
 import collections
 import functools
+import itertools
 from collections.abc import Iterable
 from typing import Any, NamedTuple
 
@@ -32,7 +33,7 @@ _NO_TARGETS = frozenset(VERBS[""]) | frozenset(
 
 _NO_LEGS = VERBS["arms"] | VERBS["torso"] | VERBS["head"] | VERBS[""]  # swings, also of the body
 _OBJECTS = frozenset("it them him her".split())
-_WAYS = frozenset("forward forwards ahead along back backward backwards sideways up down left right around away"
+_DIRECTIONS = frozenset("forward forwards ahead along back backward backwards sideways up down left right around away"
                   .split())
 
 
@@ -124,10 +125,11 @@ def translated(clause: Any, meanings: Meanings | None) -> Any:
   if lexicon.HELD in meaning.manner:  # the verb stays, for the rules of held poses need it
     form = present_participle(meaning.verb) if is_participle(clause.form) else third_person(meaning.verb)
     return clause._replace(form=form, reworded=True, seconds=clause.seconds or _HELD_SECONDS)
-  said = {word.lower() for word in (*clause.before, *clause.words)}
-  way = [word for word in meaning.manner if word in _WAYS and said.isdisjoint(_WAYS)]
-  manner = [word for word in meaning.manner if word not in _WAYS and not any(map(pace_of, said))]
+  clause_words = {word.lower() for word in (*clause.before, *clause.words)}
+  directions = [word for word in meaning.manner if word in _DIRECTIONS and clause_words.isdisjoint(_DIRECTIONS)]
+  manner = [word for word in meaning.manner if word not in _DIRECTIONS and not any(map(pace_of, clause_words))]
   form = present_participle(meaning.verb) if is_participle(clause.form) else meaning.verb
-  first = next((at for at, word in enumerate(clause.words) if word.lower() not in _WAYS | _OBJECTS), len(clause.words))
-  words = [*way, *clause.words[:first], *manner, *clause.words[first:]]  # "walks backward slowly to the door"
+  leading = itertools.takewhile(lambda word: word.lower() in _DIRECTIONS | _OBJECTS, clause.words)
+  first = len([*leading])
+  words = [*directions, *clause.words[:first], *manner, *clause.words[first:]]  # "walks backward slowly to the door"
   return clause._replace(verb=meaning.verb, form=form, words=words, reworded=True)

@@ -12,8 +12,7 @@ def subject_of(clauses):
     return None
   first = next(iter(named or subjects), lexicon.DEFAULT_SUBJECT)
   for words in named:
-    is_definite = words[0] in lexicon.DETERMINERS - set(lexicon.ONE_MORE)
-    if words != first and (not is_definite or set(words) & lexicon.ANOTHER_PERSON):
+    if words != first and words[0] not in lexicon.DETERMINERS - set(lexicon.ONE_MORE):
       return None
   return first
 
@@ -58,7 +57,7 @@ def _and_is_simultaneous(group, clause):
   # "picks it up and walks on", "walks to the door and opens it"
   if any(member.part == "arms" and member.verb != "lift" and not (
       parts.stays_low(member.verb, member.part, lower(member.words)))
-         or _is_at_a_thing(member) and lexicon.IDLE.isdisjoint(other.verb for other in every) for member in every):
+         or member.verb in lexicon.AT_A_THING and member.words for member in every):
     return False
   moving = {member.part for member in every}
   if "body" in moving:
@@ -68,10 +67,3 @@ def _and_is_simultaneous(group, clause):
         parts.is_continuous(member.verb, lower(member.words)) or is_participle(member.form)
         for member in every if member.part == "legs")
   return moving == {"arms", "head"} or moving == {"arms"} and {member.verb for member in every} <= lexicon.ONE_ARM_EACH
-
-
-def _is_at_a_thing(clause):
-  """Whether the hands act on an object in its place, as in "opens the door", and not on the body itself."""
-  words = lower(clause.words)
-  thing = words[:words.index("with")] if "with" in words else words
-  return bool(thing) and clause.verb in lexicon.AT_A_THING and (lexicon.LIMBS | lexicon.FACE).isdisjoint(thing)

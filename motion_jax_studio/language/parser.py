@@ -15,7 +15,6 @@ from motion_jax_studio.language import lexicon, parts
 from motion_jax_studio.language.actions import Action, Segment, pause, still
 from motion_jax_studio.language.clause import lower
 from motion_jax_studio.language.clauses import clauses_of, fragments_of, parts_of
-from motion_jax_studio.language.hand_places import without_hands
 from motion_jax_studio.language.lexicon import HOLD, PAUSE
 from motion_jax_studio.language.meaning import Meanings, is_a, translated
 from motion_jax_studio.language.ordering import in_order, subject_of
@@ -73,7 +72,7 @@ def _with_ways_back(segments):
     if not (walking.slots.leads_back and is_a(walking.verb, "walk", "run")) or turning.verb not in lexicon.TURNING:
       continue
     sides = {"left", "right"} & set(turning.words.lower().split())
-    words = " ".join(["turns around", *(f"to the {side}" for side in sides if len(sides) == 1)])
+    words = " ".join(["turns around", *(f"to the {side}" for side in sides)])
     changed[place] = turn._replace(action=turning.replace(
         words=words, part="legs", verb="turn", reworded=True))
     way, rest = walking.words.lower().split("back", 1)
@@ -92,17 +91,15 @@ def _on_the_way(segments, text):
     if before and _goes_on(before) and not any((walks_on, segment.simultaneous, segment.seconds, turn.times > 1)) and (
         _is_turn_to_a_side(turn)):
       words = f"{before.action.words} and {turn.words}"
-      words = " ".join(words.split()[:-3]) if normalize(turn.words).endswith(" on way ") else words
-      joined[-1] = before._replace(action=before.action.replace(
-          words=words, reworded=before.action.reworded or turn.reworded and "turn" not in text.lower()))
+      joined[-1] = before._replace(action=before.action.replace(words=words))
     else:
       joined.append(segment)
   return tuple(joined) if joined and not Plan(text, tuple(joined)).is_plain else None
 
 
 def _is_turn_to_a_side(action):
-  """Whether it is a turn to the left or right and no more: "turns sharply to the left on his way"."""
-  words = normalize(action.words).removesuffix("on way ").split()
+  """Whether it is a turn to the left or right and no more: "turns sharply to the left"."""
+  words = normalize(action.words).split()
   return [word for word in words if word != "to" and not word.endswith("ly")] in (
       [turn, side] for turn in ("turn", "turns") for side in ("left", "right"))
 
@@ -117,10 +114,7 @@ def _goes_on(segment):
 def _segment(group, subject):
   """The Segment of simultaneous clauses; the one whose part comes first in PARTS is the base of the motion."""
   ordered = sorted(group, key=lambda clause: parts.PARTS.index(clause.part) if clause.part else -1)
-  acting = []
-  for clause in ordered:
-    action = _action(clause, subject)
-    acting += _with_hands_up(action) if action.part == "legs" and action.slots.hands else [action]
+  acting = [_action(clause, subject) for clause in ordered]
   seconds = [clause.seconds for clause in ordered if clause.seconds is not None]
   if not seconds and acting[0].words in (PAUSE, HOLD):
     words = " ".join(lower(ordered[0].words))
@@ -128,27 +122,16 @@ def _segment(group, subject):
   return Segment(acting[0], tuple(acting[1:]), seconds[0] if seconds else None)
 
 
-def _with_hands_up(action):
-  """[the action without "with the right hand raised", the raised hand as a pose]; else [the action]."""
-  prompt, sides = without_hands(action.prompt), action.slots.hands.sides
-  if action.slots.hands.place != "up" or not action.slots.hands.at_once or prompt == action.prompt:
-    return [action]
-  raised = "raises both hands" if len(sides) == 2 else f"raises the {sides[0]} hand"
-  return [action.replace(words=prompt.removeprefix(f"{action.subject} ")),
-          Action.of(action.subject, raised, "arms", sides=sides, is_pose=True)]
-
-
 def _action(clause, subject):
   """The Action of a clause, with the subject of the sentence."""
   who, words = " ".join(subject), _words_of(clause, subject)
-  said = [word for word in lower(clause.words) if word.isalpha()]
+  after = [word for word in lower(clause.words) if word.isalpha()]
   in_the_past = _is_past(clause) and (not clause.subject or clause.subject[-1].lower() in lexicon.PEOPLE)
-  rest = set(said) - lexicon.SHORT_TIMES
+  rest = set(after) - lexicon.SHORT_TIMES
   keeps_a_limb = bool(parts.limb_postures(words))
-  stands = clause.verb in ("stand", "stay") and said[:1] == ["still"] or (
+  stands = clause.verb in ("stand", "stay") and after[:1] == ["still"] or (
       clause.verb == "stand" and not clause.words and not is_participle(clause.form))
-  pauses = clause.verb in lexicon.PAUSING_VERBS and not (clause.verb == "rest" and rest) or (
-      clause.verb in ("finish", "quit") and not said)
+  pauses = clause.verb in lexicon.PAUSING_VERBS and not (clause.verb == "rest" and rest)
   if (stands or pauses) and not keeps_a_limb:
     return still(who, reworded=clause.reworded)
   if pauses:  # "stops with the arms crossed"
@@ -167,8 +150,7 @@ def _is_past(clause):
 
 def _words_of(clause, subject):
   """The words of a clause without its subject, the verb in the third person: "slowly walks forward"."""
-  is_plural = subject[-1] in lexicon.PLURAL_SUBJECTS or (
-      len(subject) > 1 and lexicon.NUMBERS.get(subject[0], 1) > 1)
+  is_plural = subject[-1] in lexicon.PLURAL_SUBJECTS
   form = clause.form
   if form == clause.verb or is_participle(form) or _is_past(clause):
     base = clause.verb if form == clause.verb else verb_of(form)
@@ -189,8 +171,8 @@ def _is_hold(verb, words):
 def _holding(segment):
   """[the segment, a hold of its duration] for a raised hand or a low pose with a duration; else [the segment]."""
   action = segment.action
-  if segment.seconds is None or segment.simultaneous or action.times > 1 or not (
-      action.verb in ("raise", "lift") and action.part == "arms" or action.verb in lexicon.LOW):
+  is_kept = action.verb in lexicon.LOW | {"raise", "lift"} and action.times == 1 and not segment.simultaneous
+  if segment.seconds is None or not is_kept:
     return [segment]
   return [segment._replace(seconds=None), Segment(still(action.subject, HOLD), (), segment.seconds)]
 
@@ -201,13 +183,13 @@ def _with_poses(segments, who):
   A hold with no pose before it becomes a pause, except "stays seated", which becomes an action.
   """
   posed, low = [], False
-  for segment in map(_without_simultaneous_pauses, _without_repeated_pauses(segments)):
+  for segment in map(_without_simultaneous_pauses, segments):
     action, before = segment.action, posed[-1] if posed else None
     if action.words == HOLD and before is None and lexicon.LOW_POSES & set(action.prompt.split()):
       action = action.replace(words=action.prompt.removeprefix(who + " "))
     elif action.words == HOLD and before is None:
       action = action.replace(words=PAUSE, reworded=True)
-    elif action.words == PAUSE and (low or before and before.hold_pose and not segment.simultaneous):
+    elif action.words == PAUSE and low:
       action = action.replace(words=HOLD)
     elif low and all(map(_stays_low, (action, *segment.simultaneous))):
       segment = segment._replace(simultaneous=(action, *segment.simultaneous))
@@ -225,9 +207,3 @@ def _without_simultaneous_pauses(segment):
 
 def _stays_low(action):
   return parts.stays_low(action.verb, action.part, lower(action.words.split()))
-
-
-def _without_repeated_pauses(segments):
-  """The segments without a pause of no given duration after another pause: "stops and stands still"."""
-  return [segment for segment, before in zip(segments, (None, *segments))
-          if before is None or not (segment.is_pause and before.is_pause and segment.seconds is None)]

@@ -72,7 +72,7 @@ def shapes_of(verb: str, text: str) -> tuple[PathShape, ...]:
   paces = [*dict.fromkeys(pace for word in words if (pace := pace_of(word)))]
   if not paces:
     paces = ["quickly"] if "quickly" in manner else ["usual"] if gait == "walk" and set(manner) <= {"slowly"} else []
-  if has_phrase(path, _OTHERWISE) or has_phrase(whole, _CHANGES) or len(paces) > 1:
+  if has_phrase(path, _OTHERWISE) or has_phrase(whole, _CHANGES):
     return tuple(shapes)
   return (*shapes, *(PathShape(pace, gait) for pace in paces))
 
@@ -107,8 +107,7 @@ def path_shapes_of(actions: Sequence[Any]) -> list[PathShape]:
   going = [action for action in moving if action.verb not in lexicon.LIGHT_VERBS and not is_a(action.verb, *_TURNS)]
   for action in moving:
     if action.verb in lexicon.LIGHT_VERBS and action.slots.shapes:
-      is_free = all(lexicon.NO_DIRECTION.issuperset(walk.words.lower().split()[1:]) for walk in going)
-      return list(action.slots.shapes) if is_free else []
+      return [] if any(shape.kind in BENT for walk in going for shape in walk.slots.shapes) else [*action.slots.shapes]
   if len(going) != 1:
     return []
   return [shape for shape in going[0].slots.shapes if shape.kind in PACES or not turns]

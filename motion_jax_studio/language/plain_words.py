@@ -36,11 +36,11 @@ def in_plain_words(plan: Plan) -> Plan:
 def _plain(action: Action, plan: Plan) -> Action:
   """The action in plain words, if it has any. A plain plan is read as its parsed action (`Plan.single`)."""
   action = plan.single if plan.is_plain and plan.single else action
-  words = "" if action.is_pose or action.prompt == plan.text and plan.single is None else _words_of(
+  words = "" if action.prompt == plan.text and plan.single is None else _words_of(
       requirements_of((action,), action.prompt), action.verb in lexicon.TURNING)
   subject = "a person" if len(action.subject.split()) > 2 else action.subject or "a person"  # "an old man"
-  said = plan.text if plan.is_plain else action.words
-  if not words or words in said and subject == (action.subject or subject):
+  text = plan.text if plan.is_plain else action.words
+  if not words or words in text and subject == (action.subject or subject):
     return plan.segments[0].action if plan.is_plain else action
   return action.replace(prompt=f"{subject} {words}", words=words, sides=sides_of(words.split()), reworded=True)
 

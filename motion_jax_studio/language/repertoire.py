@@ -113,14 +113,14 @@ class Repertoire:
     near = [phrase for cosine, phrase in nearest if cosine >= NEAR]
     kinds = _kinds(plan.actions)
     same = not kinds or any(kinds & _verbs_of(phrase) for phrase in near)
-    said = phrase_of(sentence)
+    prompt_phrase = phrase_of(sentence)
     # Only words that captions have are compared; all others get notes of their own (`checks.prompt_notes`).
-    things = (_things(said) & self._words.keys()) | _places(said)
+    things = (_things(prompt_phrase) & self._words.keys()) | _places(prompt_phrase)
     if any(action.verb in _LEAPS for action in plan.actions):
-      things |= _ways(said)
+      things |= _ways(prompt_phrase)
     if not any(action.part == "arms" or action.verb in lexicon.LIMB_OF_ACTION for action in plan.actions):
-      things |= limb_postures(said)  # not for "waves with the right hand up"
-    if _UNNAMED.search(said) and any(action.part == "arms" for action in plan.actions):
+      things |= limb_postures(prompt_phrase)  # not for "waves with the right hand up"
+    if _UNNAMED.search(prompt_phrase) and any(action.part == "arms" for action in plan.actions):
       things |= {"thing"}  # "throws an object"
     alike = [phrase for phrase in near
              if things <= _things(phrase) | _places(phrase) | _ways(phrase) | limb_postures(phrase)]

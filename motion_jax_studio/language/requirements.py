@@ -30,10 +30,10 @@ def requirements_of(actions: Sequence[Action], text: str) -> list[Requirement]:
   required = {key: Requirement(*key, 1, False) for key in (*_states(actions), *shapes, *_climbs(actions),
                                                            *_places(actions, shapes))}
   for action in actions:
-    if is_a(action.verb, "run") and not action.is_pose:
+    if is_a(action.verb, "run"):
       required["run", ""] = Requirement("run", "", 1, False)
     kind, side, degrees = _event_of(action, shapes, len(actions) == 1) or ("", "", None)
-    if not kind or action.is_pose or action.part == "head":  # "turns the head"
+    if not kind or action.part == "head":  # "turns the head"
       continue
     if kind == "raise":
       required[kind, side] = Requirement(kind, side, 1, len(actions) == 1)  # counted: the other hand stays below

@@ -57,7 +57,7 @@ def path_note(plan: Plan, constraints: Sequence[Constraint]) -> str:
   far = any(is_free(constraint) and paths.length(constraint.points[:, [0, -1]]) > _FAR for constraint in constraints)
   if not far or moving_segments(plan) < len(plan.segments):
     return ""
-  low = next((action for action in plan.actions if action.verb in LOW and not action.is_pose), None)
+  low = next((action for action in plan.actions if action.verb in LOW), None)
   return "" if low is None else (f"the body goes along its path all the time, so {low.words!r} is done on the way; say "
                                  f"\"a person walks, then {low.words}\" to do it at the end of the path")
 
