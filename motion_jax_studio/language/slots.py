@@ -7,7 +7,7 @@ import functools
 import math
 from typing import NamedTuple
 
-from motion_jax.text.morphology import verb_of
+from motion_jax.text.morphology import is_participle, verb_of
 from motion_jax_studio.language import lexicon
 from motion_jax_studio.language.hand_places import HandPlace, hand_place_of, without_hands
 from motion_jax_studio.language.meaning import is_a
@@ -172,7 +172,7 @@ def _lean_of(verb, text):
     return None
   words = until(tokens(without_hands(text)), {","})
   of_a_thing = not (lexicon.DETERMINERS | lexicon.POSSESSIVES).isdisjoint(words[1:2])
-  if of_a_thing or not _NO_TRUNK.isdisjoint(words):
+  if of_a_thing or not _NO_TRUNK.isdisjoint(words) or any(map(is_participle, words[1:])):
     return None
   left, ahead, sways = lookup(_LEANS, normalize(words), (1, 0, True) if verb in _SWAYING else (0, 1, False))
   return Lean((left, ahead), sways)
