@@ -188,9 +188,9 @@ class Pipeline:
       parts = batches(planned.frames, self.model.fps)
     yield planned
     for batch in progress.each(parts, "generating motions", unit="batch"):
-      some = requests[batch]
-      prompts = [plan or request.prompt for plan, request in zip(planned.plans[batch], some)]
-      yield self(prompts, [request.frames for request in some], seeds=[request.seed for request in some],
+      rows = requests[batch]
+      prompts = [plan or request.prompt for plan, request in zip(planned.plans[batch], rows)]
+      yield self(prompts, [request.frames for request in rows], seeds=[request.seed for request in rows],
                  control=control, without=out | {"warn"}, **options)
 
   def _planned(self, requests, control, out):

@@ -32,10 +32,10 @@ def with_guidance(sample: Callable[[Sequence[int], int, float], Sequence[tuple[A
       return list(sample(rows, 0, 1.0))
     softer = [i for i in rows if overdoes(i, number, bests[i].best)]
     samples: dict[int, Any] = {}
-    for some, factor in (([i for i in rows if i not in softer], LOUDER), (softer, SOFTER)):
-      if some:
+    for group, factor in (([i for i in rows if i not in softer], LOUDER), (softer, SOFTER)):
+      if group:
         with progress.part(f"attempt {number + 1} of {max_attempts}, as the last one does not show all of the prompt"):
-          samples |= zip(some, sample(some, number, factor))
+          samples |= zip(group, sample(group, number, factor))
     return [samples[i] for i in rows]
 
   return attempt

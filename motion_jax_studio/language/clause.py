@@ -1,7 +1,7 @@
 """One clause: its subject, its verb and the other words, how often and for how long."""
 from typing import NamedTuple
 
-from motion_jax.text.morphology import is_participle, is_past, verb_of
+from motion_jax.text.morphology import is_participle, is_past, present_participle, verb_of
 from motion_jax.text.tagger import tag_words
 from motion_jax_studio.language import lexicon, parts
 from motion_jax_studio.language.counting import with_steps
@@ -62,8 +62,9 @@ def clause_of(tokens):
   action = reworded(verb, after)
   if action is None:
     return with_steps(Clause(subject, before, verb, form, after))
-  form = action.participle if is_participle(form) else action.verb
-  return Clause(subject, before, action.verb, form, action.words, action.times, reworded=True)
+  verb, after, times = action
+  return Clause(subject, before, verb, present_participle(verb) if is_participle(form) else verb, after, times,
+                reworded=True)
 
 
 def _main_verb(words, tags, head, verb):

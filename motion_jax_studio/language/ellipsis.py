@@ -118,8 +118,10 @@ def _direction(previous, tokens, words):
 
 
 def _taken_noun(previous, tokens, words):
-  taken = reworded("take", tokens)
-  return taken and Clause([], [], taken.verb, taken.verb, taken.words, taken.times, reworded=True)
+  if (action := reworded("take", tokens)) is None:
+    return None
+  verb, words, times = action
+  return Clause([], [], verb, verb, words, times, reworded=True)
 
 
 def _other_limb(previous, tokens, words):

@@ -4,10 +4,9 @@ Each rule rewrites the action with a verb of its own, as most motion captions do
 """
 import re
 from collections.abc import Sequence
-from typing import NamedTuple
 
 from motion_jax.text import wordnet
-from motion_jax.text.morphology import present_participle, verb_of
+from motion_jax.text.morphology import verb_of
 from motion_jax_studio.language import lexicon
 from motion_jax_studio.language.counting import without_times
 from motion_jax_studio.language.hand_places import limb_at
@@ -28,22 +27,12 @@ _MOTION = re.compile(r"(?:an? )?(?:\w+ )?(?P<verb>\w+ing) (?:motion|movement|ges
 _TO_A_POSTURE = {"from", "in", "out", "off", "to", "into", "back", "down", "position", "pose", "posture"}
 
 
-class Reworded(NamedTuple):
-  """An action by its own verb: base form, participle, the words after it, repetitions."""
-  verb: str
-  participle: str
-  words: list[str]
-  times: int = 1
-
-
-def reworded(verb: str, words: Sequence[str]) -> Reworded | None:
-  """The action that a verb and the words after it mean, None where no rule applies ("does a front kick")."""
+def reworded(verb: str, words: Sequence[str]) -> tuple[str, list[str], int] | None:
+  """(verb, the words after it, repetitions) that a verb and its words mean; None where no rule applies ("does a front
+  kick")."""
   lower = [word.lower() for word in words]
-  return next((action for rule in _RULES if (action := rule(verb, words, lower)) is not None), None)
-
-
-def _action(verb, words, times=1):
-  return Reworded(verb, present_participle(verb), words, times)
+  action = next((action for rule in _RULES if (action := rule(verb, words, lower)) is not None), None)
+  return action and (*action, 1)[:3]
 
 
 def _start_in_a_posture(verb, words, lower):
@@ -53,18 +42,18 @@ def _start_in_a_posture(verb, words, lower):
   posture = "sit" if postures == ["seated"] else verb_of(postures[0])
   if posture not in lexicon.LOW | {"stand"}:
     return None
-  return _action(posture, {"lie": ["down"], "stand": ["still"]}.get(posture, []))
+  return (posture, {"lie": ["down"], "stand": ["still"]}.get(posture, []))
 
 
 def _come_to_a_stop(verb, words, lower):
   stops = verb == "come" and lower[:2] in (["to", "a"], ["to", "an"]) and lower[-1] in lexicon.STANDSTILLS
-  return _action("stop", []) if stops else None
+  return ("stop", []) if stops else None
 
 
 def _strike_with_explicit_side(verb, words, lower):
   if verb not in lexicon.LIMB_OF_ACTION or lower[:1] not in (["left"], ["right"]) or without_times(lower[1:])[0]:
     return None
-  return _action(verb, ["with", "the", lower[0], lexicon.LIMB_OF_ACTION[verb], *words[1:]])
+  return (verb, ["with", "the", lower[0], lexicon.LIMB_OF_ACTION[verb], *words[1:]])
 
 
 def _put_hands_up(verb, words, lower):
@@ -73,7 +62,7 @@ def _put_hands_up(verb, words, lower):
     return None
   which = ["the", *limb.sides] if len(limb.sides) == 1 else ["both"] if limb.sides else ["a"]
   where = [word for word in limb.after if word not in ("up", "straight")]
-  return _action("raise", [*which, limb.thing, *where])
+  return ("raise", [*which, limb.thing, *where])
 
 
 def _side_steps(verb, words, lower):
@@ -84,19 +73,19 @@ def _side_steps(verb, words, lower):
   way = ["to", "the", side] if side else []
   times = {"once": "one", "twice": "two", "thrice": "three"}.get(steps["times"], (steps["times"] or "").split(" ")[0])
   if times in lexicon.NUMBERS:  # counted steps have a duration
-    return _action("take", [times, "steps", *(way or ["sideways"]), *steps["after"].split()])
-  return _action("walk", ["sideways", *way, *steps["after"].split()])
+    return ("take", [times, "steps", *(way or ["sideways"]), *steps["after"].split()])
+  return ("walk", ["sideways", *way, *steps["after"].split()])
 
 
 def _stretch(verb, words, lower):
   bare = verb == "stretch" and all(word.endswith("ly") or word in ("out", "again") for word in lower)
-  return _action(verb, ["both", "arms", "up", *(word for word in words if word != "out")]) if bare else None
+  return (verb, ["both", "arms", "up", *(word for word in words if word != "out")]) if bare else None
 
 
 def _motion_of_an_action(verb, words, lower):
   motion = _MOTION.match(" ".join(lower)) if verb in lexicon.LIGHT_VERBS else None
   base = motion and verb_of(motion["verb"])
-  return _action(base, words[len(motion[0].split()):]) if base else None
+  return (base, words[len(motion[0].split()):]) if base else None
 
 
 def _noun_of_an_action(verb, words, lower):
@@ -124,7 +113,7 @@ def _noun_of_an_action(verb, words, lower):
     return None
   with_side = [] if not side else [side] if base[0] == "turn" else [
       "with", "the", side, lexicon.LIMB_OF_ACTION[base[0]]]
-  return _action(base[0], [*base[1:], *adverbs, *with_side, *words[len(words) - len(rest) + 1:], *paces], times)
+  return (base[0], [*base[1:], *adverbs, *with_side, *words[len(words) - len(rest) + 1:], *paces], times)
 
 
 def _verb_of_noun(noun):

@@ -3,9 +3,9 @@
   parse("After sitting down, an old man walks forward while waving, then stops.").summary
   -> sits down | walks forward + waves | stands still, all of them of "an old man"
 
-The steps, one file each: the text is cut into clauses (`clauses`, with `connectors`, `light_verbs`, `ellipsis` and
-`counting`), the clauses are put in order (`ordering`), made into segments (here), and poses are kept (`poses`). Words
-that no rule covers stay with the action before them: "up and down", "back and forth", "with anger and pride".
+The steps: the text is cut into clauses (`clauses`, with `light_verbs`, `ellipsis` and `counting`), the clauses are put
+in order (`ordering`) and made into segments, in which poses are kept (here); each `Action` fills its slots from its
+words (`slots`). Words that no rule covers stay with the action before them: "up and down", "with anger and pride".
 """
 import re
 from collections.abc import Callable
@@ -16,8 +16,9 @@ from motion_jax_studio.language.actions import Action, Segment, pause, still
 from motion_jax_studio.language.clause import lower
 from motion_jax_studio.language.clauses import clauses_of, fragments_of, parts_of
 from motion_jax_studio.language.lexicon import HOLD, PAUSE
-from motion_jax_studio.language.meaning import Meanings, is_a, translated
+from motion_jax_studio.language.meaning import Meanings, translated
 from motion_jax_studio.language.ordering import in_order, subject_of
+from motion_jax_studio.language.path_shapes import is_gait
 from motion_jax_studio.language.plan import Plan
 from motion_jax_studio.language.words import normalize
 
@@ -35,12 +36,12 @@ def parse(text: str, known: Callable[[str], bool] | None = None, meanings: Meani
   whole = [_action(clause, lower(clause.subject) or lexicon.DEFAULT_SUBJECT) if clause else None
            for _, clause in _clauses(clauses, meanings, lambda text: True)]
   split = _segments(text, _clauses(clauses, meanings))
-  segments = split if known is None else _on_the_way(
+  segments = split if known is None else _with_turns(
       None if known(text) else _segments(text, _clauses(clauses, meanings, known)), text)
-  actions_ = tuple(filter(None, whole)) if split is None else tuple(
-      action for segment in split for action in (segment.action, *segment.simultaneous))
+  actions = tuple(filter(None, whole)) if split is None else tuple(
+      action for segment in split for action in segment.actions)
   plain = (Segment(Action(text, text)),)
-  return Plan(text, segments or plain, actions_, whole[0] if len(whole) == 1 else None, split or plain)
+  return Plan(text, segments or plain, actions, whole[0] if len(whole) == 1 else None, split or plain)
 
 
 def _clauses(clauses, meanings, keep_together=None):
@@ -69,29 +70,27 @@ def _with_ways_back(segments):
   changed = list(segments)
   for place, (turn, back) in enumerate(zip(segments, segments[1:])):
     turning, walking = turn.action, back.action
-    if not (walking.slots.leads_back and is_a(walking.verb, "walk", "run")) or turning.verb not in lexicon.TURNING:
+    if not (walking.slots.leads_back and is_gait(walking.verb)) or turning.verb not in lexicon.TURNING:
       continue
     sides = {"left", "right"} & set(turning.words.lower().split())
     words = " ".join(["turns around", *(f"to the {side}" for side in sides)])
-    changed[place] = turn._replace(action=turning.replace(
-        words=words, part="legs", verb="turn", reworded=True))
-    way, rest = walking.words.lower().split("back", 1)
-    words = f"{way}forward{'' if _WHERE_TO & {*rest.split()[:1]} else rest}"
+    changed[place] = turn._replace(action=turning.replace(words=words, part="legs", verb="turn", reworded=True))
+    verb, rest = walking.words.lower().split("back", 1)
+    words = f"{verb}forward{'' if _WHERE_TO & {*rest.split()[:1]} else rest}"
     changed[place + 1] = back._replace(action=walking.replace(words=words, reworded=True, goes_back=True))
   return changed
 
 
-def _on_the_way(segments, text):
+def _with_turns(segments, text):
   """The segments, with each walk or run and the turn to a side after it merged as in captions: "walks forward and turns
   left"; None if a plain plan is left. A turn before another walk stays an action of its own."""
   joined: list[Segment] = []
   for segment, after in zip(segments or (), [*(segments or ())[1:], None]):
     before, turn = joined[-1] if joined else None, segment.action
-    walks_on = after is not None and is_a(after.action.verb, "walk", "run")
-    if before and _goes_on(before) and not any((walks_on, segment.simultaneous, segment.seconds, turn.times > 1)) and (
-        _is_turn_to_a_side(turn)):
-      words = f"{before.action.words} and {turn.words}"
-      joined[-1] = before._replace(action=before.action.replace(words=words))
+    walks_again = after is not None and is_gait(after.action.verb)
+    if before and _is_walk_forward(before) and _is_turn_to_a_side(turn) and not any((
+        walks_again, segment.simultaneous, segment.seconds, turn.times > 1)):
+      joined[-1] = before._replace(action=before.action.replace(words=f"{before.action.words} and {turn.words}"))
     else:
       joined.append(segment)
   return tuple(joined) if joined and not Plan(text, tuple(joined)).is_plain else None
@@ -104,10 +103,10 @@ def _is_turn_to_a_side(action):
       [turn, side] for turn in ("turn", "turns") for side in ("left", "right"))
 
 
-def _goes_on(segment):
+def _is_walk_forward(segment):
   """Whether a segment is a walk or run forward and nothing else."""
   action = segment.action
-  return is_a(action.verb, "walk", "run") and not any((segment.simultaneous, segment.seconds, action.times > 1)) and (
+  return is_gait(action.verb) and not any((segment.simultaneous, segment.seconds, action.times > 1)) and (
       _NOT_FORWARD.isdisjoint(action.words.split()))
 
 

@@ -65,11 +65,11 @@ class Job:
 
   def select(self, rows: Sequence[int], **changed: Any) -> Self:
     """The job of these motions alone, with other values of some fields."""
-    some = lambda values: [values[i] for i in rows]
-    selected = dict(prompts=some(self.prompts), frames=some(self.frames), keys=select_keys(self.keys, rows),
-                    seeds=some(self.seeds), constraints=some(self.constraints), plans=some(self.plans),
-                    targets=some(self.targets), notes=some(self.notes),
-                    scheduled=some(self.scheduled), guided=some(self.guided), records=some(self.records),
-                    given_requirements=some(self.given_requirements) if self.given_requirements else [],
-                    motions=some(self.motions) if self.motions else [])
+    pick = lambda values: [values[i] for i in rows]
+    selected = dict(prompts=pick(self.prompts), frames=pick(self.frames), keys=select_keys(self.keys, rows),
+                    seeds=pick(self.seeds), constraints=pick(self.constraints), plans=pick(self.plans),
+                    targets=pick(self.targets), notes=pick(self.notes),
+                    scheduled=pick(self.scheduled), guided=pick(self.guided), records=pick(self.records),
+                    given_requirements=pick(self.given_requirements) if self.given_requirements else [],
+                    motions=pick(self.motions) if self.motions else [])
     return dataclasses.replace(self, **(selected | changed))
