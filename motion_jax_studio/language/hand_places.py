@@ -1,10 +1,9 @@
 """Hand poses and gestures from the words of an action: "holds the arms out to the sides", "puts a hand on the hip"."""
-import functools
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from motion_jax_studio.language import lexicon
-from motion_jax_studio.language.words import has_phrase, lookup, normalize, tokens, until
+from motion_jax_studio.language.words import has_phrase, lookup, normalize, until
 
 _BOTH = ("left", "right")
 _WHOSE = lexicon.POSSESSIVES | {"of", "the", "both", "a", "an", "one"}
@@ -67,15 +66,15 @@ _BEAT = 0.3
 
 
 class HandPlace(NamedTuple):
-  """A place of `motion_jax.motion.reaching.PLACES`, and the sides of the hands that are brought there."""
-  place: str
+  """A place of `motion_jax.motion.reaching.PLACES`, or a gesture, and the sides of the hands that are brought there."""
+  place: str  # "" for a gesture alone
   sides: tuple[str, ...]  # () where the words name none: the hands of the action before, or the right one
-  at_once: bool  # the hands are there from the beginning of the action: "stands with the arms out"
-  alone: bool = True  # the action is this pose and nothing else
+  from_start: bool  # the hands are there from the first frame of the action: "stands with the arms out"
+  is_whole_action: bool = True  # the action is this pose and nothing else
   gesture: tuple[tuple[str, float], ...] = ()  # successive places, each with the seconds to reach it
-  rhythm: bool = False  # the gesture is repeated
-  flows: bool = False  # the hands pass the places of the gesture without a stop
-  again: bool = False  # of the hands of the last hand pose, if there is one: "lowers them"
+  repeats: bool = False  # the gesture is repeated as long as the action lasts
+  is_smooth: bool = False  # the hands pass the places of the gesture without a stop
+  of_last_hands: bool = False  # of the hands of the last hand pose, if there is one: "lowers them"
 
 
 # Gestures by verb: the hands, if no side is named; successive places, each with the seconds to reach it; whether these
@@ -143,16 +142,16 @@ def _resolved(place, sides):
   return place if place != "out" or not sides else "side" if len(sides) == 2 else "front"
 
 
-def _brought(words, sides, at_once=False, alone=True):
+def _brought(words, sides, from_start=False, is_whole_action=True):
   """The hand pose that words give to the hands of these sides, () if they are not named; None without a place."""
   place = _place_of(tuple(words), sides)
-  return place and HandPlace(place, sides, at_once, alone and place != "knees")  # out of reach of a standing body
+  # A standing body does not reach its knees, so the model has to sample that action.
+  return place and HandPlace(place, sides, from_start, is_whole_action and place != "knees")
 
 
-@functools.lru_cache(maxsize=1 << 12)
-def hand_place_of(verb: str, part: str, sides: tuple[str, ...], times: int, text: str) -> HandPlace | None:
-  """The hand pose or gesture of an action; None if its words name none. sides: the arms that it names."""
-  words = tokens(text)
+def hand_place_of(verb: str, part: str, sides: tuple[str, ...], times: int, words: tuple[str, ...]
+                  ) -> HandPlace | None:
+  """The hand pose or gesture of an action; None if its words (tokens) name none. sides: the arms that it names."""
   if has_phrase(normalize(words[:6]), "t pose, t-pose"):
     return HandPlace("side", _BOTH, True, verb not in _BRINGS)
   start = next((at for at, word in enumerate(words) if not word.endswith("ly")), 0)
@@ -162,7 +161,7 @@ def hand_place_of(verb: str, part: str, sides: tuple[str, ...], times: int, text
   hand = sides or ("right",)
   if verb in _TOUCHES and (place := _brought(("to", *_thing(rest)), hand)):
     rubbed = _RUBBED.get(place.place) if verb in _RUBS else None
-    return place._replace(gesture=((place.place, _BEAT), (rubbed, _BEAT)), rhythm=True) if rubbed else place
+    return place._replace(gesture=((place.place, _BEAT), (rubbed, _BEAT)), repeats=True) if rubbed else place
   if verb in _AT_THE_HEAD:
     return HandPlace(_AT_THE_HEAD[verb], hand, False)
   if gesture := _gesture_of(verb, part, sides, times, words):
@@ -179,14 +178,14 @@ def _hands_brought(verb, form, rest, sides):
   if limb := limb_at(rest, len(particle)):
     return _brought((*form, *limb.before, *particle, *limb.after), limb.sides, verb in _KEEPS, limb.ends)
   if verb == "reach" and rest and rest[0] in _OUTWARD:
-    return _brought(("reaches", *_until_end(rest)), sides or ("right",), alone=False)
+    return _brought(("reaches", *_until_end(rest)), sides or ("right",), is_whole_action=False)
   if rest[:1] in (("it",), ("them",)) or {"again", "back", "down"}.issuperset(rest):
     after = rest if rest[:1] not in (("it",), ("them",)) else rest[1:] if rest[0] == "them" else ()
-    place = _brought((*form, *_until_end(after)), (), alone=_until_end(after) == after)
+    place = _brought((*form, *_until_end(after)), (), is_whole_action=_until_end(after) == after)
     if place:
-      return place._replace(again=True)
+      return place._replace(of_last_hands=True)
   place = lookup(_TO_THE_HEAD, normalize(rest))
-  return place and HandPlace(place, sides or ("right",), False, alone=False)
+  return place and HandPlace(place, sides or ("right",), False, is_whole_action=False)
 
 
 def _until_end(words):
@@ -209,12 +208,12 @@ def _gesture_of(verb, part, sides, times, words):
   if limb and verb in _CIRCLING and has_phrase(text, _CIRCLES) and _NO_CIRCLE.isdisjoint(words):
     places = _OF_ARMS if limb == "arm" else _OF_HANDS
     places = places[::-1] if has_phrase(text, "backward, backwards, reverse") else places
-    return HandPlace("", sides or ("right",), False, gesture=places * times, rhythm=times == 1, flows=True)
+    return HandPlace("", sides or ("right",), False, gesture=places * times, repeats=times == 1, is_smooth=True)
   if part != "arms" or verb not in _GESTURES or not _NO_GESTURE.isdisjoint(until(words, {"with"})):
     return None
   hands, places, repeats = _GESTURES[verb]
   gesture = places * times + (("down", 0.8),) * (repeats and times > 1)
-  return HandPlace("", hands if repeats else sides or hands, False, gesture=gesture, rhythm=repeats and times == 1)
+  return HandPlace("", hands if repeats else sides or hands, False, gesture=gesture, repeats=repeats and times == 1)
 
 
 def without_hands(text: str) -> str:
@@ -238,7 +237,7 @@ def places_of(segments: Sequence[Any]) -> list[dict[int, HandPlace]]:
     hands = [action.sides for action in segment.actions if action.part == "arms" and action.sides]
     for number, action in enumerate(segment.actions):
       place = action.slots.hands
-      if place and (last is not None or not place.again):
+      if place and (last is not None or not place.of_last_hands):
         sides = place.sides or last or ("right",)
         placed[number] = place._replace(sides=sides, place=_resolved(place.place, sides))
       elif action.part == "arms":
@@ -251,7 +250,7 @@ def places_of(segments: Sequence[Any]) -> list[dict[int, HandPlace]]:
 def postures_of(segments: Sequence[Any]) -> dict[tuple[int, int], HandPlace | None]:
   """{(segment, action): hand pose} of the actions that are only a posture, by their indices; None stands for a lean."""
   postures = {(at, number): place for at, places in enumerate(places_of(segments)) for number, place in places.items()
-              if place.alone and (place.flows or segments[at].actions[number].part == "arms" or not (
+              if place.is_whole_action and (place.is_smooth or segments[at].actions[number].part == "arms" or not (
                   segments[at].actions[number].verb))}
   return postures | {(at, number): None for at, segment in enumerate(segments)
                      for number, action in enumerate(segment.actions) if action.slots.lean}

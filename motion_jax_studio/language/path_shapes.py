@@ -1,12 +1,11 @@
 """The shape and pace of a path, as a sentence describes them: `checks.path_violations` measures it on joints."""
-import functools
 import re
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from motion_jax_studio.language import lexicon
 from motion_jax_studio.language.meaning import is_a, kind_of, pace_of
-from motion_jax_studio.language.words import has_phrase, lookup, normalize, tokens, until
+from motion_jax_studio.language.words import has_phrase, lookup, normalize, until
 
 _BESIDE = set(", with while starting leading dragging leaning kicking waving looking".split())  # end the path's words
 _SIZES = set("full whole complete big small large wide tight little single few one two three".split())
@@ -51,13 +50,12 @@ def is_gait(verb: str) -> bool:
   return is_a(verb, "walk", "run")
 
 
-@functools.lru_cache(maxsize=1 << 12)
-def shapes_of(verb: str, text: str) -> tuple[PathShape, ...]:
+def shapes_of(verb: str, words: tuple[str, ...]) -> tuple[PathShape, ...]:
   """Shape and pace of the path of one action; () for actions without a path, walks in place and two paths in one."""
   kind = kind_of(verb, "walk", "run")
   gait, manner = (kind.verb, kind.manner) if kind else ("", ())
-  text = text.lower().replace(", clockwise", " clockwise").replace(", counterclockwise", " counterclockwise")
-  whole, words = normalize(text), until(tokens(text), _BESIDE)
+  words = tuple(word for word, then in zip(words, (*words[1:], "")) if word != "," or not then.endswith("clockwise"))
+  whole, words = normalize(words), until(words, _BESIDE)
   if not (gait or verb in lexicon.LIGHT_VERBS) or has_phrase(whole, "then, in place, on spot") or not (
       lexicon.LIMBS | {"air"}).isdisjoint(words if gait else whole.split()):
     return ()
@@ -82,16 +80,16 @@ def _side_of(path, whole):
   return sides[0] if len(sides) == 1 else "" if sides else lookup(_TURNING, whole, "")
 
 
-def course_of(verb: str, part: str, text: str) -> str | None:
+def course_of(verb: str, part: str, whole: str) -> str | None:
   """The side that a walk leads to, "" for a walk elsewhere, None for other actions."""
   if not is_gait(verb) and verb not in ("go", "move") or part not in ("legs", "body", ""):
     return None
-  if has_phrase(normalize(text), _NO_COURSE):
+  if has_phrase(whole, _NO_COURSE):
     return ""
-  words = [word for word in normalize(text).split() if not word.endswith("ly")]
-  for way, side, thing in zip(words, words[1:], [*words[2:], ""]):
+  words = [word for word in whole.split() if not word.endswith("ly")]
+  for before, side, thing in zip(words, words[1:], [*words[2:], ""]):
     if side in lexicon.SIDES and thing not in _SIDED and (
-        way in ("to", "toward", "towards") or side == words[1] and thing != "and"):
+        before in ("to", "toward", "towards") or side == words[1] and thing != "and"):
       return side
   return ""
 

@@ -97,7 +97,7 @@ def is_counted(requirements: Sequence[Requirement]) -> bool:
   return len(requirements) == 1 and requirements[0].kind in COUNTED
 
 
-def once(requirements: Sequence[Requirement]) -> list[Requirement]:
+def exactly_once(requirements: Sequence[Requirement]) -> list[Requirement]:
   """The same requirements, in which an event that can be counted occurs exactly once."""
   return [requirement._replace(counted=True) if requirement.kind in COUNTED and requirement.times == 1 else requirement
           for requirement in requirements]

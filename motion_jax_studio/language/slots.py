@@ -90,21 +90,22 @@ class Slots(NamedTuple):
   event: Event | None = None
   states: frozenset[str] = frozenset()  # still, dance, rise, ascend, descend, stays, treads, returns
   is_backward: bool = False
-  is_in_place: bool = False  # "jogs in place"
+  stays: bool = False  # done on the spot: sits down, but not "kicks forward"
   leads_back: bool = False  # "walks back to the door", but not "walks back and forth"
 
 
 @functools.lru_cache(maxsize=1 << 14)
 def slots_of(verb: str, part: str, sides: tuple[str, ...], times: int, text: str) -> Slots:
   """The slots of an action by its verb, body part, arms, repetitions and words."""
-  whole = normalize(text)
+  all_words = tokens(text)
+  whole = normalize(all_words)
   words = whole.split()
   after, plain = normalize(words[1:]), [word for word in words if not word.endswith("ly")]
   states = frozenset(kind for kind, *row in _STATES if _shows(row, verb, part, after))
   return Slots(
-      hand_place_of(verb, part, sides, times, text), _lean_of(verb, text), shapes_of(verb, text),
-      course_of(verb, part, text), _aside_of(whole), _event_of(verb, part, sides, after, words, whole), states,
-      has_phrase(whole, "backward, backwards"), has_phrase(whole, lexicon.IN_PLACE),
+      hand_place_of(verb, part, sides, times, all_words), _lean_of(verb, text), shapes_of(verb, all_words),
+      course_of(verb, part, whole), _aside_of(whole), _event_of(verb, part, sides, after, words, whole), states,
+      has_phrase(whole, "backward, backwards"), _stays(verb, part, words),
       plain[1:2] == ["back"] and plain[2:4] != ["and", "forth"])
 
 
@@ -115,6 +116,11 @@ def _shows(row, verb, part, after):
   return (not named or verb in named or "gait" in named and is_gait(verb) or (
       "turning" in named and is_a(verb, "turn", "spin"))) and row_part in ("", part) and (
           all(has_phrase(after, phrases) for phrases in needed)) and not (lacking and has_phrase(after, lacking))
+
+
+def _stays(verb, part, words):
+  travels = not {"forward", "forwards", "sideways", "around"}.isdisjoint(words)
+  return part in ("arms", "head", "torso") or verb in lexicon.STAYING_VERBS and not travels
 
 
 def _event_of(verb, part, sides, after, words, whole):

@@ -56,7 +56,7 @@ def _segment_frames(planner, segment, then, postures):
 def _posture_seconds(place):
   """Seconds of a posture of a standing body, or of a gesture."""
   gesture = sum(seconds for _, seconds in place.gesture) if place else 0.0
-  return max(_POSTURE, gesture * (_ROUNDS if place and place.rhythm else 1))
+  return max(_POSTURE, gesture * (_ROUNDS if place and place.repeats else 1))
 
 
 def _least_frames(planner, segment, then):

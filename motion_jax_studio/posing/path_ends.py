@@ -10,7 +10,7 @@ from motion_jax.control import paths
 from motion_jax.control.constraints import Constraint, RootPath
 from motion_jax.models.results import Motion
 from motion_jax_studio.language import Plan
-from motion_jax_studio.language.lexicon import LOW, STAYING_VERBS
+from motion_jax_studio.language.lexicon import LOW
 from motion_jax_studio.language.path_shapes import is_gait
 from motion_jax_studio.planning import durations
 
@@ -63,11 +63,7 @@ def path_note(plan: Plan, constraints: Sequence[Constraint]) -> str:
 
 
 def _stays(segment):
-  def stays(action):
-    words = set(action.words.lower().split())
-    return action.verb in STAYING_VERBS and not words & {"forward", "forwards", "sideways", "around"} or (
-        action.part in ("arms", "head", "torso"))
-  return segment.is_pause or all(map(stays, (segment.action, *segment.simultaneous)))
+  return segment.is_pause or all(action.slots.stays for action in segment.actions)
 
 
 def _with_times(path, motion, stop):
