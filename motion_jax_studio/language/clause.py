@@ -24,12 +24,11 @@ class Clause(NamedTuple):
   @property
   def part(self) -> str:
     """The body part that acts (`parts.part_of`)."""
-    return parts.part_of(self.verb, lower(self.words))
+    return parts.part_of(self.verb, self.words)
 
 
-def clause_of(tokens):
-  """The clause that tokens form; None if they have no verb of an action."""
-  words = [token.lower().replace("’", "'") for token in tokens]
+def clause_of(words):
+  """The clause that words form; None if they have no verb of an action."""
   lemmas, tags = zip(*tag_words(words)) if words else ((), ())
   start = _first_verb(words, tags)
   if start is None:
@@ -40,23 +39,22 @@ def clause_of(tokens):
     verb = "hold"  # "has the left hand raised"
   elif tags[head] == "AUX" and verb != "do":  # "is happy", "can"
     return None
-  subject, before = list(tokens[:start]), []
-  while subject and subject[0].lower() in ("first", "firstly", "having", ","):
+  subject, before = list(words[:start]), []
+  while subject and subject[0] in ("first", "firstly", "having", ","):
     del subject[0]
-  while subject and subject[-1].lower() in lexicon.RELATIVE:
+  while subject and subject[-1] in lexicon.RELATIVE:
     subject.pop()
   while subject and tags[start - len(before) - 1] == "ADV" and (
-      subject[-1].lower() not in {*lexicon.SIDES, *lexicon.BACKWARD}):  # "a person with a broken back"
+      subject[-1] not in {*lexicon.SIDES, *lexicon.BACKWARD}):  # "a person with a broken back"
     before.insert(0, subject.pop())
   if subject and not any(tag in ("NOUN", "PRON") for tag in tags[:start]):
     before, subject = subject + before, []
-  before = [word for word in before if word.lower() != "first"]
-  before += [token for token in tokens[start + 1:head] if token.lower().endswith("ly")]
-  form, after = tokens[head].lower(), tokens[head + 1:]
-  who = lower(subject)
-  if "with" in who and who[0] != "with" and not lexicon.LIMBS.isdisjoint(who) and parts.part_of(verb, ()) == "legs":
-    kept = who.index("with")  # "a person with both arms up walks"; arms that act themselves do not stay so
-    subject, after = subject[:kept], [*after, *subject[kept:]]
+  before = [word for word in before if word != "first"]
+  before += [word for word in words[start + 1:head] if word.endswith("ly")]
+  form, after = words[head], words[head + 1:]
+  if "with" in subject[1:] and not lexicon.LIMBS.isdisjoint(subject) and parts.part_of(verb, ()) == "legs":
+    added = subject.index("with")  # "a person with both arms up walks"; arms that act themselves do not stay so
+    subject, after = subject[:added], [*after, *subject[added:]]
   if is_past(form) and (lexicon.BEING | {"be"}) & set(words[start:head]):  # "is pushed"
     before.insert(0, "are" if words[start] == "are" else "is")
   action = reworded(verb, after)
@@ -117,17 +115,17 @@ def _describes(words, at):
       is_past(words[at]) and before in lexicon.WITH_A_LIMB | {"with"} and after in lexicon.LIMBS)
 
 
-def unknown_verb(tokens):
-  """The clause of tokens that begin with a verb unknown to the word lists, as in "then warms them"; else None."""
-  word = tokens[0].lower()
+def unknown_verb(words):
+  """The clause of words that begin with a verb unknown to the word lists, as in "then warms them"; else None."""
+  word = words[0]
   is_verb = len(word) > 3 and word.isalpha() and word.endswith("s") and (
       word not in lexicon.DIRECTIONS | lexicon.LIMBS)
-  return Clause([], [], word[:-1], word, tokens[1:]) if is_verb else None
+  return Clause([], [], word[:-1], word, words[1:]) if is_verb else None
 
 
 def is_person(subject):
   """Whether a subject is a person, not a thing as in "the music starts"."""
-  return any(word.lower() in lexicon.PEOPLE for word in subject)
+  return any(word in lexicon.PEOPLE for word in subject)
 
 
 def can_be_simultaneous(group, clause):
@@ -136,12 +134,7 @@ def can_be_simultaneous(group, clause):
     if not member.part or not clause.part or {member.part, clause.part} == {"legs", "body"}:
       return False
     if member.part == clause.part:
-      sides, others = (parts.sides_of(lower(x.words)) for x in (member, clause))
+      sides, others = (parts.sides_of(x.words) for x in (member, clause))
       if member.part != "arms" or not sides or not others or set(sides) & set(others):
         return False
   return True
-
-
-def lower(words):
-  """The words in lower case."""
-  return [word.lower() for word in words]

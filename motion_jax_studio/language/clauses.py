@@ -11,7 +11,6 @@ from motion_jax_studio.language.clause import (
   clause_of,
   is_person,
   keeps_limbs,
-  lower,
   unknown_verb,
 )
 from motion_jax_studio.language.counting import with_numbers
@@ -31,7 +30,6 @@ _KIND_OF = {words: kind for kind, row in _CONNECTORS.items() for words in row.sp
 _LONGEST = max(len(words.split()) for words in _KIND_OF)
 _STRENGTH = ("", ",", "and", "then", "while", "until", "after", "before")
 _TOKEN = re.compile(r"\d+(?:\.\d+)?|\w+(?:['’-]\w+)*|\S", re.UNICODE)
-_NOT = re.compile(r"(?i)\b(do|does|did)n['’]t\b")
 _SUBORDINATE = ("before", "after", "while", "until")
 _LONGEST_CLAUSE = 40  # words after which a participle begins no further clause
 
@@ -65,13 +63,12 @@ def fragments_of(text):
 
   The name is "" for the first fragment.
   """
-  tokens = _TOKEN.findall(lexicon.spelt(_NOT.sub(r"\1 not", text)))
-  words = [token.lower().replace("’", "'") for token in tokens]
+  tokens = _TOKEN.findall(lexicon.spelt(text).lower().replace("’", "'"))
   fragments, kind, start, at = [], "", 0, 0
   between = []  # tokens of the connectors since the last fragment
   while at < len(tokens):
-    length, here = _connector_at(words, at)
-    begins = "" if length else _begins_at_verb(words, start, at)
+    length, here = _connector_at(tokens, at)
+    begins = "" if length else _begins_at_verb(tokens, start, at)
     if begins:
       fragments.append((kind, between, tokens[start:at]))
       kind, between, start = begins, [], at
@@ -91,7 +88,7 @@ def _with_subjects(fragments):
   """The fragments, with each lone subject moved to the fragment after it: "he" and "sits" of "he then sits"."""
   joined: list = []
   for kind, between, tokens in fragments:
-    if len(joined) > 1 and _is_subject(lower(joined[-1][2])):
+    if len(joined) > 1 and _is_subject(joined[-1][2]):
       before, words, subject = joined.pop()
       kind, between, tokens = _stronger(before, kind), [*words, *between], [*subject, *tokens]
     joined.append((kind, between, tokens))
@@ -148,7 +145,6 @@ class Part(NamedTuple):
 
 def parts_of(fragments):
   """The clauses of fragments, each a `Part`; a fragment that is no action of its own is joined to the one before it."""
-  fragments = [(kind, between, list(tokens)) for kind, between, tokens in fragments]
   result: list[Part] = []
   lead = ""          # the connector of a subordinate clause in front, until its main clause comes
   subject: list[str] = []  # of a clause in front that is no action
@@ -206,18 +202,17 @@ def clauses_of(parts, keep_together=None):
 
 def _state_of(tokens):
   """The subject of a fragment that describes a state, not an action: "a man" of "a man is ready"; else []."""
-  words = lower(tokens)
-  at = next((at for at, word in enumerate(words) if word in lexicon.BEING), 0)
-  return tokens[:at] if at and is_person(words[:at]) else []
+  at = next((at for at, word in enumerate(tokens) if word in lexicon.BEING), 0)
+  return tokens[:at] if at and is_person(tokens[:at]) else []
 
 
 def _is_no_action(clause, then):
   """Whether a clause in front only says where or how a person is: "starts in a spot", "a man standing" (waves), "from a
   standing position"."""
   if clause.verb in lexicon.STARTING:
-    return clause.words[:1] and clause.words[0].lower() in lexicon.AT_A_PLACE
+    return clause.words[:1] and clause.words[0] in lexicon.AT_A_PLACE
   kind, between, _ = then
-  if clause.verb in lexicon.IDLE and lower(clause.before)[:1] == ["from"]:
+  if clause.verb in lexicon.IDLE and clause.before[:1] == ["from"]:
     return True
   return clause.verb in lexicon.IDLE and is_participle(clause.form) and kind == "then" and not between
 
@@ -248,18 +243,18 @@ def _stands_alone(part, previous):
     return clause.verb in lexicon.HALTING_VERBS  # "walks, stopping", but not "walks, turning left"
   if kind in ("and", ","):
     if _ends_in_nouns(before) or clause.verb in lexicon.LIGHT_VERBS and (
-        lexicon.PATH_NOUNS & set(lower(clause.words))):
+        lexicon.PATH_NOUNS & set(clause.words)):
       return False  # "walks and makes a u-turn"
     if clause.form.endswith("ed") and not clause.subject and not before.form.endswith("ed") and not (
         _begins_with_object(clause.words)):
       return False  # "walks forward, directed to the right", but not "sits down and crossed his legs"
-    begins = is_participle(lower(part.tokens)[0])
+    begins = is_participle(part.tokens[0])
     if not begins and is_participle(clause.form) and clause.verb == before.verb and not clause.words:
       return False  # "walks forward and keeps walking"
     if begins and kind == "and" and before.form != clause.form and not (
         is_participle(before.form) or previous.kind in ("while", ",")):
       return False  # "walks with jumping and singing"
-    return bool(verb_of(clause.form.lower()) or before.words and _begins_with_object(clause.words))
+    return bool(verb_of(clause.form) or before.words and _begins_with_object(clause.words))
   if kind == "while" and not can_be_simultaneous([before], clause):
     return False  # "turns left while walking"
   if kind in _SUBORDINATE:
@@ -268,10 +263,10 @@ def _stands_alone(part, previous):
 
 
 def _begins_with_object(words):
-  return lower(words[:1]) in ([word] for word in {"both", *lexicon.DETERMINERS, *lexicon.POSSESSIVES, *lexicon.LIMBS})
+  return words[:1] in ([word] for word in {"both", *lexicon.DETERMINERS, *lexicon.POSSESSIVES, *lexicon.LIMBS})
 
 
 def _ends_in_nouns(clause):
   """Whether a clause ends in a thing that looks like a verb: "throws punches" (and kicks)."""
-  last = clause.words[-1].lower() if clause.words else ""
+  last = clause.words[-1] if clause.words else ""
   return last.endswith("s") and verb_of(last) not in ("", "cross") and last not in ("arms", "hands", "steps")

@@ -8,7 +8,8 @@ from motion_jax.text.wordnet import LOST, Target
 PAUSE, HOLD = "stands still", "holds still"  # the words of a pause, and of a pose that is kept
 
 # Spellings and turns of phrase, each with the words that all rules read.
-_SPELT = ((r"\b(?:counter|anti)[- ]*clock[- ]?wise\b", "counterclockwise"), (r"\bzig[- ]zag", "zigzag"),
+_SPELT = ((r"\b(do|does|did)n['’]t\b", r"\1 not"), (r"\bzig[- ]zag", "zigzag"),
+          (r"\b(?:counter|anti)[- ]*clock[- ]?wise\b", "counterclockwise"),
           (r"\bsemi[- ]?circle|\bhalf(?: of)? an? circle|\bhalf-circle", "half circle"), (r"\bu turn", "u-turn"),
           (r"\b(?:is|was) on (?:his|her|their) knees\b", "kneels"),
           (r"\b(?:is|was) (?:laying|lying|laid)(?= (?:down|on)\b)|\b(?:is|was)(?= on the (?:floor|ground)\b)", "lies"),

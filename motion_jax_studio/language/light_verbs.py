@@ -30,13 +30,12 @@ _TO_A_POSTURE = {"from", "in", "out", "off", "to", "into", "back", "down", "posi
 def reworded(verb: str, words: Sequence[str]) -> tuple[str, list[str], int] | None:
   """(verb, the words after it, repetitions) that a verb and its words mean; None where no rule applies ("does a front
   kick")."""
-  lower = [word.lower() for word in words]
-  action = next((action for rule in _RULES if (action := rule(verb, words, lower)) is not None), None)
+  action = next((action for rule in _RULES if (action := rule(verb, words)) is not None), None)
   return action and (*action, 1)[:3]
 
 
-def _start_in_a_posture(verb, words, lower):
-  postures = [word for word in normalize(lower).split() if word not in _TO_A_POSTURE]
+def _start_in_a_posture(verb, words):
+  postures = [word for word in normalize(words).split() if word not in _TO_A_POSTURE]
   if verb not in ("start", "begin", "return") or len(postures) != 1:
     return None
   posture = "sit" if postures == ["seated"] else verb_of(postures[0])
@@ -45,28 +44,28 @@ def _start_in_a_posture(verb, words, lower):
   return (posture, {"lie": ["down"], "stand": ["still"]}.get(posture, []))
 
 
-def _come_to_a_stop(verb, words, lower):
-  stops = verb == "come" and lower[:2] in (["to", "a"], ["to", "an"]) and lower[-1] in lexicon.STANDSTILLS
+def _come_to_a_stop(verb, words):
+  stops = verb == "come" and words[:2] in (["to", "a"], ["to", "an"]) and words[-1] in lexicon.STANDSTILLS
   return ("stop", []) if stops else None
 
 
-def _strike_with_explicit_side(verb, words, lower):
-  if verb not in lexicon.LIMB_OF_ACTION or lower[:1] not in (["left"], ["right"]) or without_times(lower[1:])[0]:
+def _strike_with_explicit_side(verb, words):
+  if verb not in lexicon.LIMB_OF_ACTION or words[:1] not in (["left"], ["right"]) or without_times(words[1:])[0]:
     return None
-  return (verb, ["with", "the", lower[0], lexicon.LIMB_OF_ACTION[verb], *words[1:]])
+  return (verb, ["with", "the", words[0], lexicon.LIMB_OF_ACTION[verb], *words[1:]])
 
 
-def _put_hands_up(verb, words, lower):
-  limb = limb_at(tuple(lower), int(lower[:1] == ["up"])) if verb in lexicon.PUTTING_VERBS else None
-  if limb is None or not limb.ends or not _UPWARD.issuperset(limb.after) or _UP.isdisjoint(lower):
+def _put_hands_up(verb, words):
+  limb = limb_at(tuple(words), int(words[:1] == ["up"])) if verb in lexicon.PUTTING_VERBS else None
+  if limb is None or not limb.ends or not _UPWARD.issuperset(limb.after) or _UP.isdisjoint(words):
     return None
   which = ["the", *limb.sides] if len(limb.sides) == 1 else ["both"] if limb.sides else ["a"]
   where = [word for word in limb.after if word not in ("up", "straight")]
   return ("raise", [*which, limb.thing, *where])
 
 
-def _side_steps(verb, words, lower):
-  steps = _SIDE_STEPS.fullmatch(" ".join([verb, *lower]))
+def _side_steps(verb, words):
+  steps = _SIDE_STEPS.fullmatch(" ".join([verb, *words]))
   if steps is None:
     return None
   side = {"left": "left", "right": "right"}.get(steps["side"] or steps["way"] or "", "")
@@ -77,21 +76,21 @@ def _side_steps(verb, words, lower):
   return ("walk", ["sideways", *way, *steps["after"].split()])
 
 
-def _stretch(verb, words, lower):
-  bare = verb == "stretch" and all(word.endswith("ly") or word in ("out", "again") for word in lower)
+def _stretch(verb, words):
+  bare = verb == "stretch" and all(word.endswith("ly") or word in ("out", "again") for word in words)
   return (verb, ["both", "arms", "up", *(word for word in words if word != "out")]) if bare else None
 
 
-def _motion_of_an_action(verb, words, lower):
-  motion = _MOTION.match(" ".join(lower)) if verb in lexicon.LIGHT_VERBS else None
+def _motion_of_an_action(verb, words):
+  motion = _MOTION.match(" ".join(words)) if verb in lexicon.LIGHT_VERBS else None
   base = motion and verb_of(motion["verb"])
   return (base, words[len(motion[0].split()):]) if base else None
 
 
-def _noun_of_an_action(verb, words, lower):
-  if verb == "go" and lower[:1] == ["for"]:
-    verb, words, lower = "take", words[1:], lower[1:]  # "goes for a walk"
-  times, rest = _number_in_front(lower)
+def _noun_of_an_action(verb, words):
+  if verb == "go" and words[:1] == ["for"]:
+    verb, words = "take", words[1:]  # "goes for a walk"
+  times, rest = _number_in_front(words)
   if verb not in lexicon.LIGHT_VERBS or rest is None:
     return None  # "does squats"
   side, paces, adverbs = "", [], []

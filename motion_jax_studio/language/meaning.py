@@ -9,7 +9,6 @@ does not become "walk". Below the confidence `SURE` the model gets the words as 
 """
 import collections
 import functools
-import itertools
 from collections.abc import Iterable
 from typing import Any, NamedTuple
 
@@ -120,16 +119,15 @@ def translated(clause: Any, meanings: Meanings | None) -> Any:
   if meaning is None or part_of(meaning.verb, clause.words) != part_of(meaning.verb, ()):  # "rotates the wrists"
     return clause
   if part_of(meaning.verb, ()) == "legs" and clause.words and (
-      clause.words[0].lower() in lexicon.POSSESSIVES | {"it", "them", "something", "someone", "somebody"}):
+      clause.words[0] in lexicon.POSSESSIVES | {"it", "them", "something", "someone", "somebody"}):
     return clause  # "returns his left foot"
   if lexicon.HELD in meaning.manner:  # the verb stays, for the rules of held poses need it
     form = present_participle(meaning.verb) if is_participle(clause.form) else third_person(meaning.verb)
     return clause._replace(form=form, reworded=True, seconds=clause.seconds or _HELD_SECONDS)
-  clause_words = {word.lower() for word in (*clause.before, *clause.words)}
+  clause_words = {*clause.before, *clause.words}
   directions = [word for word in meaning.manner if word in _DIRECTIONS and clause_words.isdisjoint(_DIRECTIONS)]
   manner = [word for word in meaning.manner if word not in _DIRECTIONS and not any(map(pace_of, clause_words))]
   form = present_participle(meaning.verb) if is_participle(clause.form) else meaning.verb
-  leading = itertools.takewhile(lambda word: word.lower() in _DIRECTIONS | _OBJECTS, clause.words)
-  first = len([*leading])
+  first = next((at for at, word in enumerate(clause.words) if word not in _DIRECTIONS | _OBJECTS), len(clause.words))
   words = [*directions, *clause.words[:first], *manner, *clause.words[first:]]  # "walks backward slowly to the door"
   return clause._replace(verb=meaning.verb, form=form, words=words, reworded=True)

@@ -1,12 +1,12 @@
 """Clauses in the order of time: groups of simultaneous ones, one group after the other, all of one subject."""
 from motion_jax.text.morphology import is_participle
 from motion_jax_studio.language import lexicon, parts
-from motion_jax_studio.language.clause import can_be_simultaneous, lower
+from motion_jax_studio.language.clause import can_be_simultaneous
 
 
 def subject_of(clauses):
   """The words of the common subject of all clauses, by default "a person"; None if there are several subjects."""
-  subjects = [lower(clause.subject) for clause in clauses if clause.subject]
+  subjects = [clause.subject for clause in clauses if clause.subject]
   named = [words for words in subjects if words[-1] not in lexicon.PRONOUNS]
   if {"he", "she"} <= {words[-1] for words in subjects}:
     return None
@@ -56,7 +56,7 @@ def _and_is_simultaneous(group, clause):
     return False
   # "picks it up and walks on", "walks to the door and opens it"
   if any(member.part == "arms" and member.verb != "lift" and not (
-      parts.stays_low(member.verb, member.part, lower(member.words)))
+      parts.stays_low(member.verb, member.part, member.words))
          or member.verb in lexicon.AT_A_THING and member.words for member in every):
     return False
   moving = {member.part for member in every}
@@ -64,6 +64,6 @@ def _and_is_simultaneous(group, clause):
     return all(is_participle(member.form) for member in every)  # "dancing and clapping"
   if "legs" in moving:
     return moving <= {"legs", "arms", "head"} and all(  # "is sitting and clapping"
-        parts.is_continuous(member.verb, lower(member.words)) or is_participle(member.form)
+        parts.is_continuous(member.verb, member.words) or is_participle(member.form)
         for member in every if member.part == "legs")
   return moving == {"arms", "head"} or moving == {"arms"} and {member.verb for member in every} <= lexicon.ONE_ARM_EACH

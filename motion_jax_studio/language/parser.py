@@ -13,7 +13,6 @@ from collections.abc import Callable
 from motion_jax.text.morphology import is_participle, is_past, third_person, verb_of
 from motion_jax_studio.language import lexicon, parts
 from motion_jax_studio.language.actions import Action, Segment, pause, still
-from motion_jax_studio.language.clause import lower
 from motion_jax_studio.language.clauses import clauses_of, fragments_of, parts_of
 from motion_jax_studio.language.lexicon import HOLD, PAUSE
 from motion_jax_studio.language.meaning import Meanings, translated
@@ -33,7 +32,7 @@ def parse(text: str, known: Callable[[str], bool] | None = None, meanings: Meani
   does any walk with the turn to a side after it. meanings: replacements of verbs that the model does not know.
   """
   clauses = parts_of(fragments_of(text))
-  whole = [_action(clause, lower(clause.subject) or lexicon.DEFAULT_SUBJECT) if clause else None
+  whole = [_action(clause, clause.subject or lexicon.DEFAULT_SUBJECT) if clause else None
            for _, clause in _clauses(clauses, meanings, lambda text: True)]
   split = _segments(text, _clauses(clauses, meanings))
   segments = split if known is None else _with_turns(
@@ -72,10 +71,10 @@ def _with_ways_back(segments):
     turning, walking = turn.action, back.action
     if not (walking.slots.leads_back and is_gait(walking.verb)) or turning.verb not in lexicon.TURNING:
       continue
-    sides = {"left", "right"} & set(turning.words.lower().split())
+    sides = {"left", "right"} & set(turning.words.split())
     words = " ".join(["turns around", *(f"to the {side}" for side in sides)])
     changed[place] = turn._replace(action=turning.replace(words=words, part="legs", verb="turn", reworded=True))
-    verb, rest = walking.words.lower().split("back", 1)
+    verb, rest = walking.words.split("back", 1)
     words = f"{verb}forward{'' if _WHERE_TO & {*rest.split()[:1]} else rest}"
     changed[place + 1] = back._replace(action=walking.replace(words=words, reworded=True, goes_back=True))
   return changed
@@ -116,7 +115,7 @@ def _segment(group, subject):
   acting = [_action(clause, subject) for clause in ordered]
   seconds = [clause.seconds for clause in ordered if clause.seconds is not None]
   if not seconds and acting[0].words in (PAUSE, HOLD):
-    words = " ".join(lower(ordered[0].words))
+    words = " ".join(ordered[0].words)
     seconds = [time for name, time in lexicon.PAUSE_SECONDS.items() if name in words]
   return Segment(acting[0], tuple(acting[1:]), seconds[0] if seconds else None)
 
@@ -124,8 +123,8 @@ def _segment(group, subject):
 def _action(clause, subject):
   """The Action of a clause, with the subject of the sentence."""
   who, words = " ".join(subject), _words_of(clause, subject)
-  after = [word for word in lower(clause.words) if word.isalpha()]
-  in_the_past = _is_past(clause) and (not clause.subject or clause.subject[-1].lower() in lexicon.PEOPLE)
+  after = [word for word in clause.words if word.isalpha()]
+  in_the_past = _is_past(clause) and (not clause.subject or clause.subject[-1] in lexicon.PEOPLE)
   rest = set(after) - lexicon.SHORT_TIMES
   keeps_a_limb = bool(parts.limb_postures(words))
   stands = clause.verb in ("stand", "stay") and after[:1] == ["still"] or (
@@ -138,13 +137,13 @@ def _action(clause, subject):
     words = _words_of(clause, subject)
   if _is_hold(clause.verb, rest):
     return still(who, HOLD).replace(prompt=f"{who} {words}")
-  return Action.of(who, words, clause.part, sides=parts.sides_of(lower(clause.words)), times=clause.times,
+  return Action.of(who, words, clause.part, sides=parts.sides_of(clause.words), times=clause.times,
                    verb=clause.verb, reworded=clause.reworded or in_the_past, counts_steps=clause.steps)
 
 
 def _is_past(clause):
   """Whether a clause is in the past tense; a passive stays as it is, and so does "a blind folded person"."""
-  return is_past(clause.form) and not {"is", "are", *lexicon.DETERMINERS} & set(lower(clause.before))
+  return is_past(clause.form) and not {"is", "are", *lexicon.DETERMINERS} & set(clause.before)
 
 
 def _words_of(clause, subject):
@@ -154,7 +153,7 @@ def _words_of(clause, subject):
   if form == clause.verb or is_participle(form) or _is_past(clause):
     base = clause.verb if form == clause.verb else verb_of(form)
     form = base if is_plural else third_person(base)
-  words = " ".join([*lower(clause.before), form, *clause.words])
+  words = " ".join([*clause.before, form, *clause.words])
   return re.sub(r"\s+([,.;:!?%)])", r"\1", words).rstrip(" .,;:!?-–—").replace("( ", "(")
 
 
@@ -205,4 +204,4 @@ def _without_simultaneous_pauses(segment):
 
 
 def _stays_low(action):
-  return parts.stays_low(action.verb, action.part, lower(action.words.split()))
+  return parts.stays_low(action.verb, action.part, action.words.split())
