@@ -179,7 +179,7 @@ def parts_of(fragments):
     if more is None and (clause is None or previous.clause is None or not _stands_alone(part, previous)):
       result[-1] = _joined(previous, part)
       continue
-    if lead:
+    if lead and (kind != "and" or clause.subject):  # "before sitting down and waving, he bows"
       part, lead = part._replace(kind=f"main {lead}"), ""
     result.append(part)
   return result

@@ -72,7 +72,7 @@ def _with_ways_back(segments):
     if not (walking.slots.leads_back and is_gait(walking.verb)) or turning.verb not in lexicon.TURNING:
       continue
     sides = {"left", "right"} & set(turning.words.split())
-    words = " ".join(["turns around", *(f"to the {side}" for side in sides)])
+    words = " ".join(["turns around", *(f"to the {side}" for side in sides if len(sides) == 1)])
     changed[place] = turn._replace(action=turning.replace(words=words, part="legs", verb="turn", reworded=True))
     verb, rest = walking.words.split("back", 1)
     words = f"{verb}forward{'' if _WHERE_TO & {*rest.split()[:1]} else rest}"

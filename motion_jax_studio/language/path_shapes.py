@@ -70,7 +70,7 @@ def shapes_of(verb: str, words: tuple[str, ...]) -> tuple[PathShape, ...]:
   paces = [*dict.fromkeys(pace for word in words if (pace := pace_of(word)))]
   if not paces:
     paces = ["quickly"] if "quickly" in manner else ["usual"] if gait == "walk" and set(manner) <= {"slowly"} else []
-  if has_phrase(path, _OTHERWISE) or has_phrase(whole, _CHANGES):
+  if has_phrase(path, _OTHERWISE) or has_phrase(whole, _CHANGES) or len(paces) > 1:
     return tuple(shapes)
   return (*shapes, *(PathShape(pace, gait) for pace in paces))
 
