@@ -98,7 +98,7 @@ def _is_steps(words):
 
 def _manner(previous, words):
   is_path = words[:1] == ["in"] and _is_gait(previous.verb)
-  if not is_path and words[:1] != ["like"] and not (words and all(word.endswith("ly") for word in words)):
+  if not is_path and words[:1] != ["like"] and not all(word.endswith("ly") for word in words):
     return None
   return _with_words(previous, list(words) if is_path else [
       *(word for word in previous.words if not word.endswith("ly")), *words])
@@ -107,9 +107,9 @@ def _manner(previous, words):
 def _direction(previous, words):
   before, adverbs = previous.words, {word for word in words if word.endswith("ly")}
   known = lexicon.DIRECTIONS | {"to", "the"} | lexicon.POSSESSIVES | adverbs
-  is_direction = words and words != ["again"] and set(words) <= known
+  is_direction = words != ["again"] and set(words) <= known
   one_limb = len(sides_of(before)) < 2 and lexicon.LIMBS.intersection(before)
-  of_a_limb = one_limb and words and words[-1] in lexicon.SIDES and "to" not in words
+  of_a_limb = one_limb and words[-1] in lexicon.SIDES and "to" not in words
   if not is_direction or of_a_limb or not lexicon.DIRECTIONS.intersection(before):
     return None
   shape = _SHAPE.match(" ".join(previous.words))  # "in a circle to the left, then to the right"
@@ -127,7 +127,7 @@ def _taken_noun(previous, words):
 def _other_limb(previous, words):
   before = previous.words
   limb = next((word for word in before if word in lexicon.LIMBS), "")
-  if not words or words[-1] not in lexicon.LIMBS and len(sides_of(before)) == 2:
+  if words[-1] not in lexicon.LIMBS and len(sides_of(before)) == 2:
     return None  # "with both arms to the right, then left"
   if not set(words) <= lexicon.POSSESSIVES | lexicon.LIMBS | lexicon.BEFORE_A_LIMB or not (
       words[-1] in lexicon.LIMBS or limb and words[-1] in (*lexicon.SIDES, "other")):

@@ -7,7 +7,7 @@ from motion_jax_studio.language import lexicon
 from motion_jax_studio.language.meaning import is_a, kind_of, pace_of
 from motion_jax_studio.language.words import has_phrase, lookup, normalize, until
 
-_BESIDE = set(", with while starting leading dragging leaning kicking waving looking".split())  # end the path's words
+_ENDS = set(", with while starting leading dragging leaning kicking waving looking".split())  # end the path's words
 _SIZES = set("full whole complete big small large wide tight little single few one two three".split())
 _SHAPES = (  # the first that is said; "" is no shape
     ("", "quarter, quarters, half way, half-way, halfway, degree, degrees, and half, circle of, clockwise from, "
@@ -55,7 +55,7 @@ def shapes_of(verb: str, words: tuple[str, ...]) -> tuple[PathShape, ...]:
   kind = kind_of(verb, "walk", "run")
   gait, manner = (kind.verb, kind.manner) if kind else ("", ())
   words = tuple(word for word, then in zip(words, (*words[1:], "")) if word != "," or not then.endswith("clockwise"))
-  whole, words = normalize(words), until(words, _BESIDE)
+  whole, words = normalize(words), until(words, _ENDS)
   if not (gait or verb in lexicon.LIGHT_VERBS) or has_phrase(whole, "then, in place, on spot") or not (
       lexicon.LIMBS | {"air"}).isdisjoint(words if gait else whole.split()):
     return ()
