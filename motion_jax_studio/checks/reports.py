@@ -42,7 +42,7 @@ def unmet_requirements(joints: Num[np.ndarray, "t 22 3"], requirements: Sequence
   events = functools.cache(lambda: find_events(joints, fps))
   missing = [requirement for requirement in requirements if violation(body, events, requirement)]
   never_sat = any(requirement.kind == "sit" for requirement in missing)
-  return [_described(requirement, events) for requirement in missing
+  return [_sentence_of(requirement, events) for requirement in missing
           if not (never_sat and requirement.kind == "seated")]
 
 
@@ -62,7 +62,7 @@ def attempts_note(attempts: int, missing: Sequence[str], prompt: str) -> str:
   return f"{attempts} attempts, {', '.join(missing)} (prompt: {shown!r}); another seed may show it"
 
 
-def _described(requirement, events):
+def _sentence_of(requirement, events):
   kind, side, times, counted, degrees = requirement
   if kind in _STATES:
     return _STATES[kind].format(side)

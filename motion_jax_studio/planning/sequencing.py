@@ -77,7 +77,7 @@ def compose(job: Job, lengths: Sequence[Sequence[int]], sample_segments: Callabl
             for row, (base, plan, span, frames) in enumerate(zip(bases, plans, spans, lengths))]
   layered = [[action.words for place in range(len(plan.segments)) for action, _ in layers.get((row, place), ())]
              for row, plan in enumerate(plans)]
-  return [_described(model, *parts) for parts in zip(bases, plans, layered, bodies)]
+  return [_with_captions(model, *parts) for parts in zip(bases, plans, layered, bodies)]
 
 
 def repeated(action: Any, count: int, least: int, one_by_one: bool = False) -> list[tuple[str, int]]:
@@ -144,16 +144,16 @@ def _layer_frames(segments, place, spans, lengths):
   return past - first
 
 
-def described(plan: Plan, frames: Sequence[int], fps: float) -> str:
+def describe_plan(plan: Plan, frames: Sequence[int], fps: float) -> str:
   """A readable plan: "walks forward (3.2 s) | waves the right hand (2.6 s)"."""
   return " | ".join(f"{segment.words} ({count / fps:.1f} s)" for segment, count in zip(plan.segments, frames))
 
 
-def _described(model, base, plan, layered, body):
+def _with_captions(model, base, plan, layered, body):
   """The motion with a caption per segment, its plan in meta["understood"], and features of its joints."""
   joints, spans = body
   captions = captions_in_a_row([segment.prompt for segment in plan.segments], [past for _, past in spans], model.fps)
-  meta = base.meta | dict(prompt=plan.text, understood=described(plan, [b - a for a, b in spans], model.fps))
+  meta = base.meta | dict(prompt=plan.text, understood=describe_plan(plan, [b - a for a, b in spans], model.fps))
   if joints is base.joints:
     return base.replace(captions=captions, meta=meta)
   pauses = any(segment.is_pause for segment in plan.segments)
