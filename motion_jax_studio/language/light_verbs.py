@@ -87,6 +87,14 @@ def _motion_of_an_action(verb, words):
   return (base, words[len(motion[0].split()):]) if base else None
 
 
+def _steps_at_a_pace(verb, words):
+  pace = pace_of(words[0]) if verb == "take" and words[1:2] == ["steps"] else ""
+  after = words[2:]
+  if not pace or after and after[0] not in (*lexicon.AFTER_A_NOUN, "ahead"):
+    return None
+  return ("walk", [*(["forward"] if after in (["ahead"], []) else after), pace])
+
+
 def _noun_of_an_action(verb, words):
   if verb == "go" and words[:1] == ["for"]:
     verb, words = "take", words[1:]  # "goes for a walk"
@@ -138,4 +146,4 @@ def _number_in_front(words):
 
 
 _RULES = (_start_in_a_posture, _come_to_a_stop, _strike_with_explicit_side, _put_hands_up, _side_steps,
-          _stretch, _motion_of_an_action, _noun_of_an_action)
+          _stretch, _motion_of_an_action, _steps_at_a_pace, _noun_of_an_action)

@@ -181,7 +181,7 @@ def _with_poses(segments, who):
   A hold with no pose before it becomes a pause, except "stays seated", which becomes an action.
   """
   posed, low = [], False
-  for segment in map(_without_simultaneous_pauses, segments):
+  for segment in map(_without_simultaneous_pauses, _without_repeated_pauses(segments)):
     action, before = segment.action, posed[-1] if posed else None
     if action.words == HOLD and before is None and lexicon.LOW_POSES & set(action.prompt.split()):
       action = action.replace(words=action.prompt.removeprefix(who + " "))
@@ -205,3 +205,9 @@ def _without_simultaneous_pauses(segment):
 
 def _stays_low(action):
   return parts.stays_low(action.verb, action.part, action.words.split())
+
+
+def _without_repeated_pauses(segments):
+  """The segments without a pause of no given duration after another pause: "stops and stands still"."""
+  return [segment for segment, before in zip(segments, (None, *segments))
+          if before is None or not (segment.is_pause and before.is_pause and segment.seconds is None)]
