@@ -27,7 +27,7 @@ _SLIDES = 0.3     # metres per second, largest average speed of the slower foot,
 _SHORTEST = 0.5  # seconds; an action can be seen only in longer spans
 
 
-class Made(NamedTuple):
+class Edit(NamedTuple):
   """An edited motion, and the distortion of its new frames by bone lengths and foot skating: 0 if they are good."""
   motion: Motion
   distortion: float
@@ -55,7 +55,7 @@ def edited(job: Job, clips: Sequence[Any], new: Callable[[int], np.ndarray], max
     if keeps_legs[row] and sliding(motion):
       motion = on_own_legs(motion, edits[row].known.joints, partial(pasting.features_of_edit, model, edits[row]))
     slides = 0.0 if any(requirement.kind == "run" for requirement in required[row]) else sliding(motion)
-    return Made(motion, _distortion(model, features, edits[row].new_in_window) + slides)
+    return Edit(motion, _distortion(model, features, edits[row].new_in_window) + slides)
 
   def attempts(rows, number, factor):
     part = job.select(rows, keys=resampling.keys_again(job, rows, number),
@@ -128,7 +128,7 @@ def sliding(motion: Motion) -> float:
 
 def gliding_reports(motion: Motion, requirements: Sequence[Any], checked: bool) -> list[str]:
   """[a sentence] if the body slides in new frames, because it travels to the kept frames without steps; else []."""
-  if not checked or any(one.kind == "run" for one in requirements) or not sliding(motion):
+  if not checked or any(requirement.kind == "run" for requirement in requirements) or not sliding(motion):
     return []
   first, past = max(motion.meta["made"], key=lambda span: span[1] - span[0])
   root = motion.joints[[max(first - 1, 0), min(past, len(motion.joints) - 1)], 0][:, [0, 2]]

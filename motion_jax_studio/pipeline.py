@@ -38,8 +38,8 @@ from motion_jax_studio.streaming import PlannedStream
 
 Step = Callable[[Job], None]
 Segments = Sequence[tuple[str, float | None]]  # prompts and their seconds
-STEPS = (steps.Plan(), steps.Warn(), steps.CleanUp(), steps.Sample(), steps.Pose(), steps.Correct(), steps.Check(),
-         steps.Constrain())
+STEPS = (steps.PlanPrompts(), steps.Warn(), steps.CleanUp(), steps.Sample(), steps.Pose(), steps.Correct(),
+         steps.Check(), steps.Constrain())
 
 
 class Pipeline:
@@ -95,7 +95,7 @@ class Pipeline:
     plan: judge a prompt action by action, not as a whole. postures: the pose step adds hand poses and leans, as in
     `pipeline(...)`; False for streams and lists of segments.
     """
-    return prompt_notes.notes_of(self.planner, [
+    return prompt_notes.notes_on(self.planner, [
         self.plan(prompt, postures) if plan and isinstance(prompt, str) else prompt for prompt in prompts], postures)
 
   def warn(self, prompts: Iterable[str | Plan], plan: bool = True, postures: bool = False) -> None:
@@ -188,9 +188,9 @@ class Pipeline:
       parts = batches(planned.frames, self.model.fps)
     yield planned
     for batch in progress.each(parts, "generating motions", unit="batch"):
-      some = requests[batch]
-      prompts = [plan or request.prompt for plan, request in zip(planned.plans[batch], some)]
-      yield self(prompts, [request.frames for request in some], seeds=[request.seed for request in some],
+      rows = requests[batch]
+      prompts = [plan or request.prompt for plan, request in zip(planned.plans[batch], rows)]
+      yield self(prompts, [request.frames for request in rows], seeds=[request.seed for request in rows],
                  control=control, without=out | {"warn"}, **options)
 
   def _planned(self, requests, control, out):

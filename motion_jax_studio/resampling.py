@@ -32,10 +32,10 @@ def with_guidance(sample: Callable[[Sequence[int], int, float], Sequence[tuple[A
       return list(sample(rows, 0, 1.0))
     softer = [i for i in rows if overdoes(i, number, bests[i].best)]
     samples: dict[int, Any] = {}
-    for some, factor in (([i for i in rows if i not in softer], LOUDER), (softer, SOFTER)):
-      if some:
+    for group, factor in (([i for i in rows if i not in softer], LOUDER), (softer, SOFTER)):
+      if group:
         with progress.part(f"attempt {number + 1} of {max_attempts}, as the last one does not show all of the prompt"):
-          samples |= zip(some, sample(some, number, factor))
+          samples |= zip(group, sample(group, number, factor))
     return [samples[i] for i in rows]
 
   return attempt
@@ -49,7 +49,7 @@ def resampled(job: Job, sample: Callable[[Job], Sequence[Motion]], max_attempts:
   a side for a circle without one; from the third attempt on plain words, and segments sampled independently.
   meta["attempts"] records all attempts, meta["unmet"] what the best one still violates, which is also a warning.
   """
-  required = job.required
+  requirements = job.requirements
 
   def attempts(rows, number, factor):
     part = _again(job, rows, number, factor) if number else job
@@ -57,13 +57,12 @@ def resampled(job: Job, sample: Callable[[Job], Sequence[Motion]], max_attempts:
     return [(motion, attempt_record(part, place, number) | dict(independent=part.independent))
             for place, motion in enumerate(motions)]
 
-  score = lambda row, motion: violation_score(motion.joints, required[row], job.planner.fps)
+  score = lambda row, motion: violation_score(motion.joints, requirements[row], job.planner.fps)
   # Only too fast; a missing action needs more guidance first.
-  overdoes = lambda row, _, best: best.score <= excess_speed(best.sample.joints, required[row], job.planner.fps)
+  overdoes = lambda row, _, best: best.score <= excess_speed(best.sample.joints, requirements[row], job.planner.fps)
   bests = best_of(with_guidance(attempts, overdoes, max_attempts), score, len(job.prompts), max_attempts)
   motions = [row.best.sample for row in bests]
-  unmet = [unmet_requirements(motion.joints, requirements, job.planner.fps)
-           for motion, requirements in zip(motions, required)]
+  unmet = [unmet_requirements(motion.joints, row, job.planner.fps) for motion, row in zip(motions, requirements)]
   if job.warns:
     report(job.prompts, unmet, max_attempts)
   motions = [with_attempts(*row) for row in zip(motions, bests, unmet)]
@@ -73,8 +72,8 @@ def resampled(job: Job, sample: Callable[[Job], Sequence[Motion]], max_attempts:
 
 def _again(job, rows, number, factor):
   """The job of another attempt."""
-  required = job.required
-  prompts = [said_again(job.prompts[i], required[i], number) for i in rows]
+  requirements = job.requirements
+  prompts = [reworded_prompt(job.prompts[i], requirements[i], number) for i in rows]
   plans = [job.plans[i] if prompt == job.prompts[i] else job.planner.with_postures(job.planner.plan(prompt))
            for i, prompt in zip(rows, prompts)]
   if number >= _INDEPENDENT:
@@ -82,7 +81,7 @@ def _again(job, rows, number, factor):
   return job.select(rows, prompts=prompts, plans=plans, keys=keys_again(job, rows, number), motions=[],
                     records=[plan_records(plan) for plan in plans],
                     sampling=reweighed(job.model, job.sampling, factor), independent=number >= _INDEPENDENT,
-                    requirements=[required[i] for i in rows])
+                    given_requirements=[requirements[i] for i in rows])
 
 
 def keys_again(job: Job, rows: Sequence[int], number: int) -> jax.Array:
@@ -106,7 +105,7 @@ def attempt_record(job: Job, row: int, number: int) -> dict[str, Any]:
               guidance_scale=guidance_scale(job.model, job.sampling))
 
 
-def said_again(prompt: str, requirements: Sequence[Any], number: int) -> str:
+def reworded_prompt(prompt: str, requirements: Sequence[Any], number: int) -> str:
   """The prompt of another attempt: a circle without a side gets one, because some models know no other circles."""
   either = any(requirement.kind == "circle" and not requirement.side for requirement in requirements)
   return with_explicit_side(prompt, number) if either else prompt

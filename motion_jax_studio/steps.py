@@ -27,7 +27,7 @@ def name_of(step: Callable[[Job], None]) -> str:
 
 
 @dataclasses.dataclass(frozen=True)
-class Plan:
+class PlanPrompts:
   """Parses each prompt, once, into segments and simultaneous actions. Without it prompts go to the network as given."""
   name: ClassVar = "plan"
 
@@ -46,7 +46,7 @@ class Warn:
 
   def __call__(self, job: Job) -> None:
     prompts = dict(zip(job.prompts, job.plans))
-    for note in prompt_notes.notes_of(job.planner, [plan or text for text, plan in prompts.items()]) if (
+    for note in prompt_notes.notes_on(job.planner, [plan or text for text, plan in prompts.items()]) if (
         job.warns) else ():
       warnings.warn(note, stacklevel=3)
 
@@ -100,7 +100,7 @@ def _set_targets(job):
   for i in rows:
     plan = job.plans[i]
     if plan is not None and isinstance(job.constraints[i], list):
-      job.notes[i] = path_ends.note_of(plan, job.constraints[i])
+      job.notes[i] = path_ends.path_note(plan, job.constraints[i])
   for note in dict.fromkeys(filter(None, job.notes)) if job.warns else ():
     warnings.warn(note, stacklevel=4)
   for i in rows:
@@ -134,9 +134,9 @@ class Correct:
   name: ClassVar = "correct"
 
   def __call__(self, job: Job) -> None:
-    for i, (plan, required) in enumerate(zip(job.plans, job.required)):
+    for i, (plan, requirements) in enumerate(zip(job.plans, job.requirements)):
       if plan is not None and not job.guided[i] and can_be_checked(job.model):
-        _changed(job, i, self.name, corrected(job.model, job.motions[i], required))
+        _changed(job, i, self.name, corrected(job.model, job.motions[i], requirements))
 
 
 def _changed(job, row, step, motion):

@@ -51,7 +51,7 @@ def not_balanced(body: Body, requirement: Requirement) -> float:
   """Stand on one leg, the named one or any: the other foot is off the ground for 1.1 s while this one stands."""
   up = body.joints[:, PAIR["foot"], 1] - body.floor > _OFF_GROUND
   stands = [SIDES.index(requirement.side)] if requirement.side else [0, 1]
-  spans = [past - first for one in stands for first, past in body.spans(up[:, 1 - one] & ~up[:, one])]
+  spans = [past - first for foot in stands for first, past in body.spans(up[:, 1 - foot] & ~up[:, foot])]
   return _lacks(max(spans, default=0) / body.fps, _BALANCE_SECONDS)
 
 

@@ -6,16 +6,15 @@ from motion_jax.text.morphology import possible_bases, third_person, verb_of
 from motion_jax.text.vocabulary import closest_word
 from motion_jax_studio.checks.violations import can_be_checked
 from motion_jax_studio.language import Plan
-from motion_jax_studio.language.hand_places import without_hands
+from motion_jax_studio.language.hand_places import postures_of, without_hands
 from motion_jax_studio.language.lexicon import BEFORE_ACTIONS, NEGATIONS, PAUSE
 from motion_jax_studio.language.path_shapes import without_shape
-from motion_jax_studio.language.postures import postures_of
 from motion_jax_studio.language.words import letters, several_people
 
 _NAMED = 5  # most words of a note, and most notes of a call
 
 
-def notes_of(planner: Any, prompts: Iterable[str | Plan], postures: bool = True) -> list[str]:
+def notes_on(planner: Any, prompts: Iterable[str | Plan], postures: bool = True) -> list[str]:
   """Notes on prompts that a model may not perform as intended; a plan is judged action by action, a string as a whole.
 
   postures: the pose step adds leans and hand poses, so they need not be learned.

@@ -42,7 +42,7 @@ def unmet_requirements(joints: Num[np.ndarray, "t 22 3"], requirements: Sequence
   events = functools.cache(lambda: find_events(joints, fps))
   missing = [requirement for requirement in requirements if violation(body, events, requirement)]
   never_sat = any(requirement.kind == "sit" for requirement in missing)
-  return [_described(requirement, events) for requirement in missing
+  return [_sentence_of(requirement, events) for requirement in missing
           if not (never_sat and requirement.kind == "seated")]
 
 
@@ -50,19 +50,19 @@ def report(prompts: Sequence[str], unmet: Sequence[Sequence[str]], attempts: int
   """Warn about motions that still violate requirements after all attempts."""
   failed = [(prompt, missing) for prompt, missing in zip(prompts, unmet) if missing]
   for prompt, missing in failed[:_NAMED]:
-    warnings.warn(note_of(attempts, missing, prompt), stacklevel=2)
+    warnings.warn(attempts_note(attempts, missing, prompt), stacklevel=2)
   if len(failed) > _NAMED:
     warnings.warn(f"{len(failed) - _NAMED} more motions do not show all of their prompts after {attempts} attempts",
                   stacklevel=2)
 
 
-def note_of(attempts: int, missing: Sequence[str], prompt: str) -> str:
+def attempts_note(attempts: int, missing: Sequence[str], prompt: str) -> str:
   """The warning about one motion: "4 attempts, no kick with the right leg seen ..."."""
   shown = prompt if len(prompt) <= 80 else prompt[:79] + "…"
   return f"{attempts} attempts, {', '.join(missing)} (prompt: {shown!r}); another seed may show it"
 
 
-def _described(requirement, events):
+def _sentence_of(requirement, events):
   kind, side, times, counted, degrees = requirement
   if kind in _STATES:
     return _STATES[kind].format(side)

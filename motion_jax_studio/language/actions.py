@@ -1,67 +1,102 @@
-"""Properties of an action by its verb and words: body part, sides, whether it ends by itself."""
-import functools
-import re
-from collections.abc import Sequence
+"""The parts of a plan: actions, and segments of actions that happen at the same time."""
+import dataclasses
+from typing import Any, NamedTuple, Self
 
-from motion_jax.text.lexicon import VERBS
-from motion_jax.text.morphology import base_form, verb_of
-from motion_jax.text.tagger import tag_words
+from motion_jax.analysis.event_words import TIMES
 from motion_jax_studio.language import lexicon
-
-# In order of precedence: of simultaneous actions, such as walking and waving, the first part here is the base motion.
-PARTS = ("legs", "body", "torso", "arms", "head")
-# "with the arms stretched out", ", hands on the hips".
-_ADDED = re.compile(r"(?:\bwith|,) ([^,]+?)"
-                    r"(?= (?:and|while|as|like|then|with|without|in an? \w+ (?:way|manner|style))\b|,|$)")
-_SMALL_WORDS = ("DET", "PRON", "ADP", "NUM", "AUX", "CCONJ")
+from motion_jax_studio.language.lexicon import HOLD, PAUSE
+from motion_jax_studio.language.slots import Slots, slots_of
 
 
-def part_of(verb: str, words: Sequence[str]) -> str:
-  """The body part that acts, one of PARTS, or "" where none is known. verb: a base form; words: all after the verb.
+@dataclasses.dataclass(frozen=True)
+class Action:
+  """One action: its sentence, its words without the subject, and the slots that these fill."""
+  prompt: str      # "a person waves the right hand"
+  words: str       # "waves the right hand"
+  part: str = ""   # one of `parts.PARTS`
+  sides: tuple[str, ...] = ()  # the arms that it names
+  times: int = 1   # number of repetitions, where the sentence gives one
+  verb: str = ""   # its base form
+  reworded: bool = False  # differs from the text: "bows" for "takes a bow"
+  counts_steps: bool = False  # a walk of a given number of steps
+  subject: str = ""  # "a person"
+  goes_back: bool = False  # a walk to where the walk before it began
+  slots: Slots = dataclasses.field(init=False, repr=False, compare=False)
 
-  "legs" for "raises the left knee", "head" for "nods".
-  """
-  if verb in lexicon.MOVED_BY_OBJECT:
-    end = next((i for i, word in enumerate(words) if word in lexicon.AFTER_AN_OBJECT), len(words))
-    for part, things in lexicon.BODY_PARTS:
-      if any(base_form(word, things) for word in words[:end]):
-        return part
-  known_part = next((part for part, verbs in VERBS.items() if verb in verbs), "")
-  return "legs" if known_part == "gait" else known_part
+  def __post_init__(self) -> None:
+    object.__setattr__(self, "slots", slots_of(self.verb, self.part, self.sides, self.times, self.words))
+
+  @classmethod
+  def of(cls, subject: str, words: str, part: str = "", **fields: Any) -> Self:
+    """The action of a subject and words."""
+    return cls(f"{subject} {words}", words, part, subject=subject, **fields)
+
+  def replace(self, **changes: Any) -> Self:
+    """The action with other values; other words without a prompt get one with its subject."""
+    if "words" in changes and "prompt" not in changes:
+      changes["prompt"] = f"{self.subject} {changes['words']}"
+    return dataclasses.replace(self, **changes)
+
+  @property
+  def prompt_with_count(self) -> str:
+    """The prompt with its repetitions, in the words of captions that count: "a person jumps three times"."""
+    return f"{self.prompt} {TIMES.get(self.times, f'{self.times} times')}".rstrip()
+
+  @property
+  def is_done_once(self) -> bool:
+    """Whether the action ends by itself and leaves the body standing, as a bow does and a walk does not."""
+    return self.verb in lexicon.DONE_ONCE
+
+  @property
+  def leaves_at_ease(self) -> bool:
+    """Whether the action ends by itself in a stance in which the body can stand on, as a raised hand does not."""
+    return self.verb in lexicon.DONE_ONCE - lexicon.NOT_AT_EASE
 
 
-def is_continuous(verb: str, words: Sequence[str]) -> bool:
-  """Whether an action of the legs can last for any time, as walking can and sitting down cannot."""
-  return verb in VERBS["gait"] and part_of(verb, words) == "legs" and not (verb == "stand" and "up" in words)
+class Segment(NamedTuple):
+  """The actions of one span of time: one of the whole body, and simultaneous ones of body parts."""
+  action: Action
+  simultaneous: tuple[Action, ...] = ()
+  seconds: float | None = None  # duration, where the sentence gives one
+
+  @property
+  def actions(self) -> tuple[Action, ...]:
+    """All its actions, that of the whole body first."""
+    return (self.action, *self.simultaneous)
+
+  @property
+  def words(self) -> str:
+    """The words of all its actions: "walks forward + waves 3 times"."""
+    return " + ".join(action.words + (f" {action.times} times" if action.times > 1 else "")
+                      for action in self.actions)
+
+  @property
+  def prompt(self) -> str:
+    """All its sampled actions in one sentence, for motion that cannot be layered: "a person walks and waves"."""
+    first, *others = self.sampled or (self.action,)
+    return " and ".join([first.prompt_with_count, *(action.words for action in others)])
+
+  @property
+  def is_pause(self) -> bool:
+    """Whether the body stands still or keeps a pose; above a kept pose arms and head may act."""
+    return self.hold_pose or self.action.words == PAUSE and not self.simultaneous
+
+  @property
+  def hold_pose(self) -> bool:
+    """Whether the pose in which the previous segment ends is kept: seated, an arm in the air."""
+    return self.action.words == HOLD
+
+  @property
+  def sampled(self) -> tuple[Action, ...]:
+    """The actions that a model samples: all but standing still and keeping a pose."""
+    return self.simultaneous if self.is_pause else self.actions
 
 
-def stays_low(verb: str, part: str, words: Sequence[str]) -> bool:
-  """Whether a body that sits, kneels or lies can act without getting up, as arms wave and a head nods."""
-  lifts_an_arm = verb == "lift" and any(base_form(word, lexicon.ARM_PARTS) for word in words)  # and not a box
-  return part in ("arms", "head") and (lifts_an_arm or verb not in lexicon.FROM_THE_FLOOR)
+def still(subject: str, words: str = PAUSE, **fields: Any) -> Action:
+  """The action of standing still, or of holding the last pose of the action before it (words: HOLD)."""
+  return Action.of(subject, words, "legs", verb="stand", **fields)
 
 
-def held_pose(verb: str, part: str) -> str | None:
-  """The pose to hold after an action: "low" (pelvis), "arms" (raised), "leg" (lifted); None for its last frame."""
-  return "low" if verb in lexicon.LOW | {"squat"} else "leg" if verb in ("kick", "balance") else (
-      "arms" if part == "arms" else None)
-
-
-def sides_of(words: Sequence[str]) -> tuple[str, ...]:
-  """The arms that words name: ("left",), ("right",), both, or ()."""
-  named = [side for side in ("left", "right") for word, thing in zip(words, [*words[1:], ""])
-           if word == side and base_form(thing, lexicon.SIDED_ARM_PARTS)]
-  both = "both" in words or any(word in ("hands", "arms", "fists", "elbows") for word in words)
-  return ("left", "right") if both else tuple(dict.fromkeys(named))
-
-
-@functools.lru_cache(maxsize=1 << 12)
-def postures_of(text: str) -> frozenset[str]:
-  """Words of a limb pose that is kept during an action: {"arm", "stretch", "out"} of "walks with the arms stretched
-  out", none of "jumps with both feet"."""
-  postures: set[str] = set()
-  for words in (match[1].split() for match in _ADDED.finditer(text)):
-    kept = [base_form(word, lexicon.BODY) or verb_of(word) or word for (_, tag), word in zip(tag_words(words), words)
-            if word not in lexicon.NO_POSTURE and (word in lexicon.DIRECTIONS | {"out"} or tag not in _SMALL_WORDS)]
-    postures |= set(kept) if len(kept) > 1 and not lexicon.BODY.isdisjoint(kept[:2]) else set()
-  return frozenset(postures)
+def pause(subject: str, seconds: float | None) -> Segment:
+  """A segment of standing still for a number of seconds; None: for the time that is left."""
+  return Segment(still(subject), seconds=seconds)

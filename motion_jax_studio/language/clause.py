@@ -1,9 +1,9 @@
 """One clause: its subject, its verb and the other words, how often and for how long."""
 from typing import NamedTuple
 
-from motion_jax.text.morphology import is_participle, is_past, verb_of
+from motion_jax.text.morphology import is_participle, is_past, present_participle, verb_of
 from motion_jax.text.tagger import tag_words
-from motion_jax_studio.language import actions, lexicon
+from motion_jax_studio.language import lexicon, parts
 from motion_jax_studio.language.counting import with_steps
 from motion_jax_studio.language.light_verbs import reworded
 
@@ -23,13 +23,12 @@ class Clause(NamedTuple):
 
   @property
   def part(self) -> str:
-    """The body part that acts (`actions.part_of`)."""
-    return actions.part_of(self.verb, lower(self.words))
+    """The body part that acts (`parts.part_of`)."""
+    return parts.part_of(self.verb, self.words)
 
 
-def clause_of(tokens):
-  """The clause that tokens form; None if they have no verb of an action."""
-  words = [token.lower().replace("’", "'") for token in tokens]
+def clause_of(words):
+  """The clause that words form; None if they have no verb of an action."""
   lemmas, tags = zip(*tag_words(words)) if words else ((), ())
   start = _first_verb(words, tags)
   if start is None:
@@ -40,30 +39,30 @@ def clause_of(tokens):
     verb = "hold"  # "has the left hand raised"
   elif tags[head] == "AUX" and verb != "do":  # "is happy", "can"
     return None
-  subject, before = list(tokens[:start]), []
-  while subject and subject[0].lower() in ("first", "firstly", "having", ","):
+  subject, before = list(words[:start]), []
+  while subject and subject[0] in ("first", "firstly", "having", ","):
     del subject[0]
-  while subject and subject[-1].lower() in lexicon.RELATIVE:
+  while subject and subject[-1] in lexicon.RELATIVE:
     subject.pop()
   while subject and tags[start - len(before) - 1] == "ADV" and (
-      subject[-1].lower() not in {*lexicon.SIDES, *lexicon.BACKWARD}):  # "a person with a broken back"
+      subject[-1] not in {*lexicon.SIDES, *lexicon.BACKWARD}):  # "a person with a broken back"
     before.insert(0, subject.pop())
   if subject and not any(tag in ("NOUN", "PRON") for tag in tags[:start]):
     before, subject = subject + before, []
-  before = [word for word in before if word.lower() != "first"]
-  before += [token for token in tokens[start + 1:head] if token.lower().endswith("ly")]
-  form, after = tokens[head].lower(), tokens[head + 1:]
-  who = lower(subject)
-  if "with" in who and who[0] != "with" and not lexicon.LIMBS.isdisjoint(who) and actions.part_of(verb, ()) == "legs":
-    kept = who.index("with")  # "a person with both arms up walks"; arms that act themselves do not stay so
-    subject, after = subject[:kept], [*after, *subject[kept:]]
+  before = [word for word in before if word != "first"]
+  before += [word for word in words[start + 1:head] if word.endswith("ly")]
+  form, after = words[head], words[head + 1:]
+  if "with" in subject[1:] and not lexicon.LIMBS.isdisjoint(subject) and parts.part_of(verb, ()) == "legs":
+    added = subject.index("with")  # "a person with both arms up walks"; arms that act themselves do not stay so
+    subject, after = subject[:added], [*after, *subject[added:]]
   if is_past(form) and (lexicon.BEING | {"be"}) & set(words[start:head]):  # "is pushed"
     before.insert(0, "are" if words[start] == "are" else "is")
-  meant = reworded(verb, after)
-  if meant is None:
+  action = reworded(verb, after)
+  if action is None:
     return with_steps(Clause(subject, before, verb, form, after))
-  form = meant.participle if is_participle(form) else meant.verb
-  return Clause(subject, before, meant.verb, form, meant.words, meant.times, reworded=True)
+  verb, after, times = action
+  return Clause(subject, before, verb, present_participle(verb) if is_participle(form) else verb, after, times,
+                reworded=True)
 
 
 def _main_verb(words, tags, head, verb):
@@ -97,8 +96,7 @@ def _first_verb(words, tags):
       continue  # "with the knees bent", "a walking man"
     if tag in ("VERB", "AUX") and word not in ("being", "been", "having"):
       return at
-    if tag in ("NOUN", "ADJ") and verb_of(word) and before not in ("DET", "ADJ", "NUM", "ADP") and (
-        before != "PRON" or words[at - 1] in lexicon.PRONOUNS):
+    if tag in ("NOUN", "ADJ") and verb_of(word) and before not in ("DET", "ADJ", "NUM", "ADP"):
       return at
   return None
 
@@ -117,17 +115,17 @@ def _describes(words, at):
       is_past(words[at]) and before in lexicon.WITH_A_LIMB | {"with"} and after in lexicon.LIMBS)
 
 
-def unknown_verb(tokens):
-  """The clause of tokens that begin with a verb unknown to the word lists, as in "then warms them"; else None."""
-  word = tokens[0].lower()
-  is_verb = len(word) > 3 and word.isalpha() and word.endswith("s") and not word.endswith("ss") and (
+def unknown_verb(words):
+  """The clause of words that begin with a verb unknown to the word lists, as in "then warms them"; else None."""
+  word = words[0]
+  is_verb = len(word) > 3 and word.isalpha() and word.endswith("s") and (
       word not in lexicon.DIRECTIONS | lexicon.LIMBS)
-  return Clause([], [], word[:-1], word, tokens[1:]) if is_verb else None
+  return Clause([], [], word[:-1], word, words[1:]) if is_verb else None
 
 
 def is_person(subject):
   """Whether a subject is a person, not a thing as in "the music starts"."""
-  return any(word.lower() in lexicon.PEOPLE for word in subject)
+  return any(word in lexicon.PEOPLE for word in subject)
 
 
 def can_be_simultaneous(group, clause):
@@ -136,12 +134,7 @@ def can_be_simultaneous(group, clause):
     if not member.part or not clause.part or {member.part, clause.part} == {"legs", "body"}:
       return False
     if member.part == clause.part:
-      sides, others = (actions.sides_of(lower(x.words)) for x in (member, clause))
+      sides, others = (parts.sides_of(x.words) for x in (member, clause))
       if member.part != "arms" or not sides or not others or set(sides) & set(others):
         return False
   return True
-
-
-def lower(words):
-  """The words in lower case."""
-  return [word.lower() for word in words]

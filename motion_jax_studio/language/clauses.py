@@ -11,19 +11,51 @@ from motion_jax_studio.language.clause import (
   clause_of,
   is_person,
   keeps_limbs,
-  lower,
   unknown_verb,
 )
-from motion_jax_studio.language.connectors import connector_at, stronger
 from motion_jax_studio.language.counting import with_numbers
 from motion_jax_studio.language.ellipsis import completed
-from motion_jax_studio.language.meaning import is_a
 
+# Connectors by the order in time that they give.
+_CONNECTORS = {
+    "then": "and then, but then, and after that, after that, after which, after a while, after a moment, a moment "
+            "later, and afterwards, afterwards, followed by, and finally, finally, and lastly, lastly, and next, next, "
+            "and later, later on, then, ;, ., !, ?",
+    "before": "before",
+    "after": "after, once, when",
+    "until": "until, till, and then until",
+    "while": "while also, while, whilst, and at the same time, at the same time as, and simultaneously, during, as",
+    "and": "and also, and, but"}
+_KIND_OF = {words: kind for kind, row in _CONNECTORS.items() for words in row.split(", ")} | {",": ","}
+_LONGEST = max(len(words.split()) for words in _KIND_OF)
+_STRENGTH = ("", ",", "and", "then", "while", "until", "after", "before")
 _TOKEN = re.compile(r"\d+(?:\.\d+)?|\w+(?:['’-]\w+)*|\S", re.UNICODE)
-_NOT = re.compile(r"(?i)\b(do|does|did)n['’]t\b")
 _SUBORDINATE = ("before", "after", "while", "until")
-_LONGEST_SUBJECT = 5  # words: "the tired old man"
 _LONGEST_CLAUSE = 40  # words after which a participle begins no further clause
+
+
+def _connector_at(words, at):
+  """(number of tokens, kind) of the connector that begins at words[at]; (0, "") if there is none."""
+  for length in range(min(_LONGEST, len(words) - at), 0, -1):
+    name = " ".join(words[at:at + length])
+    if name in _KIND_OF:
+      after = words[at + length] if at + length < len(words) else ""
+      before = words[at - 1] if at else ""
+      return (0, "") if _is_another_word(name, before, after) else (length, _KIND_OF[name])
+  return 0, ""
+
+
+def _is_another_word(connector, before, after):
+  """Whether the words of a connector mean something else between these neighbours, as in "rests for a while"."""
+  return (connector == "as" and after in lexicon.NOT_A_CONNECTOR_AFTER_AS
+          or connector == "next" and after == "to"
+          or connector == "once" and (after in lexicon.AFTER_ONCE or not after[:1].isalnum())
+          or connector == "while" and before in lexicon.BEFORE_WHILE)  # "rests for a while"
+
+
+def _stronger(first, second):
+  """The more specific of two adjacent connectors: "while" of "and while"."""
+  return max(first, second, key=_STRENGTH.index)
 
 
 def fragments_of(text):
@@ -31,13 +63,12 @@ def fragments_of(text):
 
   The name is "" for the first fragment.
   """
-  tokens = _TOKEN.findall(lexicon.spelt(_NOT.sub(r"\1 not", text)))
-  words = [token.lower().replace("’", "'") for token in tokens]
+  tokens = _TOKEN.findall(lexicon.spelt(text).lower().replace("’", "'"))
   fragments, kind, start, at = [], "", 0, 0
   between = []  # tokens of the connectors since the last fragment
   while at < len(tokens):
-    length, here = connector_at(words, at)
-    begins = "" if length else _begins_at_verb(words, start, at)
+    length, here = _connector_at(tokens, at)
+    begins = "" if length else _begins_at_verb(tokens, start, at)
     if begins:
       fragments.append((kind, between, tokens[start:at]))
       kind, between, start = begins, [], at
@@ -45,7 +76,7 @@ def fragments_of(text):
       if at > start:
         fragments.append((kind, between, tokens[start:at]))
         kind, between = "", []
-      kind, between = stronger(kind, here), [*between, *tokens[at:at + length]]
+      kind, between = _stronger(kind, here), [*between, *tokens[at:at + length]]
       start = at + length
     at += length or 1
   if start < len(tokens):
@@ -57,16 +88,16 @@ def _with_subjects(fragments):
   """The fragments, with each lone subject moved to the fragment after it: "he" and "sits" of "he then sits"."""
   joined: list = []
   for kind, between, tokens in fragments:
-    if len(joined) > 1 and _is_subject(lower(joined[-1][2])):
+    if len(joined) > 1 and _is_subject(joined[-1][2]):
       before, words, subject = joined.pop()
-      kind, between, tokens = stronger(before, kind), [*words, *between], [*subject, *tokens]
+      kind, between, tokens = _stronger(before, kind), [*words, *between], [*subject, *tokens]
     joined.append((kind, between, tokens))
   return joined
 
 
 def _is_subject(words):
   return words in ([pronoun] for pronoun in lexicon.SUBJECT_PRONOUNS) or (
-      words[0] in lexicon.DETERMINERS and words[-1] in lexicon.PEOPLE - {"one"} and len(words) <= _LONGEST_SUBJECT)
+      words[0] in lexicon.DETERMINERS and words[-1] in lexicon.PEOPLE - {"one"})
 
 
 def _begins_at_verb(words, start, at):
@@ -114,7 +145,6 @@ class Part(NamedTuple):
 
 def parts_of(fragments):
   """The clauses of fragments, each a `Part`; a fragment that is no action of its own is joined to the one before it."""
-  fragments = [(kind, between, list(tokens)) for kind, between, tokens in _with_main_clause(fragments)]
   result: list[Part] = []
   lead = ""          # the connector of a subordinate clause in front, until its main clause comes
   subject: list[str] = []  # of a clause in front that is no action
@@ -149,7 +179,7 @@ def parts_of(fragments):
     if more is None and (clause is None or previous.clause is None or not _stands_alone(part, previous)):
       result[-1] = _joined(previous, part)
       continue
-    if lead and kind in (",", "then", "and") and (kind != "and" or clause.subject):
+    if lead and (kind != "and" or clause.subject):  # "before sitting down and waving, he bows"
       part, lead = part._replace(kind=f"main {lead}"), ""
     result.append(part)
   return result
@@ -172,18 +202,17 @@ def clauses_of(parts, keep_together=None):
 
 def _state_of(tokens):
   """The subject of a fragment that describes a state, not an action: "a man" of "a man is ready"; else []."""
-  words = lower(tokens)
-  at = next((at for at, word in enumerate(words) if word in lexicon.BEING), 0)
-  return tokens[:at] if at and is_person(words[:at]) else []
+  at = next((at for at, word in enumerate(tokens) if word in lexicon.BEING), 0)
+  return tokens[:at] if at and is_person(tokens[:at]) else []
 
 
 def _is_no_action(clause, then):
   """Whether a clause in front only says where or how a person is: "starts in a spot", "a man standing" (waves), "from a
   standing position"."""
   if clause.verb in lexicon.STARTING:
-    return clause.words[:1] and clause.words[0].lower() in lexicon.AT_A_PLACE
+    return clause.words[:1] and clause.words[0] in lexicon.AT_A_PLACE
   kind, between, _ = then
-  if clause.verb in lexicon.IDLE and lower(clause.before)[:1] == ["from"]:
+  if clause.verb in lexicon.IDLE and clause.before[:1] == ["from"]:
     return True
   return clause.verb in lexicon.IDLE and is_participle(clause.form) and kind == "then" and not between
 
@@ -201,47 +230,31 @@ def _joined(previous, part):
   return previous._replace(tokens=tokens, clause=clause)
 
 
-def _with_main_clause(fragments):
-  """The fragments, the first one cut where a main clause begins without a comma: "after she sits she gets up"."""
-  if not fragments or fragments[0][0] not in _SUBORDINATE:
-    return fragments
-  (kind, between, tokens), *rest = fragments
-  words = lower(tokens)
-  for at in range(1, len(words)):
-    clause = clause_of(tokens[at:]) if words[at] in lexicon.SUBJECT_PRONOUNS | lexicon.DETERMINERS else None
-    subject = lower(clause.subject) if clause is not None else []
-    begins = subject and subject[-1] in lexicon.PEOPLE and not is_participle(clause.form) and not (
-        lexicon.DETERMINERS & set(subject[1:]))
-    if begins and len(subject) <= _LONGEST_SUBJECT and clause_of(tokens[:at]) is not None:
-      return [(kind, between, tokens[:at]), (",", [","], tokens[at:]), *rest]
-  return fragments
-
-
 def _stands_alone(part, previous):
   """Whether a fragment after a connector is an action of its own, not a continuation of the previous fragment."""
   kind, clause, before = part.kind, part.clause, previous.clause
   if clause.subject and not is_person(clause.subject):
     return False
-  if clause.verb == "land" and is_a(before.verb, "jump", "hop"):
+  if clause.verb == "land":
     return False  # "jumps up, then lands"
-  if kind == "and" and not before.words and before.verb in lexicon.OF_AN_OBJECT and clause.words:
+  if kind == "and" and not before.words and before.verb in lexicon.OF_AN_OBJECT:
     return False  # "lifts and bends his right leg"
   if kind == "," and is_participle(clause.form) and not can_be_simultaneous([before], clause):
     return clause.verb in lexicon.HALTING_VERBS  # "walks, stopping", but not "walks, turning left"
   if kind in ("and", ","):
     if _ends_in_nouns(before) or clause.verb in lexicon.LIGHT_VERBS and (
-        lexicon.PATH_NOUNS & set(lower(clause.words))):
+        lexicon.PATH_NOUNS & set(clause.words)):
       return False  # "walks and makes a u-turn"
     if clause.form.endswith("ed") and not clause.subject and not before.form.endswith("ed") and not (
         _begins_with_object(clause.words)):
       return False  # "walks forward, directed to the right", but not "sits down and crossed his legs"
-    begins = is_participle(lower(part.tokens)[0])
+    begins = is_participle(part.tokens[0])
     if not begins and is_participle(clause.form) and clause.verb == before.verb and not clause.words:
       return False  # "walks forward and keeps walking"
     if begins and kind == "and" and before.form != clause.form and not (
         is_participle(before.form) or previous.kind in ("while", ",")):
       return False  # "walks with jumping and singing"
-    return bool(verb_of(clause.form.lower()) or before.words and _begins_with_object(clause.words))
+    return bool(verb_of(clause.form) or before.words and _begins_with_object(clause.words))
   if kind == "while" and not can_be_simultaneous([before], clause):
     return False  # "turns left while walking"
   if kind in _SUBORDINATE:
@@ -250,10 +263,10 @@ def _stands_alone(part, previous):
 
 
 def _begins_with_object(words):
-  return lower(words[:1]) in ([word] for word in {"both", *lexicon.DETERMINERS, *lexicon.POSSESSIVES, *lexicon.LIMBS})
+  return words[:1] in ([word] for word in {"both", *lexicon.DETERMINERS, *lexicon.POSSESSIVES, *lexicon.LIMBS})
 
 
 def _ends_in_nouns(clause):
   """Whether a clause ends in a thing that looks like a verb: "throws punches" (and kicks)."""
-  last = clause.words[-1].lower() if clause.words else ""
+  last = clause.words[-1] if clause.words else ""
   return last.endswith("s") and verb_of(last) not in ("", "cross") and last not in ("arms", "hands", "steps")

@@ -1,10 +1,9 @@
 """Hand poses and gestures from the words of an action: "holds the arms out to the sides", "puts a hand on the hip"."""
-import functools
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from motion_jax_studio.language import lexicon
-from motion_jax_studio.language.words import before, first_of, said, says, tokens
+from motion_jax_studio.language.words import has_phrase, lookup, normalize, until
 
 _BOTH = ("left", "right")
 _WHOSE = lexicon.POSSESSIVES | {"of", "the", "both", "a", "an", "one"}
@@ -44,8 +43,6 @@ _PLACES = (
 _ASIDE = ("on side, on sides, to side, to sides, at side, at sides, by side, by sides, to left, to right, on left, "
           "on right")
 _RAISED = "out*, stretch*, spread*, rais*, extend*, lift*"  # with these words hands that are _ASIDE are raised
-# Actions in which hands carry the body.
-_CARRY = "push up, push ups, push-up, push-ups, pushup, pushups, crawl*, plank, planks, handstand*, cartwheel*"
 
 _KEEPS = {"hold", "keep"}  # the hands are in their place from the first frame on
 _BRINGS = _KEEPS | set("raise lift stretch extend reach spread lower drop put place bring rest stick take lay return "
@@ -56,35 +53,41 @@ _RUBBED = {"head": "ear", "ear": "head", "face": "head", "stomach": "chest", "ch
 _TO_THE_HEAD = (("ear", "to ear, at ear, near ear"),
                 ("face", "to mouth, at mouth, to lips, to face, at face, near face"))
 _AT_THE_HEAD = {"salute": "head", "drink": "face", "sip": "face", "eat": "face"}
-# Gestures of one hand and of both: successive places, each with the seconds to reach it.
-_BEAT = 0.3
-_ONE_HAND = dict.fromkeys(("throw", "toss", "hurl"), (("ear", 0.7), ("front", 0.25), ("down", 0.8))) | dict.fromkeys(
-    ("hit", "strike", "slap", "swat", "slash"), (("head", 0.6), ("front", 0.25), ("down", 0.8))) | dict.fromkeys(
-    ("point", "reach", "grab"), (("front", 0.8),))
-_BOTH_HANDS = dict.fromkeys(("push", "shove"), (("chest", 0.7), ("front", 0.5))) | {
-    "pull": (("front", 0.8), ("stomach", 0.6)), "catch": (("front", 0.5), ("stomach", 0.5))}
-_AGAIN_AND_AGAIN = {"clap": (("together", _BEAT), ("apart", _BEAT)), "flap": (("side", _BEAT), ("down", _BEAT))}
 _NO_GESTURE = set("up down behind above head back floor ground stair stairs step steps pose ups punch punches jab jabs "
                   "hook hooks uppercut uppercuts kick kicks blow blows himself herself itself themself themselves "
                   "yourself myself".split()) | (lexicon.LIMBS - {"hand", "hands", "arm", "arms"})
 # Circles of whole arms, and of hands in front of the body: the hands pass these places without a stop.
 _CIRCLING = {"move", "make", "do", "circle", "rotate", "swing", "spin", "draw", "gesture", "use", "stir"}
-_CIRCLES, _SMALL = "circle, circles, circling, circular", "small, little, tiny, front"
+_CIRCLES = "circle, circles, circling, circular"
 _NO_CIRCLE = lexicon.LIMBS - _LIMBS - {"chest"} | {"around"}
 _OF_ARMS = tuple((place, 0.45) for place in ("front", "up", "side", "down"))
 _OF_HANDS = tuple((place, 0.3) for place in ("face", "front", "stomach", "chest"))
+_BEAT = 0.3
 
 
 class HandPlace(NamedTuple):
-  """A place of `motion_jax.motion.reaching.PLACES`, and the sides of the hands that are brought there."""
-  place: str
+  """A place of `motion_jax.motion.reaching.PLACES`, or a gesture, and the sides of the hands that are brought there."""
+  place: str  # "" for a gesture alone
   sides: tuple[str, ...]  # () where the words name none: the hands of the action before, or the right one
-  at_once: bool  # the hands are there from the beginning of the action: "stands with the arms out"
-  alone: bool = True  # the action is this pose and nothing else
+  from_start: bool  # the hands are there from the first frame of the action: "stands with the arms out"
+  is_whole_action: bool = True  # the action is this pose and nothing else
   gesture: tuple[tuple[str, float], ...] = ()  # successive places, each with the seconds to reach it
-  rhythm: bool = False  # the gesture is repeated
-  flows: bool = False  # the hands pass the places of the gesture without a stop
-  again: bool = False  # of the hands of the last hand pose, if there is one: "lowers them"
+  repeats: bool = False  # the gesture is repeated as long as the action lasts
+  is_smooth: bool = False  # the hands pass the places of the gesture without a stop
+  of_last_hands: bool = False  # of the hands of the last hand pose, if there is one: "lowers them"
+
+
+# Gestures by verb: the hands, if no side is named; successive places, each with the seconds to reach it; whether these
+# are repeated as long as the action lasts.
+_THROW, _HIT = (("ear", 0.7), ("front", 0.25), ("down", 0.8)), (("head", 0.6), ("front", 0.25), ("down", 0.8))
+_GESTURES = {verb: row for verbs, row in (
+    ("throw toss hurl", (("right",), _THROW, False)), ("hit strike slap swat slash", (("right",), _HIT, False)),
+    ("point reach grab", (("right",), (("front", 0.8),), False)),
+    ("push shove", (_BOTH, (("chest", 0.7), ("front", 0.5)), False)),
+    ("pull", (_BOTH, (("front", 0.8), ("stomach", 0.6)), False)),
+    ("catch", (_BOTH, (("front", 0.5), ("stomach", 0.5)), False)),
+    ("clap", (_BOTH, (("together", _BEAT), ("apart", _BEAT)), True)),
+    ("flap", (_BOTH, (("side", _BEAT), ("down", _BEAT)), True))) for verb in verbs.split()}
 
 
 class Limb(NamedTuple):
@@ -123,16 +126,14 @@ def _added_limb(words):
 
 def _place_of(words, sides):
   """The place that words about a hand name; None if they name none."""
-  plain = said(word for at, word in enumerate(words) if word not in ("each", "both", "either", "opposite") and not (
-      word in _BOTH and words[at + 1:]))
+  plain = normalize(word for at, word in enumerate(words)
+                    if word not in ("each", "both", "either", "opposite") and not (word in _BOTH and words[at + 1:]))
   for level in _LEVELS:
     plain = plain.replace(f" {level} ", f"-{level} ").replace(f"-{level} ", f"-{level} {level} ")
-  if " from " in plain and plain.startswith((" lower", " drop")):
-    return "down"
-  at_a_part = said("@" if word in _AT else word for word in plain.replace("top of", "on").replace(
+  at_a_part = normalize("@" if word in _AT else word for word in plain.replace("top of", "on").replace(
       "front of", "on").split())
-  aside = " raised aside " if says(plain, _ASIDE) and says(plain, _RAISED) else ""
-  place = first_of(_PLACES, plain + at_a_part + aside)
+  aside = " raised aside " if has_phrase(plain, _ASIDE) and has_phrase(plain, _RAISED) else ""
+  place = lookup(_PLACES, plain + at_a_part + aside)
   return "front" if place == "out" and plain.startswith(" reach") else _resolved(place or None, sides)
 
 
@@ -141,20 +142,17 @@ def _resolved(place, sides):
   return place if place != "out" or not sides else "side" if len(sides) == 2 else "front"
 
 
-def _brought(words, sides, at_once=False, alone=True):
+def _brought(words, sides, from_start=False, is_whole_action=True):
   """The hand pose that words give to the hands of these sides, () if they are not named; None without a place."""
   place = _place_of(tuple(words), sides)
-  return place and HandPlace(place, sides, at_once, alone and place != "knees")  # out of reach of a standing body
+  # A standing body does not reach its knees, so the model has to sample that action.
+  return place and HandPlace(place, sides, from_start, is_whole_action and place != "knees")
 
 
-@functools.lru_cache(maxsize=1 << 12)
-def hand_place_of(verb: str, part: str, sides: tuple[str, ...], times: int, text: str) -> HandPlace | None:
-  """The hand pose or gesture of an action; None if its words name none. sides: the arms that it names."""
-  words = tokens(text)
-  whole = said(words)
-  if says(whole, _CARRY):
-    return None
-  if says(said(words[:6]), "t pose, t-pose"):
+def hand_place_of(verb: str, part: str, sides: tuple[str, ...], times: int, words: tuple[str, ...]
+                  ) -> HandPlace | None:
+  """The hand pose or gesture of an action; None if its words (tokens) name none. sides: the arms that it names."""
+  if has_phrase(normalize(words[:6]), "t pose, t-pose"):
     return HandPlace("side", _BOTH, True, verb not in _BRINGS)
   start = next((at for at, word in enumerate(words) if not word.endswith("ly")), 0)
   rest = words[start + 1:]
@@ -162,8 +160,8 @@ def hand_place_of(verb: str, part: str, sides: tuple[str, ...], times: int, text
     return place
   hand = sides or ("right",)
   if verb in _TOUCHES and (place := _brought(("to", *_thing(rest)), hand)):
-    rubbed = verb in _RUBS and _RUBBED.get(place.place)
-    return place if not rubbed else place._replace(gesture=((place.place, _BEAT), (rubbed, _BEAT)), rhythm=True)
+    rubbed = _RUBBED.get(place.place) if verb in _RUBS else None
+    return place._replace(gesture=((place.place, _BEAT), (rubbed, _BEAT)), repeats=True) if rubbed else place
   if verb in _AT_THE_HEAD:
     return HandPlace(_AT_THE_HEAD[verb], hand, False)
   if gesture := _gesture_of(verb, part, sides, times, words):
@@ -177,17 +175,17 @@ def hand_place_of(verb: str, part: str, sides: tuple[str, ...], times: int, text
 def _hands_brought(verb, form, rest, sides):
   """The hand pose of an action that moves the hands. form: (its verb as written,); rest: the words after it."""
   particle = rest[:1] if rest and rest[0] in _PARTICLES else ()
-  if limb := limb_at(rest, len(particle)) or limb_at(rest, 0):
+  if limb := limb_at(rest, len(particle)):
     return _brought((*form, *limb.before, *particle, *limb.after), limb.sides, verb in _KEEPS, limb.ends)
-  if verb == "reach" and rest and (rest[0] in _OUTWARD or rest[:2] == ("in", "front")):
-    return _brought(("reaches", *_until_end(rest)), sides or ("right",), alone=False)
+  if verb == "reach" and rest and rest[0] in _OUTWARD:
+    return _brought(("reaches", *_until_end(rest)), sides or ("right",), is_whole_action=False)
   if rest[:1] in (("it",), ("them",)) or {"again", "back", "down"}.issuperset(rest):
     after = rest if rest[:1] not in (("it",), ("them",)) else rest[1:] if rest[0] == "them" else ()
-    place = _brought((*form, *_until_end(after)), (), alone=_until_end(after) == after)
+    place = _brought((*form, *_until_end(after)), (), is_whole_action=_until_end(after) == after)
     if place:
-      return place._replace(again=True)
-  place = first_of(_TO_THE_HEAD, said(rest))
-  return place and HandPlace(place, sides or ("right",), False, alone=False)
+      return place._replace(of_last_hands=True)
+  place = lookup(_TO_THE_HEAD, normalize(rest))
+  return place and HandPlace(place, sides or ("right",), False, is_whole_action=False)
 
 
 def _until_end(words):
@@ -198,29 +196,24 @@ def _until_end(words):
 
 def _thing(words):
   """The single word that is touched: ("head",) of "the right side of his head or neck with a hand"; () for others."""
-  thing = said(before((".", *words), {"with", "or"})[1:]).replace(" left side of ", " ").replace(" right side of ", " ")
+  thing = normalize(until((".", *words), {"with", "or"})[1:])
+  thing = thing.replace(" left side of ", " ").replace(" right side of ", " ")
   return tuple(thing.split()) if len(thing.split()) == 1 else ()
 
 
 def _gesture_of(verb, part, sides, times, words):
   """The gesture of an action of the arms, None of other actions."""
   limb = next((word.removesuffix("s") for word in words if word.removesuffix("s") in ("arm", "hand", "forearm")), "")
-  text = said(words)
-  circles = says(text, _CIRCLES) or verb == "rotate" and limb == "arm"
-  if limb and verb in _CIRCLING and circles and _NO_CIRCLE.isdisjoint(words):
-    way = _OF_ARMS if limb == "arm" and not says(text, _SMALL) else _OF_HANDS
-    way = way[::-1] if says(text, "backward, backwards, reverse") else way
-    return HandPlace("", sides or ("right",), False, gesture=way * times, rhythm=times == 1, flows=True)
-  if part != "arms" or not _NO_GESTURE.isdisjoint(before(words, {"with"})):
+  text = normalize(words)
+  if limb and verb in _CIRCLING and has_phrase(text, _CIRCLES) and _NO_CIRCLE.isdisjoint(words):
+    places = _OF_ARMS if limb == "arm" else _OF_HANDS
+    places = places[::-1] if has_phrase(text, "backward, backwards, reverse") else places
+    return HandPlace("", sides or ("right",), False, gesture=places * times, repeats=times == 1, is_smooth=True)
+  if part != "arms" or verb not in _GESTURES or not _NO_GESTURE.isdisjoint(until(words, {"with"})):
     return None
-  if verb in _AGAIN_AND_AGAIN:
-    rhythm = _AGAIN_AND_AGAIN[verb]
-    return HandPlace("", _BOTH, False, gesture=rhythm * times + (("down", 0.8),) * (times > 1), rhythm=times == 1)
-  if verb in _ONE_HAND:
-    return HandPlace("", sides or ("right",), False, gesture=_ONE_HAND[verb] * times)
-  if verb in _BOTH_HANDS:
-    return HandPlace("", sides or _BOTH, False, gesture=_BOTH_HANDS[verb] * times)
-  return None
+  hands, places, repeats = _GESTURES[verb]
+  gesture = places * times + (("down", 0.8),) * (repeats and times > 1)
+  return HandPlace("", hands if repeats else sides or hands, False, gesture=gesture, repeats=repeats and times == 1)
 
 
 def without_hands(text: str) -> str:
@@ -243,8 +236,8 @@ def places_of(segments: Sequence[Any]) -> list[dict[int, HandPlace]]:
     placed, busy = {}, set()
     hands = [action.sides for action in segment.actions if action.part == "arms" and action.sides]
     for number, action in enumerate(segment.actions):
-      place = action.hands
-      if place and (last is not None or not place.again):
+      place = action.slots.hands
+      if place and (last is not None or not place.of_last_hands):
         sides = place.sides or last or ("right",)
         placed[number] = place._replace(sides=sides, place=_resolved(place.place, sides))
       elif action.part == "arms":
@@ -252,3 +245,12 @@ def places_of(segments: Sequence[Any]) -> list[dict[int, HandPlace]]:
     places.append({number: place for number, place in placed.items() if busy.isdisjoint(place.sides)})
     last = [*places[-1].values()][-1].sides if places[-1] else hands[-1] if hands else last
   return places
+
+
+def postures_of(segments: Sequence[Any]) -> dict[tuple[int, int], HandPlace | None]:
+  """{(segment, action): hand pose} of the actions that are only a posture, by their indices; None stands for a lean."""
+  postures = {(at, number): place for at, places in enumerate(places_of(segments)) for number, place in places.items()
+              if place.is_whole_action and (place.is_smooth or segments[at].actions[number].part == "arms" or not (
+                  segments[at].actions[number].verb))}
+  return postures | {(at, number): None for at, segment in enumerate(segments)
+                     for number, action in enumerate(segment.actions) if action.slots.lean}

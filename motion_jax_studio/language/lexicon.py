@@ -8,7 +8,8 @@ from motion_jax.text.wordnet import LOST, Target
 PAUSE, HOLD = "stands still", "holds still"  # the words of a pause, and of a pose that is kept
 
 # Spellings and turns of phrase, each with the words that all rules read.
-_SPELT = ((r"\b(?:counter|anti)[- ]*clock[- ]?wise\b", "counterclockwise"), (r"\bzig[- ]zag", "zigzag"),
+_SPELT = ((r"\b(do|does|did)n['’]t\b", r"\1 not"), (r"\bzig[- ]zag", "zigzag"),
+          (r"\b(?:counter|anti)[- ]*clock[- ]?wise\b", "counterclockwise"),
           (r"\bsemi[- ]?circle|\bhalf(?: of)? an? circle|\bhalf-circle", "half circle"), (r"\bu turn", "u-turn"),
           (r"\b(?:is|was) on (?:his|her|their) knees\b", "kneels"),
           (r"\b(?:is|was) (?:laying|lying|laid)(?= (?:down|on)\b)|\b(?:is|was)(?= on the (?:floor|ground)\b)", "lies"),
@@ -42,7 +43,6 @@ SUBJECT_PRONOUNS = {"he", "she", "they", "i"}  # a main clause may begin with th
 PLURAL_SUBJECTS = set("people men women children they we i you".split())
 POSSESSIVES = {"his", "her", "their", "its", "my", "your", "our"}
 DETERMINERS = {"the", "a", "an", "this", "that"}
-ANOTHER_PERSON = {"another", "other", "second", "else", "each"}
 
 # --- numbers ----------------------------------------------------------------------------------------------------------
 
@@ -139,7 +139,6 @@ BODY_PARTS = (("legs", {"leg", "knee", "foot", "feet", "heel", "toe", "ankle", "
               ("torso", {"torso", "hip", "waist", "chest"}),
               ("arms", ARM_PARTS))
 BODY = set().union(*(things for _, things in BODY_PARTS))
-FACE = set("face forehead eyes nose mouth brow lips cheeks".split())
 LIMBS = BODY | {f"{part}s" for part in BODY}
 NO_POSTURE = {"left", "right", "side", "sides", "again", "slightly", "first", "it's"}
 BEFORE_A_LIMB = set("the with on left right both other one".split())
@@ -165,12 +164,12 @@ EVENTS = {"kick": "kick", "punch": "punch", "jab": "punch", "box": "punch", "sha
 SIDED_EVENTS = {"kick", "punch", "wave", "turn", "sideways", "foot", "balance"}
 ARMS = {"hand", "hands", "arm", "arms"}
 TURNING = {"turn", "spin", "pivot", "rotate"}
-STEPPING = {"step", "take", "move", "slide", "sidestep", "go"}  # verbs besides walking that may lead to a side
+GOING_ASIDE = {"step", "take", "move", "slide", "sidestep", "go", "jump", "hop"}  # to a side, as walks do
 IN_PLACE = "in place, on place, in spot, on spot, in one spot, on one spot"
 STAIRS = {"stairs", "stair", "steps", "staircase", "stairway", "ladder", "hill", "slope", "ramp"}
 NEGATIONS = {"without", "not", "no", "never", "nor", "don't", "doesn't"}
 
 # --- paths ------------------------------------------------------------------------------------------------------------
 
-STAYING_VERBS = set("sit stand stop rest wait stay pause halt squat crouch kneel lie kick jump bow lean".split())
-NO_DIRECTION = {"forward", "forwards", "ahead", "back", "away", "on"}
+# Verbs of actions on the spot; a jump may also go somewhere.
+STAYING_VERBS = set("sit stand stop rest wait stay pause halt squat crouch kneel lie kick bow lean".split())

@@ -18,7 +18,7 @@ from motion_jax.text.lexicon import ACTIONS, VERBS
 from motion_jax.text.morphology import is_participle, possible_bases, present_participle, third_person, verb_of
 from motion_jax.text.wordnet import Target
 from motion_jax_studio.language import lexicon
-from motion_jax_studio.language.actions import part_of
+from motion_jax_studio.language.parts import part_of
 from motion_jax_studio.language.words import letters
 
 SURE = SYNONYM  # confidence from which a verb is replaced
@@ -32,7 +32,7 @@ _NO_TARGETS = frozenset(VERBS[""]) | frozenset(
 
 _NO_LEGS = VERBS["arms"] | VERBS["torso"] | VERBS["head"] | VERBS[""]  # swings, also of the body
 _OBJECTS = frozenset("it them him her".split())
-_WAYS = frozenset("forward forwards ahead along back backward backwards sideways up down left right around away"
+_DIRECTIONS = frozenset("forward forwards ahead along back backward backwards sideways up down left right around away"
                   .split())
 
 
@@ -119,15 +119,15 @@ def translated(clause: Any, meanings: Meanings | None) -> Any:
   if meaning is None or part_of(meaning.verb, clause.words) != part_of(meaning.verb, ()):  # "rotates the wrists"
     return clause
   if part_of(meaning.verb, ()) == "legs" and clause.words and (
-      clause.words[0].lower() in lexicon.POSSESSIVES | {"it", "them", "something", "someone", "somebody"}):
+      clause.words[0] in lexicon.POSSESSIVES | {"it", "them", "something", "someone", "somebody"}):
     return clause  # "returns his left foot"
   if lexicon.HELD in meaning.manner:  # the verb stays, for the rules of held poses need it
     form = present_participle(meaning.verb) if is_participle(clause.form) else third_person(meaning.verb)
     return clause._replace(form=form, reworded=True, seconds=clause.seconds or _HELD_SECONDS)
-  said = {word.lower() for word in (*clause.before, *clause.words)}
-  way = [word for word in meaning.manner if word in _WAYS and said.isdisjoint(_WAYS)]
-  manner = [word for word in meaning.manner if word not in _WAYS and not any(map(pace_of, said))]
+  clause_words = {*clause.before, *clause.words}
+  directions = [word for word in meaning.manner if word in _DIRECTIONS and clause_words.isdisjoint(_DIRECTIONS)]
+  manner = [word for word in meaning.manner if word not in _DIRECTIONS and not any(map(pace_of, clause_words))]
   form = present_participle(meaning.verb) if is_participle(clause.form) else meaning.verb
-  first = next((at for at, word in enumerate(clause.words) if word.lower() not in _WAYS | _OBJECTS), len(clause.words))
-  words = [*way, *clause.words[:first], *manner, *clause.words[first:]]  # "walks backward slowly to the door"
+  first = next((at for at, word in enumerate(clause.words) if word not in _DIRECTIONS | _OBJECTS), len(clause.words))
+  words = [*directions, *clause.words[:first], *manner, *clause.words[first:]]  # "walks backward slowly to the door"
   return clause._replace(verb=meaning.verb, form=form, words=words, reworded=True)

@@ -1,19 +1,18 @@
 """Clauses in the order of time: groups of simultaneous ones, one group after the other, all of one subject."""
 from motion_jax.text.morphology import is_participle
-from motion_jax_studio.language import actions, lexicon
-from motion_jax_studio.language.clause import can_be_simultaneous, lower
+from motion_jax_studio.language import lexicon, parts
+from motion_jax_studio.language.clause import can_be_simultaneous
 
 
 def subject_of(clauses):
   """The words of the common subject of all clauses, by default "a person"; None if there are several subjects."""
-  subjects = [lower(clause.subject) for clause in clauses if clause.subject]
+  subjects = [clause.subject for clause in clauses if clause.subject]
   named = [words for words in subjects if words[-1] not in lexicon.PRONOUNS]
   if {"he", "she"} <= {words[-1] for words in subjects}:
     return None
   first = next(iter(named or subjects), lexicon.DEFAULT_SUBJECT)
   for words in named:
-    is_definite = words[0] in lexicon.DETERMINERS - set(lexicon.ONE_MORE)
-    if words != first and (not is_definite or set(words) & lexicon.ANOTHER_PERSON):
+    if words != first and words[0] not in lexicon.DETERMINERS - set(lexicon.ONE_MORE):
       return None
   return first
 
@@ -57,21 +56,14 @@ def _and_is_simultaneous(group, clause):
     return False
   # "picks it up and walks on", "walks to the door and opens it"
   if any(member.part == "arms" and member.verb != "lift" and not (
-      actions.stays_low(member.verb, member.part, lower(member.words)))
-         or _is_at_a_thing(member) and lexicon.IDLE.isdisjoint(other.verb for other in every) for member in every):
+      parts.stays_low(member.verb, member.part, member.words))
+         or member.verb in lexicon.AT_A_THING and member.words for member in every):
     return False
-  parts = {member.part for member in every}
-  if "body" in parts:
+  moving = {member.part for member in every}
+  if "body" in moving:
     return all(is_participle(member.form) for member in every)  # "dancing and clapping"
-  if "legs" in parts:
-    return parts <= {"legs", "arms", "head"} and all(  # "is sitting and clapping"
-        actions.is_continuous(member.verb, lower(member.words)) or is_participle(member.form)
+  if "legs" in moving:
+    return moving <= {"legs", "arms", "head"} and all(  # "is sitting and clapping"
+        parts.is_continuous(member.verb, member.words) or is_participle(member.form)
         for member in every if member.part == "legs")
-  return parts == {"arms", "head"} or parts == {"arms"} and {member.verb for member in every} <= lexicon.ONE_ARM_EACH
-
-
-def _is_at_a_thing(clause):
-  """Whether the hands act on an object in its place, as in "opens the door", and not on the body itself."""
-  words = lower(clause.words)
-  thing = words[:words.index("with")] if "with" in words else words
-  return bool(thing) and clause.verb in lexicon.AT_A_THING and (lexicon.LIMBS | lexicon.FACE).isdisjoint(thing)
+  return moving == {"arms", "head"} or moving == {"arms"} and {member.verb for member in every} <= lexicon.ONE_ARM_EACH

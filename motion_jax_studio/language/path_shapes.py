@@ -1,14 +1,13 @@
 """The shape and pace of a path, as a sentence describes them: `checks.path_violations` measures it on joints."""
-import functools
 import re
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from motion_jax_studio.language import lexicon
 from motion_jax_studio.language.meaning import is_a, kind_of, pace_of
-from motion_jax_studio.language.words import before, first_of, said, says, tokens
+from motion_jax_studio.language.words import has_phrase, lookup, normalize, until
 
-_BESIDE = set(", with while starting leading dragging leaning kicking waving looking".split())  # end the path's words
+_ENDS = set(", with while starting leading dragging leaning kicking waving looking".split())  # end the path's words
 _SIZES = set("full whole complete big small large wide tight little single few one two three".split())
 _SHAPES = (  # the first that is said; "" is no shape
     ("", "quarter, quarters, half way, half-way, halfway, degree, degrees, and half, circle of, clockwise from, "
@@ -51,20 +50,19 @@ def is_gait(verb: str) -> bool:
   return is_a(verb, "walk", "run")
 
 
-@functools.lru_cache(maxsize=1 << 12)
-def shapes_of(verb: str, text: str) -> tuple[PathShape, ...]:
+def shapes_of(verb: str, words: tuple[str, ...]) -> tuple[PathShape, ...]:
   """Shape and pace of the path of one action; () for actions without a path, walks in place and two paths in one."""
   kind = kind_of(verb, "walk", "run")
   gait, manner = (kind.verb, kind.manner) if kind else ("", ())
-  text = text.lower().replace(", clockwise", " clockwise").replace(", counterclockwise", " counterclockwise")
-  whole, words = said(text), before(tokens(text), _BESIDE)
-  if not (gait or verb in lexicon.LIGHT_VERBS) or says(whole, "then, in place, on spot") or not (
+  words = tuple(word for word, then in zip(words, (*words[1:], "")) if word != "," or not then.endswith("clockwise"))
+  whole, words = normalize(words), until(words, _ENDS)
+  if not (gait or verb in lexicon.LIGHT_VERBS) or has_phrase(whole, "then, in place, on spot") or not (
       lexicon.LIMBS | {"air"}).isdisjoint(words if gait else whole.split()):
     return ()
-  path = said(word for word in words if word not in _SIZES).replace("s circle", "s in circle")  # "walks a circle"
-  shape = first_of(_SHAPES, f"{path}. ", "")
+  path = normalize(word for word in words if word not in _SIZES).replace("s circle", "s in circle")  # "walks a circle"
+  shape = lookup(_SHAPES, f"{path}. ", "")
   shapes = [PathShape(shape, _side_of(path, whole))] if shape in ("circle", "u-turn", "curve") else []
-  if shape in ("zigzag", "figure-eight") or shape == "straight" and not says(
+  if shape in ("zigzag", "figure-eight") or shape == "straight" and not has_phrase(
       whole, "veer*, turn*, curv*, swerv*, back, forth"):
     shapes = [PathShape(shape, "")]
   if not gait:
@@ -72,26 +70,26 @@ def shapes_of(verb: str, text: str) -> tuple[PathShape, ...]:
   paces = [*dict.fromkeys(pace for word in words if (pace := pace_of(word)))]
   if not paces:
     paces = ["quickly"] if "quickly" in manner else ["usual"] if gait == "walk" and set(manner) <= {"slowly"} else []
-  if says(path, _OTHERWISE) or says(whole, _CHANGES) or len(paces) > 1:
+  if has_phrase(path, _OTHERWISE) or has_phrase(whole, _CHANGES) or len(paces) > 1:
     return tuple(shapes)
   return (*shapes, *(PathShape(pace, gait) for pace in paces))
 
 
 def _side_of(path, whole):
-  sides = [side for side, phrases in _SIDES if says(path, phrases)]
-  return sides[0] if len(sides) == 1 else "" if sides else first_of(_TURNING, whole, "")
+  sides = [side for side, phrases in _SIDES if has_phrase(path, phrases)]
+  return sides[0] if len(sides) == 1 else "" if sides else lookup(_TURNING, whole, "")
 
 
-def course_of(verb: str, part: str, text: str) -> str | None:
+def course_of(verb: str, part: str, whole: str) -> str | None:
   """The side that a walk leads to, "" for a walk elsewhere, None for other actions."""
   if not is_gait(verb) and verb not in ("go", "move") or part not in ("legs", "body", ""):
     return None
-  if says(said(text), _NO_COURSE):
+  if has_phrase(whole, _NO_COURSE):
     return ""
-  words = [word for word in said(text).split() if not word.endswith("ly")]
-  for way, side, thing in zip(words, words[1:], [*words[2:], ""]):
+  words = [word for word in whole.split() if not word.endswith("ly")]
+  for before, side, thing in zip(words, words[1:], [*words[2:], ""]):
     if side in lexicon.SIDES and thing not in _SIDED and (
-        way in ("to", "toward", "towards") or side == words[1] and thing != "and"):
+        before in ("to", "toward", "towards") or side == words[1] and thing != "and"):
       return side
   return ""
 
@@ -102,16 +100,15 @@ def path_shapes_of(actions: Sequence[Any]) -> list[PathShape]:
   With a separate turn only the pace is kept; "makes a u-turn" gives its shape to a walk without one.
   """
   moving = [action for action in actions
-            if action.part in ("legs", "body", "") and action.verb not in lexicon.STAYING_VERBS]
+            if action.part in ("legs", "body", "") and action.verb not in lexicon.STAYING_VERBS | {"jump"}]
   turns = any(is_a(action.verb, *_TURNS) for action in moving)
   going = [action for action in moving if action.verb not in lexicon.LIGHT_VERBS and not is_a(action.verb, *_TURNS)]
   for action in moving:
-    if action.verb in lexicon.LIGHT_VERBS and action.shapes:
-      is_free = all(lexicon.NO_DIRECTION.issuperset(walk.words.lower().split()[1:]) for walk in going)
-      return list(action.shapes) if is_free else []
+    if action.verb in lexicon.LIGHT_VERBS and action.slots.shapes:
+      return [] if any(shape.kind in BENT for walk in going for shape in walk.slots.shapes) else [*action.slots.shapes]
   if len(going) != 1:
     return []
-  return [shape for shape in going[0].shapes if shape.kind in PACES or not turns]
+  return [shape for shape in going[0].slots.shapes if shape.kind in PACES or not turns]
 
 
 def min_duration(actions: Sequence[Any]) -> float:

@@ -7,10 +7,10 @@ for they may hide the action: in captures, the hands of old people wave below th
 from collections.abc import Sequence
 
 from motion_jax_studio.language import lexicon
-from motion_jax_studio.language.actions import sides_of
+from motion_jax_studio.language.actions import Action
+from motion_jax_studio.language.parts import sides_of
 from motion_jax_studio.language.plan import Plan
 from motion_jax_studio.language.requirements import Requirement, requirements_of
-from motion_jax_studio.language.segments import Action
 
 # Words by the kind of a requirement: without a side, and with one.
 _WORDS = {
@@ -36,13 +36,13 @@ def in_plain_words(plan: Plan) -> Plan:
 def _plain(action: Action, plan: Plan) -> Action:
   """The action in plain words, if it has any. A plain plan is read as its parsed action (`Plan.single`)."""
   action = plan.single if plan.is_plain and plan.single else action
-  words = "" if action.is_pose or action.prompt == plan.text and plan.single is None else _words_of(
+  words = "" if action.prompt == plan.text and plan.single is None else _words_of(
       requirements_of((action,), action.prompt), action.verb in lexicon.TURNING)
   subject = "a person" if len(action.subject.split()) > 2 else action.subject or "a person"  # "an old man"
-  said = plan.text if plan.is_plain else action.words
-  if not words or words in said and subject == (action.subject or subject):
+  text = plan.text if plan.is_plain else action.words
+  if not words or words in text and subject == (action.subject or subject):
     return plan.segments[0].action if plan.is_plain else action
-  return action._replace(prompt=f"{subject} {words}", words=words, sides=sides_of(words.split()), reworded=True)
+  return action.replace(prompt=f"{subject} {words}", words=words, sides=sides_of(words.split()), reworded=True)
 
 
 def _words_of(requirements: Sequence[Requirement], turns: bool) -> str:

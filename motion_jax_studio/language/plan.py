@@ -2,9 +2,9 @@
 import dataclasses
 import functools
 
+from motion_jax_studio.language.actions import Action, Segment
 from motion_jax_studio.language.path_shapes import PathShape, min_duration, path_shapes_of
 from motion_jax_studio.language.requirements import Requirement, requirements_of
-from motion_jax_studio.language.segments import Action, Segment
 
 
 @dataclasses.dataclass(frozen=True)

@@ -17,10 +17,10 @@ from motion_jax.text.morphology import base_form, possible_bases, verb_of
 from motion_jax.text.tagger import tag_words
 from motion_jax.utils import cache
 from motion_jax_studio.language import lexicon
-from motion_jax_studio.language.actions import postures_of
 from motion_jax_studio.language.hand_places import without_hands
 from motion_jax_studio.language.meaning import kind_of
 from motion_jax_studio.language.parser import parse
+from motion_jax_studio.language.parts import limb_postures
 from motion_jax_studio.language.plan import Plan
 
 # Least cosine of two phrases with the same meaning. In a shipped model 1.5 to 1.7 % of the phrases have no other one as
@@ -113,17 +113,17 @@ class Repertoire:
     near = [phrase for cosine, phrase in nearest if cosine >= NEAR]
     kinds = _kinds(plan.actions)
     same = not kinds or any(kinds & _verbs_of(phrase) for phrase in near)
-    said = phrase_of(sentence)
+    prompt_phrase = phrase_of(sentence)
     # Only words that captions have are compared; all others get notes of their own (`checks.prompt_notes`).
-    things = (_things(said) & self._words.keys()) | _places(said)
+    things = (_things(prompt_phrase) & self._words.keys()) | _places(prompt_phrase)
     if any(action.verb in _LEAPS for action in plan.actions):
-      things |= _ways(said)
+      things |= _ways(prompt_phrase)
     if not any(action.part == "arms" or action.verb in lexicon.LIMB_OF_ACTION for action in plan.actions):
-      things |= postures_of(said)  # not for "waves with the right hand up"
-    if _UNNAMED.search(said) and any(action.part == "arms" for action in plan.actions):
+      things |= limb_postures(prompt_phrase)  # not for "waves with the right hand up"
+    if _UNNAMED.search(prompt_phrase) and any(action.part == "arms" for action in plan.actions):
       things |= {"thing"}  # "throws an object"
     alike = [phrase for phrase in near
-             if things <= _things(phrase) | _places(phrase) | _ways(phrase) | postures_of(phrase)]
+             if things <= _things(phrase) | _places(phrase) | _ways(phrase) | limb_postures(phrase)]
     equal = bool(alike) and nearest[0][0] >= _EQUAL and nearest[0][1] == alike[0]
     few = len(alike) <= _FEW and not equal or bool(self.rare_words(plan))
     return Judgement(bool(near) and same, bool(near) and few, nearest)

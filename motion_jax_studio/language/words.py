@@ -2,7 +2,7 @@
 
 A phrase table is a sequence of (value, phrases); the first row with a phrase in the text gives the value:
 
-  first_of((("down", "at sides"), ("out", "out, extend*")), said("holds the arms out at his sides"))  ->  "down"
+  lookup((("down", "at sides"), ("out", "out, extend*")), normalize("holds the arms out at his sides"))  ->  "down"
 
 Phrases are whole words without articles and possessives, separated by commas; a final "*" stands for any ending.
 """
@@ -30,13 +30,13 @@ def tokens(text: str) -> tuple[str, ...]:
   return tuple(word for word in (word.strip(".;:!?()") for word in words) if word)
 
 
-def said(words: Any) -> str:
+def normalize(words: Any) -> str:
   """Normalize a text, or its tokens, for phrase lookup: no articles and possessives, a space at both ends."""
   words = tokens(words) if isinstance(words, str) else words
   return f" {' '.join(word for word in words if word not in _DROPPED)} "
 
 
-def says(text: str, phrases: str) -> bool:
+def has_phrase(text: str, phrases: str) -> bool:
   """Whether a text normalized by `said` contains one of the phrases."""
   return any((phrase[:-1] if phrase[-1] == "*" else phrase + " ") in text for phrase in _split(phrases))
 
@@ -46,12 +46,12 @@ def _split(phrases):
   return tuple(f" {phrase}" for phrase in phrases.split(", "))
 
 
-def first_of(table: Iterable[tuple[Any, str]], text: str, default: Any = None) -> Any:
+def lookup(table: Iterable[tuple[Any, str]], text: str, default: Any = None) -> Any:
   """The value of the first row of a phrase table that occurs in a normalized text, else the default."""
-  return next((value for value, phrases in table if says(text, phrases)), default)
+  return next((value for value, phrases in table if has_phrase(text, phrases)), default)
 
 
-def before(words: tuple[str, ...], ends: Any) -> tuple[str, ...]:
+def until(words: tuple[str, ...], ends: Any) -> tuple[str, ...]:
   """The words up to the first one, after the verb (words[0]), that is in `ends`."""
   return words[:next((at for at, word in enumerate(words) if at and word in ends), len(words))]
 

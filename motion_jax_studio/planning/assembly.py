@@ -8,7 +8,7 @@ from motion_jax.motion.layering import put_on
 from motion_jax.motion.skeleton import Skeleton
 from motion_jax.shapes import Float, Num
 from motion_jax_studio.language import Action, Segment
-from motion_jax_studio.language.actions import held_pose
+from motion_jax_studio.language.parts import held_pose
 from motion_jax_studio.planning.pauses import held_frame, insert_pause
 
 _IN, _OUT = 8, 12  # frames in which a layer is blended in and out
@@ -36,10 +36,6 @@ def assemble(joints: Num[np.ndarray, "t j 3"], segments: Sequence[Segment], span
 def _layered(joints, other, span, action, skeleton, upright=False):
   """Layer an action's body part from the motion `other` on one segment; it is blended in and out within the segment."""
   first, past = span
-  if action.is_pose:
-    hands = [chain[-1] for side, chain in zip(("right", "left"), skeleton.chains[3:]) if side in action.sides
-             or not action.sides]
-    other = np.repeat(other[[int(np.argmax(other[:, hands, 1].mean(1)))]], past - first, axis=0)
   other = np.concatenate([other, np.repeat(other[-1:], max(past - first - len(other), 0), axis=0)])[:past - first]
   k, weight = np.arange(past - first), np.ones(past - first)
   if first > 0:

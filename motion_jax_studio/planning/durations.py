@@ -8,10 +8,10 @@ from motion_jax.analysis.event_words import TIMES
 from motion_jax.utils.errors import InputError
 from motion_jax.utils.numerals import as_float, require_numbers
 from motion_jax_studio.language import Action, Plan, Segment, parse, pause
-from motion_jax_studio.language.lexicon import COUNTED_ONE_BY_ONE, CYCLES, LOW, PAUSE
+from motion_jax_studio.language.actions import still
+from motion_jax_studio.language.hand_places import postures_of
+from motion_jax_studio.language.lexicon import COUNTED_ONE_BY_ONE, CYCLES, HOLD, LOW, PAUSE
 from motion_jax_studio.language.path_shapes import is_gait, min_duration
-from motion_jax_studio.language.poses import hold
-from motion_jax_studio.language.postures import postures_of
 
 LONGEST = 3600     # seconds of a plan
 _REST = 2.0        # seconds of standing still
@@ -56,7 +56,7 @@ def _segment_frames(planner, segment, then, postures):
 def _posture_seconds(place):
   """Seconds of a posture of a standing body, or of a gesture."""
   gesture = sum(seconds for _, seconds in place.gesture) if place else 0.0
-  return max(_POSTURE, gesture * (_ROUNDS if place and place.rhythm else 1))
+  return max(_POSTURE, gesture * (_ROUNDS if place and place.repeats else 1))
 
 
 def _least_frames(planner, segment, then):
@@ -115,7 +115,7 @@ def with_pauses(planner: Any, rows: Sequence[tuple[str, int]]) -> tuple[Plan, li
     counts.append(took if left >= _LEFT else count)
     if left >= _LEFT:
       after = pause(action.subject if action.leaves_at_ease else "", left)
-      segments.append(after._replace(action=hold(action.subject)) if action.verb in LOW else after)
+      segments.append(after._replace(action=still(action.subject, HOLD)) if action.verb in LOW else after)
       counts.append(count - took)
   return Plan(" | ".join(prompt for prompt, _ in rows), tuple(segments)), counts
 

@@ -15,7 +15,7 @@ from motion_jax.motion.skeleton import HUMANML3D, Skeleton
 from motion_jax.motion.step_records import largest, record
 from motion_jax_studio.checks.best_of import best_of
 from motion_jax_studio.checks.violations import violation_score
-from motion_jax_studio.language.requirements import Requirement, is_counted, once
+from motion_jax_studio.language.requirements import Requirement, exactly_once, is_counted
 from motion_jax_studio.planning.joining import SLACK, joined
 
 _SEGMENT = 1 << 21  # added to a segment's place, so that its key differs from those of layers
@@ -73,7 +73,7 @@ def best_takes(takes: Sequence[Sequence[Motion]], segments: Sequence[tuple[str, 
   """
   if skeleton is not HUMANML3D:
     return [segment_takes[0] for segment_takes in takes]
-  wanted = {prompt: once(required.get(prompt, ())) for prompt, _ in segments}
+  wanted = {prompt: exactly_once(required.get(prompt, ())) for prompt, _ in segments}
 
   def score(row, motion):
     prompt, count = segments[row]

@@ -43,7 +43,7 @@ class Job:
   motions: list[Motion] = dataclasses.field(default_factory=list)
   scheduled: list[Plan | None] = dataclasses.field(default_factory=list)  # plans as sampled, with their pauses
   guided: list[bool] = dataclasses.field(default_factory=list)  # sampled in one pass, guided by its constraints
-  requirements: list[Sequence[Requirement]] = dataclasses.field(default_factory=list)  # instead of those of the plans
+  given_requirements: list[Sequence[Requirement]] = dataclasses.field(default_factory=list)  # instead of the plans'
   records: list[list[Record]] = dataclasses.field(default_factory=list)  # of steps before there is a motion
   independent: bool = False          # whether segments are sampled independently of one another
   steps: Sequence[Any] = ()          # of the pipeline, in order
@@ -55,9 +55,9 @@ class Job:
     self.scheduled, self.records = self.scheduled or [None] * count, self.records or [[] for _ in range(count)]
 
   @property
-  def required(self) -> list[Sequence[Requirement]]:
+  def requirements(self) -> list[Sequence[Requirement]]:
     """The requirements of each motion."""
-    return self.requirements or [plan.requirements if plan else [] for plan in self.plans]
+    return self.given_requirements or [plan.requirements if plan else [] for plan in self.plans]
 
   @property
   def model(self) -> Any:
@@ -65,11 +65,11 @@ class Job:
 
   def select(self, rows: Sequence[int], **changed: Any) -> Self:
     """The job of these motions alone, with other values of some fields."""
-    some = lambda values: [values[i] for i in rows]
-    selected = dict(prompts=some(self.prompts), frames=some(self.frames), keys=select_keys(self.keys, rows),
-                    seeds=some(self.seeds), constraints=some(self.constraints), plans=some(self.plans),
-                    targets=some(self.targets), notes=some(self.notes),
-                    scheduled=some(self.scheduled), guided=some(self.guided), records=some(self.records),
-                    requirements=some(self.requirements) if self.requirements else [],
-                    motions=some(self.motions) if self.motions else [])
+    pick = lambda values: [values[i] for i in rows]
+    selected = dict(prompts=pick(self.prompts), frames=pick(self.frames), keys=select_keys(self.keys, rows),
+                    seeds=pick(self.seeds), constraints=pick(self.constraints), plans=pick(self.plans),
+                    targets=pick(self.targets), notes=pick(self.notes),
+                    scheduled=pick(self.scheduled), guided=pick(self.guided), records=pick(self.records),
+                    given_requirements=pick(self.given_requirements) if self.given_requirements else [],
+                    motions=pick(self.motions) if self.motions else [])
     return dataclasses.replace(self, **(selected | changed))

@@ -31,13 +31,13 @@ def joined(parts: Sequence[Num[Array, "_ j 3"]], ends: Sequence[int], skeleton: 
   for part, end in zip(parts[1:], ends):
     if min(len(joints), len(part)) < 2 * REACH + 2:
       raise ValueError(f"got parts of {len(joints)} and {len(part)} frames to join, expected {2 * REACH + 2} or more")
-    joints, at = _behind(joints, np.asarray(part, np.float64), end, skeleton)
+    joints, at = _continued(joints, np.asarray(part, np.float64), end, skeleton)
     past.append(int(at))
   joints = joints[:ends[-1]]
   return joints, [*past, len(joints)]
 
 
-def _behind(first, second, end, skeleton):
+def _continued(first, second, end, skeleton):
   """(`first` continued by `second`, the frame at which `second` begins). end: the frame where that should be."""
   low, high = max(REACH, end - _AROUND), min(len(first) - REACH - 1, end + _AROUND)
   leaves = range(min(low, high), high + 1, 2)

@@ -9,7 +9,7 @@ from motion_jax.motion.skeleton import Skeleton
 from motion_jax.shapes import Float, Num
 
 _EASE = 8         # frames in which the body stops, and in which it continues
-_BEFORE, _BEHIND = 16, 8  # frames before and after the requested one in which the pause may begin
+_BEFORE, _AFTER = 16, 8  # frames before and after the requested one in which the pause may begin
 _LIFTED = 0.05    # metres; a foot with its ankle this far above its lowest height is put down for the pause
 _DOWN = 12        # frames to put a foot down, and to lift it again
 _NEARLY = 0.04    # metres; poses this close to the highest or lowest count as equal, and the slowest is held
@@ -98,5 +98,5 @@ def _best_stand(joints, at, earliest, skeleton):
   speed = np.linalg.norm(np.gradient(feet, axis=0), axis=-1).sum(-1) * skeleton.fps if len(joints) > 1 else np.zeros(1)
   height = (feet[..., 1] - feet[..., 1].min(0)).sum(-1)
   first = max(at - _BEFORE, min(earliest, at), 0)
-  past = min(at + _BEHIND, len(joints))
+  past = min(at + _AFTER, len(joints))
   return first + int(np.argmin((speed + _UP * height)[first:past])) if past > first else len(joints) - 1

@@ -2,8 +2,8 @@
 from ml_collections import ConfigDict
 
 from motion_jax_studio.language import Action, Plan
-from motion_jax_studio.language.actions import sides_of
-from motion_jax_studio.language.words import said
+from motion_jax_studio.language.parts import sides_of
+from motion_jax_studio.language.words import normalize
 
 _WALKS = {"walks", "runs", "jogs", "is walking", "is running", "is jogging"}
 _BARE_WALKS = {"walk", "run", "jog", "they walk", "they run", "they jog"}
@@ -31,7 +31,7 @@ def _reworded(action: Action) -> Action:
   if prompt == action.prompt or action.times > 1:
     return action
   subject = action.prompt.removesuffix(action.words)
-  return action._replace(prompt=prompt, words=prompt.removeprefix(subject), sides=sides_of(prompt.split()),
+  return action.replace(prompt=prompt, words=prompt.removeprefix(subject), sides=sides_of(prompt.split()),
                          reworded=True)
 
 
@@ -41,7 +41,7 @@ def going_forward(prompt: str) -> str:
   Kinematic captions name each direction that the rules detect; "walks" alone stands for a direction that they do not.
   """
   bare = prompt.strip().rstrip(" .!")
-  return f"{bare} forward" if said(bare).strip() in _BARE_WALKS or _subject_of(bare, _WALKS) else prompt
+  return f"{bare} forward" if normalize(bare).strip() in _BARE_WALKS or _subject_of(bare, _WALKS) else prompt
 
 
 def with_one_hand(prompt: str) -> str:
@@ -61,6 +61,6 @@ def _subject_of(prompt, endings):
     first, *more = [word.lower() for word in words[:at]]
     is_subject = first in ("a", "an", "the", "one") and more and {"and", "then", "while"}.isdisjoint(more) or (
         not more and first in ("someone", "somebody", "he", "she"))
-    if is_subject and said(" ".join(words[at:])).strip() in endings:
+    if is_subject and normalize(" ".join(words[at:])).strip() in endings:
       return " ".join(words[:at])
   return ""

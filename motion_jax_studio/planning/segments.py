@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from motion_jax_studio.language import Plan, Segment
-from motion_jax_studio.language.words import says
+from motion_jax_studio.language.words import has_phrase, normalize
 from motion_jax_studio.planning import durations
 
 # Prompts of poses, after verbs that bring the body into them. With `cmdm-small`, 40 s after "sits down" and "lies down"
@@ -81,7 +81,7 @@ def _prompt_of_pose(planner: Any, segment: Segment) -> str | None:
   """The prompt of the pose in which a segment ends, with its simultaneous actions; None if it leaves the body standing
   or names a place, as "sits on the floor" does, or if the model does not know the words."""
   action = segment.action
-  if action.verb not in _POSES or says(action.said, "on, in, at, against, up"):
+  if action.verb not in _POSES or has_phrase(normalize(action.words), "on, in, at, against, up"):
     return None
   pose = f"{action.subject or 'a person'} {_POSES[action.verb]}"
   return None if planner.model.captions.unknown_words(pose) else " and ".join(

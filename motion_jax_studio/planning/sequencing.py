@@ -15,8 +15,8 @@ from motion_jax.models.results import Motion, captions_in_a_row, features_of
 from motion_jax.motion.step_records import added, record
 from motion_jax_studio.checks.violations import can_be_checked
 from motion_jax_studio.language import Action, Plan
+from motion_jax_studio.language.hand_places import postures_of
 from motion_jax_studio.language.lexicon import COUNTED_ONE_BY_ONE
-from motion_jax_studio.language.postures import postures_of
 from motion_jax_studio.language.requirements import Requirement, is_counted, requirements_of
 from motion_jax_studio.planning import assembly, durations
 from motion_jax_studio.planning.independent import best_takes, sample_independently, take_key
@@ -77,7 +77,7 @@ def compose(job: Job, lengths: Sequence[Sequence[int]], sample_segments: Callabl
             for row, (base, plan, span, frames) in enumerate(zip(bases, plans, spans, lengths))]
   layered = [[action.words for place in range(len(plan.segments)) for action, _ in layers.get((row, place), ())]
              for row, plan in enumerate(plans)]
-  return [_described(model, *parts) for parts in zip(bases, plans, layered, bodies)]
+  return [_with_captions(model, *parts) for parts in zip(bases, plans, layered, bodies)]
 
 
 def repeated(action: Any, count: int, least: int, one_by_one: bool = False) -> list[tuple[str, int]]:
@@ -90,7 +90,7 @@ def repeated(action: Any, count: int, least: int, one_by_one: bool = False) -> l
 
 def single_requirements(action: Action) -> list[Requirement]:
   """What one repetition of an action requires."""
-  return requirements_of((action._replace(times=1),), action.prompt)
+  return requirements_of((action.replace(times=1),), action.prompt)
 
 
 def _required(plans):
@@ -144,16 +144,16 @@ def _layer_frames(segments, place, spans, lengths):
   return past - first
 
 
-def described(plan: Plan, frames: Sequence[int], fps: float) -> str:
+def describe_plan(plan: Plan, frames: Sequence[int], fps: float) -> str:
   """A readable plan: "walks forward (3.2 s) | waves the right hand (2.6 s)"."""
   return " | ".join(f"{segment.words} ({count / fps:.1f} s)" for segment, count in zip(plan.segments, frames))
 
 
-def _described(model, base, plan, layered, body):
+def _with_captions(model, base, plan, layered, body):
   """The motion with a caption per segment, its plan in meta["understood"], and features of its joints."""
   joints, spans = body
   captions = captions_in_a_row([segment.prompt for segment in plan.segments], [past for _, past in spans], model.fps)
-  meta = base.meta | dict(prompt=plan.text, understood=described(plan, [b - a for a, b in spans], model.fps))
+  meta = base.meta | dict(prompt=plan.text, understood=describe_plan(plan, [b - a for a, b in spans], model.fps))
   if joints is base.joints:
     return base.replace(captions=captions, meta=meta)
   pauses = any(segment.is_pause for segment in plan.segments)

@@ -1,9 +1,9 @@
 """Standing still as the base motion of actions that are not sampled, because the pose step adds them."""
 from collections.abc import Callable
 
-from motion_jax_studio.language import Action, Plan
-from motion_jax_studio.language.lexicon import PAUSE
-from motion_jax_studio.language.postures import postures_of
+from motion_jax_studio.language import Plan
+from motion_jax_studio.language.actions import still
+from motion_jax_studio.language.hand_places import postures_of
 
 
 def standing(plan: Plan, knows: Callable[[str], bool], can: Callable[[str], bool]) -> Plan:
@@ -25,5 +25,5 @@ def _standing(segment):
   who = segment.action.subject or "a person"
   if any(action.part not in ("arms", "head") for action in segment.simultaneous):
     return segment
-  return segment._replace(action=Action(f"{who} {PAUSE}", PAUSE, "legs", verb="stand", subject=who),
+  return segment._replace(action=still(who),
                           simultaneous=segment.actions)

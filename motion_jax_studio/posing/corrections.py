@@ -15,7 +15,7 @@ from motion_jax.motion.smoothing import gaussian_filter1d
 from motion_jax.motion.step_records import added, record
 from motion_jax_studio.checks.violations import gets_up, violation_score
 from motion_jax_studio.language.requirements import Requirement
-from motion_jax_studio.language.words import said, says, tokens
+from motion_jax_studio.language.words import has_phrase, normalize, tokens
 from motion_jax_studio.planning.pauses import held_frame, insert_pause
 from motion_jax_studio.posing.rerouting import returning, shaped, stepping, towards
 
@@ -30,12 +30,12 @@ def corrected(model: Any, motion: Motion, requirements: Sequence[Requirement]) -
   """Apply the corrections that the motion needs, each recorded with the violation scores before and after; returns the
   same object if it needs none."""
   joints, records, score = motion.joints, [], None
-  for did, correct in _CORRECTIONS:
+  for label, correct in _CORRECTIONS:
     before, joints = joints, correct(joints, motion, requirements, model.stats.layout.skeleton)
     if joints is not before:
       old = violation_score(before, requirements, motion.fps) if score is None else score
       score = violation_score(joints, requirements, motion.fps)
-      records.append(record("correct", did, before, joints, motion.skeleton, (old, score)))
+      records.append(record("correct", label, before, joints, motion.skeleton, (old, score)))
   return motion if joints is motion.joints else motion.replace(
       joints=joints, features=features_of(model, joints), meta=added(motion.meta, *records))
 
@@ -75,13 +75,13 @@ def _jumping(joints, fps, requirements, skeleton):
   wanted = [by_kind[kind] for kind in ("aside", "jump", "hop") if kind in by_kind]
   if len(wanted) < 2 or wanted[0].kind != "aside" or not violation_score(joints, wanted, fps):
     return joints
-  body, flown = Body(joints, fps), np.zeros(len(joints))
+  body, shift = Body(joints, fps), np.zeros(len(joints))
   for first, past in body.spans(body.air > _IN_THE_AIR, least=0.1):
-    flown[first:past] += _JUMPS / (past - first)
-  way = np.zeros((len(joints), 1, 3))
-  way[..., [0, 2]] = towards(wanted[0].side, body.heading[0])
-  feet = joints + np.cumsum(flown)[:, None, None] * way
-  moved = joints + np.cumsum(gaussian_filter1d(flown, _PUSHES * fps, mode="nearest"))[:, None, None] * way
+    shift[first:past] += _JUMPS / (past - first)
+  direction = np.zeros((len(joints), 1, 3))
+  direction[..., [0, 2]] = towards(wanted[0].side, body.heading[0])
+  feet = joints + np.cumsum(shift)[:, None, None] * direction
+  moved = joints + np.cumsum(gaussian_filter1d(shift, _PUSHES * fps, mode="nearest"))[:, None, None] * direction
   pairs = [feet[:, [left, right]] for left, right in zip(skeleton.left_feet, skeleton.right_feet)]
   moved = pin_feet(moved, *pairs, skeleton)
   return joints if violation_score(moved, wanted, fps) else moved.astype(joints.dtype)
@@ -90,7 +90,7 @@ def _jumping(joints, fps, requirements, skeleton):
 def _on_the_floor(joints, motion, _, skeleton):
   """Lower a motion whose feet never reach the floor, unless the body hangs, rides or swims."""
   height = float(floor_height(joints, skeleton))
-  if height <= _FLOATS or motion.captions and says(said(motion.captions[0].text), _HANGS):
+  if height <= _FLOATS or motion.captions and has_phrase(normalize(motion.captions[0].text), _HANGS):
     return joints
   lowest = joints[:, list(HUMANML3D.left_feet + HUMANML3D.right_feet), 1].min()
   return joints - np.array([0, lowest, 0], joints.dtype)

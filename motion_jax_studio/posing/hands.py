@@ -63,13 +63,13 @@ def _brought(joints, place: HandPlace, first, past, fps):
   if not sides:
     return joints
   if not place.gesture:
-    return bring_hands(joints, place.place, sides, rising(len(joints), first, past, fps, place.at_once))
+    return bring_hands(joints, place.place, sides, rising(len(joints), first, past, fps, place.from_start))
   frames, start, posed = np.arange(len(joints)), float(first), joints
-  for name, seconds in itertools.cycle(place.gesture) if place.rhythm else place.gesture:
+  for name, seconds in itertools.cycle(place.gesture) if place.repeats else place.gesture:
     if start >= past:
       break
     now = min(int(start), len(joints) - 1)
-    weight = smoothstep((frames[now:] - start) / ((_OVERLAP if place.flows else 1.0) * seconds * fps))
+    weight = smoothstep((frames[now:] - start) / ((_OVERLAP if place.is_smooth else 1.0) * seconds * fps))
     posed = np.concatenate([posed[:now], bring_hands(posed[now:], name, sides, weight)])
     start += seconds * fps
   return put_on(joints, posed, "arms", sides, rising(len(joints), 0, past, fps, True), HUMANML3D)

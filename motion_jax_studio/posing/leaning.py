@@ -6,7 +6,7 @@ from motion_jax.motion.leaning import lean, leans
 from motion_jax.motion.smoothing import gaussian_filter1d
 from motion_jax.shapes import Float
 from motion_jax_studio.language import Plan
-from motion_jax_studio.language.leaning import Lean
+from motion_jax_studio.language.slots import Lean
 from motion_jax_studio.posing.spans import bounds_of, rising
 
 _DEGREES = {"aside": 20.0, "ahead": 30.0, "back": 15.0}  # of an added lean
@@ -20,7 +20,7 @@ def with_lean(motion: Motion, plan: Plan) -> Float[np.ndarray, "t j 3"]:
     if past <= first:
       continue
     for action in (segment.action, *segment.simultaneous):
-      planned_lean = action.lean
+      planned_lean = action.slots.lean
       if planned_lean:
         joints = _leaning(joints, planned_lean, first, past, motion.fps)
   return joints
@@ -28,7 +28,7 @@ def with_lean(motion: Motion, plan: Plan) -> Float[np.ndarray, "t j 3"]:
 
 def _leaning(joints, planned_lean: Lean, first, past, fps):
   """Add the missing degrees of a lean, or a sway, in frames first to past."""
-  left, ahead = planned_lean.way
+  left, ahead = planned_lean.direction
   degrees = _DEGREES["aside" if left else "ahead" if ahead > 0 else "back"]
   weight = rising(len(joints), first, past, fps)
   degrees_now = gaussian_filter1d(leans(joints, left, ahead), _STEADY * fps, mode="nearest")

@@ -14,7 +14,6 @@ from motion_jax_studio.language.lexicon import LOW
 from motion_jax_studio.language.path_shapes import is_gait
 from motion_jax_studio.planning import durations
 
-_STAYS = {"sit", "stand", "stop", "rest", "wait", "stay", "pause", "squat", "crouch", "kneel", "lie", "kick", "bow"}
 _FAR = 0.5      # metres; a longer path does not fit an action in place
 _SLOW, _STOPS = 0.3, 1.5  # metres a second of a body that has stopped, and seconds within which it stops
 _POINTS = 40    # way points of a path with times
@@ -53,22 +52,18 @@ def is_free(constraint: Constraint) -> TypeGuard[RootPath]:
       constraint.between and not np.ndim(constraint.heading))
 
 
-def note_of(plan: Plan, constraints: Sequence[Constraint]) -> str:
+def path_note(plan: Plan, constraints: Sequence[Constraint]) -> str:
   """A note on an action in place, such as sitting down, that a path would carry along; "" if there is none."""
   far = any(is_free(constraint) and paths.length(constraint.points[:, [0, -1]]) > _FAR for constraint in constraints)
   if not far or moving_segments(plan) < len(plan.segments):
     return ""
-  low = next((action for action in plan.actions if action.verb in LOW and not action.is_pose), None)
+  low = next((action for action in plan.actions if action.verb in LOW), None)
   return "" if low is None else (f"the body goes along its path all the time, so {low.words!r} is done on the way; say "
                                  f"\"a person walks, then {low.words}\" to do it at the end of the path")
 
 
 def _stays(segment):
-  def stays(action):
-    words = set(action.words.lower().split())
-    return action.verb in _STAYS and not words & {"forward", "forwards", "sideways", "around"} or (
-        action.part in ("arms", "head", "torso"))
-  return segment.is_pause or all(map(stays, (segment.action, *segment.simultaneous)))
+  return segment.is_pause or all(action.slots.stays for action in segment.actions)
 
 
 def _with_times(path, motion, stop):

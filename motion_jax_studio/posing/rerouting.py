@@ -49,13 +49,14 @@ def returning(joints, fps, requirements, skeleton):
     return joints
   path, _ = course(joints, fps)
   farthest = int(np.linalg.norm(path - path[0], axis=-1).argmax())
-  (goes, length), (should, wants) = (
-      (np.arctan2(*way), float(np.linalg.norm(way))) for way in (end - path[farthest] for end in (path[-1], path[0])))
-  angle = np.angle(np.exp(1j * (should - goes)))
-  if abs(angle) > _MISSES or not 1 / _STRIDES < length / max(wants, 1e-6) < _STRIDES:
+  (angle, length), (wanted_angle, wanted_length) = (
+      (np.arctan2(*offset), float(np.linalg.norm(offset)))
+      for offset in (end - path[farthest] for end in (path[-1], path[0])))
+  angle = np.angle(np.exp(1j * (wanted_angle - angle)))
+  if abs(angle) > _MISSES or not 1 / _STRIDES < length / max(wanted_length, 1e-6) < _STRIDES:
     return joints
   turn = angle * np.clip(((np.arange(len(joints)) - farthest) / fps + 0.5), 0, 1)
-  back = turned(path[farthest:] - path[farthest], angle) * (wants / length)
+  back = turned(path[farthest:] - path[farthest], angle) * (wanted_length / length)
   goal = np.concatenate([path[:farthest], path[farthest] + back])
   moved = along(joints, turn, path, goal, skeleton, fps)
   return joints if violation_score(moved, wanted, fps) else moved.astype(joints.dtype)
@@ -71,17 +72,18 @@ def shaped(joints, fps, requirements, skeleton, one_action):
   if len(wanted) != 1 or not violation_score(joints, wanted, fps) or wanted[0].kind == "turn" and (
       wanted[0].degrees != (40, 140) or not any(requirement.kind in {*PACES, "run"} for requirement in requirements)):
     return joints
-  path, gone = course(joints, fps)
-  if gone[-1] < _SHORTEST[wanted[0].kind]:
+  path, distance = course(joints, fps)
+  if distance[-1] < _SHORTEST[wanted[0].kind]:
     return joints
   steps = np.gradient(path, axis=0)
-  goes = np.unwrap(np.arctan2(steps[:, 0], steps[:, 1]))
+  heading = np.unwrap(np.arctan2(steps[:, 0], steps[:, 1]))
   # Resampled by distance, for the course has no direction while the body stands.
-  way = lambda metres: np.interp(metres, np.linspace(0, gone[-1], 200), gaussian_filter1d(
-      np.interp(np.linspace(0, gone[-1], 200), gone, goes), 6, mode="nearest"))
-  side = wanted[0].side or ("left" if way(gone[-1]) >= way(0.0) else "right")
-  should = lambda metres: (1 if side == "left" else -1) * np.radians(_course(wanted[0].kind, metres, gone[-1]))
-  moved = bent(joints, lambda metres: should(metres) - way(metres) + way(0.0), skeleton, fps)
+  heading_at = lambda metres: np.interp(metres, np.linspace(0, distance[-1], 200), gaussian_filter1d(
+      np.interp(np.linspace(0, distance[-1], 200), distance, heading), 6, mode="nearest"))
+  side = wanted[0].side or ("left" if heading_at(distance[-1]) >= heading_at(0.0) else "right")
+  sign = 1 if side == "left" else -1
+  wanted_heading = lambda metres: sign * np.radians(_course(wanted[0].kind, metres, distance[-1]))
+  moved = bent(joints, lambda metres: wanted_heading(metres) - heading_at(metres) + heading_at(0.0), skeleton, fps)
   return joints if violation_score(moved, requirements, fps) >= violation_score(joints, requirements, fps) else (
       moved.astype(joints.dtype))
 

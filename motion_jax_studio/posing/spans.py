@@ -19,11 +19,12 @@ def bounds_of(motion: Motion, segments: Sequence[Segment]) -> list[tuple[int, in
   return [(round(caption.start * motion.fps), round(caption.end * motion.fps)) for caption in motion.captions]
 
 
-def rising(count: int, first: int, past: int, fps: float, at_once: bool = False) -> Float[np.ndarray, " t"]:
+def rising(count: int, first: int, past: int, fps: float, from_start: bool = False) -> Float[np.ndarray, " t"]:
   """Weight (count,) of a posture in frames first to past: rises from 0 to 1 at their beginning, and falls after them.
 
-  at_once: 1 from the start for a posture in which the motion begins (first = 0).
+  from_start: 1 from the start for a posture in which the motion begins (first = 0).
   """
   k = np.arange(count)
-  rise = np.ones(count) if at_once and first == 0 else (k - first) / max(min(_RISE * fps, _SHARE * (past - first)), 1)
+  frames = max(min(_RISE * fps, _SHARE * (past - first)), 1)
+  rise = np.ones(count) if from_start and first == 0 else (k - first) / frames
   return smoothstep(np.minimum(rise, 1 - (k - past + 1) / (_FALL * fps)))

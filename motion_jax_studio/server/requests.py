@@ -18,7 +18,7 @@ from motion_jax.models.results import Motion
 from motion_jax.motion.step_records import record
 from motion_jax.utils import progress
 from motion_jax.utils.errors import InputError
-from motion_jax_studio.checks.reports import note_of
+from motion_jax_studio.checks.reports import attempts_note
 from motion_jax_studio.constraining import implied_frames
 from motion_jax_studio.planning.segments import segments_of
 from motion_jax_studio.server import serialization
@@ -166,7 +166,8 @@ def notes_of(motions: Sequence[Any]) -> list[str]:
   several, notes = len(motions) > 1, [motion.meta["note"] for motion in motions[:1] if motion.meta.get("note")]
   for i, motion in enumerate(motions):
     if unmet := motion.meta.get("unmet"):
-      notes.append(f"take {i + 1}: " * several + note_of(len(motion.meta["attempts"]), unmet, motion.meta["prompt"]))
+      note = attempts_note(len(motion.meta["attempts"]), unmet, motion.meta["prompt"])
+      notes.append(f"take {i + 1}: " * several + note)
   return notes
 
 

@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 
 from motion_jax.data.datasets.synthetic import synthetic_joints
-from motion_jax_studio.checks.reports import note_of, report, unmet_requirements
+from motion_jax_studio.checks.reports import attempts_note, report, unmet_requirements
 from motion_jax_studio.language import parse
 from motion_jax_studio.server.requests import notes_of
 from tests.analysis.test_describe import _jump, _kick, _walk, _wave
@@ -37,7 +37,7 @@ def test_a_turn_that_is_too_short_is_said_in_degrees():
 def test_a_page_gets_the_same_sentence_once_for_each_take_that_missed():
   made = Sampler().best([JUMPS] * 2, 2)
   said = "2 attempts, no jump seen (prompt: 'a person jumps'); another seed may show it"
-  assert notes_of(made[:1]) == [said] == [note_of(2, ["no jump seen"], JUMPS)]
+  assert notes_of(made[:1]) == [said] == [attempts_note(2, ["no jump seen"], JUMPS)]
   assert notes_of(made) == [f"take 1: {said}", f"take 2: {said}"]
 
 

@@ -3,7 +3,7 @@ import types
 
 import pytest
 
-from motion_jax_studio.checks.prompt_notes import notes_of, with_suggestion
+from motion_jax_studio.checks.prompt_notes import notes_on, with_suggestion
 from tests.studio.captioned import Captioned
 from tests.studio.sentences import table
 
@@ -31,7 +31,7 @@ def test_words_that_a_person_would_call_unknown_have_a_warning_and_no_others(mod
     "eine Person geht im Kreis", "une personne marche en avant", "una persona camina a la izquierda", "人が歩く",
     "человек идёт вперёд", "osoba idzie do przodu", "jemand springt", "asdf qwer"])
 def test_a_sentence_in_another_language_has_one_note_that_says_so(model, sentence):
-  note, = notes_of(types.SimpleNamespace(model=model), [sentence])
+  note, = notes_on(types.SimpleNamespace(model=model), [sentence])
   assert note == f"{sentence!r}: this model reads English only; try 'a person walks forward'"
 
 

@@ -3,8 +3,9 @@ import time
 
 import pytest
 
-from motion_jax_studio.language import parse, parser
+from motion_jax_studio.language import actions, parse, parser
 from motion_jax_studio.language.clauses import parts_of
+from motion_jax_studio.language.hand_places import postures_of
 from tests.studio.sentences import table
 
 
@@ -21,6 +22,17 @@ def test_a_sentence_is_cut_into_clauses_once(monkeypatch):
   for known in (None, lambda text: True, lambda text: False):
     parse("a person walks and waves, then sits down", known)
   assert len(passes) == 3
+
+
+def test_an_action_fills_its_slots_once_and_again_for_other_words(monkeypatch):
+  action = parse("a person walks to the left with the hands on the hips").single
+  assert action.slots.course == "left" and action.slots.hands.place == "hips" and not action.slots.is_backward
+  other = action.replace(words="walks backward")
+  assert other.prompt == "a person walks backward" and other.slots.is_backward and other.slots.hands is None
+  plan = parse("a person walks in a circle, then leans to the left and kicks twice")
+  monkeypatch.setattr(actions, "slots_of", None)  # requirements, paths and postures read slots
+  assert [requirement.kind for requirement in plan.requirements] == ["circle", "usual", "kick"]
+  assert plan.path_shapes == [("circle", ""), ("usual", "walk")] and postures_of(plan.segments) == {(1, 0): None}
 
 
 def test_prompts_keep_their_subject():

@@ -3,7 +3,7 @@ import re
 
 import pytest
 
-from motion_jax_studio.language.words import before, first_of, said, says, several_people, tokens
+from motion_jax_studio.language.words import has_phrase, lookup, normalize, several_people, tokens, until
 from tests.conftest import ROOT
 
 ROOMS = ("checks", "planning", "posing", "blending.py", "constraining.py", "editing.py", "pipeline.py", "resampling.py",
@@ -28,11 +28,11 @@ def test_no_action_is_known_by_its_address():
 
 
 def test_phrases_are_whole_words_without_articles():
-  text = said("Holds the arms out, at his sides.")
+  text = normalize("Holds the arms out, at his sides.")
   assert text == " holds arms out , at sides " and tokens("A, b-c") == ("a", ",", "b-c")
-  assert says(text, "at sides") and says(text, "side*") and not says(text, "at side, out at")
-  assert first_of((("a", "at side"), ("b", "arms"), ("c", "holds")), text) == "b" and first_of((), text, "") == ""
-  assert before(("walks", "with", "it"), {"with"}) == ("walks",) and before(("walks",), {"walks"}) == ("walks",)
+  assert has_phrase(text, "at sides") and has_phrase(text, "side*") and not has_phrase(text, "at side, out at")
+  assert lookup((("a", "at side"), ("b", "arms"), ("c", "holds")), text) == "b" and lookup((), text, "") == ""
+  assert until(("walks", "with", "it"), {"with"}) == ("walks",) and until(("walks",), {"walks"}) == ("walks",)
 
 
 def test_several_people_are_named():

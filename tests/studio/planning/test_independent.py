@@ -9,7 +9,7 @@ from motion_jax.models.results import Motion
 from motion_jax.motion.skeleton import KIT
 from motion_jax_studio.checks.violations import violation_score
 from motion_jax_studio.language import parse
-from motion_jax_studio.language.requirements import once
+from motion_jax_studio.language.requirements import exactly_once
 from motion_jax_studio.planning import sequencing
 from motion_jax_studio.planning.independent import best_takes
 from motion_jax_studio.planning.job import Job
@@ -26,7 +26,7 @@ def _motion(action, seed=0):
 
 def test_the_part_that_shows_its_action_is_taken_and_of_equals_the_first():
   walk, jump, again, wave = _motion("walk"), _motion("jump"), _motion("jump", 1), _motion("wave_left")
-  assert violation_score(again.joints, once(REQUIRED["a person jumps"])) == 0
+  assert violation_score(again.joints, exactly_once(REQUIRED["a person jumps"])) == 0
   tried = [[walk, jump, again], [walk, wave, walk]]
   found = best_takes(tried, [("a person jumps", 80), ("a person waves the left hand", 80)], REQUIRED, 20.0)
   assert found[0] is jump and found[1] is wave

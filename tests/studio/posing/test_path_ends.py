@@ -50,7 +50,7 @@ def test_what_is_done_on_the_way_has_a_note():
       ("a person walks forward, then sits down", PATH, False), ("a person walks forward", PATH, False),
       ("a person sits down", RootPath([[0, 0], [0, 0.2]]), False), ("a person sits down", InPlace(), False),
       ("a person sits down", RootPath([[0, 0], [0, 2]], [0, 3]), False)):
-    note = path_ends.note_of(parse(prompt), [control])
+    note = path_ends.path_note(parse(prompt), [control])
     assert ("is done on the way" in note) == noted == bool(note), prompt
 
 

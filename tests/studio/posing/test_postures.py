@@ -15,7 +15,7 @@ from motion_jax_studio.language import Segment, parse
 from motion_jax_studio.planning.standing import standing
 from motion_jax_studio.posing.corrections import corrected
 from motion_jax_studio.posing.postures import posed
-from motion_jax_studio.steps import Plan
+from motion_jax_studio.steps import PlanPrompts
 from tests.studio.posing.test_corrections import MODEL
 
 _yes, _no = lambda prompt: True, lambda prompt: False
@@ -68,11 +68,11 @@ def test_a_lean_is_read_from_the_words_that_say_one():
       ("leans forward", (0, 1), False), ("tilts back slightly", (0, -1), False), ("slouches", (0, 1), False),
       ("sways", (1, 0), True), ("sways slightly to his left", (1, 0), False), ("rocks back and forth", (0, 1), True),
       ("sways from side to side", (1, 0), True)):
-    assert parse(f"a person {text}").single.lean == (way, sways), text
+    assert parse(f"a person {text}").single.slots.lean == (way, sways), text
   for text in ("leans on a table", "tilts the head to the left", "walks to the left", "bows", "leans back in a chair",
                "rocks a baby", "tilts a glass to drink", "slumps to the ground", "sways the hips",
                "hunches over creeping"):
-    assert parse(f"a person {text}").single.lean is None, text
+    assert parse(f"a person {text}").single.slots.lean is None, text
 
 
 def test_a_plan_leans_in_its_time():
@@ -105,7 +105,7 @@ def test_a_lean_beside_an_action_of_the_legs_is_left_to_the_network():
 def test_plans_with_constraints_stay_as_they_are():
   job = SimpleNamespace(planner=SimpleNamespace(plan=parse, with_postures=lambda plan: standing(plan, _no, _no)),
                         prompts=["a person claps"] * 2, plans=[None] * 2, constraints=[[], [object()]])
-  Plan()(job)
+  PlanPrompts()(job)
   assert [plan.is_plain for plan in job.plans] == [False, True]
 
 
