@@ -103,8 +103,10 @@ class Pipeline:
     for note in self.notes(list(prompts), plan, postures) if self.warns else ():
       warnings.warn(note, stacklevel=3)
 
-  def _sampling(self, sampling):
+  def _sampling(self, sampling, planned=False):
     """The sampling choices, with left/right contrast guidance by default: the negative prompt names the other leg.
+
+    planned: the prompts are single actions of plans, or several at once, and not steered by clauses.
 
     Raises TypeError for a choice that the model does not have.
     """
@@ -113,7 +115,7 @@ class Pipeline:
       if name not in known:
         raise TypeError(f"{self.model.folder.name} has no argument {name!r}"
                         f"{arguments.hint(name, known, '; it has ' + ', '.join(known))}")
-    return self._with_contrast(sampling)
+    return self._with_contrast(({"clauses": False} if planned and "clauses" in known else {}) | sampling)
 
   def _with_contrast(self, sampling):
     if "negative_prompts" in self.model.more_choices:
@@ -145,7 +147,8 @@ class Pipeline:
     plans = [prompt if isinstance(prompt, Plan) else None for prompt in given]
     texts = self.model.prompts_of([prompt.text if isinstance(prompt, Plan) else prompt for prompt in given])
     keys, seeds = keys_of(rng, seeds, len(texts), seed)
-    job = Job(self.planner, texts, self._frames(texts, num_frames, seconds), keys, seeds, self._sampling(sampling),
+    sampling = self._sampling(sampling, any(isinstance(step, steps.PlanPrompts) for step in call_steps))
+    job = Job(self.planner, texts, self._frames(texts, num_frames, seconds), keys, seeds, sampling,
               constraints_of(control, len(texts)), exact=exact, warns=self.warns, plans=plans, steps=call_steps)
     for step in call_steps:
       step(job)
@@ -235,7 +238,7 @@ class Pipeline:
       self.warn([prompt for segments in lists for prompt, _ in segments], plan)
     rows = [segments_of(self.planner, segments, plan) for segments in lists]
     keys, seeds = keys_of(rng, seeds, len(rows), seed)
-    sampling = self._sampling(sampling)
+    sampling = self._sampling(sampling, plan)
     if hold_until_done:
       rows = [[(prompt, max(count, durations.frames_until_done(self.planner, prompt))) for prompt, count in row]
               for row in rows]

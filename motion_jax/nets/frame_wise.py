@@ -31,8 +31,8 @@ class FrameWiseNetwork(Protocol):
     """What depends on the time alone, computed once for all times (N,) of a sampler."""
 
   def window(self, x: Float[Array, "b w c"], t: Float[Array, "#b w"], modulation: Any,
-             text: Any, attn_mask: Bool[Array, "#b 1 w k"], positions: Any, past: Any = None, control: Any = None,
-             **conditions: Any) -> tuple[Array, Any]:
+             text: Any, attn_mask: Bool[Array, "#b 1 w k"], positions: Any, past: Any = None, control: Any = None
+             ) -> tuple[Array, Any]:
     """(velocity of the latents x at times t, (keys, values) of all layers, unturned). Keys are those of past, as
     `turn_keys` returns them, followed by those of x; both (depth, B, L, num_heads, width / num_heads)."""
 

@@ -97,7 +97,7 @@ def blocks(loop: SamplingLoop, request: Request, past: Float[np.ndarray, "b p c"
     loop.prefill(past, caption=0)
   plan, segment = loop.plan, request.segment
   since = None if plan.memory is None else np.asarray(streaming.seen_since(plan, segment))
-  ends = streaming.caption_ends(segment, loop.lengths, plan.block)
+  ends = np.asarray(streaming.caption_ends(segment, loop.lengths, plan.block))
   for _ in range(plan.age + segment.shape[1] - 1):
     at = np.clip(loop.base + np.arange(plan.width), 0, segment.shape[1] - 1)
     block = loop.step(captions.show(segment[:, at]), None if since is None else since[:, at], until=ends[:, at])

@@ -34,7 +34,7 @@ def scored_stage(config: ConfigDict) -> Stage:
     z1, latent_mask, t, noise, text_emb = stages.forcing_inputs(config, vae, dit, frozen, batch, rng)
     attn_mask = block_causal_mask(z1.shape[1], dit.block) & latent_mask[:, None, None, :]
     x, left = paths.add_noise(z1, noise, t), stages.time_left_of(config, batch, rng)
-    run = lambda params: dit.apply(params, x, t, text_emb, attn_mask, batch["text_mask"], left=left)
+    run: Any = lambda params: dit.apply(params, x, t, text_emb, attn_mask, batch["text_mask"], left=left)
     counts = latent_mask & (t < 1)
     losses = negative_aware.loss(run(params), run(frozen[SAMPLER]), run(frozen[REFERENCE]), x, z1, t, counts,
                                  batch["optimality"], choices.beta, pull=choices.pull)

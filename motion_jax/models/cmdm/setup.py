@@ -277,7 +277,8 @@ def denoiser(config: ConfigDict) -> TrainingSetup:
       other = encoded([false.get(caption, caption) for caption in said],
                       [[(false[text], *span) for text, *span in row] for row in segments])
       arrays = contradictions_of(arrays, other, [any(false[text] != text for text in texts) for texts in shown[rows]])
-    return batch | arrays | _time_left(config, batch, (segments or [()] * len(said))[rows])
+    spans: list[Any] = [*segments] or [()] * len(said)
+    return batch | arrays | _time_left(config, batch, spans[rows])
 
   evaluate = _held_out_loss(config, data.stats, encoder, codec)
   stage, frozen = cmdm.denoiser_stage(config), codec.parts | motion_errors.frozen_stats(config, data.stats)

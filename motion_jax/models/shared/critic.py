@@ -95,15 +95,16 @@ def with_critic(stage: Stage, config: ConfigDict) -> Stage:
 
 def telling(real: Any, decoded: Any) -> Float[Array, ""]:
   """The critic's hinge loss: max(0, 1 - D(real)) + max(0, 1 + D(decoded)), the mean over towers."""
-  return sum(jax.nn.relu(1 - a[-1]).mean() + jax.nn.relu(1 + b[-1]).mean() for a, b in zip(real, decoded)) / len(real)
+  return jnp.stack([jax.nn.relu(1 - a[-1]).mean() + jax.nn.relu(1 + b[-1]).mean()
+                    for a, b in zip(real, decoded)]).mean()
 
 
 def deceiving(decoded: Any) -> Float[Array, ""]:
   """The decoder's adversarial loss: -D(decoded), the mean over towers."""
-  return -sum(tower[-1].mean() for tower in decoded) / len(decoded)
+  return -jnp.stack([tower[-1].mean() for tower in decoded]).mean()
 
 
 def matching(real: Any, decoded: Any) -> Float[Array, ""]:
   """Feature matching: mean absolute differences of all hidden layers, each divided by the layer's mean size."""
-  pairs = [(a, b) for one, other in zip(real, decoded) for a, b in zip(one[:-1], other[:-1])]
-  return sum(jnp.abs(a - b).mean() / jnp.maximum(jnp.abs(a).mean(), 1e-6) for a, b in pairs) / len(pairs)
+  pairs = [(a, b) for tower, other in zip(real, decoded) for a, b in zip(tower[:-1], other[:-1])]
+  return jnp.stack([jnp.abs(a - b).mean() / jnp.maximum(jnp.abs(a).mean(), 1e-6) for a, b in pairs]).mean()
