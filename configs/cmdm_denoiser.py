@@ -68,7 +68,8 @@ def get_config(size="full"):
                                scan_layers=False, sample_every=20_000)
   # schedule: "fss" (frame-wise, `lag` steps between blocks), "ar" (block after block) or "full" (all frames at once).
   config.cleanup = common.cleanup()
-  config.sampler = dict(schedule="fss", solver="euler", num_steps=50, lag=2, guidance_scale=3.0)
+  # clauses, not of the paper: attention to the clause of a caption that is due (text/clauses.py).
+  config.sampler = dict(schedule="fss", solver="euler", num_steps=50, lag=2, guidance_scale=3.0, clauses=False)
   if size in ("small", "mini", "laptop"):
     config.frozen.text = "words"
     config.tokenizer.update(latent_dim=32, width=192)

@@ -15,4 +15,4 @@ def get_config(size="small"):
       "fast", "cmdm_student:8_small", recipe.NON_COMMERCIAL, 1, distill={"teacher": "cmdm-small"},
       data=recipe.CAPTIONED | {"per_segment_captions": 0.5, "batch_size": 32, "lengths": (192,)},
       train=recipe.steps(850), optimizer=recipe.rates(2e-4, 300, ema_decay=0.995, warmup=50),
-      sampler={"side_guidance": 1.0}, cleanup=recipe.UNSMOOTHED)], size)
+      sampler={"side_guidance": 1.0, "clauses": True}, cleanup=recipe.UNSMOOTHED)], size)

@@ -72,7 +72,7 @@ def cmdm_denoiser(archives, share):
                train=steps(20_000), optimizer=rates(8e-4, 3_000), sampler=SAMPLER, cleanup=UNSMOOTHED)
 
 
-SAMPLER = {"num_steps": 20, "guidance_scale": 2.0, "side_guidance": 1.0}
+SAMPLER = {"num_steps": 20, "guidance_scale": 2.0, "side_guidance": 1.0, "clauses": True}
 
 
 def combine(name, function, *runs):

@@ -39,10 +39,12 @@ def test_words_of_a_clause_and_its_subject_are_shown():
 
 
 def test_clauses_share_the_blocks_of_their_prompt():
-  rows = by_clauses([[("a man walks, then sits", 50), ("he bows", 30)], [("he jumps, then runs", 12)]], 12)
+  rows = by_clauses([[("a man walks, then sits", 50), ("he bows", 30)], [("he jumps, then runs", 12)],
+                      [("he waves, then runs", 24)]], 12, lambda prompt: prompt == "he waves, then runs")
   assert [count for _, count in rows[0]] == [24, 24, 32]  # the last motion ends within a block
   assert [str(part)[-3:] for part, _ in rows[0][:2]] == ["[1]", "[2]"]
   assert rows[1] == [("he jumps, then runs", 12)]  # one block shows one clause
+  assert rows[2] == [("he waves, then runs", 24)]
 
 
 @pytest.mark.slow

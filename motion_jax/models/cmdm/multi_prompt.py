@@ -2,7 +2,7 @@
 
 Prompts change on a grid of blocks (3 latents, 12 frames, 0.6 s).
 """
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import jax
@@ -33,15 +33,17 @@ def segment_frames(frames: Sequence[int], way: str, frames_per_block: int, frame
   return np.diff(segment_ends(frames, frames_per_block), prepend=0).tolist()
 
 
-def by_clauses(lists: Sequence[Sequence[tuple[str, int]]], frames_per_block: int) -> list[list[tuple[str, int]]]:
+def by_clauses(lists: Sequence[Sequence[tuple[str, int]]], frames_per_block: int, known: Callable[[str], bool]
+               ) -> list[list[tuple[str, int]]]:
   """Lists of (prompt, frames) in which prompts of several clauses are replaced by these, with equal shares of the
-  blocks; a prompt of fewer blocks than clauses stays."""
+  blocks. Known prompts stay, for training has shown when their actions happen, and those of fewer blocks than clauses.
+  """
   rows = []
   for segments in lists:
     ends, row = segment_ends([count for _, count in segments], frames_per_block), list[tuple[str, int]]()
     for (prompt, _), first, past in zip(segments, [0, *ends], ends):
       parts, blocks = clauses_of(prompt), -(-(past - first) // frames_per_block)
-      parts = parts if len(parts) <= blocks else [prompt]
+      parts = [prompt] if len(parts) > blocks or len(parts) > 1 and known(prompt) else parts
       borders = [first + round(blocks * at / len(parts)) * frames_per_block for at in range(len(parts))]
       row += [(part, stop - start) for part, start, stop in zip(parts, borders, [*borders[1:], past])]
     rows.append(row)
