@@ -225,6 +225,8 @@ import importlib, sys
 for name in {sorted(set(names) - LOAD_JAX)}:
   importlib.import_module(name)
   assert "jax" not in sys.modules, name
+sys.modules["motion_jax.robots.retargeting"]._import_mink()
+assert "jax" not in sys.modules, "mink"
 """
   assert len(names) > 150 and set(names) >= LOAD_JAX
   run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, cwd=ROOT)
