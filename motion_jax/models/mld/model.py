@@ -8,12 +8,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Num
 
-from motion_jax.control.signal import ControlSignal
 from motion_jax.models.base import TextToMotionModel
 from motion_jax.models.mld import sampling
 from motion_jax.models.mld.options import MldSampling
 from motion_jax.models.mld.stages import VAE, denoiser_shapes, frozen_shapes, reconstruct, vae_shapes
-from motion_jax.models.results import Motions, motions_of_prompts
 from motion_jax.models.shared.captioned_batches import NO_CAPTION
 from motion_jax.models.shared.round_trips import RoundTrip
 from motion_jax.nets.causal_vae import sample_latent
@@ -57,14 +55,12 @@ class MldModel(TextToMotionModel):
     return sampling.Plan(steps, num_steps, solver, self.config.diffusion.predicts,
                          chosen.guidance_scale != 1.0)
 
-  def sample(self, prompts: Sequence[str], frames: Sequence[int], keys: jax.Array, seeds: Sequence[int | None],
-             cleanup: bool, sampling: dict[str, Any], signal: ControlSignal | None = None) -> Motions:
-    """One pass: motions of prompts, a key each; sampling: choices of `MldSampling`."""
-    chosen = self.sampling(**sampling)
+  def sampled_features(self, prompts: Sequence[str], frames: Sequence[int], keys: jax.Array, chosen: MldSampling
+                       ) -> tuple[Any, Sequence[int]]:
+    """(normalized features (B, max_frames, F), frames as given) of prompts."""
     real = padding_mask(jnp.asarray(frames), self.config.data.max_frames)  # one length for all, compiled once
-    generated = self._generate(self.plan_of(chosen), self.params, self.frozen.get(VAE), self.encoder(prompts)[0],
-                               self.frozen[NO_CAPTION], real, chosen.guidance_scale, keys)
-    return motions_of_prompts(self, generated, prompts, frames, seeds, chosen.about() | dict(model=self.id), cleanup)
+    return self._generate(self.plan_of(chosen), self.params, self.frozen.get(VAE), self.encoder(prompts)[0],
+                          self.frozen[NO_CAPTION], real, chosen.guidance_scale, keys), frames
 
   def reconstruct(self, features: Num[Array, "t f"]) -> Float[np.ndarray, "t f"]:
     """Features (T, F) through the VAE and back, by the mean of their latent."""

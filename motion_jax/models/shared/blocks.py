@@ -99,7 +99,7 @@ class BlockModel(TextToMotionModel):
       parts.append(features)
       frames += totals
       ends += [[total] for total in totals] if single else [segment_ends(row, self.block_frames) for row in counts]
-    return Sampled(joined(parts, len(lists)), frames, ends, self._about(chosen))
+    return Sampled(joined(parts, len(lists)), frames, ends, self.record_of(chosen))
 
   def continue_motion(self, clip: "Clip", joints: Float[np.ndarray, "t j 3"], segments: Frames, keys: jax.Array,
                       cleanup: bool, sampling: dict[str, Any]) -> Continued:
@@ -111,16 +111,13 @@ class BlockModel(TextToMotionModel):
     rows, _ = self._run(self.begin_blocks(keys, self.stats.normalize(past)[None]), [segments], chosen)
     ends = segment_ends(counts, self.block_frames)
     features = np.concatenate([past, self.stats.denormalize(rows[:, :ends[-1]])[0]])
-    return Continued(np.asarray(to_joints(features, self.stats.layout)), ends, self._about(chosen))
+    return Continued(np.asarray(to_joints(features, self.stats.layout)), ends, self.record_of(chosen))
 
   def make_stream(self, segments: Sequence[tuple[str, int | None]], keys: jax.Array, num_frames: int | None,
                   cleanup: bool, sampling: dict[str, Any]) -> "PromptedStream":
     """A stream of segments [(prompt, frames)], the last without end."""
     from motion_jax.models.shared.streams import BlockStream
     return BlockStream(self, self.sampling(**sampling), keys, segments, num_frames, cleanup)
-
-  def _about(self, chosen):
-    return chosen.about() | dict(model=self.id)
 
   def _run(self, state, lists, chosen):
     """(normalized features (B, T, F) in whole blocks, the state after them) of lists of segments."""
