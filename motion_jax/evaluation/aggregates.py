@@ -10,7 +10,7 @@ from motion_jax.evaluation import differences
 
 def collect(found, population=True):
   """({row: {metric: {"mean", "interval", "values"}}}, {row: [curve of each replication]}) from the results of a task in
-  each replication, [`tasks.base.Found`].
+  each replication, [`tasks.base.TaskScores`].
   """
   values, curves = {}, {}
   for scored in found:

@@ -171,7 +171,7 @@ def bend_leg(source: Float[np.ndarray, "t j 3"], result: Float[np.ndarray, "t j 
 
 def knee_side(source: Float[np.ndarray, "*lead t j 3"], leg: Sequence[int], skeleton: Skeleton
               ) -> Float[np.ndarray, "*lead t 3"]:
-  """Direction (..., T, 3) in which a knee points: off the line from hip to ankle, and ahead for legs that are straight."""
+  """Direction (..., T, 3) in which a knee points: off the line from hip to ankle, and ahead for straight legs."""
   hip, knee, ankle = leg[:3]
   off_line = _across(source[..., knee, :] - source[..., hip, :], source[..., ankle, :] - source[..., hip, :])
   return off_line + body_axes(source, skeleton)[0][..., 2] * _KNEE_BIAS / skeleton.unit
