@@ -2,9 +2,8 @@
 from collections.abc import Callable
 
 import jax.numpy as jnp
-from jaxtyping import Float, Num
 
-from motion_jax.shapes import Array
+from motion_jax.shapes import Array, Float, Num
 
 Scale = float | Num[Array, "..."]
 

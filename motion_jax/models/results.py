@@ -10,7 +10,6 @@ from html import escape
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Num
 
 from motion_jax.data.clip import Caption, Clip
 from motion_jax.motion import step_records
@@ -18,6 +17,7 @@ from motion_jax.motion.blending import eased
 from motion_jax.motion.cleanup import clean_up
 from motion_jax.motion.representations import to_features, to_joints
 from motion_jax.motion.skeleton import Skeleton
+from motion_jax.shapes import Float, Num
 from motion_jax.utils import timing
 
 

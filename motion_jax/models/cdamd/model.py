@@ -4,7 +4,6 @@ from typing import Any
 
 import jax
 import numpy as np
-from jaxtyping import Bool, Float
 
 from motion_jax.control.signal import ControlSignal
 from motion_jax.latents import AutoencoderCodec
@@ -31,7 +30,7 @@ from motion_jax.motion.cleanup import clean_up
 from motion_jax.nets.autoencoder import Autoencoder
 from motion_jax.nets.diffusion_mlp import Generator
 from motion_jax.runs import Run
-from motion_jax.shapes import Array
+from motion_jax.shapes import Array, Bool, Float
 from motion_jax.text.encoder import TextEncoder
 from motion_jax.training import checkpoint
 from motion_jax.utils import cache

@@ -6,13 +6,12 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float, Int
 
 from motion_jax.control.signal import ControlSignal
 from motion_jax.motion.representations import Representation
 from motion_jax.motion.rotations import rotate_about_y
 from motion_jax.motion.skeleton import facing
-from motion_jax.shapes import Array
+from motion_jax.shapes import Array, Bool, Float, Int
 
 # In the order of the released weights. "path" is the pelvis on the ground, "heading" an angle in its first number.
 GOALS = ("pelvis", "left_foot", "right_foot", "left_wrist", "right_wrist", "head", "path", "heading")

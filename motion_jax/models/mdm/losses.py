@@ -6,9 +6,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import jax.numpy as jnp
-from jaxtyping import Bool, Float
 
-from motion_jax.shapes import Array
+from motion_jax.shapes import Array, Bool, Float
 
 STANDS = 0.01  # a foot that moves less than this between two frames stands
 TERMS = ("velocity", "positions", "contacts")  # besides the error of the features, each with a weight

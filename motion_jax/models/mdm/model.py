@@ -6,7 +6,6 @@ from typing import Any, NamedTuple, cast
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float
 
 from motion_jax.control.signal import ControlSignal
 from motion_jax.models.base import TextToMotionModel
@@ -21,6 +20,7 @@ from motion_jax.models.shared.motion_errors import STATS
 from motion_jax.nets.masks import padding_mask
 from motion_jax.nets.motion_denoiser import MotionDenoiser
 from motion_jax.runs import Run
+from motion_jax.shapes import Bool, Float
 from motion_jax.text.encoder import TextEncoder
 from motion_jax.text.padding import narrowest
 from motion_jax.training import checkpoint

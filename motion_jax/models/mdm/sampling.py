@@ -4,10 +4,9 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Bool, Float
 
 from motion_jax.diffusion import ddpm, guidance
-from motion_jax.shapes import Array, Net
+from motion_jax.shapes import Array, Bool, Float, Net
 
 SCHEDULES = {"cosine": ddpm.cosine_schedule, "linear": ddpm.linear_schedule}
 

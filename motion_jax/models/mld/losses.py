@@ -3,9 +3,8 @@ from collections.abc import Mapping
 
 import jax.numpy as jnp
 import optax
-from jaxtyping import Float
 
-from motion_jax.shapes import Array
+from motion_jax.shapes import Array, Float
 
 
 def kl_terms(mean: Float[Array, "b n d"], logvar: Float[Array, "b n d"]) -> Float[Array, " b"]:

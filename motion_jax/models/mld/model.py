@@ -6,7 +6,6 @@ from typing import Any, cast
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float, Num
 
 from motion_jax.models.base import TextToMotionModel
 from motion_jax.models.mld import sampling
@@ -18,7 +17,7 @@ from motion_jax.nets.causal_vae import sample_latent
 from motion_jax.nets.latent_diffusion import TokenDenoiser, TokenVAE
 from motion_jax.nets.masks import padding_mask
 from motion_jax.runs import Run
-from motion_jax.shapes import Array
+from motion_jax.shapes import Array, Float, Num
 from motion_jax.text.encoder import TextEncoder
 from motion_jax.training import checkpoint
 from motion_jax.utils import cache

@@ -4,10 +4,9 @@ from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
 
 from motion_jax.diffusion import ddpm, guidance
-from motion_jax.shapes import Array, Net
+from motion_jax.shapes import Array, Float, Net
 
 
 class FrameDenoiser(NamedTuple):

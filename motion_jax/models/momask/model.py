@@ -6,7 +6,6 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float
 
 from motion_jax.control.signal import ControlSignal
 from motion_jax.latents import TOKENIZER, RvqCodec
@@ -20,6 +19,7 @@ from motion_jax.models.shared.editing import LatentEditingModel
 from motion_jax.nets.autoencoder import Autoencoder
 from motion_jax.nets.token_transformers import MaskedCodeTransformer, ResidualCodeTransformer
 from motion_jax.runs import Run
+from motion_jax.shapes import Bool, Float
 from motion_jax.text.encoder import TextEncoder
 from motion_jax.training import checkpoint
 from motion_jax.utils import cache

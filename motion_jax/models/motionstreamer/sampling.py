@@ -9,11 +9,10 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Float, Int
 
 from motion_jax.diffusion import ddpm, guidance
 from motion_jax.nets.latent_llama import LlamaCache
-from motion_jax.shapes import Array, Net
+from motion_jax.shapes import Array, Float, Int, Net
 
 
 class Plan(NamedTuple):

@@ -9,14 +9,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import jax
 import numpy as np
-from jaxtyping import Float
 
 from motion_jax.models import arguments
 from motion_jax.models.base import TextToMotionModel
 from motion_jax.models.keys import keys_of, select_keys
 from motion_jax.models.shared.batches import joined
 from motion_jax.models.shared.script import borders, segment_ends
-from motion_jax.shapes import Array
+from motion_jax.shapes import Array, Float
 from motion_jax.utils.errors import InputError
 
 if TYPE_CHECKING:

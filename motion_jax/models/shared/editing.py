@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any, cast
 
 import jax
 import numpy as np
-from jaxtyping import Bool, Float
 
 from motion_jax.models import arguments
 from motion_jax.models.base import TextToMotionModel
@@ -19,6 +18,7 @@ from motion_jax.models.shared.known_motion import clip_of, on_our_body
 from motion_jax.motion.filling import runs_of
 from motion_jax.motion.representations import get_layout
 from motion_jax.nets.length_estimator import LengthEstimator
+from motion_jax.shapes import Bool, Float
 from motion_jax.text.captions import of_a_person
 from motion_jax.utils import cache
 from motion_jax.utils.config_files import module_fields

@@ -3,7 +3,6 @@ import dataclasses
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Num
 
 from motion_jax.data.clip import Clip
 from motion_jax.motion import plausibility
@@ -12,7 +11,7 @@ from motion_jax.motion.representations import Representation
 from motion_jax.motion.retarget import floor_height, leg_scale, retarget, with_lengths
 from motion_jax.motion.retiming import resample
 from motion_jax.motion.skeleton import Skeleton, bone_lengths, with_own_lengths
-from motion_jax.shapes import Array
+from motion_jax.shapes import Array, Float, Num
 from motion_jax.utils.errors import InputError
 from motion_jax.utils.numerals import format_value
 

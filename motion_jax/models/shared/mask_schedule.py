@@ -11,10 +11,9 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float, Int
 
 from motion_jax.models.shared.spans import TASKS
-from motion_jax.shapes import Array, Latents
+from motion_jax.shapes import Array, Bool, Float, Int, Latents
 
 # --- training ----------------------------------------------------------------------------------------------------
 

@@ -9,14 +9,13 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float, Num
 from ml_collections import ConfigDict
 
 from motion_jax.motion.contacts import LOW, feet_stand
 from motion_jax.motion.representations import get_layout
 from motion_jax.motion.skeleton import HUMANML3D, Skeleton
 from motion_jax.motion.stats import Stats
-from motion_jax.shapes import Array
+from motion_jax.shapes import Array, Bool, Float, Num
 
 NAMES = ("acceleration", "extremity_velocity", "foot_contact", "brief_contact", "bone_length", "limb_direction",
          "dynamics")

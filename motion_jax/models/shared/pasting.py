@@ -9,7 +9,6 @@ from typing import Any, NamedTuple
 
 import jax
 import numpy as np
-from jaxtyping import Bool, Float
 
 from motion_jax.data.clip import Caption, Clip
 from motion_jax.models.results import Motion, Motions, captions_with, cleanup_record, features_of, gathered
@@ -18,6 +17,7 @@ from motion_jax.models.shared.spans import TASKS
 from motion_jax.motion import step_records
 from motion_jax.motion.cleanup import clean_up
 from motion_jax.motion.filling import fill_frames, in_spans, runs_of
+from motion_jax.shapes import Bool, Float
 from motion_jax.utils.errors import InputError
 
 Spans = Sequence[Sequence[int]]  # [(first frame, the one past the last), ...]
