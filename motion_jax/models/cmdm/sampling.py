@@ -5,7 +5,6 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Bool, Float, Int
 
 from motion_jax.control import conditioning
 from motion_jax.control.signal import ControlSignal
@@ -16,7 +15,7 @@ from motion_jax.models.cmdm import ddpm_forcing, streaming
 from motion_jax.models.cmdm.guiding import Behind, Guide
 from motion_jax.nets.causal_dit import CausalDiT
 from motion_jax.nets.masks import padding_mask, sliding_mask
-from motion_jax.shapes import Array, AttentionMask, Latents
+from motion_jax.shapes import Array, AttentionMask, Bool, Float, Int, Latents
 
 
 def generate(dit: CausalDiT, plan: streaming.Plan, num_blocks: int, params: Any, codec: VaeCodec, *,
