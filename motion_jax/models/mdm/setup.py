@@ -1,5 +1,4 @@
 """The training set-up of MDM and DiP."""
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -43,4 +42,3 @@ def prefixes(features: list[np.ndarray], context: int) -> np.ndarray:
 
 
 SETUPS = {"mdm.denoiser": denoiser, "mdm.dip": denoiser}
-RESOLVED: dict[str, Callable] = {}

@@ -1,5 +1,4 @@
 """Training set-ups of MLD: its VAE and its denoiser."""
-from collections.abc import Callable
 from typing import Any
 
 import jax
@@ -60,4 +59,3 @@ def load_vae(folder: str, config: ConfigDict) -> tuple[Any, Stats]:
 
 
 SETUPS = {"mld.vae": vae, "mld.denoiser": denoiser, "mld.frames": frames}
-RESOLVED: dict[str, Callable] = {}

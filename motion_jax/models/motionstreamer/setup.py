@@ -1,5 +1,4 @@
 """Training set-ups of MotionStreamer: its causal autoencoder and its generator."""
-from collections.abc import Callable
 
 import jax
 import numpy as np
@@ -64,4 +63,3 @@ def load_tokenizer(folder: str, config: ConfigDict) -> tuple[VaeCodec, Stats]:
 
 
 SETUPS = {TOKENIZER: tokenizer, GENERATOR: generator}
-RESOLVED: dict[str, Callable] = {}
