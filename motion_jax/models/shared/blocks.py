@@ -42,7 +42,7 @@ class Sampled(NamedTuple):
   features: Float[Array, "b t f"]
   frames: Sequence[int]
   ends: Sequence[Sequence[int]]
-  about: dict[str, Any]
+  record: dict[str, Any]
 
 
 class Continued(NamedTuple):
@@ -50,7 +50,7 @@ class Continued(NamedTuple):
   sampling and of the cleanup."""
   joints: Float[np.ndarray, "t j 3"]
   ends: Sequence[int]
-  about: dict[str, Any]
+  record: dict[str, Any]
   steps: Sequence["Record"] = ()
 
 
@@ -143,14 +143,14 @@ class BlockModel(TextToMotionModel):
     self._check_way(way)
     ease = cleanup if ease is None else ease
     sampled = self.run_segments(lists, keys, sampling, way=way)
-    about = sampled.about | ({"way": way} if self.ways else {}) | ({"eased": True} if ease else {})
-    return self._motions(lists, sampled._replace(about=about), seeds, cleanup, ease)
+    record = sampled.record | ({"way": way} if self.ways else {}) | ({"eased": True} if ease else {})
+    return self._motions(lists, sampled._replace(record=record), seeds, cleanup, ease)
 
   def _motions(self, lists, sampled, seeds, cleanup, ease=False):
     from motion_jax.models.results import captions_in_a_row, make_motions
     captions = [captions_in_a_row([prompt for prompt, _ in segments], ends, self.fps)
                 for segments, ends in zip(lists, sampled.ends)]
-    return make_motions(self, sampled.features, sampled.frames, captions, seeds, sampled.about, cleanup, ease)
+    return make_motions(self, sampled.features, sampled.frames, captions, seeds, sampled.record, cleanup, ease)
 
   def _check_way(self, way):
     if way not in (ways := self.ways or ("stream",)):
@@ -217,9 +217,9 @@ class BlockModel(TextToMotionModel):
 
   def _extended(self, clip, prompt, num_frames, seconds, random, cleanup, sampling, **choices):
     """random: (keys, seeds); choices: further arguments of the method's `continue_motion`."""
-    from motion_jax.models.results import captions_in_a_row, go_on
+    from motion_jax.models.results import captions_in_a_row, extended_motion
     from motion_jax.models.shared.known_motion import KnownMotion, at_rate, clip_of
-    from motion_jax.motion.step_records import record
+    from motion_jax.motion import step_records
     if isinstance(prompt, str):
       if num_frames is not None or seconds is not None:
         seconds = self.frames_of([prompt], num_frames, seconds)[0] / self.fps
@@ -227,16 +227,16 @@ class BlockModel(TextToMotionModel):
     segments, (keys, seeds), layout = self.segments_of(prompt), random, self.stats.layout
     clip = clip_of(clip, layout)
     known = KnownMotion.of(at_rate(clip, self.fps, layout.skeleton), layout.skeleton)
-    joints, ends, about, steps = self.continue_motion(clip, known.on_model, segments, keys, cleanup, sampling,
+    joints, ends, record, steps = self.continue_motion(clip, known.on_model, segments, keys, cleanup, sampling,
                                                       **choices)
     prompts = [text for text, _ in segments]
-    about |= dict(prompt=" | ".join(prompts), seed=seeds[0], cleanup=bool(cleanup))
+    record |= dict(prompt=" | ".join(prompts), seed=seeds[0], cleanup=bool(cleanup))
     new = known.continued(joints, ends[-1], self.fps, cleanup)
     if cleanup and not steps:
       before = known.continued(joints, ends[-1], self.fps, False)
-      steps = [record("cleanup", "bone lengths restored, feet pinned", before, new, layout.skeleton,
+      steps = [step_records.record("cleanup", "bone lengths restored, feet pinned", before, new, layout.skeleton,
                       start=len(known.joints))]
-    return go_on(self, clip, known.joints, new, captions_in_a_row(prompts, ends, self.fps), about, *steps)
+    return extended_motion(self, clip, known.joints, new, captions_in_a_row(prompts, ends, self.fps), record, *steps)
 
   @arguments.checked
   def stream(self, prompt: str | Segments, *, rng: jax.Array | None = None, seed: int | None = None,

@@ -69,8 +69,8 @@ class EditingModel(TextToMotionModel):
               ) -> tuple[list[Float[np.ndarray, "_ f"]], dict[str, Any]]:
     """(features (T, F) of each motion, not normalized, record of the sampling): see `inpainted`. `shared.pasting` puts
     the new frames into the clip that they belong to."""
-    sampled, about = self.inpainted(features, new, prompts, keys, sampling)
-    return [self.stats.denormalize(x[:len(given)]) for x, given in zip(sampled, features)], about
+    sampled, record = self.inpainted(features, new, prompts, keys, sampling)
+    return [self.stats.denormalize(x[:len(given)]) for x, given in zip(sampled, features)], record
 
   @arguments.checked
   def edit(self, clip: Any, prompt: str, task: str | None = None, *, keep: pasting.Spans | None = None,
@@ -105,9 +105,9 @@ class EditingModel(TextToMotionModel):
     if not all(flags.any() for flags in new):
       raise InputError("everything is kept, so there is nothing to make; choose a span to change, or a shorter one to "
                        "keep")
-    sampled, about = self.inpainted(features, new, prompts, keys, sampling)
+    sampled, record = self.inpainted(features, new, prompts, keys, sampling)
     motions = motions_of_prompts(self, sampled, prompts, [len(x) for x in features], seeds,
-                                 about | dict(task=task or "spans"), cleanup)
+                                 record | dict(task=task or "spans"), cleanup)
     return dataclasses.replace(motions, motions=tuple(
         motion.replace(id=clip.id, license=clip.license or motion.license,
                        meta=motion.meta | dict(edited=clip.source or clip.id, made=self._runs(flags)))
