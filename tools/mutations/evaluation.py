@@ -6,7 +6,7 @@ LEARNING, TWO_SAMPLE = "tests/evaluators/test_matching.py", "tests/metrics/test_
 
 MUTATIONS = (
     # --- what is drawn, sampled and kept --------------------------------------------------------------------------
-    ("evaluation-coin", "motion_jax/evaluation/samples.py", "shorten < 1 / 3", "coin < 2 / 3",
+    ("evaluation-coin", "motion_jax/evaluation/samples.py", "shorten < 1 / 3", "shorten < 2 / 3",
      (f"{DRAWS}::test_draws_are_spread_as_the_loaders_spread_them",)),
     ("evaluation-last-cut", "motion_jax/evaluation/samples.py", "(where * (rows - count + 1))",
      "(where * (rows - count))", (f"{DRAWS}::test_draws_are_spread_as_the_loaders_spread_them",)),
