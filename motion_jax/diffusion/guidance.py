@@ -37,7 +37,8 @@ def two_branches(predict: Callable, is_guided: bool, scale: Scale) -> Callable:
     prediction = predict(rows, jnp.broadcast_to(t, len(rows)))
     if not is_guided:
       return prediction
+    with_text, without = jnp.split(prediction, 2)
     weight = jnp.asarray(scale, prediction.dtype)
-    return combine(*jnp.split(prediction, 2), weight.reshape(weight.shape + (1,) * (x.ndim - 1) * bool(weight.ndim)))
+    return combine(with_text, without, weight.reshape(weight.shape + (1,) * (x.ndim - 1) * bool(weight.ndim)))
 
   return guided_prediction
