@@ -145,7 +145,7 @@ class Bench:
       repeats = []
       for replication in range(self.settings.repeats):
         clock.check()
-        repeats.append(self.task(name, row.seed).found(candidate, replication).rows[""])
+        repeats.append(self.task(name, row.seed).score(candidate, replication).rows[""])
       found |= _numbers(repeats, name)
     return found, provenance.describe(self.task("texts", row.seed).harness, self.settings.archives, [candidate],
                                       self.settings.repeats, candidate.devices)

@@ -12,11 +12,10 @@ import flax.struct
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float, Int
 
 from motion_jax import quant
 from motion_jax.nets.causal_vae import sample_latent
-from motion_jax.shapes import Array
+from motion_jax.shapes import Array, Bool, Float, Int
 
 TOKENIZER, MEAN, STD = "tokenizer", "latent_mean", "latent_std"  # names of a codec's parts in a file
 SAMPLED = TOKENIZER, "residual"  # networks in such a file that every sampled motion passes through

@@ -3,7 +3,7 @@
 Annotations name dimensions, `x: Float[Array, "b l c"]`: b batch, t frames, l latents, j joints, f features, d width,
 c latent channels, h heads, k channels of a head or codes, s tokens, q levels, n steps; *lead is any number of them, #b
 is b or 1. Within one call a letter is one length. Only tests have them checked (`tests/conftest.py`), no user pays.
-Rooms that load no JAX take `Bool`, `Float`, `Int` and `Num` from here: jaxtyping takes as long to import as numpy.
+All rooms take `Bool`, `Float`, `Int`, `Key` and `Num` from here, so that jaxtyping is imported in tests alone.
 """
 import sys
 from typing import TYPE_CHECKING, Any
@@ -16,6 +16,7 @@ if TYPE_CHECKING or "jaxtyping" in sys.modules:  # a test, or a program that has
   from jaxtyping import Bool as Bool
   from jaxtyping import Float as Float
   from jaxtyping import Int as Int
+  from jaxtyping import Key as Key
   from jaxtyping import Num as Num
 else:
 
@@ -25,7 +26,7 @@ else:
     def __class_getitem__(cls, _: Any) -> Any:
       return Any
 
-  Bool = Float = Int = Num = _Unchecked
+  Bool = Float = Int = Key = Num = _Unchecked
 # Of annotations; numpy's arrays are welcome wherever JAX's are. What runs needs only their shapes and types, no JAX.
 if TYPE_CHECKING:
   import jax

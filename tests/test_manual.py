@@ -1,6 +1,7 @@
 """The examples of the manual do what their page says with the default seed, and print no more than it shows."""
 import contextlib
 import io
+import json
 import pathlib
 import re
 import shlex
@@ -11,6 +12,7 @@ import pytest
 from motion_jax.text.encoder import load_text_encoder
 from motion_jax_studio import cli
 from motion_jax_studio.language import parse
+from tests.conftest import ROOT
 from tests.pages import PAGES, TYPED, blocks, name_of, shell_lines
 
 # Lines about this run and not about the motion: time, progress, where files are, the licence of the weights.
@@ -37,6 +39,20 @@ def run(words):
 
 
 EXAMPLES = [(name_of(page), *example) for page in PAGES for example in consoles(page)]
+
+
+def test_speeds_of_the_models_are_those_of_the_performance_page():
+  """In the README, in docs/models.md and in what `motion-jax models` prints."""
+  rows = map(json.loads, (ROOT / "benchmarks/data/performance/rows.jsonl").read_text().splitlines())
+  seconds = {row["piece"].split("/")[1]: f"{row['processor']:.2f} s" for row in rows
+             if re.fullmatch(r"batch/c.*/1", row["piece"])}
+  assert len(seconds) == 3
+  for name, shown in seconds.items():
+    for page in ("README.md", "docs/models.md"):
+      line = re.search(rf"(?m)^\| \[?`{name}`.*", (ROOT / page).read_text())
+      assert line and f"| {shown} |" in line[0], (page, name)
+    about = json.loads((ROOT / "motion_jax/pretrained" / name / "about.json").read_text())
+    assert about["speed"] == f"6 s of motion in {shown} of processor time"
 
 
 def test_the_manual_has_examples_with_what_they_print():

@@ -10,9 +10,8 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float, Int
 
-from motion_jax.shapes import Array
+from motion_jax.shapes import Array, Float, Int
 
 Table = Float[np.ndarray, " n"]
 

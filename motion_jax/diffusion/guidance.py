@@ -2,9 +2,8 @@
 from collections.abc import Callable
 
 import jax.numpy as jnp
-from jaxtyping import Float, Num
 
-from motion_jax.shapes import Array
+from motion_jax.shapes import Array, Float, Num
 
 Scale = float | Num[Array, "..."]
 
@@ -27,3 +26,19 @@ def guided(velocity: Callable, scale: Scale) -> Callable:
     return combine(with_text, without, scale)
 
   return both
+
+
+def two_branches(predict: Callable, is_guided: bool, scale: Scale) -> Callable:
+  """Wraps predict(x (2 B, ...), t (2 B,)), whose conditions are B with captions and B without, into a guided function
+  of (x (B, ...), t ()). scale: () or (B,). Without guidance predict has B conditions, and nothing is combined."""
+
+  def guided_prediction(x, t):
+    rows = jnp.concatenate([x, x]) if is_guided else x
+    prediction = predict(rows, jnp.broadcast_to(t, len(rows)))
+    if not is_guided:
+      return prediction
+    with_text, without = jnp.split(prediction, 2)
+    weight = jnp.asarray(scale, prediction.dtype)
+    return combine(with_text, without, weight.reshape(weight.shape + (1,) * (x.ndim - 1) * bool(weight.ndim)))
+
+  return guided_prediction

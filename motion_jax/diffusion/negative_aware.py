@@ -6,10 +6,9 @@ it away: no likelihoods and no trajectories of the sampler are needed, only clea
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float, Num
 
 from motion_jax.diffusion.paths import velocity_to_x1
-from motion_jax.shapes import Array
+from motion_jax.shapes import Array, Bool, Float, Num
 from motion_jax.utils.errors import InputError
 
 LARGEST_ADVANTAGE = 5.0  # a_max of the authors' base configuration

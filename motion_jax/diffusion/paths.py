@@ -8,10 +8,9 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Bool, Float, Int, Key
 
 from motion_jax import shapes
-from motion_jax.shapes import Array
+from motion_jax.shapes import Array, Bool, Float, Int, Key
 
 
 def add_noise(x1: Float[Array, "*#lead c"], noise: Float[Array, "*#lead c"], t: Float[Array, "*#lead"]

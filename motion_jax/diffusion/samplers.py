@@ -9,9 +9,8 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
 
-from motion_jax.shapes import Array
+from motion_jax.shapes import Array, Float
 
 Velocity = Callable[[jax.Array, jax.Array], jax.Array]  # of x (B, L, C) at times (L,) -> (B, L, C)
 

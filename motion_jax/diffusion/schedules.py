@@ -5,9 +5,8 @@ Full-sequence, frame-wise and autoregressive sampling differ in this table only.
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Float, Int
 
-from motion_jax.shapes import Whole
+from motion_jax.shapes import Float, Int, Whole
 
 
 def staircase_levels(num_steps: Whole, length: Whole, lag: Whole, block: Whole = 1) -> Int[np.ndarray, "n {length}"]:

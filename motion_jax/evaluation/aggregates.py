@@ -8,12 +8,12 @@ from scipy.stats import t as student
 from motion_jax.evaluation import differences
 
 
-def collect(found, population=True):
+def collect(scores, population=True):
   """({row: {metric: {"mean", "interval", "values"}}}, {row: [curve of each replication]}) from the results of a task in
-  each replication, [`tasks.base.Found`].
+  each replication, [`tasks.base.TaskScores`].
   """
   values, curves = {}, {}
-  for scored in found:
+  for scored in scores:
     for row, numbers in scored.rows.items():
       for metric, number in numbers.items():
         values.setdefault(row, {}).setdefault(metric, []).append(number)

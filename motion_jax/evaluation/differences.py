@@ -18,7 +18,7 @@ class ByMotion(NamedTuple):
   item: np.ndarray
   values: dict[str, np.ndarray]
   real: np.ndarray
-  made: np.ndarray
+  generated: np.ndarray
 
 
 def over_clips(own: Sequence[ByMotion], other: Sequence[ByMotion] | None = None, seed: int = 0) -> dict[str, dict]:
@@ -54,8 +54,8 @@ def _interval(mean, draws):
 def _fid(own, other, replication, chosen):
   """FID of a row's motions at the chosen indices, minus that of another row."""
   real = _gaussian(own[replication].real[chosen])
-  fid = _frechet(real, _gaussian(own[replication].made[chosen]))
-  return fid - _frechet(real, _gaussian(other[replication].made[chosen])) if other else fid
+  fid = _frechet(real, _gaussian(own[replication].generated[chosen]))
+  return fid - _frechet(real, _gaussian(other[replication].generated[chosen])) if other else fid
 
 
 def _gaussian(x):

@@ -60,14 +60,14 @@ def export_prompts(task: Task, reader, out, replications, flags="") -> pathlib.P
   that are given; flags: of the command that evaluates the motions, for the README."""
   out, layout, lines = pathlib.Path(out), reader.layout, []
   for replication in range(replications):
-    for wanted in task.wanted(replication, reader):
-      rows = zip(*wanted.jobs, wanted.about, wanted.given or [None] * len(wanted.about))
-      for caption, count, seed, place, about, joints in rows:
-        line = dict(file=_file(wanted.name, place), caption=caption, frames=int(count), fps=layout.fps, seed=seed)
+    for request in task.requests(replication, reader):
+      rows = zip(*request.jobs, request.records, request.source_joints or [None] * len(request.records))
+      for caption, count, seed, place, record, joints in rows:
+        line = dict(file=_file(request.name, place), caption=caption, frames=int(count), fps=layout.fps, seed=seed)
         if joints is not None:
           line["motion"] = _file(f"{GIVEN}r{replication:03d}", place)
           _write_given(out / line["motion"], joints)
-        lines.append(line | about)
+        lines.append(line | record)
   tail = (f"; up to {samples.TAIL} more are looked at, what a decoder makes after the end"
           if task.protocol.made_padding == "decoded" else "")
   skeleton, limit = layout.skeleton, task.harness.limit

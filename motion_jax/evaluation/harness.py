@@ -153,15 +153,15 @@ class Harness:
     return [np.concatenate([kept, convert(motion)[count:]]) if len(motion) > count else kept
             for kept, motion, count in zip(converted, motions, frames)]
 
-  def batches(self, embedded, made, clip_made=None, made_for_fid=None, text=None, clip_text=None):
+  def batches(self, embedded, generated, clip_generated=None, generated_for_fid=None, text=None, clip_text=None):
     """The rows in pools, as `metrics.protocol` takes them."""
     text = embedded.text if text is None else text
     clip_text = embedded.clip_text if clip_text is None else clip_text
-    parts = protocol_lib.Batch(text, embedded.real, made, clip_text if clip_made is not None else None, clip_made, None,
-                               embedded.real_for_fid, made_for_fid)
+    parts = protocol_lib.Batch(text, embedded.real, generated, None if clip_generated is None else clip_text,
+                               clip_generated, None, embedded.real_for_fid, generated_for_fid)
     pool = self.protocol.pool
     return [protocol_lib.Batch(*(None if part is None else part[i:i + pool] for part in parts))
-            for i in range(0, len(made), pool)]
+            for i in range(0, len(generated), pool)]
 
   def scores(self, replication, motions, layout) -> dict[str, float]:
     """The row of motions [(rows, F)] in a model's layout, one motion for each item of the draw, in order."""
@@ -171,19 +171,20 @@ class Harness:
     """The same row, with the values of each motion."""
     embedded = self.embedded(replication)
     converted = self.converted(self.evaluator, motions, layout, embedded.drawn.frames)
-    made = self.embed(self.evaluator, converted, embedded.drawn.frames)
-    made_for_fid = self.embed_apart_for_fid(converted, embedded.drawn.frames)
-    clip_made = None
+    generated = self.embed(self.evaluator, converted, embedded.drawn.frames)
+    generated_for_fid = self.embed_apart_for_fid(converted, embedded.drawn.frames)
+    clip_generated = None
     if self.clip_evaluator is not None:
-      clip_made = self.embed(self.clip_evaluator, self.converted(
+      clip_generated = self.embed(self.clip_evaluator, self.converted(
           self.clip_evaluator, motions, layout, embedded.drawn.frames), embedded.drawn.frames)
-    batches = self.batches(embedded, made, clip_made, made_for_fid)
+    batches = self.batches(embedded, generated, clip_generated, generated_for_fid)
     row = protocol_lib.generation_scores(batches, self.protocol, embedded.diversity_pairs)
     row = {name: value for name, value in row.items() if not name.startswith("real_")}
     bodies = physics_by_motion(motions, embedded.drawn.frames, layout)
     values = protocol_lib.scores_by_motion(batches, self.protocol) | bodies
     real = embedded.real if embedded.real_for_fid is None else embedded.real_for_fid
-    by_motion = ByMotion(embedded.drawn.item, values, real, made if made_for_fid is None else made_for_fid)
+    for_fid = generated if generated_for_fid is None else generated_for_fid
+    by_motion = ByMotion(embedded.drawn.item, values, real, for_fid)
     return Judged(row | {name: float(np.mean(per_motion)) for name, per_motion in bodies.items()}, by_motion)
 
   def real_scores(self, replication) -> dict[str, float]:

@@ -56,7 +56,7 @@ def evaluate(request: Request) -> Result:
   row_sources, by_motion, notes = {}, {}, []
   for candidate in candidates:
     with clock.part(candidate.name):
-      scored = [task.found(candidate, replication) for replication in replications]
+      scored = [task.score(candidate, replication) for replication in replications]
       part_rows, drawn = aggregates.collect(scored, protocol.population_std)
     named = partial(aggregates.row_name, candidate.name)
     by_motion |= {named(part): [scores.by_motion[part] for scores in scored] for part in scored[0].by_motion}

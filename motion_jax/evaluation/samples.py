@@ -67,11 +67,11 @@ def draw_replication(test_set, protocol, seed, replication, limit=None, stream=0
   rows, pool = test_set.rows, protocol.pool
   rng = np.random.default_rng((seed, replication, stream))
   drawn = rng.permutation(len(rows)) if protocol.shuffle else np.arange(len(rows))
-  which, coin, where, again = rng.random((4, len(rows)))
+  which, shorten, where, again = rng.random((4, len(rows)))
   num_captions = np.array([len(captions) for captions in test_set.captions])
   caption = (which * num_captions).astype(int) if protocol.random_caption else np.zeros(len(rows), int)
   # Parity: one time in three a unit less than the clip holds, so that each length occurs with two cuts.
-  units = rows // protocol.unit_length - (coin < 1 / 3 if protocol.coin else 0)
+  units = rows // protocol.unit_length - (shorten < 1 / 3 if protocol.coin else 0)
   count = np.maximum(units, 1) * protocol.unit_length
   start = (where * (rows - count + 1)).astype(int) if protocol.random_crop else np.zeros(len(rows), int)
   long = count > protocol.max_frames

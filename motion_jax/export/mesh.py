@@ -15,6 +15,7 @@ from motion_jax.motion.skeleton import Skeleton
 _STEP = {"middle": (0.019, 0.014), "left": (0.0165, 0.010), "right": (0.0165, 0.010), "head": (0.012, 0.007),
          "dark": (0.009, 0.003)}
 _SHARE = 0.018  # metres over which the weights of one part give way to those of the next
+_CHUNK = 4096  # grid points at once, so that the arrays stay in the cache
 
 
 class Skin(NamedTuple):
@@ -76,7 +77,8 @@ def _skin(parts, rest, skeleton, step, softness):
   ends, radii = _ends(parts, rest)
   low, high = _box(ends, radii)
   counts = np.ceil((high - low) / step).astype(int) + 7
-  points, triangles = _surface_net(lambda p: _solid(p, ends, radii, softness)[0], low - 3.3 * step, counts, step)
+  points, triangles = _surface_net(lambda p: _soft_minimum(_capsules(p, ends, radii)[0], softness)[0],
+                                    low - 3.3 * step, counts, step)
   for _ in range(3):  # Newton: onto the surface
     distance, gradient = _solid(points, ends, radii, softness)
     points = points - distance[:, None] * gradient
@@ -87,7 +89,8 @@ def _skin(parts, rest, skeleton, step, softness):
 
 
 def _capsules(points, ends, radii):
-  """Signed distance (N, P) of points (N, 3) to the parts, its gradient (N, P, 3), and how far along (N, P) 0..1.
+  """Signed distance (N, P) of points (N, 3) to the parts, the lines to them from the parts' axes (N, P, 3), the lengths
+  of these (N, P), and how far along the axes they begin (N, P), 0..1.
 
   The nearest ball of a hull sits where the line to it leans back by the cone's slope k: s = h - k d / sqrt(1 - k^2).
   """
@@ -101,16 +104,23 @@ def _capsules(points, ends, radii):
   s = np.clip(h - k * d / np.sqrt(1 - k * k), 0, length)
   away = offset - s[..., None] * u
   reach = np.linalg.norm(away, axis=-1)
-  return reach - (radii[:, 0] - k * s), away / np.maximum(reach, 1e-9)[..., None], s / length
+  return reach - (radii[:, 0] - k * s), away, reach, s / length
 
 
 def _solid(points, ends, radii, softness):
   """Soft minimum of the distances (N,) and its gradient (N, 3)."""
-  distance, gradient, _ = _capsules(points, ends, radii)
+  distance, away, reach, _ = _capsules(points, ends, radii)
+  value, share, total = _soft_minimum(distance, softness)
+  gradient = away / np.maximum(reach, 1e-9)[..., None]
+  return value, (share[..., None] * gradient).sum(1) / total[:, None]
+
+
+def _soft_minimum(distance, softness):
+  """The soft minimum (N,) of distances (N, P), the share (N, P) of each in it, and the sum (N,) of the shares."""
   nearest = distance.min(1, keepdims=True)
   share = np.exp((nearest - distance) / softness)
   total = share.sum(1)
-  return nearest[:, 0] - softness * np.log(total), (share[..., None] * gradient).sum(1) / total[:, None]
+  return nearest[:, 0] - softness * np.log(total), share, total
 
 
 def _box(ends, radii):
@@ -122,7 +132,7 @@ def _surface_net(field, low, counts, step):
   """Points (V, 3) and triangles (F, 3), outward, of the zero level of field on a grid of counts (3,) points."""
   grid = np.stack(np.meshgrid(*[low[i] + step * np.arange(counts[i]) for i in range(3)], indexing="ij"), axis=-1)
   flat = grid.reshape(-1, 3)
-  value = np.concatenate([field(flat[i:i + 65536]) for i in range(0, len(flat), 65536)]).reshape(counts)
+  value = np.concatenate([field(flat[i:i + _CHUNK]) for i in range(0, len(flat), _CHUNK)]).reshape(counts)
   inside = value < 0
   cells = tuple(counts - 1)
   total, crossings = np.zeros(cells + (3,)), np.zeros(cells)
@@ -162,7 +172,7 @@ def _surface_net(field, low, counts, step):
 
 def _weights(points, members, ends, radii, skeleton):
   """The four joints (V, 4) that carry each point most, and their weights (V, 4), whole numbers that add up to 255."""
-  distance, _, along = _capsules(points, ends, radii)
+  distance, _, _, along = _capsules(points, ends, radii)
   share = np.exp((distance.min(1, keepdims=True) - distance) / _SHARE)
   bend = along * along * (3 - 2 * along)
   full = np.zeros((len(points), skeleton.num_joints))

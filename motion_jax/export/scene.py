@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from motion_jax.control.constraints import Constraint, RootPath
 from motion_jax.data.clip import Clip
 from motion_jax.export import render
 from motion_jax.export.body import default_colors, make_figure
 from motion_jax.export.raster import pose_mesh
 
 if TYPE_CHECKING:
+  from motion_jax.control.constraints import Constraint
   from motion_jax.control.signal import ControlSignal
 
 _PATH, _TARGET = (0.15, 0.62, 0.38), (0.88, 0.14, 0.40)  # green on the floor, red in the air
@@ -62,7 +62,7 @@ def parts_of(signal: "ControlSignal") -> Parts:
                [(int(frame), places[frame]) for frame in _some(list(np.flatnonzero(posed)), _POSES)])
 
 
-def drawn_constraints(constraints: Sequence[Constraint], clips: Sequence[Clip], spans: Sequence[slice], path: str
+def drawn_constraints(constraints: Sequence["Constraint"], clips: Sequence[Clip], spans: Sequence[slice], path: str
                       ) -> dict[str, Any]:
   """The options of `export.save` that draw constraints on a page or picture of clips, cut to a span of frames each."""
   from motion_jax.control.compiling import compile  # loads JAX
@@ -71,8 +71,9 @@ def drawn_constraints(constraints: Sequence[Constraint], clips: Sequence[Clip], 
   return {"control": signals} | ({"way_points": way_points(constraints)} if path.lower().endswith("html") else {})
 
 
-def way_points(constraints: Sequence[Constraint]) -> list[list[float]]:
+def way_points(constraints: Sequence["Constraint"]) -> list[list[float]]:
   """[x, z] of the points that paths are drawn through."""
+  from motion_jax.control.constraints import RootPath  # most files are written without constraints
   return [[float(point[0]), float(point[-1])] for constraint in constraints
           if isinstance(constraint, RootPath) and constraint.points is not None for point in constraint.points]
 

@@ -34,25 +34,25 @@ class Protocol:
 
 
 class Batch(NamedTuple):
-  """Embeddings of one batch of matched texts, real motions and generated ones (`made`): (B, E) each.
+  """Embeddings of one batch of matched texts, real motions and generated ones (`generated`): (B, E) each.
 
-  clip_text and clip_made, of the CLIP-type evaluator, may be None; errors: a list of (T_i,) joint errors, or None.
-  real_for_fid, made_for_fid (B, S): other embeddings for FID and diversity, if not `real` and `made`.
+  clip_text and clip_generated, of the CLIP-type evaluator, may be None; errors: a list of (T_i,) joint errors, or None.
+  real_for_fid, generated_for_fid (B, S): other embeddings for FID and diversity, if not `real` and `generated`.
   """
   text: np.ndarray
   real: np.ndarray
-  made: np.ndarray
+  generated: np.ndarray
   clip_text: np.ndarray | None = None
-  clip_made: np.ndarray | None = None
+  clip_generated: np.ndarray | None = None
   errors: list[np.ndarray] | None = None
   real_for_fid: np.ndarray | None = None
-  made_for_fid: np.ndarray | None = None
+  generated_for_fid: np.ndarray | None = None
 
 
 class DiversityPairs(NamedTuple):
   """Row indices for diversity: two draws for real motions and two for generated ones."""
   real: tuple[np.ndarray, np.ndarray]
-  made: tuple[np.ndarray, np.ndarray]
+  generated: tuple[np.ndarray, np.ndarray]
 
 
 def evaluator_frames(num_frames: Sequence[int] | np.ndarray, protocol: Protocol) -> np.ndarray:
@@ -77,20 +77,20 @@ def generation_scores(batches: Iterable[Batch], protocol: Protocol, pairs: Diver
     raise ValueError(f"got {len(batches)} batches{f', one of {wrong[0]} rows' if wrong else ''}, the protocol needs "
                      f"batches of {protocol.pool}; drop the last partial one, or take more samples")
   join = lambda name: np.concatenate([getattr(batch, name) for batch in batches])
-  text, real, generated = join("text"), join("real"), join("made")
-  apart = batches[0].made_for_fid is not None
-  real_for_fid, made_for_fid = map(join, ("real_for_fid", "made_for_fid") if apart else ("real", "made"))
-  row = {"fid": scores.fid(real_for_fid, made_for_fid),
-         "fid_unit": scores.fid(scores.units(real_for_fid), scores.units(made_for_fid)),
-         "kid": scores.kernel_distance(real_for_fid, made_for_fid),
-         "diversity": scores.diversity(made_for_fid, *pairs.made),
+  text, real, generated = join("text"), join("real"), join("generated")
+  apart = batches[0].generated_for_fid is not None
+  real_for_fid, generated_for_fid = map(join, ("real_for_fid", "generated_for_fid") if apart else ("real", "generated"))
+  row = {"fid": scores.fid(real_for_fid, generated_for_fid),
+         "fid_unit": scores.fid(scores.units(real_for_fid), scores.units(generated_for_fid)),
+         "kid": scores.kernel_distance(real_for_fid, generated_for_fid),
+         "diversity": scores.diversity(generated_for_fid, *pairs.generated),
          "real_diversity": scores.diversity(real_for_fid, *pairs.real)}
   for prefix, motion in (("", generated), ("real_", real)):
     precision = scores.r_precision(text, motion, protocol.top_k, protocol.pool, _ranking_distances(protocol))
     row |= {f"{prefix}top{k + 1}": float(share) for k, share in enumerate(precision)}
     row[f"{prefix}matching"] = scores.matching_score(text, motion)
   if batches[0].clip_text is not None:
-    row["clip_score"] = scores.clip_score(join("clip_text"), join("clip_made"))
+    row["clip_score"] = scores.clip_score(join("clip_text"), join("clip_generated"))
   return row
 
 
@@ -104,11 +104,11 @@ def scores_by_motion(batches: Iterable[Batch], protocol: Protocol) -> dict[str, 
   terms: dict[str, list] = {}
   away = _ranking_distances(protocol)
   for batch in batches:
-    hit = scores.hit_chances(away(batch.text, batch.made), protocol.top_k)
+    hit = scores.hit_chances(away(batch.text, batch.generated), protocol.top_k)
     row = {f"top{k + 1}": hit[:, k] for k in range(protocol.top_k)}
-    row["matching"] = np.linalg.norm(np.asarray(batch.text, np.float64) - batch.made, axis=1)
-    if batch.clip_text is not None and batch.clip_made is not None:
-      row["clip_score"] = (scores.units(batch.clip_text) * scores.units(batch.clip_made)).sum(1)
+    row["matching"] = np.linalg.norm(np.asarray(batch.text, np.float64) - batch.generated, axis=1)
+    if batch.clip_text is not None and batch.clip_generated is not None:
+      row["clip_score"] = (scores.units(batch.clip_text) * scores.units(batch.clip_generated)).sum(1)
     for metric, values in row.items():
       terms.setdefault(metric, []).append(values)
   return {metric: np.concatenate(parts) for metric, parts in terms.items()}

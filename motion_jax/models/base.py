@@ -72,15 +72,12 @@ class TextToMotionModel(LoadedRun):
                cleanup: bool = False, control: Any = None, **sampling: Any) -> "Motions":
     """Motions of one prompt or several: one pass of the network, with the prompts as given.
 
-    num_frames or seconds: one number, or one per prompt; by default `default_frames`. rng: a key, of which prompt i
-    gets fold_in(rng, i), so that a motion does not depend on others in its batch; or seed (prompt i gets seed + i), or
-    seeds, one per prompt. control: constraints that the network is guided by (`control`): a `ControlSignal` (B, T), a
-    list of constraints for all motions, or a list of such lists; meeting them exactly is up to `control.project`.
-    cleanup: pin standing feet and remove tremor (`motion.cleanup`); features stay as sampled. sampling: choices of this
-    method's `options`, by default those of its config. Raises ValueError for an empty prompt, or a length that is not
-    positive or more than an hour.
-
-    Plans, prompt checks, several attempts and exact constraints are the application's: `motion_jax_studio.Pipeline`.
+    num_frames or seconds: one number, or one per prompt; by default `default_frames`. rng: a key, which is folded with
+    each prompt's number; or seed (prompt i gets seed + i), or seeds, one per prompt. control: constraints that guide
+    the network: a `ControlSignal` (B, T), a list of constraints for all motions, or a list of such lists. cleanup: pin
+    standing feet and remove tremor (`motion.cleanup`); features stay as sampled. sampling: choices of this method's
+    `options`, by default those of its config. Plans, prompt checks, several attempts and exact constraints are the
+    application's: `motion_jax_studio.Pipeline`.
     """
     prompts = self.prompts_of(prompts)
     frames = self.frames_of(prompts, num_frames, seconds)
@@ -92,11 +89,23 @@ class TextToMotionModel(LoadedRun):
 
   def sample(self, prompts: Sequence[str], frames: Sequence[int], keys: jax.Array, seeds: Sequence[int | None],
              cleanup: bool, sampling: dict[str, Any], signal: "ControlSignal | None" = None) -> "Motions":
-    """One pass of the network: motions of prompts, a key each. Every method implements it.
+    """One pass of the network: motions of prompts, a key each. A method implements it, or `sampled_features`.
 
     signal (B, longest): constraints, in the frame where motions begin, that a method with `takes_control` follows.
     """
-    raise NotImplementedError(f"{type(self).__name__} has no `sample` (docs/adding.md)")
+    from motion_jax.models.results import motions_of_prompts
+    chosen = self.sampling(**sampling)
+    features, frames = self.sampled_features(prompts, frames, keys, chosen)
+    return motions_of_prompts(self, features, prompts, frames, seeds, self.record_of(chosen), cleanup)
+
+  def sampled_features(self, prompts: Sequence[str], frames: Sequence[int], keys: jax.Array, chosen: Any
+                       ) -> tuple[Any, Sequence[int]]:
+    """(normalized features (B, T, F), frames of each motion); chosen: the method's `options`."""
+    raise NotImplementedError(f"{type(self).__name__} has no `sampled_features` (docs/adding.md)")
+
+  def record_of(self, chosen: Any) -> dict[str, Any]:
+    """What a motion's meta says of its sampling: the choices, and the model."""
+    return chosen.about() | dict(model=self.id)
 
   # --- arguments ---------------------------------------------------------------------------------------------------
 

@@ -1,8 +1,9 @@
 """The known methods. A further one is a package with these files, and one line here or an entry point of the group
 `motion_jax.methods` (docs/adding.md):
 
-  setup.py     SETUPS {stage: function(config) -> TrainingSetup}, and RESOLVED {stage: function(config) -> {field:
-               value}}, what a config takes over from the runs of its frozen parts; it may be empty
+  setup.py     SETUPS {stage: function(config) -> TrainingSetup}
+               Where a config takes over fields from the runs of its frozen parts, RESOLVED {stage: function(config) ->
+               {field: value}}
                Where latents can be made once and kept, STORES {stage: function(config, folder) -> str}
   model.py     MODELS {stage: class}, subclasses of `models.base.TextToMotionModel` that runs of these stages become
                Where it has a tokenizer, TOKENIZERS {stage: function(fields, config) -> `RoundTrip`}, of its own
@@ -55,7 +56,8 @@ def setups() -> dict:
 def resolved() -> dict:
   """{stage: function(config) -> {field: value}} of all methods: config fields that are copied from the runs of frozen
   parts."""
-  return {stage: fields for method in (*METHODS, *TEACHERS) for stage, fields in _of(method, "setup").RESOLVED.items()}
+  return {stage: fields for method in (*METHODS, *TEACHERS)
+          for stage, fields in getattr(_of(method, "setup"), "RESOLVED", {}).items()}
 
 
 def stores() -> dict:

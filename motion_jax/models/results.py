@@ -10,7 +10,6 @@ from html import escape
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Num
 
 from motion_jax.data.clip import Caption, Clip
 from motion_jax.motion import step_records
@@ -18,6 +17,7 @@ from motion_jax.motion.blending import eased
 from motion_jax.motion.cleanup import clean_up
 from motion_jax.motion.representations import to_features, to_joints
 from motion_jax.motion.skeleton import Skeleton
+from motion_jax.shapes import Float, Num
 from motion_jax.utils import timing
 
 
@@ -103,13 +103,13 @@ def captions_in_a_row(prompts: Sequence[str], ends: Sequence[int], fps: float) -
 
 
 def motions_of_prompts(model: Any, features: Any, prompts: Sequence[str], frames: Sequence[int],
-                       seeds: Sequence[int | None], about: dict[str, Any], cleanup: bool) -> Motions:
+                       seeds: Sequence[int | None], record: dict[str, Any], cleanup: bool) -> Motions:
   """`make_motions` for motions with one prompt each."""
-  return make_motions(model, features, frames, [(Caption(prompt),) for prompt in prompts], seeds, about, cleanup)
+  return make_motions(model, features, frames, [(Caption(prompt),) for prompt in prompts], seeds, record, cleanup)
 
 
 def make_motions(model: Any, normalized: Any, frames: Sequence[int], captions: Sequence[tuple[Caption, ...]],
-                 seeds: Sequence[int | None], about: dict[str, Any], cleanup: bool, ease: bool = False,
+                 seeds: Sequence[int | None], record: dict[str, Any], cleanup: bool, ease: bool = False,
                  joints: Float[np.ndarray, "b t j 3"] | None = None) -> Motions:
   """Motions of normalized features (B, T, F); motion i is its first frames[i]. ease: smooth the changes of speed where
   captions change. joints: the decoded joints, if known already; not all features include where a motion begins."""
@@ -136,7 +136,7 @@ def make_motions(model: Any, normalized: Any, frames: Sequence[int], captions: S
       Motion(joints[i, :count], model.fps, captions[i], id=f"motion_{i}", source=model.id, license=model.license,
              skeleton=layout.skeleton, features=features[i, :count],
              meta=dict(prompt=" | ".join(c.text for c in captions[i]), seed=seeds[i], cleanup=bool(cleanup),
-                     steps=steps[i]) | about)
+                     steps=steps[i]) | record)
       for i, count in enumerate(frames))
   return Motions(joints * mask[..., None, None], mask, features * mask[..., None], motions, decoded)
 
@@ -167,8 +167,8 @@ def gathered(motions: Sequence[Motion]) -> Motions:
                  tuple(motions))
 
 
-def go_on(model: Any, clip: Clip, past: Num[np.ndarray, "t j 3"], new: Num[np.ndarray, "n j 3"],
-          captions: Sequence[Caption], about: dict[str, Any], *steps: step_records.Record) -> Motion:
+def extended_motion(model: Any, clip: Clip, past: Num[np.ndarray, "t j 3"], new: Num[np.ndarray, "n j 3"],
+                    captions: Sequence[Caption], record: dict[str, Any], *steps: step_records.Record) -> Motion:
   """A Motion of a clip's joints (T, J, 3) followed by new ones, with the captions of both. steps: records of changes to
   the new ones."""
   border, end = len(past) / model.fps, (len(past) + len(new)) / model.fps
@@ -177,5 +177,5 @@ def go_on(model: Any, clip: Clip, past: Num[np.ndarray, "t j 3"], new: Num[np.nd
   return Motion(np.concatenate([past.astype(np.float32), new]), model.fps, before + after, id=clip.id,
                 source=f"{clip.source or clip.id}, then {model.id}", license=clip.license or model.license,
                 skeleton=model.stats.layout.skeleton, meta={"steps": [step_records.record(
-                    "sample", f"{len(new)} frames after the {len(past)} of the motion"), *steps]} | about | {
+                    "sample", f"{len(new)} frames after the {len(past)} of the motion"), *steps]} | record | {
                         "past_frames": len(past)})

@@ -263,11 +263,12 @@ def _smooth_twist(evidence: Float[np.ndarray, "t 2"], measured: Float[np.ndarray
   price = weight[:, None] * (1 - np.cos(angles - target[:, None]))
   steps = np.arange(-reach, reach + 1)
   change = _TWIST_PRICE * fps * (steps * 2 * np.pi / num) ** 2
+  source = (np.arange(num) - steps[:, None]) % num
   before, total = np.empty((len(measured), num), int), price[0]
   for t in range(1, len(measured)):
-    ways = np.stack([np.roll(total, step) for step in steps]) + change[:, None]
-    before[t] = steps[ways.argmin(0)]
-    total = ways.min(0) + price[t]
+    costs = total[source] + change[:, None]
+    before[t] = steps[costs.argmin(0)]
+    total = costs.min(0) + price[t]
   path = np.empty(len(measured))
   at = int(total.argmin())
   place = float(at)

@@ -169,10 +169,11 @@ def bend_leg(source: Float[np.ndarray, "t j 3"], result: Float[np.ndarray, "t j 
     result[:, joint] = result[:, ankle] + offset
 
 
-def knee_side(source: Float[np.ndarray, "t j 3"], leg: Sequence[int], skeleton: Skeleton) -> Float[np.ndarray, "t 3"]:
-  """Direction (T, 3) in which a knee points: off the line from hip to ankle, and ahead for legs that are straight."""
+def knee_side(source: Float[np.ndarray, "*lead t j 3"], leg: Sequence[int], skeleton: Skeleton
+              ) -> Float[np.ndarray, "*lead t 3"]:
+  """Direction (..., T, 3) in which a knee points: off the line from hip to ankle, and ahead for straight legs."""
   hip, knee, ankle = leg[:3]
-  off_line = _across(source[:, knee] - source[:, hip], source[:, ankle] - source[:, hip])
+  off_line = _across(source[..., knee, :] - source[..., hip, :], source[..., ankle, :] - source[..., hip, :])
   return off_line + body_axes(source, skeleton)[0][..., 2] * _KNEE_BIAS / skeleton.unit
 
 
@@ -183,6 +184,6 @@ def _soft_limit(distance: Float[np.ndarray, " t"], start: Float[np.ndarray, " t"
   return np.minimum(distance, start) + (reach - start) * -np.expm1(-over / (reach - start))
 
 
-def _across(v: Float[np.ndarray, "t 3"], line: Float[np.ndarray, "t 3"]) -> Float[np.ndarray, "t 3"]:
-  """The component of v (T, 3) perpendicular to line (T, 3)."""
+def _across(v: Float[np.ndarray, "*lead 3"], line: Float[np.ndarray, "*lead 3"]) -> Float[np.ndarray, "*lead 3"]:
+  """The component of v (..., 3) perpendicular to line (T, 3)."""
   return v - line * ((v * line).sum(-1, keepdims=True) / np.maximum((line * line).sum(-1, keepdims=True), 1e-12))

@@ -7,11 +7,10 @@ from typing import Any
 import flax.linen as nn
 import jax
 import jax.numpy as jnp
-from jaxtyping import Bool, Float, Num
 
 from motion_jax.nets.layers import Dense, promote_to_f32
 from motion_jax.nets.partitioning import Axes, partitioned
-from motion_jax.shapes import Array
+from motion_jax.shapes import Array, Bool, Float, Num
 
 IMPLEMENTATIONS = ("xla", "cudnn")
 FUSED_WIDTHS = range(8, 129, 8)  # head widths that cuDNN's attention takes on every GPU; size S has heads of 256

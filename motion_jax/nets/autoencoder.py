@@ -9,10 +9,9 @@ from typing import Any
 
 import flax.linen as nn
 import jax.numpy as jnp
-from jaxtyping import Bool, Float, Int
 
 from motion_jax.nets.convs import apply_layers, doubling_layers, halving_layers
-from motion_jax.shapes import Array
+from motion_jax.shapes import Array, Bool, Float, Int
 
 
 class ConvStack(nn.Module):

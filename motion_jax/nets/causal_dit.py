@@ -13,13 +13,12 @@ import flax.linen as nn
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float, Int, Num
 
 from motion_jax import shapes
 from motion_jax.nets.attention import Attention, rotary_table, turn
 from motion_jax.nets.layers import Dense, broadcast_to_length, timestep_embedding
 from motion_jax.nets.masks import two_way_mask
-from motion_jax.shapes import Array, AttentionMask
+from motion_jax.shapes import Array, AttentionMask, Bool, Float, Int, Num
 
 PREDICTION_FLOOR = 0.02  # one of the default 50 sampling steps
 ADAPTER_RANK = 128       # hidden width of a `ControlAdapter`

@@ -10,7 +10,6 @@ from typing import Any
 
 import flax.linen as nn
 import jax.numpy as jnp
-from jaxtyping import Float
 
 from motion_jax.nets.convs import (
   Contexts,
@@ -22,7 +21,7 @@ from motion_jax.nets.convs import (
   uniform_fan_in,
 )
 from motion_jax.nets.layers import Dense
-from motion_jax.shapes import Array
+from motion_jax.shapes import Array, Float
 
 Gaussian = tuple[Float[Array, "b l c"], Float[Array, "b l c"]]  # mean and log-variance of latents
 

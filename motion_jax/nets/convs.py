@@ -14,10 +14,9 @@ import flax.linen as nn
 import jax
 import jax.numpy as jnp
 from jax import lax
-from jaxtyping import Bool, Float, Int
 
 from motion_jax.nets.layers import Dense, Dropout
-from motion_jax.shapes import Array
+from motion_jax.shapes import Array, Bool, Float, Int
 
 Layer = Callable  # a module with a method `step` for streams, or a function (x, context) -> (x, context)
 Contexts = tuple[Float[Array, "b _ _"] | None, ...]  # of a stack of layers; functions have none

@@ -9,10 +9,9 @@ from typing import Any
 
 import flax.linen as nn
 import jax.numpy as jnp
-from jaxtyping import Float, Int, Num
 
 from motion_jax.nets.layers import Dense, layer_norm, promote_to_f32, timestep_embedding
-from motion_jax.shapes import Array, AttentionMask
+from motion_jax.shapes import Array, AttentionMask, Float, Int, Num
 
 XAVIER = nn.initializers.xavier_uniform()
 # Not of the paper: heads of generators of about 1 and 3 billion parameters, for meshes (docs/pods.md).

@@ -1,9 +1,7 @@
 """The networks that cached frame-wise sampling takes (`models.cmdm.streaming`), as a Protocol."""
 from typing import Any, Protocol, runtime_checkable
 
-from jaxtyping import Bool, Float
-
-from motion_jax.shapes import Array
+from motion_jax.shapes import Array, Bool, Float
 
 
 @runtime_checkable

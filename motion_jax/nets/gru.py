@@ -4,10 +4,9 @@ from typing import Any
 import flax.linen as nn
 import jax
 import jax.numpy as jnp
-from jaxtyping import Bool, Float
 
 from motion_jax.nets.convs import uniform_fan_in
-from motion_jax.shapes import Array
+from motion_jax.shapes import Array, Bool, Float
 
 
 class GRU(nn.Module):

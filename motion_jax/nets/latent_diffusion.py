@@ -6,11 +6,10 @@ from typing import Any
 
 import flax.linen as nn
 import jax.numpy as jnp
-from jaxtyping import Bool, Float, Int
 
 from motion_jax.nets.post_norm import PostNormDecoderLayer, sinusoid_table
 from motion_jax.nets.skip_transformer import SkipTransformer
-from motion_jax.shapes import Array
+from motion_jax.shapes import Array, Bool, Float, Int
 
 Gaussian = tuple[Float[Array, "b n d"], Float[Array, "b n d"]]  # mean and log-variance of latents
 

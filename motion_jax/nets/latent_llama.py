@@ -8,13 +8,12 @@ from typing import Any, NamedTuple
 import flax.linen as nn
 import jax
 import jax.numpy as jnp
-from jaxtyping import Bool, Float, Int
 
 from motion_jax.nets.attention import Attention, RMSNorm, rotary
 from motion_jax.nets.diffusion_mlp import DiffusionMLP
 from motion_jax.nets.layers import Dense
 from motion_jax.nets.masks import block_causal_mask
-from motion_jax.shapes import Array, Whole
+from motion_jax.shapes import Array, Bool, Float, Int, Whole
 
 EPS = 1e-5
 

@@ -7,10 +7,9 @@ import flax.linen as nn
 import jax
 import jax.numpy as jnp
 from jax import lax
-from jaxtyping import Float, Int, Num
 
 from motion_jax.nets.partitioning import Axes, partitioned
-from motion_jax.shapes import Array
+from motion_jax.shapes import Array, Float, Int, Num
 
 
 @functools.partial(jax.custom_vjp, nondiff_argnums=(2, 3))

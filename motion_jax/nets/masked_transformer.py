@@ -9,14 +9,13 @@ from typing import Any, NamedTuple
 import flax.linen as nn
 import jax
 import jax.numpy as jnp
-from jaxtyping import Bool, Float, Int
 
 from motion_jax.nets.attention import Attention
 from motion_jax.nets.layers import Dense, Dropout, layer_norm
 from motion_jax.nets.masks import with_text
 from motion_jax.nets.partitioning import partitioned
 from motion_jax.nets.post_norm import sinusoids
-from motion_jax.shapes import Array, AttentionMask
+from motion_jax.shapes import Array, AttentionMask, Bool, Float, Int
 
 NORMAL = nn.initializers.normal(0.02)
 SIZES = {"readme": dict(width=512, depth=4, num_heads=8, ff_width=1024, dropout=0.2),

@@ -1,8 +1,7 @@
 """Attention masks as explicit boolean arrays: True = may attend."""
 import jax.numpy as jnp
-from jaxtyping import Bool, Int
 
-from motion_jax.shapes import Array, Whole
+from motion_jax.shapes import Array, Bool, Int, Whole
 
 
 def block_causal_mask(length: Whole, block: Whole | None = 1) -> Bool[Array, "1 1 {length} {length}"]:

@@ -4,9 +4,8 @@ from typing import Any
 
 import flax.linen as nn
 import jax.numpy as jnp
-from jaxtyping import Float
 
-from motion_jax.shapes import Array
+from motion_jax.shapes import Array, Float
 
 
 class MotionCritic(nn.Module):

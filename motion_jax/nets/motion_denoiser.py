@@ -3,12 +3,11 @@ from typing import Any
 
 import flax.linen as nn
 import jax.numpy as jnp
-from jaxtyping import Bool, Float, Int
 
 from motion_jax.nets.gru import GRU
 from motion_jax.nets.layers import Dropout
 from motion_jax.nets.post_norm import PostNormDecoderLayer, PostNormLayer, sinusoid_table
-from motion_jax.shapes import Array
+from motion_jax.shapes import Array, Bool, Float, Int
 
 KINDS = ("encoder", "decoder", "gru")
 

@@ -8,11 +8,10 @@ from collections.abc import Sequence
 import flax.linen as nn
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float, Int
 
 from motion_jax.nets.part_tmr import Teacher
 from motion_jax.nets.vit import ViT
-from motion_jax.shapes import Array
+from motion_jax.shapes import Array, Bool, Float, Int
 
 
 def resample(num_joints: int, num_points: int) -> Float[np.ndarray, "{num_points} {num_joints}"]:

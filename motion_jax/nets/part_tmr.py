@@ -12,10 +12,9 @@ import flax.linen as nn
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float
 
 from motion_jax.nets.post_norm import TokenTransformer
-from motion_jax.shapes import Array
+from motion_jax.shapes import Array, Bool, Float
 
 
 class ProjectionHead(nn.Module):

@@ -6,11 +6,10 @@ import flax.linen as nn
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float, Int
 
 from motion_jax.nets.attention import Attention, dot_product_attention
 from motion_jax.nets.layers import Dropout, promote_to_f32
-from motion_jax.shapes import Array
+from motion_jax.shapes import Array, Bool, Float, Int
 
 ACTIVATIONS = {
     "gelu": lambda x: jax.nn.gelu(x, approximate=False),

@@ -3,10 +3,9 @@ from typing import Any
 
 import flax.linen as nn
 import jax.numpy as jnp
-from jaxtyping import Bool, Float, Int
 
 from motion_jax.nets.post_norm import PostNormDecoderLayer, PostNormLayer
-from motion_jax.shapes import Array
+from motion_jax.shapes import Array, Bool, Float, Int
 
 
 class SkipTransformer(nn.Module):

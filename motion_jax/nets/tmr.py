@@ -7,10 +7,9 @@ from typing import Any
 
 import flax.linen as nn
 import jax.numpy as jnp
-from jaxtyping import Bool, Float
 
 from motion_jax.nets.post_norm import PostNormDecoderLayer, TokenTransformer, sinusoids
-from motion_jax.shapes import Array
+from motion_jax.shapes import Array, Bool, Float
 
 Rows = tuple[Float[Array, "b d"], Float[Array, "b d"], Float[Array, "b t d"]]  # mean, log-variance, rows
 

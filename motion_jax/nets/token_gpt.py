@@ -8,13 +8,12 @@ from typing import Any, NamedTuple
 import flax.linen as nn
 import jax
 import jax.numpy as jnp
-from jaxtyping import Float, Int
 
 from motion_jax.nets.attention import Attention
 from motion_jax.nets.layers import Dense, Dropout
 from motion_jax.nets.masks import block_causal_mask
 from motion_jax.nets.post_norm import sinusoids
-from motion_jax.shapes import Array, AttentionMask
+from motion_jax.shapes import Array, AttentionMask, Float, Int
 
 NORMAL = nn.initializers.normal(0.02)
 

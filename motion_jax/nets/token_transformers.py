@@ -8,11 +8,10 @@ from typing import Any
 import flax.linen as nn
 import jax
 import jax.numpy as jnp
-from jaxtyping import Bool, Float, Int
 
 from motion_jax.nets.layers import Dense, Dropout
 from motion_jax.nets.post_norm import PostNormLayer, sinusoids
-from motion_jax.shapes import Array
+from motion_jax.shapes import Array, Bool, Float, Int
 
 NORMAL = nn.initializers.normal(0.02)
 

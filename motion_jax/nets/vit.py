@@ -4,11 +4,10 @@ from typing import Any
 import flax.linen as nn
 import jax
 import jax.numpy as jnp
-from jaxtyping import Float
 
 from motion_jax.nets.attention import Attention
 from motion_jax.nets.post_norm import ACTIVATIONS
-from motion_jax.shapes import Array
+from motion_jax.shapes import Array, Float
 
 
 class ViTBlock(nn.Module):

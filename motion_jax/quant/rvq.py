@@ -8,11 +8,10 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Float, Int, Key
 
 from motion_jax import shapes
 from motion_jax.quant import vq
-from motion_jax.shapes import Array
+from motion_jax.shapes import Array, Float, Int, Key
 
 
 class Noise(NamedTuple):

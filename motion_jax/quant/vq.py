@@ -11,9 +11,8 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float, Int
 
-from motion_jax.shapes import Array
+from motion_jax.shapes import Array, Bool, Float, Int
 
 # Just below 1: 0.99 + 0.01 may round down where a compiler contracts or reorders, and a code used exactly once must not
 # be reset for that.

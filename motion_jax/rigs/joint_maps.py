@@ -1,7 +1,7 @@
 """Map the joints of a file to HumanML3D's 22: exact tables for some skeletons, joint names for all others.
 
-An entry of a table is a name, a list of names to average, or a `Made` joint for one that the other skeleton lacks (the
-SMPL pelvis is higher than most hips, for example). All other files are read by `joint_names` and `named_bodies`.
+An entry of a table is a name, a list of names to average, or a `Derived` joint for one that the other skeleton lacks
+(the SMPL pelvis is higher than most hips, for example). All other files are read by `joint_names` and `named_bodies`.
 """
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
@@ -18,13 +18,13 @@ from motion_jax.utils.errors import InputError
 from motion_jax.utils.numerals import named, shortened
 
 
-class Made(NamedTuple):
+class Derived(NamedTuple):
   """A joint computed from the joints of a file: make(Source) -> (T, 3)."""
   needs: tuple[str, ...]
   make: Callable[["Source"], np.ndarray]
 
 
-Entry = str | list[str] | Made
+Entry = str | list[str] | Derived
 
 
 class Source:
@@ -87,20 +87,20 @@ def _asf_side(left):
 
   return {f"{name}_hip": s + "hipjoint", f"{name}_knee": s + "femur", f"{name}_ankle": s + "tibia",
           f"{name}_foot": s + "foot", f"{name}_shoulder": s + "clavicle", f"{name}_elbow": s + "humerus",
-          f"{name}_collar": Made(("thorax", s + "clavicle", *legs), collar),
-          f"{name}_wrist": Made((s + "radius", s + "humerus", s + "clavicle"), wrist)}, leg, legs
+          f"{name}_collar": Derived(("thorax", s + "clavicle", *legs), collar),
+          f"{name}_wrist": Derived((s + "radius", s + "humerus", s + "clavicle"), wrist)}, leg, legs
 
 
 def _cmu_asf():
   left, leg, legs = _asf_side(True)
   up = lambda f, joint, part: rot.rotate(f.turn(joint), np.array([0, part, 0]) * leg(f))
   return left | _asf_side(False)[0] | {
-      "pelvis": Made(("root", "lhipjoint", "rhipjoint", *legs),
+      "pelvis": Derived(("root", "lhipjoint", "rhipjoint", *legs),
                      lambda f: f.between("lhipjoint", "rhipjoint", 0.5) + up(f, "root", 0.1061)),
       "spine1": "lowerback", "spine2": "upperback",
-      "spine3": Made(("upperback", "thorax", *legs), lambda f: f["upperback"] + up(f, "thorax", 0.0683)),
+      "spine3": Derived(("upperback", "thorax", *legs), lambda f: f["upperback"] + up(f, "thorax", 0.0683)),
       "neck": ["lowerneck", "upperneck"],
-      "head": Made(("upperneck", "head", *legs), lambda f: f.between("upperneck", "head", 0.5) +
+      "head": Derived(("upperneck", "head", *legs), lambda f: f.between("upperneck", "head", 0.5) +
                    rot.rotate(f.turn("head"), np.array([0, 0, 0.05487]) * leg(f)))}
 
 
@@ -108,7 +108,7 @@ def _cmu_bvh():
   """CMU's BVH files by B. Hahne (cgspeed), Daz-friendly; offsets in centimetres of its figure, whose thigh is 36.8272.
   """
   unit = lambda f: f.length("lThigh", "lShin") / 36.8272
-  at = lambda joint, *offset: Made((joint, "lThigh", "lShin"), lambda f: f.at(joint, np.array(offset) * unit(f)))
+  at = lambda joint, *offset: Derived((joint, "lThigh", "lShin"), lambda f: f.at(joint, np.array(offset) * unit(f)))
   table = {"pelvis": at("hip", 0, 11.3, -1.0), "spine1": at("abdomen", 0, 1.5, 0), "spine2": at("chest", 0, 2.5, 0),
            "spine3": at("chest", 0, 8.0, -0.8), "neck": "neck", "head": at("head", 0.24, 1.5, 0)}
   for name, s, sign in (("left", "l", 1), ("right", "r", -1)):
@@ -121,8 +121,8 @@ def _cmu_bvh():
 
 
 _BANDAI = _sided(
-    {"pelvis": Made(("Hips", "Spine"), lambda f: f.between("Hips", "Spine", 0.40036)), "spine1": "Spine",
-     "spine2": "Chest", "spine3": Made(("Chest", "Neck"), lambda f: f.between("Chest", "Neck", 0.24424)),
+    {"pelvis": Derived(("Hips", "Spine"), lambda f: f.between("Hips", "Spine", 0.40036)), "spine1": "Spine",
+     "spine2": "Chest", "spine3": Derived(("Chest", "Neck"), lambda f: f.between("Chest", "Neck", 0.24424)),
      "neck": "Neck", "head": "Head"},
     {"left_hip": "UpperLeg_L", "left_knee": "LowerLeg_L", "left_ankle": "Foot_L", "left_foot": "Toes_L",
      "left_collar": "Shoulder_L", "left_shoulder": "UpperArm_L", "left_elbow": "LowerArm_L", "left_wrist": "Hand_L"},
@@ -285,12 +285,12 @@ def _refusal(body, lacking, names):
 
 
 def _needs(entry):
-  if isinstance(entry, Made):
+  if isinstance(entry, Derived):
     return entry.needs
   return (entry,) if isinstance(entry, str) else tuple(entry)
 
 
 def _place(source, entry):
-  if isinstance(entry, Made):
+  if isinstance(entry, Derived):
     return entry.make(source)
   return np.mean([source[name] for name in _needs(entry)], axis=0)

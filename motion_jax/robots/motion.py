@@ -1,5 +1,6 @@
 """The motion of a robot: configurations at a fixed rate, and the human joints that it shows."""
 import dataclasses
+from collections.abc import Sequence
 from typing import Any, Self
 
 import numpy as np
@@ -9,6 +10,7 @@ from motion_jax.motion import rotations as rot
 from motion_jax.motion.figure import Figure
 from motion_jax.motion.skeleton import HUMANML3D
 from motion_jax.robots.robot import SIDES, Robot, from_robot_axes
+from motion_jax.robots.targets import Target
 from motion_jax.shapes import Bool, Float
 
 
@@ -16,7 +18,8 @@ from motion_jax.shapes import Bool, Float
 class RobotMotion:
   """Configurations qpos (T, 7 + N) of a robot, fps a second: root position, root quaternion (w, x, y, z), angles.
 
-  planted (T, 2): whether the left and the right foot stand, where that is known; human: the motion that it follows.
+  planted (T, 2): whether the left and the right foot stand, where that is known; human, targets: the motion that it
+  follows, and the targets of inverse kinematics that come from it, one a frame.
   """
   robot: Robot
   qpos: Float[np.ndarray, "t q"]
@@ -27,6 +30,7 @@ class RobotMotion:
   license: str = ""
   meta: dict[str, Any] = dataclasses.field(default_factory=dict)
   human: Clip | None = None
+  targets: Sequence[Target] = ()
 
   @property
   def num_frames(self) -> int:
@@ -66,7 +70,7 @@ class RobotMotion:
     qpos = self.qpos[low] * (1 - part) + self.qpos[high] * part
     qpos[:, 3:7] = rot.slerp(self.qpos[low, 3:7], self.qpos[high, 3:7], part[:, 0])
     planted = None if self.planted is None else self.planted[np.where(part[:, 0] < 0.5, low, high)]
-    return dataclasses.replace(self, qpos=qpos, fps=fps, planted=planted)
+    return dataclasses.replace(self, qpos=qpos, fps=fps, planted=planted, targets=())
 
   def figure(self) -> Figure:
     """The robot's shapes over time, as `export.video` and `export.strip` draw bodies."""

@@ -40,7 +40,8 @@ class Report(NamedTuple):
 
 def of(motion: RobotMotion, clip) -> Report:
   """The report of a motion that `retargeting.retarget` made of a clip."""
-  robot, targets = motion.robot, targets_of(clip, motion.robot, motion.fps)
+  robot = motion.robot
+  targets = motion.targets if motion.targets and clip is motion.human else targets_of(clip, robot, motion.fps)
   places, turned = robot.kinematics(motion.qpos)
   at = lambda part: robot.place(part, places, turned)
   distance = lambda *pairs: 1000 * np.linalg.norm(np.stack([a - b for a, b in pairs]), axis=-1)

@@ -3,6 +3,7 @@
 mink (PyPI) solves each step as a quadratic program over the joint speeds: targets by weight, joint limits, a largest
 joint speed, and bodies that stay apart as constraints.
 """
+import sys
 import time
 from typing import Any
 
@@ -50,7 +51,7 @@ def retarget(clip: Clip, robot: Robot, fps: float = RATE) -> RobotMotion:
   qpos = np.stack([solver.step(target) for target in targets])
   meta = {"robot": robot.name, "seconds_per_second": (time.perf_counter() - began) / max(clip.seconds, 1e-9)}
   return RobotMotion(robot, qpos, fps, np.stack([target.planted for target in targets]), clip.captions, clip.source,
-                     clip.license, clip.meta | meta, human=clip)
+                     clip.license, clip.meta | meta, clip, targets)
 
 
 class Stream:
@@ -80,7 +81,7 @@ class Solver:
   """Inverse kinematics of a robot, with the configuration of the last frame: frame after frame, or a whole motion."""
 
   def __init__(self, robot: Robot, fps: float) -> None:
-    import mink
+    mink = _import_mink()
     self.robot, self.fps, model = robot, fps, robot.model
     self.sizes = sizes_of(robot)
     self.configuration = mink.Configuration(model, robot.standing())
@@ -246,6 +247,18 @@ class Solver:
       below = ((sole - point) @ data.xmat[body + 1].reshape(3, 3).T)[:, 2].min()
       ankle[2] = max(ankle[2], -below)
       self.tasks[f"{side}_ankle"].set_target(_pose(target.turned[f"{side}_ankle"], ankle))
+
+
+def _import_mink():
+  """mink, without JAX (0.7 processor seconds), which qpsolvers would import along with a solver that is not used."""
+  unused = "qpsolvers.solvers.jaxopt_osqp_"
+  sys.modules.setdefault(unused, None)  # type: ignore[arg-type]  # its import fails, as where jaxopt is not installed
+  try:
+    import mink
+    return mink
+  finally:
+    if sys.modules[unused] is None:
+      del sys.modules[unused]
 
 
 def _pose(turned, place):

@@ -92,6 +92,10 @@ class Robot:
 
   def standing(self) -> Float[np.ndarray, " q"]:
     """The upright configuration, soles on the floor."""
+    return self._standing.copy()
+
+  @functools.cached_property
+  def _standing(self):
     qpos = self._upright()
     places, turned = self.kinematics(qpos[None])
     low = min((places[0, b] + rot.rotate(turned[0, b][None], points))[:, 2].min() for b, points in self.soles())
@@ -134,6 +138,10 @@ class Robot:
 
   def soles(self) -> list[tuple[int, Float[np.ndarray, "n 3"]]]:
     """[(body, points (N, 3) of its sole in the body's frame)] of the left and the right foot."""
+    return self._soles
+
+  @functools.cached_property
+  def _soles(self):
     return [self._sole(self.index(f"{side}_ankle")) for side in SIDES]
 
   def _sole(self, body):

@@ -110,10 +110,8 @@ class TargetStream:
     self._resample(last)
     while self._stands.end + (0 if last else self._reach) < self._moved.end:
       self._stands.append(self._stand(self._stands.end))
-    targets = []
-    while self._count + (0 if last else self._blend) < self._stands.end:
-      targets.append(self._target(self._count))
-      self._count += 1
+    first, self._count = self._count, max(self._count, self._stands.end - (0 if last else self._blend))
+    targets = self._targets(first, self._count) if self._count > first else []
     self._source.forget(int(self._moved.end * self.source_fps / self.fps) - 2)
     self._moved.forget(self._count - self._reach - 1)
     self._stands.forget(self._count - 1)
@@ -139,25 +137,32 @@ class TargetStream:
     slopes = [abs(_slope(self._moved[k][leg[3]] - self._moved[k][leg[2]]) - _LEVEL) for leg in _LEGS]
     return np.array([stands[0] and stands[1] and slopes[0] < _FLAT, stands[2] and stands[3] and slopes[1] < _FLAT])
 
-  def _target(self, k):
-    joints, sizes = self._moved[k], self.sizes
-    pelvis, torso = (_quaternion(axes[0]) for axes in body_axes(joints[None]))
-    world = to_robot_axes(joints * sizes.scale)
+  def _targets(self, first, past):
+    """The targets of frames first to past - 1. A foot lands where it first stands within _BLEND after a frame."""
+    count, sizes = past - first, self.sizes
+    seen = np.stack([self._moved[k] for k in range(first, past + self._blend)])
+    stands = np.stack([self._stands[k] for k in range(first, past + self._blend)])
+    joints, world = seen[:count], to_robot_axes(seen * sizes.scale)
+    pelvis, torso = (_quaternion(axes[:, 0]) for axes in body_axes(joints[:, None]))
     turned, limbs = {"pelvis": pelvis, "torso": torso}, {}
-    hips = world[[leg[0] for leg in _LEGS]] - [0, 0, self._drop]
-    for side, leg, foot, hip, column in zip(SIDES, _LEGS, self._feet, hips, range(2)):
-      coming = [self._stands[i][column] for i in range(k, k + self._blend + 1)]
-      lands = k + coming.index(True) if any(coming) else None
-      place = None if lands is None else to_robot_axes(self._moved[lands] * sizes.scale)[leg[2]]
-      yaw = None if lands is None else _yaw(_foot_turn(self._moved[lands], leg))
-      ankle, turn = foot.step(world[leg[2]] - [0, 0, sizes.scale * _ANKLE], _foot_turn(joints, leg), place, yaw)
-      side_of_knee = to_robot_axes(knee_side(joints[None], leg[:3], HUMANML3D)[0])
-      limbs[f"{side}_knee"] = _knee(hip, ankle, side_of_knee, sizes)
-      limbs[f"{side}_ankle"], turned[f"{side}_ankle"] = ankle, turn
-    at_pelvis = hips.mean(0) - rot.rotate(pelvis, sizes.hips_below_pelvis)
-    direction = lambda a, b: rot.unit(world[b] - world[a], eps=1e-9)
+    hips = world[:count, [leg[0] for leg in _LEGS]] - [0, 0, self._drop]
+    for side, leg, foot, hip, standing in zip(SIDES, _LEGS, self._feet, hips.swapaxes(0, 1), stands.T):
+      turns = _foot_turn(seen, leg)
+      steps = []
+      for k, raw in enumerate(world[:count, leg[2]] - [0, 0, sizes.scale * _ANKLE]):
+        coming = np.flatnonzero(standing[k:k + self._blend + 1])
+        lands = k + coming[0] if len(coming) else None
+        steps.append(foot.step(raw, turns[k], *((None, None) if lands is None else (
+            world[lands, leg[2]], _yaw(turns[lands])))))
+      ankles, turned[f"{side}_ankle"] = map(np.stack, zip(*steps))
+      bent_to = to_robot_axes(knee_side(joints[:, None], leg[:3], HUMANML3D)[:, 0])
+      limbs |= {f"{side}_knee": _knee(hip, ankles, bent_to, sizes), f"{side}_ankle": ankles}
+    pelvises = hips.mean(1) - rot.rotate(pelvis, sizes.hips_below_pelvis)
+    direction = lambda a, b: rot.unit(world[:count, b] - world[:count, a], eps=1e-9)
     arms = {side: (direction(*arm[:2]), direction(*arm[1:])) for side, arm in zip(SIDES, _ARMS)}
-    return Target(at_pelvis, turned, limbs, arms, self._stands[k])
+    of = lambda parts, k: {name: rows[k] for name, rows in parts.items()}
+    return [Target(pelvises[k], of(turned, k), of(limbs, k), {
+        side: (upper[k], fore[k]) for side, (upper, fore) in arms.items()}, stands[k]) for k in range(count)]
 
 
 class _Foot:
@@ -223,16 +228,17 @@ def _slope(bone):
 
 
 def _foot_turn(joints, leg):
-  """The rotation (4,) in a robot's axes of a foot whose toes are level where it stands flat; its side is the shin's."""
-  _, knee, ankle, toes = (joints[j] for j in leg)
+  """Rotations (T, 4) in a robot's axes of a foot whose toes are level where it stands flat; its side is the shin's."""
+  _, knee, ankle, toes = (joints[:, joint] for joint in leg)
   bone, shin = rot.unit(toes - ankle, eps=1e-9), rot.unit(knee - ankle, eps=1e-9)
   left = rot.unit(np.cross(shin, bone), eps=1e-9)
-  ahead = rot.rotate(np.concatenate([[np.cos(_LEVEL / 2)], -np.sin(_LEVEL / 2) * left]), bone)
+  down = np.concatenate([np.full((len(left), 1), np.cos(_LEVEL / 2)), -np.sin(_LEVEL / 2) * left], axis=-1)
+  ahead = rot.rotate(down, bone)
   return _quaternion(np.stack([left, np.cross(ahead, left), ahead], axis=-1))
 
 
 def _quaternion(axes):
-  return turn_to_robot_axes(rot.from_matrix(axes[None])[0])
+  return turn_to_robot_axes(rot.from_matrix(axes))
 
 
 def _yaw(turn):
@@ -241,8 +247,8 @@ def _yaw(turn):
 
 
 def _knee(hip, ankle, side, sizes):
-  """The knee of a leg from hip to ankle, which is drawn nearer where the leg does not reach it."""
+  """Knees (T, 3) of a leg from hip to ankle, which is drawn nearer where the leg does not reach it."""
   line = ankle - hip
-  distance = np.linalg.norm(line)
-  shorter = min(1.0, 0.999 * (sizes.thigh + sizes.shin) / max(distance, 1e-9))
-  return bend(hip[None], (hip + shorter * line)[None], side[None], sizes.thigh, sizes.shin)[0]
+  distance = np.array([np.linalg.norm(row) for row in line])[:, None]
+  shorter = np.minimum(1.0, 0.999 * (sizes.thigh + sizes.shin) / np.maximum(distance, 1e-9))
+  return bend(hip, hip + shorter * line, side, sizes.thigh, sizes.shin)

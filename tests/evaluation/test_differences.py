@@ -36,7 +36,7 @@ def test_a_row_does_not_differ_from_itself():
 def test_fid_is_that_of_the_table(count, dim):
   rng = np.random.default_rng(0)
   own = [ByMotion(np.arange(count), {}, rng.normal(size=(count, dim)), rng.normal(1, 2, size=(count, dim)))]
-  assert over_clips(own)["fid"]["mean"] == pytest.approx(scores.fid(own[0].real, own[0].made), rel=1e-6)
+  assert over_clips(own)["fid"]["mean"] == pytest.approx(scores.fid(own[0].real, own[0].generated), rel=1e-6)
 
 
 def test_fid_is_that_of_the_rows_and_its_interval_that_of_their_difference():

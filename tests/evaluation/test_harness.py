@@ -33,7 +33,7 @@ def test_fid_is_of_what_stands_before_the_last_layer(harness):
                 for embed in (evaluator.embed_motion, evaluator.embed_for_fid))
   row = harness.scores(0, motions, evaluator.layout)
   np.testing.assert_allclose(row["fid"], scores.fid(embedded.real_for_fid, seen), rtol=1e-3)
-  np.testing.assert_allclose(row["diversity"], scores.diversity(seen, *embedded.diversity_pairs.made), rtol=1e-3)
+  np.testing.assert_allclose(row["diversity"], scores.diversity(seen, *embedded.diversity_pairs.generated), rtol=1e-3)
   assert abs(row["fid"] - scores.fid(embedded.real, made)) > 1e-3 * row["fid"]
   # The rest is of the space that sentences share, and the score by CLIP's name is the evaluator's own cosine.
   np.testing.assert_allclose(row["matching"], scores.matching_score(embedded.text, made), rtol=1e-3)

@@ -77,7 +77,7 @@ def test_control_of_a_model_of_prompts_alone_is_refused():
   config = types.SimpleNamespace(stage="mdm.denoiser")
   model = types.SimpleNamespace(can=lambda ability: True, takes_control=False, config=config)
   with pytest.raises(ValueError, match=REFUSALS[-1]):
-    control.Control.found(None, types.SimpleNamespace(name="mdm", options={}, model=model), 0)
+    control.Control.score(None, types.SimpleNamespace(name="mdm", options={}, model=model), 0)
 
 
 def test_only_a_guided_network_is_given_the_constraints():

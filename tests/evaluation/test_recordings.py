@@ -95,7 +95,7 @@ def candidate_of(model):
 def test_what_was_recorded_has_the_real_row(folder, task):
   real = task.real(0).rows["real"]
   model = Recorder(folder)
-  made = task.found(candidate_of(model), 0).rows[""]
+  made = task.score(candidate_of(model), 0).rows[""]
   assert set(real) == set(made) == set(task.METRICS)
   for name in task.METRICS:
     assert made[name] == pytest.approx(real[name], rel=1e-4, abs=1e-4), name
@@ -104,7 +104,7 @@ def test_what_was_recorded_has_the_real_row(folder, task):
   assert asked == [[f"motion {k} of 00000{i}" for k in range(PIECES)] for i in range(2)]
   assert [seconds for _, seconds in model.asked[0]] == pytest.approx([ROWS / 30] * PIECES)
   assert len(task._chosen) == 2 and "Of 2 recordings, where the protocol wants 128" in task.notes[0]
-  other = task.found(candidate_of(Recorder(folder, lambda x: x[::-1])), 0).rows[""]
+  other = task.score(candidate_of(Recorder(folder, lambda x: x[::-1])), 0).rows[""]
   assert other["fid"] > 1e-6 and other["transition_fid"] > 1e-6  # of an evaluator that has learned nothing
 
 

@@ -112,6 +112,7 @@ def test_the_robot_follows_within_its_limits(g1, followed, report):
   assert (followed.angles >= low - 1e-3).all() and (followed.angles <= high + 1e-3).all()
   assert report.largest_step <= 20 / 50 + 1e-6
   assert report.slide < 15 and report.in_floor < 3
+  assert robots.report(dataclasses.replace(followed, targets=()), followed.human) == report  # its targets again
   data, distance = mujoco.MjData(g1.model), []
   arm, trunk = (g1.model.geom(name).id for name in ("left_wrist_yaw", "torso_1"))
   for row in followed.qpos[::5]:

@@ -6,7 +6,7 @@ LEARNING, TWO_SAMPLE = "tests/evaluators/test_matching.py", "tests/metrics/test_
 
 MUTATIONS = (
     # --- what is drawn, sampled and kept --------------------------------------------------------------------------
-    ("evaluation-coin", "motion_jax/evaluation/samples.py", "coin < 1 / 3", "coin < 2 / 3",
+    ("evaluation-coin", "motion_jax/evaluation/samples.py", "shorten < 1 / 3", "shorten < 2 / 3",
      (f"{DRAWS}::test_draws_are_spread_as_the_loaders_spread_them",)),
     ("evaluation-last-cut", "motion_jax/evaluation/samples.py", "(where * (rows - count + 1))",
      "(where * (rows - count))", (f"{DRAWS}::test_draws_are_spread_as_the_loaders_spread_them",)),
@@ -21,12 +21,13 @@ MUTATIONS = (
      "made = _as_real(x, layout",
      ("tests/evaluation/test_external.py::test_other_bones_and_floors_are_retargeted_as_those_of_real_motions",)),
     # --- what is judged -------------------------------------------------------------------------------------------
-    ("evaluation-vector-of-fid", "motion_jax/evaluation/harness.py", "(embedded, made, clip_made, made_for_fid)",
-     "(embedded, made, clip_made)", (f"{HARNESS}::test_fid_is_of_what_stands_before_the_last_layer",)),
+    ("evaluation-vector-of-fid", "motion_jax/evaluation/harness.py",
+     "(embedded, generated, clip_generated, generated_for_fid)",
+     "(embedded, generated, clip_generated)", (f"{HARNESS}::test_fid_is_of_what_stands_before_the_last_layer",)),
     ("evaluation-shuffled-pool", "motion_jax/evaluation/harness.py", "[first + rng.permutation(pool) for first",
      "[rng.permutation(pool) for first", (f"{HARNESS}::test_shuffled_captions_are_all_those_of_their_pools",)),
     ("evaluation-paired-fid", "motion_jax/evaluation/differences.py",
-     "_gaussian(other[replication].made[chosen])", "_gaussian(other[replication].made)",
+     "_gaussian(other[replication].generated[chosen])", "_gaussian(other[replication].made)",
      ("tests/evaluation/test_differences.py::test_a_row_does_not_differ_from_itself",)),
     ("evaluation-last-frame", "motion_jax/evaluators/networks.py", "padding_mask(num_frames + 1, x.shape[1])",
      "padding_mask(num_frames, x.shape[1])", ("tests/evaluators/test_evaluators.py",)),

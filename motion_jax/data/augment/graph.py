@@ -39,7 +39,7 @@ class Doors:
     self._kinds = [np.flatnonzero([parts[number].name == name for number in self.part])
                    for name in sorted({part.name for part in parts})]
 
-  def some(self, feet, rng):
+  def sample_doors(self, feet, rng):
     """Indices of random doors of a few kinds of parts at which these feet stand."""
     kinds = rng.permutation(len(self._kinds))[:_KINDS]
     doors = np.concatenate([rng.permutation(self._kinds[kind])[:_DOORS] for kind in kinds])
@@ -104,7 +104,7 @@ class Graph:
       return None
     leave = frames[rng.integers(len(frames))]
     cut, room = self._room(chain, part, leave + chain.offset, rng)
-    doors = self.into.some(stands(part.joints)[leave], rng)
+    doors = self.into.sample_doors(stands(part.joints)[leave], rng)
     off = self.into.distances(doors, poses_at(part.joints, np.array([leave]))[0])
     calm = self.into.calm[doors] & self.rests[last][leave]
     fits = [(number, door, far) for number, door, far, near in zip(

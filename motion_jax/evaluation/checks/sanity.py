@@ -73,9 +73,9 @@ def _few(harness):
       "rows of this table alone"]
 
 
-def require(found, force=False):
+def require(findings, force=False):
   """Raises ValueError if `check` found a failure, unless forced."""
-  if found["failures"] and not force:
+  if findings["failures"] and not force:
     raise ValueError("the evaluation does not look right on real data, so nothing was sampled:\n- "
-                     + "\n- ".join(found["failures"])
+                     + "\n- ".join(findings["failures"])
                      + "\n--force continues and records this in the provenance")

@@ -18,7 +18,7 @@ Row = dict[str, float]  # {metric: number}
 
 
 @dataclasses.dataclass(frozen=True)
-class Found:
+class TaskScores:
   """The results of a task in one replication.
 
   rows: {part: {metric: number}}; a candidate with a single row has part "". curves: {part: mean jerk (width,) of each
@@ -40,16 +40,16 @@ class Damaged:
   expected: Mapping[str, Mapping[str, int]] = dataclasses.field(default_factory=dict)
 
 
-class Wanted(NamedTuple):
+class SampleRequest(NamedTuple):
   """Motions that another program has to generate for a replication (`evaluation.external`).
 
-  name: of the folder of their files. about: further fields of each line of prompts.jsonl, besides file, caption,
-  frames, rate and seed. given: joints (T, J, 3) of the real motion that each is based on, if any.
+  name: of the folder of their files. records: further fields of each line of prompts.jsonl, besides file, caption,
+  frames, rate and seed. source_joints: (T, J, 3) of the real motion that each is based on, if any.
   """
   name: str
   jobs: samples.Jobs
-  about: list[dict]
-  given: list[np.ndarray] | None = None
+  records: list[dict]
+  source_joints: list[np.ndarray] | None = None
 
 
 class Task:
@@ -70,21 +70,31 @@ class Task:
     """
     raise NotImplementedError("a task of evaluation has a `load` of its own (docs/adding.md)")
 
-  def real(self, replication: int) -> Found:
+  def real(self, replication: int) -> TaskScores:
     """Rows that need no model: "real", and further ones."""
     raise NotImplementedError(f"{type(self).__name__} has no `real` (docs/adding.md)")
 
-  def wanted(self, replication: int, reader) -> Iterable[Wanted]:
+  def requests(self, replication: int, reader) -> Iterable[SampleRequest]:
     """The motions that another program has to generate; reader: of the real motions that it is given."""
-    raise NotImplementedError(f"{type(self).__name__} has no `wanted` (docs/adding.md)")
+    raise NotImplementedError(f"{type(self).__name__} has no `requests` (docs/adding.md)")
 
-  def found(self, candidate: Candidate, replication: int) -> Found:
+  def score(self, candidate: Candidate, replication: int) -> TaskScores:
     """Rows of a candidate's motions."""
-    raise NotImplementedError(f"{type(self).__name__} has no `found` (docs/adding.md)")
+    raise NotImplementedError(f"{type(self).__name__} has no `score` (docs/adding.md)")
 
   def damaged(self, replication: int, joints: Mapping[str, list]) -> Damaged:
     """Controls of the task's own metrics. joints: {"real" or a level of noise: joints (T, J, 3) of each item drawn}."""
     return Damaged()
+
+  def jobs(self, replication, copies=None) -> samples.Jobs:
+    """The jobs of a draw, see `samples.jobs_of`."""
+    return samples.jobs_of(self.test_set, self.harness.drawn(replication), self.harness.seed, replication, copies)
+
+  def sequence_jobs(self, replication, sequences, frames) -> samples.Jobs:
+    """A job for each sequence of captions, of frames (N,) in all."""
+    places = range(len(sequences))
+    return samples.Jobs([" | ".join(captions) for captions in sequences], list(frames),
+                        [samples.seed_of(self.harness.seed, replication, i) for i in places], list(places))
 
   @property
   def notes(self) -> tuple[str, ...]:
@@ -96,7 +106,7 @@ class ClipTask(Task):
   """A task whose motions are as long as the items of the test set, and evaluated as a whole."""
   METRICS = ("top1", "top2", "top3", "fid", "fid_unit", "kid", "matching", "diversity", "multimodality", "clip_score",
              *IN_ROWS)
-  SET_APART = tuple(f"auc_{kind}" for kind in two_sample.KINDS)  # of tasks that call `set_apart`
+  SET_APART = tuple(f"auc_{kind}" for kind in two_sample.KINDS)  # of tasks that have them among METRICS
 
   def ids(self, replication):
     """[{"id"}] of the items of a draw, for lines of prompts.jsonl."""
@@ -108,21 +118,22 @@ class ClipTask(Task):
     return [np.asarray(to_joints(features, reader.layout), np.float32) for features in real]
 
   def real(self, replication):
-    """Rows of the real motions, of two halves of them against each other, and of them with shuffled captions."""
-    halves = self.harness.halves(replication)
-    return Found({"real": self.harness.real_scores(replication)} | ({HALVES: halves} if halves else {})
-                 | {"shuffled": self.harness.shuffled_scores(replication)})
+    """Rows of the real motions, of two halves of them against each other (with the AUC of one against the other where
+    the task has it), and of them with shuffled captions."""
+    halves, real = self.harness.halves(replication), self.harness.real_scores(replication)
+    if self.METRICS[-1] in self.SET_APART:
+      real = real | {f"auc_{kind}": value
+                     for kind, value in two_sample.halves(self.harness.real_windows(replication)).items()}
+    return TaskScores({"real": real} | ({HALVES: halves} if halves else {})
+                      | {"shuffled": self.harness.shuffled_scores(replication)})
 
-  def real_set_apart(self, replication):
-    """AUC of one half of the real motions against the other, as part of their row (`metrics.two_sample`)."""
-    return {f"auc_{kind}": value
-            for kind, value in two_sample.halves(self.harness.real_windows(replication)).items()}
-
-  def set_apart(self, replication, motions, layout):
-    """(AUC of classifiers that tell motions [(rows, F)] of the draw from real ones, as part of their row; {part: the
-    features that they tell them apart by}, for the notes)."""
+  def scores_with_auc(self, replication, motions, layout, **further):
+    """Scores of motions [(rows, F)] of the draw, with further numbers and the AUC of classifiers that tell them from
+    real ones; the notes say by which features."""
+    row, by_motion = self.harness.judged(replication, motions, layout)
     apart = self.harness.set_apart(replication, motions, layout)
-    return {f"auc_{kind}": verdict.auc for kind, verdict in apart.items()}, {"": _reasons(apart)} if apart else {}
+    row = row | further | {f"auc_{kind}": verdict.auc for kind, verdict in apart.items()}
+    return TaskScores({"": row}, by_motion={"": by_motion}, notes={"": _reasons(apart)} if apart else {})
 
 
 def _reasons(apart):

@@ -17,7 +17,7 @@ from motion_jax.control.project import project
 from motion_jax.control.signal import NUM_JOINTS
 from motion_jax.evaluation import samples
 from motion_jax.evaluation.candidates import load_able
-from motion_jax.evaluation.tasks.base import ClipTask, Found, Wanted
+from motion_jax.evaluation.tasks.base import ClipTask, SampleRequest, TaskScores
 from motion_jax.evaluation.tasks.generation import Generation
 from motion_jax.metrics import physics
 from motion_jax.metrics.control_scores import NAMES, control_scores
@@ -57,9 +57,9 @@ class Control(Generation):
 
   def real(self, replication):
     """The real motions, which meet their own constraints."""
-    return Found({"real": self.harness.real_scores(replication) | dict.fromkeys(NAMES, 0.0)})
+    return TaskScores({"real": self.harness.real_scores(replication) | dict.fromkeys(NAMES, 0.0)})
 
-  def found(self, candidate, replication):
+  def score(self, candidate, replication):
     options, model = dict(candidate.options), candidate.model
     if model.can("generate") and not (model.takes_control or options.get("exact")):
       raise ValueError(f"{candidate.name} is a {model.config.stage} model, which samples by prompts alone; --sampling "
@@ -70,7 +70,7 @@ class Control(Generation):
     if wrong := [name for name in names if name not in JOINTS]:
       raise ValueError(f"got the joint {wrong[0]!r}, expected all, or some of {', '.join(JOINTS)} with + between")
     real, layout = self._real_joints(candidate.reader, replication), candidate.model.stats.layout
-    jobs = self._jobs(replication)
+    jobs = self.jobs(replication)
     plain = self._plain(candidate)
     motions = plain.sample(plain.generator(), plain.store(self.harness), f"r{replication:03d}", jobs,
                            f"unconstrained {replication + 1}")
@@ -92,24 +92,21 @@ class Control(Generation):
       rows[name] = {metric: float(np.mean([run[metric] for run in runs])) for metric in runs[0]}
     if len(names) == len(JOINTS):
       rows["all joints"] = {metric: float(np.mean([rows[name][metric] for name in names])) for metric in rows["head"]}
-    return Found(rows | self._paths(candidate, replication))
+    return TaskScores(rows | self._paths(candidate, replication))
 
-  def wanted(self, replication, reader):
-    jobs, ids = self._jobs(replication), self.ids(replication)
+  def requests(self, replication, reader):
+    jobs, ids = self.jobs(replication), self.ids(replication)
     real = self._real_joints(reader, replication)
-    yield Wanted(f"r{replication:03d}", jobs, ids)
+    yield SampleRequest(f"r{replication:03d}", jobs, ids)
     for name in JOINTS:
       for density in DENSITIES:
-        yield Wanted(_folder(name, density, replication), jobs, [
+        yield SampleRequest(_folder(name, density, replication), jobs, [
             record | {"control": _as_json(self._signal(joints, name, density, replication, i))}
             for i, (record, joints) in enumerate(zip(ids, real))])
     jobs, paths = self._walks(replication, self.protocol.max_frames, reader.layout.fps)
     for name, path in paths.items():
-      yield Wanted(_path_folder(name, replication), jobs,
+      yield SampleRequest(_path_folder(name, replication), jobs,
                    [{"control": _as_json(_path_targets(path))}] * len(jobs.captions))
-
-  def _jobs(self, replication):
-    return samples.jobs_of(self.test_set, self.harness.drawn(replication), self.harness.seed, replication)
 
   def _row(self, replication, motions, layout, errors):
     joints = [to_joints(motion, layout) for motion in motions]
@@ -168,7 +165,6 @@ class Control(Generation):
           "skating": float(np.mean([physics.skating_ratio(motion) for motion in sampled]))
       } | _speed(sampled, layout.fps)
     return rows
-
 
   def _walks(self, replication, longest, fps):
     """(jobs, {name: path}): captions of walking, all as long as the longest of the paths, each cut to `longest`

@@ -7,7 +7,7 @@ import numpy as np
 
 from motion_jax.evaluation import samples
 from motion_jax.evaluation.candidates import load_able
-from motion_jax.evaluation.tasks.base import ClipTask, Found, Wanted
+from motion_jax.evaluation.tasks.base import ClipTask, SampleRequest, TaskScores
 from motion_jax.models.keys import keys_of
 from motion_jax.models.shared import pasting
 from motion_jax.models.shared.mask_schedule import TASKS, task_mask
@@ -25,29 +25,27 @@ class Editing(ClipTask):
     """A model that edits. Raises ValueError for another one."""
     return load_able(run, "edit", raw)
 
-  def found(self, candidate, replication):
+  def score(self, candidate, replication):
     """A row of each of the four tasks: the same draw, edited in four ways."""
     # Unlike what is generated from words alone, edits depend on the real motions.
     kind = f"editing{', pasted and joined' * self.protocol.paste} of {self.test_set.hash}"
     store = candidate.store(self.harness, kind)
     drawn = self.harness.drawn(replication)
     real = drawn.cut(self.test_set.of(candidate.reader))
-    jobs = samples.jobs_of(self.test_set, drawn, self.harness.seed, replication)
-    judged = {}
+    jobs, judged = self.jobs(replication), {}
     for name, task in candidate.parts({_folder(task, replication): task for task in TASKS}).items():
       motions = candidate.sample(editor(candidate, self.protocol, real, task), store, name, jobs,
                                  f"{task} {replication + 1}")
       judged[task] = self.harness.judged(replication, motions, candidate.model.stats.layout)
-    return Found({task: scores.row for task, scores in judged.items()},
-                 by_motion={task: scores.by_motion for task, scores in judged.items()})
+    return TaskScores({task: scores.row for task, scores in judged.items()},
+                      by_motion={task: scores.by_motion for task, scores in judged.items()})
 
-  def wanted(self, replication, reader):
-    drawn, joints = self.harness.drawn(replication), self.joints(replication, reader)
-    jobs = samples.jobs_of(self.test_set, drawn, self.harness.seed, replication)
+  def requests(self, replication, reader):
+    jobs, joints = self.jobs(replication), self.joints(replication, reader)
     for task in TASKS:
-      about = [record | {"task": task, "keep": kept_spans(task, count)}
-               for record, count in zip(self.ids(replication), jobs.frames)]
-      yield Wanted(_folder(task, replication), jobs, about, joints)
+      records = [record | {"task": task, "keep": kept_spans(task, count)}
+                 for record, count in zip(self.ids(replication), jobs.frames)]
+      yield SampleRequest(_folder(task, replication), jobs, records, joints)
 
 
 def _folder(task, replication):

@@ -3,7 +3,7 @@ import numpy as np
 
 from motion_jax import loading
 from motion_jax.evaluation import samples
-from motion_jax.evaluation.tasks.base import ClipTask, Found, Wanted
+from motion_jax.evaluation.tasks.base import ClipTask, SampleRequest
 
 
 class Generation(ClipTask):
@@ -16,37 +16,29 @@ class Generation(ClipTask):
     """The model of a run folder or a shipped one."""
     return loading.load(run, raw=raw)
 
-  def real(self, replication):
-    """Rows of the real motions, with the AUC of one half of them against the other, and with shuffled captions."""
-    scored = super().real(replication)
-    scored.rows["real"].update(self.real_set_apart(replication))
-    return scored
-
-  def found(self, candidate, replication):
+  def score(self, candidate, replication):
     """The row of a candidate's motions, with multimodality where the protocol has it."""
     motions, layout = self.sampled(candidate, replication), candidate.model.stats.layout
-    row, by_motion = self.harness.judged(replication, motions, layout)
+    further = {}
     if self.protocol.has_multimodality(replication):
       generations = self._generations(candidate, replication, motions)
-      row["multimodality"] = self.harness.multimodality(replication, generations, layout)
-    apart, notes = self.set_apart(replication, motions, layout)
-    return Found({"": row | apart}, by_motion={"": by_motion}, notes=notes)
+      further["multimodality"] = self.harness.multimodality(replication, generations, layout)
+    return self.scores_with_auc(replication, motions, layout, **further)
 
   def sampled(self, candidate, replication):
     """The motions of a replication [(rows, F)] in the order of its draw."""
-    wanted = self._first(replication)
-    return candidate.sample(candidate.generator(), candidate.store(self.harness), wanted.name, wanted.jobs,
+    request = self._first(replication)
+    return candidate.sample(candidate.generator(), candidate.store(self.harness), request.name, request.jobs,
                             f"replication {replication + 1}")
 
-  def wanted(self, replication, reader):
+  def requests(self, replication, reader):
     yield self._first(replication)
     if self.protocol.has_multimodality(replication):
       yield self._many(replication)
 
   def _first(self, replication):
-    drawn = self.harness.drawn(replication)
-    jobs = samples.jobs_of(self.test_set, drawn, self.harness.seed, replication, self._copies(replication))
-    return Wanted(f"r{replication:03d}", jobs, self.ids(replication))
+    jobs = self.jobs(replication, self._copies(replication))
+    return SampleRequest(f"r{replication:03d}", jobs, self.ids(replication))
 
   def _many(self, replication):
     """The other generations of the first captions."""
@@ -54,7 +46,7 @@ class Generation(ClipTask):
     places, copies = (np.array(part) for part in zip(*pairs))
     some = samples.Draw(*(part[places] for part in drawn))
     jobs = samples.jobs_of(self.test_set, some, self.harness.seed, replication, copies)
-    return Wanted(f"r{replication:03d}_many", jobs, [{"id": self.test_set.ids[item]} for item in some.item])
+    return SampleRequest(f"r{replication:03d}_many", jobs, [{"id": self.test_set.ids[item]} for item in some.item])
 
   def _pairs(self, replication):
     """(place in the draw, number of the generation) of each."""
@@ -76,8 +68,8 @@ class Generation(ClipTask):
 
   def _generations(self, candidate, replication, motions):
     """Lists of protocol.multimodality_motions generations of the first captions, one of which is in `motions`."""
-    have, wanted = self._copies(replication), self._many(replication)
-    sampled = iter(candidate.sample(candidate.generator(), candidate.store(self.harness), wanted.name, wanted.jobs,
+    have, request = self._copies(replication), self._many(replication)
+    sampled = iter(candidate.sample(candidate.generator(), candidate.store(self.harness), request.name, request.jobs,
                                     f"multimodality {replication + 1}"))
     return [[motions[i] if copy == have[i] else next(sampled) for copy in range(self.protocol.multimodality_motions)]
             for i in range(self._num_captions)]

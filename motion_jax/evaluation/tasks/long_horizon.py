@@ -16,7 +16,7 @@ import numpy as np
 from motion_jax.data.timelines import read_sequences
 from motion_jax.evaluation import samples
 from motion_jax.evaluation.candidates import load_able
-from motion_jax.evaluation.tasks.base import Damaged, Found, Task, Wanted
+from motion_jax.evaluation.tasks.base import Damaged, SampleRequest, Task, TaskScores
 from motion_jax.metrics import long_horizon, physics
 from motion_jax.motion.representations import get_layout, to_joints
 
@@ -53,7 +53,7 @@ class LongHorizon(Task):
       rules = dataclasses.replace(self._rules, unit_length=1)
       scored = long_horizon.score(self._recorded(replication), self._reference(replication),
                                   *self._scoring(replication, rules))
-      return Found({"real": scored.row}, {"real": scored.curve})
+      return TaskScores({"real": scored.row}, {"real": scored.curve})
     motions, joints = self._real
     rng = self.harness.rng(replication, REFERENCE)
     caption = (rng.random(len(test_set)) * [len(captions) for captions in test_set.captions]).astype(int)
@@ -62,9 +62,9 @@ class LongHorizon(Task):
         motions, joints, every.captions_of(test_set), self.harness.embed_text(evaluator, every),
         self._reference(replication), self._embed(), self.harness.rng(replication, SCORES), self._rules,
         evaluator.layout.skeleton)
-    return Found({"real": scored.row}, {"real": scored.curve})
+    return TaskScores({"real": scored.row}, {"real": scored.curve})
 
-  def found(self, candidate, replication):
+  def score(self, candidate, replication):
     """The row of a candidate's long motions."""
     model, prompts = candidate.model, self.sequences(replication)
     options = ways_of(candidate, self.protocol.way)
@@ -79,19 +79,18 @@ class LongHorizon(Task):
     count, size = sum(len(script.captions) - 1 for script in prompts), self._reference(replication).transitions.shape[1]
     note = {"": f"its transition FID is of {count} transitions in {size} dimensions, whose covariance has no full "
                 "rank: compare transition KID, which needs none"} if count <= size else {}
-    return Found({"": scored.row}, {"": scored.curve}, notes=note)
+    return TaskScores({"": scored.row}, {"": scored.curve}, notes=note)
 
-  def wanted(self, replication, reader):
+  def requests(self, replication, reader):
     prompts = self.sequences(replication)
     frames = [sequence.frames.tolist() for sequence in prompts]
-    yield Wanted(f"r{replication:03d}", self._jobs(replication, prompts, frames), [
+    yield SampleRequest(f"r{replication:03d}", self._jobs(replication, prompts, frames), [
         {"segments": [{"caption": caption, "frames": count} for caption, count in zip(sequence.captions, counts)]}
         for sequence, counts in zip(prompts, frames)])
 
   def _jobs(self, replication, prompts, frames):
-    return samples.Jobs([" | ".join(sequence.captions) for sequence in prompts], [int(sum(part)) for part in frames],
-                        [samples.seed_of(self.harness.seed, replication, i) for i in range(len(prompts))],
-                        list(range(len(prompts))))
+    return self.sequence_jobs(replication, [sequence.captions for sequence in prompts],
+                              [int(sum(part)) for part in frames])
 
   def _pieces(self, motions, prompts, frames, layout):
     """The `metrics.long_horizon.Sequence`s of generated motions [(rows, F)], one at a time."""

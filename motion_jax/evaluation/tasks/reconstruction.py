@@ -2,7 +2,7 @@
 import numpy as np
 
 from motion_jax.evaluation import samples
-from motion_jax.evaluation.tasks.base import ClipTask, Damaged, Found, Wanted
+from motion_jax.evaluation.tasks.base import ClipTask, Damaged, SampleRequest
 from motion_jax.evaluation.tokenizers import load_tokenizer
 from motion_jax.metrics import protocol as protocol_lib
 from motion_jax.metrics import scores
@@ -21,36 +21,28 @@ class Reconstruction(ClipTask):
     """The tokenizer of a run, or inside a generator's. Raises ValueError for a run without one."""
     return load_tokenizer(run, raw)
 
-  def real(self, replication):
-    """Rows of the real motions, with the AUC of one half of them against the other, and with shuffled captions."""
-    scored = super().real(replication)
-    scored.rows["real"].update(self.real_set_apart(replication))
-    return scored
-
-  def found(self, candidate, replication):
+  def score(self, candidate, replication):
     """The row of a tokenizer."""
     protocol, layout, drawn = self.protocol, candidate.model.stats.layout, self.harness.drawn(replication)
     real = drawn.cut(self.test_set.of(candidate.reader))
     if candidate.model.can("round_trip"):
       motions = self.reconstructed(candidate, replication, real)
     else:
-      wanted, = self.wanted(replication, candidate.reader)
-      motions = candidate.sample(None, None, wanted.name, wanted.jobs, "")
+      request, = self.requests(replication, candidate.reader)
+      motions = candidate.sample(None, None, request.name, request.jobs, "")
     errors = {}
     for alone in (True, False):
       pairs = zip(real, motions, drawn.frames)
       errors[alone] = [protocol_lib.reconstruction_errors(a[None], b[None], [m], alone, layout)[0] for a, b, m in pairs]
     mm = 1000 * layout.skeleton.unit
-    row, by_motion = self.harness.judged(replication, motions, layout)
-    apart, notes = self.set_apart(replication, motions, layout)
-    return Found({"": row | apart | {
-        "mpjpe": mm * scores.mpjpe(errors[True]), "mpjpe_heading": mm * scores.mpjpe(errors[False]),
-        "released_mpjpe": scores.released_mpjpe(errors[protocol.poses_alone], protocol.pool)}},
-                 by_motion={"": by_motion}, notes=notes)
+    return self.scores_with_auc(
+        replication, motions, layout, mpjpe=mm * scores.mpjpe(errors[True]),
+        mpjpe_heading=mm * scores.mpjpe(errors[False]),
+        released_mpjpe=scores.released_mpjpe(errors[protocol.poses_alone], protocol.pool))
 
-  def wanted(self, replication, reader):
-    jobs = samples.jobs_of(self.test_set, self.harness.drawn(replication), self.harness.seed, replication)
-    return [Wanted(f"r{replication:03d}", jobs, self.ids(replication), self.joints(replication, reader))]
+  def requests(self, replication, reader):
+    return [SampleRequest(f"r{replication:03d}", self.jobs(replication), self.ids(replication),
+                          self.joints(replication, reader))]
 
   def damaged(self, replication, joints):
     """Joint errors of real motions against the same with noise on every joint."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from motion_jax.data.timelines import read_timelines, single_track
 from motion_jax.evaluation import samples
-from motion_jax.evaluation.tasks.base import Found, Task, Wanted
+from motion_jax.evaluation.tasks.base import SampleRequest, Task, TaskScores
 from motion_jax.evaluation.tasks.long_horizon import BATCH, LongHorizon, multi_prompt_generator, ways_of
 from motion_jax.metrics import timeline_scores
 from motion_jax.motion.representations import to_joints
@@ -36,38 +36,37 @@ class Timelines(Task):
     real, evaluator = self._real, self.harness.evaluator
     features = self.test_set.of(evaluator)
     joints = [_metres(features[i], evaluator.layout) for i in real.items]
-    return Found({"real": timeline_scores.real_row(real.texts, real.text, real.motion, joints, self._rules,
-                                                   evaluator.layout.skeleton)})
+    return TaskScores({"real": timeline_scores.real_row(real.texts, real.text, real.motion, joints, self._rules,
+                                                        evaluator.layout.skeleton)})
 
-  def found(self, candidate, replication):
+  def score(self, candidate, replication):
     """The row of a candidate's motions for all timelines."""
     harness, layout = self.harness, candidate.model.stats.layout
-    prompts, jobs = self._asked(replication, layout.fps)
+    prompts, jobs = self._prompts_and_jobs(replication, layout.fps)
     store = candidate.store(harness, f"timelines {prompts}")
     generated = candidate.sample(multi_prompt_generator(candidate, prompts, ways_of(candidate)), store,
                                  f"r{replication:03d}", jobs, f"replication {replication + 1}", BATCH)
     read, mode, real = harness.evaluator.layout, harness.evaluator.mode, self._real
     embed = lambda motions: harness.embed(harness.evaluator, motions, np.array([len(x) for x in motions]))
-    return Found({"": timeline_scores.score(
+    return TaskScores({"": timeline_scores.score(
         self._timelines, [layout.convert(x, read, mode) for x in generated],
         [_metres(x, layout) for x in generated], embed, real.texts, real.text, real.motion, self._rules,
         layout.skeleton)})
 
-  def wanted(self, replication, reader):
+  def requests(self, replication, reader):
     fps = reader.layout.fps
-    prompts, jobs = self._asked(replication, fps)
-    yield Wanted(f"r{replication:03d}", jobs, [
+    prompts, jobs = self._prompts_and_jobs(replication, fps)
+    yield SampleRequest(f"r{replication:03d}", jobs, [
         {"timeline": [interval._asdict() for interval in timeline],
          "segments": [{"caption": caption, "frames": round(seconds * fps)} for caption, seconds in segments]}
         for timeline, segments in zip(self._timelines, prompts)])
 
-  def _asked(self, replication, fps):
+  def _prompts_and_jobs(self, replication, fps):
     """([(caption, seconds)] of each timeline, jobs)."""
     prompts = [single_track(timeline) for timeline in self._timelines]
     frames = [sum(round(seconds * fps) for _, seconds in segments) for segments in prompts]
-    return prompts, samples.Jobs(
-        [" | ".join(caption for caption, _ in segments) for segments in prompts], frames,
-        [samples.seed_of(self.harness.seed, replication, i) for i in range(len(prompts))], list(range(len(prompts))))
+    return prompts, self.sequence_jobs(replication, [[caption for caption, _ in segments] for segments in prompts],
+                                       frames)
 
   @property
   def _rules(self):

@@ -7,16 +7,9 @@ so parts of it are edited.
 
   features (B, T, F) -> encode -> latents (B, T / 4, C) -> generate, edit -> decode -> features
 
-losses     of the generator
-stages     what is trained, as pure functions
-setup      a config becomes a stage with its data
-unmasking  the loop over decoding iterations; `draws` its random numbers
-sampling   generating, and regenerating parts of a motion
-model      ready to use
-weights    the authors' PyTorch files
-
-Shared with MoMask, in the folder above: `autoencoders` (autoencoder and RVQ-VAE), `mask_schedule` (which latents are
-masked, in training and in each decoding iteration), `length` (how long a motion should be).
+`unmasking` is the loop over decoding iterations, `draws` its random numbers. Shared with MoMask: `shared.autoencoders`
+(autoencoder and RVQ-VAE), `shared.mask_schedule` (which latents are masked, in training and in each decoding
+iteration), `shared.length` (how long a motion should be), `shared.editing` (a model that fills masked latents).
 
 Numbers follow the released code (docs/papers/cdamd.md); where the paper differs a comment starts with "Parity".
 """

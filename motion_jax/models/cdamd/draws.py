@@ -9,11 +9,10 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
 from ml_collections import ConfigDict
 
 from motion_jax.models.shared import mask_schedule as masking
-from motion_jax.shapes import Array
+from motion_jax.shapes import Array, Float
 
 
 class Draws(NamedTuple):

@@ -7,14 +7,13 @@ from typing import Any, Self
 
 import flax
 import jax.numpy as jnp
-from jaxtyping import Bool
 
 from motion_jax.control import guidance
 from motion_jax.control.signal import ControlSignal
 from motion_jax.latents import AutoencoderCodec
 from motion_jax.motion.representations import get_layout
 from motion_jax.motion.stats import Stats
-from motion_jax.shapes import Array, Latents
+from motion_jax.shapes import Array, Bool, Latents
 
 VARIANCE = 0.05  # of a finished latent, in units of that of all latents: how far it may be pulled
 

@@ -4,14 +4,13 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Bool, Float, Int
 from ml_collections import ConfigDict
 
 from motion_jax.diffusion import ddpm, paths
 from motion_jax.models.cdamd.draws import Draws
 from motion_jax.models.shared import mask_schedule as masking
 from motion_jax.nets.masks import latent_mask
-from motion_jax.shapes import Array, Net
+from motion_jax.shapes import Array, Bool, Float, Int, Net
 
 
 def trained_mask(kinds: str, known_mask: Bool[Array, "b l"], real_mask: Bool[Array, "b l"],

@@ -1,10 +1,9 @@
 """CDAMD ready to use: motion from prompts, and edits of existing motions."""
 from collections.abc import Sequence
-from typing import Any, cast
+from typing import Any
 
 import jax
 import numpy as np
-from jaxtyping import Bool, Float
 
 from motion_jax.control.signal import ControlSignal
 from motion_jax.latents import AutoencoderCodec
@@ -19,24 +18,19 @@ from motion_jax.models.results import (
   cleanup_record,
   features_of,
   gathered,
-  motions_of_prompts,
 )
-from motion_jax.models.shared import length as lengths
 from motion_jax.models.shared import mask_schedule as masking
 from motion_jax.models.shared import round_trips
 from motion_jax.models.shared.batches import in_batches
-from motion_jax.models.shared.editing import EditingModel, edited_latents, padded_features
+from motion_jax.models.shared.editing import LatentEditingModel
 from motion_jax.models.shared.pasting import Spans
 from motion_jax.motion import step_records
 from motion_jax.motion.blending import join, laid_over
 from motion_jax.motion.cleanup import clean_up
-from motion_jax.motion.representations import get_layout
 from motion_jax.nets.autoencoder import Autoencoder
 from motion_jax.nets.diffusion_mlp import Generator
-from motion_jax.nets.length_estimator import LengthEstimator
 from motion_jax.runs import Run
-from motion_jax.shapes import Array
-from motion_jax.text.captions import of_a_person
+from motion_jax.shapes import Array, Bool, Float
 from motion_jax.text.encoder import TextEncoder
 from motion_jax.training import checkpoint
 from motion_jax.utils import cache
@@ -48,7 +42,7 @@ CONTROL_STEPS = 4  # Gauss-Newton steps of guidance by constraints
 _PAST = 8  # frames of the past that a further segment is conditioned on; with more, a second squat may be left out
 
 
-class CdamdModel(EditingModel):
+class CdamdModel(LatentEditingModel):
   """CDAMD or MARDM ready to use: prompts in, motion out; a motion in, the same one with new frames out.
 
   In addition to the choices of `CdamdSampling`, motions guided by constraints take control_steps and refinements, which
@@ -64,52 +58,41 @@ class CdamdModel(EditingModel):
     checkpoint.demand(config, run.folder, data__max_frames=(1, 100_000), sampler__guidance_scale=(-1e3, 1e3))
     self.autoencoder = Autoencoder(**module_fields(config.tokenizer))
     self.net = cdamd.make_generator(config.model)
-    self.max_seconds = config.data.max_frames / get_layout(config.data.layout).skeleton.fps
-    shapes = cache.kept_shapes("cdamd.frozen", self.autoencoder, lambda: cdamd.frozen_shapes(self.autoencoder))
-    text_dim = self.net.transformer.text_dim
-    self.length = LengthEstimator(**module_fields(config.length)) if config.length else None
-    if self.length:
-      shapes["length"] = lengths.length_shapes(self.length, text_dim)
-    super().__init__(run, encoder, text_dim, self.autoencoder.frames_per_latent, shapes,
+    super().__init__(run, encoder, self.net.transformer.text_dim, self.autoencoder.frames_per_latent,
+                     cache.kept_shapes("cdamd.frozen", self.autoencoder, lambda: cdamd.frozen_shapes(self.autoencoder)),
                      cache.kept_shapes("cdamd.generator", self.net, lambda: cdamd.generator_shapes(self.net)))
-    # All motions are padded to the training length, whose positions are known.
-    self.max_latents = config.data.max_frames // self.frames_per_latent
     self.codec = AutoencoderCodec.of(self.autoencoder, self.frozen)
-    self.programs = Programs(self.net, self.length)
+    self.programs = Programs(self.net)
 
   @property
   def edit_mask(self) -> str:
     """The mask of edits: what the run was trained with, of several ("dccm+bcm") the last."""
     return self.config.loss.mask.split("+")[-1]
 
-  def estimated_frames(self, prompt: str) -> int | None:
-    """The median length by the length estimator, at most that of training; None for a run without one."""
-    if self.length is None:
-      return None
-    logits = self.programs.length(self.frozen["length"], self.encoder([of_a_person(prompt)])[0][:, 0])
-    return min(int(lengths.middle_frames(logits, self.frames_per_latent)[0]), self.config.data.max_frames)
+  def encoded(self, features: Float[np.ndarray, "b t f"], real_mask: Bool[np.ndarray, "b l"]) -> np.ndarray:
+    """Latents (B, L, C) of padded features."""
+    return in_batches(self.programs.encode, features, real_mask, shared=(self.codec,))
 
-  def sample(self, prompts: Sequence[str], frames: Sequence[int], keys: jax.Array, seeds: Sequence[int | None],
-             cleanup: bool, sampling: dict[str, Any], signal: ControlSignal | None = None) -> Motions:
-    """One pass of the network: motions of prompts, a key each. Lengths are cut to whole latents (4 frames).
+  def filled(self, latents: Any, editable: Bool[np.ndarray, "b l"], real_mask: Bool[np.ndarray, "b l"],
+             prompts: Sequence[str], keys: jax.Array, sampling: dict[str, Any], signal: ControlSignal | None = None
+             ) -> tuple[np.ndarray, dict[str, Any]]:
+    """(normalized features (B, T, F), record of the sampling), with the editable latents sampled.
 
-    signal (B, longest): finished latents are pulled towards it through the decoder (`models.cdamd.guiding`). With a
-    solver of fixed steps a motion does not depend on others in its batch.
+    signal (B, longest): finished latents of a new motion are pulled towards it through the decoder
+    (`models.cdamd.guiding`). With a solver of fixed steps a motion does not depend on others in its batch.
     """
-    sampling = dict(sampling)
-    steps = sum(checked(sampling.pop(name, usual), 0, 100, name) for name, usual in (
-        ("control_steps", CONTROL_STEPS), ("refinements", 0)))
-    frames = [count // self.frames_per_latent * self.frames_per_latent for count in frames]
-    real_mask = np.arange(self.max_latents) < np.array(frames)[:, None] // self.frames_per_latent
-    latents = np.zeros(real_mask.shape + (self.net.transformer.latent_dim,), np.float32)
-    rows, about = self._latents(latents, real_mask, real_mask, prompts, keys, sampling)
+    sampling, steps = dict(sampling), 0
+    if latents is None:
+      steps = sum(checked(sampling.pop(name, usual), 0, 100, name) for name, usual in (
+          ("control_steps", CONTROL_STEPS), ("refinements", 0)))
+      latents = np.zeros(real_mask.shape + (self.net.transformer.latent_dim,), np.float32)
+    rows, record = self._latents(latents, editable, real_mask, prompts, keys, sampling)
     if signal is not None and steps:
       signal = signal.slice_frames(0, self.max_latents * self.frames_per_latent)
-      about = about | dict(control_steps=steps)
+      record = record | dict(control_steps=steps)
       rows = in_batches(self.programs.settle, rows, real_mask, signal,
                         shared=(self.codec, Settling.of(self.stats, steps)))
-    rows = in_batches(self.programs.decode, rows, real_mask, shared=(self.codec,))
-    return motions_of_prompts(self, rows, prompts, frames, seeds, about, cleanup)
+    return in_batches(self.programs.decode, rows, real_mask, shared=(self.codec,)), record
 
   def sample_segments(self, lists: Sequence[Sequence[tuple[str, int]]], keys: jax.Array, seeds: Sequence[int | None],
                       cleanup: bool, sampling: dict[str, Any]) -> Motions:
@@ -156,17 +139,8 @@ class CdamdModel(EditingModel):
   def inpainted(self, features: Sequence[Float[np.ndarray, "_ f"]], new: Sequence[Bool[np.ndarray, " _"]],
                 prompts: Sequence[str], keys: jax.Array, sampling: dict[str, Any]
                 ) -> tuple[Float[np.ndarray, "b t f"], dict[str, Any]]:
-    """(normalized features (B, T, F), record of the sampling): latents with any new frame, of new (T,), are sampled,
-    and all are decoded. A motion may end within a latent. Choice mask: by default the one that the run was trained
-    with."""
-    unit = self.frames_per_latent
-    edited = edited_latents(new, self.max_latents, unit)
-    real = np.arange(self.max_latents) < np.array([[-(-len(x) // unit)] for x in features])
-    padded = padded_features(self, features, self.max_latents * unit)
-    latents = in_batches(self.programs.encode, padded, real, shared=(self.codec,))
-    sampling = sampling | dict(mask=sampling.get("mask") or self.edit_mask)
-    resampled, about = self._latents(latents, edited, real, prompts, keys, sampling)
-    return in_batches(self.programs.decode, resampled, real, shared=(self.codec,)), about
+    """As of any such model. Choice mask: by default the one that the run was trained with."""
+    return super().inpainted(features, new, prompts, keys, sampling | dict(mask=sampling.get("mask") or self.edit_mask))
 
   def encode_words(self, prompts: Sequence[str]) -> tuple[Array, Array | None]:
     """(text_emb, text_mask or None) as the model was trained: sentence vectors, or these and their words."""
@@ -199,7 +173,7 @@ class CdamdModel(EditingModel):
 
     filled = in_batches(run, latents, real, text_emb, text_mask, schedule.made_at, schedule.drawn_at, keys,
                         shared=(self.params, np.float32(chosen.guidance_scale), steps))
-    return filled, chosen.about() | dict(model=self.id)
+    return filled, self.record_of(chosen)
 
 
 MODELS = {"cdamd.generator": CdamdModel}
@@ -210,7 +184,7 @@ TOKENIZERS = dict.fromkeys(("cdamd.autoencoder", "cdamd.generator"), round_trips
 class Programs:
   """The compiled functions of a model, each compiled once for motions of any length, number and kind."""
 
-  def __init__(self, net: Generator, length: LengthEstimator | None) -> None:
+  def __init__(self, net: Generator) -> None:
     def latents(plan, params, latents, real_mask, text_emb, text_mask, schedule, keys, scale, steps):
       draw = draws.make_draw(keys, net.transformer.latent_dim, plan.shared_noise)
       return cdamd.make_latents(net, plan, params, latents, text_emb=text_emb, text_mask=text_mask, schedule=schedule,
@@ -221,5 +195,3 @@ class Programs:
     self.decode = cache.Program("cdamd.decode", lambda latents, real_mask, codec: codec.decode(latents, real_mask))
     self.settle = cache.Program("cdamd.settle", lambda latents, real_mask, signal, codec, settling: settling.settle(
         codec, latents, real_mask, signal))
-    self.length = cache.Program(
-        "cdamd.length", lambda params, text_emb: cast(Any, length).apply(params, text_emb), 0, (length,))

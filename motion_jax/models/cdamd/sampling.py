@@ -5,7 +5,6 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float
 
 from motion_jax.diffusion import ddpm, guidance, ode, samplers
 from motion_jax.latents import AutoencoderCodec
@@ -13,7 +12,7 @@ from motion_jax.models.cdamd import unmasking
 from motion_jax.models.cdamd.unmasking import Schedule, State
 from motion_jax.nets.masked_transformer import empty_caches
 from motion_jax.nets.masks import LATENT_MASKS, latent_mask
-from motion_jax.shapes import Array, Latents, Net
+from motion_jax.shapes import Array, Bool, Float, Latents, Net
 
 
 class Plan(NamedTuple):

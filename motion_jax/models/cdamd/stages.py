@@ -4,7 +4,6 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Bool, Float, Int
 from ml_collections import ConfigDict
 
 from motion_jax.latents import AutoencoderCodec, RvqCodec
@@ -26,7 +25,7 @@ from motion_jax.nets.autoencoder import Autoencoder
 from motion_jax.nets.diffusion_mlp import DiffusionMLP, Generator
 from motion_jax.nets.masked_transformer import TRANSFORMERS
 from motion_jax.nets.masks import padding_mask
-from motion_jax.shapes import Array
+from motion_jax.shapes import Array, Bool, Float, Int
 from motion_jax.training.stage import Stage
 from motion_jax.utils.errors import InputError
 

@@ -13,9 +13,8 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float, Int
 
-from motion_jax.shapes import Array
+from motion_jax.shapes import Array, Bool, Float, Int
 
 
 class Schedule(NamedTuple):

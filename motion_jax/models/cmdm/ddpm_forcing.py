@@ -11,10 +11,9 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float, Int
 
 from motion_jax.diffusion import ddpm
-from motion_jax.shapes import Array, Latents
+from motion_jax.shapes import Array, Bool, Float, Int, Latents
 
 NUM_LEVELS = 1_000
 SOLVERS = ("ancestral", "ddim")

@@ -10,7 +10,6 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Bool, Int
 from ml_collections import ConfigDict
 
 from motion_jax.diffusion import paths
@@ -18,7 +17,7 @@ from motion_jax.diffusion.guidance import combine
 from motion_jax.models.cmdm import stages
 from motion_jax.nets.causal_vae import CausalVAE
 from motion_jax.nets.masks import block_causal_mask
-from motion_jax.shapes import Array, Latents, Net
+from motion_jax.shapes import Array, Bool, Int, Latents, Net
 from motion_jax.training.stage import Stage
 
 TEACHER = "teacher"  # of a student's frozen parts

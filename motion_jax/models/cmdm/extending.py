@@ -3,7 +3,6 @@ from collections.abc import Sequence
 
 import jax
 import numpy as np
-from jaxtyping import Float, Num
 
 from motion_jax.models.cmdm import multi_prompt, offline, streaming
 from motion_jax.models.cmdm.loop import SamplingLoop, decode_all
@@ -14,6 +13,7 @@ from motion_jax.models.shared.script import borders, segment_ends
 from motion_jax.motion.cleanup import clean_up
 from motion_jax.motion.representations import to_joints
 from motion_jax.motion.step_records import Record
+from motion_jax.shapes import Float, Num
 from motion_jax.text.contrast import Contrast
 from motion_jax.utils.errors import InputError
 

@@ -12,12 +12,11 @@ import flax
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float
 
 from motion_jax.control import guidance
 from motion_jax.control.signal import ControlSignal
 from motion_jax.latents import VaeCodec
-from motion_jax.shapes import Array, Latents
+from motion_jax.shapes import Array, Bool, Float, Latents
 
 if TYPE_CHECKING:
   from motion_jax.motion.representations import Representation

@@ -4,7 +4,6 @@ from typing import Self
 
 import jax
 import numpy as np
-from jaxtyping import Bool, Float, Int
 
 from motion_jax.control.signal import ControlSignal
 from motion_jax.models.cmdm import offline, streaming
@@ -14,6 +13,7 @@ from motion_jax.models.cmdm.offline import CAPTIONS
 from motion_jax.models.cmdm.options import CmdmSampling
 from motion_jax.models.shared.moving_path import heading_of
 from motion_jax.models.shared.streams import PromptedStream, Segments
+from motion_jax.shapes import Bool, Float, Int
 from motion_jax.text.contrast import Contrast
 from motion_jax.utils.errors import InputError
 

@@ -8,7 +8,6 @@ from typing import Any
 
 import jax
 import numpy as np
-from jaxtyping import Bool, Float, Int
 
 from motion_jax.control.guidance import TOLERANCE
 from motion_jax.control.signal import ControlSignal
@@ -17,6 +16,7 @@ from motion_jax.models.cmdm.guiding import Behind, Guide, variance_of
 from motion_jax.models.cmdm.networks import CmdmNetworks
 from motion_jax.models.shared.moving_path import Path, continue_path, heading_of
 from motion_jax.nets.causal_dit import Text
+from motion_jax.shapes import Bool, Float, Int
 
 _LENGTH = 50  # latents whose constraints are compiled together; longer ones by doubling
 

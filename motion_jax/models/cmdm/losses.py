@@ -6,7 +6,6 @@ from typing import Any
 import flax
 import jax
 import jax.numpy as jnp
-from jaxtyping import Float
 from ml_collections import ConfigDict
 
 from motion_jax.models.shared.likelihoods import (
@@ -18,7 +17,7 @@ from motion_jax.models.shared.likelihoods import (
   smooth_l1,
 )
 from motion_jax.nets.causal_vae import sample_latent
-from motion_jax.shapes import Array, Net
+from motion_jax.shapes import Array, Float, Net
 
 __all__ = ["DISTANCE_PAIRS", "LAST_LAYERS", "RECONSTRUCTIONS", "align_factor", "align_loss", "align_ratio",
            "align_terms", "gaussian_nll", "kl_to_standard_normal", "mean_square_nll", "pool_teacher", "set_distances",

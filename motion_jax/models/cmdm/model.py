@@ -4,7 +4,6 @@ from typing import TYPE_CHECKING, Any
 
 import jax
 import numpy as np
-from jaxtyping import Float
 
 from motion_jax.control.signal import ControlSignal
 from motion_jax.models import arguments
@@ -14,7 +13,7 @@ from motion_jax.models.keys import keys_of
 from motion_jax.models.shared import round_trips
 from motion_jax.models.shared.blocks import BlockModel, Continued, Frames, Sampled, Segments
 from motion_jax.models.shared.script import segment_ends
-from motion_jax.shapes import Array
+from motion_jax.shapes import Array, Float
 from motion_jax.utils.errors import InputError
 from motion_jax.utils.numerals import checked
 

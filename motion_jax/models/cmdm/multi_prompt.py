@@ -8,7 +8,6 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float, Int
 
 from motion_jax.control.signal import ControlSignal
 from motion_jax.models.cmdm import offline, streaming
@@ -18,7 +17,7 @@ from motion_jax.models.cmdm.networks import CmdmNetworks
 from motion_jax.models.cmdm.options import CmdmSampling
 from motion_jax.models.cmdm.sampling import words_of_latents
 from motion_jax.models.shared.script import borders, segment_ends
-from motion_jax.shapes import Array
+from motion_jax.shapes import Array, Bool, Float, Int
 from motion_jax.text.clauses import clauses_of
 from motion_jax.text.contrast import Contrast
 from motion_jax.utils.errors import InputError

@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float, Num
 
 from motion_jax.latents import VaeCodec
 from motion_jax.models import cmdm
@@ -15,7 +14,7 @@ from motion_jax.models.cmdm import streaming
 from motion_jax.models.cmdm.options import CmdmSampling
 from motion_jax.nets.causal_dit import CausalDiT
 from motion_jax.nets.causal_vae import CausalVAE
-from motion_jax.shapes import Array
+from motion_jax.shapes import Array, Bool, Float, Num
 from motion_jax.text.clauses import Clause
 from motion_jax.training import checkpoint
 from motion_jax.utils import cache

@@ -5,7 +5,6 @@ from typing import NamedTuple
 
 import jax
 import numpy as np
-from jaxtyping import Float, Int
 
 from motion_jax.control.guidance import SETTLING, TOLERANCE
 from motion_jax.control.signal import ControlSignal
@@ -14,6 +13,7 @@ from motion_jax.models.cmdm.guiding import SETTLED, Guide
 from motion_jax.models.cmdm.loop import SamplingLoop, behind_nothing, decode_all
 from motion_jax.models.cmdm.networks import CmdmNetworks
 from motion_jax.models.shared.batches import batches, joined, select
+from motion_jax.shapes import Float, Int
 from motion_jax.text.contrast import Contrast
 
 SIZES = (1, 4)  # of batches

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
 
 from motion_jax.data.batches import ALL, Segments
+from motion_jax.shapes import Bool, Float, Int
 
 
 def most_parts(spans: Sequence[Segments]) -> int:

@@ -4,11 +4,10 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Int
 
 from motion_jax.diffusion.samplers import SOLVERS
 from motion_jax.models.cmdm import ddpm_forcing
-from motion_jax.shapes import Array
+from motion_jax.shapes import Array, Int
 
 _ANY = -2**30  # before all blocks that there are
 

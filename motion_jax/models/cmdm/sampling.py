@@ -5,7 +5,6 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Bool, Float, Int
 
 from motion_jax.control import conditioning
 from motion_jax.control.signal import ControlSignal
@@ -16,7 +15,7 @@ from motion_jax.models.cmdm import ddpm_forcing, streaming
 from motion_jax.models.cmdm.guiding import Behind, Guide
 from motion_jax.nets.causal_dit import CausalDiT
 from motion_jax.nets.masks import padding_mask, sliding_mask
-from motion_jax.shapes import Array, AttentionMask, Latents
+from motion_jax.shapes import Array, AttentionMask, Bool, Float, Int, Latents
 
 
 def generate(dit: CausalDiT, plan: streaming.Plan, num_blocks: int, params: Any, codec: VaeCodec, *,
@@ -32,7 +31,7 @@ def generate(dit: CausalDiT, plan: streaming.Plan, num_blocks: int, params: Any,
   over as many frames, for any network.
   """
   sampler = streaming.bind(dit, plan, params, text_emb=text_emb, text_mask=text_mask, scale=scale, keys=keys,
-                           control=told_of(codec, control), lengths=lengths)
+                           control=control_emb_of(codec, control), lengths=lengths)
   if guide is None:
     return codec.decode(sampler.sample(num_blocks, segment=segment))
   guide = guide.over((num_blocks + plan.width) * plan.block * codec.frames_per_latent)  # as far as a window reaches
@@ -65,8 +64,8 @@ def generate_whole(dit: CausalDiT, plan: streaming.Plan, num_blocks: int, params
     ends = streaming.caption_ends(jnp.zeros((len(keys), num_blocks), int) if segment is None else segment,
                                   jnp.full(len(keys), length) if lengths is None else jnp.asarray(lengths), plan.block)
     left = jnp.repeat(ends, plan.block, axis=1) - jnp.arange(length)
-  velocity = plain_velocity(dit, params, text_emb, text_mask, attn_mask, scale, plan.guided, told_of(codec, control),
-                            left)
+  velocity = plain_velocity(dit, params, text_emb, text_mask, attn_mask, scale, plan.guided,
+                            control_emb_of(codec, control), left)
   if plan.solver in ddpm_forcing.SOLVERS:
     # Parity: algorithm 2 of the paper, whose steps draw fresh noise; the code's, and our default, are Euler's.
     levels = schedules.staircase_levels(plan.num_steps, length, plan.lag, plan.block)
@@ -77,7 +76,7 @@ def generate_whole(dit: CausalDiT, plan: streaming.Plan, num_blocks: int, params
   return decode(samplers.SOLVERS[plan.solver](velocity, noise, times))
 
 
-def told_of(codec: VaeCodec, control: ControlSignal | None) -> Float[Array, "b l n"] | None:
+def control_emb_of(codec: VaeCodec, control: ControlSignal | None) -> Float[Array, "b l n"] | None:
   """The embedded constraints of the latents of a motion; None without constraints."""
   return None if control is None else conditioning.features(control, codec.frames_per_latent)
 

@@ -6,7 +6,6 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import optax
-from jaxtyping import Bool, Float, Int
 from ml_collections import ConfigDict
 
 from motion_jax.control import conditioning
@@ -23,7 +22,7 @@ from motion_jax.motion.representations import get_layout
 from motion_jax.nets.causal_dit import CausalDiT
 from motion_jax.nets.causal_vae import CausalVAE, sample_latent
 from motion_jax.nets.masks import block_causal_mask, padding_mask
-from motion_jax.shapes import Array, Latents
+from motion_jax.shapes import Array, Bool, Float, Int, Latents
 from motion_jax.training.stage import DEVICES, Stage
 from motion_jax.utils.errors import InputError
 

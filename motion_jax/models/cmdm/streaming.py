@@ -30,7 +30,6 @@ import flax
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float, Int
 
 from motion_jax.diffusion.guidance import combine
 from motion_jax.diffusion.schedules import time_of_level
@@ -41,7 +40,7 @@ from motion_jax.models.cmdm.plan import Plan as Plan
 from motion_jax.models.cmdm.plan import make_plan as make_plan
 from motion_jax.models.cmdm.plan import seen_since as seen_since
 from motion_jax.nets.frame_wise import FrameWiseNetwork
-from motion_jax.shapes import Array, Net
+from motion_jax.shapes import Array, Bool, Float, Int, Net
 
 ENDLESS = 2**30  # latents of a motion without end
 

@@ -1,16 +1,12 @@
 """MDM on a page: "Human Motion Diffusion Model", and DiP, its autoregressive form.
 
 A transformer predicts the clean motion of all frames at once from a noisy one, a diffusion step and a caption; the step
-back draws the less noisy motion that both allow. DiP reads the clean frames before those that it generates, and goes
-on from its own.
+back draws the less noisy motion that both allow. DiP reads the clean frames before those that it generates, and
+continues its own.
 
   noise (B, T, F) -> clean features, step by step -> motion
 
-losses    the error of the features, and geometric terms on joints
-goals     DiP's targets: where a motion ends
-sampling  steps, guidance, painting over what is known, blocks in sequence
-editing   which part of a motion an edit keeps
-
+`goals` are DiP's targets, `editing` says which part of a motion an edit keeps.
 Numbers follow the released code (docs/papers/mdm.md); where it is wrong a comment starts with "Parity".
 """
 import lazy_loader

@@ -1,8 +1,8 @@
 """Which part of a motion MDM's edits keep: frames around a gap, or body parts (docs/papers/mdm.md#editing)."""
 import numpy as np
-from jaxtyping import Bool
 
 from motion_jax.motion.representations import Representation
+from motion_jax.shapes import Bool
 from motion_jax.utils.errors import InputError
 
 GENERATED = ("upper_body", "lower_body")  # parts of the body that an edit can generate

@@ -6,13 +6,12 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float, Int
 
 from motion_jax.control.signal import ControlSignal
 from motion_jax.motion.representations import Representation
 from motion_jax.motion.rotations import rotate_about_y
 from motion_jax.motion.skeleton import facing
-from motion_jax.shapes import Array
+from motion_jax.shapes import Array, Bool, Float, Int
 
 # In the order of the released weights. "path" is the pelvis on the ground, "heading" an angle in its first number.
 GOALS = ("pelvis", "left_foot", "right_foot", "left_wrist", "right_wrist", "head", "path", "heading")
@@ -47,14 +46,14 @@ def conditions(goals: Float[Array, "b 8 3"], counts: Bool[Array, "b 8"]) -> Floa
   return jnp.concatenate([goals, counts[..., None].astype(goals.dtype)], axis=-1)
 
 
-def goal_error(found: Float[Array, "b 8 3"], wanted: Float[Array, "b 8 3"], counts: Bool[Array, "b 8"]
+def goal_error(predicted: Float[Array, "b 8 3"], target: Float[Array, "b 8 3"], counts: Bool[Array, "b 8"]
                ) -> Float[Array, " b"]:
   """Squared errors (B,) of the coordinates that count, averaged over these, and of the heading."""
   every: jax.Array = jnp.asarray(counts)[..., None] & jnp.ones(3, bool)
   every = every.at[:, _PATH, 1].set(False).at[:, _HEADING].set(False)
-  square = jnp.where(every, (found - wanted) ** 2, 0.0).sum((1, 2)) / (every.sum((1, 2)) + 1e-8)
+  square = jnp.where(every, (predicted - target) ** 2, 0.0).sum((1, 2)) / (every.sum((1, 2)) + 1e-8)
   # Parity: the reference wraps the angle modulo pi, so a body that faces the other way is right.
-  turn = (found[:, _HEADING, 0] - wanted[:, _HEADING, 0] + jnp.pi / 2) % jnp.pi - jnp.pi / 2
+  turn = (predicted[:, _HEADING, 0] - target[:, _HEADING, 0] + jnp.pi / 2) % jnp.pi - jnp.pi / 2
   return square + jnp.where(counts[:, _HEADING], turn ** 2 / (1 + 1e-8), 0.0)
 
 

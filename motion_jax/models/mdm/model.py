@@ -6,7 +6,6 @@ from typing import Any, NamedTuple, cast
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float
 
 from motion_jax.control.signal import ControlSignal
 from motion_jax.models.base import TextToMotionModel
@@ -15,13 +14,13 @@ from motion_jax.models.mdm.goals import Stand, goals_of_block
 from motion_jax.models.mdm.options import MdmSampling
 from motion_jax.models.mdm.setup import NUM_PREFIXES, PREFIXES
 from motion_jax.models.mdm.stages import denoiser_shapes, no_goals, reads_stats
-from motion_jax.models.results import Motions, motions_of_prompts
 from motion_jax.models.shared.blocks import BlockModel, BlockState
 from motion_jax.models.shared.editing import EditingModel
 from motion_jax.models.shared.motion_errors import STATS
 from motion_jax.nets.masks import padding_mask
 from motion_jax.nets.motion_denoiser import MotionDenoiser
 from motion_jax.runs import Run
+from motion_jax.shapes import Bool, Float
 from motion_jax.text.encoder import TextEncoder
 from motion_jax.text.padding import narrowest
 from motion_jax.training import checkpoint
@@ -68,12 +67,10 @@ class MdmModel(EditingModel, MdmNetwork):
     self.max_seconds = run.config.data.max_frames / self.stats.layout.fps
     self._generate = cache.Program("mdm.generate", partial(_generate, self.net), 2, (self.net,))
 
-  def sample(self, prompts: Sequence[str], frames: Sequence[int], keys: jax.Array, seeds: Sequence[int | None],
-             cleanup: bool, sampling: dict[str, Any], signal: ControlSignal | None = None) -> Motions:
-    """One pass: motions of prompts, a key each; sampling: choices of `MdmSampling`."""
-    chosen = self.sampling(**sampling)
-    generated = self._sampled(prompts, frames, keys, chosen)
-    return motions_of_prompts(self, generated, prompts, frames, seeds, chosen.about() | dict(model=self.id), cleanup)
+  def sampled_features(self, prompts: Sequence[str], frames: Sequence[int], keys: jax.Array, chosen: MdmSampling
+                       ) -> tuple[Any, Sequence[int]]:
+    """(normalized features (B, max_frames, F), frames as given) of prompts."""
+    return self._sampled(prompts, frames, keys, chosen), frames
 
   def _sampled(self, prompts, frames, keys, chosen, known=None, known_mask=None):
     """Normalized features (B, max_frames, F)."""
@@ -99,7 +96,7 @@ class MdmModel(EditingModel, MdmNetwork):
         kept[:len(x)] |= editing.kept_columns(self.stats.layout, chosen.part)
     frames = [len(x) for x in features]
     sampled = np.asarray(self._sampled(prompts, frames, keys, chosen, known, mask))
-    return sampled, chosen.about() | dict(model=self.id)
+    return sampled, self.record_of(chosen)
 
 
 class Memory(NamedTuple):

@@ -4,10 +4,9 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Bool, Float
 
 from motion_jax.diffusion import ddpm, guidance
-from motion_jax.shapes import Array, Net
+from motion_jax.shapes import Array, Bool, Float, Net
 
 SCHEDULES = {"cosine": ddpm.cosine_schedule, "linear": ddpm.linear_schedule}
 
@@ -42,18 +41,7 @@ def predictor(net: Net, plan: Plan, params: Any, condition: Condition, scale: An
     condition = jax.tree.map(lambda a: jnp.concatenate([a, a]), condition)
     # Parity: no caption is a vector of zeros in front of the layer, whose bias stays; words keep their mask.
     condition = condition._replace(text_emb=jnp.concatenate([text, jnp.zeros_like(text)]))
-  scale = jnp.asarray(scale, text.dtype)
-  scale = scale[:, None, None] if scale.ndim else scale
-
-  def predict(x, step):
-    rows = jnp.concatenate([x, x]) if plan.guided else x
-    prediction = net.apply(params, rows, jnp.broadcast_to(step, len(rows)), *condition)
-    if not plan.guided:
-      return prediction
-    with_text, without = jnp.split(prediction, 2)
-    return guidance.combine(with_text, without, scale)
-
-  return predict
+  return guidance.two_branches(lambda x, step: net.apply(params, x, step, *condition), plan.guided, scale)
 
 
 def denoise(net: Net, plan: Plan, params: Any, condition: Condition, scale: Any, draw: Callable,

@@ -1,5 +1,4 @@
 """The training set-up of MDM and DiP."""
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -8,7 +7,7 @@ from ml_collections import ConfigDict
 from motion_jax.data import sources
 from motion_jax.models.mdm.goals import GOALS
 from motion_jax.models.mdm.stages import denoiser_stage, reads_stats
-from motion_jax.models.shared.captioned_batches import batches_of, held_out_loss, text_encoder, text_files, undisturbed
+from motion_jax.models.shared.captioned_batches import denoising_setup, text_encoder
 from motion_jax.models.shared.motion_errors import STATS
 from motion_jax.training.setup import TrainingSetup
 from motion_jax.utils.errors import InputError
@@ -27,15 +26,12 @@ def denoiser(config: ConfigDict) -> TrainingSetup:
     raise InputError(f"got model.num_goals = {config.model.num_goals} and data of the layout {data.stats.layout.name}, "
                      f"expected 0 or {len(GOALS)} goals, and for these a body with {', '.join(GOALS[:6])}")
   encoder = text_encoder(config, config.model.text_dim)
-  next_batch, num_items = batches_of(config, data, encoder)
   frozen: dict[str, Any] = {}
   if reads_stats(config):
     frozen[STATS] = {"mean": data.stats.mean, "std": data.stats.std}
   if context:
     frozen[PREFIXES] = prefixes(data.features, context)
-  stage = denoiser_stage(config)
-  evaluate = held_out_loss(config, data.stats, encoder, denoiser_stage(undisturbed(config)).loss, frozen)
-  return TrainingSetup(stage, next_batch, frozen, evaluate, data.stats, text_files(data, encoder), num_items)
+  return denoising_setup(config, denoiser_stage, data, encoder, frozen)
 
 
 def prefixes(features: list[np.ndarray], context: int) -> np.ndarray:
@@ -46,4 +42,3 @@ def prefixes(features: list[np.ndarray], context: int) -> np.ndarray:
 
 
 SETUPS = {"mdm.denoiser": denoiser, "mdm.dip": denoiser}
-RESOLVED: dict[str, Callable] = {}

@@ -3,7 +3,6 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Bool
 from ml_collections import ConfigDict
 
 from motion_jax.diffusion import ddpm
@@ -15,6 +14,7 @@ from motion_jax.motion.representations import get_layout
 from motion_jax.nets.initial import initial_as_pytorch
 from motion_jax.nets.masks import padding_mask
 from motion_jax.nets.motion_denoiser import MotionDenoiser
+from motion_jax.shapes import Bool
 from motion_jax.training.stage import Stage, mixed_precision
 
 

@@ -5,9 +5,6 @@ that token given a caption.
 
   noise (B, 1, D) -> token, in 50 steps of DDIM -> decode with the wanted length -> features (B, T, F)
 
-losses    of the VAE and of the denoiser
-sampling  steps and guidance
-
 Numbers follow the released code (docs/papers/mld.md); where it is wrong a comment starts with "Parity".
 """
 import lazy_loader

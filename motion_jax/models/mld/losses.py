@@ -3,9 +3,8 @@ from collections.abc import Mapping
 
 import jax.numpy as jnp
 import optax
-from jaxtyping import Float
 
-from motion_jax.shapes import Array
+from motion_jax.shapes import Array, Float
 
 
 def kl_terms(mean: Float[Array, "b n d"], logvar: Float[Array, "b n d"]) -> Float[Array, " b"]:
@@ -13,7 +12,7 @@ def kl_terms(mean: Float[Array, "b n d"], logvar: Float[Array, "b n d"]) -> Floa
   return 0.5 * (mean ** 2 + jnp.exp(logvar) - 1 - logvar).mean((1, 2))
 
 
-def vae_terms(made: Float[Array, "b t f"], real: Float[Array, "b t f"], joints: tuple[Array, Array],
+def vae_terms(decoded: Float[Array, "b t f"], real: Float[Array, "b t f"], joints: tuple[Array, Array],
               mean: Float[Array, "b n d"], logvar: Float[Array, "b n d"], weights: Mapping[str, float]
               ) -> dict[str, Float[Array, " b"]]:
   """{name: (B,)}: "features" and "joints", smooth L1 with beta 1, "kl", and their weighted sum "loss".
@@ -22,7 +21,7 @@ def vae_terms(made: Float[Array, "b t f"], real: Float[Array, "b t f"], joints: 
   and the joints stay where the motion ends.
   """
   distance = lambda a, b: optax.huber_loss(a, b).reshape(len(a), -1).mean(1)
-  terms = {"features": distance(made, real), "joints": distance(*joints), "kl": kl_terms(mean, logvar)}
+  terms = {"features": distance(decoded, real), "joints": distance(*joints), "kl": kl_terms(mean, logvar)}
   terms["loss"] = sum(weights[name] * value for name, value in terms.items())
   return terms
 

@@ -6,21 +6,18 @@ from typing import Any, cast
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float, Num
 
-from motion_jax.control.signal import ControlSignal
 from motion_jax.models.base import TextToMotionModel
 from motion_jax.models.mld import sampling
 from motion_jax.models.mld.options import MldSampling
 from motion_jax.models.mld.stages import VAE, denoiser_shapes, frozen_shapes, reconstruct, vae_shapes
-from motion_jax.models.results import Motions, motions_of_prompts
 from motion_jax.models.shared.captioned_batches import NO_CAPTION
 from motion_jax.models.shared.round_trips import RoundTrip
 from motion_jax.nets.causal_vae import sample_latent
 from motion_jax.nets.latent_diffusion import TokenDenoiser, TokenVAE
 from motion_jax.nets.masks import padding_mask
 from motion_jax.runs import Run
-from motion_jax.shapes import Array
+from motion_jax.shapes import Array, Float, Num
 from motion_jax.text.encoder import TextEncoder
 from motion_jax.training import checkpoint
 from motion_jax.utils import cache
@@ -49,22 +46,15 @@ class MldModel(TextToMotionModel):
     self._generate = cache.Program("mld.generate", partial(_generate, self.net, self.vae), 1, (self.net, self.vae))
 
   def plan_of(self, chosen: MldSampling) -> sampling.Plan:
-    steps = self.config.diffusion.num_steps
-    num_steps, solver = cast(int, chosen.num_steps), cast(str, chosen.solver)
-    if num_steps > steps:
-      raise InputError(f"got {num_steps} sampler steps, this model was trained with {steps}; give at most as "
-                       "many")
-    return sampling.Plan(steps, num_steps, solver, self.config.diffusion.predicts,
-                         chosen.guidance_scale != 1.0)
+    return sampling.Plan(self.config.diffusion.num_steps, cast(int, chosen.num_steps), cast(str, chosen.solver),
+                         self.config.diffusion.predicts, chosen.guidance_scale != 1.0)
 
-  def sample(self, prompts: Sequence[str], frames: Sequence[int], keys: jax.Array, seeds: Sequence[int | None],
-             cleanup: bool, sampling: dict[str, Any], signal: ControlSignal | None = None) -> Motions:
-    """One pass: motions of prompts, a key each; sampling: choices of `MldSampling`."""
-    chosen = self.sampling(**sampling)
+  def sampled_features(self, prompts: Sequence[str], frames: Sequence[int], keys: jax.Array, chosen: MldSampling
+                       ) -> tuple[Any, Sequence[int]]:
+    """(normalized features (B, max_frames, F), frames as given) of prompts."""
     real = padding_mask(jnp.asarray(frames), self.config.data.max_frames)  # one length for all, compiled once
-    generated = self._generate(self.plan_of(chosen), self.params, self.frozen.get(VAE), self.encoder(prompts)[0],
-                               self.frozen[NO_CAPTION], real, chosen.guidance_scale, keys)
-    return motions_of_prompts(self, generated, prompts, frames, seeds, chosen.about() | dict(model=self.id), cleanup)
+    return self._generate(self.plan_of(chosen), self.params, self.frozen.get(VAE), self.encoder(prompts)[0],
+                          self.frozen[NO_CAPTION], real, chosen.guidance_scale, keys), frames
 
   def reconstruct(self, features: Num[Array, "t f"]) -> Float[np.ndarray, "t f"]:
     """Features (T, F) through the VAE and back, by the mean of their latent."""

@@ -4,10 +4,9 @@ from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
 
 from motion_jax.diffusion import ddpm, guidance
-from motion_jax.shapes import Array, Net
+from motion_jax.shapes import Array, Float, Net
 
 
 class FrameDenoiser(NamedTuple):
@@ -52,19 +51,8 @@ def schedule_of(plan: Plan) -> ddpm.Schedule:
 def predictor(net: Net, plan: Plan, params: Any, text_emb: Float[Array, "b s e"], no_text_emb: Float[Array, "b s e"],
               scale: Any) -> Callable:
   """predict(z, step ()) -> noise or clean latents, guided; no_text_emb: the embedding of an empty caption."""
-  scale = jnp.asarray(scale, text_emb.dtype)
-  scale = scale[:, None, None] if scale.ndim else scale
   text = jnp.concatenate([text_emb, no_text_emb]) if plan.guided else text_emb
-
-  def predict(z, step):
-    rows = jnp.concatenate([z, z]) if plan.guided else z
-    prediction = net.apply(params, rows, jnp.broadcast_to(step, len(rows)), text)
-    if not plan.guided:
-      return prediction
-    with_text, without = jnp.split(prediction, 2)
-    return guidance.combine(with_text, without, scale)
-
-  return predict
+  return guidance.two_branches(lambda z, step: net.apply(params, z, step, text), plan.guided, scale)
 
 
 def denoise(net: Net, plan: Plan, params: Any, text_emb: Float[Array, "b s e"], no_text_emb: Float[Array, "b s e"],

@@ -1,28 +1,18 @@
 """Training set-ups of MLD: its VAE and its denoiser."""
-from collections.abc import Callable
 from typing import Any
 
 import jax
 import numpy as np
 from ml_collections import ConfigDict
 
-from motion_jax import runs
 from motion_jax.data import sources
 from motion_jax.models.mld.stages import VAE, denoiser_stage, frames_stage, reconstruct, vae_shapes, vae_stage
-from motion_jax.models.shared.captioned_batches import (
-  NO_CAPTION,
-  batches_of,
-  clips_of,
-  held_out_loss,
-  text_encoder,
-  text_files,
-  undisturbed,
-)
+from motion_jax.models.shared.captioned_batches import NO_CAPTION, clips_of, denoising_setup, text_encoder
+from motion_jax.models.shared.frozen_parts import load_part
 from motion_jax.models.shared.motion_errors import STATS
-from motion_jax.motion import stats as stats_lib
 from motion_jax.motion.stats import Stats
 from motion_jax.nets.latent_diffusion import TokenVAE
-from motion_jax.training.setup import TrainingSetup, demand_same_network, held_out, reconstruction_error, untrained
+from motion_jax.training.setup import TrainingSetup, held_out, reconstruction_error
 from motion_jax.utils.config_files import module_fields
 from motion_jax.utils.errors import InputError
 
@@ -57,23 +47,15 @@ def frames(config: ConfigDict) -> TrainingSetup:
   return _denoising(config, frames_stage, sources.load_features(config.data), {})
 
 
-def _denoising(config, stage, data, frozen):
+def _denoising(config, stage_of, data, frozen):
   encoder = text_encoder(config, config.model.text_dim)
-  next_batch, num_items = batches_of(config, data, encoder)
-  frozen = frozen | {NO_CAPTION: encoder.no_caption()}
-  evaluate = held_out_loss(config, data.stats, encoder, stage(undisturbed(config)).loss, frozen)
-  return TrainingSetup(stage(config), next_batch, frozen, evaluate, data.stats, text_files(data, encoder), num_items)
+  return denoising_setup(config, stage_of, data, encoder, frozen | {NO_CAPTION: encoder.no_caption()})
 
 
 def load_vae(folder: str, config: ConfigDict) -> tuple[Any, Stats]:
-  """(parameters, stats) of a trained VAE; "random-init" makes one to try things out."""
-  net = TokenVAE(**module_fields(config.tokenizer))
-  if folder == "random-init":
-    return untrained(vae_shapes(net)), sources.load_features(config.data).stats
-  run = runs.load_run(folder, "mld.vae")
-  demand_same_network(f"the VAE in {folder}", TokenVAE(**module_fields(run.config.model)), net, dropout=0.0)
-  return run.params(vae_shapes(net)), stats_lib.load_stats(run.folder, config.data.layout)
+  """(parameters, stats) of a trained VAE; see `frozen_parts.load_part`."""
+  part = load_part(folder, config, TokenVAE, vae_shapes, ("mld.vae",), "the VAE", dropout=0.0)
+  return part.params, part.stats
 
 
 SETUPS = {"mld.vae": vae, "mld.denoiser": denoiser, "mld.frames": frames}
-RESOLVED: dict[str, Callable] = {}

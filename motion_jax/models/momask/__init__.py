@@ -6,13 +6,7 @@ residual transformer adds the other levels, one pass each. Known codes may be an
 
   features (B, T, F) -> codes (B, T / 4, Q); caption -> level 0 in rounds -> levels 1 .. Q - 1 -> decode -> features
 
-losses    of the two transformers; those of the RVQ-VAE: `shared.autoencoders`
-stages    what is trained, as pure functions
-setup     a config becomes a stage with its data
-sampling  masked decoding, residual levels
-model     ready to use
-weights   the authors' PyTorch files
-
+Losses of the RVQ-VAE: `shared.autoencoders`.
 Numbers follow the released code (docs/papers/momask.md); where the paper differs a comment starts with "Parity".
 """
 import lazy_loader

@@ -4,11 +4,10 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Bool, Float, Int
 from ml_collections import ConfigDict
 
 from motion_jax.models.shared import mask_schedule as masking
-from motion_jax.shapes import Array, Net
+from motion_jax.shapes import Array, Bool, Float, Int, Net
 
 
 class Draws(NamedTuple):

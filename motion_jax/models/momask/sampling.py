@@ -5,9 +5,8 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Bool, Float, Int
 
-from motion_jax.shapes import Array, Net
+from motion_jax.shapes import Array, Bool, Float, Int, Net
 
 Choose = Callable[[Any, Float[Array, "b l k"]], Int[Array, "b l"]]  # (round or level, logits) -> codes
 

@@ -6,9 +6,6 @@ reads are its own.
 
   caption, latents so far -> condition (B, D) -> noise to latent (B, C), 50 steps -> decode -> 4 frames
 
-losses    of the autoencoder; of the generator, with two forward passes
-sampling  segments: caption and latents so far in a cache, latents one by one, their end
-
 Numbers follow the released code (docs/papers/motionstreamer.md); where it is wrong a comment starts with "Parity".
 """
 import lazy_loader

@@ -8,11 +8,10 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Bool, Float, Int
 
 from motion_jax.diffusion import ddpm
 from motion_jax.models.shared.likelihoods import ALONE, Sharing, gaussian_nll, kl_to_standard_normal
-from motion_jax.shapes import Array, Net, Whole
+from motion_jax.shapes import Array, Bool, Float, Int, Net, Whole
 
 
 def autoencoder_terms(vae: Net, params: Any, x: Float[Array, "b t f"], noise: Float[Array, "b n c"],

@@ -6,7 +6,6 @@ from typing import Any, NamedTuple, cast
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float, Num
 
 from motion_jax.latents import VaeCodec
 from motion_jax.models.motionstreamer import sampling
@@ -17,7 +16,7 @@ from motion_jax.models.shared.blocks import BlockModel, BlockState
 from motion_jax.models.shared.captioned_batches import NO_CAPTION
 from motion_jax.nets.causal_vae import CausalVAE
 from motion_jax.runs import Run
-from motion_jax.shapes import Array
+from motion_jax.shapes import Array, Float, Num
 from motion_jax.text.encoder import TextEncoder
 from motion_jax.training import checkpoint
 from motion_jax.utils import cache

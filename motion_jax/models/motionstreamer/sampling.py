@@ -9,11 +9,10 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Float, Int
 
 from motion_jax.diffusion import ddpm, guidance
 from motion_jax.nets.latent_llama import LlamaCache
-from motion_jax.shapes import Array, Net
+from motion_jax.shapes import Array, Float, Int, Net
 
 
 class Plan(NamedTuple):
@@ -50,15 +49,8 @@ def draw_latent(net: Net, plan: Plan, params: Any, segment: Segment, scale: Any,
   """The next latent (B, C); draw(0) is the noise to begin with, draw(m) that of the m-th step of the head, which the
   temperature scales."""
   schedule = ddpm.respace(ddpm.cosine_schedule(plan.train_steps), plan.num_steps)
-
-  def predict(x, step):
-    rows = jnp.concatenate([x, x]) if plan.guided else x
-    prediction = net.apply(params, rows, jnp.broadcast_to(step, len(rows)), segment.condition, method="predict")
-    if not plan.guided:
-      return prediction
-    with_text, without = jnp.split(prediction, 2)
-    return guidance.combine(with_text, without, scale)
-
+  predict = guidance.two_branches(
+      lambda x, step: net.apply(params, x, step, segment.condition, method="predict"), plan.guided, scale)
   # Parity: no bound, as released. In the first step back an error of the noise counts 31 times in the latent
   # (docs/papers/motionstreamer.md#head).
   bounded = (lambda x1: jnp.clip(x1, -plan.clip_latents, plan.clip_latents)) if plan.clip_latents else (lambda x1: x1)

@@ -1,40 +1,18 @@
 """Training set-ups of MotionStreamer: its causal autoencoder and its generator."""
-from collections.abc import Callable
 
 import jax
 import numpy as np
 from ml_collections import ConfigDict
 
-from motion_jax import runs
 from motion_jax.data import batches, sources
 from motion_jax.latents import VaeCodec
-from motion_jax.models.motionstreamer.stages import (
-  END,
-  generator_stage,
-  tokenizer_shapes,
-  tokenizer_stage,
-)
-from motion_jax.models.shared.captioned_batches import (
-  NO_CAPTION,
-  batches_of,
-  held_out_loss,
-  text_encoder,
-  text_files,
-  undisturbed,
-)
-from motion_jax.motion import stats as stats_lib
+from motion_jax.models.motionstreamer.stages import END, generator_stage, tokenizer_shapes, tokenizer_stage
+from motion_jax.models.shared.captioned_batches import NO_CAPTION, denoising_setup, text_encoder
+from motion_jax.models.shared.frozen_parts import load_part
 from motion_jax.motion.stats import Stats
 from motion_jax.nets.causal_vae import CausalVAE
 from motion_jax.runs import held_stats
-from motion_jax.training.setup import (
-  TrainingSetup,
-  demand_same_network,
-  held_out,
-  reconstruction_error,
-  resolve_epochs,
-  untrained,
-)
-from motion_jax.utils.config_files import module_fields
+from motion_jax.training.setup import TrainingSetup, held_out, reconstruction_error
 from motion_jax.utils.errors import InputError
 
 TOKENIZER, GENERATOR = "motionstreamer.tokenizer", "motionstreamer.generator"
@@ -65,12 +43,8 @@ def generator(config: ConfigDict) -> TrainingSetup:
   encoder = text_encoder(config, config.model.transformer.text_dim)
   if codec.mean is None:  # a bare autoencoder's latents have no scale yet
     codec = codec.fitted(data.features) if config.loss.unit_latents else codec.unscaled()
-  next_batch, num_items = batches_of(config, data, encoder)
-  config = resolve_epochs(config, num_items)  # the share of replaced latents rises to the end of training
   frozen = codec.parts | {END: end_latent(codec), NO_CAPTION: encoder.no_caption()}
-  evaluate = held_out_loss(config, data.stats, encoder, generator_stage(undisturbed(config)).loss, frozen)
-  return TrainingSetup(generator_stage(config), next_batch, frozen, evaluate, data.stats, text_files(data, encoder),
-                       num_items)
+  return denoising_setup(config, generator_stage, data, encoder, frozen)
 
 
 def end_latent(codec: VaeCodec) -> np.ndarray:
@@ -81,18 +55,11 @@ def end_latent(codec: VaeCodec) -> np.ndarray:
 
 def load_tokenizer(folder: str, config: ConfigDict) -> tuple[VaeCodec, Stats]:
   """(codec, stats) of a trained autoencoder, without a scale of its latents (None), or of the one that a generator's
-  run stands on; "random-init" makes one to try things out."""
-  vae = CausalVAE(**module_fields(config.tokenizer))
-  if folder == "random-init":
-    return VaeCodec(vae, untrained(tokenizer_shapes(vae)), None, None), sources.load_features(config.data).stats
-  run = runs.load_run(folder, (TOKENIZER, GENERATOR))
-  fields = run.config.tokenizer if run.stage == GENERATOR else run.config.model
-  demand_same_network(f"the tokenizer in {folder}", CausalVAE(**module_fields(fields)), vae)
-  stats = stats_lib.load_stats(run.folder, config.data.layout)
-  if run.stage == GENERATOR:
-    return VaeCodec.of(vae, run.frozen()), stats
-  return VaeCodec(vae, run.params(tokenizer_shapes(vae)), None, None), stats
+  run stands on; see `frozen_parts.load_part`."""
+  part = load_part(folder, config, CausalVAE, tokenizer_shapes, (TOKENIZER, GENERATOR))
+  codec = (VaeCodec.of(part.net, part.generator.frozen()) if part.generator else
+           VaeCodec(part.net, part.params, None, None))
+  return codec, part.stats
 
 
 SETUPS = {TOKENIZER: tokenizer, GENERATOR: generator}
-RESOLVED: dict[str, Callable] = {}

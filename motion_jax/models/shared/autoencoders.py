@@ -6,7 +6,6 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Float
 from ml_collections import ConfigDict
 
 from motion_jax import shapes
@@ -15,7 +14,7 @@ from motion_jax.models.shared import motion_errors
 from motion_jax.nets.autoencoder import Autoencoder
 from motion_jax.nets.masks import padding_mask
 from motion_jax.quant import rvq, vq
-from motion_jax.shapes import Array
+from motion_jax.shapes import Array, Float
 from motion_jax.training.stage import DEVICES, Stage, mixed_precision
 
 # --- losses -------------------------------------------------------------------------------------------------------

@@ -9,14 +9,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import jax
 import numpy as np
-from jaxtyping import Float
 
 from motion_jax.models import arguments
 from motion_jax.models.base import TextToMotionModel
 from motion_jax.models.keys import keys_of, select_keys
 from motion_jax.models.shared.batches import joined
 from motion_jax.models.shared.script import borders, segment_ends
-from motion_jax.shapes import Array
+from motion_jax.shapes import Array, Float
 from motion_jax.utils.errors import InputError
 
 if TYPE_CHECKING:
@@ -43,7 +42,7 @@ class Sampled(NamedTuple):
   features: Float[Array, "b t f"]
   frames: Sequence[int]
   ends: Sequence[Sequence[int]]
-  about: dict[str, Any]
+  record: dict[str, Any]
 
 
 class Continued(NamedTuple):
@@ -51,7 +50,7 @@ class Continued(NamedTuple):
   sampling and of the cleanup."""
   joints: Float[np.ndarray, "t j 3"]
   ends: Sequence[int]
-  about: dict[str, Any]
+  record: dict[str, Any]
   steps: Sequence["Record"] = ()
 
 
@@ -99,7 +98,7 @@ class BlockModel(TextToMotionModel):
       parts.append(features)
       frames += totals
       ends += [[total] for total in totals] if single else [segment_ends(row, self.block_frames) for row in counts]
-    return Sampled(joined(parts, len(lists)), frames, ends, self._about(chosen))
+    return Sampled(joined(parts, len(lists)), frames, ends, self.record_of(chosen))
 
   def continue_motion(self, clip: "Clip", joints: Float[np.ndarray, "t j 3"], segments: Frames, keys: jax.Array,
                       cleanup: bool, sampling: dict[str, Any]) -> Continued:
@@ -111,16 +110,13 @@ class BlockModel(TextToMotionModel):
     rows, _ = self._run(self.begin_blocks(keys, self.stats.normalize(past)[None]), [segments], chosen)
     ends = segment_ends(counts, self.block_frames)
     features = np.concatenate([past, self.stats.denormalize(rows[:, :ends[-1]])[0]])
-    return Continued(np.asarray(to_joints(features, self.stats.layout)), ends, self._about(chosen))
+    return Continued(np.asarray(to_joints(features, self.stats.layout)), ends, self.record_of(chosen))
 
   def make_stream(self, segments: Sequence[tuple[str, int | None]], keys: jax.Array, num_frames: int | None,
                   cleanup: bool, sampling: dict[str, Any]) -> "PromptedStream":
     """A stream of segments [(prompt, frames)], the last without end."""
     from motion_jax.models.shared.streams import BlockStream
     return BlockStream(self, self.sampling(**sampling), keys, segments, num_frames, cleanup)
-
-  def _about(self, chosen):
-    return chosen.about() | dict(model=self.id)
 
   def _run(self, state, lists, chosen):
     """(normalized features (B, T, F) in whole blocks, the state after them) of lists of segments."""
@@ -147,14 +143,14 @@ class BlockModel(TextToMotionModel):
     self._check_way(way)
     ease = cleanup if ease is None else ease
     sampled = self.run_segments(lists, keys, sampling, way=way)
-    about = sampled.about | ({"way": way} if self.ways else {}) | ({"eased": True} if ease else {})
-    return self._motions(lists, sampled._replace(about=about), seeds, cleanup, ease)
+    record = sampled.record | ({"way": way} if self.ways else {}) | ({"eased": True} if ease else {})
+    return self._motions(lists, sampled._replace(record=record), seeds, cleanup, ease)
 
   def _motions(self, lists, sampled, seeds, cleanup, ease=False):
     from motion_jax.models.results import captions_in_a_row, make_motions
     captions = [captions_in_a_row([prompt for prompt, _ in segments], ends, self.fps)
                 for segments, ends in zip(lists, sampled.ends)]
-    return make_motions(self, sampled.features, sampled.frames, captions, seeds, sampled.about, cleanup, ease)
+    return make_motions(self, sampled.features, sampled.frames, captions, seeds, sampled.record, cleanup, ease)
 
   def _check_way(self, way):
     if way not in (ways := self.ways or ("stream",)):
@@ -221,9 +217,9 @@ class BlockModel(TextToMotionModel):
 
   def _extended(self, clip, prompt, num_frames, seconds, random, cleanup, sampling, **choices):
     """random: (keys, seeds); choices: further arguments of the method's `continue_motion`."""
-    from motion_jax.models.results import captions_in_a_row, go_on
+    from motion_jax.models.results import captions_in_a_row, extended_motion
     from motion_jax.models.shared.known_motion import KnownMotion, at_rate, clip_of
-    from motion_jax.motion.step_records import record
+    from motion_jax.motion import step_records
     if isinstance(prompt, str):
       if num_frames is not None or seconds is not None:
         seconds = self.frames_of([prompt], num_frames, seconds)[0] / self.fps
@@ -231,16 +227,16 @@ class BlockModel(TextToMotionModel):
     segments, (keys, seeds), layout = self.segments_of(prompt), random, self.stats.layout
     clip = clip_of(clip, layout)
     known = KnownMotion.of(at_rate(clip, self.fps, layout.skeleton), layout.skeleton)
-    joints, ends, about, steps = self.continue_motion(clip, known.on_model, segments, keys, cleanup, sampling,
+    joints, ends, record, steps = self.continue_motion(clip, known.on_model, segments, keys, cleanup, sampling,
                                                       **choices)
     prompts = [text for text, _ in segments]
-    about |= dict(prompt=" | ".join(prompts), seed=seeds[0], cleanup=bool(cleanup))
+    record |= dict(prompt=" | ".join(prompts), seed=seeds[0], cleanup=bool(cleanup))
     new = known.continued(joints, ends[-1], self.fps, cleanup)
     if cleanup and not steps:
       before = known.continued(joints, ends[-1], self.fps, False)
-      steps = [record("cleanup", "bone lengths restored, feet pinned", before, new, layout.skeleton,
+      steps = [step_records.record("cleanup", "bone lengths restored, feet pinned", before, new, layout.skeleton,
                       start=len(known.joints))]
-    return go_on(self, clip, known.joints, new, captions_in_a_row(prompts, ends, self.fps), about, *steps)
+    return extended_motion(self, clip, known.joints, new, captions_in_a_row(prompts, ends, self.fps), record, *steps)
 
   @arguments.checked
   def stream(self, prompt: str | Segments, *, rng: jax.Array | None = None, seed: int | None = None,

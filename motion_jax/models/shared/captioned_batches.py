@@ -14,7 +14,8 @@ from motion_jax.text.captions import vary_subject
 from motion_jax.text.encoder import TextEncoder, load_text_encoder
 from motion_jax.text.padding import narrowest
 from motion_jax.training import checkpoint
-from motion_jax.training.setup import caption_lengths, encoder_files, held_out
+from motion_jax.training.setup import TrainingSetup, caption_lengths, encoder_files, held_out, resolve_epochs
+from motion_jax.training.stage import Stage
 from motion_jax.utils.errors import InputError
 
 NO_CAPTION = "no_text_emb"  # the name, among the frozen parts, of the embedding (1, E) of an empty caption
@@ -199,3 +200,12 @@ def held_out_loss(config: ConfigDict, stats: Stats, encoder: TextEncoder, loss: 
     print(f"note: no loss on held-out clips: {error}")
     return None
   return held_out_means(next_batch, measured_loss(loss), frozen)
+
+
+def denoising_setup(config: ConfigDict, stage_of: Callable[[ConfigDict], Stage], data: sources.FeatureSet,
+                    encoder: TextEncoder, frozen: dict[str, Any]) -> TrainingSetup:
+  """The set-up of a denoiser: its stage on captioned clips, measured on held-out ones without dropping anything."""
+  next_batch, num_items = batches_of(config, data, encoder)
+  config = resolve_epochs(config, num_items)  # a loss may change towards the end of training
+  evaluate = held_out_loss(config, data.stats, encoder, stage_of(undisturbed(config)).loss, frozen)
+  return TrainingSetup(stage_of(config), next_batch, frozen, evaluate, data.stats, text_files(data, encoder), num_items)

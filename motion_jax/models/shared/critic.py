@@ -9,7 +9,6 @@ from typing import Any
 import flax.traverse_util
 import jax
 import jax.numpy as jnp
-from jaxtyping import Float
 from ml_collections import ConfigDict
 
 from motion_jax.metrics.physics import in_body_frame
@@ -17,7 +16,7 @@ from motion_jax.models.shared import motion_errors
 from motion_jax.motion.representations import get_layout
 from motion_jax.motion.skeleton import HUMANML3D, Skeleton
 from motion_jax.nets.motion_critic import MotionCritic
-from motion_jax.shapes import Array
+from motion_jax.shapes import Array, Float
 from motion_jax.training.checkpoint import CRITIC
 from motion_jax.training.stage import Stage
 

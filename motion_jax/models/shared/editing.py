@@ -1,20 +1,33 @@
-"""Models that edit: frames of a clip are sampled again, and all frames are decoded."""
+"""Models that edit: frames of a clip are sampled again, and all frames are decoded.
+
+For a `LatentEditingModel` a new motion is an edit of everything: its network fills the masked latents of a motion.
+"""
 import dataclasses
 from collections.abc import Iterable, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any, cast
 
 import jax
 import numpy as np
-from jaxtyping import Bool, Float
 
 from motion_jax.models import arguments
 from motion_jax.models.base import TextToMotionModel
 from motion_jax.models.keys import keys_of
 from motion_jax.models.results import Motion, Motions, features_of, motions_of_prompts
-from motion_jax.models.shared import pasting
+from motion_jax.models.shared import length, pasting
 from motion_jax.models.shared.known_motion import clip_of, on_our_body
 from motion_jax.motion.filling import runs_of
+from motion_jax.motion.representations import get_layout
+from motion_jax.nets.length_estimator import LengthEstimator
+from motion_jax.shapes import Bool, Float
+from motion_jax.text.captions import of_a_person
+from motion_jax.utils import cache
+from motion_jax.utils.config_files import module_fields
 from motion_jax.utils.errors import InputError
+
+if TYPE_CHECKING:
+  from motion_jax.control.signal import ControlSignal
+  from motion_jax.runs import Run
+  from motion_jax.text.encoder import TextEncoder
 
 
 def edited_latents(new: Sequence[Bool[np.ndarray, " _"]], length: int, frames_per_latent: int
@@ -56,8 +69,8 @@ class EditingModel(TextToMotionModel):
               ) -> tuple[list[Float[np.ndarray, "_ f"]], dict[str, Any]]:
     """(features (T, F) of each motion, not normalized, record of the sampling): see `inpainted`. `shared.pasting` puts
     the new frames into the clip that they belong to."""
-    sampled, about = self.inpainted(features, new, prompts, keys, sampling)
-    return [self.stats.denormalize(x[:len(given)]) for x, given in zip(sampled, features)], about
+    sampled, record = self.inpainted(features, new, prompts, keys, sampling)
+    return [self.stats.denormalize(x[:len(given)]) for x, given in zip(sampled, features)], record
 
   @arguments.checked
   def edit(self, clip: Any, prompt: str, task: str | None = None, *, keep: pasting.Spans | None = None,
@@ -92,9 +105,9 @@ class EditingModel(TextToMotionModel):
     if not all(flags.any() for flags in new):
       raise InputError("everything is kept, so there is nothing to make; choose a span to change, or a shorter one to "
                        "keep")
-    sampled, about = self.inpainted(features, new, prompts, keys, sampling)
+    sampled, record = self.inpainted(features, new, prompts, keys, sampling)
     motions = motions_of_prompts(self, sampled, prompts, [len(x) for x in features], seeds,
-                                 about | dict(task=task or "spans"), cleanup)
+                                 record | dict(task=task or "spans"), cleanup)
     return dataclasses.replace(motions, motions=tuple(
         motion.replace(id=clip.id, license=clip.license or motion.license,
                        meta=motion.meta | dict(edited=clip.source or clip.id, made=self._runs(flags)))
@@ -116,3 +129,59 @@ class EditingModel(TextToMotionModel):
     """[[first, past], ...] of the latents with any new frame, in frames."""
     unit = self.frames_per_latent
     return [list(run) for run in runs_of(np.repeat(edited_latents([new], len(new) // unit, unit)[0], unit))]
+
+
+class LatentEditingModel(EditingModel):
+  """A model that fills masked latents, all of a new motion or the new ones of an edit. Motions are padded to the
+  length of training and cut to whole latents. A method implements `encoded` and `filled`."""
+
+  def __init__(self, run: "Run", encoder: "TextEncoder", text_dim: int, frames_per_latent: int,
+               frozen_shapes: dict[str, Any], shapes: Any) -> None:
+    config = run.config
+    self.length = LengthEstimator(**module_fields(config.length)) if config.length else None
+    if self.length:
+      frozen_shapes = frozen_shapes | {"length": length.length_shapes(self.length, text_dim)}
+    self.max_seconds = config.data.max_frames / get_layout(config.data.layout).skeleton.fps
+    self.max_latents = config.data.max_frames // frames_per_latent
+    super().__init__(run, encoder, text_dim, frames_per_latent, frozen_shapes, shapes)
+    self._logits = cache.Program("length", lambda params, text_emb: cast(Any, self.length).apply(params, text_emb), 0,
+                                 (self.length,))
+
+  def encoded(self, features: Float[np.ndarray, "b t f"], real_mask: Bool[np.ndarray, "b l"]) -> Any:
+    """Latents (B, L, ...) of normalized, padded features."""
+    raise NotImplementedError(f"{type(self).__name__} has no `encoded` (docs/adding.md)")
+
+  def filled(self, latents: Any, editable: Bool[np.ndarray, "b l"], real_mask: Bool[np.ndarray, "b l"],
+             prompts: Sequence[str], keys: jax.Array, sampling: dict[str, Any], signal: "ControlSignal | None" = None
+             ) -> tuple[Any, dict[str, Any]]:
+    """(normalized features (B, T, F), record of the sampling) with the editable latents sampled; latents None: of a
+    new motion."""
+    raise NotImplementedError(f"{type(self).__name__} has no `filled` (docs/adding.md)")
+
+  def estimated_frames(self, prompt: str) -> int | None:
+    """The median length by the length estimator, at most that of training; None for a run without one."""
+    if self.length is None:
+      return None
+    logits = self._logits(self.frozen["length"], self.encoder([of_a_person(prompt)])[0][:, 0])
+    return min(int(length.middle_frames(logits, self.frames_per_latent)[0]), self.config.data.max_frames)
+
+  def sample(self, prompts: Sequence[str], frames: Sequence[int], keys: jax.Array, seeds: Sequence[int | None],
+             cleanup: bool, sampling: dict[str, Any], signal: "ControlSignal | None" = None) -> Motions:
+    """One pass of the network: motions of prompts, a key each."""
+    unit = self.frames_per_latent
+    frames = [count // unit * unit for count in frames]
+    every = np.arange(self.max_latents) < np.array(frames)[:, None] // unit
+    features, record = self.filled(None, every, every, prompts, keys, sampling, signal)
+    return motions_of_prompts(self, features, prompts, frames, seeds, record, cleanup)
+
+  def inpainted(self, features: Sequence[Float[np.ndarray, "_ f"]], new: Sequence[Bool[np.ndarray, " _"]],
+                prompts: Sequence[str], keys: jax.Array, sampling: dict[str, Any]
+                ) -> tuple[Float[np.ndarray, "b t f"], dict[str, Any]]:
+    """(normalized features (B, T, F), record of the sampling): latents with any new frame are sampled, and all are
+    decoded. A motion may end within a latent."""
+    unit = self.frames_per_latent
+    real_mask = np.arange(self.max_latents) < np.array([[-(-len(x) // unit)] for x in features])
+    latents = self.encoded(padded_features(self, features, self.max_latents * unit), real_mask)
+    sampled, record = self.filled(latents, edited_latents(new, self.max_latents, unit), real_mask, prompts, keys,
+                                  sampling)
+    return np.asarray(sampled), record

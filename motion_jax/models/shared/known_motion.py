@@ -3,7 +3,6 @@ import dataclasses
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Num
 
 from motion_jax.data.clip import Clip
 from motion_jax.motion import plausibility
@@ -12,7 +11,7 @@ from motion_jax.motion.representations import Representation
 from motion_jax.motion.retarget import floor_height, leg_scale, retarget, with_lengths
 from motion_jax.motion.retiming import resample
 from motion_jax.motion.skeleton import Skeleton, bone_lengths, with_own_lengths
-from motion_jax.shapes import Array
+from motion_jax.shapes import Array, Float, Num
 from motion_jax.utils.errors import InputError
 from motion_jax.utils.numerals import format_value
 
@@ -68,31 +67,31 @@ class KnownMotion:
   def cut(self, first: int, past: int) -> "KnownMotion":
     return dataclasses.replace(self, joints=self.joints[first:past], on_model=self.on_model[first:past])
 
-  def own_body(self, made: Num[np.ndarray, "n j 3"], shown: Num[np.ndarray, "t j 3"]) -> Float[np.ndarray, "n j 3"]:
-    """Brings generated joints `made` (N, J, 3) from the model's body to this motion's body and floor; x and z may be
-    off.
+  def own_body(self, generated: Num[np.ndarray, "n j 3"], shown: Num[np.ndarray, "t j 3"]
+               ) -> Float[np.ndarray, "n j 3"]:
+    """Brings generated joints (N, J, 3) from the model's body to this motion's body and floor; x and z may be off.
 
-    shown (T, J, 3): this motion as the model saw it, on the same floor as `made`.
+    shown (T, J, 3): this motion as the model saw it, on the same floor as `generated`.
     """
-    made = np.asarray(made, np.float64)
+    generated = np.asarray(generated, np.float64)
     floor = floor_height(self.joints, self.skeleton)
     if self.is_on_model:
-      result, scale = with_lengths(made, self.own), 1.0
+      result, scale = with_lengths(generated, self.own), 1.0
     else:
-      result, scale = retarget(made, self.own), leg_scale(made, self.own)
-    height = scale * (floor_height(made, self.skeleton) - floor_height(shown, self.skeleton))
+      result, scale = retarget(generated, self.own), leg_scale(generated, self.own)
+    height = scale * (floor_height(generated, self.skeleton) - floor_height(shown, self.skeleton))
     result[..., 1] += floor + height - floor_height(result, self.skeleton)
     return result
 
-  def continued(self, made: Num[np.ndarray, "n j 3"], count: int, fps: float, fix_body: bool = True
+  def continued(self, generated: Num[np.ndarray, "n j 3"], count: int, fps: float, fix_body: bool = True
                 ) -> Float[np.ndarray, "m j 3"]:
-    """The last `count` frames of generated joints `made` (N, J, 3), on this motion's body, continued from its end; the
-    frames of `made` before them repeat that end. fix_body: see `fill_frames`. float32."""
-    past = self.cut(len(self.joints) - (len(made) - count), len(self.joints))
-    made = self.own_body(made, made[:-count]) if fix_body else np.asarray(made, np.float64)
+    """The last `count` frames of generated joints (N, J, 3), on this motion's body, continued from its end, which the
+    generated frames before them repeat. fix_body: see `fill_frames`. float32."""
+    past = self.cut(len(self.joints) - (len(generated) - count), len(self.joints))
+    generated = self.own_body(generated, generated[:-count]) if fix_body else np.asarray(generated, np.float64)
     given = np.concatenate([past.joints, np.repeat(past.joints[-1:], count, axis=0)])
-    new = np.arange(len(made)) >= len(past.joints)
-    return fill_frames(made, given, new, self.own, fps, fix_body)[new].astype(np.float32)
+    new = np.arange(len(generated)) >= len(past.joints)
+    return fill_frames(generated, given, new, self.own, fps, fix_body)[new].astype(np.float32)
 
 
 def _differ(body, skeleton):

@@ -7,11 +7,10 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float, Int
 from ml_collections import ConfigDict
 
 from motion_jax.nets.length_estimator import LengthEstimator
-from motion_jax.shapes import Array
+from motion_jax.shapes import Array, Float, Int
 from motion_jax.training.stage import Stage, mixed_precision
 
 

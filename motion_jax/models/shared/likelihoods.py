@@ -8,10 +8,9 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import optax
-from jaxtyping import Float
 
 from motion_jax import shapes
-from motion_jax.shapes import Array, Latents
+from motion_jax.shapes import Array, Float, Latents
 
 
 class Sharing(NamedTuple):

@@ -11,10 +11,9 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float, Int
 
 from motion_jax.models.shared.spans import TASKS
-from motion_jax.shapes import Array, Latents
+from motion_jax.shapes import Array, Bool, Float, Int, Latents
 
 # --- training ----------------------------------------------------------------------------------------------------
 
@@ -59,11 +58,11 @@ def corruption(time_u: Float[Array, " b"], order_u: Float[Array, "b l"], noise_u
   return Corruption(masked, noised, masked & ~noised & (keep_u < mask_rate))
 
 
-def corrupt(latents: Latents, made: Corruption, noise: Latents,
+def corrupt(latents: Latents, corrupted: Corruption, noise: Latents,
             mask_latent: Float[Array, "1 1 c"], real_mask: Bool[Array, "b l"]) -> Latents:
   """Input of the transformer: latents (B, L, C) with a Corruption applied; mask_latent (1, 1, C), zeros at padding."""
-  x = jnp.where(made.noised[..., None], noise, latents)
-  x = jnp.where(made.replaced[..., None], mask_latent, x)
+  x = jnp.where(corrupted.noised[..., None], noise, latents)
+  x = jnp.where(corrupted.replaced[..., None], mask_latent, x)
   return jnp.where(real_mask[..., None], x, 0.0)
 
 

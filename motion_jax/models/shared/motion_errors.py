@@ -9,14 +9,13 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float, Num
 from ml_collections import ConfigDict
 
 from motion_jax.motion.contacts import LOW, feet_stand
 from motion_jax.motion.representations import get_layout
 from motion_jax.motion.skeleton import HUMANML3D, Skeleton
 from motion_jax.motion.stats import Stats
-from motion_jax.shapes import Array
+from motion_jax.shapes import Array, Bool, Float, Num
 
 NAMES = ("acceleration", "extremity_velocity", "foot_contact", "brief_contact", "bone_length", "limb_direction",
          "dynamics")
@@ -27,10 +26,10 @@ _TOGETHER = 10.0           # weight of ratios of neighbouring joints and of orde
 _TOUCHES = 1.0   # m/s: a foot near the ground that is slower touches it, as in running; at 20 frames a second
 
 
-def motion_errors(made: Num[Array, "b t j 3"], real: Num[Array, "b t j 3"],
+def motion_errors(predicted: Num[Array, "b t j 3"], real: Num[Array, "b t j 3"],
                   frame_mask: Bool[Array, "b t"] | None = None, skeleton: Skeleton = HUMANML3D,
                   fps: float | None = None) -> dict[str, Float[Array, " b"]]:
-  """Mean squared errors (B,) of how a decoded motion `made` (B, T, J, 3) moves, per clip and by name.
+  """Mean squared errors (B,) of how a decoded motion `predicted` (B, T, J, 3) moves, per clip and by name.
 
   acceleration: of all joints, (m/s^2)^2.
   extremity_velocity: of wrists, ankles and toes, velocity error plus speed error, (m/s)^2. A latent stands for several
@@ -53,14 +52,14 @@ def motion_errors(made: Num[Array, "b t j 3"], real: Num[Array, "b t j 3"],
   if frame_mask is None:
     frame_mask = jnp.ones(real.shape[:2], bool)
   else:  # padding may hold NaN
-    made, real = (jnp.where(frame_mask[..., None, None], a, 0.0) for a in (made, real))
+    predicted, real = (jnp.where(frame_mask[..., None, None], a, 0.0) for a in (predicted, real))
   stands = jax.vmap(lambda joints: feet_stand(joints, fps, skeleton, floor=0.0))(real)
-  error, step = made - real, lambda a: jnp.diff(a, axis=1) * (fps * skeleton.unit)
+  error, step = predicted - real, lambda a: jnp.diff(a, axis=1) * (fps * skeleton.unit)
   both = frame_mask[:, 1:] & frame_mask[:, :-1]
   ends = jnp.concatenate([wrists, feet])
-  decoded, given = step(made[:, :, ends]), step(real[:, :, ends])
+  decoded, given = step(predicted[:, :, ends]), step(real[:, :, ends])
   both_stand = stands[:, 1:] & stands[:, :-1]
-  sliding = jnp.where(both_stand[..., None], step(made[:, :, feet]), 0.0)
+  sliding = jnp.where(both_stand[..., None], step(predicted[:, :, feet]), 0.0)
   low = real[:, :, feet, 1] * skeleton.unit < LOW
   touches = low[:, 1:] & low[:, :-1] & ~both_stand & (_length(step(real[:, :, feet]))[..., 0] < _TOUCHES)
   slipping = jnp.where(touches[..., None], step(error[:, :, feet]), 0.0)
@@ -68,9 +67,9 @@ def motion_errors(made: Num[Array, "b t j 3"], real: Num[Array, "b t j 3"],
           "extremity_velocity": _mean_square(
               jnp.concatenate([decoded - given, _length(decoded) - _length(given)], -1), both),
           "foot_contact": _mean_square(sliding, both), "brief_contact": _mean_square(slipping, both),
-          "bone_length": _mean_square(_bones(made, skeleton) - _bones(real, skeleton), frame_mask),
-          "limb_direction": _mean_square(_directions(made, skeleton) - _directions(real, skeleton), frame_mask),
-          "dynamics": _dynamics(made, real, frame_mask, fps, skeleton)}
+          "bone_length": _mean_square(_bones(predicted, skeleton) - _bones(real, skeleton), frame_mask),
+          "limb_direction": _mean_square(_directions(predicted, skeleton) - _directions(real, skeleton), frame_mask),
+          "dynamics": _dynamics(predicted, real, frame_mask, fps, skeleton)}
 
 
 def _directions(joints, skeleton):

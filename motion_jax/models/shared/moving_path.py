@@ -2,9 +2,9 @@
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from jaxtyping import Float
 
 from motion_jax.motion import rotations as rot
+from motion_jax.shapes import Float
 
 if TYPE_CHECKING:
   from motion_jax.motion.representations import Representation

@@ -9,7 +9,6 @@ from typing import Any, NamedTuple
 
 import jax
 import numpy as np
-from jaxtyping import Bool, Float
 
 from motion_jax.data.clip import Caption, Clip
 from motion_jax.models.results import Motion, Motions, captions_with, cleanup_record, features_of, gathered
@@ -18,6 +17,7 @@ from motion_jax.models.shared.spans import TASKS
 from motion_jax.motion import step_records
 from motion_jax.motion.cleanup import clean_up
 from motion_jax.motion.filling import fill_frames, in_spans, runs_of
+from motion_jax.shapes import Bool, Float
 from motion_jax.utils.errors import InputError
 
 Spans = Sequence[Sequence[int]]  # [(first frame, the one past the last), ...]
@@ -89,7 +89,7 @@ def prepare(model: Any, motion: Any, new: Callable[[int], Bool[np.ndarray, " t"]
 
 
 def paste(model: Any, edit: Edit, prompt: str, seed: int | None, decoded: Float[np.ndarray, "n f"],
-          cleanup: bool, about: dict[str, Any]) -> Motion:
+          cleanup: bool, record: dict[str, Any]) -> Motion:
   """The motion of an edit: its clip with new frames from decoded (count, F), the unnormalized features of its window.
   """
   layout = model.stats.layout
@@ -116,7 +116,7 @@ def paste(model: Any, edit: Edit, prompt: str, seed: int | None, decoded: Float[
   return Motion(joints, model.fps, captions, id=edit.clip.id, source=model.id,
                 license=edit.clip.license or model.license, skeleton=layout.skeleton,
                 features=features_of_edit(model, edit, joints),
-                meta=dict(prompt=prompt, seed=seed, cleanup=bool(cleanup), steps=steps) | about | dict(
+                meta=dict(prompt=prompt, seed=seed, cleanup=bool(cleanup), steps=steps) | record | dict(
                     edited=edit.clip.source or edit.clip.id, made=runs))
 
 
@@ -136,7 +136,7 @@ def edited(model: Any, clips: Sequence[Any], prompts: Sequence[str],
            sampling: dict[str, Any], task: str = "spans") -> Motions:
   """Clips whose frames new(num_frames) -> (T,) are sampled once and pasted back, in one batch."""
   edits = [prepare(model, clip, new) for clip in clips]
-  decoded, about = model.inpaint([edit.features for edit in edits], [edit.new_in_window for edit in edits], prompts,
+  decoded, record = model.inpaint([edit.features for edit in edits], [edit.new_in_window for edit in edits], prompts,
                                  keys, sampling)
-  return gathered([paste(model, *row, cleanup, about | dict(task=task))
+  return gathered([paste(model, *row, cleanup, record | dict(task=task))
                    for row in zip(edits, prompts, seeds, decoded)])

@@ -5,7 +5,6 @@ from typing import Any, Self
 
 import jax
 import numpy as np
-from jaxtyping import Bool, Float
 
 from motion_jax.control.signal import ControlSignal
 from motion_jax.data.clip import Caption
@@ -13,6 +12,7 @@ from motion_jax.models.results import Motion
 from motion_jax.models.shared.moving_path import Path, continue_path
 from motion_jax.models.shared.script import Script
 from motion_jax.motion.cleanup import Cleaner
+from motion_jax.shapes import Bool, Float
 from motion_jax.utils.errors import InputError
 
 Segments = Sequence[tuple[str, int | None]]  # prompts and their frames

@@ -6,14 +6,7 @@ that it reads are random, as its own will be wrong now and then.
 
   features (B, T, F) -> codes (B, T / 4); caption -> code, code, ..., end -> decode -> features
 
-losses    of the transformer; those of the VQ-VAE: `shared.autoencoders`
-items     clips as rows of codes
-stages    what is trained, as pure functions
-setup     a config becomes a stage with its data
-sampling  one code after the other, with a cache
-model     ready to use
-weights   the authors' PyTorch files
-
+`items` keeps clips as rows of codes. Losses of the VQ-VAE: `shared.autoencoders`.
 Numbers follow the released code (docs/papers/t2m_gpt.md); where the paper differs a comment starts with "Parity".
 """
 import lazy_loader

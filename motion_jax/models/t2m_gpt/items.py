@@ -5,10 +5,10 @@ from typing import Any
 
 import jax
 import numpy as np
-from jaxtyping import Int
 
 from motion_jax.data import batches
 from motion_jax.latents import RvqCodec
+from motion_jax.shapes import Int
 
 
 def target_row(codes: Int[np.ndarray, " n"], length: int, end: int) -> Int[np.ndarray, " {length}"]:

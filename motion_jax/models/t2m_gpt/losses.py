@@ -3,10 +3,9 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Bool, Float, Int
 
 from motion_jax.nets.masks import padding_mask
-from motion_jax.shapes import Array, Net
+from motion_jax.shapes import Array, Bool, Float, Int, Net
 
 
 class Draws(NamedTuple):

@@ -7,10 +7,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from motion_jax.control.signal import ControlSignal
 from motion_jax.latents import TOKENIZER, RvqCodec
 from motion_jax.models.base import Frames, TextToMotionModel
-from motion_jax.models.results import Motions, motions_of_prompts
 from motion_jax.models.shared import round_trips
 from motion_jax.models.shared.autoencoders import autoencoder_shapes
 from motion_jax.models.t2m_gpt import sampling as sampler
@@ -50,17 +48,16 @@ class T2mGptModel(TextToMotionModel):
       return [_OWN] * len(prompts)
     return super().frames_of(prompts, num_frames, seconds)
 
-  def sample(self, prompts: Sequence[str], frames: Sequence[int], keys: jax.Array, seeds: Sequence[int | None],
-             cleanup: bool, sampling: dict[str, Any], signal: ControlSignal | None = None) -> Motions:
-    """One pass: motions of prompts, a key each. Lengths are cut to whole codes (4 frames)."""
-    chosen, unit = self.sampling(**sampling), self.frames_per_latent
+  def sampled_features(self, prompts: Sequence[str], frames: Sequence[int], keys: jax.Array, chosen: T2mGptSampling
+                       ) -> tuple[Any, Sequence[int]]:
+    """(normalized features (B, T, F), frames of each motion) of prompts; lengths are cut to whole codes (4 frames)."""
+    unit = self.frames_per_latent
     counts = np.array(frames) // unit
     fewest = np.where(counts > 0, counts, 1)
     most = np.where(counts > 0, counts, self.net.max_length - 1)
     rows, num_codes = self._generate(chosen.draw, self.params, self.codec.params, self.encoder(prompts)[0][:, 0], keys,
                                      jnp.asarray(fewest), jnp.asarray(most), jnp.float32(chosen.temperature))
-    frames = [int(count) * unit for count in np.asarray(num_codes)]
-    return motions_of_prompts(self, rows, prompts, frames, seeds, chosen.about() | dict(model=self.id), cleanup)
+    return rows, [int(count) * unit for count in np.asarray(num_codes)]
 
 
 MODELS = {"t2m_gpt.gpt": T2mGptModel}

@@ -4,9 +4,8 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Float, Int
 
-from motion_jax.shapes import Array, Net
+from motion_jax.shapes import Array, Float, Int, Net
 
 Choose = Callable[[Any, Float[Array, "b k"]], Int[Array, " b"]]  # (place, logits) -> codes
 

@@ -48,5 +48,4 @@ def _rows(config, data, codec, encoder):
   return next_batch, len(items)
 
 
-RESOLVED: dict = {}
 SETUPS = {"t2m_gpt.vq": rvq, "t2m_gpt.gpt": gpt}

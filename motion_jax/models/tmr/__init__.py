@@ -5,13 +5,8 @@ trained teacher aligns the latents of CMDM's tokenizer, searches collections of 
 
   motion (B, T, F) -> motion network -> (B, E)          caption -> text network -> (B, E)
 
-losses        the contrast, and the terms of TMR
-space         the networks by kind, and the space that each spans
-stages        how they are trained, as pure functions
-setup         a config becomes a stage with its data and the weights that it starts from
-alignment     a trained teacher's feature of every frame, for a tokenizer
-weights       the authors' PyTorch files; `weight_names` maps their names
-
+`space` has the networks by kind and the space that each spans, `alignment` a trained teacher's feature of every frame,
+for a tokenizer.
 Numbers follow the released code (docs/papers/cmdm.md#part-tmr, #tmr, #motionpatches); where a paper differs a comment
 starts with "Parity".
 """

@@ -7,13 +7,12 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 
 from motion_jax.models.tmr.space import Teacher
 from motion_jax.motion.representations import Representation, get_layout
 from motion_jax.motion.stats import Stats
 from motion_jax.nets.tmr import TMR
-from motion_jax.shapes import Array, Net
+from motion_jax.shapes import Array, Float, Net
 
 
 def check_readable(layout: Representation | str, own_layout: Representation | str) -> None:

@@ -10,12 +10,11 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import optax
-from jaxtyping import Bool, Float
 
 from motion_jax import shapes
 from motion_jax.nets.masks import padding_mask
 from motion_jax.nets.tmr import mean_rows
-from motion_jax.shapes import Array, Net
+from motion_jax.shapes import Array, Bool, Float, Net
 
 
 def unit(x: Float[Array, "*lead e"]) -> Float[Array, "*lead e"]:

@@ -15,7 +15,6 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float, Int
 from ml_collections import ConfigDict
 
 from motion_jax.models.tmr.losses import unit
@@ -24,7 +23,7 @@ from motion_jax.motion.representations import Representation, get_layout
 from motion_jax.nets.motion_patches import MotionPatches
 from motion_jax.nets.part_tmr import PartTMR
 from motion_jax.nets.tmr import TMR
-from motion_jax.shapes import Array, Net
+from motion_jax.shapes import Array, Bool, Float, Int, Net
 from motion_jax.text.bert import Bert
 from motion_jax.text.encoder import TextEncoder
 
