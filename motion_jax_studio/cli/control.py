@@ -34,10 +34,7 @@ def add_to(parser):
 def constraints_of(args, model):
   """The constraints of the flags of `add_to`, at the model's frame rate."""
   from motion_jax.control import constraints as kinds
-  from motion_jax.control import files
-  constraints = []
-  if args.control:
-    constraints += files.load(args.control, lambda path, frame: _joints(path, frame, model, args)[0])
+  constraints = read_file(args, model) if args.control else []
   if args.path:
     with shared.value_of("--path", args.path):
       constraints.append(_path(args.path, kinds))
@@ -67,6 +64,12 @@ def constraints_of(args, model):
     constraints.append(kinds.KeepParts(joints, tuple(part.strip() for part in parts.split(",")), fps))
   constraints += [kinds.Loop()] if args.loop else []
   return constraints + ([kinds.InPlace()] if args.in_place else [])
+
+
+def read_file(args, model):
+  """The constraints of the file of --control."""
+  from motion_jax.control import files
+  return files.load(args.control, lambda path, frame: _joints(path, frame, model, args)[0])
 
 
 def regenerate_parts(args, clip, pipeline, sampling):

@@ -88,12 +88,15 @@ def _add_edit(commands):
   part.add_argument("--keep", action="append", metavar="A:B", help="keep this span and regenerate the rest; repeatable")
   edit.add_argument("--keep-parts", metavar="PARTS", help=f"keep these body parts ({_PARTS}) and regenerate the "
                     "others, within --change or everywhere; works with any model")
+  edit.add_argument("--control", metavar="FILE.json", help="keys that the new frames meet: poses and targets with "
+                    "times (docs/control.md)")
   edit.add_argument("--no-paste", action="store_true", help="return kept frames as the autoencoder decodes them, "
                     "not as they are in the file")
   flags.add_attempts(edit)
   flags.add_steps(edit, step_names.EDIT)
   shared.add_reading(edit)
-  flags.add_common(edit, "edit", "edited.html", ("prompt", "task", "change", "keep", "keep_parts", "max_attempts"))
+  flags.add_common(edit, "edit", "edited.html", ("prompt", "task", "change", "keep", "keep_parts", "control",
+                                                         "max_attempts"))
   edit.set_defaults(run=_edit, model="cdamd-small")
 
 
@@ -188,7 +191,10 @@ def _spans(args, clip, fps):
 def _editor(args, session):
   """The function that edits: the pipeline's, or with --no-paste the model's."""
   if not args.no_paste:
-    return functools.partial(session.pipeline.edit, max_attempts=args.max_attempts, without=session.without)
+    keys = {"control": control.read_file(args, session.model)} if args.control else {}
+    return functools.partial(session.pipeline.edit, max_attempts=args.max_attempts, without=session.without, **keys)
+  if args.control:
+    raise InputError("got --control with --no-paste; keys are met in the clip itself, so leave out --no-paste")
   if args.without:
     raise InputError("got --without with --no-paste, which is one pass of the network without those steps; use "
                      "--no-cleanup to leave out the cleanup")

@@ -6,6 +6,7 @@ import numpy as np
 
 from motion_jax.control.compiling import compile
 from motion_jax.control.constraints import Constraint
+from motion_jax.control.keys import without_slack
 from motion_jax.data.clip import Clip
 from motion_jax.export import scene
 from motion_jax.models.results import Motion, captions_in_a_row
@@ -35,8 +36,10 @@ def made(stories: MultiPromptCache, pipeline: Any, segments: Sequence[tuple[str,
 
 def report(control: Sequence[Constraint], motion: Clip) -> dict[str, Any]:
   """Constraints as they apply to a motion: {targets: [[frame, x, y, z]], poses: [{frame, joints}], off: {mean, worst,
-  frame, joint}}. `off` is the distance in millimetres; it is missing if no constraint has a place."""
-  signal = compile(control, motion.num_frames, motion.fps, motion.joints)
+  frame, joint}}. `off` is the distance in millimetres, of keys at full strength; it is missing if no constraint has a
+  place."""
+  known = without_slack([one for one in control if getattr(one, "strength", 1) == 1], motion.joints, motion.fps)
+  signal = compile(known, motion.num_frames, motion.fps, motion.joints)
   parts, off = scene.parts_of(signal), scene.distance(signal, motion)
   return {"targets": [[frame, *np.round(place, 4).tolist()] for frame, _, place in parts.targets],
           "poses": [{"frame": frame, "joints": np.round(joints, 4).tolist()} for frame, joints in parts.poses]

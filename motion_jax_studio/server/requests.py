@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from motion_jax import export
+from motion_jax.control.constraints import Constraint
 from motion_jax.export.files import READERS
 from motion_jax.models.results import Motion
 from motion_jax.motion.step_records import record
@@ -106,15 +107,16 @@ class RequestHandler:
     return motion.replace(meta=motion.meta | {"steps": [*planned, *motion.meta["steps"]]}), reused, same
 
   def edit(self, body: Any) -> dict[str, Any]:
-    """Fields of `Edit` -> {motion, made, notes}."""
+    """Fields of `Edit` -> {motion, made, notes, constraints}."""
     request = fields.parse(types_of(self.limits).edit, body, self.limits)
     if (request.change is None) == (request.keep is None):
       raise InputError("got both or neither of change and keep; give one of them, the frames to regenerate or to keep")
     pipeline = self.library.pipeline(request.model or self._first_with("edit"), "edit")
     with self.place(), progress.part("generating the span"):
       motion = make_edit(pipeline, request.motion, request.prompt, request.change, request.keep, request.seed,
-                         request.sampling, request.without)
-    return {"motion": serialization.to_json(motion), "made": motion.meta["made"]} | notes_and_unknown_words(
+                         request.sampling, request.without, request.control)
+    report = {"constraints": constraint_report.report(request.control, motion)} if request.control else {}
+    return {"motion": serialization.to_json(motion), "made": motion.meta["made"]} | report | notes_and_unknown_words(
         pipeline, [request.prompt], notes_of([motion]), without=request.without)
 
   def _first_with(self, ability):
@@ -150,8 +152,11 @@ def rows_of(segments: Sequence[Any]) -> list[tuple[str, float | None]]:
 
 
 def make_edit(pipeline: Any, clip: Any, prompt: str, change: Any, keep: Any, seed: int, sampling: dict[str, Any],
-              without: Collection[str] = ()) -> Motion:
-  """Regenerate the frames of a clip in the spans `change`, or outside the spans `keep`; the others are unchanged."""
+              without: Collection[str] = (), control: Sequence[Constraint] = ()) -> Motion:
+  """Regenerate the frames of a clip in the spans `change`, or outside the spans `keep`; the others are unchanged.
+
+  control: keys in the new frames; with keys one attempt is made, for an animator waits for it.
+  """
   check_sampling(pipeline.model, sampling)
   spans = change if change is not None else keep
   if spans[-1][1] > clip.num_frames:
@@ -161,7 +166,8 @@ def make_edit(pipeline: Any, clip: Any, prompt: str, change: Any, keep: Any, see
   spans = [(first, min(max(round(past * rate), first + 1), frames))
            for first, past in ((min(round(first * rate), frames - 1), past) for first, past in spans)]
   which = dict(change=spans) if change is not None else dict(keep=spans)
-  edited = pipeline.edit(clip, prompt, seed=seed, without=without, **which, **sampling)
+  keyed = dict(control=list(control), max_attempts=1) if control else {}
+  edited = pipeline.edit(clip, prompt, seed=seed, without=without, **which, **keyed, **sampling)
   return edited.replace(source=clip.source or edited.source, meta=edited.meta | dict(said=prompt))
 
 
