@@ -4,9 +4,11 @@ import { Characters } from "./character.js";
 import { bind } from "./controls.js";
 import { pathOf, pointsOf } from "./control.js";
 import { showCurves } from "./curves.js";
+import { Desk } from "./desk.js";
 import { PathTool } from "./path_tool.js";
 import { Ideas } from "./ideas.js";
 import { listen } from "./keys.js";
+import { layOut } from "./layout.js";
 import { Live } from "./live.js";
 import { Notes, STEP } from "./notes.js";
 import { Panels } from "./panels.js";
@@ -251,7 +253,9 @@ const timeline = (studio.timeline = new Timeline($("timeline"), {
     else act({ type: "select", id });
   },
   typing: (field, take) => studio.ideas.attach(field, take),
+  drawn: () => studio.desk?.draw(),
 }));
+const desk = (studio.desk = new Desk(studio));
 
 listen({
   play: studio.play,
@@ -267,13 +271,17 @@ listen({
   ...selected.keys,
   remove: () => {
     if (tool.active && tool.chosen >= 0) tool.remove();
-    else if (!tool.active) removeSelected();
+    else if (!tool.active && !desk.remove()) removeSelected();
   },
   undo: () => act({ type: "undo" }),
   redo: () => act({ type: "redo" }),
   markIn: () => studio.markIn(),
   markOut: () => studio.markOut(),
-  unmark: () => (tool.active ? tool.end() : act({ type: "span", span: null })),
+  unmark: () => (tool.active ? tool.end() : desk.escape() || act({ type: "span", span: null })),
+  help: () => $("help-panel").showModal(),
+  control: desk.control,
+  letters: { ...desk.letters, n: () => studio.toggleDrawer(), f: () => studio.centre(), 1: () => studio.lookFrom("front"),
+    3: () => studio.lookFrom("side"), 7: () => studio.lookFrom("top") }, // prettier-ignore
 });
 
 function removeSelected() {
@@ -303,6 +311,7 @@ studio.ideas = new Ideas($("ideas"), (words) =>
   api.suggestions(studio.mode === "live" ? (live.model?.name ?? "") : studio.state.project.model.name, words),
 );
 bind(studio);
+layOut(studio);
 expose(studio);
 
 function drawTimeline() {

@@ -59,6 +59,12 @@ export class MultiPrompt {
     return motion ?? this.last;
   }
 
+  /** Shows a motion until the one that replaces it has been generated. */
+  showPreview(motion) {
+    this.last = withSteps({ ...motion, stands: undefined, prints: undefined });
+    this.changed();
+  }
+
   get isEmpty() {
     const { blocks, past } = this.state().project;
     return !blocks.length && !past;

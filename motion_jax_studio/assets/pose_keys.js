@@ -126,10 +126,12 @@ export const KEY_CHANGES = {
       return [{ ...one, ...(next.slack ? { slack: Math.round((next.slack / fps) * 1e4) / 1e4 } : {}),
         ...(next.strength < 1 ? { strength: next.strength } : {}) }]; // prettier-ignore
     }),
-  setSpan: (project, { index, span, change }) => {
+  setSpan: (project, { index, span, change, fps }) => {
     const edit = project.edits[index];
     if (!edit || !(change[0] < change[1])) return project;
-    return changed(project, index, (old) => ({ ...old, change: old.change.with(span, change) }));
+    const inside = constraintsIn(edit).map((one) => frameOf(one, fps)).filter((frame) => covers({ change: [edit.change[span]] }, frame));
+    const room = inside.reduce(([first, past], frame) => [Math.min(first, frame), Math.max(past, frame + 1)], change);
+    return changed(project, index, (old) => ({ ...old, change: old.change.with(span, room) }));
   },
   // A span between two keys is regenerated, with the keys inside it.
   addEdit: (project, { edit, fps }) => {
