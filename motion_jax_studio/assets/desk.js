@@ -1,10 +1,11 @@
 // Keys of the project in the page: what the pose tool makes, the tracks show and the row of the selected keys changes.
-import { MOST_EDITS, constraintsOf, keysOf, labelOf, taken } from "./pose_keys.js";
+import { MOST_EDITS, constraintsOf, keysOf, labelOf, plantedOf, taken, trackOf } from "./pose_keys.js";
 import { PoseTool } from "./pose_tool.js";
 import { previewed } from "./preview.js";
-import { JOINTS } from "./skeleton.js";
+import { HANDLES, JOINTS } from "./skeleton.js";
 import { KeyTracks } from "./tracks.js";
 
+const PLANTED = 10; // frames
 const $ = (id) => document.getElementById(id);
 
 export class Desk {
@@ -32,12 +33,13 @@ export class Desk {
       remove: (ids) => this.remove(ids),
       span: (index, span, change) => this.act({ type: "setSpan", index, span, change }),
       seek: (second) => studio.seek(second),
+      stretch: (id, ends) => this.act({ type: "stretchKey", keys: this.keys.filter((key) => key.id === id), ends }),
     });
     $("pose-whole").onchange = () => {
       this.whole = $("pose-whole").checked;
     };
     for (const [id, does] of Object.entries({
-      "pose-key": () => this.tool.keyPose(), "pose-turn": () => this.tool.turn(), "pose-pin": () => this.tool.pin(),
+      "pose-key": () => this.tool.keyPose(), "pose-turn": () => this.tool.turn(), "pose-pin": () => this.tool.pin(), "pose-plant": () => this.plant(),
       "pose-mirror": () => this.tool.mirror(), "pose-copy": () => this.tool.copyPose(),
       "pose-paste": () => this.tool.pastePose(), "pose-reset": () => this.reset(),
       "key-copy": () => this.copy(), "key-remove": () => this.remove(), "key-between": () => this.between(),
@@ -110,11 +112,38 @@ export class Desk {
     this.previewTime = performance.now() - began;
   }
 
+  /** Plants the chosen hand or foot: it stays where it is from the play head on, as long as it stands or half a second. */
+  plant() {
+    const { tool, motion, studio } = this,
+      { limb, bend, label } = HANDLES[tool.chosen] ?? {};
+    if (!limb || bend) return studio.notes.tell("click a hand or a foot first, then plant it", true);
+    const { frame } = studio.player,
+      standing = motion.prints?.find((print) => (print.left ? "left_foot" : "right_foot") === tool.chosen && print.first <= frame &&
+        frame < print.past),
+      until = Math.min(motion.frames - 1, standing && standing.past - 1 > frame + 1 ? standing.past - 1 : frame + PLANTED); // prettier-ignore
+    if (until <= frame) return studio.notes.tell("there is no frame after the play head to plant it in", true);
+    const constraints = plantedOf(tool.pose, tool.chosen, frame, until, motion.fps);
+    if (this.crosses(constraints, frame, until)) return;
+    this.act({ type: "addKey", frame, constraints, edit: this.about(frame) });
+    studio.notes.tell(`the ${label} stays where it is from frame ${frame} to ${until}; drag the ends of its bar`, false);
+  }
+
+  // Whether a part has another key in these frames, which is reported; a key at the first frame is replaced.
+  crosses(constraints, frame, until) {
+    const track = trackOf(constraints[0]),
+      other = this.keys.find((key) => key.track === track && key.frame !== frame && key.frame <= until && frame <= key.until);
+    if (other)
+      this.studio.notes.tell(`there is a key of the ${labelOf(track)} from frame ${other.frame} to ${other.until} already: delete ` +
+        "or shorten it first", true); // prettier-ignore
+    return Boolean(other);
+  }
+
   /** A key of a pose at a frame; handles: those that moved, null for the whole pose. */
   key(pose, handles, frame) {
     const { motion, studio } = this;
     if (!(frame < motion.frames)) return studio.notes.tell("there is no frame to key: the motion has ended", true);
     const constraints = constraintsOf(pose, handles ?? [], frame, motion.fps, this.whole || !handles);
+    if (this.crosses(constraints, frame, frame)) return;
     if (!this.act({ type: "addKey", frame, constraints, edit: this.about(frame) })) {
       return studio.notes.tell(`there are ${MOST_EDITS} edits, the maximum: delete some keys first`, true);
     }
@@ -200,8 +229,9 @@ export class Desk {
   get letters() {
     const { tool } = this,
       inTimeline = (does) => () => this.studio.mode === "timeline" && does();
-    return Object.fromEntries(Object.entries({ g: () => tool.grab(), r: () => tool.turn(), k: () => tool.keyPose(),
-      p: () => tool.pin(), m: () => tool.mirror(), x: () => this.remove(), "shift-r": () => this.reset() })
+    return Object.fromEntries(Object.entries({
+      g: () => tool.grab(), r: () => tool.turn(), k: () => tool.keyPose(),
+      p: () => tool.pin(), l: () => this.plant(), m: () => tool.mirror(), x: () => this.remove(), "shift-r": () => this.reset() })
       .map(([letter, does]) => [letter, inTimeline(does)])); // prettier-ignore
   }
 
@@ -215,12 +245,12 @@ export class Desk {
     const { motion, studio } = this,
       timeline = studio.mode === "timeline";
     this.tracks.element.hidden = !timeline;
-    if (!timeline || !motion) return this.tracks.draw({ keys: [], edits: [], fps: 20, frames: 0, selected: this.selected });
+    if (!timeline || !motion) return this.tracks.draw({ keys: [], edits: [], fps: 20, frames: 0, prints: [], selected: this.selected });
     const keys = this.keys,
       edits = studio.state.project.edits.map((edit, index) => ({ ...edit, index })).filter((edit) => edit.take === this.take &&
         edit.control && keys.some((key) => key.edit === edit.index)); // prettier-ignore
     this.selected = new Set(keys.filter((key) => this.selected.has(key.id)).map((key) => key.id));
-    this.tracks.draw({ keys, edits, fps: motion.fps, frames: motion.frames, selected: this.selected });
+    this.tracks.draw({ keys, edits, fps: motion.fps, frames: motion.frames, prints: motion.prints ?? [], selected: this.selected });
     const chosen = keys.filter((key) => this.selected.has(key.id)),
       [first] = chosen;
     $("key-row").hidden = !first;

@@ -27,17 +27,28 @@ const timeOf = (constraint) => (constraint.type === "keyframe" ? constraint.time
 const frameOf = (constraint, fps) => Math.floor(timeOf(constraint) * fps + 0.5 + 1e-9);
 const isKey = (constraint) =>
   constraint.type === "keyframe" ||
-  (constraint.type === "effector" && constraint.times.length === 1 && constraint.joint in TRACK_OF);
-const at = (constraint, frame, fps) => {
-  const time = Math.round((frame / fps) * 1e4) / 1e4;
-  return constraint.type === "keyframe" ? { ...constraint, time } : { ...constraint, times: [time] };
-};
+  (constraint.type === "effector" && constraint.times.length === (constraint.between ? 2 : 1) && constraint.joint in TRACK_OF);
+const secondOf = (frame, fps) => Math.round((frame / fps) * 1e4) / 1e4;
+const lastOf = (constraint, fps) => Math.floor((constraint.times?.at(-1) ?? constraint.time) * fps + 0.5 + 1e-9);
+// The constraint from another frame on; until: its last frame, where it holds a place.
+const at = (constraint, frame, fps, until = frame + lastOf(constraint, fps) - frameOf(constraint, fps)) =>
+  constraint.type === "keyframe"
+    ? { ...constraint, time: secondOf(frame, fps) }
+    : { ...constraint, times: (constraint.between ? [frame, until] : [frame]).map((one) => secondOf(one, fps)) };
 
 /** The constraints of a key at a frame: of the whole pose, or of the parts that handles moved. */
 export function constraintsOf(pose, handles, frame, fps, whole) {
-  if (whole) return [at({ type: "keyframe", joints: pose.map(rounded), place: "world" }, frame, fps)];
+  const time = secondOf(frame, fps);
+  if (whole) return [{ type: "keyframe", joints: pose.map(rounded), place: "world", time }];
   const joints = new Set(handles.flatMap((handle) => JOINTS_OF[handle]));
-  return [...joints].map((joint) => at({ type: "effector", joint: JOINTS[joint], positions: [rounded(pose[joint])] }, frame, fps));
+  return [...joints].map((joint) => ({ type: "effector", joint: JOINTS[joint], times: [time], positions: [rounded(pose[joint])] }));
+}
+
+/** The constraints that hold a hand or foot in its place from one frame to another. */
+export function plantedOf(pose, handle, frame, until, fps) {
+  return constraintsOf(pose, [handle], frame, fps, false).map(({ positions, ...one }) => ({
+    ...one, times: [frame, until].map((end) => secondOf(end, fps)), positions: [positions[0], positions[0]], between: true,
+  })); // prettier-ignore
 }
 
 const constraintsIn = (edit) => edit.control?.constraints ?? [];
@@ -47,8 +58,8 @@ const withConstraints = (edit, constraints) => ({
 });
 const covers = (edit, frame) => edit.change.some(([first, past]) => first <= frame && frame < past);
 
-/** The keys of a take: [{id, edit, track, frame, slack (frames), strength, constraints}]. A key in frames that a later edit
-    regenerates is that edit's. */
+/** The keys of a take: [{id, edit, track, frame, until, slack (frames), strength, constraints}]; until: the last frame of a
+    hand or foot that is planted, else `frame`. A key in frames that a later edit regenerates is that edit's. */
 export function keysOf(project, take, fps) {
   const edits = project.edits.map((edit, index) => ({ ...edit, index })).filter((edit) => edit.take === take);
   const keys = new Map();
@@ -60,7 +71,7 @@ export function keysOf(project, take, fps) {
       const id = `${edit.index} ${track} ${frame}`,
         { slack = 0, strength = 1 } = constraint;
       if (!keys.has(id))
-        keys.set(id, { id, edit: edit.index, track, frame, slack: Math.round(slack * fps), strength, constraints: [] });
+        keys.set(id, { id, edit: edit.index, track, frame, until: lastOf(constraint, fps), slack: Math.round(slack * fps), strength, constraints: [] });
       keys.get(id).constraints.push(constraint);
     }
   }
@@ -90,23 +101,25 @@ export const KEY_CHANGES = {
   // constraints: of constraintsOf; edit: {prompt, model} of a new edit.
   addKey: (project, { take, frame, constraints, fps, frames, edit }) => {
     if (!(frame >= 0 && frame < frames)) return project;
+    const until = Math.max(...constraints.map((one) => lastOf(one, fps)));
+    if (until >= frames) return project;
     const index = editAt(project, take, frame);
     if (index < 0) {
       if (project.edits.length >= MOST_EDITS) return project;
-      const change = widened([frame - HALF_SPAN, frame + HALF_SPAN + 1], frame, frames),
+      const change = widened([frame - HALF_SPAN, until + HALF_SPAN + 1], frame, frames),
         around = keysInside(project, take, change, fps);
       const added = { take, seed: 0, sampling: {}, ...edit, change: [change] };
       return { ...project, edits: [...project.edits, withConstraints(added, joined(around, constraints, fps))] };
     }
     return changed(project, index, (old) => ({
       ...withConstraints(old, joined(constraintsIn(old), constraints, fps)),
-      change: old.change.map((span) => (covers({ change: [span] }, frame) ? widened(span, frame, frames) : span)),
+      change: old.change.map((span) => (covers({ change: [span] }, frame) ? widened(widened(span, frame, frames), until, frames) : span)),
     }));
   },
   // keys: of keysOf
   removeKeys: (project, { keys }) => replaced(project, keys, () => []),
   moveKeys: (project, { keys, by, fps, frames }) => {
-    const step = Math.max(-Math.min(...keys.map((key) => key.frame)), Math.min(by, frames - 1 - Math.max(...keys.map((key) => key.frame))));
+    const step = Math.max(-Math.min(...keys.map((key) => key.frame)), Math.min(by, frames - 1 - Math.max(...keys.map((key) => key.until))));
     if (!keys.length || !step) return project;
     return withRoom(replaced(project, keys, (constraint) => [at(constraint, frameOf(constraint, fps) + step, fps)]), keys, step, frames);
   },
@@ -126,10 +139,16 @@ export const KEY_CHANGES = {
       return [{ ...one, ...(next.slack ? { slack: Math.round((next.slack / fps) * 1e4) / 1e4 } : {}),
         ...(next.strength < 1 ? { strength: next.strength } : {}) }]; // prettier-ignore
     }),
+  // The first and last frame of a planted hand or foot.
+  stretchKey: (project, { keys: [key], ends: [frame, until], fps, frames }) => {
+    if (!key || !(0 <= frame && frame < until && until < frames)) return project;
+    const found = replaced(project, [key], (constraint) => [at(constraint, frame, fps, until)]);
+    return withRoom(found, [{ ...key, frame, until }], 0, frames);
+  },
   setSpan: (project, { index, span, change, fps }) => {
     const edit = project.edits[index];
     if (!edit || !(change[0] < change[1])) return project;
-    const inside = constraintsIn(edit).map((one) => frameOf(one, fps)).filter((frame) => covers({ change: [edit.change[span]] }, frame));
+    const inside = constraintsIn(edit).flatMap((one) => [frameOf(one, fps), lastOf(one, fps)]).filter((frame) => covers({ change: [edit.change[span]] }, frame));
     const room = inside.reduce(([first, past], frame) => [Math.min(first, frame), Math.max(past, frame + 1)], change);
     return changed(project, index, (old) => ({ ...old, change: old.change.with(span, room) }));
   },
@@ -144,7 +163,7 @@ export const KEY_CHANGES = {
 
 const keysInside = (project, take, [first, past], fps) =>
   keysOf(project, take, fps)
-    .filter((key) => first <= key.frame && key.frame < past)
+    .filter((key) => first <= key.frame && key.until < past)
     .flatMap((key) => key.constraints);
 
 const changed = (project, index, how) => ({ ...project, edits: project.edits.map((edit, i) => (i === index ? how(edit) : edit)) });
@@ -163,7 +182,7 @@ function replaced(project, keys, how) {
 // The spans of moved keys, widened where these are near a border or beyond it.
 function withRoom(project, keys, step, frames) {
   const edits = project.edits.map((edit, index) => {
-    const moved = keys.filter((key) => key.edit === index).map((key) => key.frame + step);
+    const moved = keys.filter((key) => key.edit === index).flatMap((key) => [key.frame + step, key.until + step]);
     if (!moved.length) return edit;
     const span = moved.reduce((found, frame) => widened(found, frame, frames), edit.change[0]);
     return { ...edit, change: [span, ...edit.change.slice(1)] };
@@ -171,9 +190,10 @@ function withRoom(project, keys, step, frames) {
   return { ...project, edits };
 }
 
-/** The frame of another key of the same track that keys would come upon, or null. */
+/** {track, frame} of another key of the same track that keys would come upon, or null. */
 export function taken(all, keys, by) {
   const rest = all.filter((key) => !keys.includes(key));
-  const hit = keys.find((key) => rest.some((other) => other.track === key.track && other.frame === key.frame + by));
+  const hit = keys.find((key) => rest.some((other) => other.track === key.track && other.frame <= key.until + by &&
+    key.frame + by <= other.until)); // prettier-ignore
   return hit ? { track: hit.track, frame: hit.frame + by } : null;
 }

@@ -36,10 +36,11 @@ export function previewed(motion, [first, past], keys) {
   const { count } = motion,
     end = Math.min(past, motion.frames),
     joints = Float32Array.from(motion.joints);
-  const frames = [...new Set(keys.map((key) => key.frame))].filter((frame) => first <= frame && frame < end).sort((a, b) => a - b);
+  const all = keys.flatMap((key) => Array.from({ length: key.until - key.frame + 1 }, (_, i) => key.frame + i));
+  const frames = [...new Set(all)].filter((frame) => first <= frame && frame < end).sort((a, b) => a - b);
   const nodes = frames.map((frame) => {
     const pose = poseOf(motion, frame),
-      aim = poseOfKey(pose, keys.filter((key) => key.frame === frame).flatMap((key) => key.constraints));
+      aim = poseOfKey(pose, keys.filter((key) => key.frame <= frame && frame <= key.until).flatMap((key) => key.constraints));
     return { frame, off: aim.map((place, joint) => sub(place, pose[joint])), aim };
   });
   const still = Array(count).fill([0, 0, 0]),

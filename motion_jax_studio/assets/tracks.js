@@ -7,7 +7,8 @@ const ROW = 14, // pixels
   STILL = 3;
 
 export class KeyTracks {
-  // timeline: of timeline.js. on: {select(ids, more), move(ids, frames), span(index, number, [first, past]), menu(id)}
+  // timeline: of timeline.js. on: {select(ids, more), move(ids, frames), remove(ids),
+  // span(index, number, [first, past]), stretch(id, [first, last]), seek(second)}
   constructor(timeline, on) {
     Object.assign(this, { timeline, on, shown: null, dragging: null });
     this.element = make("div", "tracks");
@@ -20,11 +21,12 @@ export class KeyTracks {
       Object.assign(row.style, { top: `${i * ROW}px`, height: `${ROW}px` });
       this.inner.append(row);
     });
+    this.stands = make("div", "spans"); // of feet in the motion
     this.spans = make("div", "spans");
     this.dots = make("div", "dots");
     this.box = make("div", "box");
     this.box.hidden = true;
-    this.inner.append(this.spans, this.dots, this.box);
+    this.inner.append(this.stands, this.spans, this.dots, this.box);
     this.element.append(this.inner);
     timeline.element.insertBefore(this.element, timeline.marked);
     this.element.addEventListener("pointerdown", (event) => this.down(event));
@@ -34,12 +36,12 @@ export class KeyTracks {
     });
   }
 
-  // shown: {keys (of keysOf), edits: [{index, change}], fps, frames, selected: Set of ids}
+  // shown: {keys (of keysOf), edits: [{index, change}], fps, frames, prints (of footprints), selected: Set of ids}
   draw(shown) {
     this.shown = shown;
     if (!shown) return;
     const { timeline } = this,
-      { keys, edits, fps, selected } = shown,
+      { keys, edits, fps, selected, prints } = shown,
       x = (frame) => timeline.place(frame / fps);
     const spans = edits.flatMap(({ index, change }) => change.map((span, number) => ({ index, number, span })));
     this.fit(this.spans, spans.length, () => make("i", "span-of-keys", make("b", "left"), make("b", "right")));
@@ -50,7 +52,12 @@ export class KeyTracks {
       element.title = `frames ${first} to ${past - 1} are regenerated through these keys; drag a border`;
       for (const border of element.children) Object.assign(border.dataset, { index, number });
     });
-    this.fit(this.dots, keys.length, () => Object.assign(make("button", "key", make("i", "slack")), { type: "button", tabIndex: -1 }));
+    this.fit(this.stands, prints.length, () => make("i", "stand"));
+    prints.forEach(({ first, past, left }, i) => {
+      Object.assign(this.stands.children[i].style, { left: `${x(first)}px`, width: `${Math.max(2, x(past) - x(first))}px`,
+        top: `${TRACKS.indexOf(left ? "left_foot" : "right_foot") * ROW + 5}px` }); // prettier-ignore
+    });
+    this.fit(this.dots, keys.length, () => Object.assign(make("button", "key", make("i", "slack"), make("i", "until")), { type: "button", tabIndex: -1 }));
     keys.forEach((key, i) => {
       const element = this.dots.children[i],
         by = selected.has(key.id) ? (this.dragging?.by ?? 0) : 0,
@@ -58,13 +65,17 @@ export class KeyTracks {
       element.dataset.key = key.id;
       element.className = `key${selected.has(key.id) ? " selected" : ""}`;
       element.setAttribute("aria-pressed", String(selected.has(key.id)));
-      const words = `${labelOf(key.track)} at frame ${key.frame + by}` + (key.slack ? `, ${key.slack} frames of slack` : "") +
+      const until = this.dragging?.stretched === key.id ? this.dragging.until : key.until;
+      const words = `${labelOf(key.track)} at frame ${key.frame + by}` + (until > key.frame ? ` to ${until + by}` : "") + (key.slack ? `, ${key.slack} frames of slack` : "") +
         (key.strength < 1 ? `, strength ${Math.round(100 * key.strength)} %` : ""); // prettier-ignore
       element.title = words;
       element.setAttribute("aria-label", words);
       Object.assign(element.style, { left: `${x(key.frame + by)}px`, top: `${TRACKS.indexOf(key.track) * ROW + 2}px`,
         opacity: String(0.35 + 0.65 * key.strength) }); // prettier-ignore
       element.firstChild.hidden = !key.slack;
+      element.lastChild.hidden = until === key.frame;
+      element.lastChild.style.width = `${x(until) - x(key.frame)}px`;
+      element.lastChild.dataset.stretch = key.id;
       Object.assign(element.firstChild.style, { width: `${wide}px`, left: `${5 - wide / 2}px` });
     });
   }
@@ -93,8 +104,9 @@ export class KeyTracks {
 
   down(event) {
     if (event.button || !this.shown) return;
-    const { index, number, key } = event.target.dataset;
-    if (index !== undefined) this.dragBorder(event, Number(index), Number(number), event.target.className);
+    const { index, number, key, stretch } = event.target.dataset;
+    if (stretch) this.dragEnd(event, stretch);
+    else if (index !== undefined) this.dragBorder(event, Number(index), Number(number), event.target.className);
     else if (key) this.dragKeys(event, key);
     else this.dragBox(event);
   }
@@ -111,6 +123,19 @@ export class KeyTracks {
     this.follow(event, step, (last) => {
       const { change } = this.dragging;
       if (last && change.some((frame, i) => frame !== span[i])) this.on.span(index, number, change);
+    });
+  }
+
+  dragEnd(event, id) {
+    const key = this.shown.keys.find((one) => one.id === id);
+    this.on.select([id], false);
+    const step = (next) => {
+      const until = Math.max(key.frame + 1, Math.min(this.shown.frames - 1, this.frameAt(next.clientX)));
+      this.dragging = { stretched: id, until };
+      this.draw(this.shown);
+    };
+    this.follow(event, step, (last) => {
+      if (last && this.dragging && this.dragging.until !== key.until) this.on.stretch(id, [key.frame, this.dragging.until]);
     });
   }
 
