@@ -1,4 +1,6 @@
 // The page's drawer, the height of its timeline, cameras with bookmarks.
+import { bindClips } from "./clip_tools.js";
+import { toJson } from "./motion.js";
 import { stored } from "./stored.js";
 
 const $ = (id) => document.getElementById(id);
@@ -23,6 +25,7 @@ export function layOut(studio) {
   $("show-drawer").onclick = studio.toggleDrawer;
   resizable(studio);
   cameras(studio);
+  bindClips(studio, toJson);
 }
 
 function resizable(studio) {

@@ -6,6 +6,7 @@ import { pathOf, pointsOf } from "./control.js";
 import { showCurves } from "./curves.js";
 import { Desk } from "./desk.js";
 import { PathTool } from "./path_tool.js";
+import { Guide } from "./guide.js";
 import { Ideas } from "./ideas.js";
 import { listen } from "./keys.js";
 import { layOut } from "./layout.js";
@@ -312,6 +313,7 @@ studio.ideas = new Ideas($("ideas"), (words) =>
 );
 bind(studio);
 layOut(studio);
+const guide = (studio.guide = new Guide(studio));
 expose(studio);
 
 function drawTimeline() {
@@ -337,6 +339,7 @@ function drawAll(passed) {
   }
   if (studio.dirty) {
     panels.draw();
+    guide.look();
     explain(studio.state.selected);
   }
   studio.status(moved || studio.dirty);
@@ -381,6 +384,7 @@ async function begin() {
     Object.assign(studio.view.options, studio.look());
     await studio.characters.restore();
     changed();
+    if (!studio.state.project.blocks.length) guide.offer();
   } catch (error) {
     tell(
       /webgl/i.test(error.message)
