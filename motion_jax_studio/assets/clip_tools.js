@@ -5,13 +5,20 @@ import { distance, dot, mix, sub } from "./vectors.js";
 
 export const SPEEDS = [0.25, 4]; // smallest and largest factor
 const SHORTEST_LOOP = 0.5, // seconds
-  SPEED_WEIGHT = 0.2, // seconds: metres a second off at a seam count as so many metres
+  SPEED_WEIGHT = 0.2, // metres that a metre a second off at a seam counts
   DRIFT_WEIGHT = 0.5; // a metre of height or a radian of heading off
 
 const withFrames = (motion, poses, captions = motion.captions ?? []) => ({
-  ...motion, sent: null, stands: undefined, prints: undefined, preview: false, frames: poses.length,
-  joints: Float32Array.from(poses.flat(2)), captions, meta: {},
-}); // prettier-ignore
+  ...motion,
+  sent: null,
+  stands: undefined,
+  prints: undefined,
+  preview: false,
+  frames: poses.length,
+  joints: Float32Array.from(poses.flat(2)),
+  captions,
+  meta: {},
+});
 
 const all = (motion) => Array.from({ length: motion.frames }, (_, t) => poseOf(motion, t));
 const retimed = (captions, how, end) =>
@@ -22,14 +29,21 @@ const retimed = (captions, how, end) =>
 /** The frames from first up to past. */
 export function trimmed(motion, first, past) {
   const cut = part(motion, first, past);
-  return { ...cut, stands: undefined, prints: undefined,
-    captions: retimed(motion.captions, (second) => second - first / motion.fps, (past - first) / motion.fps), meta: {} }; // prettier-ignore
+  return {
+    ...cut,
+    stands: undefined,
+    prints: undefined,
+    captions: retimed(motion.captions, (second) => second - first / motion.fps, (past - first) / motion.fps),
+    meta: {},
+  };
 }
 
 /** The motion from its end to its start. */
 export function reversed(motion) {
   const end = motion.frames / motion.fps,
-    captions = (motion.captions ?? []).map((one) => (one.end > one.start ? { ...one, start: end - one.end, end: end - one.start } : one));
+    captions = (motion.captions ?? []).map((one) =>
+      one.end > one.start ? { ...one, start: end - one.end, end: end - one.start } : one,
+    );
   return withFrames(motion, all(motion).reverse(), captions.reverse());
 }
 
@@ -38,14 +52,17 @@ export function mirroredMotion(motion) {
   const start = poseOf(motion, 0),
     { left } = directions(start),
     swap = motion.count === JOINTS.length ? MIRRORED : null;
-  return withFrames(motion, all(motion).map((pose) => {
-    const flipped = pose.map((_, joint) => {
-      const place = pose[swap ? swap[joint] : joint],
-        away = dot(sub(place, start[0]), left);
-      return place.map((value, k) => value - 2 * away * left[k]);
-    });
-    return swap ? withLengths(flipped, boneLengths(pose)) : flipped;
-  })); // prettier-ignore
+  return withFrames(
+    motion,
+    all(motion).map((pose) => {
+      const flipped = pose.map((_, joint) => {
+        const place = pose[swap ? swap[joint] : joint],
+          away = dot(sub(place, start[0]), left);
+        return place.map((value, k) => value - 2 * away * left[k]);
+      });
+      return swap ? withLengths(flipped, boneLengths(pose)) : flipped;
+    }),
+  );
 }
 
 /** The motion played `factor` times as fast: planted feet stay where they are, bones keep their lengths. */
@@ -58,7 +75,11 @@ export function atSpeed(motion, factor) {
     const pose = a.map((place, joint) => mix(place, b[joint], at - Math.floor(at)));
     return motion.count === JOINTS.length ? withLengths(pose, boneLengths(a)) : pose;
   });
-  return withFrames(motion, poses, retimed(motion.captions, (second) => second / step, frames / motion.fps));
+  return withFrames(
+    motion,
+    poses,
+    retimed(motion.captions, (second) => second / step, frames / motion.fps),
+  );
 }
 
 // A pose around its root on the floor, turned to face +z.

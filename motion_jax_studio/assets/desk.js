@@ -39,12 +39,21 @@ export class Desk {
       this.whole = $("pose-whole").checked;
     };
     for (const [id, does] of Object.entries({
-      "pose-key": () => this.tool.keyPose(), "pose-turn": () => this.tool.turn(), "pose-pin": () => this.tool.pin(), "pose-plant": () => this.plant(),
-      "pose-mirror": () => this.tool.mirror(), "pose-copy": () => this.tool.copyPose(),
-      "pose-paste": () => this.tool.pastePose(), "pose-reset": () => this.reset(),
-      "key-copy": () => this.copy(), "key-remove": () => this.remove(), "key-between": () => this.between(),
-      "key-again": () => this.again(), "key-none": () => this.select([]),
-    })) $(id).onclick = does; // prettier-ignore
+      "pose-key": () => this.tool.keyPose(),
+      "pose-turn": () => this.tool.turn(),
+      "pose-pin": () => this.tool.pin(),
+      "pose-plant": () => this.plant(),
+      "pose-mirror": () => this.tool.mirror(),
+      "pose-copy": () => this.tool.copyPose(),
+      "pose-paste": () => this.tool.pastePose(),
+      "pose-reset": () => this.reset(),
+      "key-copy": () => this.copy(),
+      "key-remove": () => this.remove(),
+      "key-between": () => this.between(),
+      "key-again": () => this.again(),
+      "key-none": () => this.select([]),
+    }))
+      $(id).onclick = does;
     $("key-slack").onchange = () => this.set({ slack: Math.max(0, Math.min(20, Math.round(Number($("key-slack").value) || 0))) });
     $("key-strength").onchange = () => this.set({ strength: Number($("key-strength").value) / 100 });
   }
@@ -58,9 +67,14 @@ export class Desk {
   get may() {
     const { studio, motion } = this;
     return Boolean(
-      studio.view && studio.mode === "timeline" && motion?.count === JOINTS.length && !studio.player.playing &&
-        !studio.tool.active && !studio.side && $("posing").checked,
-    ); // prettier-ignore
+      studio.view &&
+      studio.mode === "timeline" &&
+      motion?.count === JOINTS.length &&
+      !studio.player.playing &&
+      !studio.tool.active &&
+      !studio.side &&
+      $("posing").checked,
+    );
   }
 
   get take() {
@@ -81,9 +95,14 @@ export class Desk {
     const { motion, studio } = this,
       second = frame / motion.fps,
       captions = motion.captions ?? [],
-      caption = captions.find(({ start, end }) => start <= second && second < end) ?? captions.find(({ start, end }) => start === end) ??
-        captions.at(-1); // prettier-ignore
-    return { prompt: caption?.text?.trim() || studio.state.project.blocks[0]?.prompt || "a person moves", model: studio.editor() };
+      caption =
+        captions.find(({ start, end }) => start <= second && second < end) ??
+        captions.find(({ start, end }) => start === end) ??
+        captions.at(-1);
+    return {
+      prompt: caption?.text?.trim() || studio.state.project.blocks[0]?.prompt || "a person moves",
+      model: studio.editor(),
+    };
   }
 
   act(action) {
@@ -105,7 +124,12 @@ export class Desk {
     if (!this.studio.multiPrompt.stale) return; // made before: an undo
     project.edits.forEach((edit, index) => {
       if (edit.take !== this.take || edit === before.edits[index] || !edit.control) return;
-      for (const span of edit.change) shown = previewed(shown, span, keys.filter((key) => key.edit === index));
+      for (const span of edit.change)
+        shown = previewed(
+          shown,
+          span,
+          keys.filter((key) => key.edit === index),
+        );
     });
     if (shown === this.motion) return;
     this.studio.multiPrompt.showPreview(shown);
@@ -118,9 +142,10 @@ export class Desk {
       { limb, bend, label } = HANDLES[tool.chosen] ?? {};
     if (!limb || bend) return studio.notes.tell("click a hand or a foot first, then plant it", true);
     const { frame } = studio.player,
-      standing = motion.prints?.find((print) => (print.left ? "left_foot" : "right_foot") === tool.chosen && print.first <= frame &&
-        frame < print.past),
-      until = Math.min(motion.frames - 1, standing && standing.past - 1 > frame + 1 ? standing.past - 1 : frame + PLANTED); // prettier-ignore
+      standing = motion.prints?.find(
+        (print) => (print.left ? "left_foot" : "right_foot") === tool.chosen && print.first <= frame && frame < print.past,
+      ),
+      until = Math.min(motion.frames - 1, standing && standing.past - 1 > frame + 1 ? standing.past - 1 : frame + PLANTED);
     if (until <= frame) return studio.notes.tell("there is no frame after the play head to plant it in", true);
     const constraints = plantedOf(tool.pose, tool.chosen, frame, until, motion.fps);
     if (this.crosses(constraints, frame, until)) return;
@@ -133,8 +158,11 @@ export class Desk {
     const track = trackOf(constraints[0]),
       other = this.keys.find((key) => key.track === track && key.frame !== frame && key.frame <= until && frame <= key.until);
     if (other)
-      this.studio.notes.tell(`there is a key of the ${labelOf(track)} from frame ${other.frame} to ${other.until} already: delete ` +
-        "or shorten it first", true); // prettier-ignore
+      this.studio.notes.tell(
+        `there is a key of the ${labelOf(track)} from frame ${other.frame} to ${other.until} already: delete ` +
+          "or shorten it first",
+        true,
+      );
     return Boolean(other);
   }
 
@@ -162,12 +190,18 @@ export class Desk {
   move(by) {
     const hit = taken(this.keys, this.chosen, by);
     if (hit)
-      return this.studio.notes.tell(`there is a key of the ${labelOf(hit.track)} at frame ${hit.frame} already: delete it first, or ` +
-        "move to another frame", true); // prettier-ignore
+      return this.studio.notes.tell(
+        `there is a key of the ${labelOf(hit.track)} at frame ${hit.frame} already: delete it first, or ` +
+          "move to another frame",
+        true,
+      );
     const frames = this.chosen.map((key) => [key.track, key.frame]);
     if (!this.act({ type: "moveKeys", keys: this.chosen, by })) return;
-    this.selected = new Set(this.keys.filter((key) => frames.some(([track, frame]) => track === key.track &&
-      Math.abs(key.frame - frame - by) < 1)).map((key) => key.id)); // prettier-ignore
+    this.selected = new Set(
+      this.keys
+        .filter((key) => frames.some(([track, frame]) => track === key.track && Math.abs(key.frame - frame - by) < 1))
+        .map((key) => key.id),
+    );
   }
 
   remove(ids = [...this.selected]) {
@@ -204,8 +238,14 @@ export class Desk {
     if (frames.length < 2 || frames.at(-1) - frames[0] < 3) return notes.tell("select two keys with frames between them", true);
     const words = $("edit-prompt").value.trim(),
       about = this.about((frames[0] + frames.at(-1)) >> 1);
-    const edit = { take: this.take, seed: 0, sampling: {}, ...about, ...(words ? { prompt: words } : {}),
-      change: [[frames[0] + 1, frames.at(-1)]] }; // prettier-ignore
+    const edit = {
+      take: this.take,
+      seed: 0,
+      sampling: {},
+      ...about,
+      ...(words ? { prompt: words } : {}),
+      change: [[frames[0] + 1, frames.at(-1)]],
+    };
     this.act({ type: "addEdit", edit });
   }
 
@@ -229,15 +269,27 @@ export class Desk {
   get letters() {
     const { tool } = this,
       inTimeline = (does) => () => this.studio.mode === "timeline" && does();
-    return Object.fromEntries(Object.entries({
-      g: () => tool.grab(), r: () => tool.turn(), k: () => tool.keyPose(),
-      p: () => tool.pin(), l: () => this.plant(), m: () => tool.mirror(), x: () => this.remove(), "shift-r": () => this.reset() })
-      .map(([letter, does]) => [letter, inTimeline(does)])); // prettier-ignore
+    return Object.fromEntries(
+      Object.entries({
+        g: () => tool.grab(),
+        r: () => tool.turn(),
+        k: () => tool.keyPose(),
+        p: () => tool.pin(),
+        l: () => this.plant(),
+        m: () => tool.mirror(),
+        x: () => this.remove(),
+        "shift-r": () => this.reset(),
+      }).map(([letter, does]) => [letter, inTimeline(does)]),
+    );
   }
 
   get control() {
     const inTimeline = (does) => () => this.studio.mode === "timeline" && does();
-    return { c: inTimeline(() => this.tool.copyPose()), v: inTimeline(() => this.tool.pastePose()), d: inTimeline(() => this.copy()) };
+    return {
+      c: inTimeline(() => this.tool.copyPose()),
+      v: inTimeline(() => this.tool.pastePose()),
+      d: inTimeline(() => this.copy()),
+    };
   }
 
   /** Draws the tracks and the row of the selected keys. */
@@ -245,18 +297,26 @@ export class Desk {
     const { motion, studio } = this,
       timeline = studio.mode === "timeline";
     this.tracks.element.hidden = !timeline;
-    if (!timeline || !motion) return this.tracks.draw({ keys: [], edits: [], fps: 20, frames: 0, prints: [], selected: this.selected });
+    if (!timeline || !motion)
+      return this.tracks.draw({ keys: [], edits: [], fps: 20, frames: 0, prints: [], selected: this.selected });
     const keys = this.keys,
-      edits = studio.state.project.edits.map((edit, index) => ({ ...edit, index })).filter((edit) => edit.take === this.take &&
-        edit.control && keys.some((key) => key.edit === edit.index)); // prettier-ignore
+      edits = studio.state.project.edits
+        .map((edit, index) => ({ ...edit, index }))
+        .filter((edit) => edit.take === this.take && edit.control && keys.some((key) => key.edit === edit.index));
     this.selected = new Set(keys.filter((key) => this.selected.has(key.id)).map((key) => key.id));
-    this.tracks.draw({ keys, edits, fps: motion.fps, frames: motion.frames, prints: motion.prints ?? [], selected: this.selected });
+    this.tracks.draw({
+      keys,
+      edits,
+      fps: motion.fps,
+      frames: motion.frames,
+      prints: motion.prints ?? [],
+      selected: this.selected,
+    });
     const chosen = keys.filter((key) => this.selected.has(key.id)),
       [first] = chosen;
     $("key-row").hidden = !first;
     if (!first) return;
-    $("key-name").textContent =
-      chosen.length === 1 ? `${labelOf(first.track)}, frame ${first.frame}` : `${chosen.length} keys`;
+    $("key-name").textContent = chosen.length === 1 ? `${labelOf(first.track)}, frame ${first.frame}` : `${chosen.length} keys`;
     if (document.activeElement !== $("key-slack")) $("key-slack").value = first.slack;
     if (document.activeElement !== $("key-strength")) $("key-strength").value = Math.round(100 * first.strength);
     $("key-between").disabled = chosen.length < 2;

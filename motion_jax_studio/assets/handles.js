@@ -70,7 +70,9 @@ export class Handles {
     this.view.stage.camera.updateMatrixWorld();
     const spots = this.places.map((place) => this.onPage(place)),
       away = (joint) => Math.hypot(spots[joint][0] - left, spots[joint][1] - top);
-    const dots = Object.keys(HANDLES).map((handle) => [away(HANDLES[handle].joint), handle]).sort((a, b) => a[0] - b[0]);
+    const dots = Object.keys(HANDLES)
+      .map((handle) => [away(HANDLES[handle].joint), handle])
+      .sort((a, b) => a[0] - b[0]);
     if (dots[0][0] < NEAR) return dots[0][1];
     let best = null,
       least = 1;

@@ -11,15 +11,39 @@ const MARGIN = 4; // frames between a key and the border of its span
 export const TRACKS = ["pose", "head", "chest", "left_hand", "right_hand", "hips", "left_foot", "right_foot"];
 export const labelOf = (part) => (part === "pose" ? "whole pose" : part.replace("_", " "));
 
-const TRACK_OF = { head: "head", spine3: "chest", left_elbow: "left_hand", left_wrist: "left_hand", left_hand: "left_hand",
-  right_elbow: "right_hand", right_wrist: "right_hand", right_hand: "right_hand", pelvis: "hips", hips: "hips", root: "hips",
-  left_knee: "left_foot", left_ankle: "left_foot", left_foot: "left_foot", right_knee: "right_foot",
-  right_ankle: "right_foot", right_foot: "right_foot" }; // prettier-ignore
+const TRACK_OF = {
+  head: "head",
+  spine3: "chest",
+  left_elbow: "left_hand",
+  left_wrist: "left_hand",
+  left_hand: "left_hand",
+  right_elbow: "right_hand",
+  right_wrist: "right_hand",
+  right_hand: "right_hand",
+  pelvis: "hips",
+  hips: "hips",
+  root: "hips",
+  left_knee: "left_foot",
+  left_ankle: "left_foot",
+  left_foot: "left_foot",
+  right_knee: "right_foot",
+  right_ankle: "right_foot",
+  right_foot: "right_foot",
+};
 // The joints of the key that dragging a handle makes.
 const JOINTS_OF = {
-  left_hand: [20], right_hand: [21], left_elbow: [18, 20], right_elbow: [19, 21], left_foot: [7, 10], right_foot: [8, 11],
-  left_knee: [4, 7, 10], right_knee: [5, 8, 11], hips: [0], chest: [9], head: [15],
-}; // prettier-ignore
+  left_hand: [20],
+  right_hand: [21],
+  left_elbow: [18, 20],
+  right_elbow: [19, 21],
+  left_foot: [7, 10],
+  right_foot: [8, 11],
+  left_knee: [4, 7, 10],
+  right_knee: [5, 8, 11],
+  hips: [0],
+  chest: [9],
+  head: [15],
+};
 
 const rounded = (place) => place.map((value) => Math.round(value * 1e4) / 1e4);
 export const trackOf = (constraint) => (constraint.type === "keyframe" ? "pose" : TRACK_OF[constraint.joint]);
@@ -41,14 +65,22 @@ export function constraintsOf(pose, handles, frame, fps, whole) {
   const time = secondOf(frame, fps);
   if (whole) return [{ type: "keyframe", joints: pose.map(rounded), place: "world", time }];
   const joints = new Set(handles.flatMap((handle) => JOINTS_OF[handle]));
-  return [...joints].map((joint) => ({ type: "effector", joint: JOINTS[joint], times: [time], positions: [rounded(pose[joint])] }));
+  return [...joints].map((joint) => ({
+    type: "effector",
+    joint: JOINTS[joint],
+    times: [time],
+    positions: [rounded(pose[joint])],
+  }));
 }
 
 /** The constraints that hold a hand or foot in its place from one frame to another. */
 export function plantedOf(pose, handle, frame, until, fps) {
   return constraintsOf(pose, [handle], frame, fps, false).map(({ positions, ...one }) => ({
-    ...one, times: [frame, until].map((end) => secondOf(end, fps)), positions: [positions[0], positions[0]], between: true,
-  })); // prettier-ignore
+    ...one,
+    times: [frame, until].map((end) => secondOf(end, fps)),
+    positions: [positions[0], positions[0]],
+    between: true,
+  }));
 }
 
 const constraintsIn = (edit) => edit.control?.constraints ?? [];
@@ -71,7 +103,16 @@ export function keysOf(project, take, fps) {
       const id = `${edit.index} ${track} ${frame}`,
         { slack = 0, strength = 1 } = constraint;
       if (!keys.has(id))
-        keys.set(id, { id, edit: edit.index, track, frame, until: lastOf(constraint, fps), slack: Math.round(slack * fps), strength, constraints: [] });
+        keys.set(id, {
+          id,
+          edit: edit.index,
+          track,
+          frame,
+          until: lastOf(constraint, fps),
+          slack: Math.round(slack * fps),
+          strength,
+          constraints: [],
+        });
       keys.get(id).constraints.push(constraint);
     }
   }
@@ -113,31 +154,52 @@ export const KEY_CHANGES = {
     }
     return changed(project, index, (old) => ({
       ...withConstraints(old, joined(constraintsIn(old), constraints, fps)),
-      change: old.change.map((span) => (covers({ change: [span] }, frame) ? widened(widened(span, frame, frames), until, frames) : span)),
+      change: old.change.map((span) =>
+        covers({ change: [span] }, frame) ? widened(widened(span, frame, frames), until, frames) : span,
+      ),
     }));
   },
   // keys: of keysOf
   removeKeys: (project, { keys }) => replaced(project, keys, () => []),
   moveKeys: (project, { keys, by, fps, frames }) => {
-    const step = Math.max(-Math.min(...keys.map((key) => key.frame)), Math.min(by, frames - 1 - Math.max(...keys.map((key) => key.until))));
+    const step = Math.max(
+      -Math.min(...keys.map((key) => key.frame)),
+      Math.min(by, frames - 1 - Math.max(...keys.map((key) => key.until))),
+    );
     if (!keys.length || !step) return project;
-    return withRoom(replaced(project, keys, (constraint) => [at(constraint, frameOf(constraint, fps) + step, fps)]), keys, step, frames);
+    return withRoom(
+      replaced(project, keys, (constraint) => [at(constraint, frameOf(constraint, fps) + step, fps)]),
+      keys,
+      step,
+      frames,
+    );
   },
   // Keys again at another frame: the earliest of them there.
   copyKeys: (project, { take, keys, frame, fps, frames, edit }) => {
     const first = Math.min(...keys.map((key) => key.frame));
     return keys.reduce((found, key) => {
       const to = key.frame - first + frame;
-      return KEY_CHANGES.addKey(found, { take, frame: to, fps, frames, edit,
-        constraints: key.constraints.map((one) => at(one, to, fps)) }); // prettier-ignore
+      return KEY_CHANGES.addKey(found, {
+        take,
+        frame: to,
+        fps,
+        frames,
+        edit,
+        constraints: key.constraints.map((one) => at(one, to, fps)),
+      });
     }, project);
   },
   // fields: {slack (frames), strength}
   setKeys: (project, { keys, fields, fps }) =>
     replaced(project, keys, ({ slack, strength, ...one }) => {
       const next = { slack: (slack ?? 0) * fps, strength: strength ?? 1, ...fields };
-      return [{ ...one, ...(next.slack ? { slack: Math.round((next.slack / fps) * 1e4) / 1e4 } : {}),
-        ...(next.strength < 1 ? { strength: next.strength } : {}) }]; // prettier-ignore
+      return [
+        {
+          ...one,
+          ...(next.slack ? { slack: Math.round((next.slack / fps) * 1e4) / 1e4 } : {}),
+          ...(next.strength < 1 ? { strength: next.strength } : {}),
+        },
+      ];
     }),
   // The first and last frame of a planted hand or foot.
   stretchKey: (project, { keys: [key], ends: [frame, until], fps, frames }) => {
@@ -148,7 +210,9 @@ export const KEY_CHANGES = {
   setSpan: (project, { index, span, change, fps }) => {
     const edit = project.edits[index];
     if (!edit || !(change[0] < change[1])) return project;
-    const inside = constraintsIn(edit).flatMap((one) => [frameOf(one, fps), lastOf(one, fps)]).filter((frame) => covers({ change: [edit.change[span]] }, frame));
+    const inside = constraintsIn(edit)
+      .flatMap((one) => [frameOf(one, fps), lastOf(one, fps)])
+      .filter((frame) => covers({ change: [edit.change[span]] }, frame));
     const room = inside.reduce(([first, past], frame) => [Math.min(first, frame), Math.max(past, frame + 1)], change);
     return changed(project, index, (old) => ({ ...old, change: old.change.with(span, room) }));
   },
@@ -166,14 +230,20 @@ const keysInside = (project, take, [first, past], fps) =>
     .filter((key) => first <= key.frame && key.until < past)
     .flatMap((key) => key.constraints);
 
-const changed = (project, index, how) => ({ ...project, edits: project.edits.map((edit, i) => (i === index ? how(edit) : edit)) });
+const changed = (project, index, how) => ({
+  ...project,
+  edits: project.edits.map((edit, i) => (i === index ? how(edit) : edit)),
+});
 
 // Each constraint of the keys becomes what how(constraint) returns; an edit without keys goes.
 function replaced(project, keys, how) {
   const edits = project.edits.map((edit, index) => {
     const constraints = new Set(keys.filter((key) => key.edit === index).flatMap((key) => key.constraints));
     if (!constraints.size) return edit;
-    return withConstraints(edit, constraintsIn(edit).flatMap((one) => (constraints.has(one) ? how(one) : [one])));
+    return withConstraints(
+      edit,
+      constraintsIn(edit).flatMap((one) => (constraints.has(one) ? how(one) : [one])),
+    );
   });
   const emptied = (edit, index) => !constraintsIn(edit).length && constraintsIn(project.edits[index]).length;
   return { ...project, edits: edits.filter((edit, index) => !emptied(edit, index)) };
@@ -193,7 +263,8 @@ function withRoom(project, keys, step, frames) {
 /** {track, frame} of another key of the same track that keys would come upon, or null. */
 export function taken(all, keys, by) {
   const rest = all.filter((key) => !keys.includes(key));
-  const hit = keys.find((key) => rest.some((other) => other.track === key.track && other.frame <= key.until + by &&
-    key.frame + by <= other.until)); // prettier-ignore
+  const hit = keys.find((key) =>
+    rest.some((other) => other.track === key.track && other.frame <= key.until + by && key.frame + by <= other.until),
+  );
   return hit ? { track: hit.track, frame: hit.frame + by } : null;
 }

@@ -51,8 +51,17 @@ export class PoseTool {
     const start = this.pose,
       origin = [...this.handles.places[HANDLES[handle].joint].toArray()];
     this.element.setPointerCapture(event.pointerId);
-    this.drag = { handle, start, origin, again: handle === this.chosen, frame: this.studio.frame(), moved: false,
-      x: event.clientX, y: event.clientY, from: this.handles.placeOn(origin, event.clientX, event.clientY) }; // prettier-ignore
+    this.drag = {
+      handle,
+      start,
+      origin,
+      again: handle === this.chosen,
+      frame: this.studio.frame(),
+      moved: false,
+      x: event.clientX,
+      y: event.clientY,
+      from: this.handles.placeOn(origin, event.clientX, event.clientY),
+    };
     if (handle !== this.chosen) this.choose(handle);
     this.studio.changed();
   }

@@ -2,8 +2,24 @@
 // over planted feet, a spine that follows chest and head, soft limits of joints, a floor. Needs no browser. All functions
 // return new poses (skeleton.js) with the bone lengths of the one they are given.
 import { DESCENDANTS, HANDLES, LIMBS, copied, directions } from "./skeleton.js";
-import { add, clamp, cross, distance, dot, fromQuaternion, isFinite3, length, mix, perpendicular, rotationBetween, scale,
-  smooth, sub, turned, unit } from "./vectors.js"; // prettier-ignore
+import {
+  add,
+  clamp,
+  cross,
+  distance,
+  dot,
+  fromQuaternion,
+  isFinite3,
+  length,
+  mix,
+  perpendicular,
+  rotationBetween,
+  scale,
+  smooth,
+  sub,
+  turned,
+  unit,
+} from "./vectors.js";
 
 const RADIANS = Math.PI / 180,
   FOLDED = { arm: 30 * RADIANS, leg: 35 * RADIANS }, // smallest angle inside elbow and knee
@@ -66,7 +82,8 @@ function solve(pose, limb, place, { bend = null, soft = false } = {}) {
     kept = turned(unit(side, [0, 0, 0]), about, angle),
     wanted = bend ?? mix(usualBend(pose, limb), kept, known),
     off = perpendicular(wanted, axis),
-    out = length(off) > 1e-6 ? unit(off) : unit(perpendicular(usualBend(pose, limb), axis), unit(cross(axis, [0, 0, 1]), [1, 0, 0])),
+    out =
+      length(off) > 1e-6 ? unit(off) : unit(perpendicular(usualBend(pose, limb), axis), unit(cross(axis, [0, 0, 1]), [1, 0, 0])),
     cosine = clamp((upper * upper + far * far - lower * lower) / (2 * upper * far), -1, 1),
     end = add(root, scale(axis, far)),
     moved = sub(end, pose[c]);
@@ -183,8 +200,11 @@ function dragHips(start, place, pins, loose = []) {
   const pose = start.map((joint) => add(joint, by));
   for (const side of planted) solve(pose, `${side}_leg`, start[LIMBS[`${side}_leg`].chain[2]]);
   // a planted foot keeps its own direction
-  for (const side of planted) pose[feet(`${side}_leg`)[1]] = add(pose[feet(`${side}_leg`)[0]],
-    sub(start[feet(`${side}_leg`)[1]], start[feet(`${side}_leg`)[0]])); // prettier-ignore
+  for (const side of planted)
+    pose[feet(`${side}_leg`)[1]] = add(
+      pose[feet(`${side}_leg`)[0]],
+      sub(start[feet(`${side}_leg`)[1]], start[feet(`${side}_leg`)[0]]),
+    );
   hold(pose, start, pins);
   return pose;
 }

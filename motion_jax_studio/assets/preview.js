@@ -20,7 +20,8 @@ export function poseOfKey(pose, constraints) {
     } else if (nameOf(one) in HANDLE_OF) {
       const handle = HANDLE_OF[nameOf(one)],
         { limb, bend } = HANDLES[handle];
-      next = limb && !bend ? placedEnd(found, handle, one.positions[0]) : dragged(found, handle, one.positions[0], { snap: false });
+      next =
+        limb && !bend ? placedEnd(found, handle, one.positions[0]) : dragged(found, handle, one.positions[0], { snap: false });
     } else {
       next = copied(found); // toes
       next[JOINTS.indexOf(nameOf(one))] = [...one.positions[0]];
@@ -40,12 +41,18 @@ export function previewed(motion, [first, past], keys) {
   const frames = [...new Set(all)].filter((frame) => first <= frame && frame < end).sort((a, b) => a - b);
   const nodes = frames.map((frame) => {
     const pose = poseOf(motion, frame),
-      aim = poseOfKey(pose, keys.filter((key) => key.frame <= frame && frame <= key.until).flatMap((key) => key.constraints));
+      aim = poseOfKey(
+        pose,
+        keys.filter((key) => key.frame <= frame && frame <= key.until).flatMap((key) => key.constraints),
+      );
     return { frame, off: aim.map((place, joint) => sub(place, pose[joint])), aim };
   });
   const still = Array(count).fill([0, 0, 0]),
-    stops = [{ frame: first - 1, off: first > 0 ? still : (nodes[0]?.off ?? still) }, ...nodes,
-      { frame: end, off: end < motion.frames ? still : (nodes.at(-1)?.off ?? still) }]; // prettier-ignore
+    stops = [
+      { frame: first - 1, off: first > 0 ? still : (nodes[0]?.off ?? still) },
+      ...nodes,
+      { frame: end, off: end < motion.frames ? still : (nodes.at(-1)?.off ?? still) },
+    ];
   const moved = (foot) => keys.some(({ track }) => track === "pose" || track === foot);
   for (let t = Math.max(first, 0); t < end; t++) {
     const next = stops.findIndex((stop) => stop.frame >= t),
@@ -56,8 +63,14 @@ export function previewed(motion, [first, past], keys) {
       const before = stops[next - 1],
         share = smooth((t - before.frame) / (node.frame - before.frame)),
         start = poseOf(motion, t);
-      pose = withLengths(start.map((place, joint) => add(place, mix(before.off[joint], node.off[joint], share))), boneLengths(start));
-      for (const [side, foot] of [[0, "left_foot"], [2, "right_foot"]]) {
+      pose = withLengths(
+        start.map((place, joint) => add(place, mix(before.off[joint], node.off[joint], share))),
+        boneLengths(start),
+      );
+      for (const [side, foot] of [
+        [0, "left_foot"],
+        [2, "right_foot"],
+      ]) {
         if (motion.stands?.[4 * t + side] && !moved(foot)) pose = placedEnd(pose, foot, start[HANDLES[foot].joint]);
       }
     }

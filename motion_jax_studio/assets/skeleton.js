@@ -2,9 +2,30 @@
 // A pose: [[x, y, z], ...] of all joints, metres, y up; a standing body faces +z, its left is +x.
 import { add, cross, distance, dot, scale, sub, turned, unit } from "./vectors.js";
 
-export const JOINTS = ["pelvis", "left_hip", "right_hip", "spine1", "left_knee", "right_knee", "spine2", "left_ankle",
-  "right_ankle", "spine3", "left_foot", "right_foot", "neck", "left_collar", "right_collar", "head", "left_shoulder",
-  "right_shoulder", "left_elbow", "right_elbow", "left_wrist", "right_wrist"]; // prettier-ignore
+export const JOINTS = [
+  "pelvis",
+  "left_hip",
+  "right_hip",
+  "spine1",
+  "left_knee",
+  "right_knee",
+  "spine2",
+  "left_ankle",
+  "right_ankle",
+  "spine3",
+  "left_foot",
+  "right_foot",
+  "neck",
+  "left_collar",
+  "right_collar",
+  "head",
+  "left_shoulder",
+  "right_shoulder",
+  "left_elbow",
+  "right_elbow",
+  "left_wrist",
+  "right_wrist",
+];
 export const PARENTS = [-1, 0, 0, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 9, 9, 12, 13, 14, 16, 17, 18, 19];
 export const MIRRORED = JOINTS.map((name) =>
   JOINTS.indexOf(name.replace(/^(left|right)/, (side) => (side === "left" ? "right" : "left"))),
@@ -35,9 +56,29 @@ export const HANDLES = {
 };
 
 /** The handle that moves the bone that ends at a joint. */
-export const HANDLE_OF_BONE = { 1: "hips", 2: "hips", 3: "hips", 4: "left_knee", 5: "right_knee", 6: "chest",
-  7: "left_foot", 8: "right_foot", 9: "chest", 10: "left_foot", 11: "right_foot", 12: "chest", 13: "chest", 14: "chest",
-  15: "head", 16: "chest", 17: "chest", 18: "left_elbow", 19: "right_elbow", 20: "left_hand", 21: "right_hand" }; // prettier-ignore
+export const HANDLE_OF_BONE = {
+  1: "hips",
+  2: "hips",
+  3: "hips",
+  4: "left_knee",
+  5: "right_knee",
+  6: "chest",
+  7: "left_foot",
+  8: "right_foot",
+  9: "chest",
+  10: "left_foot",
+  11: "right_foot",
+  12: "chest",
+  13: "chest",
+  14: "chest",
+  15: "head",
+  16: "chest",
+  17: "chest",
+  18: "left_elbow",
+  19: "right_elbow",
+  20: "left_hand",
+  21: "right_hand",
+};
 
 export const copied = (pose) => pose.map((place) => [...place]);
 

@@ -54,10 +54,15 @@ export class KeyTracks {
     });
     this.fit(this.stands, prints.length, () => make("i", "stand"));
     prints.forEach(({ first, past, left }, i) => {
-      Object.assign(this.stands.children[i].style, { left: `${x(first)}px`, width: `${Math.max(2, x(past) - x(first))}px`,
-        top: `${TRACKS.indexOf(left ? "left_foot" : "right_foot") * ROW + 5}px` }); // prettier-ignore
+      Object.assign(this.stands.children[i].style, {
+        left: `${x(first)}px`,
+        width: `${Math.max(2, x(past) - x(first))}px`,
+        top: `${TRACKS.indexOf(left ? "left_foot" : "right_foot") * ROW + 5}px`,
+      });
     });
-    this.fit(this.dots, keys.length, () => Object.assign(make("button", "key", make("i", "slack"), make("i", "until")), { type: "button", tabIndex: -1 }));
+    this.fit(this.dots, keys.length, () =>
+      Object.assign(make("button", "key", make("i", "slack"), make("i", "until")), { type: "button", tabIndex: -1 }),
+    );
     keys.forEach((key, i) => {
       const element = this.dots.children[i],
         by = selected.has(key.id) ? (this.dragging?.by ?? 0) : 0,
@@ -66,12 +71,18 @@ export class KeyTracks {
       element.className = `key${selected.has(key.id) ? " selected" : ""}`;
       element.setAttribute("aria-pressed", String(selected.has(key.id)));
       const until = this.dragging?.stretched === key.id ? this.dragging.until : key.until;
-      const words = `${labelOf(key.track)} at frame ${key.frame + by}` + (until > key.frame ? ` to ${until + by}` : "") + (key.slack ? `, ${key.slack} frames of slack` : "") +
-        (key.strength < 1 ? `, strength ${Math.round(100 * key.strength)} %` : ""); // prettier-ignore
+      const words =
+        `${labelOf(key.track)} at frame ${key.frame + by}` +
+        (until > key.frame ? ` to ${until + by}` : "") +
+        (key.slack ? `, ${key.slack} frames of slack` : "") +
+        (key.strength < 1 ? `, strength ${Math.round(100 * key.strength)} %` : "");
       element.title = words;
       element.setAttribute("aria-label", words);
-      Object.assign(element.style, { left: `${x(key.frame + by)}px`, top: `${TRACKS.indexOf(key.track) * ROW + 2}px`,
-        opacity: String(0.35 + 0.65 * key.strength) }); // prettier-ignore
+      Object.assign(element.style, {
+        left: `${x(key.frame + by)}px`,
+        top: `${TRACKS.indexOf(key.track) * ROW + 2}px`,
+        opacity: String(0.35 + 0.65 * key.strength),
+      });
       element.firstChild.hidden = !key.slack;
       element.lastChild.hidden = until === key.frame;
       element.lastChild.style.width = `${x(until) - x(key.frame)}px`;
@@ -163,7 +174,12 @@ export class KeyTracks {
       to = [next.clientX - rect.left, next.clientY - rect.top];
       const [left, right] = [from[0], to[0]].sort((a, b) => a - b),
         [top, bottom] = [from[1], to[1]].sort((a, b) => a - b);
-      Object.assign(this.box.style, { left: `${left}px`, top: `${top}px`, width: `${right - left}px`, height: `${bottom - top}px` });
+      Object.assign(this.box.style, {
+        left: `${left}px`,
+        top: `${top}px`,
+        width: `${right - left}px`,
+        height: `${bottom - top}px`,
+      });
       this.box.hidden = false;
     };
     this.follow(event, step, (last) => {

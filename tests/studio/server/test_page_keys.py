@@ -12,7 +12,7 @@ def _at(page, handle):
 
 
 def _drag(page, handle, right, down, steps=3):
-  """Drags a handle of the body by so many pixels."""
+  """Drags a handle of the body by pixels to the right and down."""
   left, top, _ = _at(page, handle)
   chain = webdriver.ActionChains(page.driver, duration=30)
   pointer = chain.w3c_actions.pointer_action

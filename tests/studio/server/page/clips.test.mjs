@@ -15,22 +15,43 @@ const FRAMES = 60;
 const poses = Array.from({ length: FRAMES }, (_, t) =>
   BODY.map((place, joint) => add(place, [0, joint === 20 ? 0.05 * Math.sin((t * Math.PI) / 10) : 0, 0.02 * t +
     (joint === 20 ? 0.05 * Math.cos((t * Math.PI) / 10) : 0)]))); // prettier-ignore
-const captions = [{ text: "walks", start: 0, end: 2 }, { text: "waves", start: 2, end: 3 }];
+const captions = [
+  { text: "walks", start: 0, end: 2 },
+  { text: "waves", start: 2, end: 3 },
+];
 const motion = { frames: FRAMES, count: 22, fps: 20, joints: Float32Array.from(poses.flat(2)), captions, meta: {}, sent: {} };
 const near = (a, b, tolerance = 1e-5) => assert.ok(distance(a, b) < tolerance, `${a} is not ${b}`);
 
 test("a clip is trimmed, reversed and mirrored with its captions", () => {
   const cut = trimmed(motion, 30, 50);
-  assert.deepEqual([cut.frames, cut.sent, cut.captions.map(({ start, end }) => [start, end])], [20, null, [[0, 0.5], [0.5, 1]]]);
+  assert.deepEqual(
+    [cut.frames, cut.sent, cut.captions.map(({ start, end }) => [start, end])],
+    [
+      20,
+      null,
+      [
+        [0, 0.5],
+        [0.5, 1],
+      ],
+    ],
+  );
   near(poseOf(cut, 0)[0], poseOf(motion, 30)[0]);
   const back = reversed(motion);
   near(poseOf(back, 0)[20], poseOf(motion, 59)[20]);
-  assert.deepEqual(back.captions.map(({ text, start, end }) => [text, start, end]), [["waves", 0, 1], ["walks", 1, 3]]);
+  assert.deepEqual(
+    back.captions.map(({ text, start, end }) => [text, start, end]),
+    [
+      ["waves", 0, 1],
+      ["walks", 1, 3],
+    ],
+  );
   near(poseOf(reversed(back), 17)[20], poseOf(motion, 17)[20]);
   const mirror = mirroredMotion(motion);
   near(poseOf(mirror, 40)[0], poseOf(motion, 40)[0], 0.02);
   assert.ok(Math.abs(poseOf(mirror, 5)[21][1] - poseOf(motion, 5)[20][1]) < 0.06);
-  boneLengths(poseOf(mirror, 5)).forEach((size, joint) => assert.ok(Math.abs(size - boneLengths(poseOf(motion, 5))[joint]) < 1e-5));
+  boneLengths(poseOf(mirror, 5)).forEach((size, joint) =>
+    assert.ok(Math.abs(size - boneLengths(poseOf(motion, 5))[joint]) < 1e-5),
+  );
 });
 
 test("another speed has the same way, still feet stay still, bones keep their lengths", () => {

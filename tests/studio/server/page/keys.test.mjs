@@ -83,22 +83,33 @@ test("a planted foot is a key with a last frame: it moves, is stretched, and the
     state = reduce(state, { take: 0, fps: FPS, frames: FRAMES, edit, ...action });
   };
   act({ type: "addKey", frame: 60, constraints: plantedOf(poseOf(motion, 60), "left_foot", 60, 66, FPS) });
-  assert.deepEqual(keys(state).map(({ track, frame, until }) => [track, frame, until]), [["left_foot", 60, 66]]);
+  assert.deepEqual(
+    keys(state).map(({ track, frame, until }) => [track, frame, until]),
+    [["left_foot", 60, 66]],
+  );
   assert.deepEqual(state.project.edits[0].change, [[48, 79]]);
   const shown = previewed(motion, state.project.edits[0].change[0], keys(state));
   // as far as the leg reaches
-  for (let t = 60; t <= 62; t++)
-    assert.ok(distance(poseOf(shown, t)[7], poseOf(motion, 60)[7]) < 2e-3, `${t}`);
+  for (let t = 60; t <= 62; t++) assert.ok(distance(poseOf(shown, t)[7], poseOf(motion, 60)[7]) < 2e-3, `${t}`);
   act({ type: "stretchKey", keys: keys(state), ends: [60, 80] });
-  assert.deepEqual(keys(state).map(({ frame, until }) => [frame, until]), [[60, 80]]);
+  assert.deepEqual(
+    keys(state).map(({ frame, until }) => [frame, until]),
+    [[60, 80]],
+  );
   assert.deepEqual(keys(state)[0].constraints[0].times, [3, 4]);
   assert.equal(state.project.edits[0].change[0][1], 85);
   act({ type: "moveKeys", keys: keys(state), by: 100 });
-  assert.deepEqual(keys(state).map(({ frame, until }) => [frame, until]), [[79, 99]]);
+  assert.deepEqual(
+    keys(state).map(({ frame, until }) => [frame, until]),
+    [[79, 99]],
+  );
   const before = state;
   act({ type: "stretchKey", keys: keys(state), ends: [79, 100] });
   assert.equal(state, before);
-  assert.deepEqual(taken([...keys(state), { track: "left_foot", frame: 90, until: 90 }], keys(state), 0), { track: "left_foot", frame: 79 });
+  assert.deepEqual(taken([...keys(state), { track: "left_foot", frame: 90, until: 90 }], keys(state), 0), {
+    track: "left_foot",
+    frame: 79,
+  });
 });
 
 test("words for a span take its keys along; the new edit has them", () => {
@@ -126,7 +137,10 @@ test("the preview meets a key, keeps bones, planted feet and all other frames, w
     if (t >= 28 && t < 46) for (const foot of [7, 8]) assert.ok(distance(pose[foot], BODY[foot]) < 0.01, `${t}`);
   }
   const [[first, past]] = change;
-  for (const [a, b] of [[0, first], [past, FRAMES]])
+  for (const [a, b] of [
+    [0, first],
+    [past, FRAMES],
+  ])
     assert.deepEqual(shown.joints.subarray(66 * a, 66 * b), motion.joints.subarray(66 * a, 66 * b));
   assert.ok(distance(poseOf(shown, first)[20], poseOf(shown, first - 1)[20]) < 0.02);
 });

@@ -28,7 +28,10 @@ test("a hand goes where it is dragged, and nothing else moves", () => {
 
 test("elbows and knees keep the side that they bend to, also through a straight limb", () => {
   const side = (pose, [a, b, c]) => perpendicular(sub(pose[b], pose[a]), unit(sub(pose[c], pose[a])))[2]; // ahead of the line
-  for (const [handle, chain] of [["left_hand", [16, 18, 20]], ["right_foot", [2, 5, 8]]]) {
+  for (const [handle, chain] of [
+    ["left_hand", [16, 18, 20]],
+    ["right_foot", [2, 5, 8]],
+  ]) {
     let pose = STANDING;
     const before = Math.sign(side(pose, chain));
     for (const dy of [-0.6, -0.3, 0, 0.2]) {
@@ -109,7 +112,7 @@ test("poses are mirrored twice, pasted and reset", () => {
 
 test("1,000 drags of a fuzzer: no NaN, no foot below the floor, bones as long as before", () => {
   let seed = 1;
-  const random = () => ((seed = (seed * 1103515245 + 12345) % 2147483648) / 2147483648),
+  const random = () => (seed = (seed * 1103515245 + 12345) % 2147483648) / 2147483648,
     names = Object.keys(HANDLES),
     before = process.cpuUsage();
   let pose = STANDING;
@@ -129,5 +132,9 @@ test("1,000 drags of a fuzzer: no NaN, no foot below the floor, bones as long as
   }
   const each = process.cpuUsage(before).user / 1e6;
   assert.ok(each < 4, `${each} ms a drag`); // a frame of 60 has 16.7
-  for (const bad of [[NaN, 0, 0], [Infinity, 0, 0]]) assert.deepEqual(dragged(STANDING, "hips", bad), STANDING);
+  for (const bad of [
+    [NaN, 0, 0],
+    [Infinity, 0, 0],
+  ])
+    assert.deepEqual(dragged(STANDING, "hips", bad), STANDING);
 });
