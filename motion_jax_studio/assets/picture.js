@@ -73,7 +73,7 @@ function showTimeline({ view, multiPrompt, player, state, side, laidAgain, desk 
   const one = (shown) => ({
     motion: shown,
     at: second * shown.fps,
-    edited: view.options.edits && !desk.may ? isEdited(shown, Math.floor(second * shown.fps)) : null,
+    edited: view.options.edits && !desk.tool.chosen ? isEdited(shown, Math.floor(second * shown.fps)) : null,
   });
   const others = side ? seeds.map((_, take) => (take === chosen ? null : multiPrompt.of(take))).filter(Boolean) : [];
   const { draft } = desk.tool;
