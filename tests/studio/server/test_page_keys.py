@@ -107,8 +107,9 @@ def test_the_body_has_its_share_of_the_window(timeline):
         return [box('stage').height / innerHeight, box('stage').top - box('notes').bottom]""")
     assert share >= 0.55 and gap >= 0  # notes are above the body
     unnamed = page.driver.execute_script("""
-        return [...document.querySelectorAll('button, input, select, [role=separator]')].filter((one) => one.checkVisibility() && !one.labels?.length && !one.getAttribute('aria-label') &&
-                         !one.textContent.trim() && !one.title).map((one) => one.outerHTML)""")
+        const named = (one) => one.labels?.length || one.ariaLabel || one.textContent.trim() || one.title;
+        return [...document.querySelectorAll('button, input, select, [role=separator]')]
+          .filter((one) => one.checkVisibility() && !named(one)).map((one) => one.outerHTML)""")
     assert not unnamed
   finally:
     page.driver.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
