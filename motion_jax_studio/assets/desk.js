@@ -1,5 +1,5 @@
 // Keys of the project in the page: what the pose tool makes, the tracks show and the row of the selected keys changes.
-import { MOST_EDITS, constraintsOf, keysOf, labelOf, plantedOf, taken, trackOf } from "./pose_keys.js";
+import { MOST_EDITS, MOST_SLACK, constraintsOf, keysOf, labelOf, plantedOf, taken, trackOf } from "./pose_keys.js";
 import { PoseTool } from "./pose_tool.js";
 import { previewed } from "./preview.js";
 import { HANDLES, JOINTS } from "./skeleton.js";
@@ -54,7 +54,7 @@ export class Desk {
       "key-none": () => this.select([]),
     }))
       $(id).onclick = does;
-    $("key-slack").onchange = () => this.set({ slack: Math.max(0, Math.min(20, Math.round(Number($("key-slack").value) || 0))) });
+    $("key-slack").onchange = () => this.set({ slack: Math.max(0, Math.min(MOST_SLACK, Math.round(Number($("key-slack").value) || 0))) });
     $("key-strength").onchange = () => this.set({ strength: Number($("key-strength").value) / 100 });
   }
 
