@@ -9,12 +9,17 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from motion_jax.control.constraints import KeepParts
+from motion_jax.control.constraints import Constraint, KeepParts
 from motion_jax.control.finishing import with_parts
-from motion_jax.models.results import Motion, Motions, gathered
+from motion_jax.control.keys import without_slack
+from motion_jax.control.spans import missed, near_keys, project_frames
+from motion_jax.models.results import Motion, Motions, captions_with, features_of, gathered
 from motion_jax.models.shared import pasting
+from motion_jax.models.shared.known_motion import at_rate, clip_of
+from motion_jax.motion.filling import runs_of
 from motion_jax.motion.skeleton import bone_lengths
 from motion_jax.motion.step_records import added, record
+from motion_jax.utils.errors import InputError
 from motion_jax_studio import resampling
 from motion_jax_studio.checks.best_of import best_of
 from motion_jax_studio.checks.reports import report, unmet_requirements
@@ -86,6 +91,37 @@ def _network_prompt(prompt: str, plan: Plan | None) -> str:
   if plan is None or len(plan.segments) > 1 or plan.segments[0].simultaneous or plan.segments[0].is_pause:
     return prompt
   return plan.segments[0].action.prompt_with_count
+
+
+def edited_through(job: Job, clip: Any, control: Sequence[Constraint], new: Callable[[int], np.ndarray], **options: Any
+                   ) -> Motion:
+  """Regenerate frames of a clip so that they meet keys, constraints with times in these frames.
+
+  The clip is bent through the keys (`control.spans`); the model samples the new frames again, except those next to a
+  key; the result is projected onto the keys. All other frames stay equal, bit for bit, at the model's frame rate.
+  """
+  model, layout = job.model, job.model.stats.layout
+  clip = clip_of(clip, layout)
+  joints = at_rate(clip, model.fps, layout.skeleton)
+  flags = new(len(joints))
+  if not flags.any():
+    raise InputError("everything is kept, so there is nothing to make; choose a span to change")
+  bent = project_frames(joints, control, flags, model.fps)
+  fixed = without_slack(control, joints, model.fps, flags)
+  sampled = flags & ~near_keys(fixed, len(joints), model.fps, model.frames_per_latent // 2 + 1)
+  motion, = edited(job, [clip.replace(joints=bent, fps=model.fps, features=None)],
+                   lambda count: sampled if sampled.any() else flags, **options)
+  met = np.where(flags[:, None, None], project_frames(motion.joints, control, flags, model.fps),
+                 joints).astype(np.float32)
+  runs = [list(run) for run in runs_of(flags)]
+  captions = captions_with([caption for caption in clip.captions if caption.text.strip()],
+                           [(first / model.fps, past / model.fps) for first, past in runs], job.prompts[0],
+                           len(joints) / model.fps)
+  step = record("constrain", f"{len(control)} keys met", motion.joints, met, motion.skeleton)
+  notes = missed(met, control, motion.joints, flags, model.fps)
+  about = dict(made=runs, control=[key.kind for key in control]) | ({"note": "; ".join(notes)} if notes else {})
+  return motion.replace(joints=met, features=features_of(model, met), captions=tuple(captions),
+                        meta=added(motion.meta | about, step))
 
 
 def moves_upper_body(plan: Plan) -> bool:

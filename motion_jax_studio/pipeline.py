@@ -308,13 +308,14 @@ class Pipeline:
             keep: Spans | None = None, change: Spans | None = None, rng: jax.Array | None = None,
             seeds: Iterable[int] | None = None, seed: int | None = None, cleanup: bool = True, plan: bool = True,
             max_attempts: int = MAX_ATTEMPTS, mask: str | None = None, without: str | Iterable[str] = (),
-            **sampling: Any) -> Motions:
+            control: Any = None, **sampling: Any) -> Motions:
     """Regenerate frames of clips, each from its prompt; the best of up to max_attempts samples is kept.
 
     clips, and the choice of new frames by task, keep or change: see the model's `edits`. All other frames keep their
     poses and places, at the model's frame rate; new ones continue them on the clip's own body, with feet pinned unless
     cleanup is False. Of a motion that is too long for the model only the seconds around the new frames are sampled.
-    without: names of steps to leave out (`step_names.EDIT`).
+    without: names of steps to leave out (`step_names.EDIT`). control: keys that the new frames meet, poses and targets
+    with times in them, in the forms of `__call__`.
     """
     self._require("edit")
     if len(prompts) != len(clips) or not clips:
@@ -333,8 +334,13 @@ class Pipeline:
     job = Job(self.planner, texts, [None] * len(texts), keys, seeds, sampling, [[] for _ in texts],
               cleanup="cleanup" not in out, warns=self.warns, plans=plans, records=list(map(plan_records, plans)))
     attempts = 1 if "check" in out else checked(max_attempts, 1, 100, "max_attempts")
-    return editing.edited(job, clips, lambda count: requested_frames(count, task, keep, change), attempts,
-                          task or "spans", corrects="correct" not in out)
+    new = lambda count: requested_frames(count, task, keep, change)
+    options = dict(max_attempts=attempts, task=task or "spans", corrects="correct" not in out)
+    given = constraints_of(control, len(clips))
+    if any(map(is_constrained, given)):
+      return gathered([editing.edited_through(job.select([i]), clip, given[i], new, **options)
+                       for i, clip in enumerate(clips)])
+    return editing.edited(job, clips, new, **options)
 
   def blend(self, first: Clip, second: Clip, seconds: float = 1.0) -> Clip:
     """The first motion followed by the second, which is moved on the ground to continue it, blended over `seconds`."""

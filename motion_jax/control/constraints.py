@@ -20,6 +20,7 @@ JOINTS = {name: number for number, name in enumerate(HUMANML3D.joints)} | {
 KIMODO_JOINTS = {"LeftHand": "left_hand", "RightHand": "right_hand", "LeftFoot": "left_foot",
                  "RightFoot": "right_foot", "Hips": "pelvis"}
 PARTS = ("legs", "torso", "left_arm", "right_arm", "head")
+LONGEST_SLACK, LEAST_STRENGTH = 5.0, 0.01  # seconds; share of the way to a target
 _FARTHEST = 1e4  # metres
 _SLOWEST = 1e-4  # metres a second: least speed along a path
 
@@ -77,15 +78,19 @@ class Keyframe(Constraint):
   """Whole-body pose, joints (22, 3), at a time.
 
   place: "anywhere" moves the pose to the body's position and heading at that time, or to the given path, and keeps its
-  height; "world" keeps the joints' positions.
+  height; "world" keeps the joints' positions. slack: seconds by which the pose may be met earlier or later. strength:
+  share of the way from the motion as sampled to the pose, above 0 and at most 1.
   """
   kind: ClassVar[str] = "keyframe"
   joints: Any
   time: float
   place: str = "anywhere"
+  slack: float = 0.0
+  strength: float = 1.0
 
   def __post_init__(self) -> None:
     _pose(self, "a keyframe")
+    _tolerance(self, "a keyframe")
     _keep(self, "time", float(_times([self.time], "a keyframe")[0]))
 
 
@@ -116,7 +121,8 @@ class EffectorTarget(Constraint):
   """Positions (N, 3) of a hand, a foot, the head, the pelvis or any other joint at times (N,).
 
   relative_to: "world", or "root": the point on the floor below the pelvis, turned with the body, with x to its left, y
-  up, z ahead. between: the joint also follows a smooth curve between the points.
+  up, z ahead. between: the joint also follows a smooth curve between the points. slack, strength: as in `Keyframe`; all
+  times shift together.
   """
   kind: ClassVar[str] = "effector"
   joint: str
@@ -124,9 +130,12 @@ class EffectorTarget(Constraint):
   positions: Any
   relative_to: str = "world"
   between: bool = False
+  slack: float = 0.0
+  strength: float = 1.0
 
   def __post_init__(self) -> None:
     joint_number(self.joint)
+    _tolerance(self, f"a target of {self.joint}")
     _choice(self.relative_to, ("world", "root"), "relative_to")
     times = [self.times] if np.ndim(self.times) == 0 else self.times
     positions = [self.positions] if np.ndim(self.positions) == 1 else self.positions
@@ -199,6 +208,15 @@ def _keep(constraint: Constraint, name: str, value: Any) -> None:
 def _choice(value: Any, known: Sequence[str], what: str) -> None:
   if value not in known:
     raise InputError(f"got {str(value)[:40]!r} as {what}, expected one of {', '.join(known)}")
+
+
+def _tolerance(constraint: Any, what: str) -> None:
+  for name, low, high in (("slack", 0.0, LONGEST_SLACK), ("strength", LEAST_STRENGTH, 1.0)):
+    value = _numbers(getattr(constraint, name), f"the {name} of {what}", None)
+    if value is None or value.ndim or not low <= value <= high:
+      raise InputError(f"got the {name} {str(getattr(constraint, name))[:40]} of {what}, expected a number from "
+                       f"{low:g} to {high:g}")
+    _keep(constraint, name, float(value))
 
 
 def _pose(constraint: Any, what: str) -> None:

@@ -18,6 +18,7 @@ import numpy as np
 from motion_jax.control import poses
 from motion_jax.control.compiling import angle_of, clip_to_feasible, compile, warn_missed
 from motion_jax.control.constraints import Constraint
+from motion_jax.control.keys import without_slack
 from motion_jax.control.signal import ControlSignal
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.pinned_feet import stands
@@ -57,6 +58,8 @@ def project(joints: Num[np.ndarray, "t 22 3"], constraints: ControlSignal | Sequ
   Raises InputError for more than two minutes at 20 frames a second.
   """
   count, start = len(joints), np.asarray(joints, np.float64)
+  if not isinstance(constraints, ControlSignal):
+    constraints = without_slack(constraints, start, fps)
   wanted = _wanted(constraints, count, fps, warn)
   signal = wanted(start, warn)
   if signal.is_empty:

@@ -1,19 +1,10 @@
 // The buttons and check boxes of the page, and its status line.
 import { isPath } from "./control.js";
+import { stored } from "./stored.js";
 import { liveDetails, liveText, statusOf, stepsText } from "./messages.js";
 
 const $ = (id) => document.getElementById(id);
 const LOOKS = ["follow", "path", "steps", "ghosts", "sticks", "edits"];
-
-function stored(name, value) {
-  try {
-    if (value === undefined) return localStorage.getItem(name);
-    localStorage.setItem(name, value);
-  } catch {
-    // this browser stores nothing
-    return null;
-  }
-}
 
 function theme(studio, dark) {
   document.documentElement.dataset.theme = dark ? "dark" : "light";
@@ -52,7 +43,7 @@ export function bind(studio) {
       again();
     };
   }
-  $("centre").onclick = () => {
+  $("centre").onclick = studio.centre = () => {
     const root = studio.view?.figures[0]?.places[0];
     studio.view?.frame(root?.x, root?.z);
   };

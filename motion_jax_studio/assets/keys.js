@@ -3,7 +3,7 @@
 const WRITES = "input:not([type=checkbox]):not([type=range]), textarea, select";
 
 /** does: {play, step(frames), home, end, add, choose(by), longer(by), shift(by), edit, remove, undo, redo, markIn, markOut,
-    unmark} */
+    unmark, help, control: {letter: does()} with Ctrl, letters: {letter: does()}} */
 export function listen(does) {
   document.addEventListener("keydown", (event) => {
     // Keys of an open dialog are the dialog's, Escape too, wherever the focus is.
@@ -17,6 +17,9 @@ export function listen(does) {
       } else if (key === "ArrowLeft" || key === "ArrowRight") {
         event.preventDefault();
         does.shift(key === "ArrowLeft" ? -1 : 1);
+      } else if (does.control[key] && !String(getSelection())) {
+        event.preventDefault();
+        does.control[key]();
       }
       return;
     }
@@ -38,7 +41,9 @@ export function listen(does) {
       "[": does.markIn,
       "]": does.markOut,
       Escape: does.unmark,
-    }[key];
+      F1: does.help,
+      ...does.letters,
+    }[event.shiftKey && key.length === 1 && `shift-${key}` in does.letters ? `shift-${key}` : key];
     if (!found || (event.target.type === "range" && key.startsWith("Arrow"))) return;
     event.preventDefault();
     found();

@@ -4,9 +4,12 @@ import { Characters } from "./character.js";
 import { bind } from "./controls.js";
 import { pathOf, pointsOf } from "./control.js";
 import { showCurves } from "./curves.js";
+import { Desk } from "./desk.js";
 import { PathTool } from "./path_tool.js";
+import { Guide } from "./guide.js";
 import { Ideas } from "./ideas.js";
 import { listen } from "./keys.js";
+import { layOut } from "./layout.js";
 import { Live } from "./live.js";
 import { Notes, STEP } from "./notes.js";
 import { Panels } from "./panels.js";
@@ -251,7 +254,9 @@ const timeline = (studio.timeline = new Timeline($("timeline"), {
     else act({ type: "select", id });
   },
   typing: (field, take) => studio.ideas.attach(field, take),
+  drawn: () => studio.desk?.draw(),
 }));
+const desk = (studio.desk = new Desk(studio));
 
 listen({
   play: studio.play,
@@ -267,13 +272,17 @@ listen({
   ...selected.keys,
   remove: () => {
     if (tool.active && tool.chosen >= 0) tool.remove();
-    else if (!tool.active) removeSelected();
+    else if (!tool.active && !desk.remove()) removeSelected();
   },
   undo: () => act({ type: "undo" }),
   redo: () => act({ type: "redo" }),
   markIn: () => studio.markIn(),
   markOut: () => studio.markOut(),
-  unmark: () => (tool.active ? tool.end() : act({ type: "span", span: null })),
+  unmark: () => (tool.active ? tool.end() : desk.escape() || act({ type: "span", span: null })),
+  help: () => $("help-panel").showModal(),
+  control: desk.control,
+  letters: { ...desk.letters, n: () => studio.toggleDrawer(), f: () => studio.centre(), 1: () => studio.lookFrom("front"),
+    3: () => studio.lookFrom("side"), 7: () => studio.lookFrom("top") }, // prettier-ignore
 });
 
 function removeSelected() {
@@ -303,6 +312,8 @@ studio.ideas = new Ideas($("ideas"), (words) =>
   api.suggestions(studio.mode === "live" ? (live.model?.name ?? "") : studio.state.project.model.name, words),
 );
 bind(studio);
+layOut(studio);
+const guide = (studio.guide = new Guide(studio));
 expose(studio);
 
 function drawTimeline() {
@@ -328,6 +339,7 @@ function drawAll(passed) {
   }
   if (studio.dirty) {
     panels.draw();
+    guide.look();
     explain(studio.state.selected);
   }
   studio.status(moved || studio.dirty);
@@ -372,6 +384,7 @@ async function begin() {
     Object.assign(studio.view.options, studio.look());
     await studio.characters.restore();
     changed();
+    if (!studio.state.project.blocks.length) guide.offer();
   } catch (error) {
     tell(
       /webgl/i.test(error.message)

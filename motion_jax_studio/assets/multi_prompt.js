@@ -59,6 +59,12 @@ export class MultiPrompt {
     return motion ?? this.last;
   }
 
+  /** Shows a motion until the one that replaces it has been generated. */
+  showPreview(motion) {
+    this.last = withSteps({ ...motion, stands: undefined, prints: undefined });
+    this.changed();
+  }
+
   get isEmpty() {
     const { blocks, past } = this.state().project;
     return !blocks.length && !past;
@@ -155,9 +161,10 @@ export class MultiPrompt {
   }
 
   async edited(motion, edit, before, without) {
-    this.works("generating the marked span");
-    const { prompt, change, seed, sampling, model } = edit;
+    this.works(edit.control ? "generating the span through its keys" : "generating the marked span");
+    const { prompt, change, seed, sampling, model, control = null } = edit;
     const request = { motion: motion.sent, prompt, change, seed, sampling, without: leftOut(without) };
+    if (control) request.control = control;
     if (model.name) request.model = model.name;
     const reply = await this.request("edit", request);
     const text = remarkOf(reply)?.text ?? "";

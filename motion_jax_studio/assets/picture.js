@@ -15,6 +15,7 @@ export function picture(studio, passed, other) {
   since += passed;
   if (other && studio.mode === "live") showLive(studio);
   else if (other) showTimeline(studio);
+  if (other || studio.view.turned) studio.desk.tool.show();
   if (other) showConstraints(studio);
   if (other) studio.laidAgain = false;
   studio.view.draw(passed, other);
@@ -59,7 +60,12 @@ function showLive({ view, live, laidAgain }) {
   view.light(Math.floor(at) - from);
 }
 
-function showTimeline({ view, multiPrompt, player, state, side, laidAgain }) {
+// A pose that is being dragged, as a motion of one frame.
+function held(motion, { pose }) {
+  return { ...motion, frames: 1, joints: Float32Array.from(pose.flat()) };
+}
+
+function showTimeline({ view, multiPrompt, player, state, side, laidAgain, desk }) {
   const motion = multiPrompt.shown,
     second = player.time,
     { seeds, chosen } = state.project;
@@ -67,10 +73,11 @@ function showTimeline({ view, multiPrompt, player, state, side, laidAgain }) {
   const one = (shown) => ({
     motion: shown,
     at: second * shown.fps,
-    edited: view.options.edits ? isEdited(shown, Math.floor(second * shown.fps)) : null,
+    edited: view.options.edits && !desk.tool.chosen ? isEdited(shown, Math.floor(second * shown.fps)) : null,
   });
   const others = side ? seeds.map((_, take) => (take === chosen ? null : multiPrompt.of(take))).filter(Boolean) : [];
-  view.show([motion, ...others].map(one));
+  const { draft } = desk.tool;
+  view.show([draft ? { motion: held(motion, draft), at: 0, edited: null } : one(motion), ...others.map(one)]);
   if (laid !== motion || laidAgain) view.lay(motion, motion.prints);
   laid = motion;
   view.light(Math.floor(second * motion.fps));

@@ -3,7 +3,7 @@ import { Autosave } from "./autosave.js";
 
 const $ = (id) => document.getElementById(id);
 const BOXES = ["auto", "repeat", "side", "keep-going", "follow", "path", "steps", "ghosts", "sticks", "edits",
-  "show-curves", "details"]; // prettier-ignore
+  "posing", "pose-whole", "show-curves", "details"]; // prettier-ignore
 
 // The work as plain data, for the storage.
 function snapshot(studio) {

@@ -6,6 +6,7 @@
 // what undo goes back through. A block's `seconds` may be null: as long as similar clips. `past` is an imported motion,
 // `control` a list of constraints (control.js).
 
+import { KEY_CHANGES } from "./pose_keys.js";
 import { MOST_POSES, asJson, movedWith, ofTimeline, withPath, withPose } from "./control.js";
 
 export const SHORTEST = 0.6,
@@ -94,7 +95,7 @@ const CHANGES = {
   },
   choose: (project, { take }) =>
     take in project.seeds && take !== project.chosen ? { ...project, chosen: take } : project,
-  addEdit: (project, { edit }) => ({ ...project, edits: [...project.edits, edit] }),
+  ...KEY_CHANGES,
   dropEdits: (project, { take, keep }) => {
     const edits = project.edits.filter((edit) => edit.take !== take || keep(edit));
     return edits.length === project.edits.length ? project : { ...project, edits };
@@ -205,5 +206,5 @@ export const keyOf = (project, take = project.chosen) =>
     project.past && [project.past.shape, project.past.joints.length, project.past.joints.slice(0, 400)],
     project.edits
       .filter((edit) => edit.take === take)
-      .map(({ prompt, change, seed, sampling, model }) => [prompt, change, seed, sampling, model.name]),
+      .map(({ prompt, change, seed, sampling, model, control = null }) => [prompt, change, seed, sampling, model.name, control]),
   ]);

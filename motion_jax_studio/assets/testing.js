@@ -43,6 +43,12 @@ export function expose(studio) {
       const { own, points, targets, figures } = studio.view.marks;
       return { meshes: own.length, points: points.length, targets: targets.length, poses: figures?.length ?? 0 };
     },
+    keys: () => studio.desk.keys.map(({ track, frame, slack, strength }) => ({ track, frame, slack, strength })),
+    selectedKeys: () => studio.desk.chosen.map(({ track, frame }) => ({ track, frame })),
+    chosenHandle: () => studio.desk.tool.chosen,
+    rings: () => Boolean(studio.desk.tool.known?.rings),
+    previewTime: () => studio.desk.previewTime,
+    preview: () => Boolean(multiPrompt.shown?.preview),
     models: () => studio.models.map(({ name, state }) => ({ name, state })),
     errors: () => [...notes.errors],
     notes: () => [...notes.all],
@@ -75,6 +81,8 @@ export function expose(studio) {
     places: () => studio.view.places(),
     /** Where on the page a point of the floor is, in pixels. */
     screenOf: (x, z) => studio.view.screenOf(x, z),
+    /** Where on the page a handle of the body is, [left, top, pixels of a metre]. */
+    handleAt: (handle) => studio.desk.tool.handles.onPage(studio.desk.tool.handles.dots[handle].position),
     /** Coordinates of the joints of frames from first up to past, as they are played. */
     joints(first, past) {
       const motion = studio.motion(),

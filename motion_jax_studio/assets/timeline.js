@@ -5,7 +5,7 @@ import { between, panned, showing, zoomed } from "./scale.js";
 
 export class Timeline {
   // on: {seek(s), select(id), edit(id, prompt), resize(id, s), remove(id), move(id, index), add(prompt), span(a, b),
-  // explain(id): its mark was clicked}
+  // explain(id): its mark was clicked, drawn()}
   constructor(element, on) {
     this.element = element;
     this.on = on;
@@ -188,6 +188,7 @@ export class Timeline {
     }
     this.head.style.left = `${this.place(shown.time)}px`;
     this.drawRuler();
+    this.on.drawn?.();
   }
 
   /** The words and the length of a block that is being dragged, above it; null when it is dropped. */

@@ -56,6 +56,28 @@ export class View {
     controls.update();
   }
 
+  /** Looks at the target from a side ("front", "side", "top") or as a bookmark does. */
+  lookFrom(side) {
+    const { camera, controls } = this.stage,
+      { target } = controls;
+    if (typeof side === "object") {
+      target.y = side.height;
+      camera.position.copy(target).add(side.away);
+    } else {
+      const distance = Math.min(Math.max(camera.position.distanceTo(target), 4), 9),
+        [x, y, z] = { front: [0, 0.1, 1], side: [1, 0.1, 0], top: [0, 1, 0.05] }[side];
+      camera.position.set(x, y, z).setLength(distance).add(target);
+    }
+    controls.update();
+    this.turned = true;
+  }
+
+  /** The way that the camera looks from now, for `lookFrom`. */
+  bookmark() {
+    const { camera, controls } = this.stage;
+    return { away: camera.position.clone().sub(controls.target), height: controls.target.y };
+  }
+
   makeSteps() {
     const { CircleGeometry, MeshBasicMaterial, InstancedMesh, Color } = this.parts.three;
     const disc = new CircleGeometry(0.055, 20).rotateX(-Math.PI / 2);

@@ -47,9 +47,8 @@ def add_to(parser):
 def constraints_of(args, model):
   """The constraints of the flags of `add_to`, at the model's frame rate."""
   from motion_jax.control import constraints as kinds
-  from motion_jax.control import files
   joints_of = lambda path, frame=None: _joints(path, frame, model, args.mapping)
-  constraints = files.load(args.control, joints_of) if args.control else []
+  constraints = read_file(args, model) if args.control else []
   constraints += [args.path] if args.path else []
   constraints += [kinds.Keyframe(joints_of(pose.file, pose.frame), pose.at if pose.in_seconds else pose.at / model.fps)
                   for pose in args.keyframe]
@@ -58,6 +57,12 @@ def constraints_of(args, model):
     parts, path = args.keep_parts
     constraints.append(kinds.KeepParts(joints_of(path), parts, model.fps))
   return constraints + [kinds.Loop()] * args.loop + [kinds.InPlace()] * args.in_place
+
+
+def read_file(args, model):
+  """The constraints of the file of --control."""
+  from motion_jax.control import files
+  return files.load(args.control, lambda path, frame=None: _joints(path, frame, model, args.mapping))
 
 
 def parts_of(text):

@@ -90,12 +90,15 @@ def _add_edit(commands):
   edit.add_argument("--keep-parts", metavar="PARTS", type=typed(control.parts_of), help="keep these body parts (legs, "
                     "torso, left_arm, right_arm, head, with commas) and regenerate the others, within --change or "
                     "everywhere; works with any model")
+  edit.add_argument("--control", metavar="FILE.json", help="keys that the new frames meet: poses and targets with "
+                    "times (docs/control.md)")
   edit.add_argument("--no-paste", action="store_true", help="return kept frames as the autoencoder decodes them, "
                     "not as they are in the file")
   flags.add_attempts(edit)
   flags.add_steps(edit, step_names.EDIT)
   add_reading(edit)
-  flags.add_common(edit, "edit", "edited.html", ("prompt", "task", "change", "keep", "keep_parts", "max_attempts"))
+  flags.add_common(edit, "edit", "edited.html", ("prompt", "task", "change", "keep", "keep_parts", "control",
+                                                 "max_attempts"))
   edit.set_defaults(run=_edit, model="cdamd-small")
 
 
@@ -206,7 +209,10 @@ def _spans(flag, texts, frames, fps):
 def _editor(args, session):
   """The function that edits: the pipeline's, or with --no-paste the model's."""
   if not args.no_paste:
-    return functools.partial(session.pipeline.edit, max_attempts=args.max_attempts, without=session.without)
+    keys = {"control": control.read_file(args, session.model)} if args.control else {}
+    return functools.partial(session.pipeline.edit, max_attempts=args.max_attempts, without=session.without, **keys)
+  if args.control:
+    raise InputError("got --control with --no-paste; keys are met in the clip itself, so leave out --no-paste")
   if args.without:
     raise InputError("got --without with --no-paste, which is one pass of the network without those steps; use "
                      "--no-cleanup to leave out the cleanup")

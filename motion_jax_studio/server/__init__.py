@@ -11,7 +11,6 @@ extra `studio`.
   library             loads and compiles the models in a background thread, one `ModelSlot` each
   requests            /v1/generate, /v1/multi-prompt, /v1/edit, /v1/import
   multi_prompt        cache of multi-prompt motions: only the blocks after a change are sampled again
-  constraint_report   constraints as the page draws them, and the distance of a motion from them
   streams             one live motion per WebSocket
   poses               a robot's configurations or a rig's rotations, in addition to the joints of a stream
   stream_constraints  constraints of a running stream

@@ -34,7 +34,8 @@ def validate(value: Any, limits: Limits) -> dict[str, Any]:
                      "place of one of the seeds")
   return {"format": FORMAT, "version": VERSION} | msgspec.to_builtins(msgspec.structs.asdict(project) | {
       "past": value.get("past"), "without": [name for name in EDIT if name in project.without],
-      "control": files.to_json(project.control) if project.control else None})
+      "control": _as_json(project.control), "edits": [msgspec.structs.asdict(edit) | {"control": _as_json(edit.control)}
+                                                      for edit in project.edits]})
 
 
 def read(path: str | pathlib.Path, limits: Limits) -> dict[str, Any]:
@@ -71,13 +72,17 @@ def generate(project: dict[str, Any], library: Library, limits: Limits, take: in
     if edit["take"] == take:
       editor = _with_warning(library.pipeline(edit["model"]["name"], "edit"), edit["model"], notify)
       motion = make_edit(editor, motion, edit["prompt"], edit["change"], None, edit["seed"], edit["sampling"],
-                         out)
+                         out, control_of(edit))
   return motion
 
 
 def control_of(project: dict[str, Any]) -> list[Constraint]:
-  """The constraints of a checked project."""
+  """The constraints of a checked project, or of one of its edits."""
   return files.from_json(project["control"]) if project["control"] else []
+
+
+def _as_json(control):
+  return files.to_json(control) if control else None
 
 
 def models_of(project: dict[str, Any]) -> list[str]:

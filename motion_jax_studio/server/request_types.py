@@ -62,6 +62,7 @@ def types_of(limits: Limits) -> SimpleNamespace:
       "Edit", motion=MotionField, prompt=Prompt,
       change=_optional(Spans, about="spans [first, past] in frames to regenerate; either change or keep"),
       keep=_optional(Spans, about="spans [first, past] in frames to keep"), model=model, seed=seed, sampling=sampling,
+      control=_optional(Control, [], "keys in the new frames: constraints with times, docs/control.md"),
       without=without(step_names.EDIT))
   export = _type(
       "Export", motion=MotionField, format=Literal[tuple(exporting.formats())],
@@ -75,7 +76,7 @@ def types_of(limits: Limits) -> SimpleNamespace:
 
   saved_model = _type("SavedModel", name=_text(), id=_optional(_text(), ""))
   saved_edit = _type("SavedEdit", take=take, prompt=Prompt, change=Spans, seed=seed, sampling=sampling,
-                     model=saved_model)
+                     model=saved_model, control=control)
   project = _type(
       "Project", model=saved_model, blocks=segments, seeds=_optional(Annotated[list[number(*SEEDS, whole=True)], Meta(
           min_length=1, max_length=limits.takes, examples=[[0, 1]])], [0]),

@@ -11,6 +11,7 @@ import numpy as np
 from motion_jax import export
 from motion_jax.control.compiling import compile
 from motion_jax.control.constraints import Constraint
+from motion_jax.control.keys import without_slack
 from motion_jax.data.clip import Clip
 from motion_jax.export import scene
 from motion_jax.export.files import READERS
@@ -106,14 +107,15 @@ class RequestHandler:
     return motion.replace(meta=motion.meta | {"steps": [*planned, *motion.meta["steps"]]}), reused, same
 
   def edit(self, request: Any) -> dict[str, Any]:
-    """`Edit` -> {motion, made, notes}."""
+    """`Edit` -> {motion, made, notes, constraints}."""
     if (request.change is None) == (request.keep is None):
       raise InputError("got both or neither of change and keep; give one of them, the frames to regenerate or to keep")
     pipeline = self.library.pipeline(request.model, "edit")
     with self.place(), progress.part("generating the span"):
       motion = make_edit(pipeline, request.motion, request.prompt, request.change, request.keep, request.seed,
-                         request.sampling, request.without)
-    return {"motion": serialization.to_json(motion), "made": motion.meta["made"]} | notes_and_unknown_words(
+                         request.sampling, request.without, request.control)
+    report = {"constraints": constraints_of(request.control, motion)} if request.control else {}
+    return {"motion": serialization.to_json(motion), "made": motion.meta["made"]} | report | notes_and_unknown_words(
         pipeline, [request.prompt], notes_of([motion]), without=request.without)
 
   def read(self, data: bytes, name: str) -> dict[str, Any]:
@@ -137,8 +139,10 @@ class RequestHandler:
 
 def constraints_of(control: Sequence[Constraint], motion: Clip) -> dict[str, Any]:
   """Constraints as they apply to a motion: {targets: [[frame, x, y, z]], poses: [{frame, joints}], off: {mean, worst,
-  frame, joint}}. `off` is the distance in millimetres; it is missing if no constraint has a place."""
-  signal = compile(control, motion.num_frames, motion.fps, motion.joints)
+  frame, joint}}. `off` is the distance in millimetres, of keys at full strength; it is missing if no constraint
+  has a place."""
+  known = without_slack([key for key in control if getattr(key, "strength", 1) == 1], motion.joints, motion.fps)
+  signal = compile(known, motion.num_frames, motion.fps, motion.joints)
   parts, off = scene.parts_of(signal), scene.distance(signal, motion)
   return {"targets": [[frame, *np.round(place, 4).tolist()] for frame, _, place in parts.targets],
           "poses": [{"frame": frame, "joints": np.round(joints, 4).tolist()} for frame, joints in parts.poses]
@@ -146,8 +150,11 @@ def constraints_of(control: Sequence[Constraint], motion: Clip) -> dict[str, Any
 
 
 def make_edit(pipeline: Any, clip: Any, prompt: str, change: Any, keep: Any, seed: int, sampling: dict[str, Any],
-              without: Collection[str] = ()) -> Motion:
-  """Regenerate the frames of a clip in the spans `change`, or outside the spans `keep`; the others are unchanged."""
+              without: Collection[str] = (), control: Sequence[Constraint] = ()) -> Motion:
+  """Regenerate the frames of a clip in the spans `change`, or outside the spans `keep`; the others are unchanged.
+
+  control: keys in the new frames; with keys one attempt is made, for an animator waits for it.
+  """
   check_sampling(pipeline.model, sampling)
   spans = change if change is not None else keep
   if spans[-1][1] > clip.num_frames:
@@ -157,7 +164,8 @@ def make_edit(pipeline: Any, clip: Any, prompt: str, change: Any, keep: Any, see
   spans = [(first, min(max(round(past * rate), first + 1), frames))
            for first, past in ((min(round(first * rate), frames - 1), past) for first, past in spans)]
   which = dict(change=spans) if change is not None else dict(keep=spans)
-  edited = pipeline.edit(clip, prompt, seed=seed, without=without, **which, **sampling)
+  keyed = dict(control=list(control), max_attempts=1) if control else {}
+  edited = pipeline.edit(clip, prompt, seed=seed, without=without, **which, **keyed, **sampling)
   return edited.replace(source=clip.source or edited.source, meta=edited.meta | dict(said=prompt))
 
 

@@ -71,7 +71,9 @@ class CmdmModel(BlockModel, CmdmNetworks):
     if signal is not None:
       about |= dict(control_steps=control_steps, refinements=refinements)
       control = dict(signal=signal, control_steps=control_steps, refinements=refinements)
-    steered = multi_prompt.by_clauses(lists, self.block_frames, self.captions.knows) if chosen.clauses and way == "stream" else lists
+    steered = lists
+    if chosen.clauses and way == "stream":
+      steered = multi_prompt.by_clauses(lists, self.block_frames, self.captions.knows)
     prompts, frames = ([list(part) for part in parts] for parts in zip(*(zip(*segments) for segments in steered)))
     make = multi_prompt.stream if way == "stream" else multi_prompt.chain
     sampled = Sampled(*make(self, plan, chosen, prompts, frames, keys, contrast, **control), about)

@@ -26,7 +26,8 @@ def run(script, folder, needs):
   assert done.returncode == 0, done.stdout[-6000:] + done.stderr[-2000:]
 
 
-@pytest.mark.parametrize("script", ["parts.test.mjs", "notes.test.mjs"])
+@pytest.mark.parametrize("script", ["parts.test.mjs", "notes.test.mjs", "posing.test.mjs", "keys.test.mjs",
+                                    "clips.test.mjs"])
 def test_the_parts_do_what_they_say(script, tmp_path):
   run(script, tmp_path, ASSETS.glob("*.js"))
 

@@ -8,7 +8,7 @@ from motion_jax import export
 from motion_jax.utils.errors import InputError
 from motion_jax_studio import cli
 from motion_jax_studio.server import library as model_library
-from motion_jax_studio.server import project
+from motion_jax_studio.server import project, serialization
 from motion_jax_studio.server.limits import Limits
 from tests.studio.server.conftest import refusal
 from tests.studio.server.test_requests import joints_of
@@ -44,9 +44,28 @@ def test_edits_are_done_in_their_order(library, monkeypatch):
   assert "made with old@1234" in told[0]
 
 
+def test_keys_of_an_edit_are_met_by_its_motion(client, library):
+  """By the request of the page and by the saved project; the other frames are equal."""
+  motion = project.made(project.checked(PROJECT, Limits()), library, Limits())
+  aim = (motion.joints[20, 20] + [0.02, 0.05, 0.03]).round(4).tolist()
+  key = {"type": "effector", "joint": "left_wrist", "times": [1.0], "positions": [aim]}
+  keys = {"version": 1, "constraints": [key]}
+  edit = {"prompt": "a person kicks", "change": [[12, 30]], "seed": 2, "control": keys}
+  edits = [edit | {"take": 1, "model": {"name": "editor"}}]
+  saved = client.post("/v1/project", json=PROJECT | {"edits": edits}).json()
+  assert saved["edits"][0]["control"] == keys
+  made = project.made(saved, library, Limits()).joints
+  reply = client.post("/v1/edit", json=edit | {"motion": serialization.to_json(motion), "model": "editor"}).json()
+  assert (joints_of(reply["motion"]) == made).all() and reply["constraints"]["off"]["worst"] < 1
+  kept = [*range(12), *range(30, len(made))]
+  assert (made[kept] == motion.joints[kept]).all() and np.abs(made[20, 20] - aim).max() < 1e-3
+  late = edit | {"change": [[25, 40]], "motion": serialization.to_json(motion), "model": "editor"}
+  assert "a key of left wrist at 1.00 s (frame 20), which is not among" in refusal(client.post("/v1/edit", json=late))
+
+
 def test_steps_of_a_project_are_left_out_of_its_blocks_and_edits(library, monkeypatch):
   given = []
-  monkeypatch.setattr(project, "make_edit", lambda pipeline, clip, *rest: (given.append(rest[-1]), clip)[1])
+  monkeypatch.setattr(project, "make_edit", lambda pipeline, clip, *rest: (given.append(rest[-2]), clip)[1])
   edit = {"prompt": "a person kicks", "change": [[8, 16]], "take": 1, "model": {"name": "editor", "id": ""}}
   checked = project.validate(PROJECT | {"without": ["plan", "check"], "edits": [edit]}, Limits())
   assert checked["without"] == ["plan", "check"]

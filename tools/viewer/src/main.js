@@ -1,8 +1,9 @@
 // The bundle: a page that has motions inside starts by itself; the studio builds its own from these parts.
 import {
   BufferAttribute, BufferGeometry, CircleGeometry, Color, Group, InstancedMesh, LineBasicMaterial, LineSegments, Matrix4,
-  Mesh, MeshBasicMaterial, Quaternion, Vector3,
+  Mesh, MeshBasicMaterial, Object3D, Quaternion, SphereGeometry, Vector3,
 } from 'three';
+import {TransformControls} from 'three/examples/jsm/controls/TransformControls.js';
 import {Figure} from './body.js';
 import {readCharacter} from './character.js';
 import {Marks, PALE} from './marks.js';
@@ -12,10 +13,10 @@ import {Stage} from './scene.js';
 import {Turns} from './turns.js';
 
 window.motionParts = {
-  Figure, Marks, PALE, Stage, Turns, readCharacter, ribbon,
+  Figure, Marks, PALE, Stage, TransformControls, Turns, readCharacter, ribbon,
   three: {
     BufferAttribute, BufferGeometry, CircleGeometry, Color, Group, InstancedMesh, LineBasicMaterial, LineSegments, Matrix4,
-    Mesh, MeshBasicMaterial, Quaternion, Vector3,
+    Mesh, MeshBasicMaterial, Object3D, Quaternion, SphereGeometry, Vector3,
   },
 };
 
