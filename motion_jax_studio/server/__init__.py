@@ -14,11 +14,9 @@ extra `studio`.
   streams             one live motion per WebSocket
   poses               a robot's configurations or a rig's rotations, in addition to the joints of a stream
   stream_constraints  constraints of a running stream
-  exporting           /v1/export: files of a motion
-  export_choices      formats and rigs of /v1/export
+  exporting           /v1/export: files of a motion, in the formats and rigs that there are
   project             saved projects
   suggestions         prompts that a model can do
-  mmcp, mmcp_constraints  the MMCP protocol of animation programs
   limits              limits of one studio: sizes, counts, rates
   request_types, fields  types of requests; checks of their values, and error messages
   openapi             the OpenAPI description of the requests

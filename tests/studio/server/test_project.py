@@ -44,9 +44,10 @@ def test_edits_are_done_in_their_order(library, monkeypatch):
   assert "made with old@1234" in told[0]
 
 
+@pytest.mark.slow
 def test_keys_of_an_edit_are_met_by_its_motion(client, library):
   """By the request of the page and by the saved project; the other frames are equal."""
-  motion = project.made(project.checked(PROJECT, Limits()), library, Limits())
+  motion = project.generate(project.validate(PROJECT, Limits()), library, Limits())
   aim = (motion.joints[20, 20] + [0.02, 0.05, 0.03]).round(4).tolist()
   key = {"type": "effector", "joint": "left_wrist", "times": [1.0], "positions": [aim]}
   keys = {"version": 1, "constraints": [key]}
@@ -54,7 +55,7 @@ def test_keys_of_an_edit_are_met_by_its_motion(client, library):
   edits = [edit | {"take": 1, "model": {"name": "editor"}}]
   saved = client.post("/v1/project", json=PROJECT | {"edits": edits}).json()
   assert saved["edits"][0]["control"] == keys
-  made = project.made(saved, library, Limits()).joints
+  made = project.generate(saved, library, Limits()).joints
   reply = client.post("/v1/edit", json=edit | {"motion": serialization.to_json(motion), "model": "editor"}).json()
   assert (joints_of(reply["motion"]) == made).all() and reply["constraints"]["off"]["worst"] < 1
   kept = [*range(12), *range(30, len(made))]
