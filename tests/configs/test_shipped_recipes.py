@@ -1,5 +1,4 @@
 """Recipes of the shipped models: their passes fit one another, train end to end, and continue where they stopped."""
-import json
 import pathlib
 import string
 
@@ -46,7 +45,7 @@ def test_passes_name_earlier_ones_and_fields_that_exist(name, size):
                                   or "open" in recipe])
 def test_the_last_pass_makes_the_network_that_ships(name):
   """Its sizes, its tokenizer's, and how it is sampled; the weights may have been trained by an older recipe."""
-  shipped = json.loads((runs.PRETRAINED / name.rpartition("/")[2].replace("_", "-") / "config.json").read_text())
+  shipped = runs.load_run(name.rpartition("/")[2].replace("_", "-")).config.to_dict()
   one = config_files.load(name).passes[-1]
   made = fit.config_of_pass(one, dict.fromkeys((one["name"] for one in config_files.load(name).passes), "")).to_dict()
   assert made["sampler"].items() <= shipped["sampler"].items()
