@@ -9,16 +9,20 @@ from motion_jax.data.mocap.bvh import bvh_clip
 from motion_jax.data.mocap.files import read_mapping
 from motion_jax.export import bvh
 from motion_jax.utils import text_files
-from motion_jax_studio import cli
+from motion_jax_studio.cli.prompts import read_lines
 
 SENTENCE = "eine Übung – “langsam”"
+
+
+def read_prompts(path, fps=20.0):
+  return [(line.prompt, line.frames(fps)) for line in read_lines(path)]
 
 
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "utf-16-le", "utf-16-be", "utf-32"])
 @pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
 def test_encodings(tmp_path, encoding, end):
   (tmp_path / "a.txt").write_bytes(end.join(["a person walks", SENTENCE, ""]).encode(encoding))
-  assert cli.read_prompts(str(tmp_path / "a.txt")) == [("a person walks", None), (SENTENCE, None)]
+  assert read_prompts(str(tmp_path / "a.txt")) == [("a person walks", None), (SENTENCE, None)]
 
 
 def test_prompts_of_momask(tmp_path):
@@ -27,18 +31,18 @@ def test_prompts_of_momask(tmp_path):
   path.write_text("a person walks forward#80\na person waves#NA\na man stands on spot #3\nhe counts to #\n#12\n")
   rows = [("a person walks forward", 80), ("a person waves", None), ("a man stands on spot #3", None),
           ("he counts to #", None), ("#12", None)]
-  assert cli.read_prompts(str(path)) == rows
-  assert cli.read_prompts(str(path), fps=12.5)[0] == ("a person walks forward", 50)
-  assert cli.read_prompts("a person walks#80") == [("a person walks#80", None)]
+  assert read_prompts(str(path)) == rows
+  assert read_prompts(str(path), fps=12.5)[0] == ("a person walks forward", 50)
+  assert read_prompts("a person walks#80") == [("a person walks#80", None)]
   path.write_text("a person walks#80000\n")
   with pytest.raises(ValueError, match="p.txt line 1: in the length after #: got .*80000"):
-    cli.read_prompts(str(path))
+    read_prompts(str(path))
 
 
 def test_windows_1252_is_a_guess_with_a_warning(tmp_path):
   (tmp_path / "a.txt").write_bytes(f"a person walks\r\n{SENTENCE}".encode("cp1252"))
   with pytest.warns(UserWarning, match="a.txt is not UTF-8 .line 2., read as Windows-1252"):
-    assert cli.read_prompts(str(tmp_path / "a.txt"))[1] == (SENTENCE, None)
+    assert read_prompts(str(tmp_path / "a.txt"))[1] == (SENTENCE, None)
 
 
 @pytest.mark.parametrize("text", ["café", "x,y;Ä", "ü", "naïve", "un homme s’assoit à côté d’une chaise"])
@@ -68,7 +72,7 @@ def test_names_that_no_file_has(tmp_path, name):
 def test_what_is_no_text(tmp_path, data, message):
   (tmp_path / "a.txt").write_bytes(data)
   with pytest.raises(ValueError, match=message) as error:
-    cli.read_prompts(str(tmp_path / "a.txt"))
+    read_prompts(str(tmp_path / "a.txt"))
   assert "\n" not in str(error.value)
 
 
@@ -80,7 +84,7 @@ def test_what_is_no_text(tmp_path, data, message):
 ])
 def test_tables_of_prompts(tmp_path, text):
   (tmp_path / "p.csv").write_bytes(text.encode("utf-8-sig"))
-  assert cli.read_prompts(str(tmp_path / "p.csv")) == [("a person walks; then, runs", 24), ("walks, then sits", None)]
+  assert read_prompts(str(tmp_path / "p.csv")) == [("a person walks; then, runs", 24), ("walks, then sits", None)]
 
 
 @pytest.mark.parametrize("text, message", [
@@ -92,7 +96,7 @@ def test_tables_of_prompts(tmp_path, text):
 def test_lines_that_are_no_prompts(tmp_path, text, message):
   (tmp_path / "p.csv").write_text(text)
   with pytest.raises(ValueError, match=message):
-    cli.read_prompts(str(tmp_path / "p.csv"))
+    read_prompts(str(tmp_path / "p.csv"))
 
 
 def test_captions_as_excel_writes_them(tmp_path):
