@@ -133,3 +133,40 @@ def test_the_release_workflow_builds_once_and_publishes_to_the_test_index_first(
   assert jobs[first]["needs"] == "attest" and jobs["attest"]["needs"] == "build" and jobs[second]["needs"] == first
   assert all(jobs[name]["permissions"] == {"id-token": "write"} for name in publish)
   assert sum("python -m build" in step.get("run", "") for job in jobs.values() for step in job["steps"]) == 1
+
+
+def stages():
+  """{stage of the Dockerfile: [its base, its instructions (name, arguments)]}."""
+  lines = re.sub(r"\\\n", " ", re.sub(r"(?m)^#.*\n", "", text_of("Dockerfile"))).splitlines()
+  by_name, name = {}, ""
+  for word, rest in (line.split(None, 1) for line in lines if line.strip()):
+    if word == "FROM":
+      base, _, name = rest.split()
+      by_name[name] = [base, []]
+    else:
+      by_name[name][1].append((word, rest))
+  return by_name
+
+
+def test_images_run_as_a_user_without_rights():
+  images = stages()
+  assert list(images)[-1] == "cpu"  # the default target
+  for target in ("cpu", "cuda"):
+    base, instructions = images[target]
+    assert base == "base" and instructions[-1] == ("USER", "motion")
+  assert "useradd --uid 1000" in dict(images["base"][1])["RUN"]
+
+
+def test_images_are_made_of_files_that_exist_and_of_this_python():
+  images = stages()
+  kept = {line.removeprefix("!") for line in text_of(".dockerignore").splitlines() if line.startswith("!")}
+  copied = {source for word, rest in images["source"][1] if word == "COPY" for source in rest.split()[:-1]}
+  assert copied == kept and all((ROOT / source).exists() for source in copied)
+  packages = tomllib.loads(text_of("pyproject.toml"))["tool"]["setuptools"]["package-dir"].values()
+  assert {"motion_jax", "motion_jax_studio", *packages, PROJECT["readme"]} <= copied
+  pythons = {base for base, _ in images.values() if ":" in base}
+  development = json.loads(text_of(".devcontainer/devcontainer.json"))
+  assert pythons == {"python:3.11-slim"} and development["image"].endswith(":3.11")
+  installs = [rest for _, instructions in images.values() for _, rest in instructions if "pip install" in rest]
+  extras = {extra for line in installs for extra in re.search(r"\.\[(.*)\]", line)[1].split(",")}
+  assert len(installs) == 2 and extras <= set(PROJECT["optional-dependencies"])
