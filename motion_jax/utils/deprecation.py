@@ -4,7 +4,8 @@ import warnings
 from collections.abc import Callable
 from typing import ParamSpec, TypeVar
 
-P, R = ParamSpec("P"), TypeVar("R")
+P = ParamSpec("P")
+R = TypeVar("R")
 
 
 def renamed_parameters(removed_in: str, **names: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
