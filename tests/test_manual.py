@@ -29,6 +29,11 @@ def consoles(page):
           for command, printed in re.findall(r"(?m)^\$ (.*)\n((?:(?!\$ ).*\n)*)", block)]
 
 
+def text_of(name):
+  """The text of a page of docs/ by its name."""
+  return (ROOT / "docs" / f"{name}.md").read_text(encoding="utf-8")
+
+
 def run(words):
   """What a command prints, to both of its outputs in the order of time, without what is of the run alone."""
   printed = io.StringIO()
@@ -73,6 +78,49 @@ def test_a_sentence_is_understood_as_its_page_says():
 def test_an_example_prints_what_its_page_says(command, printed, tmp_path, monkeypatch):
   monkeypatch.chdir(tmp_path)
   assert run(shlex.split(command)[1:]) == printed
+
+
+COMPARING = ["choosing", "coming-from"]  # pages with commands in tables
+
+
+@pytest.mark.parametrize("name", COMPARING)
+def test_commands_in_tables_exist(name, capsys):
+  lines = re.findall(r"`(motion-jax [a-z-]+ [^`]*)`", text_of(name).replace("\\|", "|"))
+  lines = [line.removesuffix(" FILE --out OTHER") + " a.npz --out b.npz" if "OTHER" in line else line for line in lines]
+  for line in lines:
+    if "--" in line or len(line.split()) > 3:
+      assert cli.parse(shlex.split(line)[1:]).command, line
+  assert len(lines) > 4 * (name == "coming-from") and not capsys.readouterr().err
+
+
+def test_flags_of_other_programs_are_refused_with_ours(capsys):
+  """Those of the tables whose right column names another flag of `generate`."""
+  rows = re.findall(r"(?m)^\| (`--.*?) \| (`--.*?) \|$", text_of("coming-from"))
+  flags = re.compile(r"`--([\w-]+)")
+  differing = [(theirs, ours) for row in rows for theirs, ours in zip(*map(flags.findall, row))
+               if theirs.replace("_", "-") != ours]
+  assert len(differing) > 5
+  for theirs, ours in differing:
+    if (theirs, ours) not in (("time_steps", "num-iterations"), ("motion_length", "num-frames"), ("bvh", "out")):
+      with pytest.raises(SystemExit):
+        cli.parse(["generate", "a person waves", f"--{theirs}", "1"])
+      assert f"did you mean --{ours}?" in capsys.readouterr().err, theirs
+
+
+def test_abilities_of_the_methods_are_those_of_their_classes():
+  from motion_jax.models.cdamd.model import CdamdModel
+  from motion_jax.models.cmdm.model import CmdmModel
+  from motion_jax.models.mdm.model import DipModel, MdmModel
+  from motion_jax.models.mld.model import MldModel
+  from motion_jax.models.momask.model import MomaskModel
+  from motion_jax.models.motionstreamer.model import MotionStreamerModel
+  from motion_jax.models.t2m_gpt.model import T2mGptModel
+  classes = {"CMDM": CmdmModel, "CDAMD, MARDM": CdamdModel, "MDM": MdmModel, "DiP": DipModel, "MLD": MldModel,
+             "T2M-GPT": T2mGptModel, "MoMask": MomaskModel, "MotionStreamer": MotionStreamerModel}
+  section = text_of("choosing").partition("| streams | edits frames |")[2].partition("\n\n")[0]
+  rows = {name: words for name, *words in re.findall(r"(?m)^\| (.*?) \| .*? \| (yes|no) \| (yes|no) \|", section)}
+  assert rows == {name: [("no", "yes")[ability in model.abilities] for ability in ("stream", "edit")]
+                  for name, model in classes.items()}
 
 
 @pytest.mark.exhaustive

@@ -30,6 +30,7 @@ from motion_jax.motion.retarget import with_lengths
 from motion_jax.motion.skeleton import HUMANML3D, SMPL
 from motion_jax.utils.atomic import atomic_path
 from motion_jax.utils.errors import InputError, reading
+from motion_jax.utils.format_versions import check_version
 from motion_jax.utils.nearest import did_you_mean
 
 VERSION = 1
@@ -65,8 +66,7 @@ def from_json(data: Any, read: Reader | None = None) -> list[Constraint]:
   """
   if not isinstance(data, dict) or set(data) != {"version", "constraints"}:
     raise InputError('got no constraints, expected {"version": 1, "constraints": [...]}')
-  if data["version"] != VERSION or isinstance(data["version"], bool):
-    raise InputError(f"got constraints of version {str(data['version'])[:20]}, this program reads {VERSION}")
+  check_version(data["version"], "the list of constraints", VERSION)
   rows = data["constraints"]
   if not isinstance(rows, list) or len(rows) > MOST:
     raise InputError(f"got {len(rows) if isinstance(rows, list) else 'no list of'} constraints, expected a list of at "

@@ -28,6 +28,7 @@ from motion_jax.text.captions import with_subjects
 from motion_jax.text.encoder import TextEncoder
 from motion_jax.utils.atomic import atomic_folder
 from motion_jax.utils.errors import InputError, reading
+from motion_jax.utils.format_versions import check_version
 from motion_jax.utils.input_files import load_npy, read_json
 
 ABOUT, CUTS, CAPTIONS, WORDS = "store.json", "cuts.npy", "captions.json", "words"
@@ -84,8 +85,7 @@ class Store:
       raise FileNotFoundError(f"{folder} has no {ABOUT}: it is no store; motion-jax data encode makes one")
     about = read_json(folder / ABOUT, dict, advice=_ADVICE)
     with reading(folder / ABOUT, _ADVICE):
-      if about["format"] != 1:
-        raise InputError(f"{folder} is a store of format {about['format']!r}, expected 1; {_ADVICE}")
+      check_version(about["format"], f"the store {folder}")
       self.identity, self._tables = dict(about["identity"]), dict(about["tables"])
       self._rows = {name: self._mapped(name, table) for name, table in self._tables.items()}
     self._ends = {name: load_npy(folder / f"{name}.ends.npy") for name in self._tables}

@@ -19,6 +19,7 @@ from motion_jax.rigs.joint_arrays import pick_joints
 from motion_jax.rigs.joint_maps import skeleton_of
 from motion_jax.utils.atomic import atomic_path
 from motion_jax.utils.errors import InputError
+from motion_jax.utils.format_versions import KEY, check_version
 from motion_jax.utils.input_files import PickledError, load_npy, load_npz, npz_names, parse_json
 from motion_jax.utils.json_values import plain
 from motion_jax.utils.plugins import Registry
@@ -33,7 +34,7 @@ def npz(clip, path) -> pathlib.Path:
   Only plain arrays and JSON: `np.load(path, allow_pickle=False)` reads every key.
   """
   path = pathlib.Path(path)
-  arrays = {"joints": np.asarray(clip.joints, np.float32), "fps": np.float64(clip.fps),
+  arrays = {KEY: np.int64(1), "joints": np.asarray(clip.joints, np.float32), "fps": np.float64(clip.fps),
             "skeleton": np.array(clip.skeleton.name), "joint_names": np.array(clip.skeleton.joints),
             "prompt": np.array(clip.captions[0].text if clip.captions else ""),
             "captions": np.array(json.dumps([[c.text, c.start, c.end] for c in clip.captions])),
@@ -140,8 +141,10 @@ def _tell_upward_axis(read_as, path):
 
 
 def _load_npz(path, fps, unit, up, mapping):
-  arrays = load_npz(path, ("joints", "features", "posed_joints", "fps", "seed"),
+  arrays = load_npz(path, (KEY, "joints", "features", "posed_joints", "fps", "seed"),
                     ("skeleton", "prompt", "captions", "about", "meta", "model_id"))
+  if KEY in arrays:
+    check_version(_number(arrays, KEY), str(path))
   if "posed_joints" in arrays and "joints" not in arrays:
     arrays["joints"] = arrays.pop("posed_joints")
     arrays.setdefault("fps", np.float64(_KIMODO_FPS))

@@ -15,6 +15,7 @@ import numpy as np
 from motion_jax.metrics import scores
 from motion_jax.motion.representations import Representation, layout_for, to_joints
 from motion_jax.shapes import Array, Num
+from motion_jax.utils.deprecation import renamed_parameters
 
 
 @dataclasses.dataclass(frozen=True)
@@ -127,6 +128,7 @@ def reconstruction_scores(batches: Iterable[Batch], protocol: Protocol, pairs: D
   return row | {"mpjpe": scores.mpjpe(errors), "released_mpjpe": scores.released_mpjpe(errors, protocol.pool)}
 
 
+@renamed_parameters(removed_in="0.3", made="generated")
 def reconstruction_errors(real: Num[Array, "b t f"], generated: Num[Array, "b _ f"],
                           num_frames: Sequence[int | np.integer] | np.ndarray,
                           alone: bool = True, layout: Representation | None = None) -> list[np.ndarray]:

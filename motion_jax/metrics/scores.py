@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from motion_jax.shapes import Array, Bool, Float, Int, Num
+from motion_jax.utils.deprecation import renamed_parameters
 
 RECALLS = (1, 2, 3, 5, 10)
 
@@ -25,6 +26,7 @@ def cosines(a: Num[Array, "n e"], b: Num[Array, "m e"]) -> Float[np.ndarray, "n 
   return units(a) @ units(b).T
 
 
+@renamed_parameters(removed_in="0.3", own="column")
 def hits(away: Num[Array, "n m"], top_k: int = 3, column: Int[Array, " n"] | None = None
          ) -> Float[np.ndarray, " {top_k}"]:
   """Expected number of rows of away (N, M) whose matching column is among the nearest 1, 2, .. top_k: (top_k,).
@@ -36,6 +38,7 @@ def hits(away: Num[Array, "n m"], top_k: int = 3, column: Int[Array, " n"] | Non
   return hit_chances(away, top_k, column).sum(0)
 
 
+@renamed_parameters(removed_in="0.3", own="column")
 def hit_chances(away: Num[Array, "n m"], top_k: int = 3, column: Int[Array, " n"] | None = None
                 ) -> Float[np.ndarray, "n {top_k}"]:
   """`hits` row by row (N, top_k): 1 if the matching column is among the nearest, 0 if not, a fraction for ties."""
@@ -150,6 +153,7 @@ def merge(a: Moments, b: Moments) -> Moments:
                  a.scatter + b.scatter + np.outer(apart, apart) * (a.count * b.count / count))
 
 
+@renamed_parameters(removed_in="0.3", made="generated")
 def fid(real: Num[Array, "n e"] | Moments, generated: Num[Array, "m e"] | Moments) -> float:
   """Frechet distance of two sets of embeddings (N, E) and (M, E), or of their `moments`."""
   real, generated = (m if isinstance(m, Moments) else moments(m) for m in (real, generated))
@@ -174,6 +178,7 @@ def frechet_distance(mean1: Num[Array, " e"], cov1: Num[Array, "e e"], mean2: Nu
   return float(apart @ apart + np.trace(cov1) + np.trace(cov2) - 2 * roots.sum())
 
 
+@renamed_parameters(removed_in="0.3", made="generated")
 def kernel_distance(real: Num[Array, "n e"], generated: Num[Array, "m e"]) -> float:
   """KID: squared maximum mean discrepancy of real (N, E) and generated (M, E), kernel (x . y / E + 1)^3.
 
@@ -210,6 +215,7 @@ def multimodality(features: Num[Array, "n m e"], first: Int[Array, " s"], second
   return float(np.linalg.norm(features[:, first] - features[:, second], axis=2).mean())
 
 
+@renamed_parameters(removed_in="0.3", made="generated")
 def joint_errors(real: Num[Array, "*lead t j 3"], generated: Num[Array, "*lead t j 3"]) -> Float[np.ndarray, "*lead t"]:
   """Mean root-aligned joint error of each frame: joints (..., T, J, 3) -> (..., T), in their unit."""
   real, generated = np.asarray(real, np.float64), np.asarray(generated, np.float64)

@@ -12,6 +12,7 @@ import numpy as np
 from motion_jax.metrics.physics import in_body_frame
 from motion_jax.motion.skeleton import HUMANML3D, Skeleton
 from motion_jax.shapes import Float, Int, Num
+from motion_jax.utils.deprecation import renamed_parameters
 
 SECONDS = 2.0  # of a window
 FOLDS = 5
@@ -111,6 +112,7 @@ def _limbs(window, skeleton):
 KINDS = {"jerk": _jerk, "dynamics": _dynamics, "limbs": _limbs}
 
 
+@renamed_parameters(removed_in="0.3", made="generated")
 def compare(real: Windows, generated: Windows, num_reasons: int = 5) -> dict[str, Verdict]:
   """Verdicts {kind: Verdict} on two samples; {} if one has windows of fewer than 10 clips.
 

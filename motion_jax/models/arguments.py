@@ -14,15 +14,18 @@ OTHERS = {
     "time": ("seconds",), "steps": ("num_steps",), "sampling_steps": ("num_steps",), "diffusion_steps": ("num_steps",),
     "iterations": ("num_iterations",), "guidance": ("guidance_scale",), "scale": ("guidance_scale",),
     "cfg": ("guidance_scale",), "cfg_scale": ("guidance_scale",), "cfg_weight": ("guidance_scale",),
-    "guidance_param": ("guidance_scale",), "text": ("prompt", "prompts"), "texts": ("prompts",),
+    "guidance_param": ("guidance_scale",), "cond_scale": ("guidance_scale",),
+    "text": ("prompt", "prompts"), "texts": ("prompts",),
     "caption": ("prompt", "prompts"), "captions": ("prompts",), "key": ("rng",), "random_seed": ("seed",),
     "num": ("seeds", "num_samples", "top_k"), "num_samples": ("seeds",),
-    "num_repetitions": ("seeds", "num_samples"), "attempts": ("max_attempts",), "tries": ("max_attempts",),
+    "num_repetitions": ("seeds", "num_samples"), "repeat_times": ("seeds", "num_samples"),
+    "attempts": ("max_attempts",), "tries": ("max_attempts",),
     "literal": ("no_plan",), "ask": ("export_prompts",), "beside": ("compare_with",),
     "printed": ("paper_tables",), "past_text": ("past_prompt",), "text_prompt": ("prompt",), "raw": ("no_cleanup",),
     "rounds": ("num_iterations",), "run": ("model",), "repeats": ("replications",),
     "span": ("change",), "spans": ("change",), "edit": ("change",),
     "constraints": ("control",), "clean": ("cleanup",), "post_processing": ("cleanup",),
+    "no_postprocess": ("no_cleanup",),
 }
 
 

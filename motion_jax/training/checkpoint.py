@@ -15,6 +15,7 @@ from motion_jax.nets.network_sizes import check_sizes
 from motion_jax.training.distributed import by_first
 from motion_jax.utils.atomic import atomic_path
 from motion_jax.utils.errors import InputError, reading
+from motion_jax.utils.format_versions import KEY, check_version
 from motion_jax.utils.input_files import load_safetensors, read_json
 
 CONFIG, PARAMS = "config.json", "params.safetensors"
@@ -111,13 +112,14 @@ def load_lengths(folder):
 
 
 def save_config(folder, config):
-  save_text(folder, CONFIG, json.dumps(config.to_dict(), indent=1) + "\n")
+  save_text(folder, CONFIG, json.dumps({KEY: 1} | config.to_dict(), indent=1) + "\n")
 
 
 def load_config(folder) -> ml_collections.FrozenConfigDict:
   config = load_json(folder, CONFIG)
   path = pathlib.Path(folder) / CONFIG
   advice = "restore it from the run that wrote it"
+  check_version(config.pop(KEY, 1), f"the run folder {folder}")
   for section in _SECTIONS:
     if not isinstance(config.get(section) or {}, dict) or config.get(section) == "":
       raise InputError(f"{path}: {section} is {str(config[section])[:60]!r}, expected an object; {advice}")

@@ -26,6 +26,7 @@ from motion_jax.motion import plausibility
 from motion_jax.utils import progress
 from motion_jax.utils.atomic import atomic_path
 from motion_jax.utils.errors import InputError
+from motion_jax.utils.format_versions import KEY
 from motion_jax.utils.input_files import load_npz, read_json, read_json_lines
 from motion_jax_studio.checks.violations import violation_score
 from motion_jax_studio.composing import grammar
@@ -74,7 +75,7 @@ def compose(out: str | pathlib.Path, model: Any = "cmdm-small", number: int = 80
   (out / "parts").mkdir(parents=True, exist_ok=True)
   if not (out / ABOUT).exists():
     with atomic_path(out / ABOUT) as path:
-      path.write_text(json.dumps(about, indent=1) + "\n")
+      path.write_text(json.dumps({KEY: 1} | about, indent=1) + "\n")
   chunks = [range(first, min(first + CHUNK, number)) for first in range(0, number, CHUNK)]
   for chunk in progress.each(chunks, "composing", unit="chunk"):
     folder = out / "parts" / f"{chunk.start:06d}"

@@ -8,6 +8,7 @@ import msgspec
 from motion_jax.control import files
 from motion_jax.control.constraints import Constraint
 from motion_jax.utils.errors import InputError
+from motion_jax.utils.format_versions import check_version
 from motion_jax.utils.input_files import parse_json
 from motion_jax.utils.text_files import read_text
 from motion_jax_studio.server import fields, serialization
@@ -24,9 +25,7 @@ def validate(value: Any, limits: Limits) -> dict[str, Any]:
   """A project with all of its fields (`Project`), each checked. Raises InputError for a project that is not valid."""
   if not isinstance(value, dict) or value.get("format") != FORMAT:
     raise InputError("this is no project of motion_jax; one is saved by the studio's page")
-  if value.get("version") != VERSION:
-    raise InputError(f"this project is of version {str(value.get('version'))[:20]}, this program reads version "
-                     f"{VERSION}; open it with the version of motion_jax that saved it")
+  check_version(value.get("version"), "this project", VERSION)
   body = {name: part for name, part in value.items() if name not in ("format", "version")}
   project = fields.parse(types_of(limits).project, body, limits)
   if project.chosen >= len(project.seeds):

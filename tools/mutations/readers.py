@@ -35,4 +35,8 @@ MUTATIONS = (
      ("tests/convert/test_convert.py::test_wrappers_of_modules_are_taken_off_in_any_order",)),
     ("readers-linear-schedule", "motion_jax/models/mdm/weights.py", 'schedule=options["noise_schedule"]',
      'schedule="cosine"', ("tests/convert/test_convert_continuous.py::test_options_of_mdm_are_followed",)),
+    ("readers-later-version", "motion_jax/utils/format_versions.py", "1 <= version <= newest", "1 <= version",
+     ("tests/utils/test_format_versions.py::test_a_later_version_is_refused_in_one_sentence",)),
+    ("readers-former-name", "motion_jax/utils/deprecation.py", "stacklevel=2", "stacklevel=1",
+     ("tests/utils/test_deprecation.py::test_a_former_name_works_and_warns_once_at_the_callers_line",)),
 )

@@ -20,6 +20,7 @@ from motion_jax.data.datasets.base import Dataset
 from motion_jax.motion import plausibility
 from motion_jax.motion.skeleton import HUMANML3D
 from motion_jax.utils.errors import InputError
+from motion_jax.utils.format_versions import KEY, check_version
 from motion_jax.utils.input_files import json_row, load_npz, read_json, read_json_lines
 from motion_jax.utils.text_files import read_lines
 
@@ -47,6 +48,7 @@ def read_archive(folder, split=None, faults=None) -> list[Clip]:
   arrays, path = read_motions(folder), pathlib.Path(folder) / "captions.jsonl"
   clips, name = [], path.parent.name
   about = read_json(path.with_name(ABOUT)) if path.with_name(ABOUT).is_file() else {}
+  check_version(about.get(KEY, 1), f"the archive {path.parent}")
   license_text = about.get("license") or _LICENSES.get(name, "")
   for number, row in read_json_lines(path):
     row = read_row(row, arrays, f"{path} line {number}")
