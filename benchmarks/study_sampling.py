@@ -92,7 +92,7 @@ class Sampling:
       drawn = task.harness.drawn(0)
       return (samples.jobs_of(task.test_set, drawn, task.harness.seed, 0), editor(
           candidate, task.protocol, drawn.cut(task.test_set.of(candidate.reader)), self.edit_tasks[row]))
-    jobs = next(iter(task.wanted(0, None))).jobs
+    jobs = next(iter(task.requests(0, None))).jobs
     if kind == "clips":
       return jobs, candidate.generator()
     prompts, options = task.sequences(0), ways_of(candidate, task.protocol.way)

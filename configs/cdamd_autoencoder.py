@@ -26,7 +26,8 @@ def get_config(size="full"):
   data, size = common.data_and_size(size, DATA, ("full", "small", "laptop", "mini", "tiny"))
   config = common.experiment("cdamd.autoencoder", seed=3407)
   config.frozen = dict()
-  config.model = dict(features=66, latent_dim=512, width=512, num_halvings=2, dilations=(9, 3, 1), dropout=0.2)
+  config.model = dict(features=66, latent_dim=512, width=512, num_halvings=2, dilations=(9, 3, 1), dropout=0.2,
+                      decoder_width=0)  # of the decoder, if it has a width of its own
   # columns: those that count twice, 4 : 4 + 3 (J - 1). distance "l1" with position_weight 0 is the paper's loss.
   # latent_noise: of what the decoder is given in training, in standard deviations of the latents.
   config.loss = dict(distance="smooth_l1", position_weight=1.0, columns=(4, 67), latent_noise=0.0,

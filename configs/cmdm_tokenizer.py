@@ -35,7 +35,7 @@ def get_config(size="full"):
   config.teacher = dict()    # its fields; the run takes them from there
   config.alignment_teacher = dict()  # where its weights came from, too
   config.model = dict(features=263, latent_dim=64, width=1024, num_halvings=2, dilations=(9, 3, 1), teacher_dim=256,
-                      causal=True)
+                      causal=True, decoder_width=0)  # of the decoder, if it has a width of its own
   # align falls by the share align_fall of it. Other choices of the last fields: configs/ablations/cmdm_paper.py.
   config.loss = dict(kl_weight=0.01, kl_ramp=2_000, root_weight=0.05, micro_batch=128, align=0.1, align_fall=0.9,
                      adaptive_align=True, reconstruction="gaussian", distance_pairs="window", last_layer="convolution",

@@ -98,8 +98,8 @@ def run_case(kind, seed, number, folder, show=False) -> Outcome:
 def _judged(call):
   """(result, told) of call(), whose errors the command line would catch."""
   from motion_jax_studio import cli
-  known, full = cli.KNOWN_ERRORS, cli._out_of_memory
-  cli.KNOWN_ERRORS, cli._out_of_memory = (), lambda error: False  # they come here, with where they were raised
+  known, message = cli._KNOWN_ERRORS, cli._message
+  cli._message = lambda error: None  # they come here, with where they were raised
   try:
     call()  # a status of 1 without an error is the doctor's: it has told what is wrong
   except known as error:
@@ -115,7 +115,7 @@ def _judged(call):
   except MemoryError as error:
     return "over 2 GB", "".join(traceback.format_exception(error))
   finally:
-    cli.KNOWN_ERRORS, cli._out_of_memory = known, full
+    cli._message = message
   return "accepted", ""
 
 

@@ -95,7 +95,8 @@ def add_to(commands):
 def _convert(args):
   source = _SOURCES[args.source]
   write = getattr(importlib.import_module(f"motion_jax.{source.write}.weights"), f"write_{args.source}")
-  networks = write(**{name: getattr(args, name) for name in inspect.signature(write).parameters})
+  takes = inspect.getfullargspec(write)
+  networks = write(**{name: getattr(args, name) for name in (*takes.args, *takes.kwonlyargs)})
   print(*networks, f"wrote {args.out}", sep="\n")
   if source.generates and getattr(args, source.generates):
     print(f"try it: motion-jax generate \"a person waves\" --model {shlex.quote(args.out)}")

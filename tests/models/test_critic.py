@@ -34,6 +34,7 @@ def test_it_sees_the_body_wherever_it_goes():
   assert np.abs(seen(joints + jnp.array([0, 0.2, 0]))[..., 1] - first[..., 1]).max() == pytest.approx(0.4, abs=1e-5)
 
 
+@pytest.mark.slow
 def test_scores_at_every_stride():
   net, x = MotionCritic(width=8), seen(walk(64))
   towers = net.apply(net.init(jax.random.key(0), x), x)

@@ -306,7 +306,7 @@ def test_choices_are_those_that_there_are_and_by_default_the_configs():
   cmdm, cdamd = load_config("cmdm_denoiser", "full"), load_config("cdamd_generator", "full")
   chosen = CmdmSampling(num_steps=4).resolved(cmdm, context=48)
   assert dataclasses.asdict(chosen) == dict(guidance_scale=3.0, schedule="fss", num_steps=4, lag=2, solver="euler",
-                                            context=48, memory=None, contrast_scale=0.0)
+                                            context=48, memory=None, contrast_scale=0.0, clauses=False)
   assert CmdmSampling(schedule="ar", num_steps=7).resolved(cmdm, context=48).about()["lag"] == 7
   unmasking = CdamdSampling(num_iterations=3).resolved(cdamd)
   assert (unmasking.num_iterations, unmasking.num_steps, unmasking.order) == (

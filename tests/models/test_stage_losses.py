@@ -45,8 +45,8 @@ def text_of_the_denoiser(monkeypatch, rate):
   stage, batch = cmdm.denoiser_stage(config), batch_of(config.tokenizer.features)
   seen = []
 
-  def apply(self, params, x, t, text_emb, attn_mask, text_mask, control):
-    assert control is None
+  def apply(self, params, x, t, text_emb, attn_mask, text_mask, control, left):
+    assert control is None and left is None
     seen.append(text_emb)
     return jnp.zeros_like(x)
 
@@ -100,7 +100,7 @@ def test_padding_is_no_key_of_the_denoiser(monkeypatch):
   batch["num_frames"] = jnp.asarray([24, 16, 8, 12] * (BATCH // 4))
   seen = []
   monkeypatch.setattr(cmdm.stages.CausalDiT, "apply",
-                      lambda self, params, x, t, text, mask, words, control: seen.append(mask) or x)
+                      lambda self, params, x, t, text, mask, words, control, left: seen.append(mask) or x)
   latents_are_columns(monkeypatch, 4)
   stage.loss({}, FROZEN, batch, 0, jax.random.key(0))
   place = np.arange(6)

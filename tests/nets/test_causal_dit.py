@@ -285,6 +285,7 @@ def test_layers_in_one_loop_are_the_layers_one_by_one(fields):
     jax.tree.map(lambda one, other: np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-12), *made)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scan_layers", [False, True])
 def test_time_left_is_an_embedding_of_each_token(scan_layers):
   dit, params = small(time_left=True, scan_layers=scan_layers)

@@ -15,6 +15,7 @@ from motion_jax.nets.autoencoder import Autoencoder
 from motion_jax.nets.masks import padding_mask
 from motion_jax.quant import rvq, vq
 from motion_jax.shapes import Array, Float
+from motion_jax.training.checkpoint import CRITIC
 from motion_jax.training.stage import DEVICES, Stage, mixed_precision
 
 # --- losses -------------------------------------------------------------------------------------------------------
@@ -96,7 +97,8 @@ def _with_dropout(net, params, method, x, items, rng):
 def _terms(config):
   """(the fields of config.loss for terms on features, a function that adds the terms on decoded motion)."""
   weights = motion_errors.weights(config.loss)
-  fields = {name: value for name, value in config.loss.items() if name not in (*motion_errors.NAMES, "latent_noise")}
+  others = (*motion_errors.NAMES, "latent_noise")
+  fields = {name: value for name, value in config.loss.items() if name not in others and not name.startswith(CRITIC)}
 
   def add(terms, y, x, frozen, batch):
     errors = motion_errors.of_features(config, frozen)

@@ -13,7 +13,7 @@ from motion_jax.models.shared.script import borders
 from motion_jax.motion import rotations as rot
 from motion_jax.motion.blending import laid_over
 from motion_jax.motion.skeleton import HUMANML3D, bone_lengths
-from motion_jax_studio import cli
+from motion_jax_studio.cli.prompts import read_sequences
 
 FAST = dict(num_steps=6, lag=2)
 PROMPTS = [("a person walks", 1.2), ("a person waves", 1.3), ("a person sits", 0.7)]
@@ -218,8 +218,8 @@ def test_bad_sequences_are_refused(model, walk, run, words):
 
 
 def test_sequences_are_read_from_words_and_files(tmp_path):
-  assert cli.read_sequences("a person walks: 4 | sits down |waves:2.5s") == [
+  assert read_sequences("a person walks: 4 | sits down |waves:2.5s") == [
       [("a person walks", 4.0), ("sits down", None), ("waves", 2.5)]]
-  assert cli.read_sequences("says: hello") == [[("says: hello", None)]]
+  assert read_sequences("says: hello") == [[("says: hello", None)]]
   (tmp_path / "t.txt").write_text("walks # 0 # 4 # legs\nwaves # 2 # 4 # left arm\n\nsits # 0 # 3 # legs\n")
-  assert cli.read_sequences(str(tmp_path / "t.txt")) == [[("walks", 2.0), ("walks and waves", 2.0)], [("sits", 3.0)]]
+  assert read_sequences(str(tmp_path / "t.txt")) == [[("walks", 2.0), ("walks and waves", 2.0)], [("sits", 3.0)]]

@@ -242,6 +242,7 @@ def test_bad_plans_and_pasts_are_refused():
     sampler.prefill(sampler.init(), past=jnp.zeros((2, 4, 5)), count=4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lengths", [None, (11, 10)])
 def test_latents_that_know_how_many_are_left(lengths):
   """Cached sampling, with captions that change, is the plain loop; rows of zeros are no embedding."""

@@ -65,7 +65,7 @@ def test_help_shows_what_the_chosen_model_takes_and_help_all_the_rest(words, sho
     printed[flag] = capsys.readouterr().out
   assert all(one in printed["--help"] for one in shown.split())
   assert not any(one in printed["--help"] for one in hidden.split())
-  assert len(re.findall(r"^  --", printed["--help"], re.MULTILINE)) <= 22
+  assert len(re.findall(r"^  --", printed["--help"], re.MULTILINE)) <= 23
   assert all(one in printed["--help-all"] for one in f"{shown} {hidden}".split() if "(" not in one)
   assert {f"--{name.replace('_', '-')}" for options in registry.options().values() for name in options.described()
           } & {option for prog, option, _ in FLAGS if prog == f"motion-jax {words.split()[0]}"} <= {
