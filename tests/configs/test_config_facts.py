@@ -268,6 +268,6 @@ def test_the_first_lines_of_training_are_readable(tmp_path, monkeypatch, capsys)
   config.train.update(num_steps=0, num_epochs=3, num_saves=2, save_every=0)
   fit.run(config.lock(), tmp_path)
   said = capsys.readouterr().out
-  assert "!!" not in said and "  model: causal=True dilations=(1) features=263 latent_dim=4" in said
+  assert "!!" not in said and "  model: causal=True decoder_width=0 dilations=(1) features=263 latent_dim=4" in said
   steps, items = map(int, re.search(r"training: (\d+) steps of 4 items, 3 epochs of (\d+);", said).groups())
   assert steps == 3 * (items // 4) == runs.load_run(tmp_path).config.train.num_steps
