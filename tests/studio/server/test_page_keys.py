@@ -12,8 +12,10 @@ def _at(page, handle):
 
 
 def _drag(page, handle, right, down, steps=3):
-  """Drags a handle of the body by pixels to the right and down."""
+  """Drags a handle of the body by pixels to the right and down, as far as the window goes."""
   left, top, _ = _at(page, handle)
+  width, height = page.driver.execute_script("return [innerWidth, innerHeight]")
+  right, down = min(right, width - 4 - left), min(down, height - 4 - top)
   chain = webdriver.ActionChains(page.driver, duration=30)
   pointer = chain.w3c_actions.pointer_action
   pointer.move_to_location(round(left), round(top)).pointer_down()
