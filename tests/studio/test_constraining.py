@@ -128,11 +128,11 @@ def test_the_command_line_asks_the_same(tiny_run, tmp_path, plain, capsys):
            EffectorTarget("left_hand", [0.5], [[0.3, 1.2, 0.3]], "root")]
   signal = compile(asked, 36, 20.0, made)
   assert signal.given[0, 10, 20].all() and signal.given[0, 20].all()
-  for wrong, told in ((["--path", "0,0 1"], "got '1', expected X,Z"),
+  for wrong, message in ((["--path", "0,0 1"], "got '1', expected X,Z"),
                       (["--target", "left_hnad@1:0,1,0"], "did you mean left_hand?")):
     with pytest.raises(SystemExit):
       cli.main(["generate", "a person walks", "--model", str(tiny_run), *wrong, "--out", str(out)])
-    assert told in capsys.readouterr().err
+    assert message in capsys.readouterr().err
   for wrong in (["--control", str(tmp_path / "no.json")],):
     assert cli.main(["generate", "a person walks", "--model", str(tiny_run), *wrong, "--out", str(out)]) == 1
     said = capsys.readouterr().err.strip().splitlines()[-1]

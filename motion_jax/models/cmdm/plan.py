@@ -1,4 +1,4 @@
-"""The choices of frame-wise sampling: all of them, and those that the program of a step depends on."""
+"""The choices of frame-wise sampling, and the position of a step among its blocks."""
 from typing import Any, NamedTuple
 
 import jax
@@ -9,6 +9,7 @@ from motion_jax.diffusion.samplers import SOLVERS
 from motion_jax.models.cmdm import ddpm_forcing
 from motion_jax.shapes import Array, Int
 
+ENDLESS = 2**30  # latents of a motion without end
 _ANY = -2**30  # before all blocks that there are
 
 
@@ -90,3 +91,33 @@ def seen_since(plan: Plan, segment: Int[Array, "b n"] | None) -> Int[Array, "b n
   starts = xp.where(xp.diff(segment, axis=1, prepend=-1) != 0, xp.arange(segment.shape[1]), 0)
   begins = jax.lax.cummax(starts, axis=1) if xp is jnp else np.maximum.accumulate(starts, axis=1)
   return xp.where(begins == 0, _ANY, begins - plan.memory)
+
+
+class Window(NamedTuple):
+  """Position of a step in the stream, and its attention mask. Made by `streaming.window_at`, in
+  numpy or inside of a trace."""
+  steps: Any      # () how many steps were done before
+  moves: Any      # () whether the window moves on to the next block
+  slot: Any       # () where the block that left it goes in the cache, in latents
+  blocks: Any     # (W,) the blocks of the window, counted from the first that is sampled
+  levels: Any     # (W,) iterations that each has had; negative: not begun
+  num_steps: Any  # () of a block
+  attn_mask: Any  # (rows or 1, 1, W * block, (ring + W) * block) what latents see of cache and window
+  positions: Any  # (ring * block,) of cached keys
+  caption: Any    # (B, W) which of the captions each block has
+  left: Any = None  # (rows, W * block) how many latents each one's caption has left, itself included; negative: unknown
+
+
+def oldest_block(plan: Plan, steps: Any) -> Any:
+  """The oldest block of the window after a number of steps; negative while a past is filled in."""
+  xp = jnp if isinstance(steps, jax.Array) else np
+  return xp.where(steps < 0, steps, xp.maximum(steps - plan.age, 0))
+
+
+def caption_ends(segment: Int[Array, "b n"], lengths: Int[Array, " b"], size: int) -> Int[Array, "b n"]:
+  """The latent with which the caption of each block ends. segment (B, N): rising, the caption of each block; lengths
+  (B,): latents of each motion; size: latents of a block."""
+  xp = jnp if any(isinstance(a, jax.Array) for a in (segment, lengths)) else np
+  past = (segment[:, None, :] <= segment[:, :, None]).sum(-1) * size
+  last = segment == segment[:, -1:]  # it may last longer than its blocks
+  return xp.where(last, lengths[:, None], xp.minimum(past, lengths[:, None]))

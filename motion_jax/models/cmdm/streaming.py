@@ -35,14 +35,16 @@ from motion_jax.diffusion.guidance import combine
 from motion_jax.diffusion.schedules import time_of_level
 from motion_jax.models.cmdm import ddpm_forcing
 from motion_jax.models.cmdm.guiding import pull
+from motion_jax.models.cmdm.plan import ENDLESS as ENDLESS
 from motion_jax.models.cmdm.plan import Layout as Layout
 from motion_jax.models.cmdm.plan import Plan as Plan
+from motion_jax.models.cmdm.plan import Window as Window
+from motion_jax.models.cmdm.plan import caption_ends as caption_ends
 from motion_jax.models.cmdm.plan import make_plan as make_plan
+from motion_jax.models.cmdm.plan import oldest_block as oldest_block
 from motion_jax.models.cmdm.plan import seen_since as seen_since
 from motion_jax.nets.frame_wise import FrameWiseNetwork
 from motion_jax.shapes import Array, Bool, Float, Int, Net
-
-ENDLESS = 2**30  # latents of a motion without end
 
 
 class Stream(NamedTuple):
@@ -74,20 +76,6 @@ class Conditions(NamedTuple):
   scale: Any
   keys: Any
   control: Any = None
-
-
-class Window(NamedTuple):
-  """Position of a step in the stream, and its attention mask. Made by `window_at`, in numpy or inside of a trace."""
-  steps: Any      # () how many steps were done before
-  moves: Any      # () whether the window moves on to the next block
-  slot: Any       # () where the block that left it goes in the cache, in latents
-  blocks: Any     # (W,) the blocks of the window, counted from the first that is sampled
-  levels: Any     # (W,) iterations that each has had; negative: not begun
-  num_steps: Any  # () of a block
-  attn_mask: Any  # (rows or 1, 1, W * block, (ring + W) * block) what latents see of cache and window
-  positions: Any  # (ring * block,) of cached keys
-  caption: Any    # (B, W) which of the captions each block has
-  left: Any = None  # (rows, W * block) how many latents each one's caption has left, itself included; negative: unknown
 
 
 def make_constants(dit: Net, params: Any, plan: Plan, rows: int = 0) -> Constants:
@@ -136,12 +124,6 @@ def fresh_noise(keys: jax.Array, blocks: Int[Array, " w"], levels: Int[Array, " 
   return noise.reshape(len(keys), -1, channels)
 
 
-def oldest_block(plan: Plan, steps: Any) -> Any:
-  """The oldest block of the window after a number of steps; negative while a past is filled in."""
-  xp = jnp if isinstance(steps, jax.Array) else np
-  return xp.where(steps < 0, steps, xp.maximum(steps - plan.age, 0))
-
-
 def window_at(plan: Plan, steps: Any, past: Any, caption: Int[Array, "b w"], since: Int[Array, "b w"] | None = None,
               lengths: Int[Array, " b"] | None = None, until: Int[Array, "b w"] | None = None) -> Window:
   """The window of the step after `steps` others, after `past` given latents, traced if any argument is.
@@ -181,15 +163,6 @@ def window_at(plan: Plan, steps: Any, past: Any, caption: Int[Array, "b w"], sin
   return Window(number(steps), xp.asarray((steps <= 0) | (steps > plan.age)), number((base - 1) % plan.ring * size),
                 number(blocks), number(levels), number(plan.num_steps), mask,
                 number(positions[:plan.ring * size]), number(caption), left)
-
-
-def caption_ends(segment: Int[Array, "b n"], lengths: Int[Array, " b"], size: int) -> Int[Array, "b n"]:
-  """The latent with which the caption of each block ends. segment (B, N): rising, the caption of each block; lengths
-  (B,): latents of each motion; size: latents of a block."""
-  xp = jnp if any(isinstance(a, jax.Array) for a in (segment, lengths)) else np
-  past = (segment[:, None, :] <= segment[:, :, None]).sum(-1) * size
-  last = segment == segment[:, -1:]  # it may last longer than its blocks
-  return xp.where(last, lengths[:, None], xp.minimum(past, lengths[:, None]))
 
 
 def first_state(dit: Net, layout: Layout, batch: int, xp: Any = jnp) -> Stream:

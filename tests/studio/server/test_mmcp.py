@@ -85,9 +85,9 @@ def test_a_pose_of_mmcp_is_turned_as_replies_are():
   pose = to_pose(np.asarray(synthetic_clips(seed=0, num=1)[0].joints)[:9].astype(float))
   turns = {name: pose.rotations[8, i, [1, 2, 3, 0]].tolist() for i, name in enumerate(HUMANML3D.joints)}
   rows = [{"type": "pose_keyframe", "frame": 8, "joint_rotations": turns, "root_position": pose.root[8].tolist()}]
-  (found,), told = constraints.read(rows, 20, 20.0)
+  (keyframe,), notes = constraints.read(rows, 20, 20.0)
   same = pose_to_joints(pose._replace(offsets=t_pose(), shifts=0 * pose.shifts))[8]
-  assert np.abs(found.joints - same).max() < 1e-6 and found.place == "world" and not told and found.time == 0.4
+  assert np.abs(keyframe.joints - same).max() < 1e-6 and (keyframe.place, keyframe.time) == ("world", 0.4) and not notes
   (anywhere,), _ = constraints.read([{name: value for name, value in rows[0].items() if name != "root_position"}],
                                          20, 20.0)
   assert anywhere.place == "anywhere" and anywhere.joints[:, 1].min() == 0, "it stands on the floor"

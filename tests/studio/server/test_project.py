@@ -36,12 +36,11 @@ def test_edits_are_done_in_their_order(library, monkeypatch):
   monkeypatch.setattr(project, "make_edit", lambda pipeline, clip, *rest: (
       asked.append((pipeline.model.id, *rest)), clip)[1])
   edit = {"prompt": "a person kicks", "change": [[8, 16]], "seed": 2, "model": {"name": "editor", "id": "old@1234"}}
-  told = []
-  found = project.validate(PROJECT | {"edits": [edit | {"take": 1}, edit | {"take": 0}, edit | {"take": 1, "seed": 3}]},
-                          Limits())
-  project.generate(found, library, Limits(), notify=told.append)
+  notes = []
+  edits = [edit | {"take": 1}, edit | {"take": 0}, edit | {"take": 1, "seed": 3}]
+  project.generate(project.validate(PROJECT | {"edits": edits}, Limits()), library, Limits(), notify=notes.append)
   assert [row[4] for row in asked] == [2, 3] and asked[0][2] == [(8, 16)]
-  assert "made with old@1234" in told[0]
+  assert "made with old@1234" in notes[0]
 
 
 @pytest.mark.slow

@@ -54,8 +54,8 @@ def test_steps_are_in_replies_and_left_out_by_name(client, path, body, stays):
   assert names(every)[:3] == ["plan", "sample", "cleanup"]
   out = [name for name in (step_names.GENERATE if path == "generate" else step_names.EXTEND) if name not in stays]
   assert names(client.post(f"/v1/{path}", json=body | {"without": out}).json()) == stays[:1]
-  told = refusal(client.post(f"/v1/{path}", json=body | {"without": ["corect"]}))
-  assert "'corect'" in told and "plan" in told
+  message = refusal(client.post(f"/v1/{path}", json=body | {"without": ["corect"]}))
+  assert "'corect'" in message and "plan" in message
 
 
 def test_generate_is_the_pipeline(client, library):
