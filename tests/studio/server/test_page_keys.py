@@ -37,9 +37,11 @@ def _joints(page):
 def _still(page, frame):
   """Goes to a frame, without a camera that follows, and waits until it is drawn."""
   page.driver.execute_script("document.getElementById('follow').checked && document.getElementById('follow').click()")
-  draws = page.get("draws")
-  page.driver.execute_script("window.__studio.seek(arguments[0] / 20)", frame)
-  page.wait(f"frame === {frame} && window.__studio.draws > {draws}")
+  for centre in (False, True):  # on the body of this frame, so that all handles are in the view
+    draws = page.get("draws")
+    page.driver.execute_script("arguments[1] && document.getElementById('centre').click();"
+                               "window.__studio.seek(arguments[0] / 20)", frame, centre)
+    page.wait(f"frame === {frame} && window.__studio.draws > {draws}")
 
 
 def test_a_hand_is_dragged_keyed_and_met(timeline):
